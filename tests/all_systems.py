@@ -426,7 +426,7 @@ LOOKING_AHEAD: dict[str, Any] = {
         ),
     ),
     "num_ticks": 4,
-    "corridor": Corridor(PerAxis(-0.3, -0.4, -np.inf), PerAxis(0.2, np.inf, 0.1), moves=True, weight=20.0),
+    "corridor": Corridor(PerAxis(-0.3, -0.4, -np.inf), PerAxis(0.2, np.inf, 0.1), follows_reference=True, weight=20.0),
 }
 TARGETED = {"lateral": _regulator(WITH_TARGETS.lateral), "vertical": _regulator(WITH_TARGETS.vertical)}
 NEAR_GROUND = Effects(ground_effect=GroundEffect(0.11, 0.05))

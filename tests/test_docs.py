@@ -16,7 +16,7 @@ from all_systems import FLEET_SYSTEMS, SYSTEMS
 
 from drake_quad import load_scenario, run_monte_carlo
 from drake_quad.command_line.main import COMMANDS, main
-from drake_quad.control.policy.observation import SIGNALS_SEEN
+from drake_quad.control.policy.observation import OBSERVABLE_SIGNALS
 from drake_quad.framework.records import layout_of
 from drake_quad.reports.page import as_html
 from drake_quad.scenario.files.loading import load_undesigned
@@ -250,7 +250,7 @@ def test_the_page_of_systems_has_what_policies_see():
     page = (ROOT / "docs" / "reference" / "systems.md").read_text(encoding="utf-8")
     table = page.partition("| signal | rows | what it is |")[2].partition("\n\n")[0]
     found = re.findall(r"^\| `(\w+)` \| (\d*) \| (.+) \|$", table, re.MULTILINE)
-    assert found == [(name, str(seen.rows or ""), seen.meaning) for name, seen in SIGNALS_SEEN.items()]
+    assert found == [(name, str(seen.rows or ""), seen.meaning) for name, seen in OBSERVABLE_SIGNALS.items()]
 
 
 def test_the_page_of_systems_has_the_signals():

@@ -89,7 +89,7 @@ def print_plants(design: LqgDesign) -> None:
     """Prints the plants and what is predicted of the error for each."""
     rows = []
     for plant, x, z in zip(design.plants, design.lateral, design.vertical, strict=True):
-        answer = "–" if plant.answer is None else f"{plant.answer.natural_frequency:.2f} rad/s"
+        answer = "–" if plant.response is None else f"{plant.response.natural_frequency:.2f} rad/s"
         rows.append(
             (
                 f"{1e3 * plant.lag:.0f} ms",

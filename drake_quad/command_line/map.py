@@ -22,7 +22,7 @@ from drake_quad.command_line.options import (
     scenario_of,
 )
 from drake_quad.command_line.output import print_files
-from drake_quad.design.stability_map import Loop, MappedGains, flown_map, linear_map, mapped_gains
+from drake_quad.design.stability_map import Loop, MappedGains, linear_map, mapped_gains, simulated_map
 from drake_quad.files import output_folder, write_table
 from drake_quad.scenario.batch import draw_sample
 from drake_quad.scenario.paths import value_at
@@ -111,7 +111,7 @@ def _worst_case(arguments: argparse.Namespace, worst: list[str]) -> Scenario:
 def panel(title: str, scenario: Scenario, loop: Loop, k_p: np.ndarray, k_d: np.ndarray, *, compiled: bool) -> MapPanel:
     """Maps the gains in one case."""
     linear = linear_map(scenario, loop, k_p, k_d)
-    flown = flown_map(scenario, loop, k_p, k_d, sample=scenario.sample or 0, compiled=compiled)
+    flown = simulated_map(scenario, loop, k_p, k_d, sample=scenario.sample or 0, compiled=compiled)
     return MapPanel(title, linear, flown)
 
 

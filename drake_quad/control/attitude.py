@@ -1,4 +1,4 @@
-"""The inner loop: from the attitude error to torques."""
+"""Attitude control (the inner loop): from the attitude error to a torque."""
 
 from typing import Annotated, Any, NamedTuple
 
@@ -12,14 +12,14 @@ MomentOfInertia = Annotated[Row, Quantity("kg m²", "B")]
 
 
 class AttitudeNumbers(NamedTuple):
-    """Gains of an attitude controller, and what it believes of the vehicle.
+    """Gains of an attitude controller, and moments of inertia of the nominal vehicle.
 
     Attributes:
-        k_p: on the error of each angle, 1/s².
-        k_d: on the errors of the body rates, 1/s.
+        k_p: gains on the error of each angle, 1/s².
+        k_d: gains on the errors of the body rates, 1/s.
         i_xx: moment of inertia about x_B.
-        i_yy: about y_B.
-        i_zz: about z_B.
+        i_yy: moment of inertia about y_B.
+        i_zz: moment of inertia about z_B.
     """
 
     k_p: PerAngle
@@ -29,7 +29,7 @@ class AttitudeNumbers(NamedTuple):
     i_zz: MomentOfInertia
 
 
-def wanted_acceleration(
+def pd_angular_acceleration(
     measurement: State,
     attitude: Attitude,
     rates: BodyRates,
@@ -37,15 +37,15 @@ def wanted_acceleration(
     k_p: PerAngle,
     k_d: PerAngle,
 ) -> AngularAcceleration:
-    """k_P e + k_D ė + ω̇_r of an `AttitudeController`.
+    """Return the angular acceleration k_P e + k_D ė + ω̇_r that an `AttitudeController` commands.
 
     Args:
-        measurement: of the vehicle's state.
-        attitude: commanded.
-        rates: commanded.
-        acceleration: commanded.
-        k_p: 1/s².
-        k_d: 1/s.
+        measurement: measured state of the vehicle.
+        attitude: commanded attitude.
+        rates: commanded body rates.
+        acceleration: commanded angular acceleration.
+        k_p: gains on the error of each angle, 1/s².
+        k_d: gains on the errors of the body rates, 1/s.
     """
     p_r, q_r, r_r = rates
     roll = k_p.roll * (attitude.roll - measurement.roll) + k_d.roll * (p_r - measurement.p)
@@ -61,10 +61,10 @@ def attitude_law(
     acceleration: AngularAcceleration,
     numbers: AttitudeNumbers,
 ) -> Torque:
-    """The torque of an `AttitudeController`; arguments as for `wanted_acceleration`, and gains and inertia."""
+    """Return the torque of an `AttitudeController`; arguments are those of `pd_angular_acceleration`."""
     k_p, k_d, *inertia = numbers
-    wanted = wanted_acceleration(measurement, attitude, rates, acceleration, k_p, k_d)
-    return torque_of(wanted, rates, *inertia)
+    commanded = pd_angular_acceleration(measurement, attitude, rates, acceleration, k_p, k_d)
+    return torque_of(commanded, rates, *inertia)
 
 
 def attitude_inputs(system: FleetSystem) -> tuple[Any, Any, Any, Any, Any]:
@@ -97,17 +97,17 @@ class AttitudeController(FleetSystem):
         output_ports:
         - torque
 
-    e is `attitude_command` minus the measured attitude, the yaw error wrapped to half a turn; ė is `body_rate_command`
-    ω_r minus the measured body rates; ω̇_r is `angular_acceleration_command`, zero if not connected. `torque` is scaled
-    by the moments of inertia, so that the gains are those of a double integrator.
+    e is `attitude_command` minus the measured attitude, with the yaw error in [-π, π]. ė is `body_rate_command` ω_r
+    minus the measured body rates. ω̇_r is `angular_acceleration_command`, zero if not connected. `torque` is scaled by
+    the moments of inertia, so that the gains are those of a double integrator.
 
     The only parameter of the context is `numbers`.
 
     Args:
-        num_vehicles: N.
-        numbers: gains, and the inertia that is believed.
+        num_vehicles: number of vehicles N.
+        numbers: gains, and the inertia of the nominal vehicle.
     """
 
     def declare(self, *, numbers: AttitudeNumbers) -> None:
-        """Declares the system."""
+        """Declare ports, states and parameters."""
         self.output("torque", attitude_law, *attitude_inputs(self))

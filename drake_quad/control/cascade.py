@@ -1,4 +1,7 @@
-"""The cascade as one diagram: position control, perhaps a network, thrust vectoring and, unless on board, attitude."""
+"""The cascade as a diagram: position control, an optional network, thrust vectoring and attitude control.
+
+An autopilot on board replaces attitude control.
+"""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,22 +12,22 @@ from pydrake.systems.primitives import Multiplexer
 from drake_quad.control.position import FeedForward
 from drake_quad.framework.wiring import append, build, connect_inputs, split_output
 
-# What a position controller, and then a network around it, may show beside what they command.
+# Optional outputs of a position controller, and of a network around it.
 POSITION_SIGNALS = (
     *("error", "error_rate", "pd", "correction", "disturbance"),
     *("weights", "covariance_trace", "antecedents"),
 )
 
-# The derivatives of the reference that are fed forward beside its acceleration.
-_DERIVATIVES = {"jerk": ("reference_jerk",), "snap": ("reference_jerk", "reference_snap")}
-# The signals that make an attitude target, in its order.
-_TARGET = ("thrust", "attitude_command", "body_rate_command")
+# Optional inputs of the cascade for each kind of feed-forward, in addition to the reference.
+_FEED_FORWARD_PORTS = {"jerk": ("reference_jerk",), "snap": ("reference_jerk", "reference_snap")}
+# Parts of the signal `attitude_target`, in its order.
+_ATTITUDE_TARGET_PARTS = ("thrust", "attitude_command", "body_rate_command")
 
 
 def build_cascade(
     *, position: Any, network: Any | None = None, thrust_vectoring: Any, attitude: Any | None, feed_forward: FeedForward
 ) -> Diagram:
-    """Builds the diagram `control`.
+    """Build the diagram `control`.
 
     .. pydrake_system::
 
@@ -43,17 +46,18 @@ def build_cascade(
         - pd
         - correction
 
-    The last four are there if the position controller or the network has them, and so are the `disturbance` of an
-    estimator, and `weights` and `covariance_trace` of a network; `reference_jerk` and `reference_snap` if they are fed
-    forward. Without an attitude controller there is an `attitude_target` for the autopilot in place of the `wrench`.
+    The last four outputs exist if the position controller or the network has them. The same holds for the `disturbance`
+    of an estimator, and for `weights` and `covariance_trace` of a network. `reference_jerk` and `reference_snap` exist
+    if they are fed forward. Without an attitude controller the diagram has the output `attitude_target`, for the
+    autopilot, instead of `wrench`.
 
     Args:
-        position: from `measurement` and `reference` to `acceleration_command`.
-        network: that stands around the position controller, which takes its correction, if any.
+        position: system from `measurement` and `reference` to `acceleration_command`.
+        network: network around the position controller, which subtracts the network's correction; None without one.
         thrust_vectoring: a `ThrustVectoring`.
-        attitude: an `AttitudeController`; None if an autopilot on board does its work.
-        feed_forward: with "jerk" the body rates follow the reference's jerk; with "snap" the torques of an
-            attitude controller its snap, too.
+        attitude: an `AttitudeController`; None if an autopilot on board controls the attitude.
+        feed_forward: with "jerk" the body rates follow the jerk of the reference; with "snap" the torques of an
+            attitude controller also follow its snap.
     """
     builder = DiagramBuilder()
     builder.AddNamedSystem("position", position)
@@ -62,13 +66,13 @@ def build_cascade(
     if attitude is not None:
         systems.append(builder.AddNamedSystem("attitude", attitude))
     acceleration_command = position.GetOutputPort("acceleration_command")
-    exported = ("measurement", "reference", *_DERIVATIVES.get(feed_forward, ()))
+    exported = ("measurement", "reference", *_FEED_FORWARD_PORTS.get(feed_forward, ()))
     connect_inputs(builder, systems, {"acceleration_command": acceleration_command}, exported)
-    builder.ExportOutput(*command_of(builder, commanded, attitude))
+    builder.ExportOutput(*connect_inner_loop(builder, commanded, attitude))
     builder.ExportOutput(acceleration_command, "acceleration_command")
     builder.ExportOutput(commanded["attitude_command"], "attitude_command")
     if network is not None:
-        put_around(builder, position, network)
+        add_network(builder, position, network)
     for name in POSITION_SIGNALS:
         source = next((each for each in (position, network) if each is not None and each.HasOutputPort(name)), None)
         if source is not None:
@@ -76,30 +80,32 @@ def build_cascade(
     return build(builder, "control")
 
 
-def command_of(builder: DiagramBuilder, commanded: Mapping[str, Any], attitude: Any | None) -> tuple[Any, str]:
-    """What goes over the link for a commanded thrust and attitude: a port of the builder, and its name.
+def connect_inner_loop(builder: DiagramBuilder, commanded: Mapping[str, Any], attitude: Any | None) -> tuple[Any, str]:
+    """Connect the attitude controller, if any, and return the port of the command to the vehicle, and its name.
+
+    The command is a `wrench`, or an `attitude_target` for an autopilot on board.
 
     Args:
-        builder: with the attitude controller, if there is one.
-        commanded: the ports of `Vectored`, by name.
-        attitude: an attitude controller; None if an autopilot on board does its work, which gets an `attitude_target`.
+        builder: builder that already contains the attitude controller, if there is one.
+        commanded: ports of the signals of `Vectored`, by name.
+        attitude: attitude controller; None if an autopilot on board controls the attitude.
     """
     if attitude is None:
-        name, parts = "attitude_target", [commanded[part] for part in _TARGET]
+        name, parts = "attitude_target", [commanded[part] for part in _ATTITUDE_TARGET_PARTS]
     else:
         connect_inputs(builder, [attitude], commanded)
         name, parts = "wrench", [commanded["thrust"], attitude.GetOutputPort("torque")]
     return append(builder, name, Multiplexer([part.size() for part in parts]), *parts), name
 
 
-def put_around(builder: DiagramBuilder, controller: Any, network: Any) -> None:
-    """Adds a network around a controller: it sees what the controller shows and measures, and corrects its command.
+def add_network(builder: DiagramBuilder, controller: Any, network: Any) -> None:
+    """Add a network that reads the outputs of a controller, and connect its correction to the controller.
 
     Args:
-        builder: with the controller, and with the input `measurement`.
-        controller: with the input `correction`, perhaps `learned_disturbance`, and outputs for all of the network's
-            inputs but the measurement and perhaps the `disturbance`.
-        network: to add.
+        builder: builder that contains the controller and has the input `measurement`.
+        controller: system with the input `correction` and, optionally, `learned_disturbance`. It must have an output
+            for each of the network's inputs except `measurement` and, optionally, `disturbance`.
+        network: network to add.
     """
     builder.AddNamedSystem("network", network)
     for port in map(network.get_input_port, range(network.num_input_ports())):
@@ -110,6 +116,6 @@ def put_around(builder: DiagramBuilder, controller: Any, network: Any) -> None:
     correction = network.GetOutputPort("correction")
     builder.Connect(correction, controller.GetInputPort("correction"))
     if controller.HasInputPort("learned_disturbance"):
-        leads = network.HasOutputPort("learned_disturbance")
-        learned = network.GetOutputPort("learned_disturbance") if leads else correction
+        has_separate_output = network.HasOutputPort("learned_disturbance")
+        learned = network.GetOutputPort("learned_disturbance") if has_separate_output else correction
         builder.Connect(learned, controller.GetInputPort("learned_disturbance"))

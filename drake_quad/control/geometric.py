@@ -1,4 +1,4 @@
-"""The inner loop on SO(3): from the error of the rotation to torques, without a singularity."""
+"""Geometric attitude control on SO(3): from the rotation error to a torque, without singularities."""
 
 from typing import NamedTuple
 
@@ -17,8 +17,8 @@ class IntegratingAttitudeNumbers(NamedTuple):
 
     Attributes:
         attitude: gains and inertia.
-        k_i: on the error of each angle, 1/s³.
-        limit: of what the integral adds on each axis.
+        k_i: gains on the integrated error about each axis, 1/s³.
+        limit: largest angular acceleration by the integral, on each axis.
     """
 
     attitude: AttitudeNumbers
@@ -26,15 +26,19 @@ class IntegratingAttitudeNumbers(NamedTuple):
     limit: BodyAccelerationB
 
 
-def _turned(measurement: State, attitude: Attitude) -> BodyAxes:
-    """Rᵀ R_d: the axes of the commanded attitude as they are seen from the body."""
+def _target_axes(measurement: State, attitude: Attitude) -> BodyAxes:
+    """Return Rᵀ R_d, the axes of the commanded attitude along the axes of the measured one."""
     body = BodyAxes.of(measurement.roll, measurement.pitch, measurement.yaw)
     return BodyAxes(*(body.in_body(axis) for axis in BodyAxes.of(*attitude)))
 
 
-def _rotation_error(turned: BodyAxes) -> Vector:
-    """e_R = ½ (R_dᵀ R - Rᵀ R_d)^∨, what is not symmetric of Rᵀ R_d."""
-    return Vector(0.5 * (turned.z.y - turned.y.z), 0.5 * (turned.x.z - turned.z.x), 0.5 * (turned.y.x - turned.x.y))
+def _rotation_error(target_axes: BodyAxes) -> Vector:
+    """Return e_R = ½ (R_dᵀ R - Rᵀ R_d)^∨, from the antisymmetric part of Rᵀ R_d."""
+    return Vector(
+        0.5 * (target_axes.z.y - target_axes.y.z),
+        0.5 * (target_axes.x.z - target_axes.z.x),
+        0.5 * (target_axes.y.x - target_axes.x.y),
+    )
 
 
 def geometric_law(
@@ -58,19 +62,24 @@ def geometric_law(
         integral: angular acceleration that is subtracted, if any.
     """
     k_p, k_d, *inertia = numbers
-    turned = _turned(measurement, attitude)
-    error = _rotation_error(turned)
-    own = Vector(measurement.p, measurement.q, measurement.r)
-    commanded, faster = turned.in_world(Vector(*rates)), turned.in_world(Vector(*acceleration))
-    wanted = [-k * e - d * (w - w_d) for k, d, e, w, w_d in zip(k_p, k_d, error, own, commanded, strict=True)]
+    target_axes = _target_axes(measurement, attitude)
+    error = _rotation_error(target_axes)
+    measured_rates = Vector(measurement.p, measurement.q, measurement.r)
+    target_rates, target_acceleration = (
+        target_axes.in_world(Vector(*rates)),
+        target_axes.in_world(Vector(*acceleration)),
+    )
+    total = [
+        -k * e - d * (w - w_d) for k, d, e, w, w_d in zip(k_p, k_d, error, measured_rates, target_rates, strict=True)
+    ]
     if transports:
-        # The body rotates relative to the commanded rates, so that they change along its axes.
-        carried = cross(own, commanded)
-        wanted = [whole - turn for whole, turn in zip(wanted, carried, strict=True)]
-    wanted = [whole + w_dot for whole, w_dot in zip(wanted, faster, strict=True)]
+        # The commanded rates are constant along the commanded axes, relative to which the body rotates.
+        transport = cross(measured_rates, target_rates)
+        total = [value - term for value, term in zip(total, transport, strict=True)]
+    total = [value + w_dot for value, w_dot in zip(total, target_acceleration, strict=True)]
     if integral is not None:
-        wanted = [whole - held for whole, held in zip(wanted, integral, strict=True)]
-    return torque_of(AngularAcceleration(*wanted), BodyRates(*own), *inertia)
+        total = [value - term for value, term in zip(total, integral, strict=True)]
+    return torque_of(AngularAcceleration(*total), BodyRates(*measured_rates), *inertia)
 
 
 def integrating_law(
@@ -99,8 +108,8 @@ def integrated_rotation(
     numbers: IntegratingAttitudeNumbers,
     period: float,
 ) -> AngularAcceleration:
-    """Return the integral after the rotation error of one more tick; period in s."""
-    error = _rotation_error(_turned(measurement, attitude))
+    """Return the integral after adding the rotation error of one tick; period in s."""
+    error = _rotation_error(_target_axes(measurement, attitude))
     return AngularAcceleration._make(
         maximum(minimum(before + period * k_i * e, numbers.limit), -numbers.limit)
         for before, k_i, e in zip(integral, numbers.k_i, error, strict=True)
@@ -137,7 +146,7 @@ class GeometricAttitudeController(FleetSystem):
     The only parameter of the context is `numbers`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number of vehicles N.
         transports: True if the law contains the transport term Ω̂ Rᵀ R_d Ω_d.
         numbers: gains, and the inertia of the nominal vehicle.
     """
@@ -172,7 +181,7 @@ class IntegratingAttitudeController(FleetSystem):
     The only state is `integral`, the only parameter of the context `numbers`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number of vehicles N.
         period: tick period h, s.
         integration: "forward_euler" or "backward_euler".
         transports: True if the law contains the transport term Ω̂ Rᵀ R_d Ω_d.

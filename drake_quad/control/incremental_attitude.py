@@ -1,11 +1,11 @@
-"""The inner loop by incremental nonlinear dynamic inversion: from the attitude error to torques."""
+"""Attitude control by incremental nonlinear dynamic inversion: from the attitude error to a torque."""
 
 import operator
 from typing import Any, NamedTuple
 
-from drake_quad.control.attitude import AttitudeNumbers, attitude_inputs, wanted_acceleration
-from drake_quad.control.disturbance.estimator import STILL, estimate, predict, waited
-from drake_quad.control.disturbance.laws import IncrementalLaw, Measured
+from drake_quad.control.attitude import AttitudeNumbers, attitude_inputs, pd_angular_acceleration
+from drake_quad.control.disturbance.estimator import ZERO_COMMANDS, estimate, predict, shift_delay_line
+from drake_quad.control.disturbance.laws import AxisMeasurement, IncrementalLaw
 from drake_quad.control.disturbance.response import AxisCommand
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.geometry.kinematics import torque_of
@@ -17,9 +17,9 @@ class IncrementalAttitudeNumbers(NamedTuple):
 
     Attributes:
         attitude: gains and inertia.
-        law: the filter of measured and modelled angular accelerations.
-        lag: of the angular acceleration behind the torque, believed.
-        limit: largest angular acceleration that is held for a disturbance.
+        law: filter of the measured and the modelled angular accelerations.
+        lag: modelled time constant from a torque command to the angular acceleration.
+        limit: largest disturbance that is compensated on an axis.
     """
 
     attitude: AttitudeNumbers
@@ -28,15 +28,18 @@ class IncrementalAttitudeNumbers(NamedTuple):
     limit: BodyAccelerationB
 
 
-def _turning(memory: tuple[Any, ...], *arguments: Any) -> tuple[tuple[Any, ...], AngularAcceleration]:
-    """Return the memory of each axis after the measurement, and the command; arguments as for `incremental_torque`."""
+def _corrected_command(memory: tuple[Any, ...], *arguments: Any) -> tuple[tuple[Any, ...], AngularAcceleration]:
+    """Return the memory after the measurement, and the commanded angular acceleration.
+
+    Arguments are those of `incremental_torque`.
+    """
     measurement, attitude, rates, acceleration, numbers, period = arguments
     gains = numbers.attitude
-    # The rates alone are differentiated; the law has no use for the angles.
-    measured = tuple([Measured(0.0, rate) for rate in (measurement.p, measurement.q, measurement.r)])
-    known, disturbance = estimate(memory, measured, (numbers.law,) * 3, numbers.limit, period)
-    wanted = wanted_acceleration(measurement, attitude, rates, acceleration, gains.k_p, gains.k_d)
-    return known, AngularAcceleration._make(map(operator.sub, wanted, disturbance))
+    # The law differentiates only the body rates and does not use the angles.
+    measured = tuple([AxisMeasurement(0.0, rate) for rate in (measurement.p, measurement.q, measurement.r)])
+    corrected, disturbance = estimate(memory, measured, (numbers.law,) * 3, numbers.limit, period)
+    total = pd_angular_acceleration(measurement, attitude, rates, acceleration, gains.k_p, gains.k_d)
+    return corrected, AngularAcceleration._make(map(operator.sub, total, disturbance))
 
 
 def incremental_torque(
@@ -48,18 +51,18 @@ def incremental_torque(
     numbers: IncrementalAttitudeNumbers,
     period: float,
 ) -> Torque:
-    """The torque of an `IncrementalAttitudeController`.
+    """Return the torque of an `IncrementalAttitudeController`.
 
     Args:
-        memory: of each axis.
-        measurement: of the vehicle's state.
-        attitude: commanded.
-        rates: commanded.
-        acceleration: commanded.
+        memory: memory of the law on each axis.
+        measurement: measured state of the vehicle.
+        attitude: commanded attitude.
+        rates: commanded body rates.
+        acceleration: commanded angular acceleration.
         numbers: gains, inertia and filter.
-        period: of the ticks, s.
+        period: tick period, s.
     """
-    _, commanded = _turning(memory, measurement, attitude, rates, acceleration, numbers, period)
+    _, commanded = _corrected_command(memory, measurement, attitude, rates, acceleration, numbers, period)
     _, _, *inertia = numbers.attitude
     return torque_of(commanded, rates, *inertia)
 
@@ -70,13 +73,13 @@ def next_incremental_memory(
     under_way: tuple[tuple[Row, ...], ...],
     *arguments: Any,
 ) -> Any:
-    """What the states hold a tick later: memory, how commands are followed and, if there is a delay, commands."""
+    """Return the next states: memory of the law, modelled response and, with a delay, commands under way."""
     *_, numbers, period = arguments
-    known, commanded = _turning(memory, *arguments)
-    arrived, on_the_way = waited(tuple(commanded), under_way)
+    corrected, commanded = _corrected_command(memory, *arguments)
+    arrived, on_the_way = shift_delay_line(tuple(commanded), under_way)
     commands = tuple([AxisCommand(each, 0.0) for each in arrived])
     lags = (AxisCommand(numbers.lag, numbers.lag),) * 3
-    after, following = predict(known, following, commands, (numbers.law,) * 3, lags, period)
+    after, following = predict(corrected, following, commands, (numbers.law,) * 3, lags, period)
     return after, following, on_the_way
 
 
@@ -107,17 +110,17 @@ class IncrementalAttitudeController(FleetSystem):
     `commands_under_way`. The only parameter of the context is `numbers`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number of vehicles N.
         period: tick period, s.
         delay_ticks: modelled delay from a torque command to its effect, in whole ticks.
         numbers: gains, inertia and filter.
     """
 
     def declare(self, *, period: float = 0.02, delay_ticks: int = 0, numbers: IncrementalAttitudeNumbers) -> None:
-        """Declares the system."""
+        """Declare ports, states and parameters."""
         measurement, attitude, rates, acceleration, parameter = attitude_inputs(self)
         memory = self.state("memory", lambda numbers: (numbers.law.at_rest(0.0),) * 3)
-        following = self.state("following", lambda _: STILL)
+        following = self.state("following", lambda _: ZERO_COMMANDS)
         under_way = self.state("commands_under_way", lambda _: ((0.0,) * 3,) * delay_ticks) if delay_ticks else ()
         reads = measurement, attitude, rates, acceleration, parameter, period
         writes = memory, following, under_way

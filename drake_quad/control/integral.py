@@ -20,8 +20,8 @@ class IntegralGains(NamedTuple):
     """Gains of the integral.
 
     Attributes:
-        k_i: on the position error, 1/s³.
-        limit: of the correction on each axis.
+        k_i: gains on the integrated position error, 1/s³.
+        limit: largest correction on an axis.
     """
 
     k_i: PerAxis
@@ -29,7 +29,7 @@ class IntegralGains(NamedTuple):
 
 
 def integrated(correction: Acceleration, error: PositionError, gains: IntegralGains, period: float) -> Acceleration:
-    """Return the correction after the position error of one more tick; period in s."""
+    """Return the correction after adding the position error of one tick; period in s."""
     return Acceleration._make(
         maximum(minimum(before - period * k_i * e, gains.limit), -gains.limit)
         for before, k_i, e in zip(correction, gains.k_i, error, strict=True)
@@ -54,7 +54,7 @@ class IntegralCorrection(FleetSystem):
     The only state is `correction`, the only parameter of the context `gains`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number of vehicles N.
         period: tick period h, s.
         integration: "forward_euler" or "backward_euler".
         numbers: gains of the integral.

@@ -1,4 +1,4 @@
-"""The outer loop: from the position error to a commanded acceleration."""
+"""Position control (the outer loop): from the position error to a commanded acceleration."""
 
 from typing import Any, Literal, NamedTuple
 
@@ -12,7 +12,7 @@ from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.signals import Acceleration, PositionError, PositionErrorRate, Reference, State
 
 Derivative = Literal["tracking_error", "measurement"]
-# Up to which derivative of the reference is fed forward.
+# Highest derivative of the reference that is fed forward.
 FeedForward = Literal["none", "acceleration", "jerk", "snap"]
 
 
@@ -20,8 +20,8 @@ class PdGains(NamedTuple):
     """Gains of the PD law.
 
     Attributes:
-        k_p: on the position error, 1/s².
-        k_d: on its rate, 1/s.
+        k_p: gains on the position error, 1/s².
+        k_d: gains on its rate, 1/s.
     """
 
     k_p: PerAxis
@@ -29,13 +29,13 @@ class PdGains(NamedTuple):
 
 
 class PdOutput(NamedTuple):
-    """What the PD law makes of measurement and reference.
+    """Signals of the PD law.
 
     Attributes:
-        error: e.
-        error_rate: ė, or minus the velocity.
-        pd: the command τ_c.
-        feed_forward: of the reference's acceleration.
+        error: position error e.
+        error_rate: its rate ė, or minus the velocity.
+        pd: command τ_c.
+        feed_forward: acceleration of the reference if it is fed forward, else zero.
     """
 
     error: PositionError
@@ -47,26 +47,28 @@ class PdOutput(NamedTuple):
 def pd_law(
     measurement: State, reference: Reference, gains: PdGains, derivative: Derivative, feeds_forward: bool
 ) -> PdOutput:
-    """Eq (8): τ_c = k_P e + k_D ė.
+    """Return the signals of the PD law τ_c = k_P e + k_D ė, eq (8).
 
     Args:
-        measurement: of the vehicle's state.
-        reference: to follow.
-        gains: on each axis.
+        measurement: measured state of the vehicle.
+        reference: reference.
+        gains: gains on each axis.
         derivative: "tracking_error" or "measurement".
-        feeds_forward: whether the reference's acceleration is fed forward.
+        feeds_forward: True if the acceleration of the reference is fed forward.
     """
     k_p, k_d = gains
     e_x, e_y, e_z = reference.x - measurement.x, reference.y - measurement.y, reference.z - measurement.z
-    of_reference, share = float(derivative == "tracking_error"), float(feeds_forward)
-    v_x = of_reference * reference.v_x - measurement.v_x
-    v_y = of_reference * reference.v_y - measurement.v_y
-    v_z = of_reference * reference.v_z - measurement.v_z
+    reference_share, acceleration_share = float(derivative == "tracking_error"), float(feeds_forward)
+    v_x = reference_share * reference.v_x - measurement.v_x
+    v_y = reference_share * reference.v_y - measurement.v_y
+    v_z = reference_share * reference.v_z - measurement.v_z
     return PdOutput(
         error=PositionError(e_x, e_y, e_z),
         error_rate=PositionErrorRate(v_x, v_y, v_z),
         pd=Acceleration(k_p.x * e_x + k_d.x * v_x, k_p.y * e_y + k_d.y * v_y, k_p.z * e_z + k_d.z * v_z),
-        feed_forward=Acceleration(share * reference.a_x, share * reference.a_y, share * reference.a_z),
+        feed_forward=Acceleration(
+            acceleration_share * reference.a_x, acceleration_share * reference.a_y, acceleration_share * reference.a_z
+        ),
     )
 
 
@@ -86,16 +88,16 @@ class ProportionalDerivative(FleetSystem):
     The output packs the signals of `PdOutput`. The only parameter of the context is `gains`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number of vehicles N.
         derivative: "tracking_error" or "measurement".
-        feeds_forward: whether the reference's acceleration is fed forward.
-        numbers: the gains.
+        feeds_forward: True if the acceleration of the reference is fed forward.
+        numbers: gains on each axis.
     """
 
     def declare(
         self, *, derivative: Derivative = "tracking_error", feeds_forward: bool = False, numbers: PdGains
     ) -> None:
-        """Declares the system."""
+        """Declare ports, states and parameters."""
         measurement, reference = self.input("measurement"), self.input("reference")
         gains = self.parameter("gains", lambda gains: gains)
         reads = measurement, reference, gains, derivative, feeds_forward
@@ -105,7 +107,7 @@ class ProportionalDerivative(FleetSystem):
 def build_position_controller(
     pd: Any, *, integral: Any = None, disturbance: Any = None, takes_correction: bool = False
 ) -> Diagram:
-    """Builds the diagram `position`, eq (14): command = `pd` - `correction` + feed-forward - `disturbance`.
+    """Build the diagram `position`, eq (14): command = `pd` - `correction` + feed-forward - `disturbance`.
 
     .. pydrake_system::
 
@@ -121,44 +123,44 @@ def build_position_controller(
         - pd
         - correction
 
-    `error` is e = p_r - p in W; `error_rate` is ė = v_r - v with the derivative on the tracking error, and ė = -v with
-    it on the measurement. The input `correction` is there if it is taken, as from a network. The output shows all that
-    is subtracted; nothing but the input it does not show again. An estimator's `disturbance` is taken away likewise,
-    and shown if there is one.
+    `error` is e = p_r - p in W. `error_rate` is ė = v_r - v with the derivative of the tracking error, and ė = -v with
+    the derivative of the measurement. The input `correction` exists if `takes_correction`; a network is connected to
+    it. The output `correction` is the total of integral and input. It does not exist if the input is all that is
+    subtracted. The `disturbance` of an estimator is also subtracted, and is an output if there is an estimator.
 
-    Any system with the first two inputs and the first output can stand in its place.
+    Any system with the first two inputs and the first output can replace this diagram.
 
     Args:
         pd: a `ProportionalDerivative`.
-        integral: a system from `error` to `correction`, such as an `IntegralCorrection`.
+        integral: system from `error` to `correction`, such as an `IntegralCorrection`.
         disturbance: a `DisturbanceEstimator` or a `TiltDisturbanceEstimator`.
-        takes_correction: whether something is subtracted that comes from outside.
+        takes_correction: True if the diagram has the input `correction`.
     """
     builder = DiagramBuilder()
     parts = split_output(builder, "pd", pd)
     size = parts["pd"].size()
     summands = [parts["pd"], parts["feed_forward"]]
-    shown = {name: parts[name] for name in ("error", "error_rate", "pd")}
+    outputs = {name: parts[name] for name in ("error", "error_rate", "pd")}
     connect_inputs(builder, [pd], exported=("measurement", "reference"))
     if integral is not None:
-        shown["correction"] = append(builder, "integral", integral, parts["error"])
+        outputs["correction"] = append(builder, "integral", integral, parts["error"])
     elif not takes_correction:
-        shown["correction"] = append(builder, "correction", ConstantVectorSource(np.zeros(size)))
+        outputs["correction"] = append(builder, "correction", ConstantVectorSource(np.zeros(size)))
     if integral is not None or takes_correction:
-        minus = builder.AddNamedSystem("minus", Gain(-1.0, size))
-        summands.append(minus.get_output_port())
+        negated = builder.AddNamedSystem("minus", Gain(-1.0, size))
+        summands.append(negated.get_output_port())
         if takes_correction and integral is not None:
-            both = Adder(2, size)
-            shown["correction"] = append(builder, "correction", both, shown["correction"])
-            builder.ExportInput(both.get_input_port(1), "correction")
+            total = Adder(2, size)
+            outputs["correction"] = append(builder, "correction", total, outputs["correction"])
+            builder.ExportInput(total.get_input_port(1), "correction")
         elif takes_correction:
-            builder.ExportInput(minus.get_input_port(), "correction")
-        if "correction" in shown:
-            builder.Connect(shown["correction"], minus.get_input_port())
+            builder.ExportInput(negated.get_input_port(), "correction")
+        if "correction" in outputs:
+            builder.Connect(outputs["correction"], negated.get_input_port())
     if disturbance is not None:
         builder.AddNamedSystem("estimator", disturbance)
-        shown["disturbance"] = disturbance.GetOutputPort("disturbance")
-        summands.append(append(builder, "minus_disturbance", Gain(-1.0, size), shown["disturbance"]))
+        outputs["disturbance"] = disturbance.GetOutputPort("disturbance")
+        summands.append(append(builder, "minus_disturbance", Gain(-1.0, size), outputs["disturbance"]))
     command = append(builder, "acceleration_command", Adder(len(summands), size), *summands)
     if disturbance is not None:
         builder.ConnectInput("measurement", disturbance.GetInputPort("measurement"))
@@ -170,6 +172,6 @@ def build_position_controller(
             builder.ConnectInput("correction", disturbance.GetInputPort("correction"))
 
     builder.ExportOutput(command, "acceleration_command")
-    for name, port in shown.items():
+    for name, port in outputs.items():
         builder.ExportOutput(port, name)
     return build(builder, "position")

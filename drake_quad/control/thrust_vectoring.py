@@ -1,4 +1,4 @@
-"""From a commanded acceleration to thrust and attitude: eq (7), at any yaw and within limits."""
+"""Thrust vectoring: from a commanded acceleration to thrust and attitude, eq (7), at any yaw and within limits."""
 
 from typing import Annotated, NamedTuple
 
@@ -34,16 +34,16 @@ from drake_quad.signals import (
     Thrust,
 )
 
-# Keeps 0 / 0 away where no horizontal force is commanded or allowed, and infinite derivatives of its square root.
+# It avoids 0 / 0 and an infinite derivative of the square root where the horizontal force is zero.
 _TINY = 1e-100
 
 
 class ThrustLimits(NamedTuple):
-    """What thrust vectoring may command.
+    """Limits of the commanded thrust.
 
     Attributes:
         slope: tangent of the largest angle between thrust and vertical.
-        min_thrust: least vertical thrust: it keeps u_z + g well above zero, where eq (7) loses its meaning.
+        min_thrust: least vertical thrust. It keeps u_z + g well above zero, where eq (7) is singular.
         max_thrust: largest thrust.
     """
 
@@ -53,12 +53,12 @@ class ThrustLimits(NamedTuple):
 
 
 class VectoringNumbers(NamedTuple):
-    """What thrust vectoring believes of the vehicle, and its limits.
+    """Parameters of the nominal vehicle, and limits.
 
     Attributes:
-        mass: believed.
-        gravity: g.
-        limits: of thrust and tilt.
+        mass: mass of the nominal vehicle.
+        gravity: g of the nominal model.
+        limits: limits of thrust and tilt.
     """
 
     mass: Annotated[Row, Quantity("kg")]
@@ -67,13 +67,13 @@ class VectoringNumbers(NamedTuple):
 
 
 class Vectored(NamedTuple):
-    """What comes of a commanded acceleration.
+    """Commands that produce a commanded acceleration.
 
     Attributes:
-        thrust: F_z.
-        attitude_command: φ_r, θ_r, ψ_r.
-        body_rate_command: p, q, r that keep the thrust on its way.
-        angular_acceleration_command: their rates.
+        thrust: thrust F_z.
+        attitude_command: commanded roll φ_r, pitch θ_r and yaw ψ_r.
+        body_rate_command: body rates that rotate the thrust as the reference demands.
+        angular_acceleration_command: derivatives of these body rates.
     """
 
     thrust: Thrust
@@ -83,22 +83,22 @@ class Vectored(NamedTuple):
 
 
 def specific_thrust(acceleration: HeadingVector, mass: Row, gravity: Row, limits: ThrustLimits) -> HeadingVector:
-    """Returns the commanded thrust over mass (m/s²) within limits.
+    """Return the commanded thrust over mass (m/s²) within limits.
 
-    The vertical part is limited first; then the horizontal part is shortened, in its direction, to what the slope
-    and the remaining thrust allow.
+    The vertical part is limited first. The horizontal part is then shortened, without changing its direction, to what
+    the slope and the remaining thrust allow.
 
     Args:
-        acceleration: commanded, m/s².
-        mass: kg.
-        gravity: m/s².
-        limits: of thrust and tilt.
+        acceleration: commanded acceleration, m/s².
+        mass: mass, kg.
+        gravity: g, m/s².
+        limits: limits of thrust and tilt.
     """
     forward, left, u_z = acceleration
     low, high = limits.min_thrust / mass, limits.max_thrust / mass
     up = minimum(maximum(u_z + gravity, low), high)
-    reach = maximum(minimum(up * up * limits.slope * limits.slope, (high - up) * (high + up)), _TINY)
-    share = sqrt(reach / maximum(forward * forward + left * left, reach))
+    max_horizontal_squared = maximum(minimum(up * up * limits.slope * limits.slope, (high - up) * (high + up)), _TINY)
+    share = sqrt(max_horizontal_squared / maximum(forward * forward + left * left, max_horizontal_squared))
     return HeadingVector(share * forward, share * left, up)
 
 
@@ -131,13 +131,13 @@ def vectored_thrust(
         # The sequence zxy is computed as zyx with a yaw that is larger by π/2, see `drake_quad.geometry.flatness`.
         sin_yaw, cos_yaw = cos_yaw, -sin_yaw
     tilt = tilt_of(specific_thrust(in_heading(command, sin_yaw, cos_yaw), mass, gravity, limits))
-    turned_jerk = in_heading(jerk, sin_yaw, cos_yaw)
-    rates = body_rates(tilt, turned_jerk, reference.yaw_rate)
+    heading_jerk = in_heading(jerk, sin_yaw, cos_yaw)
+    rates = body_rates(tilt, heading_jerk, reference.yaw_rate)
     attitude = Attitude(*attitude_of(tilt), reference.yaw)
     acceleration = AngularAcceleration(0.0, 0.0, 0.0)
     if snap is not None:
-        turned_snap = in_heading(snap, sin_yaw, cos_yaw)
-        acceleration = angular_accelerations(tilt, rates, turned_jerk, turned_snap, reference.yaw_rate, snap.yaw)
+        heading_snap = in_heading(snap, sin_yaw, cos_yaw)
+        acceleration = angular_accelerations(tilt, rates, heading_jerk, heading_snap, reference.yaw_rate, snap.yaw)
     thrust = mass * tilt.thrust
     if projects:
         thrust = maximum(thrust * _alignment(tilt, measurement, sin_yaw, cos_yaw), limits.min_thrust)
@@ -148,7 +148,7 @@ def vectored_thrust(
 
 
 def _alignment(tilt: ThrustTilt, measurement: State, sin_yaw: Row, cos_yaw: Row) -> Row:
-    """Cosine of the angle between the commanded and the measured axis of thrust, given the commanded yaw."""
+    """Return the cosine of the angle between the commanded and the measured thrust axis, for the commanded yaw."""
     measured = BodyAxes.of(measurement.roll, measurement.pitch, measurement.yaw).z
     forward, left, up = in_heading(measured, sin_yaw, cos_yaw)
     return (forward * tilt.sin_pitch + up * tilt.cos_pitch) * tilt.cos_roll - left * tilt.sin_roll
@@ -185,7 +185,7 @@ class ThrustVectoring(FleetSystem):
     The only parameter of the context is `numbers`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number of vehicles N.
         projects: True if the commanded force is projected on the measured thrust axis.
         sequence: Euler sequence of the yaw, see `drake_quad.geometry.flatness`; "zxy" requires `projects`.
         numbers: parameters of the nominal vehicle, and limits of thrust and tilt.

@@ -1,1 +1,1 @@
-"""Design of controllers: gains, LQG, maps of stable gains, sensitivities, tuning."""
+"""Controller design: cascade gains, LQG, stability maps, sensitivities, and tuning."""

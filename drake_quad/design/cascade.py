@@ -1,4 +1,4 @@
-"""The gains of a scenario's whole cascade."""
+"""Design of the gains of a scenario's whole cascade."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -24,8 +24,8 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import updated
 from drake_quad.scenario.position_controllers.pid import PidPosition
 
-# Which torque turns which angle at which rate; thrust lifts like a torque turns.
-_SIGNALS = {
+# Torque, angle and body rate of each attitude loop. The loop of the height has the same structure, with the thrust.
+_LOOP_SIGNALS = {
     "roll": ("tau_x", "roll", "p"),
     "pitch": ("tau_y", "pitch", "q"),
     "yaw": ("tau_z", "yaw", "r"),
@@ -33,17 +33,17 @@ _SIGNALS = {
 }
 _ANGLES = ("roll", "pitch", "yaw")
 _POSITION = ("x", "y", "z")
-# Which tilt moves the vehicle along which axis, and in which direction, eq (7).
-_TILTS = {"x": ("pitch", 1.0), "y": ("roll", -1.0)}
+# Angle that accelerates the vehicle along an axis, and its sign, eq (7).
+_TILT_OF_AXIS = {"x": ("pitch", 1.0), "y": ("roll", -1.0)}
 
 
 class LoopOptions(NamedTuple):
     """Options for the design of a loop.
 
     Attributes:
-        family: of gains.
-        requirements: that it must meet.
-        effort: that is asked for; None for the largest that meets them.
+        family: family of gains.
+        requirements: margins that the loop must have.
+        effort: effort of the gains; None for the largest one that meets the requirements.
     """
 
     family: GainFamily
@@ -53,11 +53,11 @@ class LoopOptions(NamedTuple):
 
 @dataclass(frozen=True)
 class CascadeDesign:
-    """The loops of a cascade, by axis: roll, pitch, yaw, x, y, z; of those on board: roll rate, roll, and so on.
+    """Loops of a cascade, by name: roll, pitch, yaw, x, y, z, and on board roll rate, roll, and so on.
 
     Attributes:
-        loops: on the ground; those of the attitude are there if it is controlled there.
-        on_board: those of an autopilot, if they have been designed.
+        loops: loops on the ground. They include those of the attitude if it is controlled there.
+        on_board: loops of an autopilot, if they have been designed.
     """
 
     loops: Mapping[str, LoopDesign]
@@ -65,11 +65,11 @@ class CascadeDesign:
 
     @property
     def all_loops(self) -> dict[str, LoopDesign]:
-        """All loops: those on board first, then those on the ground."""
+        """All loops, those on board first."""
         return {**self.on_board, **self.loops}
 
     def gains(self) -> dict[str, dict[str, list[float]]]:
-        """Return the gains as the block `control` of a scenario has them."""
+        """Return the gains in the form of the block `control` of a scenario."""
         blocks = {"position": _POSITION, "attitude": _ANGLES}
         designed = {
             block: [self.loops[axis].gains for axis in axes]
@@ -82,7 +82,7 @@ class CascadeDesign:
         }
 
     def autopilot_gains(self) -> dict[str, list[float]]:
-        """The gains as the block `laboratory.autopilot` of a scenario has them; none if none have been designed."""
+        """Return the gains in the form of the block `laboratory.autopilot` of a scenario; empty without any."""
         if not self.on_board:
             return {}
         loops = {"k_attitude": _ANGLES, "k_rate": [_rate_of(angle) for angle in _ANGLES]}
@@ -99,7 +99,7 @@ def _proportional(loop: LoopDesign) -> float:
 
 
 def with_integrals(scenario: Scenario) -> Scenario:
-    """Return the scenario with a PID, whose k_I are zero, in place of a position controller without an integral.
+    """Return the scenario with a PID whose k_I are zero if its position controller has no integral.
 
     Raises:
         InputError: if the gains of the position controller cannot be designed.
@@ -114,9 +114,9 @@ def _integrating(scenario: Scenario) -> PidPosition:
 
 
 def with_gains(scenario: Scenario, gains: Mapping[str, Mapping[str, Sequence[float]]]) -> Scenario:
-    """Return the scenario with other gains, as `CascadeDesign.gains` has them.
+    """Return the scenario with other gains, in the form of `CascadeDesign.gains`.
 
-    They are those of controllers without estimates: in place of any other stands a PD.
+    The gains are those of controllers without estimators. A PD replaces any other controller.
 
     Raises:
         InputError: if the gains of the position controller cannot be designed.
@@ -127,7 +127,7 @@ def with_gains(scenario: Scenario, gains: Mapping[str, Mapping[str, Sequence[flo
 
 
 def with_autopilot_gains(scenario: Scenario, gains: Mapping[str, Sequence[float]]) -> Scenario:
-    """Return the scenario with other gains on board, as `CascadeDesign.autopilot_gains` has them."""
+    """Return the scenario with other gains on board, in the form of `CascadeDesign.autopilot_gains`."""
     return updated(scenario, {f"laboratory.autopilot.{name}": tuple(rows) for name, rows in gains.items()})
 
 
@@ -135,18 +135,18 @@ def default_options(period: float) -> dict[str, LoopOptions]:
     """Return options for the fastest pole pairs with margins of 45°, 6 dB and, for the attitude, two ticks of delay.
 
     Args:
-        period: of the ticks, s.
+        period: control period, s.
     """
     pair, outer = PolePair(0.8), Requirements()
     inner = outer._replace(delay=2.0 * period)
-    return {axis: LoopOptions(pair, inner if axis in _ANGLES else outer) for axis in (*_SIGNALS, *_TILTS)}
+    return {axis: LoopOptions(pair, inner if axis in _ANGLES else outer) for axis in (*_LOOP_SIGNALS, *_TILT_OF_AXIS)}
 
 
 def on_board_options() -> dict[str, LoopOptions]:
     """Return options for the fastest gains of an autopilot's loops with margins of 60° and 10 dB.
 
-    That is more than on the ground, since every packet of the link is a step for these loops: they shall hardly
-    overshoot.
+    These margins are larger than on the ground to limit overshoot, because every packet of the link is a step for the
+    loops on board.
     """
     return {
         loop: LoopOptions(Proportional(), Requirements(phase=60.0, gain=10.0))
@@ -179,143 +179,150 @@ def design_cascade(
             design.
     """
     period = scenario.laboratory.command_link.period
-    wanted = default_options(period) | (on_board_options() if on_board else {}) | dict(options or {})
+    all_options = default_options(period) | (on_board_options() if on_board else {}) | dict(options or {})
     inner: dict[str, LoopDesign] = {}
     if on_board:
-        inner = _design_on_board(scenario, wanted)
+        inner = _design_on_board(scenario, all_options)
         scenario = with_autopilot_gains(scenario, CascadeDesign({}, inner).autopilot_gains())
     laboratory = laboratory_plant(scenario)
     loops: dict[str, LoopDesign] = {}
 
     def add(axis: str, plant: SampledSystem) -> None:
-        """Design a loop, unless there is already one like it: an even vehicle's axes are alike."""
-        how = wanted[axis]
-        required = how.requirements
+        """Design a loop, or reuse that of an equal axis, since axes of a symmetric vehicle can be equal."""
+        loop_options = all_options[axis]
+        required = loop_options.requirements
         if integral is not None and axis in _POSITION:
-            how = how._replace(requirements=required._replace(phase=required.phase / (1.0 - integral)))
+            loop_options = loop_options._replace(
+                requirements=required._replace(phase=required.phase / (1.0 - integral))
+            )
         for other in loops.values():
-            if wanted[other.axis] == wanted[axis] and _alike(other.plant, plant):
+            if all_options[other.axis] == all_options[axis] and _has_equal_response(other.plant, plant):
                 loops[axis] = replace(other, axis=axis)
                 return
-        loops[axis] = _designed(plant, how, axis)
+        loops[axis] = _designed(plant, loop_options, axis)
 
     on_the_ground = not scenario.laboratory.autopilot.controls_attitude
-    for axis in _SIGNALS if on_the_ground else ("z",):
+    for axis in _LOOP_SIGNALS if on_the_ground else ("z",):
         add(axis, attitude_plant(laboratory, scenario, axis))
-    for axis, (tilt, _) in _TILTS.items():
+    for axis, (tilt, _) in _TILT_OF_AXIS.items():
         attitude = loops[tilt].gains if on_the_ground else None
         assert attitude is None or isinstance(attitude, AxisGains)
         add(axis, position_plant(laboratory, scenario, axis, attitude))
     if integral is not None:
         integration = _integrating(scenario).integration
         for axis in _POSITION:
-            required = wanted[axis].requirements
+            required = all_options[axis].requirements
             loops[axis] = add_integral(loops[axis], required, cost=integral, integration=integration)
     return CascadeDesign(loops, inner)
 
 
 def _design_on_board(scenario: Scenario, options: Mapping[str, LoopOptions]) -> dict[str, LoopDesign]:
-    """Design the loops of an autopilot: those of the rates, each the fastest within its margins, then those around.
+    """Design the loops of an autopilot, each as fast as its margins allow: body rate loops first, then attitude loops.
 
     Args:
-        scenario: with an autopilot of kind attitude, whose gains do not matter.
-        options: for each loop.
+        scenario: scenario with an autopilot of kind `attitude`, whose gains are ignored.
+        options: options for each loop.
 
     Raises:
         InputError: requirements cannot be met, or there is no such autopilot.
     """
     if not scenario.laboratory.autopilot.loop_gains:
         kind = scenario.laboratory.autopilot.kind
-        raise InputError(f"laboratory.autopilot is of kind {kind}, which has no loops on board that could be designed")
+        raise InputError(
+            f"cannot design loops on board: laboratory.autopilot is of kind {kind}, which has no gains; use kind"
+            " attitude"
+        )
     plant, inertia = on_board_plant(scenario), scenario.nominal.inertia
     loops = {}
     for angle, moment in zip(_ANGLES, inertia, strict=True):
-        turned = turned_on_board(plant, angle, moment)
+        angle_plant = on_board_angle_plant(plant, angle, moment)
         name = _rate_of(angle)
-        inner = turned.between(turned.inputs, turned.outputs[1:]).connected()
+        inner = angle_plant.between(angle_plant.inputs, angle_plant.outputs[1:]).connected()
         loops[name] = _designed(inner, options[name], name)
-        outer = on_board_attitude_plant(turned, _proportional(loops[name]))
+        outer = on_board_attitude_plant(angle_plant, _proportional(loops[name]))
         loops[angle] = _designed(outer, options[angle], angle)
     return loops
 
 
-def turned_on_board(plant: SampledSystem, angle: str, inertia: float) -> SampledSystem:
-    """From an angular acceleration that an autopilot commands to an angle and its rate.
+def on_board_angle_plant(plant: SampledSystem, angle: str, inertia: float) -> SampledSystem:
+    """Return the plant from an angular acceleration that an autopilot commands to an angle and its rate.
 
     Args:
-        plant: of `on_board_plant`.
+        plant: plant from `on_board_plant`.
         angle: roll, pitch or yaw.
-        inertia: believed, about the axis of this angle, kg m².
+        inertia: moment of inertia of the nominal vehicle about the axis of this angle, kg m².
     """
-    torque, value, rate = _SIGNALS[angle]
-    turned = plant.between([f"wrench.{torque}"], [f"state.{value}", f"state.{rate}"])
-    return turned.connected().scaled(inertia, "acceleration_command")
+    torque, value, rate = _LOOP_SIGNALS[angle]
+    angle_plant = plant.between([f"wrench.{torque}"], [f"state.{value}", f"state.{rate}"])
+    return angle_plant.connected().scaled(inertia, "acceleration_command")
 
 
-def on_board_attitude_plant(turned: SampledSystem, k_rate: float) -> SampledSystem:
-    """From a commanded body rate to the angle, the rate loop closed.
+def on_board_attitude_plant(angle_plant: SampledSystem, k_rate: float) -> SampledSystem:
+    """Return the plant from a commanded body rate to the angle, with the rate loop closed.
 
     Args:
-        turned: from an angular acceleration to an angle and its rate, over a period of the autopilot.
-        k_rate: 1/s.
+        angle_plant: plant from an angular acceleration to an angle and its rate, over a period of the autopilot.
+        k_rate: gain of the rate loop, 1/s.
     """
-    closed = turned.with_feedback(np.array([[0.0, k_rate]])).scaled(k_rate, "rate_command")
+    closed = angle_plant.with_feedback(np.array([[0.0, k_rate]])).scaled(k_rate, "rate_command")
     return closed.between(closed.inputs, closed.outputs[:1])
 
 
-def _designed(plant: SampledSystem, how: LoopOptions, axis: str) -> LoopDesign:
-    return design_loop(plant, how.family, how.requirements, axis=axis, effort=how.effort)
+def _designed(plant: SampledSystem, loop_options: LoopOptions, axis: str) -> LoopDesign:
+    return design_loop(plant, loop_options.family, loop_options.requirements, axis=axis, effort=loop_options.effort)
 
 
-def _alike(a: SampledSystem, b: SampledSystem) -> bool:
-    """True if two plants answer alike from tick to tick, whatever their states are called."""
+def _has_equal_response(a: SampledSystem, b: SampledSystem) -> bool:
+    """Return True if two plants have the same impulse response, whatever the names of their states."""
     return len(a.A) == len(b.A) and np.allclose(_markov(a), _markov(b), rtol=1e-9, atol=1e-12)
 
 
 def _markov(plant: SampledSystem) -> np.ndarray:
-    """Return the answer to an impulse, long enough to tell plants with these many states apart."""
-    state, answer = plant.B, []
+    """Return the impulse response, which is long enough to distinguish plants with this number of states."""
+    state, response = plant.B, []
     for _ in range(2 * len(plant.A)):
-        answer.append(plant.C @ state)
+        response.append(plant.C @ state)
         state = plant.A @ state
-    return np.array(answer)
+    return np.array(response)
 
 
 def attitude_plant(laboratory: LaboratoryPlant, scenario: Scenario, axis: str) -> SampledSystem:
-    """From a commanded angular acceleration (or, for z, a linear one) to the measured value and rate of an axis.
+    """Return the plant from a commanded angular acceleration to the measured angle and rate of an axis.
+
+    For z it is the plant from a commanded acceleration to the measured height and its rate.
 
     Args:
-        laboratory: of `laboratory_plant`.
-        scenario: with the nominal mass and inertia, by which commands become torques.
+        laboratory: plant from `laboratory_plant`.
+        scenario: scenario with the nominal mass and inertia, which convert accelerations to thrust and torques.
         axis: roll, pitch, yaw or z; only z if the attitude is controlled on board.
     """
-    return _plant(laboratory, scenario, axis, _SIGNALS[axis][1:])
+    return _plant(laboratory, scenario, axis, _LOOP_SIGNALS[axis][1:])
 
 
 def position_plant(
     laboratory: LaboratoryPlant, scenario: Scenario, axis: str, attitude: AxisGains | None
 ) -> SampledSystem:
-    """From a commanded acceleration on x or y to the measured position and velocity, the attitude loop closed.
+    """Return the plant from a commanded acceleration on x or y to position and velocity, with the attitude loop closed.
 
     Args:
-        laboratory: of `laboratory_plant`.
-        scenario: with the nominal vehicle.
+        laboratory: plant from `laboratory_plant`.
+        scenario: scenario with the nominal vehicle.
         axis: x or y.
-        attitude: gains of the tilt that moves along this axis; None if it is controlled on board.
+        attitude: gains of the attitude loop that accelerates along this axis; None if it is controlled on board.
     """
-    tilt, sign = _TILTS[axis]
+    tilt, sign = _TILT_OF_AXIS[axis]
     if attitude is None:
         plant = laboratory.system.between([f"attitude_target.{tilt}"], [f"measurement.{axis}", f"measurement.v_{axis}"])
         return plant.connected().scaled(sign / laboratory.specific_thrust, "acceleration_command")
-    whole = _plant(laboratory, scenario, tilt, (*_SIGNALS[tilt][1:], axis, f"v_{axis}"))
+    open_loop = _plant(laboratory, scenario, tilt, (*_LOOP_SIGNALS[tilt][1:], axis, f"v_{axis}"))
     k_p, k_d = attitude
-    closed = whole.with_feedback(np.array([[k_p, k_d, 0.0, 0.0]]))
+    closed = open_loop.with_feedback(np.array([[k_p, k_d, 0.0, 0.0]]))
     command = closed.scaled(sign * k_p / laboratory.specific_thrust, "acceleration_command")
     return command.between(command.inputs, command.outputs[2:])
 
 
 def _plant(laboratory: LaboratoryPlant, scenario: Scenario, axis: str, measured: tuple[str, ...]) -> SampledSystem:
-    torque = _SIGNALS[axis][0]
+    torque = _LOOP_SIGNALS[axis][0]
     nominal = scenario.nominal
     inertia = dict(zip(("tau_x", "tau_y", "tau_z"), nominal.inertia, strict=True)) | {"thrust": nominal.mass}
     command = scenario.laboratory.autopilot.command

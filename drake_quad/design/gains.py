@@ -1,17 +1,17 @@
-"""PD gains from the linear model of the laboratory, with its delays, holds, lags and filters in the loop.
+"""Design of PD gains on the linear model of the laboratory, including its delays, holds, lags and filters.
 
-The attitude loops are designed first, each on its own: the plant is what lies between a commanded angular acceleration
-and the measured angle and rate. Then the position loops around them: a commanded acceleration a on X asks for the
-pitch a / g, on Y for the roll -a / g. Height is a loop of its own, like an attitude's.
+The attitude loops are designed first, each for the plant from a commanded angular acceleration to the measured angle
+and rate. The position loops around them follow: a commanded acceleration a on X demands the pitch a / g, on Y the roll
+-a / g. Height has a loop of its own, like an angle.
 
-Families of gains, each of one number that says how hard the loop works; the hardest that keeps the margins is taken, or
-the one that is asked for:
+A family of gains depends on one number, the effort. The design uses the largest effort that meets the required margins,
+or a given effort. The families are:
 
-- `PolePair`: the two gains put two poles of the sampled loop exactly at exp(s h), s = ω (-ζ ± i √(1 - ζ²)), for a
-  bandwidth ω and a damping ζ; these two must stay the slowest of the loop.
-- `RegulatorRequirements`: the two gains with the least quadratic cost, against a disturbance at the plant's input. The
-  advantage of a full linear-quadratic regulator, which knows every delay line, is stated.
-- `Proportional`: the one gain of a loop on board.
+- `PolePair`: the two gains place two poles of the sampled loop exactly at exp(s h), s = ω (-ζ ± i √(1 - ζ²)), for a
+  bandwidth ω and a damping ratio ζ. These must be the slowest poles of the loop.
+- `RegulatorRequirements`: the two gains with the least quadratic cost, for a disturbance at the input of the plant. The
+  design includes the ratio to the cost of a full linear-quadratic regulator, which feeds back every state.
+- `Proportional`: the single gain of a loop on board.
 """
 
 import math
@@ -28,26 +28,27 @@ from drake_quad.errors import InputError
 from drake_quad.linear.margins import FastMargins, Margins, fast_margins, frequencies, margins
 from drake_quad.linear.sampled_system import SampledSystem
 
-# Lowest bandwidth that is tried, rad/s, the highest one relative to half the sampling rate, and their number.
-_SLOWEST, _FASTEST_SHARE, _TRIED = 0.05, 1.0 / 3.0, 120
+_MIN_BANDWIDTH = 0.05  # rad/s, lowest bandwidth that is tried
+_MAX_BANDWIDTH_RATIO = 1.0 / 3.0  # highest bandwidth that is tried, relative to half the sampling rate
+_NUM_EFFORTS = 120
 # Number of bisections between the last acceptable effort and the first unacceptable one.
-_HALVINGS = 12
+_NUM_BISECTIONS = 12
 # Largest corner frequency of the integral, relative to the crossover of its PD. Common PID rules use a reset time of
 # four over the crossover.
-_LARGEST_SHARE = 0.25
+_MAX_INTEGRAL_RATIO = 0.25
 # Frequencies at which the search for a regulator's gains may start, rad/s; the first stable one is used.
-_STARTS = (0.2, 0.05, 0.0125, 0.003)
+_START_FREQUENCIES = (0.2, 0.05, 0.0125, 0.003)
 
 
 class AxisGains(NamedTuple):
-    """k_P (1/s²) and k_D (1/s) of an axis."""
+    """Gains k_P (1/s²) and k_D (1/s) of an axis."""
 
     k_p: float
     k_d: float
 
 
 class PidGains(NamedTuple):
-    """k_P (1/s²), k_D (1/s) and k_I (1/s³) of an axis."""
+    """Gains k_P (1/s²), k_D (1/s) and k_I (1/s³) of an axis."""
 
     k_p: float
     k_d: float
@@ -55,43 +56,43 @@ class PidGains(NamedTuple):
 
 
 class ProportionalGain(NamedTuple):
-    """k (1/s) of a loop on board."""
+    """Gain k (1/s) of a loop on board."""
 
     k: float
 
 
 Gains = AxisGains | PidGains | ProportionalGain
 
-_NONE = AxisGains(math.nan, math.nan)
+_NO_GAINS = AxisGains(math.nan, math.nan)
 _SYMBOLS = {"k_p": "k_P", "k_d": "k_D", "k": "k"}
 
 
 class Requirements(NamedTuple):
-    """Margins that a loop must keep.
+    """Margins that a loop must have.
 
     Attributes:
-        phase: degrees.
-        gain: dB.
-        delay: s.
+        phase: phase margin, degrees.
+        gain: gain margin, dB.
+        delay: delay margin, s.
     """
 
     phase: float = 45.0
     gain: float = 6.0
     delay: float = 0.0
 
-    def share_met(self, found: FastMargins) -> float:
-        """Return the least share of a required margin that is there; 1 or more if all are."""
-        pairs = ((getattr(found, name), needed) for name, needed in self._asdict().items() if needed > 0.0)
-        return min((float(have) / needed for have, needed in pairs), default=1.0)
+    def min_ratio(self, margins: FastMargins) -> float:
+        """Return the least ratio of a margin to its required value; 1 or more if all requirements are met."""
+        pairs = ((getattr(margins, name), required) for name, required in self._asdict().items() if required > 0.0)
+        return min((float(actual) / required for actual, required in pairs), default=1.0)
 
-    def broken_by(self, found: FastMargins) -> dict[str, str]:
-        """Return the margins that fall short, with their values in words."""
+    def shortfalls(self, margins: FastMargins) -> dict[str, str]:
+        """Return the margins that are too small, with a description of their values."""
         units = {"phase": ("°", 1.0), "gain": (" dB", 1.0), "delay": (" ms", 1e3)}
         return {
-            f"{name} margin": f"{factor * float(getattr(found, name)):.1f}{unit}, less than"
+            f"{name} margin": f"{factor * float(getattr(margins, name)):.1f}{unit}, less than"
             f" {factor * getattr(self, name):g}{unit}"
             for name, (unit, factor) in units.items()
-            if not getattr(found, name) >= getattr(self, name)
+            if not getattr(margins, name) >= getattr(self, name)
         }
 
 
@@ -102,8 +103,8 @@ class LoopDesign:
     Attributes:
         axis: name of the axis.
         gains: gains of the PD, the PID or the proportional law.
-        plant: from the commanded acceleration to the measured value and rate, and with a PID to the integral of the
-            value; for a proportional law, from what it commands to what it controls.
+        plant: plant from the commanded acceleration to the measured value and rate, and for a PID to the integral of
+            the value; for a proportional law, from its command to the controlled quantity.
         margins: margins of the loop.
         bandwidth: bandwidth of the pole pair, rad/s; None for other families.
         cost_ratio: cost of the PD over that of the full regulator; None for other families.
@@ -120,65 +121,65 @@ class LoopDesign:
 
 
 class GainFamily(Protocol):
-    """Gains that work the harder the larger a number is."""
+    """Gains that depend on one number, the effort."""
 
     def gains(self, plant: SampledSystem, effort: float) -> AxisGains | ProportionalGain:
-        """Return the gains for a plant."""
+        """Return the gains for a plant and an effort."""
 
     def efforts(self, plant: SampledSystem) -> np.ndarray:
-        """Return the numbers to try, rising."""
+        """Return the efforts to try, in ascending order."""
 
 
 class PolePair(NamedTuple):
-    """Gains that place a pair of poles; the effort is its bandwidth ω, rad/s.
+    """Gains that place a pair of poles. The effort is the bandwidth ω of the pair, rad/s.
 
     Attributes:
-        damping: ζ, between 0 and 1.
+        damping: damping ratio ζ, between 0 and 1.
     """
 
     damping: float
 
     def gains(self, plant: SampledSystem, effort: float) -> AxisGains:
-        """See `GainFamily`: 1 + k_P G_value(z) + k_D G_rate(z) = 0 at the pole is linear in the gains."""
+        """Return the gains, which solve the linear equation 1 + k_P G_value(z) + k_D G_rate(z) = 0 at the pole."""
         s = effort * complex(-self.damping, math.sqrt(1.0 - self.damping**2))
         value, rate = plant.response(np.array([np.exp(s * plant.period)]))[0, :, 0]
         determinant = value.real * rate.imag - rate.real * value.imag
-        if determinant == 0.0:  # the measurements do not tell value and rate apart
-            return _NONE
+        if determinant == 0.0:  # The measurements do not distinguish value and rate.
+            return _NO_GAINS
         return AxisGains(-rate.imag / determinant, value.imag / determinant)
 
     def efforts(self, plant: SampledSystem) -> np.ndarray:
-        """See `GainFamily`."""
-        return np.geomspace(_SLOWEST, _FASTEST_SHARE * math.pi / plant.period, _TRIED)
+        """Return the bandwidths to try."""
+        return np.geomspace(_MIN_BANDWIDTH, _MAX_BANDWIDTH_RATIO * math.pi / plant.period, _NUM_EFFORTS)
 
 
 class Proportional(NamedTuple):
     """A single gain, which is the effort, 1/s."""
 
     def gains(self, plant: SampledSystem, effort: float) -> ProportionalGain:
-        """See `GainFamily`."""
+        """Return the effort itself, which is the gain."""
         return ProportionalGain(effort)
 
     def efforts(self, plant: SampledSystem) -> np.ndarray:
-        """See `GainFamily`: what acts on an integrator crosses over at its gain."""
-        return np.geomspace(_SLOWEST, _FASTEST_SHARE * math.pi / plant.period, _TRIED)
+        """Return the gains to try; with an integrator as plant, the crossover frequency equals the gain."""
+        return np.geomspace(_MIN_BANDWIDTH, _MAX_BANDWIDTH_RATIO * math.pi / plant.period, _NUM_EFFORTS)
 
 
 class RegulatorRequirements(NamedTuple):
-    """Gains of least cost Σ value² + (rate_time · rate)² + (u / effort)² after an impulse at the plant's input.
+    """Gains of least cost Σ value² + (rate_time · rate)² + (u / effort)² after an impulse at the input of the plant.
 
     Attributes:
-        rate_time: what a rate weighs beside a value, s.
+        rate_time: weight of the rate relative to the value, s.
     """
 
     rate_time: float
 
     def gains(self, plant: SampledSystem, effort: float) -> AxisGains:
-        """See `GainFamily`: the least over k_P and k_D, from those of a slow double integrator."""
-        slow = [AxisGains(frequency**2, 1.6 * frequency) for frequency in _STARTS]
+        """Return the gains of least cost, by a search that starts from the gains of a slow double integrator."""
+        slow = [AxisGains(frequency**2, 1.6 * frequency) for frequency in _START_FREQUENCIES]
         start = next((gains for gains in slow if math.isfinite(self.cost(plant, gains, effort))), None)
         if start is None:
-            return _NONE
+            return _NO_GAINS
 
         def logarithm_of_cost(logs: np.ndarray) -> float:
             return math.log(self.cost(plant, AxisGains(*np.exp(logs)), effort))
@@ -187,7 +188,7 @@ class RegulatorRequirements(NamedTuple):
         return AxisGains(*(float(gain) for gain in np.exp(best.x)))
 
     def cost(self, plant: SampledSystem, gains: AxisGains, effort: float) -> float:
-        """Return the cost of a PD, by Lyapunov's equation; infinite if it is not stable."""
+        """Return the cost of a PD from a Lyapunov equation; infinite if the loop is unstable."""
         feedback = np.array([gains]) @ plant.C
         closed = plant.A - plant.B @ feedback
         if np.abs(np.linalg.eigvals(closed)).max() > 1.0 - 1e-7:
@@ -201,8 +202,8 @@ class RegulatorRequirements(NamedTuple):
         return (plant.B.T @ S @ plant.B).item()
 
     def efforts(self, plant: SampledSystem) -> np.ndarray:
-        """See `GainFamily`."""
-        return np.geomspace(1e-2, 1e3, _TRIED // 6)
+        """Return the efforts to try."""
+        return np.geomspace(1e-2, 1e3, _NUM_EFFORTS // 6)
 
     def _state_weight(self, plant: SampledSystem) -> np.ndarray:
         return plant.C.T @ np.diag([1.0, self.rate_time**2]) @ plant.C
@@ -211,8 +212,7 @@ class RegulatorRequirements(NamedTuple):
 def pd_loop(plant: SampledSystem, gains: Gains) -> SampledSystem:
     """Return the loop transfer function k_P G_value + k_D G_rate of a PD around a plant with these two outputs.
 
-    Of a PID around a plant `with_integral` there is k_I G_integral besides; of a proportional law around a plant with
-    one output it is k G.
+    A PID around a plant `with_integral` adds k_I G_integral. A proportional law around a plant with one output has k G.
     """
     row = np.array([gains])
     return replace(plant, C=row @ plant.C, D=row @ plant.D, outputs=("loop",))
@@ -229,7 +229,8 @@ def design_loop(
     """Design the PD, or the proportional law, of one axis.
 
     Args:
-        plant: from a commanded acceleration to the measured value and rate; for a proportional law it has one output.
+        plant: plant from a commanded acceleration to the measured value and rate; for a proportional law, to one
+            output.
         family: family of gains.
         requirements: required margins.
         axis: name of the axis, for messages.
@@ -243,31 +244,31 @@ def design_loop(
 
     def trial(tried: float) -> _GainTrial:
         gains = _rounded(family.gains(plant, tried))
-        unsound = _unsound(plant, family, tried, gains)
-        found = fast_margins(response @ np.array(gains), grid)
-        share = -math.inf if unsound else requirements.share_met(found)
-        return _GainTrial(tried, gains, unsound or requirements.broken_by(found), share)
+        flaws = _flaws_of(plant, family, tried, gains)
+        margins_found = fast_margins(response @ np.array(gains), grid)
+        share = -math.inf if flaws else requirements.min_ratio(margins_found)
+        return _GainTrial(tried, gains, flaws or requirements.shortfalls(margins_found), share)
 
     def finished(best: _GainTrial, limits: Iterable[str]) -> LoopDesign:
         return _finished(plant, family, axis, best, tuple(limits))
 
     if effort is not None:
-        asked = trial(effort)
-        if asked.flaws:
+        requested = trial(effort)
+        if requested.flaws:
             what = f"a bandwidth of {effort:g} rad/s" if isinstance(family, PolePair) else f"an effort of {effort:g}"
-            raise InputError(f"{axis} cannot have {what}: {_listed(asked.flaws)}")
-        return finished(asked, ())
+            raise InputError(f"{axis} cannot have {what}: {_listed(requested.flaws)}")
+        return finished(requested, ())
     trials = [trial(tried) for tried in family.efforts(plant)]
     first = next((i for i, each in enumerate(trials) if not each.flaws), None)
     if first is None:
         closest = max(trials, key=lambda each: each.share)
-        raise InputError(f"no gains of this kind are good enough for {axis}; at best {_listed(closest.flaws)}")
+        raise InputError(f"no gains of this family meet the requirements for {axis}; at best {_listed(closest.flaws)}")
     last = next((i for i in range(first, len(trials)) if trials[i].flaws), len(trials)) - 1
     best = trials[last]
     if last + 1 == len(trials):
         return finished(best, ())
     beyond = trials[last + 1]
-    for _ in range(_HALVINGS):
+    for _ in range(_NUM_BISECTIONS):
         middle = trial(math.sqrt(best.effort * beyond.effort))
         best, beyond = (best, middle) if middle.flaws else (middle, beyond)
     return finished(best, beyond.flaws)
@@ -281,14 +282,14 @@ def with_integral(plant: SampledSystem, integration: Integration = "forward_eule
     n = len(plant.A)
     value, *_ = plant.C
     direct, *_ = plant.D
-    own = plant.period if integration == "backward_euler" else 0.0
-    integral = np.append(own * value, 1.0)[np.newaxis]
+    own_share = plant.period if integration == "backward_euler" else 0.0
+    integral = np.append(own_share * value, 1.0)[np.newaxis]
     return replace(
         plant,
         A=np.block([[plant.A, np.zeros((n, 1))], [plant.period * value, np.ones((1, 1))]]),
         B=np.vstack([plant.B, plant.period * direct]),
         C=np.vstack([np.hstack([plant.C, np.zeros((len(plant.C), 1))]), integral]),
-        D=np.vstack([plant.D, own * direct]),
+        D=np.vstack([plant.D, own_share * direct]),
         states=(*plant.states, "integral"),
         outputs=(*plant.outputs, "integral"),
     )
@@ -297,7 +298,7 @@ def with_integral(plant: SampledSystem, integration: Integration = "forward_eule
 def add_integral(
     design: LoopDesign, requirements: Requirements, *, cost: float, integration: Integration = "forward_euler"
 ) -> LoopDesign:
-    """Add an integral to a PD: the largest that costs no more than a given share of its phase margin.
+    """Add the largest integral to a PD that costs at most a given share of its phase margin.
 
     k_I is at most a quarter of k_P times the crossover frequency of the PD loop. With a larger integral, errors decay
     in a slow oscillation, whatever the margins at the crossover.
@@ -312,7 +313,7 @@ def add_integral(
     assert isinstance(pd, AxisGains)
     grid = frequencies(plant.period)
     response = plant.response(np.exp(1j * grid * plant.period))[..., 0]
-    kept = requirements._replace(phase=max(requirements.phase, (1.0 - cost) * design.margins.phase))
+    required = requirements._replace(phase=max(requirements.phase, (1.0 - cost) * design.margins.phase))
 
     def pid(share: float) -> PidGains:
         return PidGains(*pd, float(f"{share * pd.k_p * design.margins.crossover:.4g}"))
@@ -320,12 +321,12 @@ def add_integral(
     def fits(share: float) -> bool:
         gains = np.array(pid(share))
         stable = np.abs(plant.with_feedback(gains[np.newaxis]).poles()).max() < 1.0
-        return bool(stable and not kept.broken_by(fast_margins(response @ gains, grid)))
+        return bool(stable and not required.shortfalls(fast_margins(response @ gains, grid)))
 
-    low, high = 0.0, _LARGEST_SHARE
+    low, high = 0.0, _MAX_INTEGRAL_RATIO
     if fits(high):
         low = high
-    for _ in range(_HALVINGS):
+    for _ in range(_NUM_BISECTIONS):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if fits(middle) else (low, middle)
     gains = pid(low)
@@ -333,7 +334,7 @@ def add_integral(
 
 
 class _GainTrial(NamedTuple):
-    """Gains of some effort: what is wrong with them, in words, and the least share of a margin that they have."""
+    """Trial of an effort: gains, descriptions of their flaws, and the least ratio of a margin to its required value."""
 
     effort: float
     gains: AxisGains | ProportionalGain
@@ -341,12 +342,12 @@ class _GainTrial(NamedTuple):
     share: float
 
 
-def _unsound(
+def _flaws_of(
     plant: SampledSystem, family: GainFamily, effort: float, gains: AxisGains | ProportionalGain
 ) -> dict[str, str]:
-    """Return the flaws of the loop other than its margins, in words."""
+    """Return descriptions of the flaws of a loop other than its margins."""
     if not all(map(math.isfinite, gains)):
-        return {"no gains": "none have this effect"}
+        return {"no gains": "none exist for this effort"}
     if not min(gains) > 0.0:
         return {"a negative gain": ", ".join(f"{_SYMBOLS[name]} {k:g}" for name, k in gains._asdict().items())}
     size = np.abs(plant.with_feedback(np.array([gains])).poles()).max()
@@ -382,5 +383,5 @@ def _finished(
 
 
 def _rounded(gains: AxisGains | ProportionalGain) -> AxisGains | ProportionalGain:
-    """Four significant digits, as they are written down."""
+    """Return the gains rounded to four significant digits, as in the written scenario."""
     return type(gains)(*(float(f"{gain:.4g}") for gain in gains))

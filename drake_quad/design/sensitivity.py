@@ -1,7 +1,8 @@
 """Derivatives of the metrics of a flight with respect to a scenario's numbers.
 
-A number of a scenario ends in numeric parameters and in the initial state of the diagram's context. From their
-derivatives on, Drake's simulator carries the flight on AutoDiffXd: through every step, filter and delay to the metrics.
+A number of a scenario determines numeric parameters, and the initial state, in the diagram's context. From their
+derivatives, Drake's simulator propagates derivatives with AutoDiffXd through every step, filter and delay to the
+metrics.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,18 +29,18 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.numbers import number_at, with_number
 from drake_quad.scenario.paths import distributions_in, refuse_distributions
 
-# The metrics that depend on a flight smoothly, as long as it does not crash.
+# These metrics depend smoothly on a flight, as long as the vehicle does not crash.
 DIFFERENTIABLE = tuple(name for name, metric in METRICS.items() if metric.differentiable)
-# Metrics are sizes: what is less than this, in SI units, is nothing but rounding.
-_NO_ERROR = 1e-12
-# Numbers that are only compared with others.
-_COMPARED = ("loss_rate", "dropout_rate", "rotor_failure.time", "payload.time")
-# Relative step of the five-point differences from a scenario's number to the context, which is polynomial or nearly so:
-# around the number or, where it may only rise or only fall, to one side of it.
+# Metrics are magnitudes. Smaller values, in SI units, are rounding errors.
+_MIN_METRIC = 1e-12
+# Numbers that decide when something happens by a comparison have no derivative.
+_COMPARED_FIELDS = ("loss_rate", "dropout_rate", "rotor_failure.time", "payload.time")
+# Relative step of the five-point differences from a scenario's number to the context, which is (almost) polynomial.
 _STEP = 1e-3
-_AROUND = {-2: 1.0 / 12.0, -1: -2.0 / 3.0, 1: 2.0 / 3.0, 2: -1.0 / 12.0}
-_ABOVE = {1: 4.0, 2: -3.0, 3: 4.0 / 3.0, 4: -0.25}
-_BELOW = {-steps: -weight for steps, weight in _ABOVE.items()}
+# Weights of central differences, and of one-sided ones for numbers that may only increase or only decrease.
+_CENTRAL_WEIGHTS = {-2: 1.0 / 12.0, -1: -2.0 / 3.0, 1: 2.0 / 3.0, 2: -1.0 / 12.0}
+_FORWARD_WEIGHTS = {1: 4.0, 2: -3.0, 3: 4.0 / 3.0, 4: -0.25}
+_BACKWARD_WEIGHTS = {-steps: -weight for steps, weight in _FORWARD_WEIGHTS.items()}
 
 
 @dataclass(frozen=True)
@@ -47,11 +48,11 @@ class Sensitivities:
     """Metrics of a flight and their derivatives.
 
     Attributes:
-        fields: of the scenario, by path.
-        values: (fields,) of them.
-        metrics: the flight's, by name.
-        crash_time: s; infinite for a vehicle that did not crash. After a crash they are those of the flight until then.
-        gradients: (fields,) derivatives of each metric, by name; NaN for one that is zero, where it has a kink.
+        fields: paths of the fields of the scenario.
+        values: (fields,) values of the fields.
+        metrics: metrics of the flight, by name. After a crash they are those of the flight until then.
+        crash_time: time of the crash, s; infinite without a crash.
+        gradients: (fields,) derivatives of each metric, by name; NaN for a metric that is zero, where it has a kink.
     """
 
     fields: tuple[str, ...]
@@ -73,7 +74,7 @@ def flight_sensitivities(scenario: Scenario, fields: Sequence[str], *, sample: i
         InputError: a field is not a number, or the flight does not depend smoothly on it.
     """
     if not fields:
-        raise InputError("there is no field to differentiate by")
+        raise InputError("cannot compute sensitivities: no field is given; name at least one, such as vehicle.mass")
     sample = scenario.sample if sample is None else sample
     if sample is None:
         refuse_distributions(distributions_in(scenario))
@@ -91,58 +92,60 @@ def flight_sensitivities(scenario: Scenario, fields: Sequence[str], *, sample: i
     context = simulator.get_mutable_context()
     context.SetTimeStateAndParametersFrom(start)
     layout.write(converted, context, InitializeAutoDiff(nominal, gradient=seeds.T).ravel())
-    # The floating-point flags that arithmetic on objects leaves behind mean nothing.
+    # Arithmetic on arrays of objects raises floating-point flags without meaning.
     with np.errstate(all="ignore"):
         fly(simulator, flight_duration(scenario, plan), jumps=jump_times(Batch.draw(scenario, [0])))
         metrics = read_metrics(converted, context)
-    found = {name: getattr(metrics, name)[0] for name in DIFFERENTIABLE}
+    values_by_name = {name: getattr(metrics, name)[0] for name in DIFFERENTIABLE}
     (crash,) = metrics.crash_time
     crash_time = crash.value()
-    if np.isnan(found["rmse"].value()):
-        raise InputError(f"crashed at {crash_time:.2f} s, before a tick counted for the metrics")
+    if np.isnan(values_by_name["rmse"].value()):
+        raise InputError(f"the vehicle crashed at {crash_time:.2f} s, before the first tick that the metrics include")
     return Sensitivities(
         tuple(fields),
         values,
-        {name: value.value() for name, value in found.items()},
+        {name: value.value() for name, value in values_by_name.items()},
         crash_time,
-        {name: _gradient(value, len(fields)) for name, value in found.items()},
+        {name: _gradient(value, len(fields)) for name, value in values_by_name.items()},
     )
 
 
 def _structure(diagram: Diagram) -> list[Any]:
     """Return the structure of a diagram: its leaf systems, with their options and sizes."""
-    found = []
+    leaves = []
     for path in sorted(leaf_paths(diagram)):
-        given = getattr(subsystem(diagram, path), "structure", {})
-        found.append((path, {name: value for name, value in given.items() if isinstance(value, bool | int | str)}))
-    return found
+        options = getattr(subsystem(diagram, path), "structure", {})
+        leaves.append((path, {name: value for name, value in options.items() if isinstance(value, bool | int | str)}))
+    return leaves
 
 
 def _seed(scenario: Scenario, plan: Plan, field: str, layout: ContextVector, nominal: np.ndarray) -> np.ndarray:
     """Return the derivative of all numbers of the default context with respect to a field."""
     if field.startswith("route."):
-        raise InputError(f"{field} changes the plan, which is not differentiated")
-    if field.endswith(_COMPARED):
-        raise InputError(f"{field} decides when something happens; a flight depends on it in jumps")
+        raise InputError(f"cannot differentiate with respect to {field}: it changes the plan")
+    if field.endswith(_COMPARED_FIELDS):
+        raise InputError(f"cannot differentiate with respect to {field}: the flight depends on it discontinuously")
     value = number_at(scenario, field)
     step = _STEP * (abs(value) or 1.0)
     seed, structure = np.zeros_like(nominal), _structure(build_tracking_diagram(scenario, plan=plan))
     for neighbour, weight in _neighbours(scenario, field, value, step):
         diagram = build_tracking_diagram(neighbour, plan=plan)
         if _structure(diagram) != structure or ContextVector(diagram, parameters=True).names != layout.names:
-            raise InputError(f"{field} changes the structure of the diagram at {value:g}; it has no derivative there")
+            raise InputError(
+                f"cannot differentiate with respect to {field}: the structure of the diagram changes at {value:g}"
+            )
         numbers = layout.read(diagram, diagram.CreateDefaultContext())
-        moved = np.subtract(numbers, nominal, out=np.zeros_like(nominal), where=numbers != nominal)
-        seed += weight / step * moved
+        change = np.subtract(numbers, nominal, out=np.zeros_like(nominal), where=numbers != nominal)
+        seed += weight / step * change
     if not seed.any():
-        raise InputError(f"{field} is not a number that the flight depends on smoothly")
+        raise InputError(f"cannot differentiate with respect to {field}: the flight does not depend on it smoothly")
     return seed
 
 
 def _neighbours(scenario: Scenario, field: str, value: float, step: float) -> list[tuple[Scenario, float]]:
-    """Scenarios with a field a few steps away, and the weights of differences to the scenario itself."""
+    """Return scenarios with a field a few steps away, and the weights of the differences to the scenario itself."""
     refusals = []
-    for weights in (_AROUND, _ABOVE, _BELOW):
+    for weights in (_CENTRAL_WEIGHTS, _FORWARD_WEIGHTS, _BACKWARD_WEIGHTS):
         try:
             return [(with_number(scenario, field, value + k * step), weight) for k, weight in weights.items()]
         except InputError as error:
@@ -151,7 +154,7 @@ def _neighbours(scenario: Scenario, field: str, value: float, step: float) -> li
 
 
 def _gradient(value: Any, size: int) -> np.ndarray:
-    if value.value() < _NO_ERROR:
+    if value.value() < _MIN_METRIC:
         return np.full(size, np.nan)
     gradient = ExtractGradient(np.array([value]))
     return gradient[0] if gradient.shape[1] else np.zeros(size)

@@ -1,16 +1,16 @@
-"""Maps which gains stabilise a loop, and how well they fly."""
+"""Maps of stable gains, and of the flight performance with them."""
 
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from drake_quad.design.cascade import turned_on_board
+from drake_quad.design.cascade import on_board_angle_plant
 from drake_quad.errors import InputError
 from drake_quad.fleets.study_fleet import StudyFleet
 from drake_quad.flight.mission import plan_route
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.linear.closed_loop import loop_by_axes, on_board_plant
+from drake_quad.linear.closed_loop import decoupled_loop, on_board_plant
 from drake_quad.linear.margins import fast_margins, frequencies
 from drake_quad.linear.sampled_system import SampledSystem
 from drake_quad.scenario.batch import Batch, draw_sample
@@ -18,25 +18,25 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import replaced
 
 Loop = Literal["position", "attitude"]
-_ON_BOARD = "laboratory.autopilot"
+_AUTOPILOT_BLOCK = "laboratory.autopilot"
 
-# Modes that die faster than this within a tick are delay lines, whose damping means nothing.
-_FAST = 0.05
-_POINTS = 300
+# Poles of smaller magnitude belong to delay lines, whose damping is meaningless.
+_MIN_POLE_MAGNITUDE = 0.05
+_NUM_FREQUENCIES = 300
 # Difference of a gain between two linear models. They are affine in the gain, so that any value would do.
-_STEP = 1.0
+_GAIN_STEP = 1.0
 # Entries below this, relative to the largest one, are rounding errors of states that do not depend on the gain.
-_ROUNDING = 1e-9
+_ROUNDING_TOLERANCE = 1e-9
 
 
 class MappedGains(NamedTuple):
     """The two gains of a map.
 
     Attributes:
-        block: of a scenario that they are fields of, by its path.
-        fields: their names there.
-        symbols: k_P and k_D as they are written, or the names of gains on board.
-        units: of both.
+        block: path of the block of a scenario that contains the gains.
+        fields: names of their fields.
+        symbols: k_P and k_D for display, or the names of gains on board.
+        units: units of the gains.
     """
 
     block: str
@@ -68,22 +68,23 @@ class StabilityMap(NamedTuple):
     @property
     def stable(self) -> np.ndarray:
         """True where all poles lie inside the unit circle."""
-        return self.size < 1.0 - 1e-9  # an integrator that is left alone is found on either side of 1
+        return self.size < 1.0 - 1e-9  # Rounding moves the pole of an integrator slightly to either side of 1.
 
 
 def mapped_gains(scenario: Scenario, loop: Loop) -> MappedGains:
-    """Which gains of a scenario's loop are mapped: those of the PD on the ground, or those of an autopilot.
+    """Return the gains of a map: those of the PD on the ground, or those of an autopilot.
 
     Raises:
-        InputError: the attitude is asked for and responds as a whole, without gains.
+        InputError: the map is that of the attitude, and the autopilot has no gains.
     """
     autopilot = scenario.laboratory.autopilot
     if loop == "position" or not autopilot.controls_attitude:
         return MappedGains(f"control.{loop}", ("k_p", "k_d"), ("k_P", "k_D"), ("1/s²", "1/s"))
     if autopilot.loop_gains:
-        return MappedGains(_ON_BOARD, autopilot.loop_gains, autopilot.loop_gains, ("1/s", "1/s"))
+        return MappedGains(_AUTOPILOT_BLOCK, autopilot.loop_gains, autopilot.loop_gains, ("1/s", "1/s"))
     raise InputError(
-        f"with laboratory.autopilot of kind {autopilot.kind} the attitude has no gains that could be mapped"
+        f"cannot map the attitude: laboratory.autopilot is of kind {autopilot.kind}, which has no gains; use kind"
+        " attitude"
     )
 
 
@@ -91,61 +92,64 @@ def linear_map(scenario: Scenario, loop: Loop, first: np.ndarray, second: np.nda
     """Return the map of a scenario's loop in its linear model, see `mapped_plant`.
 
     Args:
-        scenario: whose loop it is.
-        loop: position or attitude.
-        first: (rows,) of the first of the `mapped_gains`.
-        second: (columns,) of the second.
+        scenario: scenario with the loop.
+        loop: "position" or "attitude".
+        first: (rows,) values of the first of the `mapped_gains`.
+        second: (columns,) values of the second one.
 
     Raises:
-        InputError: see `mapped_gains` and `mapped_plant`.
+        InputError: an error of `mapped_gains` or `mapped_plant`.
     """
     plant, (outer, inner) = mapped_plant(scenario, loop), np.meshgrid(first, second, indexing="ij")
-    if mapped_gains(scenario, loop).block == _ON_BOARD:
-        outer = inner * outer  # the attitude loop around the rate loop: u = k_rate (k_attitude (θ_r - θ) - q)
-    return _mapped(plant, np.stack([outer, inner], axis=-1))
+    if mapped_gains(scenario, loop).block == _AUTOPILOT_BLOCK:
+        outer = inner * outer  # attitude loop around a rate loop: u = k_rate (k_attitude (θ_r - θ) - q)
+    return _map_of(plant, np.stack([outer, inner], axis=-1))
 
 
 def stability_map(plant: SampledSystem, k_p: np.ndarray, k_d: np.ndarray) -> StabilityMap:
     """Return the map of a PD around a plant, from the poles and the frequency response of every loop.
 
     Args:
-        plant: from a commanded acceleration to the measured value and rate.
-        k_p: (rows,) 1/s².
-        k_d: (columns,) 1/s.
+        plant: plant from a commanded acceleration to the measured value and rate.
+        k_p: (rows,) values of k_P, 1/s².
+        k_d: (columns,) values of k_D, 1/s.
     """
-    return _mapped(plant, np.stack(np.meshgrid(k_p, k_d, indexing="ij"), axis=-1))
+    return _map_of(plant, np.stack(np.meshgrid(k_p, k_d, indexing="ij"), axis=-1))
 
 
-def _mapped(plant: SampledSystem, gains: np.ndarray) -> StabilityMap:
-    """Return the map of (rows, columns, 2) gains on a value and its rate."""
+def _map_of(plant: SampledSystem, gains: np.ndarray) -> StabilityMap:
+    """Return the map for gains (rows, columns, 2) on the value and on the rate."""
     closed = plant.A - plant.B @ (gains[..., np.newaxis, :] @ plant.C)
     poles = np.linalg.eigvals(closed)
-    lasting = np.where(np.abs(poles) > _FAST, poles, _FAST)
-    rates = np.log(lasting.astype(complex))
-    damping = np.where(np.abs(poles) > _FAST, -rates.real / np.maximum(np.abs(rates), 1e-12), 1.0).min(axis=-1)
-    grid = frequencies(plant.period, points=_POINTS)
+    clipped_poles = np.where(np.abs(poles) > _MIN_POLE_MAGNITUDE, poles, _MIN_POLE_MAGNITUDE)
+    rates = np.log(clipped_poles.astype(complex))
+    damping = np.where(np.abs(poles) > _MIN_POLE_MAGNITUDE, -rates.real / np.maximum(np.abs(rates), 1e-12), 1.0).min(
+        axis=-1
+    )
+    grid = frequencies(plant.period, points=_NUM_FREQUENCIES)
     response = plant.response(np.exp(1j * grid * plant.period))[..., 0]
     delay = fast_margins(gains @ response.T, grid).delay
-    whole = StabilityMap(np.abs(poles).max(axis=-1), damping, delay)
-    return StabilityMap(whole.size, *(np.where(whole.stable, values, np.nan) for values in whole[1:]))
+    result = StabilityMap(np.abs(poles).max(axis=-1), damping, delay)
+    return StabilityMap(result.size, *(np.where(result.stable, values, np.nan) for values in result[1:]))
 
 
 def mapped_plant(scenario: Scenario, loop: Loop) -> SampledSystem:
-    """Return the plant along x that the gains of one loop act on, with the rest of the scenario's loop closed.
+    """Return the plant along x for the gains of one loop, with the rest of the scenario's loop closed.
 
-    On the ground that is made of linear models of the whole loop, whose matrix from tick to tick is A - b (k_P c_P +
-    k_D c_D), since a PD acts at one place. So everything around the PD is in it, the other loop of the cascade,
-    integrals and estimates; but no network, which learns and has no linear model. For the attitude on board it is what
-    the autopilot turns, over a period of the autopilot; the position loop, which ticks less often, is not in it.
+    For a PD on the ground the plant follows from linear models of the whole closed loop, whose matrix over a tick is A
+    - b (k_P c_P + k_D c_D). The plant therefore contains everything around the PD: the other loop of the cascade,
+    integrals and estimators. It does not contain a network, which learns and has no linear model. For the attitude on
+    board the plant is that of the autopilot, over a period of the autopilot. It does not contain the position loop,
+    which has a longer period.
 
     Raises:
         InputError: there is no such plant, or the attitude has no gains, see `mapped_gains`.
     """
     mapped = mapped_gains(scenario, loop)
     scenario = draw_sample(scenario, scenario.sample) if scenario.sample is not None else scenario
-    if mapped.block == _ON_BOARD:
-        whole = on_board_plant(scenario, vehicle="as it is")
-        return turned_on_board(whole, "pitch", scenario.nominal.inertia[1])
+    if mapped.block == _AUTOPILOT_BLOCK:
+        on_board = on_board_plant(scenario, vehicle="actual")
+        return on_board_angle_plant(on_board, "pitch", scenario.nominal.inertia[1])
     control = scenario.cascade.model_copy(update={"network": None})
     axis = 0 if loop == "position" else 1
     gains = [float(getattr(getattr(control, loop), name)[axis]) for name in mapped.fields]
@@ -153,30 +157,34 @@ def mapped_plant(scenario: Scenario, loop: Loop) -> SampledSystem:
     def model(pair: Sequence[float]) -> SampledSystem:
         values = {f"{mapped.block}.{name}.{axis}": value for name, value in zip(mapped.fields, pair, strict=True)}
         with_gains = scenario.model_copy(update={"control": control})
-        return loop_by_axes(replaced(with_gains, lambda path, value: values.get(path, value)))
+        return decoupled_loop(replaced(with_gains, lambda path, value: values.get(path, value)))
 
-    own = model(gains)
-    slopes = [(own.A - model(np.add(gains, step)).A) / _STEP for step in _STEP * np.eye(2)]
+    base = model(gains)
+    slopes = [(base.A - model(np.add(gains, step)).A) / _GAIN_STEP for step in _GAIN_STEP * np.eye(2)]
     outer, sizes, rows = np.linalg.svd(np.hstack(slopes), full_matrices=False)
-    b, c = (np.where(np.abs(x) > _ROUNDING * np.abs(x).max(), x, 0.0) for x in (outer[:, :1], sizes[0] * rows[0]))
+    b, c = (
+        np.where(np.abs(x) > _ROUNDING_TOLERANCE * np.abs(x).max(), x, 0.0) for x in (outer[:, :1], sizes[0] * rows[0])
+    )
     c = c.reshape(2, -1)
     outputs = tuple(f"{mapped.block}.{name}" for name in mapped.fields)
-    alone = own.A + b @ np.atleast_2d(gains) @ c
-    return SampledSystem(alone, b, c, np.zeros((2, 1)), own.period, own.states, ("command",), outputs).connected()
+    A_without_pd = base.A + b @ np.atleast_2d(gains) @ c
+    return SampledSystem(
+        A_without_pd, b, c, np.zeros((2, 1)), base.period, base.states, ("command",), outputs
+    ).connected()
 
 
-def flown_map(
+def simulated_map(
     scenario: Scenario, loop: Loop, first: np.ndarray, second: np.ndarray, *, sample: int = 0, compiled: bool = True
 ) -> Metrics:
-    """Fly a scenario with every pair of gains in one fleet, all in the same wind and noise.
+    """Simulate a scenario with every pair of gains in one fleet, with the same wind and noise.
 
     Args:
-        scenario: whose route is flown.
-        loop: whose gains differ: on x and y of the position, or on roll and pitch.
-        first: (rows,) of the first of the `mapped_gains`.
-        second: (columns,) of the second.
-        sample: of the scenario's study.
-        compiled: whether the diagram is compiled to machine code; else it flies as it is wired.
+        scenario: scenario with the route.
+        loop: loop with the gains, on x and y of the position, or on roll and pitch.
+        first: (rows,) values of the first of the `mapped_gains`.
+        second: (columns,) values of the second one.
+        sample: sample of the scenario's study.
+        compiled: True to simulate with machine code, False for the uncompiled diagram.
 
     Returns:
         (rows, columns) arrays of each metric.

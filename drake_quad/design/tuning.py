@@ -1,11 +1,11 @@
-"""Numbers of a controller, chosen by one protocol: least error on training samples, under a limit on the loop.
+"""Tuning of a controller's numbers by one protocol: least error on training samples, under a limit on the loop.
 
-Every controller gets the same budget. It is the cross-entropy method (R. Y. Rubinstein and D. P. Kroese, "The
-cross-entropy method", 2004) over the logarithms of the numbers: in each round points of a normal distribution are flown
-by one fleet on the training samples, and the best fourth of them are what the next distribution is made of. A linear
-model takes as long as a thousand flights, and so the limit is looked at for a few of the best of each round, and told
-for the others by radial basis functions through all that have been looked at. Three local searches from the best
-follow, which look at the limit at every step.
+Every controller gets the same budget. The search is the cross-entropy method (R. Y. Rubinstein and D. P. Kroese, "The
+cross-entropy method", 2004) over the logarithms of the numbers. In each round a fleet simulates points of a normal
+distribution on the training samples, and the best quarter of them determines the next distribution. A linear model
+takes as long as a thousand flights. The limit is therefore evaluated for a few of the best points of each round only,
+and predicted for the others by radial basis functions. Three local searches from the best point follow, which evaluate
+the limit at every step.
 """
 
 import math
@@ -25,31 +25,33 @@ from drake_quad.scenario.distributions import Choice
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import replaced
 
-# Cost of a flight that ends in a crash, m: one crash in 25 flights costs as much as 4 cm of error in all of them.
-# An early crash costs up to twice as much, so that a search finds its way where all flights crash.
-_CRASH = 1.0
+# Cost of a flight that ends in a crash, m: one crash in 25 flights costs as much as 4 cm of error in all of them. An
+# earlier crash costs up to twice as much, so that a search makes progress where all flights crash.
+_CRASH_COST = 1.0
 LATENCY = "laboratory.motion_capture.latency_frames"
-# Share of the points that make the next distribution, and the part of the way there that is gone; least deviation of
-# each number, in logarithms, against an early end; by how much more often the limit is looked at in the first round.
-_ELITE, _STEP, _LEAST, _FIRST = 0.25, 0.7, 0.01, 4
+_ELITE_SHARE = 0.25  # share of the points that determine the next distribution
+_STEP = 0.7  # step from the present distribution towards that of the elite, from 0 to 1
+_MIN_DEVIATION = 0.01  # of the logarithm of each number, against premature convergence
+_FIRST_CHECKS_FACTOR = 4  # factor on the number of evaluations of the limit in the first round
 # Penalty on the logarithm of the error, relative to the logarithm by which the limit is missed.
 _PENALTY = 4.0
-# How much better the limit may be kept than told, in logarithms, a width of the box away from what has been looked at,
-# at the beginning; what is kept from the limit, since what is told is not exact.
-_DOUBT, _RESERVE = 0.5, 0.002
-# First steps of the local searches, in widths of the box.
-_RADII = 0.15, 0.08, 0.04
+# Assumed error of the predicted limit in the first round, in logarithms, per width of the box from evaluated points.
+_INITIAL_DOUBT = 0.5
+# Distance that is kept from the limit, in logarithms, because predictions are not exact.
+_LIMIT_RESERVE = 0.002
+# Initial steps of the local searches, relative to the width of the box.
+_LOCAL_STEPS = (0.15, 0.08, 0.04)
 # Smallest and largest share of the limit that the search distinguishes.
-_ENDS = 0.2, 1.5
+_SHARE_RANGE = (0.2, 1.5)
 
 
 class Knob(NamedTuple):
-    """A number that is tuned.
+    """Tuned number.
 
     Attributes:
-        paths: of the fields that have it, such as `control.position.k_p.0`.
-        low: the least that is tried, larger than zero.
-        high: the largest that is tried.
+        paths: paths of the fields that have this number, such as `control.position.k_p.0`.
+        low: least value that is tried; it must be positive.
+        high: largest value that is tried.
     """
 
     paths: tuple[str, ...]
@@ -66,11 +68,11 @@ class Budget(NamedTuple):
     """Budget for the tuning of each controller.
 
     Attributes:
-        rounds: of the search.
-        candidates: flown in each round.
-        samples: on which each of them is flown, in all laboratories together.
-        checks: of the limit in each round.
-        steps: of each of three local searches, from the best of all rounds.
+        rounds: number of rounds of the search.
+        candidates: number of candidates that are simulated in each round.
+        samples: number of samples for each candidate, in all laboratories together.
+        checks: number of evaluations of the limit in each round.
+        steps: number of steps of each of the three local searches after all rounds.
     """
 
     rounds: int = 12
@@ -92,21 +94,24 @@ class LoopLimit(NamedTuple):
     delay: float = 0.05
 
     def shares_met(self, scenario: Scenario) -> np.ndarray:
-        """The shares of the limit that the loops of a scenario meet; 1 or more where it is kept, all 0 if unstable."""
+        """Return the shares of the limit that the loops of a scenario meet, all 0 for an unstable loop.
+
+        A share of 1 or more means that the limit is met.
+        """
         try:
-            found = fast_link_margins(scenario)
+            margins = fast_link_margins(scenario)
         except InputError:
             return np.zeros(1)
-        return np.concatenate([self.sensitivity / found.sensitivity, found.delay / self.delay])
+        return np.concatenate([self.sensitivity / margins.sensitivity, margins.delay / self.delay])
 
 
-class Tuned(NamedTuple):
+class TuningResult(NamedTuple):
     """Result of a tuning.
 
     Attributes:
-        numbers: of the knobs, in their order.
-        error: mean RMSE on the training samples, with 1 to 2 m for each that crashed, m.
-        share: of the limit that is met; 1 or more if it is kept, infinite if there is none.
+        numbers: values of the knobs, in their order.
+        error: mean RMSE on the training samples, with 1 to 2 m for each crash, m.
+        share: share of the limit that is met; 1 or more if the limit is met, infinite if there is none.
     """
 
     numbers: tuple[float, ...]
@@ -122,120 +127,124 @@ def tune(
     budget: Budget = Budget(),
     first_sample: int = 0,
     seed: int = 0,
-    later: float = 0.0,
+    extra_latency: float = 0.0,
     before: Sequence[float] | None = None,
     progress: Callable[[], None] | None = None,
-) -> Tuned:
-    """Tune the numbers of a controller: those of the lateral axes first, then those of the vertical one.
+) -> TuningResult:
+    """Tune the numbers of a controller: those of the lateral axes first, then those of the vertical axis.
 
-    The two hardly touch each other, and the rounds are shared out by how many numbers each has. The vertical numbers
-    wait in the middle of their ranges.
+    The two are almost independent. The rounds are divided between them in proportion to their numbers of knobs. Until
+    the second stage the vertical numbers have the middle of their ranges.
 
     Args:
-        scenarios: laboratories with the controller, whose own numbers do not matter; the limit is that of the first.
-        knobs: that are turned.
-        shares_met: the shares of the limit that the loops of a scenario meet, as those of `LoopLimit`; None if there is
-            no limit.
-        budget: of the search.
-        first_sample: of the training samples, which follow each other.
-        seed: of the search.
-        later: by how much later frames come in as many flights again, of which only crashes count, s: the limit of what
-            has no linear model.
-        before: numbers that an earlier search found, one more candidate for the local searches; those out of range are
-            brought to its ends.
-        progress: called after each round.
+        scenarios: laboratories with the controller, whose own numbers are ignored. The limit is that of the first.
+        knobs: tuned numbers.
+        shares_met: function that returns the shares of the limit that the loops of a scenario meet, such as
+            `LoopLimit.shares_met`; None without a limit.
+        budget: budget of the search.
+        first_sample: first of the consecutive training samples.
+        seed: seed of the search.
+        extra_latency: additional latency of the frames in a second set of flights, in which only crashes count, s. It
+            limits controllers that have no linear model.
+        before: numbers from an earlier search, an additional starting point of the local searches; numbers out of range
+            are clipped.
+        progress: function that is called after each round.
 
     Returns:
-        The candidate of least error among those that keep the limit; if none does, the one that meets most of it.
+        The candidate of least error among those that meet the limit; if none does, the one that meets most of it.
     """
     numbers = [math.sqrt(knob.low * knob.high) for knob in knobs]
-    found = Tuned((), math.inf, 0.0)
-    for stage in filter(None, ([i for i, knob in enumerate(knobs) if knob.vertical is way] for way in (False, True))):
+    best = TuningResult((), math.inf, 0.0)
+    for stage in filter(
+        None, ([i for i, knob in enumerate(knobs) if knob.vertical is vertical] for vertical in (False, True))
+    ):
         rounds = max(round(budget.rounds * len(stage) / len(knobs)), 1)
-        search = _GainSearch([knobs[i] for i in stage], budget._replace(rounds=rounds), first_sample, seed, later)
-        found = search.run([with_numbers(each, knobs, numbers) for each in scenarios], shares_met, progress)
-        for i, number in zip(stage, found.numbers, strict=True):
+        search = _GainSearch(
+            [knobs[i] for i in stage], budget._replace(rounds=rounds), first_sample, seed, extra_latency
+        )
+        best = search.run([with_numbers(each, knobs, numbers) for each in scenarios], shares_met, progress)
+        for i, number in zip(stage, best.numbers, strict=True):
             numbers[i] = number
-    found = found._replace(numbers=tuple(numbers))
-    trial = _Trial(scenarios, knobs, budget._replace(candidates=1), first_sample, later)
+    best = best._replace(numbers=tuple(numbers))
+    trial = _Trial(scenarios, knobs, budget._replace(candidates=1), first_sample, extra_latency)
     if before is not None:
         point = np.clip(trial.point(before), 0.0, 1.0)
         share = math.inf if shares_met is None else float(shares_met(trial.scenario(point)).min())
-        found = _better(found, Tuned(trial.numbers(point), float(trial.errors(point[np.newaxis])[0]), share))
-    for radius in _RADII:
-        found = _better(found, _local_search(trial, found, shares_met, radius, budget.steps))
+        best = _better(best, TuningResult(trial.numbers(point), float(trial.errors(point[np.newaxis])[0]), share))
+    for radius in _LOCAL_STEPS:
+        best = _better(best, _local_search(trial, best, shares_met, radius, budget.steps))
         if progress is not None:
             progress()
-    return found
+    return best
 
 
 def _local_search(
-    trial: "_Trial", start: Tuned, shares_met: Callable[[Scenario], np.ndarray] | None, radius: float, steps: int
-) -> Tuned:
-    """The best of a search with linear models of the error and of the shares (M. J. D. Powell's COBYLA, 1994)."""
+    trial: "_Trial", start: TuningResult, shares_met: Callable[[Scenario], np.ndarray] | None, radius: float, steps: int
+) -> TuningResult:
+    """Return the best point of a search with linear models of error and shares (M. J. D. Powell's COBYLA, 1994)."""
     tried: dict[bytes, tuple[float, np.ndarray]] = {}
     best, first = start, trial.point(start.numbers)
     unlimited = np.array([math.inf])
 
-    def looked_at(point: np.ndarray) -> tuple[float, np.ndarray]:
-        """Logarithms of the error and of the shares."""
+    def evaluated(point: np.ndarray) -> tuple[float, np.ndarray]:
+        """Return the logarithms of the error and of the shares."""
         nonlocal best
         point = np.clip(point, 0.0, 1.0)
         if point.tobytes() not in tried:
             error = float(trial.errors(point[np.newaxis])[0])
             shares = unlimited if shares_met is None else shares_met(trial.scenario(point))
-            best = _better(best, Tuned(trial.numbers(point), error, float(shares.min())))
+            best = _better(best, TuningResult(trial.numbers(point), error, float(shares.min())))
             tried[point.tobytes()] = math.log(error), _near_limit(shares, max(count, len(shares)))
         return tried[point.tobytes()]
 
     count = 0
-    count = len(looked_at(first)[1])
+    count = len(evaluated(first)[1])
     scipy.optimize.minimize(
-        lambda point: looked_at(point)[0],
+        lambda point: evaluated(point)[0],
         first,
         method="COBYLA",
-        constraints={"type": "ineq", "fun": lambda point: looked_at(point)[1] - _RESERVE},
+        constraints={"type": "ineq", "fun": lambda point: evaluated(point)[1] - _LIMIT_RESERVE},
         options={"rhobeg": radius, "tol": 1e-3, "maxiter": max(steps, len(first) + 2)},
     )
     return best
 
 
 class _GainSearch(NamedTuple):
-    """The search for some numbers, all at once."""
+    """Search for several numbers at once."""
 
     knobs: Sequence[Knob]
     budget: Budget
     first_sample: int
     seed: int
-    later: float
+    extra_latency: float
 
     def run(
         self,
         scenarios: Sequence[Scenario],
         shares_met: Callable[[Scenario], np.ndarray] | None,
         progress: Callable[[], None] | None,
-    ) -> Tuned:
-        """Return the best that is found; arguments as for `tune`."""
+    ) -> TuningResult:
+        """Return the best candidate; arguments are those of `tune`."""
         count, size = len(self.knobs), self.budget.candidates
-        trial = _Trial(scenarios, self.knobs, self.budget, self.first_sample, self.later)
+        trial = _Trial(scenarios, self.knobs, self.budget, self.first_sample, self.extra_latency)
         # Coordinates are relative to the box, from 0 to 1.
         points = scipy.stats.qmc.Sobol(count, seed=self.seed).random(2 ** math.ceil(math.log2(size)))[:size]
         normal = np.random.default_rng(self.seed)
-        known, mean, spread = _Known(count), np.full(count, 0.5), np.eye(count) / 12.0
-        best = Tuned((), math.inf, 0.0)
+        evaluated, mean, spread = _EvaluatedPoints(count), np.full(count, 0.5), np.eye(count) / 12.0
+        best = TuningResult((), math.inf, 0.0)
         for number in range(self.budget.rounds):
             errors = trial.errors(points)
-            doubt = _DOUBT * (1.0 - number / self.budget.rounds)
-            order = np.argsort(np.log(errors) + known.penalties(points, doubt))
+            doubt = _INITIAL_DOUBT * (1.0 - number / self.budget.rounds)
+            order = np.argsort(np.log(errors) + evaluated.penalties(points, doubt))
             if shares_met is None:
-                best = _better(best, Tuned(trial.numbers(points[order[0]]), float(errors[order[0]]), math.inf))
+                best = _better(best, TuningResult(trial.numbers(points[order[0]]), float(errors[order[0]]), math.inf))
             else:
-                for i in order[: self.budget.checks * (_FIRST if number == 0 else 1)]:
+                for i in order[: self.budget.checks * (_FIRST_CHECKS_FACTOR if number == 0 else 1)]:
                     shares = shares_met(trial.scenario(points[i]))
-                    known.add(points[i], shares)
-                    best = _better(best, Tuned(trial.numbers(points[i]), float(errors[i]), float(shares.min())))
-                order = np.argsort(np.log(errors) + known.penalties(points, doubt))
-            elite = points[order[: max(round(_ELITE * size), 2)]]
+                    evaluated.add(points[i], shares)
+                    best = _better(best, TuningResult(trial.numbers(points[i]), float(errors[i]), float(shares.min())))
+                order = np.argsort(np.log(errors) + evaluated.penalties(points, doubt))
+            elite = points[order[: max(round(_ELITE_SHARE * size), 2)]]
             mean = mean + _STEP * (elite.mean(axis=0) - mean)
             spread = spread + _STEP * (np.cov(elite.T, ddof=0).reshape(spread.shape) - spread)
             points = np.clip(normal.multivariate_normal(mean, spread + np.diag(trial.least**2), size), 0.0, 1.0)
@@ -245,28 +254,35 @@ class _GainSearch(NamedTuple):
 
 
 class _Trial:
-    """Candidates, as points of the box of all knobs, and the fleets that fly them."""
+    """Candidates as points of the box of all knobs, and the fleets that simulate them."""
 
     def __init__(
-        self, scenarios: Sequence[Scenario], knobs: Sequence[Knob], budget: Budget, first_sample: int, later: float
+        self,
+        scenarios: Sequence[Scenario],
+        knobs: Sequence[Knob],
+        budget: Budget,
+        first_sample: int,
+        extra_latency: float,
     ) -> None:
         self._scenarios, self._knobs = scenarios, knobs
         self._samples = _training_samples(budget, len(scenarios), first_sample)
         size = budget.candidates * len(self._samples)
         self._fleets = [StudyFleet(each, plan_route(each), size) for each in scenarios]
         self._late_fleets = [
-            StudyFleet(with_later_frames(each, later), plan_route(each), size) for each in scenarios if later
+            StudyFleet(with_extra_latency(each, extra_latency), plan_route(each), size)
+            for each in scenarios
+            if extra_latency
         ]
         self._low, high = np.log([[knob.low, knob.high] for knob in knobs]).T
         self._width = high - self._low
-        self.least = _LEAST / self._width
+        self.least = _MIN_DEVIATION / self._width
 
     def numbers(self, point: np.ndarray) -> tuple[float, ...]:
         """Return the numbers of the knobs at a point."""
         return tuple(np.exp(self._low + self._width * point).tolist())
 
     def point(self, numbers: Sequence[float]) -> np.ndarray:
-        """Return the point at which the knobs have these numbers."""
+        """Return the point at which the knobs have given values."""
         return (np.log(numbers) - self._low) / self._width
 
     def scenario(self, point: np.ndarray) -> Scenario:
@@ -274,51 +290,56 @@ class _Trial:
         return with_numbers(self._scenarios[0], self._knobs, self.numbers(point))
 
     def errors(self, points: np.ndarray) -> np.ndarray:
-        """(count,) mean errors at points, m."""
+        """Return the mean errors (count,) at points, m."""
         columns = np.repeat(np.exp(self._low + self._width * points), len(self._samples), axis=0).T
         varying = {path: column for knob, column in zip(self._knobs, columns, strict=True) for path in knob.paths}
-        found = [_errors(*self._flown(fleet, varying, len(points))) for fleet in self._fleets]
-        late = [_crashes(*self._flown(fleet, varying, len(points))) for fleet in self._late_fleets]
-        return np.asarray(np.mean(found, axis=0) + sum(late, np.zeros(len(points))) / len(found))
+        errors = [_errors(*self._flights(fleet, varying, len(points))) for fleet in self._fleets]
+        late = [_crashes(*self._flights(fleet, varying, len(points))) for fleet in self._late_fleets]
+        return np.asarray(np.mean(errors, axis=0) + sum(late, np.zeros(len(points))) / len(errors))
 
-    def _flown(self, fleet: StudyFleet, varying: dict[str, np.ndarray], count: int) -> tuple[Metrics, float, int]:
-        """Return the flights of some candidates, how long they were to last, and the number of candidates."""
+    def _flights(self, fleet: StudyFleet, varying: dict[str, np.ndarray], count: int) -> tuple[Metrics, float, int]:
+        """Return the flights of several candidates, their planned duration, and the number of candidates."""
         batch = Batch.draw(fleet.scenario, [*self._samples] * count).with_varying(varying)
         return fleet.fly_batch(batch), fleet.duration, count
 
 
-def delay_stood(
-    scenarios: Sequence[Scenario], most: float, *, budget: Budget = Budget(), first_sample: int = 0
+def tolerated_delay(
+    scenarios: Sequence[Scenario], max_latency: float, *, budget: Budget = Budget(), first_sample: int = 0
 ) -> float:
-    """Return the largest additional latency of the cameras for which no training flight crashes, s, in whole frames.
+    """Return the largest additional latency of the cameras without a crash in any training flight, s, in whole frames.
 
     Args:
         scenarios: laboratories with the controller.
-        most: that is looked at, s.
-        budget: with the number of training flights.
-        first_sample: of the training samples.
+        max_latency: largest latency that is tried, s.
+
+        budget: budget with the number of training samples.
+        first_sample: first of the training samples.
     """
     samples = _training_samples(budget, len(scenarios), first_sample)
     frame = scenarios[0].laboratory.motion_capture.period
 
-    def crash(later: float) -> bool:
-        fleets = (StudyFleet(with_later_frames(each, later), plan_route(each), len(samples)) for each in scenarios)
+    def crash(extra_latency: float) -> bool:
+        fleets = (
+            StudyFleet(with_extra_latency(each, extra_latency), plan_route(each), len(samples)) for each in scenarios
+        )
         return any(fleet.fly(samples).crashed.any() for fleet in fleets)
 
-    return next((frames * frame for frames in range(round(most / frame), 0, -1) if not crash(frames * frame)), 0.0)
+    return next(
+        (frames * frame for frames in range(round(max_latency / frame), 0, -1) if not crash(frames * frame)), 0.0
+    )
 
 
 def _training_samples(budget: Budget, laboratories: int, first: int) -> range:
-    """Return the samples that are flown in each laboratory."""
+    """Return the training samples of each laboratory."""
     return range(first, first + max(budget.samples // laboratories, 1))
 
 
-def with_later_frames(scenario: Scenario, later: float) -> Scenario:
-    """Return the scenario with camera frames delayed by a further time (s), rounded to whole frames."""
+def with_extra_latency(scenario: Scenario, extra_latency: float) -> Scenario:
+    """Return the scenario with an additional latency of camera frames (s), rounded to whole frames."""
     cameras = scenario.laboratory.motion_capture
-    frames = float(round(later / cameras.period))
+    frames = float(round(extra_latency / cameras.period))
 
-    def added(path: str, value: Any) -> Any:
+    def with_added_frames(path: str, value: Any) -> Any:
         if path != LATENCY:
             return value
         return (
@@ -327,30 +348,30 @@ def with_later_frames(scenario: Scenario, later: float) -> Scenario:
             else value + frames
         )
 
-    return replaced(scenario, added)
+    return replaced(scenario, with_added_frames)
 
 
 def with_numbers(scenario: Scenario, knobs: Sequence[Knob], numbers: Sequence[float]) -> Scenario:
-    """Return the scenario with the numbers of knobs."""
+    """Return the scenario with given values of the knobs."""
     values = {path: value for knob, value in zip(knobs, numbers, strict=True) for path in knob.paths}
     return replaced(scenario, lambda path, value: values.get(path, value))
 
 
 def _errors(metrics: Metrics, duration: float, count: int) -> np.ndarray:
-    """(count,) mean errors of candidates, m."""
+    """Return the mean errors (count,) of candidates, m."""
     flown = np.where(metrics.crashed, 0.0, metrics.rmse).reshape(count, -1).mean(axis=1)
     return np.asarray(flown + _crashes(metrics, duration, count))
 
 
 def _crashes(metrics: Metrics, duration: float, count: int) -> np.ndarray:
-    """(count,) means of what candidates are charged for crashes, m."""
-    left = 1.0 - np.minimum(metrics.crash_time, duration) / duration
-    charged = np.where(metrics.crashed, _CRASH * (1.0 + left), 0.0)
-    return np.asarray(charged.reshape(count, -1).mean(axis=1))
+    """Return the mean costs (count,) of the candidates' crashes, m."""
+    remaining_share = 1.0 - np.minimum(metrics.crash_time, duration) / duration
+    costs = np.where(metrics.crashed, _CRASH_COST * (1.0 + remaining_share), 0.0)
+    return np.asarray(costs.reshape(count, -1).mean(axis=1))
 
 
-class _Known:
-    """Evaluated points of a search, with the shares of the limit that are met at each."""
+class _EvaluatedPoints:
+    """Evaluated points of a search, with the shares of the limit that each one meets."""
 
     def __init__(self, dimensions: int) -> None:
         self._dimensions = dimensions
@@ -358,37 +379,37 @@ class _Known:
         self._shares: list[np.ndarray] = []
 
     def add(self, point: np.ndarray, shares: np.ndarray) -> None:
-        """Add a point that has been looked at."""
+        """Add an evaluated point."""
         self._points.append(point)
         self._shares.append(shares)
 
     def penalties(self, points: np.ndarray, doubt: float) -> np.ndarray:
-        """(count,) penalties on the logarithm of the error, for what is told to break the limit.
+        """Return penalties (count,) on the logarithm of the error, for points that are predicted to violate the limit.
 
-        What is far from all that has been looked at is given the benefit of the doubt, or nobody would ever look there.
+        The penalty decreases with the distance to evaluated points, so that the search also explores unknown regions.
 
         Args:
-            points: (count, dimensions).
-            doubt: how much better the limit may be kept than told, in logarithms, a width of the box away.
+            points: (count, dimensions) points.
+            doubt: assumed error of the prediction, in logarithms, per width of the box from evaluated points.
         """
         # The interpolation needs as many points as determine a plane.
         if len(self._points) <= self._dimensions + 1:
             return np.zeros(len(points))
         count = max(map(len, self._shares))
         shares = [_near_limit(each, count) for each in self._shares]
-        told = scipy.interpolate.RBFInterpolator(self._points, shares, smoothing=1e-4)(points).min(axis=1)
-        far = scipy.spatial.distance.cdist(points, self._points).min(axis=1)
-        return np.asarray(_PENALTY * np.maximum(_RESERVE - told - doubt * far, 0.0))
+        predicted = scipy.interpolate.RBFInterpolator(self._points, shares, smoothing=1e-4)(points).min(axis=1)
+        distance = scipy.spatial.distance.cdist(points, self._points).min(axis=1)
+        return np.asarray(_PENALTY * np.maximum(_LIMIT_RESERVE - predicted - doubt * distance, 0.0))
 
 
 def _near_limit(shares: np.ndarray, count: int) -> np.ndarray:
-    """(count,) logarithms of shares of the limit, of which one alone stands for an unstable loop.
+    """Return logarithms (count,) of shares of the limit; a single share, that of an unstable loop, is repeated.
 
-    Far from the limit shares jump, with a crossing of a loop or with its stability, and need not be known.
+    Shares are clipped, because far from the limit they are discontinuous and need not be known exactly.
     """
-    return np.log(np.clip(np.broadcast_to(shares, count), *_ENDS))
+    return np.log(np.clip(np.broadcast_to(shares, count), *_SHARE_RANGE))
 
 
-def _better(first: Tuned, second: Tuned) -> Tuned:
-    """Return the least error of those that keep the limit; of none, what meets most of it."""
+def _better(first: TuningResult, second: TuningResult) -> TuningResult:
+    """Return the candidate with the least error among those that meet the limit, else the one that meets most of it."""
     return min(first, second, key=lambda each: (-min(each.share, 1.0), each.error))

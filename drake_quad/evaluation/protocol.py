@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drake_quad.design.lqg import LqgLimits, design_lqg
-from drake_quad.design.tuning import Budget, LoopLimit, Tuned, delay_stood, tune
+from drake_quad.design.tuning import Budget, LoopLimit, TuningResult, tolerated_delay, tune
 from drake_quad.errors import InputError
 from drake_quad.evaluation.designs import design_file, designs_in, write_designs
 from drake_quad.evaluation.entries import ControllerEntry, entries_of
@@ -81,8 +81,8 @@ def design_family(
         later = 0.0
         if entry.around:
             alone = training(diagrams, family, f"{path}:{entry.around}", entry)
-            later = delay_stood(alone, limit.delay, budget=budget)
-        found = tune(scenarios, entry.knobs, shares, budget=budget, later=later, before=before)
+            later = tolerated_delay(alone, limit.delay, budget=budget)
+        found = tune(scenarios, entry.knobs, shares, budget=budget, extra_latency=later, before=before)
         words = _words(entry, found, budget, later)
         write_designs(path, {controller: entry.tree(found.numbers)}, said={controller: words}, head=_head(name, limit))
         yield Designed(controller, words)
@@ -158,7 +158,7 @@ def _shares(limit: LoopLimit) -> Callable[[Scenario], np.ndarray]:
     return lambda scenario: limit.shares_met(middle_of(scenario))
 
 
-def _words(entry: ControllerEntry, found: Tuned, budget: Budget, later: float = 0.0) -> str:
+def _words(entry: ControllerEntry, found: TuningResult, budget: Budget, later: float = 0.0) -> str:
     """What came of a tuning."""
     words = f"{len(entry.knobs)} numbers tuned in {budget.rounds} rounds, {100.0 * found.error:.2f} cm in training"
     if later:

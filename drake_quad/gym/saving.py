@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from ruamel.yaml import YAML
 
-from drake_quad.control.policy.network import Activation, Dense, Network, passed
+from drake_quad.control.policy.network import Activation, Dense, Network, evaluate_network
 from drake_quad.errors import InputError
 from drake_quad.files import output_folder
 from drake_quad.framework.symbols import Matrix
@@ -158,7 +158,7 @@ def acted(
     given = [Layer(*each) for each in layers]
     neurons = tuple([Dense(Matrix(each.weights, each.biases), each.activation, each.alpha) for each in given])
     network = Network(neurons, observations.shape[1], first, factor, limit)
-    return np.clip(np.transpose(passed(network, [*observations.T], ()).output), -1.0, 1.0)
+    return np.clip(np.transpose(evaluate_network(network, [*observations.T], ()).output), -1.0, 1.0)
 
 
 def task_in(env: Any) -> Scenario:

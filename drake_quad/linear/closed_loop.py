@@ -1,4 +1,4 @@
-"""The loop of a scenario at rest: its equilibrium, its linear model, and the plants that its controllers act on."""
+"""The closed loop of a scenario in hover: its equilibrium, its linear model, and the plants of its controllers."""
 
 from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple
@@ -28,24 +28,24 @@ from drake_quad.vehicle.effects import hover_equivalent
 from drake_quad.vehicle.motors import ThrottleModel, believed_rotor_speeds
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
-# Subsystems that only observe the loop.
-WATCHERS = ("monitor", "recorder")
+# These subsystems only observe the loop.
+PASSIVE_SYSTEMS = ("monitor", "recorder")
 _HOVER = HoverRoute(kind="hover", position=(0.0, 0.0, 1.0))
-# Ticks after which the equilibrium is sought (the first grids that do not quite coincide are behind), and how still
-# everything must be (in SI units over a period) to be called one.
-_TICKS, _STILL = 4, 1e-9
-# Number of steps of Newton's method.
-_STEPS = 20
+# Ticks after which Newton's method starts; the periodic grids of a diagram do not coincide exactly in the first ones.
+_NUM_SETTLING_TICKS = 4
+# Largest change of the state over a period in an equilibrium, in SI units.
+_EQUILIBRIUM_TOLERANCE = 1e-9
+_MAX_NEWTON_STEPS = 20
 
 
 class ClosedLoop(NamedTuple):
-    """A diagram in equilibrium.
+    """Closed loop in equilibrium.
 
     Attributes:
-        diagram: of the closed loop.
-        context: at a tick, before its events.
-        system: what `linearize` makes of it: x⁺ = A x over a tick of the control, or over the period of the cameras or
-            the vehicle's time step if that is longer.
+        diagram: diagram of the closed loop.
+        context: context of the diagram at a tick, before the events of the tick.
+        system: linearisation x⁺ = A x over a control period, or over the period of the cameras or the vehicle's time
+            step if that is longer.
     """
 
     diagram: Diagram
@@ -56,11 +56,11 @@ class ClosedLoop(NamedTuple):
 def closed_loop(scenario: Scenario, *, position_controller: Any = None, control: Any = None) -> ClosedLoop:
     """Find the equilibrium of a scenario's loop at rest and linearise it there.
 
-    Newton's method solves x = Φ(x), starting in hover at the reference. In wind, or with an uneven vehicle, a PD
-    settles beside the reference.
+    Newton's method solves x = Φ(x), starting in hover at the reference. In wind, or with an asymmetric vehicle, a PD
+    has a steady error.
 
     Args:
-        scenario: scenario, of which `at_rest` is linearised.
+        scenario: scenario whose `at_rest` is linearised.
         position_controller: system that replaces the scenario's position controller; see `build_tracking_diagram`.
         control: system that replaces the whole cascade; see `build_tracking_diagram`.
 
@@ -69,17 +69,17 @@ def closed_loop(scenario: Scenario, *, position_controller: Any = None, control:
     """
     resting = at_rest(scenario)
     diagram = build_tracking_diagram(resting, position_controller=position_controller, control=control)
-    return _settled(scenario.name, diagram, diagram.CreateDefaultContext(), max(_periods(resting).values()))
+    return _in_equilibrium(scenario.name, diagram, diagram.CreateDefaultContext(), max(_periods(resting).values()))
 
 
 def loop_with_injection(scenario: Scenario, *, position_controller: Any = None, control: Any = None) -> ClosedLoop:
-    """Return the closed loop from an addition to the signals of the command link to these signals.
+    """Return the closed loop from additions to the signals of the command link to the sums of signals and additions.
 
-    The inputs of the system are `injection.0`, `injection.1`, ..., its outputs `injected.0` and so on, row by row of
-    what the link carries.
+    The inputs of the system are `injection.0`, `injection.1`, ..., its outputs `injected.0`, `injected.1`, ..., one for
+    each row of the signal on the link.
 
     Args:
-        scenario: scenario, of which `at_rest` is linearised.
+        scenario: scenario whose `at_rest` is linearised.
         position_controller: system that replaces the scenario's position controller; see `build_tracking_diagram`.
         control: system that replaces the whole cascade; see `build_tracking_diagram`.
 
@@ -91,30 +91,30 @@ def loop_with_injection(scenario: Scenario, *, position_controller: Any = None, 
     for name, other in _periods(resting).items():
         if other > period:
             raise InputError(
-                f"{name} is {other:g} s, but what goes over the link is looked at every tick, {period:g} s"
+                f"{name} is {other:g} s, but margins at the command link need periods up to its {period:g} s"
             )
-    own = UserSystems(position_controller, control)
-    diagram = build_fleet_diagram(Batch.draw(resting, [0]), plan_route(resting), own=own, injects=True)
+    user_systems = UserSystems(position_controller, control)
+    diagram = build_fleet_diagram(Batch.draw(resting, [0]), plan_route(resting), own=user_systems, injects=True)
     context = diagram.CreateDefaultContext()
     port = diagram.GetInputPort("injection")
     port.FixValue(context, np.zeros(port.size()))
-    return _settled(scenario.name, diagram, context, period, inputs=["injection"], outputs=["injected"])
+    return _in_equilibrium(scenario.name, diagram, context, period, inputs=["injection"], outputs=["injected"])
 
 
 def loop_with_noise(hovering: Scenario) -> tuple[ClosedLoop, np.ndarray]:
-    """Return the loop from its noise and turbulence to the vehicle's state.
+    """Return the closed loop from noise and turbulence to the state of the vehicle.
 
-    The inputs of the system are normal numbers of deviation 1, those of a whole period for each stream; its outputs
-    are the rows of `state`.
+    The inputs of the system are standard normal numbers, those of a whole period for each stream. Its outputs are the
+    rows of `state`.
 
     Args:
-        hovering: a scenario of `in_hover`.
+        hovering: scenario of `in_hover`.
 
     Returns:
-        The loop in its equilibrium, and by how much (12,) the state is beside the reference there.
+        The loop in its equilibrium, and the deviation (12,) of the state from the reference there.
 
     Raises:
-        InputError: as `closed_loop`.
+        InputError: an error of `closed_loop`.
     """
     period = max(_periods(hovering).values())
     plan = plan_route(hovering)
@@ -123,58 +123,58 @@ def loop_with_noise(hovering: Scenario) -> tuple[ClosedLoop, np.ndarray]:
     ports = [diagram.get_input_port(i) for i in range(diagram.num_input_ports())]
     for port in ports:
         port.FixValue(context, np.zeros(port.size()))
-    loop = _settled(
+    loop = _in_equilibrium(
         hovering.name, diagram, context, period, inputs=[port.get_name() for port in ports], outputs=["state"]
     )
-    beside = diagram.GetOutputPort("state").Eval(loop.context).copy()
-    beside[:3] -= evaluate(plan.path, [0.0])[:, 0]
-    return loop, beside
+    offset = diagram.GetOutputPort("state").Eval(loop.context).copy()
+    offset[:3] -= evaluate(plan.path, [0.0])[:, 0]
+    return loop, offset
 
 
-def _settled(name: str, diagram: Diagram, context: Context, period: float, **ports: Sequence[str]) -> ClosedLoop:
-    """Move a context to the equilibrium nearest to it, and return the linear system over a period (s)."""
-    at_tick(diagram, _TICKS * period, context)
-    layout = ContextVector(diagram, without=WATCHERS)
-    for _ in range(_STEPS):
-        system, moved = linearize(diagram, context, period=period, without=WATCHERS, **ports)
-        worst = int(np.argmax(np.abs(moved)))
-        if np.abs(moved[worst]) < _STILL:
+def _in_equilibrium(name: str, diagram: Diagram, context: Context, period: float, **ports: Sequence[str]) -> ClosedLoop:
+    """Move a context to the nearest equilibrium, and return the linear system over a period (s)."""
+    at_tick(diagram, _NUM_SETTLING_TICKS * period, context)
+    layout = ContextVector(diagram, without=PASSIVE_SYSTEMS)
+    for _ in range(_MAX_NEWTON_STEPS):
+        system, change = linearize(diagram, context, period=period, without=PASSIVE_SYSTEMS, **ports)
+        worst = int(np.argmax(np.abs(change)))
+        if np.abs(change[worst]) < _EQUILIBRIUM_TOLERANCE:
             return ClosedLoop(diagram, context, system)
-        if not (np.isfinite(moved).all() and np.isfinite(system.A).all()):
+        if not (np.isfinite(change).all() and np.isfinite(system.A).all()):
             break
-        step = np.linalg.lstsq(np.eye(len(moved)) - system.A, moved, rcond=None)[0]
+        step = np.linalg.lstsq(np.eye(len(change)) - system.A, change, rcond=None)[0]
         layout.write(diagram, context, layout.read(diagram, context) + step)
     raise InputError(
-        f"the loop of {name} has no equilibrium near hover: {layout.names[worst]} still moves by"
-        f" {moved[worst]:.3g} a tick"
+        f"the loop of {name} has no equilibrium near hover: {layout.names[worst]} still changes by"
+        f" {change[worst]:.3g} per period"
     )
 
 
 class LaboratoryPlant(NamedTuple):
-    """The linear model of a laboratory in hover.
+    """Linear model of a laboratory in hover.
 
     Attributes:
-        system: from `wrench` or, with an autopilot, from `attitude_target` to `measurement`, over a tick of the
-            control. The rotors' four states are turned into the thrust and the torques that they stand for, so that the
-            axes come apart.
-        specific_thrust: commanded in hover, over the believed mass, m/s²: a horizontal acceleration takes a tilt of as
-            much less, eq (7). It is g for a vehicle that is as believed.
+        system: system from `wrench` or, with an autopilot, from `attitude_target` to `measurement`, over a control
+            period. Thrust and torques of the rotors replace their four speeds as states, so that the axes are
+            decoupled.
+        specific_thrust: commanded thrust in hover per mass of the nominal vehicle, m/s². By eq (7) the tilt for a
+            horizontal acceleration is inversely proportional to it. It is g if the vehicle is the nominal one.
     """
 
     system: SampledSystem
     specific_thrust: float
 
 
-def laboratory_plant(scenario: Scenario, *, vehicle: Literal["believed", "as it is"] = "believed") -> LaboratoryPlant:
-    """Return the plant that a scenario's controllers act on, in hover in still air.
+def laboratory_plant(scenario: Scenario, *, vehicle: Literal["nominal", "actual"] = "nominal") -> LaboratoryPlant:
+    """Return the plant of a scenario's controllers, in hover in still air.
 
     Args:
         scenario: scenario with the laboratory.
-        vehicle: "believed" for the vehicle of `as_believed`; "as it is" for the vehicle that flies, without what
-            couples its axes: errors of single rotors, an offset of the centre of mass, and misaligned markers.
+        vehicle: "nominal" for the vehicle of `as_believed`; "actual" for the vehicle of the scenario, without effects
+            that couple its axes: errors of single rotors, an offset of the centre of mass, and misaligned markers.
 
     Raises:
-        InputError: if hover is no equilibrium, or a period is longer than that of the control.
+        InputError: if hover is not an equilibrium, or a period is longer than that of the control.
     """
     resting = _in_still_air(scenario, vehicle)
     period = resting.laboratory.command_link.period
@@ -188,29 +188,30 @@ def laboratory_plant(scenario: Scenario, *, vehicle: Literal["believed", "as it 
     hover = _hover_speeds(resting)
     wrench = _hover_wrench(resting, hover)
     link, command = recipes["command_link"], resting.laboratory.autopilot.command
-    held = link.numbers.initial._replace(thrust=wrench.thrust) if command == "attitude_target" else wrench
-    laboratory.GetInputPort(command).FixValue(context, held)
-    link._replace(numbers=link.numbers._replace(initial=held)).reset(laboratory, "command_link", context)
-    at_tick(laboratory, _TICKS * period, context)
-    system, moved = linearize(laboratory, context, period=period, inputs=[command], outputs=["measurement"])
-    worst = int(np.argmax(np.abs(moved)))
-    if not np.abs(moved[worst]) < _STILL:
+    initial = link.numbers.initial._replace(thrust=wrench.thrust) if command == "attitude_target" else wrench
+    laboratory.GetInputPort(command).FixValue(context, initial)
+    link._replace(numbers=link.numbers._replace(initial=initial)).reset(laboratory, "command_link", context)
+    at_tick(laboratory, _NUM_SETTLING_TICKS * period, context)
+    system, change = linearize(laboratory, context, period=period, inputs=[command], outputs=["measurement"])
+    worst = int(np.argmax(np.abs(change)))
+    if not np.abs(change[worst]) < _EQUILIBRIUM_TOLERANCE:
         raise InputError(
-            f"hover is not an equilibrium of {scenario.name}: {system.states[worst]} moves by {moved[worst]:.3g} a tick"
+            f"hover is not an equilibrium of {scenario.name}: {system.states[worst]} changes by {change[worst]:.3g} per"
+            " period"
         )
     return LaboratoryPlant(
-        _with_axes_apart(system, hover, vehicle_parameters(resting.vehicle)),
+        _with_wrench_states(system, hover, vehicle_parameters(resting.vehicle)),
         float(wrench.thrust / resting.nominal.mass),
     )
 
 
-def _in_still_air(scenario: Scenario, vehicle: Literal["believed", "as it is"]) -> Scenario:
-    """Return the scenario of which plants are made, in hover at (0, 0, 1)."""
-    return as_believed(scenario) if vehicle == "believed" else symmetric_hover(at_rest(scenario))
+def _in_still_air(scenario: Scenario, vehicle: Literal["nominal", "actual"]) -> Scenario:
+    """Return the scenario of a plant: the vehicle in hover at (0, 0, 1), in still air."""
+    return as_believed(scenario) if vehicle == "nominal" else symmetric_hover(at_rest(scenario))
 
 
 def _hover_speeds(resting: Scenario) -> RotorSpeed:
-    """Return the rotor speeds in hover of a resting scenario's vehicle, rad/s.
+    """Return the rotor speeds in hover of the vehicle of a scenario at rest, rad/s.
 
     Raises:
         InputError: the rotors cannot hold the vehicle in hover.
@@ -226,7 +227,7 @@ def _hover_speeds(resting: Scenario) -> RotorSpeed:
 
 
 def _hover_wrench(resting: Scenario, hover: RotorSpeed) -> Wrench:
-    """Return the wrench that commands these rotor speeds according to the nominal model."""
+    """Return the wrench that commands given rotor speeds according to the nominal model."""
     believed, commanded = nominal_parameters(resting), hover
     flown, known = resting.vehicle.effect_numbers().thrust_curve, resting.nominal.motors.thrust_curve()
     if flown is not None and known is not None:
@@ -235,38 +236,40 @@ def _hover_wrench(resting: Scenario, hover: RotorSpeed) -> Wrench:
     return rotor_action(commanded, believed).wrench
 
 
-def _with_axes_apart(system: SampledSystem, hover: RotorSpeed, parameters: QuadrotorParameters) -> SampledSystem:
-    """Return the system with thrust and torques in place of the speeds of the rotors, which hover at some."""
-    turning = "vehicle.rotor_speed."
-    rotors = [i for i, name in enumerate(system.states) if turning in name]
-    inside, _, _ = system.states[rotors[0]].partition(turning)
-    names = [f"{inside}vehicle.rotors.{name}" for name in Wrench._fields]
+def _with_wrench_states(system: SampledSystem, hover: RotorSpeed, parameters: QuadrotorParameters) -> SampledSystem:
+    """Return the system with thrust and torques of the rotors as states instead of their speeds, near hover."""
+    suffix = "vehicle.rotor_speed."
+    rotors = [i for i, name in enumerate(system.states) if suffix in name]
+    prefix, _, _ = system.states[rotors[0]].partition(suffix)
+    names = [f"{prefix}vehicle.rotors.{name}" for name in Wrench._fields]
     pattern = _wrench_pattern(hover, parameters)
     return system.transformed(rotors, pattern, names)
 
 
-def loop_by_axes(scenario: Scenario) -> SampledSystem:
-    """Return the linear model of `closed_loop`, with thrust and torques in place of the speeds of the rotors.
+def decoupled_loop(scenario: Scenario) -> SampledSystem:
+    """Return the linear model of `closed_loop` with decoupled axes.
 
-    An even vehicle's axes then have no state in common.
+    Thrust and torques of the rotors are states instead of their speeds. For a symmetric vehicle each state then belongs
+    to one axis.
 
     Raises:
-        InputError: as `closed_loop`, or the rotors cannot hold the vehicle.
+        InputError: an error of `closed_loop`, or the rotors cannot hold the vehicle in hover.
     """
     resting = at_rest(scenario)
     hover = _hover_speeds(resting)
-    return _with_axes_apart(closed_loop(scenario).system, hover, vehicle_parameters(resting.vehicle))
+    return _with_wrench_states(closed_loop(scenario).system, hover, vehicle_parameters(resting.vehicle))
 
 
-def on_board_plant(scenario: Scenario, *, vehicle: Literal["believed", "as it is"] = "believed") -> SampledSystem:
+def on_board_plant(scenario: Scenario, *, vehicle: Literal["nominal", "actual"] = "nominal") -> SampledSystem:
     """Return the plant of an autopilot's loops: from `wrench` to `state`, over a period of the autopilot.
 
-    The autopilot sees the state of its instant, and its wrench acts from then on. So does a fixed input here: just
-    before an instant's events a stepping vehicle still has the state of a step before, and there the period begins.
+    The autopilot reads the state at a tick, and its wrench acts from that tick on. Here a period begins just before the
+    events of a tick, when a stepping vehicle still has the state of the previous step, and the input is constant over
+    the period. This gives the same delay.
 
     Args:
-        scenario: with an autopilot of kind attitude.
-        vehicle: as in `laboratory_plant`.
+        scenario: scenario with an autopilot of kind `attitude`.
+        vehicle: "nominal" or "actual", as in `laboratory_plant`.
 
     Raises:
         InputError: the vehicle has a continuous state, or cannot hover.
@@ -275,34 +278,37 @@ def on_board_plant(scenario: Scenario, *, vehicle: Literal["believed", "as it is
     period = resting.laboratory.autopilot.period
     assert period is not None
     if not resting.vehicle.time_step > 0.0:
-        raise InputError("vehicle.time_step is 0 s, but loops on board are designed for a vehicle that steps")
+        raise InputError("vehicle.time_step is 0 s, but loops on board are designed for a positive time step")
     plan = plan_route(resting)
     recipes = laboratory_recipes(Batch(resting, (0,), {}), plan, plan.duration)
     builder = DiagramBuilder()
     allocated = split_output(builder, "allocation", recipes["allocation"].build(1))
-    flown = builder.AddNamedSystem("vehicle", recipes["vehicle"].build(1))
-    (told,) = (name for name in allocated if name != "shortfall")
-    builder.Connect(allocated[told], flown.GetInputPort(told))
+    vehicle_system = builder.AddNamedSystem("vehicle", recipes["vehicle"].build(1))
+    (command,) = (name for name in allocated if name != "shortfall")
+    builder.Connect(allocated[command], vehicle_system.GetInputPort(command))
     builder.ExportInput(builder.GetSubsystemByName("allocation").GetInputPort("wrench"), "wrench")
-    builder.ExportOutput(flown.GetOutputPort("state"), "state")
+    builder.ExportOutput(vehicle_system.GetOutputPort("state"), "state")
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
     hover = _hover_speeds(resting)
     diagram.GetInputPort("wrench").FixValue(context, _hover_wrench(resting, hover))
-    at_tick(diagram, _TICKS * period, context)
+    at_tick(diagram, _NUM_SETTLING_TICKS * period, context)
     system, _ = linearize(diagram, context, period=period, inputs=["wrench"], outputs=["state"])
-    return _with_axes_apart(system, hover, vehicle_parameters(resting.vehicle))
+    return _with_wrench_states(system, hover, vehicle_parameters(resting.vehicle))
 
 
 def _wrench_pattern(hover: RotorSpeed, parameters: QuadrotorParameters) -> np.ndarray:
-    """(4, 4) from rotor speeds to what makes thrust and torques near hover, eq (5); the largest of each row is 1."""
+    """Return the matrix (4, 4) from rotor speeds to thrust and torques near hover, eq (5).
+
+    The largest entry of each row is scaled to 1.
+    """
     columns = [rotor_action(RotorSpeed(*column), parameters).wrench for column in np.diag(np.sqrt(hover))]
     pattern = np.array(columns).T
     return pattern / np.abs(pattern).max(axis=1, keepdims=True)
 
 
 def _periods(scenario: Scenario) -> dict[str, float]:
-    """Return the periods of all that happens in a loop, s; 0 for a vehicle that moves continuously."""
+    """Return all periods of a loop by name, s; 0 for a vehicle that moves continuously."""
     periods = {joined(*path): period for path, period in scenario.periods.items()}
     loops = scenario.control.loop_period(scenario.laboratory.command_link.period)
     return periods | {"vehicle.time_step": scenario.vehicle.time_step, "control.period": loops}

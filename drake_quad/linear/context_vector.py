@@ -1,4 +1,4 @@
-"""The numbers of a diagram's context, as one vector with names."""
+"""The numbers in a diagram's context, as one vector with names."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any, Literal, NamedTuple
@@ -22,7 +22,7 @@ class _Group(NamedTuple):
 
 
 def leaf_paths(diagram: Diagram, *, without: Sequence[str] = ()) -> Iterator[tuple[str, ...]]:
-    """Yield the names on the way to each leaf system of a diagram, but for those in subsystems of some names."""
+    """Yield the names of the systems that lead to each leaf system of a diagram, without subsystems of given names."""
     for part in diagram.GetSystems():
         name = part.get_name()
         if name in without:
@@ -36,16 +36,16 @@ def leaf_paths(diagram: Diagram, *, without: Sequence[str] = ()) -> Iterator[tup
 class ContextVector:
     """State of a diagram, leaf system by leaf system, and optionally its numeric parameters.
 
-    The names are those of the systems on the way, of the group and of the row, as in
-    `laboratory.vehicle.state.pitch`. The same layout serves the diagram's other scalar types.
+    An element's name consists of the names of its systems, of the group and of the row, as in
+    `laboratory.vehicle.state.pitch`. The same layout applies to other scalar types of the diagram.
 
     Args:
-        diagram: whose context it is.
+        diagram: diagram to which the contexts belong.
         without: names of subsystems that are left out.
-        parameters: whether numeric parameters are in it.
+        parameters: True if numeric parameters are included.
 
     Raises:
-        InputError: a system holds a state that is not made of numbers.
+        InputError: a system has an abstract state.
     """
 
     def __init__(self, diagram: Diagram, *, without: Sequence[str] = (), parameters: bool = False) -> None:
@@ -58,8 +58,8 @@ class ContextVector:
         return np.concatenate([np.empty(0), *parts])
 
     def write(self, diagram: Diagram, root: Context, numbers: np.ndarray) -> None:
-        """Put (n,) numbers into a diagram's context."""
-        numbers, first = np.ascontiguousarray(numbers), 0  # Drake 1.51 takes no others
+        """Write (n,) numbers to a diagram's context."""
+        numbers, first = np.ascontiguousarray(numbers), 0  # Drake 1.51 accepts only contiguous arrays.
         for group in self._groups:
             end = first + len(group.names)
             self._vector(diagram, root, group).SetFromVector(numbers[first:end])
@@ -78,13 +78,13 @@ class ContextVector:
 
 
 def port_rows(port: str, size: int) -> tuple[str, ...]:
-    """Return the names of the rows of a port of one vehicle: those of its signal, or numbers."""
+    """Return the names of the rows of a port of one vehicle, from its signal or as numbers."""
     names = row_names(port, size) if port in SIGNALS else map(str, range(size))
     return tuple(f"{port}.{name}" for name in names)
 
 
 def undotted(names: Sequence[str]) -> list[str]:
-    """Return the names as python-control takes them: with underscores for dots."""
+    """Return names for python-control, with underscores instead of dots."""
     return [name.replace(".", "_") for name in names]
 
 
@@ -93,7 +93,7 @@ def _groups(diagram: Diagram, root: Context, without: Sequence[str], parameters:
         system = subsystem(diagram, path)
         context = system.GetMyContextFromRoot(root)
         if context.num_abstract_states():
-            raise InputError(f"{'.'.join(path)} holds a state that is not made of numbers; it has no Jacobian")
+            raise InputError(f"{'.'.join(path)} has an abstract state, so it cannot be linearised")
         for number in range(context.num_discrete_state_groups()):
             size = context.get_discrete_state(number).size()
             yield _Group(path, "discrete", number, _names(path, system, "states", number, f"group_{number}", size))
@@ -108,7 +108,7 @@ def _groups(diagram: Diagram, root: Context, without: Sequence[str], parameters:
 def _names(
     path: Sequence[str], system: Any, kind: Literal["states", "parameters"], number: int | None, name: str, size: int
 ) -> tuple[str, ...]:
-    """The names of a vector's elements: a FleetSystem knows its rows; other elements, and vehicles, are numbered."""
+    """Return the names of a vector's elements: those of the rows of a FleetSystem, else numbers."""
     if isinstance(system, FleetSystem):
         (part,) = [part for part in getattr(system, kind).values() if part.index == number]
         rows = [".".join((*path, part.name, row)).rstrip(".") for row in part.layout.names]

@@ -1,8 +1,8 @@
 """Disturbances of a vehicle along its plan: their size and their correlation time.
 
-A vehicle that is where its plan wants it, turned as the plan wants it, with rotors as fast as the nominal vehicle would
-need them, is accelerated otherwise than planned by wind, drag, and whatever of the vehicle is not as believed. That
-difference is the disturbing acceleration, and a controller that shall stay on the plan must make up for it.
+Consider a vehicle with the position, attitude and rotor speeds that the nominal vehicle needs to follow the plan. Wind,
+drag, and deviations from the nominal vehicle make its acceleration differ from the planned one. This difference is the
+disturbing acceleration, which a controller must compensate to stay on the plan.
 """
 
 from typing import Any, NamedTuple
@@ -26,20 +26,20 @@ from drake_quad.signals import RotorSpeed, Wind
 from drake_quad.vehicle.dynamics import Motion
 from drake_quad.vehicle.motion import accelerations, rotor_state
 
-# Wind and drag change within tenths of a second.
+# Wind and drag change within tenths of a second, so that this step (s) resolves them.
 _STEP = 0.02
 # Second-order, critically damped noise with time constant T has the autocorrelation (1 + x) exp(-x) at the lag x T. It
 # is 1/2 at this x.
 _HALF_CORRELATION_LAG = 1.67835
 
 
-class Disturbed(NamedTuple):
+class DisturbanceSamples(NamedTuple):
     """Disturbing accelerations along a plan, at equal steps.
 
     Attributes:
-        step: s.
+        step: sampling period, s.
         acceleration: (3, times, N) along the axes of W, m/s².
-        turning: (2, times, N) of roll and pitch, rad/s².
+        turning: (2, times, N) angular accelerations of roll and pitch, rad/s².
     """
 
     step: float
@@ -47,7 +47,7 @@ class Disturbed(NamedTuple):
     turning: np.ndarray
 
 
-class Spectrum(NamedTuple):
+class DisturbanceStatistics(NamedTuple):
     """Statistics of a disturbance: a constant part of each flight, and a fluctuating rest.
 
     Attributes:
@@ -62,19 +62,20 @@ class Spectrum(NamedTuple):
     time: float
 
 
-def disturbances_along(batch: Batch, plan: Plan) -> Disturbed:
+def disturbances_along(batch: Batch, plan: Plan) -> DisturbanceSamples:
     """Sample the disturbances of the vehicles of a batch along a plan.
 
     Args:
         batch: vehicles, wind and random numbers.
-        plan: plan that is flown.
+        plan: plan that the vehicles follow.
     """
     scenario, fleet = batch.scenario, batch.fleet_scenario
     times = np.arange(0.0, flight_duration(scenario, plan), _STEP)
     position, velocity, acceleration = (np.array(evaluate(plan.flown_path, times, order)) for order in range(3))
     wind = _wind_along(batch, plan, times, position)
     demand = plan_demand(plan, nominal_parameters(scenario), times)
-    # Rows of (times, 1), so that numbers of the vehicles, of (N,), make them (times, N).
+    # Plan data have the shape (times, 1), and parameters of the vehicles (N,), so that results have the shape (times,
+    # N).
     columns: list[Any] = [np.asarray(row)[:, np.newaxis] for row in (*velocity, *demand.body_rates)]
     angles: list[Any] = [np.asarray(angle)[:, np.newaxis] for angle in demand.attitude]
     speeds: list[Any] = [np.asarray(row)[:, np.newaxis] for row in demand.rotor_speed]
@@ -86,18 +87,20 @@ def disturbances_along(batch: Batch, plan: Plan) -> Disturbed:
     height = position[2][:, np.newaxis]
     axes, motion = BodyAxes.of(*angles), Motion(*columns)
     rates = accelerations(axes, motion, None, height, spinning, Wind(*wind), parameters, effects).motion
-    believed = nominal_parameters(scenario)
-    still = Wind(0.0, 0.0, 0.0)
-    as_believed = rotor_state(rotors, rotors, believed, effects)
-    planned = accelerations(axes, motion, None, height, as_believed, still, believed, effects).motion
+    nominal = nominal_parameters(scenario)
+    still_air = Wind(0.0, 0.0, 0.0)
+    nominal_rotors = rotor_state(rotors, rotors, nominal, effects)
+    planned = accelerations(axes, motion, None, height, nominal_rotors, still_air, nominal, effects).motion
     shape = 1, len(times), len(batch)
-    pushed = [row - a[:, np.newaxis] for row, a in zip((rates.v_x, rates.v_y, rates.v_z), acceleration, strict=True)]
-    turned = [rates.p - planned.p, rates.q - planned.q]
-    whole, tilting = (np.concatenate([np.broadcast_to(row, shape) for row in rows]) for rows in (pushed, turned))
-    return Disturbed(_STEP, whole, tilting)
+    linear = [row - a[:, np.newaxis] for row, a in zip((rates.v_x, rates.v_y, rates.v_z), acceleration, strict=True)]
+    angular = [rates.p - planned.p, rates.q - planned.q]
+    linear_samples, angular_samples = (
+        np.concatenate([np.broadcast_to(row, shape) for row in rows]) for rows in (linear, angular)
+    )
+    return DisturbanceSamples(_STEP, linear_samples, angular_samples)
 
 
-def spectrum(disturbance: np.ndarray, step: float) -> Spectrum:
+def disturbance_statistics(disturbance: np.ndarray, step: float) -> DisturbanceStatistics:
     """Return the statistics of a disturbance over several flights.
 
     Args:
@@ -109,7 +112,9 @@ def spectrum(disturbance: np.ndarray, step: float) -> Spectrum:
     variance = float((rest**2).mean())
     lags = range(1, rest.shape[-2])
     half = next((lag for lag in lags if (rest[..., lag:, :] * rest[..., :-lag, :]).mean() < 0.5 * variance), 1)
-    return Spectrum(float(np.sqrt((mean**2).mean())), float(np.sqrt(variance)), half * step / _HALF_CORRELATION_LAG)
+    return DisturbanceStatistics(
+        float(np.sqrt((mean**2).mean())), float(np.sqrt(variance)), half * step / _HALF_CORRELATION_LAG
+    )
 
 
 def _wind_along(batch: Batch, plan: Plan, times: np.ndarray, position: np.ndarray) -> np.ndarray:
@@ -119,22 +124,22 @@ def _wind_along(batch: Batch, plan: Plan, times: np.ndarray, position: np.ndarra
     sources = {path.removeprefix("wind."): each.build(N) for path, each in recipes.items() if path.startswith("wind.")}
     builder = DiagramBuilder()
     streams = random_streams(sources, StreamKind.WIND)
-    air = builder.AddNamedSystem("wind", build_wind(sources, streams=streams, num_vehicles=N))
-    ports = {stream: air.GetInputPort(stream.name) for each in streams.values() for stream in each}
+    wind = builder.AddNamedSystem("wind", build_wind(sources, streams=streams, num_vehicles=N))
+    ports = {stream: wind.GetInputPort(stream.name) for each in streams.values() for stream in each}
     connect_noise(builder, ports, Samples(scenario.seed, batch.samples))
-    placed = air.HasInputPort("state")
-    if placed:
-        builder.ExportInput(air.GetInputPort("state"), "state")
-    builder.ExportOutput(air.GetOutputPort("wind"), "wind")
+    depends_on_position = wind.HasInputPort("state")
+    if depends_on_position:
+        builder.ExportInput(wind.GetInputPort("state"), "state")
+    builder.ExportOutput(wind.GetOutputPort("wind"), "wind")
     diagram = builder.Build()
     simulator = Simulator(diagram)
-    context, found = simulator.get_mutable_context(), []
-    rest = np.zeros(9)  # wind depends on the position alone
-    for time, place in zip(times, position.T, strict=True):
-        if placed:
-            diagram.GetInputPort("state").FixValue(context, np.repeat([*place, *rest], N))
-        # Pending events include the samples of this instant.
+    context, samples = simulator.get_mutable_context(), []
+    other_rows = np.zeros(9)  # Wind depends on the position alone.
+    for time, point in zip(times, position.T, strict=True):
+        if depends_on_position:
+            diagram.GetInputPort("state").FixValue(context, np.repeat([*point, *other_rows], N))
+        # The pending events include the noise samples of this instant.
         simulator.AdvanceTo(time)
         simulator.AdvancePendingEvents()
-        found.append(diagram.GetOutputPort("wind").Eval(context).reshape(3, N))
-    return np.array(found).transpose(1, 0, 2)
+        samples.append(diagram.GetOutputPort("wind").Eval(context).reshape(3, N))
+    return np.array(samples).transpose(1, 0, 2)

@@ -53,13 +53,17 @@ def linear_hover_error(scenario: Scenario) -> LinearHoverError:
     """
     loop, offset = loop_with_noise(without_losses(in_hover(scenario)))
     system = loop.system
-    seen = system.between(system.inputs, ["state.x", "state.y", "state.z"]).connected()
-    size = float(np.abs(seen.poles()).max(initial=0.0))
+    position_system = system.between(system.inputs, ["state.x", "state.y", "state.z"]).connected()
+    size = float(np.abs(position_system.poles()).max(initial=0.0))
     if size >= 1.0:
         raise InputError(
             f"the control loop of {scenario.name} is unstable in hover (its largest pole has magnitude {size:.4f}), so"
             " it has no RMS error; reduce the gains or the delays"
         )
-    covariance = scipy.linalg.solve_discrete_lyapunov(seen.A, seen.B @ seen.B.T) if len(seen.A) else seen.A
-    variance = np.einsum("ij,jk,ik->i", seen.C, covariance, seen.C)
+    covariance = (
+        scipy.linalg.solve_discrete_lyapunov(position_system.A, position_system.B @ position_system.B.T)
+        if len(position_system.A)
+        else position_system.A
+    )
+    variance = np.einsum("ij,jk,ik->i", position_system.C, covariance, position_system.C)
     return LinearHoverError(offset[:3], np.sqrt(np.maximum(variance, 0.0)))

@@ -1,12 +1,12 @@
-"""Margins of any control, broken where it goes over the link.
+"""Margins of any control system, with its loops broken at the command link.
 
-Whatever makes the command of a vehicle, a cascade, an optimal controller or a user's own, what goes over the link is
-thrust and roll, pitch and yaw: torques, or the angles that an autopilot is told. With something added to one of these,
+For any controller (a cascade, an optimal controller or a user's own) the link carries thrust and roll, pitch and yaw:
+as torques, or as angles that an autopilot follows. With an addition to one of these signals,
 
-    what goes over the link = S (what is added),    S = 1 / (1 + L)
+    signal on the link = S (addition),    S = 1 / (1 + L)
 
-is exact from the linear model of the whole loop, all other signals as they are in flight, and L = 1/S - 1 is the
-transfer function of the loop broken there.
+follows exactly from the linear model of the closed loop, in which all other signals are fed back. L = 1/S - 1 is the
+transfer function of the loop broken at this signal.
 """
 
 from dataclasses import replace
@@ -29,7 +29,7 @@ _NUM_NEAR_PEAK = 17  # frequencies between the neighbours of the largest point
 
 
 class FastLinkMargins(NamedTuple):
-    """Peak of |1 / (1 + L)| and delay margin (s) of what goes over the link, (signals with a loop around them,)."""
+    """Peak of |1 / (1 + L)|, and delay margin (s), for the signals on the link with feedback, (signals,)."""
 
     sensitivity: np.ndarray
     delay: np.ndarray
@@ -38,13 +38,13 @@ class FastLinkMargins(NamedTuple):
 def link_margins(
     scenario: Scenario, *, position_controller: Any = None, control: Any = None
 ) -> dict[str, Margins | None]:
-    """Return the margins of thrust, roll, pitch and yaw as they go over the link, by the names of the signals.
+    """Return the margins of thrust, roll, pitch and yaw at the command link, by the names of the signals.
 
-    These are `thrust`, `tau_x`, `tau_y` and `tau_z` of a `wrench` or `thrust`, `roll`, `pitch` and `yaw` of an
-    `attitude_target`. A signal without feedback has None, for example a yaw that only an autopilot controls.
+    The names are `thrust`, `tau_x`, `tau_y` and `tau_z` of a `wrench`, or `thrust`, `roll`, `pitch` and `yaw` of an
+    `attitude_target`. The value is None for a signal without feedback, such as a yaw that only an autopilot controls.
 
     Args:
-        scenario: scenario, of which `at_rest` is linearised, so that gusts and noise do not matter.
+        scenario: scenario whose `at_rest` is linearised, so that gusts and noise have no influence.
         position_controller: system that replaces the scenario's position controller; see `build_tracking_diagram`.
         control: system that replaces the whole control; see `build_tracking_diagram`.
 
@@ -58,20 +58,25 @@ def link_margins(
 def link_loops(
     scenario: Scenario, *, position_controller: Any = None, control: Any = None
 ) -> dict[str, SampledSystem | None]:
-    """Return the loop transfer functions L of `link_margins`; arguments and errors are as there."""
-    whole = _stable_loop(scenario, position_controller, control)
-    return {name: _opened(whole, row) for row, name in enumerate(_signals(scenario))}
+    """Return the loop transfer functions L of `link_margins`, with the same arguments and errors."""
+    closed = _stable_loop(scenario, position_controller, control)
+    return {name: _open_loop(closed, row) for row, name in enumerate(_signals(scenario))}
 
 
 def fast_link_margins(scenario: Scenario) -> FastLinkMargins:
-    """Return the margins that a search needs, ten times as fast as `link_margins`; errors are the same."""
-    whole = _stable_loop(scenario, None, None)
+    """Return sensitivity peaks and delay margins for a search, with the errors of `link_margins`.
+
+    The computation is ten times as fast.
+    """
+    closed = _stable_loop(scenario, None, None)
     rows = range(len(_signals(scenario)))
-    loops = whole.between([f"injection.{row}" for row in rows], [f"injected.{row}" for row in rows]).connected()
+    loops = closed.between([f"injection.{row}" for row in rows], [f"injected.{row}" for row in rows]).connected()
     grid = frequencies(loops.period, points=_NUM_FREQUENCIES, lowest=_MIN_FREQUENCY)
     S = _diagonal(loops, grid)
-    looped = np.flatnonzero(np.abs(S - 1.0).max(axis=1) > _MIN_ECHO)
-    return FastLinkMargins(_peaks(loops, looped, grid, S[looped]), fast_margins(1.0 / S[looped] - 1.0, grid).delay)
+    fed_back = np.flatnonzero(np.abs(S - 1.0).max(axis=1) > _MIN_ECHO)
+    return FastLinkMargins(
+        _peaks(loops, fed_back, grid, S[fed_back]), fast_margins(1.0 / S[fed_back] - 1.0, grid).delay
+    )
 
 
 def _peaks(loops: SampledSystem, rows: np.ndarray, grid: np.ndarray, S: np.ndarray) -> np.ndarray:
@@ -85,10 +90,10 @@ def _peaks(loops: SampledSystem, rows: np.ndarray, grid: np.ndarray, S: np.ndarr
     """
     top = np.argmax(np.abs(S), axis=1)
     ends = grid[np.maximum(top - 1, 0)], grid[np.minimum(top + 1, len(grid) - 1)]
-    places = np.linspace(*ends, _NUM_NEAR_PEAK, axis=1)
-    # All signals are evaluated at the frequencies of all signals; only those of the signal itself are used.
-    closer = _diagonal(loops, places.ravel())[rows].reshape(len(rows), *places.shape)
-    return np.maximum(np.abs(S).max(axis=1), np.abs(np.einsum("iij->ij", closer)).max(axis=1))
+    points = np.linspace(*ends, _NUM_NEAR_PEAK, axis=1)
+    # All signals are evaluated at the peaks of all signals, but only the values at a signal's own peak are used.
+    refined = _diagonal(loops, points.ravel())[rows].reshape(len(rows), *points.shape)
+    return np.maximum(np.abs(S).max(axis=1), np.abs(np.einsum("iij->ij", refined)).max(axis=1))
 
 
 def _diagonal(loops: SampledSystem, grid: np.ndarray) -> np.ndarray:
@@ -97,24 +102,30 @@ def _diagonal(loops: SampledSystem, grid: np.ndarray) -> np.ndarray:
 
 
 def _stable_loop(scenario: Scenario, position_controller: Any, control: Any) -> SampledSystem:
-    """Return the loop of `loop_with_injection`; an InputError if it is unstable."""
-    whole = loop_with_injection(scenario, position_controller=position_controller, control=control).system
-    size = float(np.abs(whole.poles()).max())
+    """Return the loop of `loop_with_injection`, and raise InputError if it is unstable."""
+    closed = loop_with_injection(scenario, position_controller=position_controller, control=control).system
+    size = float(np.abs(closed.poles()).max())
     if not size < 1.0:
-        raise InputError(f"the loop of {scenario.name} is unstable in hover: a pole of size {size:.4f} has no margins")
-    return whole
+        raise InputError(
+            f"the loop of {scenario.name} is unstable in hover (its largest pole has magnitude {size:.4f}), so it has"
+            " no margins; reduce the gains or the delays"
+        )
+    return closed
 
 
 def _signals(scenario: Scenario) -> list[str]:
-    """Return the names of what goes over the link, but for body rates, which only follow."""
+    """Return the names of the signals on the link, without body rates, which are only fed forward."""
     signal = Wrench if scenario.laboratory.autopilot.command == "wrench" else AttitudeTarget
     return [name for name in signal._fields if name not in ("p", "q", "r")]
 
 
-def _opened(whole: SampledSystem, row: int) -> SampledSystem | None:
+def _open_loop(closed: SampledSystem, row: int) -> SampledSystem | None:
     """Return L = -C (zI - A + B C)⁻¹ B of a row, given S = 1 + C (zI - A)⁻¹ B; None if the row is not fed back."""
-    answer = whole.between([f"injection.{row}"], [f"injected.{row}"]).connected()
-    if not len(answer.A) or np.abs(answer.response(np.exp(1j * np.geomspace(0.01, 3.0, 50))) - 1.0).max() < _MIN_ECHO:
+    sensitivity = closed.between([f"injection.{row}"], [f"injected.{row}"]).connected()
+    if (
+        not len(sensitivity.A)
+        or np.abs(sensitivity.response(np.exp(1j * np.geomspace(0.01, 3.0, 50))) - 1.0).max() < _MIN_ECHO
+    ):
         return None
-    opened = replace(answer, A=answer.A - answer.B @ answer.C, C=-answer.C, D=np.zeros((1, 1)))
+    opened = replace(sensitivity, A=sensitivity.A - sensitivity.B @ sensitivity.C, C=-sensitivity.C, D=np.zeros((1, 1)))
     return replace(opened, inputs=("u",), outputs=("loop",))

@@ -56,22 +56,22 @@ def margins(loop: SampledSystem) -> Margins:
     response = _response(loop, grid)
     crossovers = _crossings(loop, grid, response, lambda L: 1.0 - 2.0 / (1.0 + np.abs(L)))
     phases = np.degrees(np.angle(-_response(loop, crossovers)))
-    turns = _crossings(loop, grid, response, lambda L: np.angle(-L))
-    sizes = np.abs(_response(loop, turns))
-    gains = np.array([*1.0 / sizes, *(_gain_where_real(loop, z) for z in (1.0, -1.0))])
+    real_crossings = _crossings(loop, grid, response, lambda L: np.angle(-L))
+    magnitudes = np.abs(_response(loop, real_crossings))
+    gains = np.array([*1.0 / magnitudes, *(_gain_where_real(loop, z) for z in (1.0, -1.0))])
     closed = _sensitivity(loop)
-    further = np.append(_near_modes(closed, grid), math.pi / loop.period)
-    places = np.append(grid, further)
-    order = np.argsort(places)
-    places, S = places[order], np.append(1.0 / (1.0 + response), _response(closed, further))[order]
+    additional = np.append(_near_modes(closed, grid), math.pi / loop.period)
+    all_frequencies = np.append(grid, additional)
+    order = np.argsort(all_frequencies)
+    all_frequencies, S = all_frequencies[order], np.append(1.0 / (1.0 + response), _response(closed, additional))[order]
     return Margins(
         gain=_decibel(np.min(gains[gains > 1.0], initial=np.inf)),
         gain_reduction=-_decibel(np.max(gains[gains < 1.0], initial=0.0)),
         phase=float(np.min(np.abs(phases), initial=np.inf)),
         delay=float(np.min(np.radians(phases % 360.0) / crossovers, initial=np.inf)),
-        disk=1.0 / _peak(closed, places, S, lambda s: np.abs(s - 0.5)),
+        disk=1.0 / _peak(closed, all_frequencies, S, lambda s: np.abs(s - 0.5)),
         crossover=float(np.max(crossovers, initial=0.0)),
-        sensitivity=_peak(closed, places, S, np.abs),
+        sensitivity=_peak(closed, all_frequencies, S, np.abs),
         bandwidth=_bandwidth(loop, grid, response),
     )
 
@@ -85,33 +85,35 @@ class FastMargins(NamedTuple):
 
 
 def fast_margins(responses: np.ndarray, grid: np.ndarray) -> FastMargins:
-    """Return the margins of many stable loops, by linear interpolation between frequencies, for searches and maps.
+    """Return the margins of many stable loops by linear interpolation on a grid, for searches and maps.
 
     Args:
-        responses: (..., frequencies) of L.
-        grid: (frequencies,) rad/s.
+        responses: (..., frequencies) L on the grid.
+        grid: (frequencies,) frequencies, rad/s.
     """
     size = np.log(np.maximum(np.abs(responses), 1e-300))
-    angle = np.angle(-responses)  # from -1, so that 0 is the critical point
+    angle = np.angle(-responses)  # The angle is measured from the direction of -1, so that 0 is the critical direction.
     logs = np.log(grid)
     crosses = size[..., :-1] * size[..., 1:] < 0.0
-    share = np.where(crosses, size[..., :-1] / (size[..., :-1] - size[..., 1:] + ~crosses), 0.0)
-    phase = _wrapped(angle[..., :-1] + share * _wrapped(np.diff(angle, axis=-1)))
-    frequency = np.exp(logs[:-1] + share * np.diff(logs))
-    # Where the curve passes the critical direction it does not jump to the other side of the circle.
+    fraction_crossed = np.where(crosses, size[..., :-1] / (size[..., :-1] - size[..., 1:] + ~crosses), 0.0)
+    phase = _wrapped(angle[..., :-1] + fraction_crossed * _wrapped(np.diff(angle, axis=-1)))
+    frequency = np.exp(logs[:-1] + fraction_crossed * np.diff(logs))
+    # A sign change counts as passing the critical direction, unless the angle wraps around there.
     flips = (angle[..., :-1] * angle[..., 1:] < 0.0) & (np.abs(np.diff(angle, axis=-1)) < np.pi)
-    part = np.where(flips, angle[..., :-1] / (angle[..., :-1] - angle[..., 1:] + ~flips), 0.0)
-    gain = -(size[..., :-1] + part * np.diff(size, axis=-1)) * 20.0 / math.log(10.0)
-    through = 20.0 * np.log10(_gain_at_half_the_rate(responses))
+    fraction = np.where(flips, angle[..., :-1] / (angle[..., :-1] - angle[..., 1:] + ~flips), 0.0)
+    gain = -(size[..., :-1] + fraction * np.diff(size, axis=-1)) * 20.0 / math.log(10.0)
+    end_gain = 20.0 * np.log10(_gain_at_half_the_rate(responses))
     return FastMargins(
-        np.minimum(np.where(flips & (gain > 0.0), gain, np.inf).min(axis=-1), np.where(through > 0.0, through, np.inf)),
+        np.minimum(
+            np.where(flips & (gain > 0.0), gain, np.inf).min(axis=-1), np.where(end_gain > 0.0, end_gain, np.inf)
+        ),
         np.degrees(np.where(crosses, np.abs(phase), np.inf).min(axis=-1)),
         np.where(crosses, (phase % (2.0 * np.pi)) / frequency, np.inf).min(axis=-1),
     )
 
 
 def _wrapped(angles: np.ndarray) -> np.ndarray:
-    """Return the same angles in [-π, π], rad."""
+    """Return angles wrapped to [-π, π], rad."""
     turns: np.ndarray = np.rint(angles / (2.0 * np.pi))
     return angles - 2.0 * np.pi * turns
 
@@ -122,20 +124,20 @@ def frequencies(period: float, *, points: int = _NUM_FREQUENCIES, lowest: float 
 
 
 def _response(loop: SampledSystem, grid: np.ndarray) -> np.ndarray:
-    """(frequencies,) L of a loop with one input and one output."""
+    """Return L (frequencies,) of a loop with one input and one output, at frequencies in rad/s."""
     return loop.response(np.exp(1j * grid * loop.period))[:, 0, 0]
 
 
 def _crossings(
     loop: SampledSystem, grid: np.ndarray, response: np.ndarray, of: Callable[[np.ndarray], np.ndarray]
 ) -> np.ndarray:
-    """Return the frequencies (crossings,) at which a function of L passes zero without a jump, to 1e-9 of themselves.
+    """Return the frequencies (crossings,) at which a function of L crosses zero, with a relative error of 1e-9.
 
     Args:
         loop: loop with one input and one output.
         grid: (frequencies,) grid that separates the zeros of the function, rad/s.
         response: (frequencies,) L on the grid.
-        of: elementwise function of L; steps by π or more count as jumps.
+        of: elementwise function of L; steps by π or more count as jumps, not as crossings.
     """
     values = of(response)
     ends = np.stack([grid[:-1], grid[1:]], axis=1)[_passes_zero(values)]
@@ -143,23 +145,26 @@ def _crossings(
         inside = np.linspace(ends[:, 0], ends[:, 1], _NUM_PARTS + 1, axis=1)
         values = of(_response(loop, inside.ravel())).reshape(inside.shape)
         passes = _passes_zero(values)
-        # What changed sign from end to end may have done so by a jump inside.
+        # A sign change between the ends of an interval may turn out to be a jump inside it.
         real = passes.any(axis=1)
         inside, values, first = inside[real], values[real], np.argmax(passes[real], axis=1)
-        places = np.stack([first, first + 1], axis=1)
-        ends, values = (np.take_along_axis(each, places, axis=1) for each in (inside, values))
+        pairs = np.stack([first, first + 1], axis=1)
+        ends, values = (np.take_along_axis(each, pairs, axis=1) for each in (inside, values))
     (low, high), (start, end) = ends.T, values.T
     share = np.divide(start, start - end, out=np.zeros_like(start), where=start != end)
     return low + np.clip(share, 0.0, 1.0) * (high - low)
 
 
 def _passes_zero(values: np.ndarray) -> np.ndarray:
-    """Return the mask of the steps along the last axis that do."""
+    """Return the mask of the steps along the last axis in which the values cross zero without a jump."""
     return np.diff(values > 0.0, axis=-1) & (np.abs(np.diff(values, axis=-1)) < np.pi)
 
 
 def _gain_at_half_the_rate(responses: np.ndarray) -> np.ndarray:
-    """The factor at which a pole leaves through z = -1, where L is real: the end of the grid; infinite if it cannot."""
+    """Return the gain at which a pole crosses the unit circle at z = -1, where L is real; infinite if none can.
+
+    z = -1 corresponds to the end of the frequency grid.
+    """
     end = responses[..., -1].real
     return np.where(end < 0.0, -1.0 / np.where(end < 0.0, end, -1.0), np.inf)
 
@@ -171,7 +176,8 @@ def _gain_where_real(loop: SampledSystem, z: float) -> float:
     """
     if np.abs(loop.poles() - z).min() < 1e-9:
         return math.inf
-    # Rounding takes the poles of several integrators apart.
+    # Several integrators have poles that rounding moves slightly away from z = 1, where L is then finite but very
+    # large.
     try:
         value = loop.response(np.array([z])).item().real
     except np.linalg.LinAlgError:
@@ -183,9 +189,9 @@ def _gain_where_real(loop: SampledSystem, z: float) -> float:
 
 def _sensitivity(loop: SampledSystem) -> SampledSystem:
     """Return S = 1 / (1 + L), the closed loop from an addition to the signal to the signal."""
-    through = 1.0 / (1.0 + loop.D)
-    fed_back = through * loop.C
-    return replace(loop, A=loop.A - loop.B @ fed_back, B=loop.B @ through, C=-fed_back, D=through)
+    sensitivity = 1.0 / (1.0 + loop.D)
+    feedback = sensitivity * loop.C
+    return replace(loop, A=loop.A - loop.B @ feedback, B=loop.B @ sensitivity, C=-feedback, D=sensitivity)
 
 
 def _near_modes(system: SampledSystem, grid: np.ndarray) -> np.ndarray:
@@ -194,8 +200,10 @@ def _near_modes(system: SampledSystem, grid: np.ndarray) -> np.ndarray:
     poles = poles[poles.imag > 0.0]
     frequency, decay = np.angle(poles) / system.period, -np.log(np.abs(poles)) / system.period
     narrow = decay < _MAX_NARROW_DECAY * frequency
-    places = (frequency[narrow, np.newaxis] + np.outer(decay[narrow], np.linspace(-4.0, 4.0, _NUM_PARTS + 1))).ravel()
-    return places[(places > grid[0]) & (places < grid[-1])]
+    frequencies_near = (
+        frequency[narrow, np.newaxis] + np.outer(decay[narrow], np.linspace(-4.0, 4.0, _NUM_PARTS + 1))
+    ).ravel()
+    return frequencies_near[(frequencies_near > grid[0]) & (frequencies_near < grid[-1])]
 
 
 def _peak(
@@ -219,8 +227,8 @@ def _peak(
         values = size(_response(system, inside.ravel())).reshape(inside.shape)
         best = np.argmax(values, axis=1)[:, np.newaxis]
         low, high = (
-            np.take_along_axis(inside, place, axis=1)[:, 0]
-            for place in (np.maximum(best - 1, 0), np.minimum(best + 1, _NUM_PARTS))
+            np.take_along_axis(inside, index, axis=1)[:, 0]
+            for index in (np.maximum(best - 1, 0), np.minimum(best + 1, _NUM_PARTS))
         )
     return float(values.max())
 

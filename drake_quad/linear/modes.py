@@ -12,13 +12,13 @@ _MAX_ERROR = 0.01  # 1/s; repeated eigenvalues are found with errors of this siz
 
 
 class Mode(NamedTuple):
-    """An eigenvalue, or a pair of them.
+    """Eigenvalue, or pair of conjugate eigenvalues, of a linear system.
 
     Attributes:
-        pole: pole s of a continuous system, or log(z) / period of a sampled one, 1/s; of a pair, the one above the real
-            axis.
-        frequency: |s|, rad/s.
-        damping: -Re s / |s|; nan for an integrator.
+        pole: pole s of a continuous system, or log(z) / period of a sampled one, 1/s; for a pair, the one with positive
+            imaginary part.
+        frequency: natural frequency |s|, rad/s.
+        damping: damping ratio -Re s / |s|; nan for an integrator.
         multiplicity: number of equal eigenvalues.
         states: names of the states that participate in the mode, in descending order of their participation.
     """
@@ -48,35 +48,40 @@ def modes(A: np.ndarray, states: tuple[str, ...], *, period: float | None = None
         return complex(value) if period is None else complex(np.log(complex(value))) / period
 
     def distance(value: complex, other: complex) -> float:
-        # Neighbours on both sides of the negative real axis have logarithms that are far apart.
+        # The logarithms of two values on opposite sides of the negative real axis differ by about 2π i, so that their
+        # quotient is used.
         return abs(value - other if period is None else pole_of(value / other))
 
     values = np.linalg.eigvals(A)
-    left = [i for i, value in enumerate(values) if period is None or abs(value) > 1e-3]
-    found = []
-    while left:
-        first = values[left[0]]
+    remaining = [i for i, value in enumerate(values) if period is None or abs(value) > 1e-3]
+    result = []
+    while remaining:
+        first = values[remaining[0]]
         radius = max(1e-3 * abs(pole_of(first)), _MAX_ERROR)
-        alike = [i for i in left if distance(values[i], first) < radius]
-        left = [i for i in left if i not in alike]
-        pole = pole_of(np.mean(values[alike]))
+        equal = [i for i in remaining if distance(values[i], first) < radius]
+        remaining = [i for i in remaining if i not in equal]
+        pole = pole_of(np.mean(values[equal]))
         if pole.imag <= -0.5 * radius:
             continue
         size = abs(pole)
-        shares = np.abs(np.diag(_projector(A, partial(_is_at, values=values, places=alike))))
-        order = [int(i) for i in np.argsort(-shares, kind="stable") if shares[i] > _MIN_SHARE * shares.max()]
+        participation = np.abs(np.diag(_projector(A, partial(_is_among, values=values, indices=equal))))
+        order = [
+            int(i)
+            for i in np.argsort(-participation, kind="stable")
+            if participation[i] > _MIN_SHARE * participation.max()
+        ]
         damping = -pole.real / size if size > _MAX_ERROR else np.nan
-        found.append(Mode(pole, size, damping, len(alike), tuple(states[i] for i in order)))
-    return sorted(found, key=lambda mode: mode.frequency)
+        result.append(Mode(pole, size, damping, len(equal), tuple(states[i] for i in order)))
+    return sorted(result, key=lambda mode: mode.frequency)
 
 
-def _is_at(value: complex, *, values: np.ndarray, places: Sequence[int]) -> bool:
-    """Return True if the one of some eigenvalues (n,) that is nearest to a value is at one of the places."""
-    return int(np.argmin(np.abs(values - value))) in places
+def _is_among(value: complex, *, values: np.ndarray, indices: Sequence[int]) -> bool:
+    """Return True if, of several eigenvalues (n,), the nearest one to a value has one of the given indices."""
+    return int(np.argmin(np.abs(values - value))) in indices
 
 
-def _projector(A: np.ndarray, among: Callable[[complex], bool]) -> np.ndarray:
-    """Return the projector (n, n) onto the invariant subspace of some eigenvalues, along that of the others."""
-    T, Z, k = scipy.linalg.schur(A, output="complex", sort=among)
+def _projector(A: np.ndarray, selects: Callable[[complex], bool]) -> np.ndarray:
+    """Return the projector (n, n) onto the invariant subspace of selected eigenvalues, along that of the others."""
+    T, Z, k = scipy.linalg.schur(A, output="complex", sort=selects)
     R = scipy.linalg.solve_sylvester(T[:k, :k], -T[k:, k:], -T[:k, k:])
     return Z[:, :k] @ (Z[:, :k].conj().T - R @ Z[:, k:].conj().T)

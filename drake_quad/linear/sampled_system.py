@@ -1,16 +1,16 @@
-"""The exact linearisation of a sampled diagram: the Jacobian of one whole period.
+"""Exact linearisation of a sampled diagram: the Jacobian of one whole period.
 
-Between two ticks a diagram with cameras, links, filters and a stepping vehicle is a map of all that it remembers,
+From one tick to the next, a diagram with cameras, links, filters and a stepping vehicle is a map of its state,
 
     x⁺ = Φ(x, u)        y = g(x, u)
 
-where x is the state just before the events of a tick, u is held over the period that follows, and y is what is out just
-before the events. `linearize` has Drake's simulator advance the diagram by that period on AutoDiffXd, so that every
-delay, hold, filter and step is in
+where x is the state just before the events of a tick, u is constant over the following period, and y is the output just
+before the events. `linearize` lets Drake's simulator advance the diagram by one period with AutoDiffXd, so that
 
     A = ∂Φ/∂x    B = ∂Φ/∂u    C = ∂g/∂x    D = ∂g/∂u
 
-as it is. For a closed loop A is the monodromy matrix and its eigenvalues are the Floquet multipliers.
+contain every delay, hold, filter and step exactly. For a closed loop A is the monodromy matrix, and its eigenvalues are
+the Floquet multipliers.
 """
 
 from collections.abc import Sequence
@@ -75,7 +75,7 @@ class SampledSystem:
         return scipy.signal.StateSpace(self.A, self.B, self.C, self.D, dt=self.period)
 
     def poles(self) -> np.ndarray:
-        """(n,) eigenvalues of A; for a closed loop, its Floquet multipliers."""
+        """Return the eigenvalues (n,) of A, which for a closed loop are its Floquet multipliers."""
         return np.linalg.eigvals(self.A)
 
     def response(self, z: np.ndarray) -> np.ndarray:
@@ -101,9 +101,9 @@ class SampledSystem:
 
     @cached_property
     def _schur_form(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Schur form of the balanced A: the upper triangular matrix, its basis, and the scales (n, 1) of the states."""
+        """Schur form of the balanced A: upper triangular matrix, basis, and scales (n, 1) of the states."""
         balanced, scales = scipy.linalg.matrix_balance(self.A, permute=False, separate=True)
-        # The complex algorithm does not always converge where entries are as small as 1e-150.
+        # The complex Schur algorithm does not always converge for entries as small as 1e-150.
         triangular, basis = scipy.linalg.rsf2csf(*scipy.linalg.schur(balanced, output="real"))
         return triangular, basis, scales[0][:, np.newaxis]
 
@@ -120,7 +120,13 @@ class SampledSystem:
         )
 
     def transformed(self, rows: Sequence[int], matrix: np.ndarray, names: Sequence[str]) -> "SampledSystem":
-        """Return the system with other coordinates: some rows of the state replaced by a matrix times themselves."""
+        """Return the system in other coordinates, in which a matrix multiplies some rows of the state.
+
+        Args:
+            rows: indices of the k transformed rows of the state.
+            matrix: (k, k) factor on these rows.
+            names: new names of these rows.
+        """
         T = np.eye(len(self.A))
         T[np.ix_(rows, rows)] = matrix
         inverse = np.linalg.inv(T)
@@ -130,24 +136,24 @@ class SampledSystem:
         return replace(self, A=T @ self.A @ inverse, B=T @ self.B, C=self.C @ inverse, states=tuple(states))
 
     def connected(self, *, tolerance: float = 1e-12) -> "SampledSystem":
-        """Return the system without the states that no input reaches or no output sees.
+        """Return the system without states that are unreachable from all inputs or unobservable in all outputs.
 
         Args:
-            tolerance: on entries of A and C over the largest of their row and on those of B over the largest of their
-                column; what is smaller is rounding.
+            tolerance: relative threshold below which entries count as rounding errors. Entries of A and C are relative
+                to the largest of their row, those of B to the largest of their column.
         """
-        couples = _stands_out(self.A, tolerance)
-        reached = _closure(couples, _stands_out(self.B.T, tolerance).any(axis=0))
-        seen = _closure(couples.T, _stands_out(self.C, tolerance).any(axis=0))
-        kept = np.flatnonzero(reached & seen)
-        states = tuple(self.states[i] for i in kept)
-        return replace(self, A=self.A[np.ix_(kept, kept)], B=self.B[kept], C=self.C[:, kept], states=states)
+        couples = _is_significant(self.A, tolerance)
+        reached = _closure(couples, _is_significant(self.B.T, tolerance).any(axis=0))
+        observed = _closure(couples.T, _is_significant(self.C, tolerance).any(axis=0))
+        indices = np.flatnonzero(reached & observed)
+        states = tuple(self.states[i] for i in indices)
+        return replace(self, A=self.A[np.ix_(indices, indices)], B=self.B[indices], C=self.C[:, indices], states=states)
 
     def with_feedback(self, gain: np.ndarray) -> "SampledSystem":
-        """Return the loop closed by u = v - gain y, from v to y; for a system without direct feedthrough.
+        """Return the loop closed by u = v - gain y, from v to y; for a system with D = 0.
 
         Args:
-            gain: (m, p).
+            gain: (m, p) feedback gain.
         """
         return replace(self, A=self.A - self.B @ gain @ self.C)
 
@@ -156,19 +162,19 @@ class SampledSystem:
         return replace(self, B=self.B * factor, D=self.D * factor, inputs=(name,))
 
 
-def _stands_out(matrix: np.ndarray, tolerance: float) -> np.ndarray:
-    """Return the mask of the entries that are not small beside the largest of their row."""
+def _is_significant(matrix: np.ndarray, tolerance: float) -> np.ndarray:
+    """Return the mask of the entries that are not negligible compared with the largest of their row."""
     sizes = np.abs(matrix)
     return sizes > tolerance * sizes.max(axis=1, keepdims=True)
 
 
-def _closure(couples: np.ndarray, found: np.ndarray) -> np.ndarray:
-    """Return the (n,) mask of all that can be reached; `couples[i, j]` says that j leads to i."""
+def _closure(couples: np.ndarray, reachable: np.ndarray) -> np.ndarray:
+    """Return the mask (n,) of all states reachable from given ones; `couples[i, j]` is True if j acts on i."""
     while True:
-        more = found | (couples & found).any(axis=1)
-        if (more == found).all():
-            return found
-        found = more
+        extended = reachable | (couples & reachable).any(axis=1)
+        if (extended == reachable).all():
+            return reachable
+        reachable = extended
 
 
 def linearize(
@@ -180,22 +186,22 @@ def linearize(
     outputs: Sequence[str] = (),
     without: Sequence[str] = (),
 ) -> tuple[SampledSystem, np.ndarray]:
-    """Return the linear system of a diagram's map over a period, and how far the state moves in a period.
+    """Return the linear system of a diagram's map over a period, and the change of the state over a period.
 
     Args:
-        diagram: of systems that convert to AutoDiffXd.
-        context: of the diagram, at a tick later than zero, before the events of that tick; it gives state, parameters
-            and fixed inputs.
-        period: s; a multiple of the periods of all events.
-        inputs: names of the input ports that make up u; fixed in the context.
+        diagram: diagram of systems that support AutoDiffXd.
+        context: context of the diagram at a tick later than zero, before the events of that tick. It contains state,
+            parameters and fixed inputs.
+        period: multiple of the periods of all events, s.
+        inputs: names of the input ports that make up u, all fixed in the context.
         outputs: names of the output ports that make up y.
-        without: names of subsystems whose state is left out, since they watch and do not act.
+        without: names of subsystems whose state is left out because they only observe.
 
     Returns:
         The system, and Φ(x, u) - x (n,), which is zero at an equilibrium.
 
     Raises:
-        InputError: a system has no version for AutoDiffXd, or holds a state that is not made of numbers.
+        InputError: a system does not support AutoDiffXd, or has an abstract state.
     """
     layout = ContextVector(diagram, without=without)
     converted = to_autodiff(diagram)
@@ -213,18 +219,21 @@ def linearize(
         converted.GetInputPort(name).FixValue(root, point[first : first + port.size()])
         first += port.size()
     y = [np.asarray(converted.GetOutputPort(name).Eval(root)) for name in outputs]
-    # The floating-point flags that arithmetic on objects leaves behind mean nothing.
+    # Arithmetic on arrays of objects raises floating-point flags without meaning.
     with np.errstate(all="ignore"):
-        simulator = resumed(Simulator_[AutoDiffXd](converted, root))
+        simulator = resume(Simulator_[AutoDiffXd](converted, root))
         simulator.AdvanceTo(tick_after(context.get_time(), period))
 
     after = layout.read(converted, root)
-    forward, sideways = _gradient(after, len(point)), _gradient(np.concatenate([*y, np.empty(0)]), len(point))
+    state_gradient, output_gradient = (
+        _gradient(after, len(point)),
+        _gradient(np.concatenate([*y, np.empty(0)]), len(point)),
+    )
     system = SampledSystem(
-        forward[:, :n],
-        forward[:, n:],
-        sideways[:, :n],
-        sideways[:, n:],
+        state_gradient[:, :n],
+        state_gradient[:, n:],
+        output_gradient[:, :n],
+        output_gradient[:, n:],
         period,
         layout.names,
         tuple(name for port in ports for name in port_rows(port.get_name(), port.size())),
@@ -234,14 +243,14 @@ def linearize(
 
 
 def at_tick(diagram: Diagram, time: float, context: Context | None = None) -> Context:
-    """Advance a diagram to a tick and return its context, as `linearize` takes it: before the events of that tick."""
+    """Advance a diagram to a tick and return its context before the events of that tick, as `linearize` requires."""
     simulator = Simulator(diagram) if context is None else Simulator(diagram, context)
     simulator.AdvanceTo(time)
     return simulator.get_mutable_context()
 
 
-def resumed(simulator: Simulator) -> Simulator:
-    """Return the simulator, initialized to go on with a flight: without the events that begin one."""
+def resume(simulator: Simulator) -> Simulator:
+    """Return the simulator, initialised to continue a flight, without the events at its start."""
     keep = InitializeParams()
     keep.suppress_initialization_events = True
     simulator.Initialize(keep)
@@ -249,7 +258,7 @@ def resumed(simulator: Simulator) -> Simulator:
 
 
 def _gradient(values: np.ndarray, size: int) -> np.ndarray:
-    """(values, size) derivatives; zero for values that depend on nothing."""
+    """Return the derivatives (values, size); zero for values that do not depend on the variables."""
     if not len(values):
         return np.empty((0, size))
     gradient = ExtractGradient(values)
@@ -257,7 +266,10 @@ def _gradient(values: np.ndarray, size: int) -> np.ndarray:
 
 
 def tick_after(time: float, period: float, ticks: int = 1) -> float:
-    """The time some ticks after a tick (s), bit for bit as Drake counts it: a rounding error later is an event more."""
+    """Return the time of a later tick (s), computed exactly as in Drake.
+
+    A time that is later by a rounding error would include the events of one more tick.
+    """
     return period * (round(time / period) + ticks)
 
 
@@ -265,11 +277,11 @@ def to_autodiff(diagram: Diagram) -> Any:
     """Return the diagram for AutoDiffXd.
 
     Raises:
-        InputError: one of its systems, which is named, has no version for AutoDiffXd.
+        InputError: a system does not support AutoDiffXd; the message names all such systems.
     """
     converted = diagram.ToAutoDiffXdMaybe()
     if converted is not None:
         return converted
     culprits = [path for path in leaf_paths(diagram) if subsystem(diagram, path).ToAutoDiffXdMaybe() is None]
     names = ", ".join(".".join(path) for path in culprits) or diagram.get_name()
-    raise InputError(f"{names} has no version for AutoDiffXd, which derivatives need")
+    raise InputError(f"{names} does not support AutoDiffXd, so the loop cannot be linearised")

@@ -1,7 +1,7 @@
 """Operating points of the vehicle, and its linear models there.
 
-Their inputs are rotor speeds: what stands before these, a thrust curve and a battery, is left out. A payload is there
-or not as it is at the beginning of a flight.
+The inputs are rotor speeds, so that thrust curve and battery, which act before them, are left out. A payload is
+included if the vehicle carries it at the beginning of a flight.
 """
 
 from collections.abc import Sequence
@@ -36,22 +36,22 @@ if TYPE_CHECKING:
 _NUM_ROTORS, _NUM_WIND = len(RotorSpeed._fields), len(Wind._fields)
 OUTPUTS = port_rows("state", len(State._fields))
 STATES = (*State._fields, *port_rows("rotor_speed", _NUM_ROTORS))
-# Further states of a vehicle with a slung load.
+# A vehicle with a slung load has these additional states.
 SWING_STATES = tuple(port_rows("swing", len(HANGING)))
 INPUTS = (*port_rows("rotor_speed_command", _NUM_ROTORS), *port_rows("wind", _NUM_WIND))
-# What counts as standing still (m/s², rad/s²), and how far from upright an operating point is sought (rad).
-_STILL, _LARGEST_TILT = 1e-9, 1.4
-# Number of steps of Newton's method.
-_STEPS = 3
+# Largest acceleration at an operating point, m/s² or rad/s².
+_TRIM_TOLERANCE = 1e-9
+_MAX_TRIM_TILT = 1.4  # rad
+_NUM_NEWTON_STEPS = 3
 
 
 class Trim(NamedTuple):
-    """An operating point: the vehicle flies straight on.
+    """Operating point in steady straight flight.
 
     Attributes:
-        state: (12,) that of the vehicle.
-        rotor_speed: (4,) rad/s, as commanded.
-        wind: (3,) in W, m/s.
+        state: (12,) state of the vehicle.
+        rotor_speed: (4,) rotor speeds, rad/s.
+        wind: (3,) velocity of the air in W, m/s.
     """
 
     state: np.ndarray
@@ -71,7 +71,7 @@ def find_trim(
 ) -> Trim:
     """Find roll, pitch and rotor speeds at which velocity and attitude are constant.
 
-    SNOPT finds them within the rotors' limits, and Newton's method makes them exact.
+    SNOPT finds them within the limits of the rotors, and Newton's method refines them.
 
     Args:
         parameters: parameters of one vehicle.
@@ -83,7 +83,7 @@ def find_trim(
         effects: effects on the vehicle.
 
     Raises:
-        InputError: there is no trim within the rotors' limits.
+        InputError: there is no trim within the limits of the rotors.
     """
     effects = _of_motion(effects)
     hover = np.array([float(speed) for speed in hover_rotor_speeds(hover_equivalent(parameters, effects, position[2]))])
@@ -95,28 +95,30 @@ def find_trim(
         v_x, v_y, v_z = velocity
         axes, motion = BodyAxes.of(roll, pitch, yaw), Motion(v_x, v_y, v_z, 0.0, 0.0, 0.0)
         rotors = rotor_state(RotorSpeed(*speeds), RotorSpeed(*speeds), parameters, effects)
-        found = accelerations(axes, motion, rod_of(HANGING), position[2], rotors, Wind(*wind), parameters, effects)
-        return np.array(found.motion)
+        derivatives = accelerations(
+            axes, motion, rod_of(HANGING), position[2], rotors, Wind(*wind), parameters, effects
+        )
+        return np.array(derivatives.motion)
 
     program = MathematicalProgram()
     x = program.NewContinuousVariables(6)
     program.AddConstraint(unbalanced, np.zeros(6), np.zeros(6), vars=x)
     slowest, fastest = float(parameters.min_rotor_speed), float(parameters.max_rotor_speed)
-    low, high = [-_LARGEST_TILT] * 2 + [slowest] * 4, [_LARGEST_TILT] * 2 + [fastest] * 4
+    low, high = [-_MAX_TRIM_TILT] * 2 + [slowest] * 4, [_MAX_TRIM_TILT] * 2 + [fastest] * 4
     program.AddBoundingBoxConstraint(low / scale, high / scale, x)
     result = SnoptSolver().Solve(program, np.concatenate([[0.0, 0.0], np.clip(hover, slowest, fastest) / scale[2:]]))
-    found = result.GetSolution(x)
+    solution = result.GetSolution(x)
     if result.is_success():
-        for _ in range(_STEPS):
-            values = unbalanced(InitializeAutoDiff(found).ravel())
-            found = found - np.linalg.solve(ExtractGradient(values), ExtractValue(values).ravel())
-    left = np.abs(unbalanced(found)).max()
-    if not left < _STILL:
+        for _ in range(_NUM_NEWTON_STEPS):
+            values = unbalanced(InitializeAutoDiff(solution).ravel())
+            solution = solution - np.linalg.solve(ExtractGradient(values), ExtractValue(values).ravel())
+    remaining = np.abs(unbalanced(solution)).max()
+    if not remaining < _TRIM_TOLERANCE:
         raise InputError(
             f"there is no steady flight at {_vector(velocity)} m/s in a wind of {_vector(wind)} m/s with rotors between"
-            f" {slowest:g} and {fastest:g} rad/s: {left:.3g} m/s² or rad/s² are left where they come closest"
+            f" {slowest:g} and {fastest:g} rad/s; the smallest remaining acceleration is {remaining:.3g} m/s² or rad/s²"
         )
-    roll, pitch, *speeds = found * scale
+    roll, pitch, *speeds = solution * scale
     state = np.array([*position, roll, pitch, yaw, *velocity, 0.0, 0.0, 0.0], dtype=float)
     return Trim(state, np.array(speeds), np.array(wind, dtype=float))
 
@@ -124,12 +126,12 @@ def find_trim(
 def linear_vehicle(
     trim: Trim, parameters: QuadrotorParameters, *, kinematics: Kinematics = "exact", effects: Effects = NO_EFFECTS
 ) -> LinearSystem:
-    """Drake's Linearize at an equilibrium: a continuous system from `INPUTS` to `OUTPUTS` with `STATES`.
+    """Return the linearisation at an equilibrium, by Drake's Linearize.
 
-    With a slung load its states, `SWING_STATES`, stand behind the others.
+    It is a continuous system from `INPUTS` to `OUTPUTS` with `STATES`. A slung load adds `SWING_STATES` at the end.
 
     Raises:
-        InputError: the vehicle moves there; `affine_vehicle` has a model for that.
+        InputError: the operating point is not an equilibrium; use `affine_vehicle` there.
     """
     diagram, context = _at(trim, parameters, kinematics, effects)
     rates = diagram.EvalTimeDerivatives(context).CopyToVector()
@@ -137,7 +139,7 @@ def linear_vehicle(
     if not np.abs(rates[worst]) < 1e-6:
         raise InputError(
             f"the operating point is not an equilibrium: {(*STATES, *SWING_STATES)[worst]} changes by"
-            f" {rates[worst]:.3g} per second; affine_vehicle has a model of it"
+            f" {rates[worst]:.3g} per second; use affine_vehicle instead"
         )
     return Linearize(diagram, context)
 
@@ -145,13 +147,16 @@ def linear_vehicle(
 def affine_vehicle(
     trim: Trim, parameters: QuadrotorParameters, *, kinematics: Kinematics = "exact", effects: Effects = NO_EFFECTS
 ) -> AffineSystem:
-    """Drake's FirstOrderTaylorApproximation at any point: ẋ = A x + B u + f₀ and y = C x + D u + y₀."""
+    """Return the affine model at any point, ẋ = A x + B u + f₀ and y = C x + D u + y₀.
+
+    It is Drake's FirstOrderTaylorApproximation.
+    """
     diagram, context = _at(trim, parameters, kinematics, effects)
     return FirstOrderTaylorApproximation(diagram, context)
 
 
 def to_state_space(system: LinearSystem) -> "control.StateSpace":
-    """Return the model as python-control's StateSpace, named, in deviations from the operating point."""
+    """Return the model as python-control's StateSpace with names, in deviations from the operating point."""
     import control
 
     states = (*STATES, *SWING_STATES)[: len(system.A())]
@@ -160,7 +165,7 @@ def to_state_space(system: LinearSystem) -> "control.StateSpace":
 
 
 def _of_motion(effects: Effects) -> Effects:
-    """Return the effects without those that stand before the rotors' speeds."""
+    """Return the effects without those that act before the rotor speeds."""
     return effects._replace(thrust_curve=None, battery=None)
 
 

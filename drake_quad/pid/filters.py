@@ -1,7 +1,7 @@
 """Low-pass filters of derivatives and of gyroscopes, as flight controllers compute them.
 
-A filter is y = (b₀ + b₁ z⁻¹ + b₂ z⁻²) / (1 + a₁ z⁻¹ + a₂ z⁻²) u. The functions below make two kinds of it from a
-bandwidth, which are those of PX4 (`LowPassFilter2p` and `AlphaFilter`) and of the Crazyflie's firmware (`lpf2p`).
+A filter is y = (b₀ + b₁ z⁻¹ + b₂ z⁻²) / (1 + a₁ z⁻¹ + a₂ z⁻²) u. This module makes the two kinds that PX4
+(`LowPassFilter2p` and `AlphaFilter`) and the Crazyflie's firmware (`lpf2p`) use, from a bandwidth.
 """
 
 from typing import Any, Literal, NamedTuple
@@ -23,45 +23,45 @@ class LowPass(NamedTuple):
     a_2: Number
 
 
-class Delayed(NamedTuple):
+class FilterState(NamedTuple):
     """State of a low-pass filter: its inner signal one and two periods ago."""
 
-    once: Row
-    twice: Row
+    last: Row
+    second_last: Row
 
 
-EMPTY = Delayed(0.0, 0.0)
+EMPTY_FILTER = FilterState(0.0, 0.0)
 
 
 def butterworth(bandwidth: AngleRate, period: Time) -> LowPass:
-    """Return the Butterworth filter of second order with unit gain at rest, by the prewarped bilinear transform.
+    """Return the Butterworth filter of second order with unit DC gain, by the prewarped bilinear transform.
 
     Args:
-        bandwidth: ω at which the gain is 1/√2; a number or an (N,) array.
-        period: s.
+        bandwidth: angular frequency ω at which the gain is 1/√2; a number or an (N,) array.
+        period: sampling period, s.
     """
     warped: Any = np.tan(0.5 * np.asarray(bandwidth) * period)
-    squared, middle = warped * warped, np.sqrt(2.0) * warped
-    scale = 1.0 + middle + squared
+    squared, damping = warped * warped, np.sqrt(2.0) * warped
+    scale = 1.0 + damping + squared
     b_0 = squared / scale
-    return LowPass(b_0, 2.0 * b_0, b_0, 2.0 * (squared - 1.0) / scale, (1.0 - middle + squared) / scale)
+    return LowPass(b_0, 2.0 * b_0, b_0, 2.0 * (squared - 1.0) / scale, (1.0 - damping + squared) / scale)
 
 
 def first_order(bandwidth: AngleRate, period: Time) -> LowPass:
     """Return the filter y⁺ = y + α (u - y) with α = ω h / (1 + ω h); arguments are those of `butterworth`."""
-    turn: Any = np.asarray(bandwidth) * period
-    share = turn / (1.0 + turn)
-    none = 0.0 * share
-    return LowPass(share, none, none, share - 1.0, none)
+    angle: Any = np.asarray(bandwidth) * period
+    share = angle / (1.0 + angle)
+    zero = 0.0 * share
+    return LowPass(share, zero, zero, share - 1.0, zero)
 
 
 def low_pass(bandwidth: AngleRate, period: Time, order: Order) -> LowPass:
-    """Return the filter of an order; other arguments are those of `butterworth`."""
+    """Return the low-pass filter of a given order; other arguments are those of `butterworth`."""
     return first_order(bandwidth, period) if order == 1 else butterworth(bandwidth, period)
 
 
-def filtered(sample: Row, low_pass: LowPass, state: Delayed) -> tuple[Row, Delayed]:
-    """Return the output of a filter, and its next state."""
-    inner = sample - low_pass.a_1 * state.once - low_pass.a_2 * state.twice
-    output = low_pass.b_0 * inner + low_pass.b_1 * state.once + low_pass.b_2 * state.twice
-    return output, Delayed(inner, state.once)
+def filtered(sample: Row, low_pass: LowPass, state: FilterState) -> tuple[Row, FilterState]:
+    """Return the output of a filter for one sample, and its next state."""
+    inner = sample - low_pass.a_1 * state.last - low_pass.a_2 * state.second_last
+    output = low_pass.b_0 * inner + low_pass.b_1 * state.last + low_pass.b_2 * state.second_last
+    return output, FilterState(inner, state.last)

@@ -2,15 +2,16 @@
 
     u = k_p e + i - k_d ẏ_f + k_ff r,  limited,      e = r - y
 
-The derivative is of the measurement, so that a step of the setpoint does not kick, and is filtered if it has a filter.
-The integral i has the unit of the output. It grows by h k_i e and is kept within its limit; its growth can fade where
-the error is large, as in PX4, by the factor 1 - (e / e₀)². Terms that a loop does not have are None and cost nothing.
+The derivative is that of the measurement, so that a step of the setpoint causes no derivative kick. An optional filter
+smooths it. The integral i has the unit of the output. It grows by h k_i e per tick, within a limit. Its growth can be
+reduced for large errors, as in PX4, by the factor 1 - (e / e₀)². Terms that a loop does not have are None and cost
+nothing.
 """
 
 from typing import NamedTuple
 
 from drake_quad.framework.elementary import maximum, minimum, wrapped
-from drake_quad.pid.filters import EMPTY, Delayed, LowPass, filtered
+from drake_quad.pid.filters import EMPTY_FILTER, FilterState, LowPass, filtered
 from drake_quad.signals import Row, Time
 
 
@@ -18,9 +19,9 @@ class Integral(NamedTuple):
     """Integral term.
 
     Attributes:
-        k_i: gain.
-        limit: largest size of the term, in the unit of the output.
-        fade: e₀, error from which on the term does not grow; None if it always grows.
+        k_i: integral gain.
+        limit: largest absolute value of the term, in the unit of the output.
+        fade: error e₀ at which growth stops; None if the term always grows.
     """
 
     k_i: Row
@@ -32,7 +33,7 @@ class Derivative(NamedTuple):
     """Derivative term.
 
     Attributes:
-        k_d: gain.
+        k_d: derivative gain.
         low_pass: filter of the derivative; None without one.
     """
 
@@ -41,13 +42,13 @@ class Derivative(NamedTuple):
 
 
 class Terms(NamedTuple):
-    """Terms of a loop beside the proportional one, each of which may be None.
+    """Terms of a loop other than the proportional one. Each may be None.
 
     Attributes:
         integral: integral term.
         derivative: derivative term.
-        k_ff: gain of the setpoint.
-        limit: largest size of the output.
+        k_ff: feed-forward gain on the setpoint.
+        limit: largest absolute value of the output.
     """
 
     integral: Integral | None = None
@@ -57,10 +58,10 @@ class Terms(NamedTuple):
 
 
 class LastMeasurement(NamedTuple):
-    """Measurement of the tick before.
+    """Measurement of the previous tick.
 
     Attributes:
-        value: in the unit of the measurement.
+        value: measured value.
         known: 0 before the first tick, 1 after it.
     """
 
@@ -69,17 +70,17 @@ class LastMeasurement(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """State of a loop, in which parts that its terms do not need are None.
+    """State of a loop. Fields that its terms do not need are None.
 
     Attributes:
         integral: integral term.
-        measured: measurement of the tick before.
-        delayed: state of the filter of the derivative.
+        measured: measurement of the previous tick.
+        delayed: state of the derivative's filter.
     """
 
     integral: Row | None = None
     measured: LastMeasurement | None = None
-    delayed: Delayed | None = None
+    delayed: FilterState | None = None
 
     @classmethod
     def of(cls, terms: Terms | None) -> "Memory":
@@ -88,32 +89,32 @@ class Memory(NamedTuple):
         return cls(
             None if integral is None else 0.0,
             None if derivative is None else LastMeasurement(0.0, 0.0),
-            None if derivative is None or derivative.low_pass is None else EMPTY,
+            None if derivative is None or derivative.low_pass is None else EMPTY_FILTER,
         )
 
 
-def within(value: Row, limit: Row) -> Row:
-    """Return the value between minus the limit and the limit."""
+def saturated(value: Row, limit: Row) -> Row:
+    """Return the value, saturated at plus and minus the limit."""
     return maximum(minimum(value, limit), -limit)
 
 
 def integrated(term: Row, error: Row, integral: Integral, period: Time) -> Row:
-    """Return the integral term after the error of one more tick."""
+    """Return the integral term after adding the error of one tick."""
     growth = integral.k_i * error * period
     if integral.fade is not None:
         share = error / integral.fade
         growth = growth * maximum(1.0 - share * share, 0.0)
-    return within(term + growth, integral.limit)
+    return saturated(term + growth, integral.limit)
 
 
 def differentiated(
-    measured: Row, derivative: Derivative, memory: Memory, period: Time, *, turns: bool = False
+    measured: Row, derivative: Derivative, memory: Memory, period: Time, *, is_angle: bool = False
 ) -> tuple[Row, Memory]:
-    """Return the filtered rate of the measurement, 0 at the first tick, and the memory with it."""
+    """Return the filtered rate of the measurement, which is 0 at the first tick, and the updated memory."""
     before = memory.measured
     assert before is not None
-    moved = measured - before.value
-    rate = before.known * (wrapped(moved) if turns else moved) / period
+    change = measured - before.value
+    rate = before.known * (wrapped(change) if is_angle else change) / period
     delayed = memory.delayed
     if derivative.low_pass is not None:
         assert delayed is not None
@@ -129,27 +130,27 @@ def pid(
     memory: Memory,
     period: Time,
     *,
-    turns: bool = False,
+    is_angle: bool = False,
     integrates_first: bool = False,
 ) -> tuple[Row, Memory]:
-    """Return the output of a loop at a tick, and its memory.
+    """Return the output of a loop at a tick, and its next memory.
 
     Args:
-        setpoint: r.
-        measured: y.
+        setpoint: setpoint r.
+        measured: measurement y.
         k_p: proportional gain.
         terms: other terms; None for a proportional loop.
-        memory: of the tick before.
-        period: h, s.
-        turns: True for angles of which whole turns do not count.
-        integrates_first: True if the output has the integral with the error of its own tick.
+        memory: memory after the previous tick.
+        period: tick period h, s.
+        is_angle: True if the signals are angles, so that differences are wrapped to [-π, π].
+        integrates_first: True if the integral in the output includes the error of this tick.
     """
-    error = wrapped(setpoint - measured) if turns else setpoint - measured
+    error = wrapped(setpoint - measured) if is_angle else setpoint - measured
     output = k_p * error
     if terms is None:
         return output, memory
     if terms.derivative is not None:
-        rate, memory = differentiated(measured, terms.derivative, memory, period, turns=turns)
+        rate, memory = differentiated(measured, terms.derivative, memory, period, is_angle=is_angle)
         output = output - terms.derivative.k_d * rate
     if terms.integral is not None:
         assert memory.integral is not None
@@ -159,5 +160,5 @@ def pid(
     if terms.k_ff is not None:
         output = output + terms.k_ff * setpoint
     if terms.limit is not None:
-        output = within(output, terms.limit)
+        output = saturated(output, terms.limit)
     return output, memory

@@ -20,8 +20,8 @@ from drake_quad.framework.records import layout_of
 from drake_quad.geometry.axes import TINY, Vector
 from drake_quad.geometry.flatness import in_heading
 from drake_quad.geometry.quaternion import Quaternion
-from drake_quad.pid.filters import EMPTY, Delayed, LowPass, filtered
-from drake_quad.pid.loop import Memory, Terms, pid, within
+from drake_quad.pid.filters import EMPTY_FILTER, FilterState, LowPass, filtered
+from drake_quad.pid.loop import Memory, Terms, pid, saturated
 from drake_quad.signals import (
     Angle,
     Attitude,
@@ -162,13 +162,13 @@ class AutopilotMemory(NamedTuple):
 
     attitude: LoopMemory
     rate: LoopMemory
-    gyroscope: tuple[Delayed, Delayed, Delayed] | None
+    gyroscope: tuple[FilterState, FilterState, FilterState] | None
     lean: LeanError | None
 
     @classmethod
     def of(cls, numbers: AutopilotNumbers) -> "AutopilotMemory":
         """Return the memory before the first instant."""
-        gyroscope = None if numbers.gyroscope_filter is None else (EMPTY, EMPTY, EMPTY)
+        gyroscope = None if numbers.gyroscope_filter is None else (EMPTY_FILTER, EMPTY_FILTER, EMPTY_FILTER)
         lean = None if numbers.neglected_drag is None else LeanError(0.0, 0.0)
         return cls(LoopMemory.of(numbers.attitude), LoopMemory.of(numbers.rate), gyroscope, lean)
 
@@ -259,7 +259,7 @@ def _commanded_rates(
     wanted = Attitude(target.roll, target.pitch, target.yaw)
     if numbers.yaw_weight is None:
         results = [
-            pid(r, y, k, terms, before, period, turns=turns, integrates_first=rules.attitude_integrates_first)
+            pid(r, y, k, terms, before, period, is_angle=turns, integrates_first=rules.attitude_integrates_first)
             for r, y, k, terms, before, turns in zip(
                 *(wanted, attitude, k_attitude, numbers.attitude or (None, None, None), memory, (False, False, True)),
                 strict=True,
@@ -273,7 +273,7 @@ def _commanded_rates(
         )
     rates = BodyRates(target.p + p, target.q + q, target.r + r)
     if numbers.max_rates is not None:
-        rates = BodyRates(*[within(rate, limit) for rate, limit in zip(rates, numbers.max_rates, strict=True)])
+        rates = BodyRates(*[saturated(rate, limit) for rate, limit in zip(rates, numbers.max_rates, strict=True)])
     return rates, memory
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from drake_quad import load_scenario
 from drake_quad.assembly.control import control_setting
 from drake_quad.command_line.options import bare_parser
-from drake_quad.control.pid_cascade.system import cascade_after, first_held
+from drake_quad.control.pid_cascade.system import initial_state, step_cascade
 from drake_quad.design.firmware.crazyflie import MAX_THRUST
 from drake_quad.flight.mission import plan_route
 from drake_quad.framework.recipe import Recipe
@@ -36,15 +36,15 @@ def commanded(log: np.ndarray, recipe: Recipe) -> np.ndarray:
         velocity=numbers.velocity._replace(terms=(x, y, z._replace(limit=None))),
         command=numbers.command._replace(max_thrust=math.inf),
     )
-    rows, held = [], first_held(numbers, 1)
+    rows, held = [], initial_state(numbers, 1)
     for row in log:
         estimate = [row[f"est_stateEstimate_{name}"] for name in ("x", "y", "z", "vx", "vy", "vz")]
         attitude = [row[f"att_stateEstimate_{name}"] * DEGREE for name in ("roll", "pitch", "yaw")]
         state = State._make([*estimate[:3], *attitude, *estimate[3:], 0.0, 0.0, 0.0])
         wanted = [row[f"sp_ctrltarget_{name}"] for name in "xyz"]
         reference = Reference._make([*wanted, *[0.0] * 6, row["sp_ctrltarget_yaw"] * DEGREE, 0.0])
-        target, after = cascade_after(state, reference, numbers, held, 0.01, 1, rules)
-        held = after if row["pid_controller_cmd_thrust"] > 0.0 else first_held(numbers, 1)
+        target, after = step_cascade(state, reference, numbers, held, 0.01, 1, rules)
+        held = after if row["pid_controller_cmd_thrust"] > 0.0 else initial_state(numbers, 1)
         rows.append([target.roll / DEGREE, -target.pitch / DEGREE, target.thrust / (4.0 * UNIT)])
     return np.array(rows)
 

@@ -7,9 +7,9 @@ import pytest
 
 from drake_quad.assembly.control import build_control, control_recipes
 from drake_quad.control.lqg.chains import (
-    Answer,
     ChainNoise,
     Disturbances,
+    SecondOrderResponse,
     attitude_model,
     lagging_attitude_model,
     torque_model,
@@ -19,7 +19,7 @@ from drake_quad.control.lqg.design import Timing, axis_loop, regulator_of
 from drake_quad.control.lqg.laws import TargetNumbers, ThrustNumbers, TorqueNumbers
 from drake_quad.control.lqg.system import LinearQuadraticGaussian
 from drake_quad.control.mpc.constraints import Corridor
-from drake_quad.control.mpc.system import OPEN, PredictiveProgramme
+from drake_quad.control.mpc.system import NO_WALLS, PredictiveProgramme
 from drake_quad.flight.mission import plan_route
 from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.reference.polynomial_path import evaluate
@@ -76,7 +76,7 @@ def test_with_an_autopilot_the_model_is_the_attitude_response(asymmetric, lag):
     recipe = regulator_of_scenario(scenario)
     assert (recipe.structure["signal"], recipe.structure["period"]) == ("attitude_target", 0.01)
     lateral, _, thrust, torques, target = recipe.numbers
-    answer = Answer(9.0, 0.72)
+    answer = SecondOrderResponse(9.0, 0.72)
     model = attitude_model(answer, LATERAL) if lag is None else lagging_attitude_model(answer, lag, LATERAL)
     noise = np.array([0.0013, 0.0031 * 9.79])
     assert_alike(lateral, axis_loop(model, Timing(0.01, 0.02, 1), noise=noise, command_weight=0.01))
@@ -126,7 +126,7 @@ def test_a_programme_has_the_regulator_and_the_limits_of_the_scenario(predictive
     assert structure["believed"] is believed
     # The horizon corresponds to 18.75 ticks, which are rounded.
     assert (structure["tick"], structure["num_ticks"], structure["tilt_weight"]) == (0.02, 19, 7.0)
-    assert structure["corridor"] is OPEN
+    assert structure["corridor"] is NO_WALLS
     times, control = Timing(0.01, 0.02, 1), scenario.control
     assert_alike(structure["lateral"], regulator_of(control.lateral.model(), times, 2.0e-5))
     assert_alike(structure["vertical"], regulator_of(control.vertical.model(), times, 7.785e-4))
@@ -164,9 +164,9 @@ def test_a_tube_moves_with_the_reference_and_a_room_does_not(predictive):
 
     inf = math.inf
     tube = corridor_of(kind="tube", half_width=[0.1, None, 0.3], weight=4.0)
-    assert tube == Corridor(PerAxis(-0.1, -inf, -0.3), PerAxis(0.1, inf, 0.3), moves=True, weight=4.0)
+    assert tube == Corridor(PerAxis(-0.1, -inf, -0.3), PerAxis(0.1, inf, 0.3), follows_reference=True, weight=4.0)
     room = corridor_of(kind="room", lower=[-2.0, None, 0.2], upper=[None, 3.0, 2.5], weight=5.0)
-    assert room == Corridor(PerAxis(-2.0, -inf, 0.2), PerAxis(inf, 3.0, 2.5), moves=False, weight=5.0)
+    assert room == Corridor(PerAxis(-2.0, -inf, 0.2), PerAxis(inf, 3.0, 2.5), follows_reference=False, weight=5.0)
 
 
 def test_a_regulator_alone_has_no_programme(asymmetric):

@@ -241,7 +241,7 @@ class AlwaysOne(Plain):
     ("given", "words"),
     [
         (Needs, "Needs cannot be built: "),
-        (Ported, "has the input port `measurment`, but may have `measurement`, `reference`"),
+        (Ported, "has the input port `measurment`, but may only have `measurement`, `reference`"),
         (AlwaysOne, "must have 12 rows for each of 2 vehicles, but has 12"),
         (Plain(), "a controller must be the class of a Drake system"),
         (SimpleNamespace, "has no output port `acceleration_command`, `wrench` or `attitude_target`"),

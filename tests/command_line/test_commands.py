@@ -250,7 +250,7 @@ RESPONDING = [
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_design_lqg_states_margins_and_writes_what_a_scenario_extends(run, tmp_path, monkeypatch):
-    monkeypatch.setattr("drake_quad.design.lqg._EVALUATIONS", 20)
+    monkeypatch.setattr("drake_quad.design.lqg._MAX_EVALUATIONS", 20)
     result = run("design-lqg", ONBOARD, "--sensitivity", "2.5", "--output", tmp_path)
     assert result.returncode == 0, result.stderr
     rows = {line.split()[0]: line.split() for line in result.stdout.splitlines() if line}
@@ -467,7 +467,7 @@ def test_sensitivities_are_sorted_by_effect(run, tmp_path):
         ("design-lqg", ["--delay-margin", "-1"], "--delay-margin is -1, but must be between 0 and 10"),
         ("design-lqg", ["--snap", "0"], "--snap is 0, but must be between 0.1 and 10000"),
         ("design-lqg", ["--acceleration", "0"], "--acceleration is 0, but must be between 0.01 and 1000"),
-        ("design", ["--phase-margin", "85"], "no gains of this kind are good enough for roll; at best phase"),
+        ("design", ["--phase-margin", "85"], "no gains of this family meet the requirements for roll; at best phase"),
         ("design", ["--loop", "attitude.bandwidth=5"], "roll cannot have a bandwidth of 5 rad/s: phase margin"),
         ("design", ["--method", "lqr", "--loop", "yaw.bandwidth=1"], "--loop yaw.bandwidth is for --method poles"),
         ("design", ["--on-board"], "laboratory.autopilot is of kind none, which has no loops on board that"),
@@ -480,7 +480,7 @@ def test_sensitivities_are_sorted_by_effect(run, tmp_path):
         (
             "map",
             [ONBOARD, *RESPONDING, "--quick", "--loop", "attitude"],
-            "with laboratory.autopilot of kind response the attitude has no gains that could be mapped",
+            "cannot map the attitude: laboratory.autopilot is of kind response, which has no gains",
         ),
         ("map", ["--size", "1"], "--size is 1, but must be between 2 and 200"),
         ("map", ["--quick", "--worst", "control.position.k_p.0=3"], "must be a field of vehicle or lab"),

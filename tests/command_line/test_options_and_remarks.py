@@ -113,7 +113,7 @@ def test_the_default_worst_case_is_that_of_the_sample_that_is_flown():
 
 
 def test_a_panel_of_a_map_is_the_linear_model_and_the_flights_of_the_same_gains(replaced):  # noqa: F811
-    calls = replaced("map", linear_map="linear", flown_map="flown")
+    calls = replaced("map", linear_map="linear", simulated_map="flown")
     k_p, k_d = np.array([1.0, 2.0]), np.array([3.0, 4.0])
     for overrides, sample in (([], 0), (["sample=3"], 3)):
         scenario = load_scenario("hover", overrides)
@@ -123,7 +123,7 @@ def test_a_panel_of_a_map_is_the_linear_model_and_the_flights_of_the_same_gains(
             "flown",
         )
         assert calls["linear_map"][-1] == ((scenario, "position", k_p, k_d), {})
-        assert calls["flown_map"][-1] == ((scenario, "position", k_p, k_d), {"sample": sample, "compiled": False})
+        assert calls["simulated_map"][-1] == ((scenario, "position", k_p, k_d), {"sample": sample, "compiled": False})
 
 
 def test_a_vehicle_is_written_beside_others_by_default(run, replaced, monkeypatch, tmp_path):  # noqa: F811

@@ -277,8 +277,8 @@ def test_modes_of_a_loop_have_a_frequency_a_damping_and_states(capsys):
 def test_plants_of_a_regulator_have_a_row_with_what_is_predicted_for_each(capsys):
     answer = SimpleNamespace(natural_frequency=6.789)
     plants = [
-        SimpleNamespace(lag=0.0456, answer=None, latency_frames=2, delay_ticks=1),
-        SimpleNamespace(lag=0.05, answer=answer, latency_frames=3, delay_ticks=4),
+        SimpleNamespace(lag=0.0456, response=None, latency_frames=2, delay_ticks=1),
+        SimpleNamespace(lag=0.05, response=answer, latency_frames=3, delay_ticks=4),
     ]
     lateral, vertical = ([SimpleNamespace(error=error) for error in errors] for errors in ((0.01, 0.02), (0.03, 0.04)))
     design_lqg.print_plants(SimpleNamespace(plants=plants, lateral=lateral, vertical=vertical))

@@ -31,7 +31,7 @@ def test_commanded_angular_accelerations_are_added():
     np.testing.assert_allclose(controller.get_output_port().Eval(context), np.array(INERTIA) * [1.0, 2.0, 3.0])
 
 
-def test_gains_act_on_each_axis_as_on_a_double_integrator():
+def test_gains_are_those_of_a_double_integrator_on_each_axis():
     rates = np.array([1.0, 1.1, 1.2])
     result = torque((0.1, 0.2, 0.3), (0.4, 0.5, 0.6), (0.3, 0.1, 0.0), rates)
     acceleration = [10.0 * 0.2 + 0.6, 20.0 * -0.1 + 2.0 * 0.6, 30.0 * -0.3 + 3.0 * 0.6]
@@ -42,5 +42,5 @@ def test_gains_act_on_each_axis_as_on_a_double_integrator():
     ("yaw", "command", "error"),
     [(3.0, -3.0, math.tau - 6.0), (-3.0, 3.0, 6.0 - math.tau), (0.1, 12.7, 12.6 - 2 * math.tau)],
 )
-def test_yaw_turns_the_short_way(yaw, command, error):
+def test_the_yaw_error_is_wrapped(yaw, command, error):
     assert torque((0.0, 0.0, yaw), command=(0.0, 0.0, command)).tau_z == pytest.approx(0.012 * 30.0 * error)

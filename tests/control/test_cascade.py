@@ -1,4 +1,4 @@
-"""The cascade as one diagram: what is connected with what, and what is shown."""
+"""The cascade as a diagram: its connections and its outputs."""
 
 import math
 
@@ -44,7 +44,7 @@ def cascade(feed_forward, position=None, network=None):
 
 
 def evaluated(system, **inputs):
-    """The only output of a system under these inputs."""
+    """Return the only output of a system for these inputs."""
     context = system.CreateDefaultContext()
     for name, rows in inputs.items():
         system.GetInputPort(name).FixValue(context, rows)
@@ -57,8 +57,8 @@ def ports(system):
 
 
 @pytest.mark.parametrize("feed_forward", ["none", "acceleration", "jerk", "snap"])
-def test_its_outputs_are_those_of_its_parts_one_after_another(feed_forward):
-    """Each part flown on its own, with what it gets from the one before, and only what is fed forward."""
+def test_outputs_equal_those_of_the_parts_in_sequence(feed_forward):
+    """Each part is evaluated alone, with the outputs of the previous parts and only the inputs that are fed forward."""
     control = cascade(feed_forward)
     given = {name: rows for name, rows in INPUTS.items() if control.HasInputPort(name)}
     assert ("reference_jerk" in given, "reference_snap" in given) == (
@@ -91,7 +91,7 @@ def test_its_outputs_are_those_of_its_parts_one_after_another(feed_forward):
     np.testing.assert_allclose(output("wrench"), [*thrust, *torque], rtol=1e-14)
 
 
-def test_at_rest_at_its_reference_it_commands_the_believed_weight():
+def test_at_rest_on_the_reference_the_thrust_is_the_nominal_weight():
     control = cascade("snap")
     context = control.CreateDefaultContext()
     for name, rows in INPUTS.items():
@@ -100,7 +100,7 @@ def test_at_rest_at_its_reference_it_commands_the_believed_weight():
     assert wrench == pytest.approx(Wrench(0.7 * 9.79, 0.0, 0.0, 0.0), abs=1e-15)
 
 
-def test_it_shows_what_its_position_controller_shows():
+def test_outputs_of_the_position_controller_are_outputs_of_the_cascade():
     always = ["wrench", "acceleration_command", "attitude_command"]
     of_the_pd = ["error", "error_rate", "pd", "correction"]
     pd = ProportionalDerivative(numbers=GAINS)
@@ -115,7 +115,7 @@ def test_it_shows_what_its_position_controller_shows():
 
 
 class Constant(LeafSystem):
-    """A position controller that shows nothing and always commands the same."""
+    """Position controller with a constant command and no other outputs."""
 
     def __init__(self, command):
         super().__init__()
@@ -127,7 +127,7 @@ class Constant(LeafSystem):
 
 
 class Estimator(LeafSystem):
-    """A controller that shows all that a network can look at, and takes its correction and what it has learned."""
+    """Controller with all outputs that a network can read, and inputs for its correction and learned disturbance."""
 
     def __init__(self):
         super().__init__()
@@ -147,8 +147,8 @@ class Estimator(LeafSystem):
         )
 
 
-def test_a_network_stands_around_any_controller_and_looks_at_what_it_estimates():
-    """The disturbance on its own axis, the measured height; what it makes of them is what the controller subtracts."""
+def test_a_network_works_around_any_controller_and_reads_its_estimate():
+    """The network reads the disturbance on its own axis and the measured height; its output is subtracted."""
     inputs, sets = ("z", "disturbance"), Antecedents(1.3, 0.7, 0.4, (FuzzySets(0.6), FuzzySets(1.1)))
     learning = WeightLearning(learns_from="feedback")
     network = build_fuzzy_network(rules=FuzzyRules(inputs=inputs, numbers=RulesNumbers((sets,))), learning=learning)
@@ -165,8 +165,8 @@ def test_a_network_stands_around_any_controller_and_looks_at_what_it_estimates()
 
 
 @pytest.mark.parametrize("leads", [False, True])
-def test_a_controller_is_told_what_its_network_has_learned_of_where_the_vehicle_is(leads):
-    """And corrected by what has been learned of where it will be; without a lead they are one."""
+def test_a_controller_gets_the_disturbance_learned_for_the_present_position(leads):
+    """The learned disturbance is that at the present position, the correction that after the lead time."""
     lead, sets = 0.3, Antecedents(1.3, 0.7, 0.4, (FuzzySets(0.1, (-1.0, 0.2, 0.9)),))
     rules = FuzzyRules(inputs=("z",), leads=leads, numbers=RulesNumbers((sets,), Lead(lead)))
     learning, position = WeightLearning(num_rules=3, leads=leads), Estimator()
@@ -176,16 +176,16 @@ def test_a_controller_is_told_what_its_network_has_learned_of_where_the_vehicle_
     for name in ("measurement", "reference"):
         control.GetInputPort(name).FixValue(context, INPUTS[name])
     own = position.GetMyContextFromRoot(context)
-    told = {name: position.GetInputPort(name).Eval(own) for name in ("correction", "learned_disturbance")}
+    commanded = {name: position.GetInputPort(name).Eval(own) for name in ("correction", "learned_disturbance")}
     z, v_z = INPUTS["measurement"].z, INPUTS["measurement"].v_z
     for name, ahead in (("correction", leads * lead), ("learned_disturbance", 0.0)):
         expected = np.dot(weights, firing_strengths((z + ahead * v_z,), sets))
-        np.testing.assert_allclose(told[name], [expected, expected, 0.0], rtol=1e-14)
+        np.testing.assert_allclose(commanded[name], [expected, expected, 0.0], rtol=1e-14)
     assert v_z != 0.0
 
 
-def test_any_position_controller_will_do():
-    """Eq (7) and the attitude law act on what it commands; nothing else of it is needed."""
+def test_any_position_controller_can_be_used():
+    """Eq (7) and the attitude law need only the commanded acceleration of the position controller."""
     command = Acceleration(0.4, -0.3, 0.2)
     control = cascade("none", Constant(command))
     assert ports(control) == (["measurement", "reference"], ["wrench", "acceleration_command", "attitude_command"])

@@ -1,4 +1,4 @@
-"""The laws of estimators: against other implementations, and what is published of them."""
+"""Laws that estimate disturbances, compared with other implementations and with published results."""
 
 import math
 
@@ -8,27 +8,27 @@ import scipy
 
 from drake_quad.control.disturbance.laws import (
     AdaptiveLaw,
+    AxisMeasurement,
     DifferencedMemory,
-    Gained,
     IncrementalLaw,
     KalmanLaw,
-    Measured,
+    ModelIncrement,
 )
-from drake_quad.control.disturbance.response import AxisCommand, lagging, responded
+from drake_quad.control.disturbance.response import AxisCommand, lag_step, response_step
 
 H = 0.02
 
 
-def test_a_lag_and_its_integrals_are_those_of_its_differential_equation():
+def test_a_lag_and_its_integrals_solve_the_differential_equation():
     lag, before, target = 0.07, 1.3, -0.4
     slope = np.array([[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, -1.0 / lag, 1.0 / lag], [0.0] * 4])
     distance, speed, after, _ = scipy.linalg.expm(H * slope) @ [0.0, 0.0, before, target]
-    assert lagging(before, target, lag, H) == pytest.approx((after, speed, distance), rel=1e-12)
+    assert lag_step(before, target, lag, H) == pytest.approx((after, speed, distance), rel=1e-12)
 
 
-def test_what_is_fed_forward_has_a_lag_of_its_own():
-    after, speed, distance = responded(AxisCommand(0.3, -0.2), AxisCommand(1.1, 0.7), AxisCommand(0.2, 0.05), H)
-    one, other = lagging(0.3, 1.1, 0.2, H), lagging(-0.2, 0.7, 0.05, H)
+def test_feed_forward_has_its_own_lag():
+    after, speed, distance = response_step(AxisCommand(0.3, -0.2), AxisCommand(1.1, 0.7), AxisCommand(0.2, 0.05), H)
+    one, other = lag_step(0.3, 1.1, 0.2, H), lag_step(-0.2, 0.7, 0.05, H)
     assert after == (one.after, other.after)
     assert (speed, distance) == pytest.approx((one.speed + other.speed, one.distance + other.distance))
 
@@ -36,8 +36,8 @@ def test_what_is_fed_forward_has_a_lag_of_its_own():
 @pytest.mark.parametrize(
     ("deviation", "time_constant", "noise"), [(0.3, 0.5, 1e-3), (1.7, 60.0, 0.02), (0.01, 2.0, 0.1)]
 )
-def test_the_gain_is_python_control_s(deviation, time_constant, noise):
-    """`dlqe` has the gain of the prediction, A L, and wants the noise in discrete time, here by quadrature."""
+def test_the_kalman_gain_matches_python_control(deviation, time_constant, noise):
+    """python-control's `dlqe` returns the prediction gain A L and needs the discrete-time noise, here by quadrature."""
     import control
 
     law = KalmanLaw.of(deviation=deviation, time_constant=time_constant, position_noise=noise, period=H)
@@ -54,37 +54,39 @@ def test_the_gain_is_python_control_s(deviation, time_constant, noise):
     assert np.abs(poles).max() < 1.0
 
 
-def test_less_noise_and_more_disturbance_make_a_faster_filter():
+def test_the_filter_is_faster_for_less_noise_and_more_disturbance():
     numbers = {"deviation": 0.3, "time_constant": 0.5, "position_noise": 1e-3, "period": H}
     gain = KalmanLaw.of(**numbers).gain.disturbance
     assert KalmanLaw.of(**numbers | {"position_noise": 1e-2}).gain.disturbance < gain
     assert KalmanLaw.of(**numbers | {"deviation": 1.0}).gain.disturbance > gain
-    # Only their ratio counts.
+    # Only the ratio of noise and disturbance matters.
     tenfold = KalmanLaw.of(**numbers | {"deviation": 3.0, "position_noise": 1e-2})
     np.testing.assert_allclose(tenfold.gain, KalmanLaw.of(**numbers).gain, rtol=1e-9)
 
 
 def estimates(law, disturbances, accelerations, *, start=0.0):
-    """What a law shows at the end of each tick of a plant v' = a + d under held a and d, seen without noise."""
+    """Return the estimates of a law at the end of each tick, for v' = a + d with constant a and d, without noise."""
     position, velocity, memory, shown = start, 0.0, law.at_rest(start), []
     for a, d in zip(accelerations, disturbances, strict=True):
-        memory = law.corrected(memory, Measured(position, velocity), H)
-        memory = law.predicted(memory, Gained(H * a, 0.5 * H * H * a), H)
+        memory = law.corrected(memory, AxisMeasurement(position, velocity), H)
+        memory = law.predicted(memory, ModelIncrement(H * a, 0.5 * H * H * a), H)
         position += H * velocity + 0.5 * H * H * (a + d)
         velocity += H * (a + d)
-        shown.append(law.corrected(memory, Measured(position, velocity), H).disturbance)
+        shown.append(law.corrected(memory, AxisMeasurement(position, velocity), H).disturbance)
     return np.array(shown)
 
 
 RNG = np.random.default_rng(0)
-PUSHED = RNG.normal(size=60)
+DISTURBANCES = RNG.normal(size=60)
 
 
 def test_l1_is_the_published_law_in_continuous_time():
-    """State predictor and low-pass integrated by SciPy, with the adaptation at the ticks only, as in the papers."""
+    """SciPy integrates the state predictor and the low-pass filter; the adaptation acts at the ticks only, as in the
+    papers.
+    """
     a_s, bandwidth, pushes = 7.0, 3.0, RNG.normal(size=60)
     sigma, filtered, v, v_hat, expected = 0.0, 0.0, 0.0, 0.0, []
-    for a, d in zip(PUSHED, pushes, strict=True):
+    for a, d in zip(DISTURBANCES, pushes, strict=True):
 
         def slope(_, state, a=a, d=d, sigma=sigma):
             v, v_hat = state
@@ -95,53 +97,57 @@ def test_l1_is_the_published_law_in_continuous_time():
         sigma = -math.exp(-a_s * H) * (v_hat - v) / ((math.exp(-a_s * H) - 1.0) / -a_s)
         filtered += (1.0 - math.exp(-bandwidth * H)) * (sigma - filtered)
         expected.append(filtered)
-    np.testing.assert_allclose(estimates(AdaptiveLaw(a_s, bandwidth), pushes, PUSHED), expected, atol=1e-8)
+    np.testing.assert_allclose(estimates(AdaptiveLaw(a_s, bandwidth), pushes, DISTURBANCES), expected, atol=1e-8)
 
 
-def test_l1_with_slow_prediction_and_fast_filter_shows_the_disturbance_of_the_last_tick():
+def test_l1_with_slow_predictor_and_fast_filter_estimates_the_last_disturbance():
     pushes = RNG.normal(size=60)
-    np.testing.assert_allclose(estimates(AdaptiveLaw(1e-9, 1e9), pushes, PUSHED), pushes, atol=1e-6)
+    np.testing.assert_allclose(estimates(AdaptiveLaw(1e-9, 1e9), pushes, DISTURBANCES), pushes, atol=1e-6)
 
 
 @pytest.mark.parametrize("frequency", [0.7, 2.0, 9.0])
-def test_l1_takes_away_what_passes_its_low_pass(frequency):
-    """U = -C(s) d for fast ticks and a slow state predictor: amplitude and phase of ω / (i Ω + ω) at Ω."""
+def test_l1_compensates_what_passes_its_low_pass_filter(frequency):
+    """For fast ticks and a slow state predictor u = -C(s) d has the amplitude and phase of ω / (i Ω + ω) at Ω."""
     bandwidth, h = 2.0, 1e-3
     law, time = AdaptiveLaw(1e-6, bandwidth), h * np.arange(20_000)
     memory, velocities, shown = law.at_rest(0.0), (1.0 - np.cos(frequency * time)) / frequency, []
     for velocity in velocities:
-        memory = law.corrected(memory, Measured(0.0, velocity), h)
+        memory = law.corrected(memory, AxisMeasurement(0.0, velocity), h)
         shown.append(memory.disturbance)
     waves = np.column_stack([np.sin(frequency * time), np.cos(frequency * time)])[10_000:]
     (in_phase, ahead), *_ = np.linalg.lstsq(waves, np.array(shown)[10_000:], rcond=None)
     assert complex(in_phase, ahead) == pytest.approx(bandwidth / (1j * frequency + bandwidth), abs=0.01)
 
 
-def test_indi_filters_the_difference_of_accelerations_by_butterworth_s_low_pass():
+def test_indi_filters_the_acceleration_difference_with_a_butterworth_filter():
     bandwidth, pushes = 6.0, RNG.normal(size=60)
     numerator, denominator = scipy.signal.butter(2, bandwidth, analog=True)
-    # In state space, since the numerator of the transfer function is small beside rounding.
+    # The state-space form is used because the numerator of the transfer function is small compared with rounding
+    # errors.
     model = scipy.signal.tf2ss(numerator, denominator)
     _, expected, _ = scipy.signal.dlsim(scipy.signal.cont2discrete(model, H, method="zoh"), np.append(pushes, 0.0))
-    np.testing.assert_allclose(estimates(IncrementalLaw(bandwidth), pushes, PUSHED), expected.ravel()[1:], atol=1e-9)
+    np.testing.assert_allclose(
+        estimates(IncrementalLaw(bandwidth), pushes, DISTURBANCES), expected.ravel()[1:], atol=1e-9
+    )
 
 
 def test_indi_is_an_incremental_pi_on_a_linear_plant():
-    """With a fast filter and a plant that follows at once: Δu = K h e / h - Δv / h (P. Acquatella B., W. van Ekeren and
-    Q. P. Chu, "PI(D) tuning for flight control systems via INDI", IFAC 2017). The gains of the PI do not know d."""
-    K, wanted, pushes = 4.0, 1.0, 0.3 + RNG.normal(size=60)
+    """With a fast filter and a plant without lag Δu = K h e / h - Δv / h (P. Acquatella B., W. van Ekeren and
+    Q. P. Chu, "PI(D) tuning for flight control systems via INDI", IFAC 2017). The gains of the PI do not depend on d.
+    """
+    K, desired, pushes = 4.0, 1.0, 0.3 + RNG.normal(size=60)
     law = IncrementalLaw(1e6)
     memory, v, found = law.at_rest(0.0), 0.0, []
     for d in pushes:
-        memory = law.corrected(memory, Measured(0.0, v), H)
-        u = K * (wanted - v) - memory.disturbance
-        memory = law.predicted(memory, Gained(H * u, 0.5 * H * H * u), H)
+        memory = law.corrected(memory, AxisMeasurement(0.0, v), H)
+        u = K * (desired - v) - memory.disturbance
+        memory = law.predicted(memory, ModelIncrement(H * u, 0.5 * H * H * u), H)
         v += H * (u + d)
         found.append(v)
     k_p, k_i, u, v, before, expected = 1.0 / H, K / H, 0.0, 0.0, 0.0, []
     for d in pushes:
-        e = wanted - v
-        u += k_i * H * e + k_p * (e - (wanted - before))
+        e = desired - v
+        u += k_i * H * e + k_p * (e - (desired - before))
         before = v
         v += H * (u + d)
         expected.append(v)
@@ -157,22 +163,22 @@ def test_indi_is_an_incremental_pi_on_a_linear_plant():
     ],
     ids=lambda law: type(law).__name__,
 )
-def test_a_constant_disturbance_is_found_whatever_is_commanded(law):
+def test_a_constant_disturbance_is_estimated_for_any_command(law):
     pushes = np.full(400, -0.7)
     assert estimates(law, pushes, RNG.normal(size=400), start=3.0)[-1] == pytest.approx(-0.7, abs=1e-3)
 
 
-def test_a_disturbance_that_does_not_last_is_expected_to_decay():
+def test_the_kalman_filter_predicts_the_decay_of_a_disturbance():
     law = KalmanLaw.of(deviation=1.0, time_constant=0.5, position_noise=1e-3, period=H)
     memory = law.at_rest(0.0)._replace(disturbance=1.0)
     for _ in range(25):
-        memory = law.predicted(memory, Gained(0.0, 0.0), H)
+        memory = law.predicted(memory, ModelIncrement(0.0, 0.0), H)
     # d = exp(-t / T), v = T (1 - d), p = T (t - v) after t = T.
     share = math.exp(-1.0)
     assert memory == pytest.approx((0.5 * (0.5 - 0.5 * (1.0 - share)), 0.5 * (1.0 - share), share), rel=1e-12)
 
 
-def test_what_a_law_on_differences_remembers_of_a_vehicle_at_rest_is_nothing():
+def test_memory_of_differencing_laws_is_zero_at_rest():
     assert (
         AdaptiveLaw(1.0, 2.0).at_rest(7.0) == IncrementalLaw(2.0).at_rest(7.0) == DifferencedMemory(0.0, 0.0, 0.0, 0.0)
     )

@@ -1,4 +1,4 @@
-"""Geometric attitude control: against the PD nearby, and home from anywhere, as its paper proves."""
+"""Geometric attitude control: compared with the PD near the command, and recovery from any attitude."""
 
 import math
 
@@ -27,8 +27,8 @@ from drake_quad.signals import AngularAcceleration, Attitude, BodyRates, State
 INERTIA = np.array([0.0065, 0.0085, 0.0126])
 
 
-def test_near_the_commanded_attitude_it_is_the_pd():
-    """At level both have the same derivatives by attitude, rates, and all that is commanded."""
+def test_the_law_equals_the_pd_near_the_commanded_attitude():
+    """At level attitude both laws have the same derivatives with respect to attitude, rates, and all commands."""
     numbers = AttitudeNumbers(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), *INERTIA)
 
     def derivatives(law):
@@ -42,16 +42,16 @@ def test_near_the_commanded_attitude_it_is_the_pd():
 
 
 def angles_of(R):
-    """Roll, pitch and yaw of a rotation matrix, eq (1)."""
+    """Return roll, pitch and yaw of a rotation matrix, eq (1)."""
     yaw, pitch, roll = scipy.spatial.transform.Rotation.from_matrix(R).as_euler("ZYX")
     return Attitude(roll, pitch, yaw)
 
 
 @pytest.mark.slow
-def test_the_paper_s_lyapunov_function_falls_on_the_exact_dynamics():
-    """V = ½ e_Ω·J e_Ω + k_R Ψ + c e_R·e_Ω with Ψ = ½ tr(1 - R_dᵀ R) of its proof, for one k_R on all axes.
+def test_the_lyapunov_function_of_the_paper_decreases_on_the_exact_dynamics():
+    """V = ½ e_Ω·J e_Ω + k_R Ψ + c e_R·e_Ω with Ψ = ½ tr(1 - R_dᵀ R) of the paper's proof, with one k_R for all axes.
 
-    The command rests, and the body begins 178° away about an axis that is none of its own.
+    The command is constant, and the body starts at 178° about an axis that is not one of its own.
     """
     k_R, k_Omega, c = 0.12, 0.05, 0.004
     numbers = AttitudeNumbers(PerAngle(*(k_R / INERTIA)), PerAngle(*(k_Omega / INERTIA)), *INERTIA)
@@ -79,14 +79,14 @@ def test_the_paper_s_lyapunov_function_falls_on_the_exact_dynamics():
         return 0.5 * w @ (INERTIA * w) + 0.5 * k_R * np.trace(np.eye(3) - R_d.T @ R) + c * e_R @ w
 
     values = np.array([lyapunov(state) for state in found])
-    assert values[0] > 1.9 * k_R  # nearly as far as can be
+    assert values[0] > 1.9 * k_R  # This is close to the largest possible value.
     assert (np.diff(values) < 1e-9).all()
     assert values[-1] < 1e-5 * values[0]
     np.testing.assert_allclose(found[-1][:9].reshape(3, 3), R_d, atol=2e-3)
 
 
-def test_whole_turns_do_not_count():
-    """A vehicle that has rolled over goes the short way, where a PD on the angle winds it back."""
+def test_whole_turns_have_no_influence():
+    """A vehicle that has rolled over takes the shorter way back, whereas a PD on the angle unwinds the whole turn."""
     numbers = AttitudeNumbers(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), *INERTIA)
     rest = (0.0, 0.0, 0.0)
 
@@ -110,8 +110,8 @@ recovery:
 
 
 @pytest.mark.slow
-def test_vehicles_come_home_from_any_attitude_under_the_paper_s_rates_and_delay(tmp_path):
-    """From upside down, 178° about some axes, and from a hundred attitudes at random, all at rest."""
+def test_vehicles_recover_from_any_attitude_with_the_rates_and_delay_of_the_paper(tmp_path):
+    """The vehicles start at rest: upside down, at 178° about several axes, and at a hundred random attitudes."""
     path = tmp_path / "recovery.yaml"
     path.write_text(RECOVERY)
     over = math.radians(178.0) * np.array([[1.0, 0.0, 0.0], [0.48, 0.8, 0.36], [-0.8, 0.6, 0.0]])
@@ -142,7 +142,7 @@ INTEGRATING = IntegratingAttitudeNumbers(
 
 
 def rotation_error():
-    """½ (R_dᵀ R - Rᵀ R_d)^∨ by SciPy's rotations."""
+    """Return ½ (R_dᵀ R - Rᵀ R_d)^∨, with SciPy's rotations."""
     R_d, R = (
         scipy.spatial.transform.Rotation.from_euler("ZYX", [each.yaw, each.pitch, each.roll]).as_matrix()
         for each in (COMMANDED, MEASURED)
@@ -151,7 +151,7 @@ def rotation_error():
     return np.array([skew[2, 1], skew[0, 2], skew[1, 0]])
 
 
-def test_the_integral_grows_by_gain_period_and_error_and_keeps_to_its_limit():
+def test_the_integral_grows_by_gain_times_period_times_error_up_to_its_limit():
     period, before = 0.02, np.array([0.1, -0.2, 0.3])
     step = period * np.array(INTEGRATING.k_i) * rotation_error()
     after = integrated_rotation(AngularAcceleration(*before), MEASURED, COMMANDED, INTEGRATING, period)
@@ -163,8 +163,8 @@ def test_the_integral_grows_by_gain_period_and_error_and_keeps_to_its_limit():
         np.testing.assert_allclose(held, full if sign > 0.0 else full + step, atol=1e-15)
 
 
-def test_the_torque_lacks_what_the_integral_holds():
-    """About each axis its moment of inertia times the integral: what is held pushes against the error."""
+def test_the_integral_is_subtracted_from_the_torque():
+    """About each axis the moment of inertia times the integral is subtracted from the torque."""
     integral = np.array([0.1, -0.2, 0.3])
     commanded = COMMANDED, BodyRates(0.1, 0.2, 0.3), AngularAcceleration(0.4, 0.5, 0.6)
     without = geometric_law(MEASURED, *commanded, INTEGRATING.attitude)
@@ -172,15 +172,15 @@ def test_the_torque_lacks_what_the_integral_holds():
     np.testing.assert_allclose(found, without - INERTIA * integral, atol=1e-15)
 
 
-def test_an_integral_holds_a_centre_of_mass_beside_the_middle(diagrams):
-    """The PD leans until its torque is that of the offset; the integral takes over, and the body is level again."""
+def test_the_integral_compensates_an_offset_centre_of_mass(diagrams):
+    """A PD tilts until its torque balances that of the offset; with an integral the body becomes level again."""
     gains = "k_p: [30.0, 30.0, 5.0], k_d: [8.0, 8.0, 3.5]"
     offset = ["vehicle.centre_of_mass=[0.0, 0.002]", "duration=6"]
-    wanted = np.empty(2)
+    desired = np.empty(2)
     for i, integral in enumerate(("", ", k_i: [30.0, 30.0, 2.0]")):
         attitude = f"control.attitude={{kind: geometric, {gains}{integral}}}"
         flight = simulate(load_scenario(diagrams / "hover.yaml", [attitude, *offset]), compiled=True)
         lean = flight.record("attitude_command").roll - flight.record("state").roll
-        wanted[i] = np.abs(lean[-50:]).max()
-    assert wanted[0] > 0.02
-    assert wanted[1] < 0.02 * wanted[0]
+        desired[i] = np.abs(lean[-50:]).max()
+    assert desired[0] > 0.02
+    assert desired[1] < 0.02 * desired[0]

@@ -1,4 +1,4 @@
-"""INDI of the attitude on the motion that it believes in, with a torque that nobody knows of."""
+"""INDI of the attitude on its own model, with an unknown torque."""
 
 import numpy as np
 import pytest
@@ -19,50 +19,52 @@ H, LAG = 0.02, 0.05
 INERTIA = np.array([0.0065, 0.0085, 0.0126])
 GAINS = AttitudeNumbers(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), *INERTIA)
 NUMBERS = IncrementalAttitudeNumbers(GAINS, IncrementalLaw(5.0), LAG, 20.0)
-NOTHING = Attitude(0.0, 0.0, 0.0), BodyRates(0.0, 0.0, 0.0), AngularAcceleration(0.0, 0.0, 0.0)
-PUSH = np.array([0.9, -0.7, 0.4])
+AT_REST = Attitude(0.0, 0.0, 0.0), BodyRates(0.0, 0.0, 0.0), AngularAcceleration(0.0, 0.0, 0.0)
+DISTURBANCE = np.array([0.9, -0.7, 0.4])
 
 
 def settled(law_of):
-    """Angles and rates after eight seconds of small turns under a constant angular acceleration beside the commanded
-    one, which has the lag that is believed."""
+    """Return angles and rates after eight seconds under a constant additional angular acceleration.
+
+    The commanded angular acceleration has the modelled lag.
+    """
     angles, rates, following = np.zeros(3), np.zeros(3), np.zeros(3)
     for _ in range(400):
         measurement = State(0.0, 0.0, 0.0, *angles, 0.0, 0.0, 0.0, *rates)
         command = np.array(law_of(measurement)) / INERTIA
         for _ in range(25):
             following += H / 25 / LAG * (command - following)
-            rates += H / 25 * (following + PUSH)
+            rates += H / 25 * (following + DISTURBANCE)
             angles += H / 25 * rates
     return angles, rates
 
 
-def test_a_constant_torque_turns_a_pd_aside_and_indi_not():
-    angles, rates = settled(lambda measurement: attitude_law(measurement, *NOTHING, GAINS))
-    np.testing.assert_allclose(angles, PUSH / np.array(GAINS.k_p), rtol=1e-3)
+def test_a_constant_torque_deflects_a_pd_but_not_indi():
+    angles, rates = settled(lambda measurement: attitude_law(measurement, *AT_REST, GAINS))
+    np.testing.assert_allclose(angles, DISTURBANCE / np.array(GAINS.k_p), rtol=1e-3)
     still = ((NUMBERS.law.at_rest(0.0),) * 3, (AxisCommand(0.0, 0.0),) * 3)
     states = [still]
 
     def incremental(measurement):
         memory, following = states.pop()
-        arguments = measurement, *NOTHING, NUMBERS, H
+        arguments = measurement, *AT_REST, NUMBERS, H
         states.append(next_incremental_memory(memory, following, (), *arguments)[:2])
         return incremental_torque(memory, *arguments)
 
     angles, rates = settled(incremental)
     np.testing.assert_allclose([angles, rates], 0.0, atol=1e-3)
-    # What is measured beyond the model is the push.
+    # The measured acceleration that the model does not explain is the disturbance.
     (memory, _) = states.pop()
-    assert [each.disturbance for each in memory] == pytest.approx(PUSH, rel=1e-2)
+    assert [each.disturbance for each in memory] == pytest.approx(DISTURBANCE, rel=1e-2)
 
 
-def test_without_a_disturbance_it_is_the_pd():
-    """At a first tick with rates of zero nothing is known yet."""
+def test_without_a_disturbance_the_torque_is_that_of_the_pd():
+    """At the first tick with zero rates the estimated disturbance is zero."""
     measurement = State(0.0, 0.0, 0.0, 0.1, -0.2, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    wanted = Attitude(0.2, 0.1, -0.3), BodyRates(0.5, -0.4, 0.3), AngularAcceleration(1.0, 2.0, -3.0)
+    desired = Attitude(0.2, 0.1, -0.3), BodyRates(0.5, -0.4, 0.3), AngularAcceleration(1.0, 2.0, -3.0)
     memory = (NUMBERS.law.at_rest(0.0),) * 3
-    expected = attitude_law(measurement, *wanted, GAINS)
-    assert incremental_torque(memory, measurement, *wanted, NUMBERS, H) == expected
+    expected = attitude_law(measurement, *desired, GAINS)
+    assert incremental_torque(memory, measurement, *desired, NUMBERS, H) == expected
 
 
 def test_the_torque_follows_the_equation_of_incremental_control():
@@ -85,15 +87,15 @@ def test_the_torque_follows_the_equation_of_incremental_control():
         ]
         filtered = A @ filtered + B * (rates - before - rate_increment) / H
         disturbance = filtered[0]
-        wanted = GAINS.k_p * (attitude - angles) + GAINS.k_d * (wanted_rates - rates) + feed_forward
-        expected = INERTIA * (wanted - disturbance) + np.cross(wanted_rates, INERTIA * wanted_rates)
+        desired = GAINS.k_p * (attitude - angles) + GAINS.k_d * (wanted_rates - rates) + feed_forward
+        expected = INERTIA * (desired - disturbance) + np.cross(wanted_rates, INERTIA * wanted_rates)
         measurement = State(0.0, 0.0, 0.0, *angles, 0.0, 0.0, 0.0, *rates)
-        asked = Attitude(*attitude), BodyRates(*wanted_rates), AngularAcceleration(*feed_forward)
-        found = incremental_torque(memory, measurement, *asked, NUMBERS, H)
+        requested = Attitude(*attitude), BodyRates(*wanted_rates), AngularAcceleration(*feed_forward)
+        found = incremental_torque(memory, measurement, *requested, NUMBERS, H)
         np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12)
-        memory, following, _ = next_incremental_memory(memory, following, (), measurement, *asked, NUMBERS, H)
-        # The model α' = (α_c - d - α) / lag is solved over a tick.
-        command = wanted - disturbance
+        memory, following, _ = next_incremental_memory(memory, following, (), measurement, *requested, NUMBERS, H)
+        # The model α' = (α_c - d - α) / lag is solved exactly over a tick.
+        command = desired - disturbance
         decay = np.exp(-H / LAG)
         rate_increment = H * command + LAG * (1.0 - decay) * (modelled - command)
         modelled = command + decay * (modelled - command)

@@ -1,4 +1,4 @@
-"""The integral of a PID against sums."""
+"""The integral of a PID, compared with sums."""
 
 import itertools
 
@@ -14,13 +14,13 @@ H, K_I = 0.02, np.array([0.3, 0.5, 2.0])
 
 
 def corrected(errors, limit, num_vehicles=1, k_i=tuple(K_I), integration="forward_euler"):
-    """The corrections (ticks + 1, 3, N) that follow from errors (ticks, 3, N), one a tick."""
+    """Return the corrections (ticks + 1, 3, N) for errors (ticks, 3, N), one for each tick."""
     numbers = IntegralGains(PerAxis(*k_i), limit)
     system = IntegralCorrection(num_vehicles=num_vehicles, period=H, integration=integration, numbers=numbers)
     simulator = Simulator(system)
     context, found = simulator.get_mutable_context(), []
     for tick, error in enumerate(errors):
-        # What is pending at a tick is done on the way to the next, with the error that is there then.
+        # Events at a tick are processed on the way to the next tick, with the error at that tick.
         if tick:
             simulator.AdvanceTo(tick * H)
         found.append(system.get_output_port().Eval(context))
@@ -30,8 +30,8 @@ def corrected(errors, limit, num_vehicles=1, k_i=tuple(K_I), integration="forwar
     return np.array(found).reshape(-1, 3, num_vehicles)
 
 
-def test_a_tick_adds_the_error_times_gain_and_period_and_keeps_to_the_limit():
-    """By hand, with a gain for each axis: 1 - 0.02 · 2 · 10, -1 + 0.02 · 3 · 5, and no more than the limit."""
+def test_a_tick_adds_error_times_gain_times_period_up_to_the_limit():
+    """Expected values by hand, with a gain for each axis: 1 - 0.02 · 2 · 10, -1 + 0.02 · 3 · 5, and the limit."""
     gains = IntegralGains(PerAxis(2.0, 3.0, 4.0), 1.5)
     after = integrated(Acceleration(1.0, -1.0, 1.4), PositionError(10.0, -5.0, -2.0), gains, H)
     assert after == pytest.approx(Acceleration(0.6, -0.7, 1.5))
@@ -40,7 +40,7 @@ def test_a_tick_adds_the_error_times_gain_and_period_and_keeps_to_the_limit():
 
 
 def test_the_correction_is_minus_the_sum_of_the_errors():
-    """It is subtracted from the command, so that the command rises with the error on every axis."""
+    """The correction is subtracted from the command, so that the command increases with the error on every axis."""
     errors = np.random.default_rng(0).normal(size=(50, 3, 1))
     found = corrected(errors, limit=1e9)
     sums = np.cumsum(errors, axis=0) * H * K_I[:, None]
@@ -69,16 +69,16 @@ def test_backward_euler_includes_the_error_of_the_current_tick():
 
 
 @pytest.mark.parametrize("signs", [*itertools.product((1.0, -1.0), repeat=3)])
-def test_it_is_held_within_the_limit_on_every_axis_both_ways_and_does_not_wind_up(signs):
+def test_the_integral_saturates_on_every_axis_and_does_not_wind_up(signs):
     error, limit = 40.0 * np.reshape(signs, (1, 3, 1)), 0.7
     there = np.repeat(error, 30, axis=0)
     found = corrected(np.concatenate([there, -there[:2]]), limit)
     np.testing.assert_array_equal(found[30, :, 0], -limit * np.array(signs))
-    # What lay beyond the limit is forgotten: a tick back is a tick back.
+    # The error beyond the limit is not stored: one tick of the opposite error leaves the limit at once.
     np.testing.assert_allclose(found[31, :, 0], np.array(signs) * np.minimum(40.0 * H * K_I - limit, limit), atol=1e-12)
 
 
-def test_each_vehicle_of_a_fleet_has_its_own():
+def test_each_vehicle_of_a_fleet_has_its_own_integral():
     rng = np.random.default_rng(1)
     errors, limits, gains = rng.normal(size=(40, 3, 3)), np.array([0.05, 0.2, 5.0]), rng.uniform(0.1, 2.0, (3, 3))
     fleet = corrected(errors, limits, num_vehicles=3, k_i=tuple(gains))

@@ -145,7 +145,7 @@ class Firmware:
 
 def flown(**overrides):
     """Simulate a flight at 500 Hz around an ellipse under a Lee controller, as in crazyswarm2.yaml, at constant yaw."""
-    asked = {
+    requested = {
         "control.position.feed_forward": "acceleration",
         "route": {
             "kind": "lissajous",
@@ -167,7 +167,7 @@ def flown(**overrides):
         "control.thrust_vectoring": {"max_tilt": 1.2, "min_thrust": 0.05, "max_thrust": 4.0},
         **overrides,
     }
-    return simulate(load_scenario("crazyswarm2:sheet_145", asked), compiled=True)
+    return simulate(load_scenario("crazyswarm2:sheet_145", requested), compiled=True)
 
 
 def commanded_by_firmware(flight):

@@ -1,4 +1,4 @@
-"""Cascades of PIDs against PX4's equations in PX4's frames and units, and in flights."""
+"""Cascades of PIDs, compared with PX4's equations in PX4's frames and units, and in flights."""
 
 import math
 
@@ -66,7 +66,7 @@ def numbers():
 
 
 class Px4:
-    """PositionControl of PX4 in its axes, north, east and down, with normalised thrust."""
+    """PositionControl of PX4 in its axes (north, east, down), with normalised thrust."""
 
     def __init__(self):
         self.integral, self.before, self.rate = np.zeros(3), None, np.zeros(3)
@@ -105,7 +105,7 @@ class Px4:
 
     @staticmethod
     def shortened(first, second):
-        """Return the sum of two velocities, of which the second is shortened until the sum is fast enough."""
+        """Return the sum of two velocities, in which the second is shortened until the sum has the largest speed."""
         if np.linalg.norm(first + second) <= SPEEDS[0]:
             return first + second
         size = np.linalg.norm(first)
@@ -118,17 +118,17 @@ class Px4:
 
 @pytest.mark.parametrize("decoupled", [True, False])
 @pytest.mark.parametrize("size", [0.2, 1.0, 4.0])
-def test_the_thrust_is_px4_s_tick_by_tick_within_limits_and_beyond(decoupled, size):
+def test_the_thrust_matches_px4_at_every_tick_within_and_beyond_limits(decoupled, size):
     rng, px4, memory = np.random.default_rng(5), Px4(), empty_memory(numbers())
     yaw = 0.7
     for tick in range(60):
-        position, velocity, wanted, fed, acceleration = size * rng.normal(size=(5, 3)) * np.array([[1, 1, 1]])
+        position, velocity, desired, fed, acceleration = size * rng.normal(size=(5, 3)) * np.array([[1, 1, 1]])
         velocity = velocity + 0.1 * tick
         thrust = px4.update(
-            *(NED @ vector for vector in (position, velocity, wanted, fed, acceleration)), decoupled=decoupled
+            *(NED @ vector for vector in (position, velocity, desired, fed, acceleration)), decoupled=decoupled
         )
         state = State(*position, 0.1, -0.2, 0.3, *velocity, 0.0, 0.0, 0.0)
-        reference = Reference(*wanted, *fed, *acceleration, yaw, 0.4)
+        reference = Reference(*desired, *fed, *acceleration, yaw, 0.4)
         target, memory = acceleration_target(
             state, reference, numbers(), memory, PERIOD, CascadeRules(decouples_vertical=decoupled)
         )
@@ -142,19 +142,19 @@ def test_the_thrust_is_px4_s_tick_by_tick_within_limits_and_beyond(decoupled, si
 
 
 def quaternion_error(attitude, target, weight):
-    """The error of PX4's AttitudeControl, from rotations of the thrust axis in the world."""
-    q, wanted = (Rotation.from_euler("ZYX", [yaw, pitch, roll]) for roll, pitch, yaw in (attitude, target))
-    here, there = q.apply([0.0, 0.0, 1.0]), wanted.apply([0.0, 0.0, 1.0])
+    """Return the error of PX4's AttitudeControl, from rotations of the thrust axis in the world."""
+    q, desired = (Rotation.from_euler("ZYX", [yaw, pitch, roll]) for roll, pitch, yaw in (attitude, target))
+    here, there = q.apply([0.0, 0.0, 1.0]), desired.apply([0.0, 0.0, 1.0])
     axis, angle = np.cross(here, there), math.acos(np.clip(here @ there, -1.0, 1.0))
     tilt = Rotation.from_rotvec(angle * axis / max(np.linalg.norm(axis), 1e-30))
     reduced = tilt * q
-    turn = (reduced.inv() * wanted).as_rotvec()
+    turn = (reduced.inv() * desired).as_rotvec()
     np.testing.assert_allclose(turn[:2], 0.0, atol=1e-7)
     error = (q.inv() * reduced * Rotation.from_rotvec(weight * turn)).as_quat()
     return 2.0 * error[:3] * np.sign(error[3])
 
 
-def test_the_error_of_the_rotation_is_px4_s():
+def test_the_rotation_error_matches_px4():
     rng = np.random.default_rng(3)
     for _ in range(100):
         attitude, target = rng.uniform(-1.0, 1.0, (2, 3)) * [1.2, 1.2, 3.1]
@@ -163,7 +163,7 @@ def test_the_error_of_the_rotation_is_px4_s():
         np.testing.assert_allclose(found, expected / [1.0, 1.0, 0.4], rtol=1e-6, atol=1e-6)
 
 
-def test_the_first_velocity_goes_first():
+def test_the_first_velocity_has_priority():
     rng = np.random.default_rng(2)
     for first, second in rng.normal(size=(200, 2, 2)) * 2.0:
         found = np.array(limited_velocity(tuple(first), tuple(second), 2.0))
@@ -175,7 +175,7 @@ def test_the_first_velocity_goes_first():
 
 
 def test_a_tilt_is_commanded_along_the_heading():
-    """A vehicle that looks along Y, and is behind its reference by 0.1 m along X, rolls to the right."""
+    """A vehicle that faces Y and is 0.1 m behind its reference along X rolls to the right."""
     tilting = CascadeNumbers(
         PidLoopGains(PerAxis(2.0, 2.0, 2.0)),
         PidLoopGains(PerAxis(0.4, 0.5, 5.0)),
@@ -193,7 +193,7 @@ def test_a_tilt_is_commanded_along_the_heading():
     assert target[3:] == (0.5 * math.pi, 0.0, 0.0, 0.0)
 
 
-def test_between_their_ticks_the_loops_are_held():
+def test_the_target_is_held_between_the_ticks_of_the_loops():
     scenario = load_scenario("laboratory:nominal", layers=CRAZYFLIE)
     recipe = scenario.control.recipes(control_setting(scenario, plan_route(scenario)))["cascade"]
     assert recipe.structure["num_ticks"] == 5
@@ -224,14 +224,14 @@ def test_between_their_ticks_the_loops_are_held():
         ("onboard", [], {**PX4, "control.velocity.k_i": [{"uniform": {"min": 0.3, "max": 0.5}}, 0.4, 2.0]}),
     ],
 )
-def test_cascades_fly_alike_wired_and_compiled_alone_and_in_fleets(scenario, layers, overrides):
+def test_cascades_fly_equally_uncompiled_and_compiled_alone_and_in_fleets(scenario, layers, overrides):
     loaded = load_scenario(scenario, {"duration": 1.0, **overrides}, layers=layers)
     assert_flown_alike(Batch.draw(loaded, range(2)))
 
 
 @pytest.mark.slow
-def test_an_integral_flies_away_the_error_that_a_trim_force_leaves():
-    """At rest the integral of the velocity has the whole trim force; without it the position error is F / (m k k)."""
+def test_an_integral_removes_the_error_that_a_trim_force_causes():
+    """In equilibrium the integral of the velocity loop balances the trim force; without it the error is F / (m k k)."""
     hover = {"route": {"kind": "hover", "position": [0, 0, 1]}, "duration": 40.0, "vehicle.trim_force": {"x": 0.2}}
     hover |= {"vehicle.linear_drag": 0.0}
     still = {"laboratory.motion_capture": {"position_noise": 0.0, "attitude_noise": 0.0}}
@@ -246,7 +246,7 @@ def test_an_integral_flies_away_the_error_that_a_trim_force_leaves():
 
 
 @pytest.mark.slow
-def test_the_linear_model_is_over_the_period_of_the_loops():
+def test_the_linear_model_has_the_period_of_the_loops():
     scenario = load_scenario("laboratory:nominal", layers=CRAZYFLIE)
     loop = closed_loop(scenario)
     assert loop.system.period == pytest.approx(0.01)
@@ -275,12 +275,12 @@ def test_the_linear_model_is_over_the_period_of_the_loops():
         ),
     ],
 )
-def test_what_does_not_fit_is_refused(overrides, message):
+def test_inconsistent_settings_are_refused(overrides, message):
     with pytest.raises(InputError, match=message):
         load_scenario("onboard", {**PX4, **overrides})
 
 
-def test_the_numbers_and_rules_are_those_of_the_scenario():
+def test_the_parameters_and_rules_are_those_of_the_scenario():
     command = {"kind": "acceleration", "feed_forward": 0.6, "max_speed": 2.5, "max_ascent": 1.5, "max_descent": 0.8}
     command |= {"max_tilt": 0.5, "min_thrust": 0.2, "max_thrust": 1.7, "horizontal_margin": 0.4}
     scenario = load_scenario(
@@ -304,12 +304,12 @@ def test_the_numbers_and_rules_are_those_of_the_scenario():
     assert scenario.control.limits().max_tilt == 0.5
 
 
-def test_an_autopilot_that_is_told_body_rates_has_no_error_of_the_attitude():
+def test_an_autopilot_with_commanded_body_rates_has_no_attitude_error():
     autopilot = load_scenario("onboard", ["laboratory.autopilot.yaw_weight=0.4"]).laboratory.autopilot
     for heeds, weight in ((True, 0.4), (False, None)):
         recipe = autopilot.recipes(QuadrotorParameters(), written=autopilot, follows_attitude=heeds)["autopilot"]
         assert recipe.numbers.yaw_weight == weight
 
 
-def test_a_cascade_that_remembers_nothing_has_no_state():
+def test_a_cascade_without_memory_has_no_state():
     assert not PidCascade(numbers=numbers()._replace(velocity=PidLoopGains(PerAxis(*K_P)))).states

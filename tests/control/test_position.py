@@ -30,7 +30,7 @@ def signals(num_vehicles=1, **structure):
     return {name: diagram.GetOutputPort(name).Eval(context).reshape(3, num_vehicles) for name in names}
 
 
-def test_an_integral_and_a_correction_from_outside_are_both_subtracted():
+def test_the_integral_and_an_external_correction_are_both_subtracted():
     gains = IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6)
     pd = ProportionalDerivative(feeds_forward=True, numbers=PdGains(PerAxis(*K_P), PerAxis(*K_D)))
     integral = IntegralCorrection(numbers=gains)
@@ -45,7 +45,7 @@ def test_an_integral_and_a_correction_from_outside_are_both_subtracted():
     np.testing.assert_allclose(found["acceleration_command"], found["pd"] + fed - found["correction"], atol=1e-14)
 
 
-def test_is_eq_8_on_the_tracking_error():
+def test_the_pd_on_the_tracking_error_is_eq_8():
     result = signals()
     rate = [REFERENCE.v_x, REFERENCE.v_y, REFERENCE.v_z] - VELOCITY
     np.testing.assert_allclose(result["error"][:, 0], ERROR)
@@ -55,13 +55,13 @@ def test_is_eq_8_on_the_tracking_error():
     np.testing.assert_allclose(result["acceleration_command"], result["pd"])
 
 
-def test_derivative_on_the_measurement():
+def test_the_derivative_of_the_measurement_is_minus_the_velocity():
     result = signals(derivative="measurement")
     np.testing.assert_allclose(result["error_rate"][:, 0], -VELOCITY)
     np.testing.assert_allclose(result["pd"][:, 0], K_P * ERROR - K_D * VELOCITY)
 
 
-def test_feed_forward_adds_the_reference_s_acceleration():
+def test_feed_forward_adds_the_acceleration_of_the_reference():
     result = signals(feeds_forward=True)
     acceleration = [REFERENCE.a_x, REFERENCE.a_y, REFERENCE.a_z]
     np.testing.assert_allclose(result["acceleration_command"][:, 0], result["pd"][:, 0] + acceleration)
@@ -73,8 +73,8 @@ def test_fleet_and_single_vehicle_agree():
         np.testing.assert_array_equal(rows, np.repeat(one[name], 3, axis=1))
 
 
-def test_correction_and_disturbance_are_taken_away_and_the_estimator_knows_what_was_commanded_and_corrected():
-    """What a correction takes away the estimator is not to find once more: it models the command with it put back."""
+def test_correction_and_disturbance_are_subtracted_and_the_estimator_models_command_plus_correction():
+    """The estimator models the command plus the correction, so that it does not estimate the corrected part again."""
     lags = (AxisCommand(0.2, 0.05), AxisCommand(0.3, 0.06), AxisCommand(0.4, 0.07))
     estimator = DisturbanceEstimator(numbers=EstimatorNumbers((IncrementalLaw(5.0),) * 3, lags, 10.0))
     pd = ProportionalDerivative(numbers=PdGains(PerAxis(*K_P), PerAxis(*K_D)), feeds_forward=True)

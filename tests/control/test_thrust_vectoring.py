@@ -29,19 +29,19 @@ def test_within_the_limits_gives_the_commanded_acceleration(acceleration, yaw):
 
 
 @given(accelerations, angles)
-def test_the_limits_hold_whatever_is_commanded(acceleration, yaw):
+def test_the_limits_hold_for_any_command(acceleration, yaw):
     forward, left, up = limited(acceleration, yaw)
     thrust = math.sqrt(forward**2 + left**2 + up**2)
     assert MASS * up >= LIMITS.min_thrust * (1.0 - 1e-12)
     assert MASS * thrust <= LIMITS.max_thrust * (1.0 + 1e-12)
     assert math.hypot(forward, left) <= LIMITS.slope * up * (1.0 + 1e-12)
-    # What is left of the horizontal command points where it was to point.
+    # The remaining horizontal command keeps its direction.
     wanted_forward, wanted_left, _ = in_heading(acceleration, math.sin(yaw), math.cos(yaw))
     assert forward * wanted_left == pytest.approx(left * wanted_forward, abs=1e-9)
 
 
-def test_all_thrust_goes_up_where_there_is_no_more():
-    """In machine code, too, for any mass and limit: nothing is left to push sideways, and that is a number."""
+def test_the_thrust_is_vertical_if_the_vertical_command_needs_all_of_it():
+    """The horizontal force is zero and finite for any mass and limit, in machine code, too."""
     rng = np.random.default_rng(0)
     n = 1000
     mass, share = rng.uniform(0.4, 1.2, n), rng.uniform(1.05, 2.5, n)
@@ -59,13 +59,13 @@ def test_all_thrust_goes_up_where_there_is_no_more():
     np.testing.assert_allclose([roll, pitch], 0.0, atol=1e-15)
 
 
-def test_a_limit_that_is_met_has_derivatives():
+def test_derivatives_exist_at_the_limits():
     command = InitializeAutoDiff(np.array([0.3, -0.2, 50.0])).ravel()
     limited = specific_thrust(HeadingVector(*command), mass=MASS, gravity=G, limits=LIMITS)
     np.testing.assert_allclose(ExtractGradient(np.array(limited)), 0.0, atol=1e-15)
 
 
-def test_follows_the_reference_as_far_as_it_is_connected():
+def test_unconnected_derivatives_of_the_reference_are_zero():
     law = ThrustVectoring(numbers=BELIEVED)
     context = law.CreateDefaultContext()
     law.GetInputPort("acceleration_command").FixValue(context, [0.0, 0.0, 1.0])

@@ -1,4 +1,4 @@
-"""What an estimator that sees where the thrust points takes for a disturbance, and what not."""
+"""The estimator of disturbances that uses the measured direction of the thrust."""
 
 import math
 
@@ -7,11 +7,11 @@ import pytest
 
 from drake_quad.control.disturbance.laws import IncrementalLaw, KalmanLaw
 from drake_quad.control.disturbance.tilt import (
-    Pushed,
+    KnownAccelerations,
     SpecificThrust,
     TiltEstimatorNumbers,
-    known_by_tilt,
-    next_by_tilt,
+    estimate_by_tilt,
+    next_tilt_states,
     tilted_acceleration,
 )
 from drake_quad.signals import Acceleration, State
@@ -19,20 +19,20 @@ from drake_quad.signals import Acceleration, State
 H, G = 0.02, 9.79
 LAWS = (IncrementalLaw(1e6),) * 3
 NUMBERS = TiltEstimatorNumbers(LAWS, 0.06, G, 50.0)
-NOTHING = Acceleration(0.0, 0.0, 0.0)
+ZERO = Acceleration(0.0, 0.0, 0.0)
 
 
 def at(attitude=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0)):
     return State(0.0, 0.0, 0.0, *attitude, *velocity, 0.0, 0.0, 0.0)
 
 
-def shown(before, measurement, thrust=G):
-    """The disturbance at a tick after one at rest, behind a filter that hides nothing."""
+def estimated_disturbance(before, measurement, thrust=G):
+    """Return the disturbance at the tick after one at rest, with a filter that is too fast to matter."""
     memory = tuple([law.at_rest(0.0) for law in LAWS])
-    return np.array(known_by_tilt(memory, before, SpecificThrust(thrust), measurement, NUMBERS, H)[1])
+    return np.array(estimate_by_tilt(memory, before, SpecificThrust(thrust), measurement, NUMBERS, H)[1])
 
 
-def test_a_tilted_thrust_accelerates_as_in_eq_3():
+def test_a_tilted_thrust_accelerates_the_vehicle_by_eq_3():
     roll, pitch, yaw = 0.3, -0.2, 1.1
     found = tilted_acceleration(at((roll, pitch, yaw)), SpecificThrust(11.0), G)
     expected = [
@@ -43,43 +43,43 @@ def test_a_tilted_thrust_accelerates_as_in_eq_3():
     assert found == pytest.approx(expected, rel=1e-12)
 
 
-def test_what_tilt_and_thrust_explain_is_no_disturbance():
-    """A velocity that grows as the mean of the accelerations at both ends; half as much of it that is not explained."""
+def test_accelerations_by_tilt_and_thrust_are_not_disturbances():
+    """The velocity changes by the mean of the accelerations at both ends, and then by 1.5 times as much."""
     attitude = (0.1, 0.2, 0.3)
     first, last = Acceleration(0.4, -0.3, 0.2), np.array(tilted_acceleration(at(attitude), SpecificThrust(10.5), G))
     explained = 0.5 * (np.array(first) + last)
-    found = shown(Pushed(first, NOTHING), at(attitude, H * explained), 10.5)
+    found = estimated_disturbance(KnownAccelerations(first, ZERO), at(attitude, H * explained), 10.5)
     np.testing.assert_allclose(found, 0.0, atol=1e-9)
-    found = shown(Pushed(first, NOTHING), at(attitude, 1.5 * H * explained), 10.5)
+    found = estimated_disturbance(KnownAccelerations(first, ZERO), at(attitude, 1.5 * H * explained), 10.5)
     np.testing.assert_allclose(found, 0.5 * explained, rtol=1e-9)
 
 
-def test_what_has_been_learned_is_no_longer_its_disturbance():
-    pushed, learned = np.array([0.7, -0.5, 0.3]), Acceleration(0.6, -0.4, 0.5)
-    found = shown(Pushed(NOTHING, learned), at(velocity=H * pushed))
-    np.testing.assert_allclose(found, pushed - np.array(learned), rtol=1e-9)
+def test_a_learned_disturbance_is_not_estimated_again():
+    acceleration, learned = np.array([0.7, -0.5, 0.3]), Acceleration(0.6, -0.4, 0.5)
+    found = estimated_disturbance(KnownAccelerations(ZERO, learned), at(velocity=H * acceleration))
+    np.testing.assert_allclose(found, acceleration - np.array(learned), rtol=1e-9)
     memory = tuple([law.at_rest(0.0) for law in LAWS])
-    _, before, *_ = next_by_tilt(
-        memory, Pushed(NOTHING, NOTHING), SpecificThrust(G), (), at(), NOTHING, learned, NUMBERS, H
+    _, before, *_ = next_tilt_states(
+        memory, KnownAccelerations(ZERO, ZERO), SpecificThrust(G), (), at(), ZERO, learned, NUMBERS, H
     )
     assert before.learned == learned
 
 
-def test_the_way_that_accelerations_take_the_vehicle_is_known():
-    """Under a straight line from one to the other, and a push that has been learned."""
+def test_the_distance_by_known_accelerations_is_predicted():
+    """The acceleration is linear between the ticks, with a learned disturbance added."""
     first, last = (
         np.array([0.4, -0.3, 0.2]),
         np.array(tilted_acceleration(at((0.1, 0.2, 0.3)), SpecificThrust(10.5), G)),
     )
-    pushed = np.array([0.6, -0.4, 0.5])
-    way = H**2 * (first / 3.0 + last / 6.0 + pushed / 2.0)
+    acceleration = np.array([0.6, -0.4, 0.5])
+    way = H**2 * (first / 3.0 + last / 6.0 + acceleration / 2.0)
     law = KalmanLaw.of(deviation=1.0, time_constant=5.0, position_noise=1e-3, period=H)
     numbers = NUMBERS._replace(laws=(law,) * 3)
-    memory, before = (law.at_rest(0.0),) * 3, Pushed(Acceleration(*first), Acceleration(*pushed))
+    memory, before = (law.at_rest(0.0),) * 3, KnownAccelerations(Acceleration(*first), Acceleration(*acceleration))
 
     def disturbance(x, y, z):
         measurement = at((0.1, 0.2, 0.3))._replace(x=x, y=y, z=z)
-        return known_by_tilt(memory, before, SpecificThrust(10.5), measurement, numbers, H)[1]
+        return estimate_by_tilt(memory, before, SpecificThrust(10.5), measurement, numbers, H)[1]
 
     np.testing.assert_allclose(disturbance(*way), 0.0, atol=1e-12)
     np.testing.assert_allclose(disturbance(*(way + 0.01)), 0.01 * law.gain.disturbance, rtol=1e-9)
@@ -87,10 +87,10 @@ def test_the_way_that_accelerations_take_the_vehicle_is_known():
 
 def test_the_thrust_follows_the_length_of_the_command_after_its_delay():
     memory, thrust, under_way = tuple([law.at_rest(0.0) for law in LAWS]), SpecificThrust(G), (SpecificThrust(G),) * 2
-    before, command, found = Pushed(NOTHING, NOTHING), Acceleration(3.0, -2.0, 1.5), []
+    before, command, found = KnownAccelerations(ZERO, ZERO), Acceleration(3.0, -2.0, 1.5), []
     for _ in range(5):
-        memory, before, thrust, under_way = next_by_tilt(
-            memory, before, thrust, under_way, at(), command, NOTHING, NUMBERS, H
+        memory, before, thrust, under_way = next_tilt_states(
+            memory, before, thrust, under_way, at(), command, ZERO, NUMBERS, H
         )
         found.append(thrust.thrust)
     length, share = math.sqrt(9.0 + 4.0 + (1.5 + G) ** 2), 1.0 - math.exp(-H / 0.06)

@@ -1,4 +1,4 @@
-"""Plants of a cascade: which are alike, and what they lead from and to."""
+"""Plants of a cascade: which ones are equal, and their inputs and outputs."""
 
 from dataclasses import replace
 
@@ -6,39 +6,39 @@ import numpy as np
 import pytest
 
 from drake_quad import load_scenario
-from drake_quad.design.cascade import _alike, _markov, attitude_plant, position_plant
+from drake_quad.design.cascade import _has_equal_response, _markov, attitude_plant, position_plant
 from drake_quad.design.gains import AxisGains
 from drake_quad.linear.closed_loop import laboratory_plant
 from drake_quad.linear.sampled_system import SampledSystem
 
 
 def delayed(ticks, gain=1.0):
-    """What goes in comes out so many ticks later."""
+    """Return a plant that delays its input by a number of ticks."""
     A, B, C = np.eye(ticks, k=1), np.zeros((ticks, 1)), np.zeros((1, ticks))
     B[-1], C[0, 0] = 1.0, gain
     return SampledSystem(A, B, C, np.zeros((1, 1)), 0.02, tuple(map(str, range(ticks))), ("u",), ("y",))
 
 
-def test_the_answer_to_an_impulse_is_twice_as_long_as_there_are_states():
+def test_the_impulse_response_is_twice_as_long_as_the_state():
     plant = replace(delayed(3), A=np.diag([0.5, 0.25, 2.0]), B=np.ones((3, 1)), C=np.array([[1.0, 2.0, 3.0]]))
     expected = [0.5**k + 2.0 * 0.25**k + 3.0 * 2.0**k for k in range(6)]
     np.testing.assert_allclose(_markov(plant)[:, 0, 0], expected)
     np.testing.assert_array_equal(_markov(delayed(3))[:, 0, 0], [0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 
 
-def test_plants_are_alike_that_answer_alike_whatever_their_states_are():
+def test_plants_with_equal_impulse_responses_are_equal():
     plant = replace(delayed(2), A=np.array([[0.5, 1.0], [0.0, -0.3]]))
     turned = plant.transformed([0, 1], np.array([[1.0, 2.0], [-3.0, 1.0]]), ["a", "b"])
-    assert _alike(plant, turned)
-    assert not _alike(delayed(2), delayed(3))
+    assert _has_equal_response(plant, turned)
+    assert not _has_equal_response(delayed(2), delayed(3))
     for share, alike in ((1e-10, True), (1e-8, False)):
-        assert _alike(plant, replace(plant, C=(1.0 + share) * plant.C)) == alike
+        assert _has_equal_response(plant, replace(plant, C=(1.0 + share) * plant.C)) == alike
         large = replace(plant, C=1e6 * plant.C)
-        assert _alike(large, replace(large, C=(1.0 + share) * large.C)) == alike
-    # Only in the last of the four answers that tell two states apart.
+        assert _has_equal_response(large, replace(large, C=(1.0 + share) * large.C)) == alike
+    # The responses of two states differ in the last of four samples only.
     late = replace(delayed(2), A=np.array([[0.0, 1.0], [0.5, 0.0]]))
-    assert _alike(delayed(2), delayed(2))
-    assert not _alike(delayed(2), late)
+    assert _has_equal_response(delayed(2), delayed(2))
+    assert not _has_equal_response(delayed(2), late)
 
 
 @pytest.fixture(scope="module")
@@ -49,8 +49,8 @@ def plants():
     return scenario, laboratory_plant(scenario)
 
 
-def test_plants_lead_from_a_commanded_acceleration_to_a_value_and_its_rate(plants):
-    """Slowly, each is a double integrator, but for the drag: of an angle 1 / s², whatever the inertia is."""
+def test_outputs_of_plants_are_a_value_and_its_rate(plants):
+    """At low frequencies each plant is a double integrator apart from drag: of an angle 1 / s², for any inertia."""
     scenario, laboratory = plants
     s = 1j * 0.05
     for axis, rate in (("roll", "p"), ("pitch", "q"), ("yaw", "r"), ("z", "v_z")):
@@ -66,7 +66,7 @@ def test_plants_lead_from_a_commanded_acceleration_to_a_value_and_its_rate(plant
 
 
 def test_a_position_follows_its_acceleration_through_the_tilt(plants):
-    """Pitch moves along x and roll against y; what holds the tilt is fast beside this."""
+    """Pitch accelerates along x and roll against y; the tilt loop is fast compared with the tested frequencies."""
     scenario, laboratory = plants
     s, gains = 1j * 0.05, AxisGains(6.0, 4.0)
     for axis in "xy":

@@ -1,4 +1,4 @@
-"""Controllers of PX4 and of the Crazyflie's firmware: their laws against the firmware, and readers of parameters."""
+"""Controllers of PX4 and of the Crazyflie's firmware: comparison of laws with the firmware, and parameter files."""
 
 import math
 import struct
@@ -20,10 +20,10 @@ from drake_quad.vehicle.autopilot import AutopilotMemory, autopilot_step
 
 HERE = Path(__file__).parent
 DEGREE = math.pi / 180.0
-# Thrust of a rotor for a unit of its 16-bit command, N.
+# Thrust of a rotor per unit of its 16-bit command, N.
 UNIT = MAX_THRUST / 65535.0
 VEHICLE = load_scenario("laboratory:nominal", layers=["vehicles/crazyflie", "gains/laboratory"])
-# The firmware computes with floats of 24 bits; differences of angles over 2 ms magnify their rounding.
+# The firmware computes in single precision; differences of angles over 2 ms magnify the rounding errors.
 SINGLE = 5e-6
 
 
@@ -36,12 +36,12 @@ def with_firmware(parameters):
 
 @pytest.fixture(scope="module")
 def recorded():
-    """Return what the compiled firmware computed, see scripts/development/record_crazyflie_firmware.py."""
+    """Return the outputs of the compiled firmware, see scripts/development/record_crazyflie_firmware.py."""
     return np.genfromtxt(HERE / "crazyflie_firmware.csv", delimiter=",", names=True)
 
 
 def computed(parameters, recorded):
-    """Return what the scenario's controllers make of the recorded inputs, in the firmware's units, by its names."""
+    """Return the outputs of the scenario's controllers for the recorded inputs, in units of the firmware."""
     scenario = with_firmware(parameters)
     believed = nominal_parameters(scenario)
     cascade = scenario.control.recipes(control_setting(scenario, plan_route(scenario)))["cascade"].build(1)
@@ -52,7 +52,7 @@ def computed(parameters, recorded):
     rows = []
     for row in recorded:
         x, y, z, v_x, v_y, v_z, roll, pitch, yaw, p, q, r, x_r, y_r, z_r, yaw_r = list(row)[:16]
-        # The firmware's pitch has the other sign; its gyroscope has not.
+        # The firmware's pitch has the opposite sign; its gyroscope has not.
         angles = [angle * DEGREE for angle in (roll, -pitch, yaw)]
         state = State(x, y, z, *angles, v_x, v_y, v_z, *(rate * DEGREE for rate in (p, q, r)))
         reference = Reference(x_r, y_r, z_r, *[0.0] * 6, yaw_r * DEGREE, 0.0)
@@ -71,25 +71,25 @@ def computed(parameters, recorded):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("tuned", [False, True])
-def test_the_crazyflie_s_firmware_computes_the_same_tick_by_tick(recorded, tuned):
-    """At first no limit is reached and in the end every one; tuned parameters switch on all other terms and filters."""
+def test_the_crazyflie_controller_matches_the_firmware_at_every_tick(recorded, tuned):
+    """At first no limit is active and at the end all are; tuned parameters activate all other terms and filters."""
     parameters = read_parameters(HERE / "crazyflie_tuned.txt") if tuned else defaults_of("crazyflie")
     for name, found in computed(parameters, recorded).items():
         expected = recorded[f"{name}_tuned" if tuned else name]
-        if name.endswith("_out"):  # the firmware's next step saturates them to 16 bits
+        if name.endswith("_out"):  # The firmware saturates them to 16 bits in a later step.
             expected = np.clip(expected, -32767.0, 32767.0)
         np.testing.assert_allclose(found, expected, rtol=SINGLE, atol=SINGLE * np.abs(expected).max(), err_msg=name)
 
 
-def test_the_shipped_controller_is_that_of_the_defaults():
+def test_the_shipped_controller_has_the_default_parameters():
     shipped = load_scenario("laboratory:nominal", layers=["vehicles/crazyflie", "controllers/crazyflie"])
     made = with_firmware(defaults_of("crazyflie"))
     assert shipped.control == made.control
     assert shipped.laboratory.autopilot == made.laboratory.autopilot
 
 
-def test_the_mixer_of_a_crazyflie_turns_outputs_into_the_torques_of_its_rotors(recorded):
-    """The firmware's motor commands, times their unit, have the wrench of the outputs, up to integers."""
+def test_scales_of_the_crazyflie_s_outputs_match_its_mixer(recorded):
+    """The firmware's motor commands, times their unit, produce the wrench of the outputs, rounded to integers."""
     rotors = nominal_parameters(VEHICLE).rotors
     inertia, per_unit = np.array(nominal_parameters(VEHICLE).inertia), output_scales(nominal_parameters(VEHICLE), UNIT)
     for row in recorded[:60]:
@@ -106,21 +106,21 @@ def test_the_mixer_of_a_crazyflie_turns_outputs_into_the_torques_of_its_rotors(r
         np.testing.assert_allclose(torque / (inertia * per_unit), outputs, atol=3.0)
 
 
-def test_a_normalised_torque_of_px4_is_what_its_mixer_makes_of_an_x():
-    """A unit of roll or pitch changes each rotor of an x by 1/√2, and a unit of yaw by 1; it hovers at 0.4."""
+def test_torque_units_of_px4_match_its_mixer_on_an_x():
+    """One unit of roll or pitch changes each rotor of an x by 1/√2, and one unit of yaw by 1; hover is at 0.4."""
     believed = nominal_parameters(load_scenario("laboratory:nominal", layers=["vehicles/racer"]))
     lever, ratio = abs(believed.rotors[0].y), believed.rotors[0].drag_factor / believed.rotors[0].thrust_factor
     unit = believed.mass * believed.gravity / (4.0 * 0.4)
     roll, _, yaw = torque_units(believed, 0.4)
     levers = {abs(rotor.y) for rotor in believed.rotors} | {abs(rotor.x) for rotor in believed.rotors}
-    # The axis with the shorter levers sets the scale of both.
+    # The axis with the shorter lever arms determines the scale of both.
     assert roll == pytest.approx(4.0 * math.sqrt(0.5) * unit * min(levers), rel=1e-9)
     assert yaw == pytest.approx(4.0 * unit * ratio, rel=1e-9)
     assert lever in levers
 
 
-def test_gains_of_px4_act_on_the_vehicle_as_in_px4():
-    """One more rad/s of error of the roll rate is MC_ROLLRATE_K times MC_ROLLRATE_P of the full torque."""
+def test_a_rate_error_causes_the_same_torque_as_in_px4():
+    """An additional error of 1 rad/s of the roll rate adds MC_ROLLRATE_K times MC_ROLLRATE_P of the full torque."""
     scenario = load_scenario("laboratory:nominal", layers=["vehicles/racer", "gains/laboratory"])
     believed, values = nominal_parameters(scenario), dict(defaults_of("px4").values)
     values |= {"MC_ROLLRATE_K": 0.5, "MC_ROLLRATE_FF": 0.01, "MPC_THR_HOVER": 0.4, "IMU_GYRO_RATEMAX": 1000.0}
@@ -134,7 +134,7 @@ def test_gains_of_px4_act_on_the_vehicle_as_in_px4():
     assert px4_layer(values, believed)["control"]["command"]["max_thrust"] == pytest.approx(1.0 / 0.4)
 
 
-def test_the_least_limit_of_the_climb_of_a_crazyflie_is_half_a_metre_per_second():
+def test_the_climb_limit_of_a_crazyflie_is_at_least_half_a_metre_per_second():
     values = dict(defaults_of("crazyflie").values) | {"posCtlPid.zVelMax": 0.2, "posCtlPid.xVelMax": 0.2}
     layer = crazyflie_layer(values, nominal_parameters(VEHICLE))
     assert layer["control"]["position"]["limit"] == pytest.approx([0.22, 1.1, 0.55])
@@ -181,7 +181,7 @@ DUMP = "posCtlPid.xKp: 1.75\n# posCtlPid.yKp: 9\nvelCtlPid.vxKp = 2.2e1\npid_rat
         ),
     ],
 )
-def test_parameters_are_read_and_the_others_are_defaults(text, firmware, values, tmp_path):
+def test_missing_parameters_have_their_defaults(text, firmware, values, tmp_path):
     path = tmp_path / "parameters.txt"
     path.write_text(text)
     found = read_parameters(path)
@@ -207,22 +207,22 @@ def test_parameters_are_read_from_a_ulog(tmp_path):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"nothing: 1", "has neither posCtlPid.* nor MPC_.*: it is no parameter file"),
+        (b"nothing: 1", "not a parameter file of PX4 or of a Crazyflie: it has neither posCtlPid.* nor MPC_"),
         (b"", "is empty"),
-        (b"\xff\xfe\x00", "is neither a text nor a ULog"),
-        (b"MC_ROLL_P nan", "MC_ROLL_P is nan, but must be a finite number that is not negative"),
-        (b"MC_ROLL_P 1e999", "MC_ROLL_P is inf, but must be a finite number"),
-        (b"MC_ROLL_P -1", "MC_ROLL_P is -1.0, but must be a finite number that is not negative"),
-        (b"MPC_THR_HOVER 0", "MPC_THR_HOVER is 0, but must be larger: it is the thrust in hover"),
-        (b"persistent_param_state: [", "is no YAML"),
-        (b"type: persistent_param_state", "has no `params`"),
+        (b"\xff\xfe\x00", "neither a text file nor a ULog"),
+        (b"MC_ROLL_P nan", "MC_ROLL_P is nan; it must be finite and not negative"),
+        (b"MC_ROLL_P 1e999", "MC_ROLL_P is inf; it must be finite"),
+        (b"MC_ROLL_P -1", "MC_ROLL_P is -1.0; it must be finite and not negative"),
+        (b"MPC_THR_HOVER 0", "MPC_THR_HOVER is 0; it is the thrust in hover and must be positive"),
+        (b"persistent_param_state: [", "not a YAML file"),
+        (b"type: persistent_param_state", "`params` is missing"),
         (
             b"type: persistent_param_state\nparams: {pid_rate.roll_kp: {is_stored: true}}",
-            "roll_kp is None, but must be",
+            "roll_kp is None; it must be",
         ),
     ],
 )
-def test_what_is_no_parameter_file_is_refused_in_a_sentence(content, message, tmp_path):
+def test_invalid_parameter_files_are_refused(content, message, tmp_path):
     path = tmp_path / "parameters.txt"
     path.write_bytes(content)
     with pytest.raises(InputError, match=message):
@@ -249,7 +249,7 @@ def test_a_command_writes_the_layer_and_the_scenario(tmp_path, run):
 
 
 @pytest.mark.slow
-def test_a_controller_that_cannot_be_flown_is_not_written(tmp_path, run):
+def test_an_invalid_controller_is_not_written(tmp_path, run):
     (tmp_path / "mine.params").write_text("1 1 MPC_XY_VEL_P_ACC 1.5 9\n1 1 MC_YAW_WEIGHT 1.5 9\n")
     refused = run("design", "vehicles/racer", "--firmware", tmp_path / "mine.params", "--output", tmp_path / "out")
     assert refused.returncode == 2

@@ -1,4 +1,4 @@
-"""Designed gains: where they put the poles, what they cost, and what the flying loop stands."""
+"""Designed gains: their poles, their costs, and the margins that simulated loops tolerate."""
 
 import argparse
 import re
@@ -53,7 +53,7 @@ def shipped(request):
 
 @pytest.fixture(scope="module")
 def designed(shipped):
-    """Return the cascade that is designed for a shipped scenario."""
+    """Return the designed cascade of a shipped scenario."""
     return design_cascade(shipped[1])
 
 
@@ -67,7 +67,7 @@ def pitch():
     return attitude_plant(laboratory_plant(scenario), scenario, "pitch")
 
 
-def test_the_pair_lies_where_it_was_put(pitch):
+def test_the_pole_pair_has_the_given_bandwidth_and_damping(pitch):
     for damping, bandwidth in ((0.5, 2.0), (0.8, 4.0), (0.7, 6.0)):
         gains = PolePair(damping).gains(pitch, bandwidth)
         s = bandwidth * complex(-damping, np.sqrt(1.0 - damping**2))
@@ -76,7 +76,7 @@ def test_the_pair_lies_where_it_was_put(pitch):
 
 
 @pytest.mark.slow
-def test_the_fastest_is_at_the_edge_of_what_is_required(pitch):
+def test_the_fastest_gains_just_meet_the_requirements(pitch):
     requirements = Requirements(phase=50.0, gain=6.0, delay=0.04)
     design = design_loop(pitch, PolePair(0.8), requirements, axis="pitch")
     assert design.limits == ("phase margin",)
@@ -85,8 +85,8 @@ def test_the_fastest_is_at_the_edge_of_what_is_required(pitch):
     assert design.margins.delay > 0.04
     with pytest.raises(InputError, match=r"pitch cannot have a bandwidth of .* phase margin: 4\d\.\d°, less than 50°"):
         design_loop(pitch, PolePair(0.8), requirements, axis="pitch", effort=1.02 * design.bandwidth)
-    asked = design_loop(pitch, PolePair(0.8), requirements, axis="pitch", effort=2.0)
-    assert (asked.bandwidth, asked.limits) == (2.0, ())
+    requested = design_loop(pitch, PolePair(0.8), requirements, axis="pitch", effort=2.0)
+    assert (requested.bandwidth, requested.limits) == (2.0, ())
 
 
 @pytest.mark.parametrize(
@@ -97,31 +97,31 @@ def test_the_fastest_is_at_the_edge_of_what_is_required(pitch):
         (Requirements(phase=1.0, gain=0.5), "a slower pole"),
     ],
 )
-def test_what_binds_is_named(pitch, requirements, limit):
+def test_the_limiting_requirement_is_named(pitch, requirements, limit):
     assert design_loop(pitch, PolePair(0.8), requirements, axis="pitch").limits == (limit,)
 
 
-def test_textbook_margins_are_required_if_none_are_given():
+def test_default_requirements_are_textbook_margins():
     assert Requirements() == (45.0, 6.0, 0.0)
 
 
-def test_what_is_broken_is_told_in_its_unit():
+def test_violated_requirements_are_reported_in_their_units():
     found = FastMargins(gain=5.5, phase=80.0, delay=1.0)
-    broken = Requirements(delay=2.0).broken_by(found)
-    assert {name: (text.split()[0], text.split()[-1]) for name, text in broken.items()} == {
+    violated = Requirements(delay=2.0).shortfalls(found)
+    assert {name: (text.split()[0], text.split()[-1]) for name, text in violated.items()} == {
         "gain margin": ("5.5", "dB"),
         "delay margin": ("1000.0", "ms"),
     }
 
 
-def test_requirements_that_no_gains_meet(pitch):
+def test_requirements_that_no_gains_meet_are_reported(pitch):
     with pytest.raises(InputError, match=r"for pitch; at best phase margin: \d\d\.\d°, less than 80°"):
         design_loop(pitch, PolePair(0.8), Requirements(phase=80.0), axis="pitch")
 
 
-def test_rates_that_are_not_seen_leave_no_gains(pitch):
+def test_no_pd_exists_without_a_measured_rate(pitch):
     blind = replace(pitch, C=pitch.C * [[1.0], [0.0]])
-    with pytest.raises(InputError, match="no gains of this kind are good enough for pitch; at best no gains"):
+    with pytest.raises(InputError, match="no gains of this family meet the requirements for pitch; at best no gains"):
         design_loop(blind, PolePair(0.8), Requirements(), axis="pitch")
 
 
@@ -140,46 +140,48 @@ def test_a_regulator_is_found_under_any_delay():
         design_loop(plant, family, Requirements(phase=60.0), axis="pitch", effort=30.0)
 
 
-def test_a_plant_that_cannot_be_stabilised(pitch):
+def test_a_plant_that_cannot_be_stabilised_is_reported(pitch):
     n = len(pitch.A)
     A = np.block([[pitch.A, np.zeros((n, 1))], [np.zeros((1, n)), np.ones((1, 1))]])
     B, C = np.vstack([pitch.B, [[0.0]]]), np.hstack([pitch.C, [[1.0], [0.0]]])
     stuck = replace(pitch, A=A, B=B, C=C, states=(*pitch.states, "stuck"))
-    with pytest.raises(InputError, match="no gains of this kind are good enough for pitch; at best no stability"):
+    with pytest.raises(
+        InputError, match="no gains of this family meet the requirements for pitch; at best no stability"
+    ):
         design_loop(stuck, PolePair(0.8), Requirements(), axis="pitch")
 
 
 def double_integrator(h=0.02):
-    """Sampled with a zero-order hold: a PD is full state feedback."""
+    """Return a double integrator with a zero-order hold, for which a PD is full state feedback."""
     A, B = np.array([[1.0, h], [0.0, 1.0]]), np.array([[0.5 * h * h], [h]])
     return SampledSystem(A, B, np.eye(2), np.zeros((2, 1)), h, ("x", "v"), ("u",), ("x", "v"))
 
 
-def test_where_a_pd_knows_everything_it_is_the_regulator():
+def test_a_pd_with_full_state_feedback_is_the_regulator():
     plant, family = double_integrator(), RegulatorRequirements(0.3)
     gains = family.gains(plant, 20.0)
     assert family.cost(plant, gains, 20.0) == pytest.approx(family.least_cost(plant, 20.0), rel=1e-6)
-    # Drake's own gain for the same weights.
+    # Drake's own gain for the same weights is the reference.
     K, _ = DiscreteTimeLinearQuadraticRegulator(plant.A, plant.B, np.diag([1.0, 0.09]), np.eye(1) / 400.0)
     np.testing.assert_allclose(gains, K[0], rtol=1e-2)
 
 
 @pytest.mark.slow
-def test_the_hardest_regulator_that_keeps_the_margins_states_what_full_state_would_do_better(pitch):
+def test_the_fastest_regulator_within_its_margins_states_the_cost_of_full_state_feedback(pitch):
     family, required = RegulatorRequirements(0.2), Requirements()
     design = design_loop(pitch, family, required, axis="pitch")
     assert design.limits
     assert design.bandwidth is None
     cost = [family.cost(pitch, design.gains, effort) / family.least_cost(pitch, effort) for effort in (0.01, 1e3)]
     assert design.cost_ratio >= 1.0
-    # Its effort is not said; of what was tried, the ratio is that of one between the ends.
+    # The effort of the result is unknown; its ratio lies between those of neighbouring efforts.
     np.testing.assert_array_less(1.0, cost)
     efforts = family.efforts(pitch)
     assert (efforts[0], efforts[-1], len(efforts)) == (pytest.approx(0.01), pytest.approx(1e3), 20)
-    asked = design_loop(pitch, family, required, axis="pitch", effort=2.0)
-    ratio = family.cost(pitch, asked.gains, 2.0) / family.least_cost(pitch, 2.0)
-    assert asked.cost_ratio == pytest.approx(ratio)
-    assert asked.gains.k_p < design.gains.k_p
+    requested = design_loop(pitch, family, required, axis="pitch", effort=2.0)
+    ratio = family.cost(pitch, requested.gains, 2.0) / family.least_cost(pitch, 2.0)
+    assert requested.cost_ratio == pytest.approx(ratio)
+    assert requested.gains.k_p < design.gains.k_p
 
 
 def test_the_cost_is_the_sum_over_a_simulated_impulse(pitch):
@@ -198,7 +200,7 @@ def test_the_cost_is_the_sum_over_a_simulated_impulse(pitch):
     assert least > family.least_cost(pitch, effort)
 
 
-UNEVEN = [
+ASYMMETRIC = [
     "nominal.mass=0.75",
     "nominal.inertia=[0.0065, 0.0085, 0.0126]",
     "control.position={k_p: [0.22, 0.3, 6.0], k_d: [0.66, 0.8, 3.7]}",
@@ -206,8 +208,8 @@ UNEVEN = [
 ]
 
 
-@pytest.mark.parametrize("overrides", [[], UNEVEN])
-def test_the_design_is_the_diagram(shipped, overrides):
+@pytest.mark.parametrize("overrides", [[], ASYMMETRIC])
+def test_designed_poles_are_those_of_the_whole_diagram(shipped, overrides):
     """The poles of the designed loops, inner and outer, are the multipliers of the whole diagram with these gains."""
     scenario = with_shipped_gains(shipped[0], overrides)
     loop = closed_loop(as_believed(scenario))
@@ -220,16 +222,16 @@ def test_the_design_is_the_diagram(shipped, overrides):
     for axis, tilt, i in (("x", 1, 0), ("y", 0, 1)):
         plant = position_plant(laboratory, scenario, axis, AxisGains(attitude.k_p[tilt], attitude.k_d[tilt]))
         expected.append(plant.with_feedback(np.array([[position.k_p[i], position.k_d[i]]])).poles())
-    wanted, found = np.concatenate(expected), loop.system.poles()
-    lasting = wanted[np.abs(wanted) > 0.1]
+    desired, found = np.concatenate(expected), loop.system.poles()
+    lasting = desired[np.abs(desired) > 0.1]
     assert len(lasting) == (np.abs(found) > 0.1).sum()
     for pole in lasting:
         assert np.abs(found - pole).min() < 1e-6
 
 
 @pytest.mark.slow
-def test_shipped_gains_are_what_their_call_makes(shipped):
-    """The comment in the file names the call; the gains follow from it, and the scenario has them."""
+def test_shipped_gains_are_reproduced_by_their_documented_call(shipped):
+    """The comment in the file names the call that computes the gains of the file."""
     name, scenario = shipped
     text = (ROOT / "diagrams" / "gains" / f"{name}.yaml").read_text(encoding="utf-8")
     command = shlex.split(re.match(r"# drake-quad (.*)\n", text).group(1))
@@ -248,8 +250,8 @@ def test_shipped_gains_are_what_their_call_makes(shipped):
 
 
 @pytest.mark.slow
-def test_shipped_gains_have_the_margins_that_are_asked_for(shipped, designed):
-    """45°, 6 dB, and two ticks in the attitude loops, by python-control."""
+def test_shipped_gains_have_the_required_margins(shipped, designed):
+    """The margins are 45°, 6 dB and, in the attitude loops, two ticks, by python-control."""
     for axis, loop in designed.loops.items():
         found = margins(pd_loop(loop.plant, loop.gains))
         assert found.phase >= 45.0
@@ -259,7 +261,7 @@ def test_shipped_gains_have_the_margins_that_are_asked_for(shipped, designed):
 
 
 def peaks(scenario, displacement, duration):
-    """How far the flying diagram is off in the four quarters of a time after a small displacement."""
+    """Return the peak deviations of the simulated diagram in the four quarters of a time after a small displacement."""
     response = release(closed_loop(scenario), displacement, duration=duration)
     (row,) = displacement
     column = ("x", "y", "z", "roll", "pitch", "yaw").index(row)
@@ -267,13 +269,13 @@ def peaks(scenario, displacement, duration):
 
 
 def grows(scenario, displacement, duration):
-    """Whether a small displacement does, once the fast modes are gone."""
+    """Return True if a small displacement grows after the fast modes have decayed."""
     _, _, third, last = peaks(scenario, displacement, duration)
     return last > third
 
 
 def scaled(scenario, block, factor, axes):
-    """The scenario with the gains of some axes of a block multiplied."""
+    """Return the scenario with the gains of some axes of a block multiplied by a factor."""
     part = getattr(scenario.control, block)
     gains = {
         kind: tuple(value * (factor if i in axes else 1.0) for i, value in enumerate(getattr(part, kind)))
@@ -290,10 +292,10 @@ def with_delay(scenario, ticks):
 
 
 @pytest.mark.slow
-def test_the_flying_loop_stands_the_margins_that_are_stated(shipped):
+def test_the_simulated_loop_tolerates_its_margins(shipped):
     """With 6 dB more gain in pitch, and with two more ticks of delay, everything still decays.
 
-    The edges of the other loops, which are at 6 dB or more, are flown below.
+    The limits of the other loops, at 6 dB or more, are simulated below.
     """
     _, scenario = shipped
     resting = at_rest(as_believed(scenario))
@@ -307,8 +309,8 @@ def test_the_flying_loop_stands_the_margins_that_are_stated(shipped):
     ("block", "axes", "row", "duration"),
     [("attitude", (2,), "yaw", 8.0), ("position", (2,), "z", 8.0), ("position", (0, 1), "x", 60.0)],
 )
-def test_the_edge_of_stability_in_the_gain_is_where_simulation_has_it(shipped, designed, block, axes, row, duration):
-    """2 %: below it a small displacement decays, above it grows."""
+def test_the_stability_limit_of_the_gain_is_that_of_simulations(shipped, designed, block, axes, row, duration):
+    """2 % below the stability limit a small displacement decays, 2 % above it the displacement grows."""
     _, scenario = shipped
     loop = designed.loops[row]
     factor = 10.0 ** (loop.margins.gain / 20.0)
@@ -319,8 +321,8 @@ def test_the_edge_of_stability_in_the_gain_is_where_simulation_has_it(shipped, d
 
 @pytest.mark.slow
 @pytest.mark.parametrize("ticks", [1, 3])
-def test_the_edge_of_stability_in_the_delay_is_where_simulation_has_it(shipped, designed, ticks):
-    """2 %: gains whose delay margin is that much more, or less, than a number of ticks, flown with these ticks."""
+def test_the_stability_limit_of_the_delay_is_that_of_simulations(shipped, designed, ticks):
+    """Gains with a delay margin 2 % above, or below, a number of ticks are simulated with these ticks of delay."""
     _, scenario = shipped
     loop = designed.loops["yaw"]
     resting = at_rest(as_believed(scenario))
@@ -335,13 +337,13 @@ def test_the_edge_of_stability_in_the_delay_is_where_simulation_has_it(shipped, 
             low, high = (middle, high) if fast_margins(middle * response, grid).delay > delay else (low, middle)
         return low
 
-    for share, stands in ((1.02, True), (0.98, False)):
+    for share, is_tolerated in ((1.02, True), (0.98, False)):
         factor = factor_for(share * ticks * 0.02)
         assert factor > 1.05, "the designed margin must be larger for this to mean anything"
-        # Only the yaw loop works hard: the others are slow enough to stand any of these delays.
+        # Only the yaw loop is fast: the others are slow enough to tolerate any of these delays.
         slow = scaled(scaled(resting, "attitude", 0.3, (0, 1)), "position", 0.1, (0, 1, 2))
         driven = with_delay(scaled(slow, "attitude", factor, (2,)), ticks)
-        assert grows(driven, {"yaw": 1e-5}, 12.0) != stands
+        assert grows(driven, {"yaw": 1e-5}, 12.0) != is_tolerated
 
 
 @pytest.mark.slow
@@ -360,7 +362,7 @@ def test_options_reach_the_axes():
 
 @pytest.mark.slow
 def test_a_vehicle_of_thirty_grams_gets_the_same_gains():
-    """Gains are those of double integrators: size and units of the vehicle do not matter, but for its lag."""
+    """Gains are those of double integrators, so that the size of the vehicle has no influence, apart from its lag."""
     small = [
         "nominal.mass=0.03",
         "nominal.inertia=[1.4e-5, 1.4e-5, 2.2e-5]",
@@ -378,25 +380,25 @@ def test_a_vehicle_of_thirty_grams_gets_the_same_gains():
     assert gains[0] == gains[1]
 
 
-def test_the_least_share_of_a_required_margin_counts():
+def test_the_smallest_ratio_of_a_margin_to_its_requirement_counts():
     found = FastMargins(gain=5.0, phase=60.0, delay=0.03)
-    assert Requirements(40.0, 4.0, 0.02).share_met(found) == pytest.approx(1.25)
-    assert Requirements(50.0, 4.0, 0.02).share_met(found) == pytest.approx(1.2)
-    assert Requirements(40.0, 10.0, 0.02).share_met(found) == pytest.approx(0.5)
-    assert Requirements(40.0, 4.0, 0.1).share_met(found) == pytest.approx(0.3)
-    assert Requirements(0.0, 4.0, 0.0).share_met(found) == pytest.approx(1.25)
-    assert Requirements(0.0, 0.0, 0.0).share_met(found) == 1.0
-    assert Requirements(60.0, 5.0, 0.03).broken_by(found) == {}
+    assert Requirements(40.0, 4.0, 0.02).min_ratio(found) == pytest.approx(1.25)
+    assert Requirements(50.0, 4.0, 0.02).min_ratio(found) == pytest.approx(1.2)
+    assert Requirements(40.0, 10.0, 0.02).min_ratio(found) == pytest.approx(0.5)
+    assert Requirements(40.0, 4.0, 0.1).min_ratio(found) == pytest.approx(0.3)
+    assert Requirements(0.0, 4.0, 0.0).min_ratio(found) == pytest.approx(1.25)
+    assert Requirements(0.0, 0.0, 0.0).min_ratio(found) == 1.0
+    assert Requirements(60.0, 5.0, 0.03).shortfalls(found) == {}
 
 
-def test_bandwidths_are_tried_up_to_a_third_of_half_the_sampling_rate():
+def test_bandwidths_up_to_a_third_of_half_the_sampling_rate_are_tried():
     efforts = PolePair(0.7).efforts(double_integrator(h=0.01))
     assert (efforts[0], efforts[-1], len(efforts)) == (pytest.approx(0.05), pytest.approx(np.pi / 0.03), 120)
     np.testing.assert_allclose(efforts[1:] / efforts[:-1], efforts[1] / efforts[0])
 
 
-def test_gains_that_meet_everything_are_limited_by_nothing():
-    """Of a double integrator without delay the fastest that is tried, without a bound that it would break."""
+def test_gains_that_meet_all_requirements_have_no_limits():
+    """For a double integrator without delay the fastest gains that are tried violate no requirement."""
     design = design_loop(double_integrator(), PolePair(0.8), Requirements(1.0, 0.1), axis="x")
     assert (design.axis, design.limits) == ("x", ())
     assert design.bandwidth == pytest.approx(np.pi / 0.06)
@@ -404,8 +406,8 @@ def test_gains_that_meet_everything_are_limited_by_nothing():
 
 
 @pytest.mark.slow
-def test_the_edge_is_found_to_a_thousandth(pitch):
-    """Between two bandwidths of which the second is larger by 6 %."""
+def test_the_largest_effort_is_found_to_a_thousandth(pitch):
+    """The search bisects between two bandwidths of which the second is larger by 6 %."""
     requirements = Requirements(phase=50.0, gain=6.0)
     found = design_loop(pitch, PolePair(0.8), requirements, axis="pitch").bandwidth
     design_loop(pitch, PolePair(0.8), requirements, axis="pitch", effort=found)
@@ -414,7 +416,7 @@ def test_the_edge_is_found_to_a_thousandth(pitch):
 
 
 def with_slow_mode(decay):
-    """A double integrator with a mode that its value sees and that decays so fast, 1/s, hardly touched by the loop."""
+    """Return a double integrator with a mode that decays at the given rate, 1/s, and hardly depends on the loop."""
     plant = double_integrator()
     A = np.diag([0.0, 0.0, np.exp(-decay * plant.period)])
     A[:2, :2] = plant.A
@@ -423,8 +425,8 @@ def with_slow_mode(decay):
 
 
 @pytest.mark.parametrize(("decay", "slower"), [(1.57, False), (1.56, True)])
-def test_the_pair_must_be_the_slowest_but_for_two_per_cent(decay, slower):
-    """Of ω ζ = 1.6 1/s."""
+def test_the_pole_pair_must_be_the_slowest_within_two_percent(decay, slower):
+    """The pair decays at ω ζ = 1.6 1/s."""
     plant, none = with_slow_mode(decay), Requirements(0.0, 0.0, 0.0)
     if slower:
         words = r"x cannot have a bandwidth of 2 rad/s: a slower pole: it decays at 1\.56 1/s, the pair at 1\.6"
@@ -435,7 +437,7 @@ def test_the_pair_must_be_the_slowest_but_for_two_per_cent(decay, slower):
 
 
 class Fixed:
-    """A family of gains in proportion to the effort."""
+    """Family of gains in proportion to the effort."""
 
     def __init__(self, k_p, k_d):
         self.k_p, self.k_d = k_p, k_d
@@ -453,19 +455,19 @@ class Fixed:
         ((1.0, -0.5), r"x cannot have an effort of 1: a negative gain: k_P 1, k_D -0\.5"),
         ((-1.0, 0.5), r"a negative gain: k_P -1, k_D 0\.5"),
         ((1.0, 0.0), r"a negative gain: k_P 1, k_D 0"),
-        ((np.nan, 1.0), "no gains: none have this effect"),
+        ((np.nan, 1.0), "no gains: none exist for this effort"),
         ((1.0, 0.001), r"no stability: a pole of size 1\.000\d"),
         ((1.0, 120.0), r"no stability: a pole of size 1\.\d{4}"),
     ],
 )
-def test_gains_that_are_none_say_why(gains, words):
+def test_missing_gains_have_a_reason(gains, words):
     with pytest.raises(InputError, match=words):
         design_loop(double_integrator(), Fixed(*gains), Requirements(0.0, 0.0, 0.0), axis="x", effort=1.0)
 
 
 @pytest.mark.slow
-def test_of_gains_that_are_all_too_weak_the_nearest_is_told():
-    """The phase margin of these rises with the effort; the last has the most of what is asked for."""
+def test_the_gains_closest_to_the_requirements_are_reported():
+    """The phase margin of these gains increases with the effort, so that the last ones are the closest."""
     plant = double_integrator()
     phases = [margins(pd_loop(plant, AxisGains(effort, 0.5 * effort))).phase for effort in (1.0, 2.0, 3.0)]
     assert phases == sorted(phases)
@@ -473,17 +475,17 @@ def test_of_gains_that_are_all_too_weak_the_nearest_is_told():
         design_loop(plant, Fixed(1.0, 0.5), Requirements(60.0, 0.0), axis="x")
 
 
-def test_a_loop_that_is_not_stable_costs_without_end():
+def test_an_unstable_loop_has_infinite_cost():
     family, plant = RegulatorRequirements(0.2), double_integrator()
     assert family.cost(plant, AxisGains(1.0, 0.001), 10.0) == np.inf
     assert family.cost(plant, AxisGains(0.0, 1.0), 10.0) == np.inf
     assert np.isfinite(family.cost(plant, AxisGains(1.0, 1.0), 10.0))
-    # Nothing steadies what its command does not reach.
+    # No feedback stabilises a mode that the command does not reach.
     stuck = replace(plant, B=np.zeros((2, 1)))
     assert np.isnan(family.gains(stuck, 1.0)).all()
 
 
-def test_gains_stand_in_a_scenario_axis_by_axis(pitch):
+def test_gains_are_written_axis_by_axis(pitch):
     axes = {name: 10.0 + place for place, name in enumerate(("roll", "pitch", "yaw", "x", "y", "z"))}
     found = margins(pd_loop(pitch, AxisGains(6.0, 4.0)))
     design = CascadeDesign({name: LoopDesign(name, AxisGains(k, 0.5 * k), pitch, found) for name, k in axes.items()})
@@ -503,8 +505,8 @@ def test_gains_stand_in_a_scenario_axis_by_axis(pitch):
 
 
 @pytest.mark.slow
-def test_axes_that_are_alike_have_the_same_gains_and_others_their_own():
-    """An uneven vehicle's roll and pitch are alike, too: commands are accelerations; other requirements are not."""
+def test_equal_axes_share_their_gains():
+    """Roll and pitch of an asymmetric vehicle are also equal, because commands are accelerations."""
     scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["nominal.inertia=[0.0065, 0.0085, 0.0126]"])
     options = default_options(0.02)
     assert list(options) == ["roll", "pitch", "yaw", "z", "x", "y"]
@@ -516,12 +518,12 @@ def test_axes_that_are_alike_have_the_same_gains_and_others_their_own():
     assert [loop.axis for loop in loops.values()] == list(loops)
     assert loops["pitch"].bandwidth == 2.0
     assert loops["roll"].gains == loops["yaw"].gains != loops["pitch"].gains
-    # Around another attitude the same position needs other gains.
+    # With another attitude loop the position loop needs other gains.
     assert loops["x"].gains != loops["y"].gains
 
 
 class Listed(Fixed):
-    """A family of gains that stand in a list."""
+    """Family of gains from a list."""
 
     def __init__(self, *gains):
         self.listed = gains
@@ -530,8 +532,8 @@ class Listed(Fixed):
         return self.listed[round(effort) - 1]
 
 
-def test_gains_that_are_not_stable_are_never_the_nearest():
-    """Though the curve of the second and the third crosses nothing, so that no margin is missing."""
+def test_unstable_gains_are_never_the_closest():
+    """The curves of the second and third gains have no crossings, so that their margins alone would be sufficient."""
     family = Listed(AxisGains(1.0, 0.2), AxisGains(1.0, 120.0), AxisGains(np.nan, 1.0))
     phase = margins(pd_loop(double_integrator(), AxisGains(1.0, 0.2))).phase
     with pytest.raises(InputError, match=rf"at best phase margin: {phase:.1f}°, less than 60°"):
@@ -539,7 +541,7 @@ def test_gains_that_are_not_stable_are_never_the_nearest():
 
 
 def behind(ticks):
-    """A double integrator that is told what to do so many seconds late, once a second."""
+    """Return a double integrator with the given delay of its input, s, sampled once a second."""
     plant = double_integrator(h=1.0)
     n = 2 + ticks
     A, B, C = np.zeros((n, n)), np.zeros((n, 1)), np.hstack([plant.C, np.zeros((2, ticks))])
@@ -554,8 +556,8 @@ def behind(ticks):
 
 
 @pytest.mark.parametrize(("ticks", "frequency"), [(0, 0.2), (2, 0.2), (8, 0.05), (30, 0.0125), (120, 0.003)])
-def test_a_search_for_a_regulator_starts_at_the_fastest_that_is_stable(monkeypatch, ticks, frequency):
-    """The longer the delay the slower: a quarter of what it takes to turn by a radian is already too much."""
+def test_the_search_for_a_regulator_starts_with_the_fastest_stable_gains(monkeypatch, ticks, frequency):
+    """A longer delay requires a slower start: already a quarter of the time for one radian is too long."""
     monkeypatch.setattr("scipy.optimize.minimize", lambda function, start, **_: SimpleNamespace(x=start))
     found = RegulatorRequirements(0.2).gains(behind(ticks), 1.0)
     assert found == pytest.approx((frequency**2, 1.6 * frequency))
@@ -569,7 +571,7 @@ def test_a_regulator_s_gains_are_found_to_a_thousandth():
 
 
 def designed_pid(integration):
-    scenario = with_integrals(load_scenario(ROOT / "diagrams" / "laboratory.yaml:nominal", UNEVEN))
+    scenario = with_integrals(load_scenario(ROOT / "diagrams" / "laboratory.yaml:nominal", ASYMMETRIC))
     position = scenario.control.position.model_copy(update={"integration": integration})
     control = scenario.control.model_copy(update={"position": position})
     scenario = scenario.model_copy(update={"control": control})
@@ -583,7 +585,7 @@ def pid_design():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("integration", ["forward_euler", "backward_euler"])
-def test_a_pid_is_designed_as_it_flies(integration, pid_design):
+def test_poles_of_a_designed_pid_are_those_of_the_whole_diagram(integration, pid_design):
     """The poles of the designed loops are multipliers of the whole diagram with these gains."""
     scenario, design = pid_design if integration == "forward_euler" else designed_pid(integration)
     found = closed_loop(as_believed(with_gains(scenario, design.gains()))).system.poles()
@@ -595,8 +597,10 @@ def test_a_pid_is_designed_as_it_flies(integration, pid_design):
 
 
 @pytest.mark.slow
-def test_an_integral_costs_no_more_than_was_said_and_the_margins_are_those_with_it(pid_design):
-    """The PD has 45° / 0.8, of which a fifth is for the integral; with more of it 45° are gone, or it is a quarter."""
+def test_an_integral_costs_at_most_the_given_share_of_the_phase_margin(pid_design):
+    """The PD has 45° / 0.8, of which the integral may cost a fifth. A larger one violates 45° or exceeds its largest
+    ratio.
+    """
     _, design = pid_design
     for axis in ("x", "y", "z"):
         loop = design.loops[axis]
@@ -612,23 +616,23 @@ def test_an_integral_costs_no_more_than_was_said_and_the_margins_are_those_with_
 
 
 @pytest.mark.slow
-def test_a_loop_with_phase_to_spare_pays_for_its_integral_with_no_more_than_the_part(pid_design):
-    """Slower than it might be, the PD has more than 45°: of that, too, only a part is given away, but all of it."""
+def test_an_integral_costs_the_given_share_of_a_larger_phase_margin(pid_design):
+    """A slower PD has more than 45°, and its integral costs the given share of this larger margin."""
     scenario, _ = pid_design
     plant = attitude_plant(laboratory_plant(scenario), scenario, "z")
     slow = design_loop(plant, PolePair(0.8), Requirements(), axis="z", effort=1.0)
     assert slow.margins.phase > 55.0
     found = add_integral(slow, Requirements(), cost=0.05).margins.phase
     assert 0.95 * slow.margins.phase - 0.02 <= found < 0.96 * slow.margins.phase
-    # What is required is kept, whatever else the integral might cost.
+    # The requirements are met, whatever the integral may cost.
     required = slow.margins.phase - 1.0
     found = add_integral(slow, Requirements(phase=required), cost=0.5).margins.phase
     assert required - 0.02 <= found < required + 0.2
 
 
 @pytest.mark.slow
-def test_an_integral_that_may_cost_all_margins_leaves_the_loop_stable(pid_design):
-    """Of a loop with hardly any damping, a gain 5 % larger makes an oscillation grow."""
+def test_an_integral_without_requirements_leaves_the_loop_stable(pid_design):
+    """In a loop with hardly any damping, an integral that is 5 % larger causes growing oscillations."""
     scenario, _ = pid_design
     plant = attitude_plant(laboratory_plant(scenario), scenario, "z")
     slow = design_loop(plant, PolePair(0.8), Requirements(), axis="z", effort=1.0)
@@ -662,7 +666,7 @@ def test_the_integral_is_the_discrete_sum_of_the_measured_value(integration, own
     np.testing.assert_allclose(integral, (0.02 / (z - 1.0) + own) * value)
 
 
-def test_a_controller_is_made_a_pid_once():
+def test_a_pid_is_not_converted_again():
     scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml")
     pid = with_integrals(scenario)
     assert (pid.control.position.kind, pid.control.position.k_i) == ("pid", (0.0, 0.0, 0.0))

@@ -1,4 +1,4 @@
-"""Linear models of an axis against the whole diagram and against flights; designs against their limits."""
+"""Linear models of an axis, compared with the whole diagram and with flights; designs, compared with their limits."""
 
 import dataclasses
 import types
@@ -8,33 +8,33 @@ import pytest
 import scipy
 
 from drake_quad import InputError, load_scenario
-from drake_quad.control.lqg.chains import Answer
+from drake_quad.control.lqg.chains import SecondOrderResponse
 from drake_quad.control.lqg.design import Timing
 from drake_quad.design import lqg as lqg_design
 from drake_quad.design.cascade import design_cascade
 from drake_quad.design.lqg import (
+    ActualPlant,
     Conditions,
     LqgLimits,
     Plant,
-    Truth,
-    believed_timings,
+    candidate_timings,
     conditions_of,
     design_lqg,
-    lateral_truth,
+    lateral_plant_model,
     loop_transfer,
     middle_of,
     plants_of,
     predicted,
     snap_limit,
-    vertical_truth,
+    vertical_plant_model,
 )
 from drake_quad.flight.simulation import simulate_batch
-from drake_quad.linear.disturbances import Spectrum
+from drake_quad.linear.disturbances import DisturbanceStatistics
 from drake_quad.linear.link_margins import link_loops, link_margins
 from drake_quad.scenario.batch import Batch
 
-STILL = Spectrum(0.0, 0.0, 0.5)
-# With no drag the chain is the vehicle.
+STILL = DisturbanceStatistics(0.0, 0.0, 0.5)
+# Without drag the chain is an exact model of the vehicle.
 FREE = ("vehicle.linear_drag=0", "vehicle.quadratic_drag=0", "laboratory.motion_capture.dropout_rate=0")
 LATE = (*FREE, "laboratory.motion_capture.latency_frames=1", "laboratory.command_link.delay_ticks=2")
 
@@ -64,17 +64,17 @@ def low_wind(diagrams):
 
 
 def axes_of(scenario, plant, conditions):
-    """(loop, truth) along x and along z."""
+    """Return (loop, plant) along x and along z."""
     timing, gravity = timing_of(scenario), scenario.nominal.gravity
     loops = [axis.loop(timing, gravity) for axis in (scenario.control.lateral, scenario.control.vertical)]
-    models = lateral_truth(plant, conditions), vertical_truth(plant, conditions)
-    truths = [Truth.of(model, plant, conditions, timing, gravity) for model in models]
-    return [*zip(loops, truths, strict=True)], timing
+    models = lateral_plant_model(plant, conditions), vertical_plant_model(plant, conditions)
+    actual_plants = [ActualPlant.of(model, plant, conditions, timing, gravity) for model in models]
+    return [*zip(loops, actual_plants, strict=True)], timing
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("overrides", "plant"), [(FREE, (0, 1)), (LATE, (1, 2))])
-def test_the_loop_of_an_axis_is_that_of_the_whole_diagram(shipped, overrides, plant):
+def test_the_loop_of_an_axis_equals_that_of_the_whole_diagram(shipped, overrides, plant):
     scenario = shipped(*overrides)
     conditions = Conditions(STILL, STILL, 0.0, 1e-3, 4e-3, 0.0)
     axes, timing = axes_of(scenario, Plant(True, 0.05, None, *plant), conditions)
@@ -85,24 +85,24 @@ def test_the_loop_of_an_axis_is_that_of_the_whole_diagram(shipped, overrides, pl
         np.testing.assert_allclose(found, expected, rtol=2e-2)
 
 
-def test_plants_that_are_predicted_together_are_predicted_as_if_alone(shipped):
+def test_plants_have_the_same_prediction_together_and_alone(shipped):
     """The latest plant sets the size of the matrices; an unstable one does not spoil the others."""
-    conditions = Conditions(Spectrum(0.2, 0.3, 0.5), STILL, 2.0, 1e-3, 4e-3, 0.03)
+    conditions = Conditions(DisturbanceStatistics(0.2, 0.3, 0.5), STILL, 2.0, 1e-3, 4e-3, 0.03)
     late = [(0, 1), (2, 0), (0, 6), (1, 2)]
     axes = [axes_of(shipped(), Plant(True, 0.05, None, *each), conditions) for each in late]
     timing = axes[0][1]
     z = np.exp(1j * np.geomspace(0.5, 100.0, 40) * timing.tick)
     for number in (0, 1):
-        loop, truths = axes[0][0][number][0], [found[number][1] for found, _ in axes]
-        together = lqg_design._Lifted.of(loop, truths, timing)
-        alone = [predicted(loop, truth, timing) for truth in truths]
+        loop, actual_plants = axes[0][0][number][0], [found[number][1] for found, _ in axes]
+        together = lqg_design._LiftedLoops.of(loop, actual_plants, timing)
+        alone = [predicted(loop, truth, timing) for truth in actual_plants]
         assert np.isinf([each.error for each in alone]).tolist() == [False, False, True, False]
         np.testing.assert_allclose(together.predicted(), alone, rtol=1e-7)
-        expected = 1.0 / (1.0 + loop_transfer(loop, truths[0], timing).response(z)[:, 0, 0])
+        expected = 1.0 / (1.0 + loop_transfer(loop, actual_plants[0], timing).response(z)[:, 0, 0])
         np.testing.assert_allclose(together.sensitivity(z), expected, rtol=1e-6)
 
 
-def test_stationary_covariances_are_those_of_an_independent_solver():
+def test_stationary_covariances_match_an_independent_solver():
     rng = np.random.default_rng(0)
     sizes = np.array([0.3, 0.5, 0.7, 0.9, 0.95, 0.99, 0.999, 0.9999])
     A = rng.normal(size=(len(sizes), 6, 6))
@@ -116,8 +116,8 @@ def test_stationary_covariances_are_those_of_an_independent_solver():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("overrides", "plant", "loss"), [(FREE, (0, 1), 0.01), (LATE, (1, 2), 0.05)])
-def test_the_error_that_is_predicted_is_that_of_flights_in_hover(shipped, overrides, plant, loss):
-    """Noise and lost commands alone, after the beginning; 64 flights of 10 s tell it within some per cent."""
+def test_the_predicted_error_matches_flights_in_hover(shipped, overrides, plant, loss):
+    """Flights have only noise and lost commands; 64 flights of 10 s determine the error to a few per cent."""
     scenario = shipped(
         *overrides,
         "route={kind: hover, position: [0, 0, 1], duration: 12}",
@@ -131,7 +131,7 @@ def test_the_error_that_is_predicted_is_that_of_flights_in_hover(shipped, overri
     np.testing.assert_allclose(flown, [errors[0], errors[0], errors[1]], rtol=0.1)
 
 
-def test_a_loop_that_is_unstable_has_no_error(shipped):
+def test_an_unstable_loop_has_an_infinite_error(shipped):
     axes, timing = axes_of(shipped(), Plant(True, 0.05, None, 0, 6), Conditions(STILL, STILL, 0.0, 1e-3, 4e-3, 0.0))
     for loop, truth in axes:
         found = predicted(loop, truth, timing)
@@ -139,7 +139,7 @@ def test_a_loop_that_is_unstable_has_no_error(shipped):
         assert found.pole > 1.0
 
 
-def test_plants_are_what_the_scenario_draws_or_what_its_numbers_may_be_off_by(diagrams):
+def test_plants_span_the_distributions_or_the_assumed_uncertainty(diagrams):
     drawn = plants_of(load_scenario(f"{diagrams}/robustness.yaml"))
     assert {(each.latency_frames, each.delay_ticks) for each in drawn[1:]} == {(0, 1), (1, 3)}
     assert sorted({round(each.lag, 4) for each in drawn}) == [0.035, 0.055, 0.075]
@@ -151,29 +151,30 @@ def test_plants_are_what_the_scenario_draws_or_what_its_numbers_may_be_off_by(di
         *((0.08, 0, 1), (0.08, 1, 2)),
     }
     on_board = plants_of(load_scenario(f"{diagrams}/onboard.yaml"))
-    assert on_board[0].answer == Answer(8.817, 0.7259)
+    assert on_board[0].response == SecondOrderResponse(8.817, 0.7259)
     assert on_board[0].lags
     whole, *others = plants_of(load_scenario(f"{diagrams}/vehicles/neural_fly.yaml:still"))
-    assert (whole.answer, whole.lags) == (Answer(6.75, 0.48), False)
-    # The curve of its motors has a slope of 18.27 N where 14.27 N are believed.
+    assert (whole.response, whole.lags) == (SecondOrderResponse(6.75, 0.48), False)
+    # The motor curve has a slope of 18.27 N, the nominal one 14.27 N.
     assert whole.thrust_gain == pytest.approx(18.2656 / 14.27, rel=0.02)
-    # Quick rotors have a quick attitude.
-    assert all((other.lag < whole.lag) == (other.answer.natural_frequency > 6.75) for other in others)
+    # A vehicle with fast rotors has a fast attitude.
+    assert all((other.lag < whole.lag) == (other.response.natural_frequency > 6.75) for other in others)
 
 
-def test_conditions_are_the_scenario_s(diagrams, low_wind):
+def test_conditions_are_those_of_the_scenario(diagrams, low_wind):
     _, found = low_wind
-    # What was fitted to flights when the shipped controller was found: 0.205 m/s² with 0.6 s, and 0.063 m/s².
+    # These values were found for flights when the shipped controller was designed: 0.205 m/s² with 0.6 s, and 0.063
+    # m/s².
     assert found.lateral.deviation == pytest.approx(0.19, abs=0.03)
     assert found.lateral.time == pytest.approx(0.7, abs=0.1)
     assert (found.position_noise, found.attitude_noise, found.loss_rate) == (1e-3, 4e-3, 0.01)
     bad_day = conditions_of(load_scenario(f"{diagrams}/robustness.yaml"))
-    # A log-uniform number has the mean square (b² - a²) / (2 log(b / a)); 1 mm of lever turns by 9.5 m/s⁴.
+    # A log-uniform number has the mean square (b² - a²) / (2 log(b / a)); a lever of 1 mm causes 9.5 m/s⁴.
     assert bad_day.position_noise == pytest.approx(np.sqrt((0.004**2 - 0.0005**2) / (2.0 * np.log(8.0))), rel=0.01)
     assert 5.0 < bad_day.bias < 14.0
 
 
-def test_nothing_turns_a_vehicle_whose_attitude_answers_as_a_whole(diagrams):
+def test_a_vehicle_with_an_attitude_response_has_the_least_bias(diagrams):
     """Its bias is the least that a design allows for, that of a calm and ideal laboratory."""
     whole = conditions_of(
         load_scenario(f"{diagrams}/vehicles/neural_fly.yaml:wind_8", ["duration=2", "metrics.start=0"])
@@ -184,32 +185,33 @@ def test_nothing_turns_a_vehicle_whose_attitude_answers_as_a_whole(diagrams):
 
 
 @pytest.mark.slow
-def test_a_command_may_be_as_large_as_the_torque_that_it_holds_twice():
-    """A centre of mass that is r off turns a vehicle by m g r / I, a Crazyflie five times as fast as the paper's."""
+def test_the_snap_limit_is_at_least_twice_the_constant_torque():
+    """An offset r of the centre of mass causes m g r / I, for a Crazyflie five times that of the paper's vehicle."""
     limits, turning, largest = LqgLimits(), {}, {}
     for name in ("bad_day:crazyflie", "robustness"):
         scenario = load_scenario(name)
         found, vehicle = conditions_of(scenario), middle_of(scenario).vehicle
         levers = Batch.draw(scenario, range(32)).varying["vehicle.centre_of_mass.0"]
         turning[name] = vehicle.mass * vehicle.gravity**2 * np.sqrt(np.mean(levers**2)) / vehicle.inertia[0]
-        # A turn of 1 rad/s² is a snap of g. Rotors that differ by half a per cent turn it, too.
+        # 1 rad/s² corresponds to a snap of g. Rotors that differ by half a per cent also cause an angular acceleration.
         assert 0.6 * found.bias < turning[name] < 1.2 * found.bias
         largest[name] = snap_limit(limits, found)
     assert largest["robustness"] == limits.snap
     assert largest["bad_day:crazyflie"] > 1.8 * turning["bad_day:crazyflie"] > limits.snap
 
 
-def test_the_delays_that_may_be_believed_are_the_mean_of_the_plants_and_the_tick_after(diagrams):
-    # Frames late by 10 ms at most, and 1 to 3 ticks of 20 ms: 2.3 ticks in the mean of the middle and the corners.
+def test_candidate_delays_are_the_mean_of_the_plants_and_the_next_tick(diagrams):
+    # Frames are late by at most 10 ms and commands by 1 to 3 ticks of 20 ms: 2.3 ticks in the mean of middle and
+    # corners.
     bad_day = load_scenario(f"{diagrams}/robustness.yaml")
-    assert believed_timings(bad_day, plants_of(bad_day)) == [Timing(0.01, 0.02, ticks) for ticks in (2, 3)]
+    assert candidate_timings(bad_day, plants_of(bad_day)) == [Timing(0.01, 0.02, ticks) for ticks in (2, 3)]
     late = [Plant(True, 0.05, None, 1, ticks) for ticks in (1, 1, 2)]
-    assert [each.delay_ticks for each in believed_timings(bad_day, late)] == [2]
+    assert [each.delay_ticks for each in candidate_timings(bad_day, late)] == [2]
 
 
 @pytest.mark.slow
 def test_a_shipped_design_reaches_the_default_limits(low_wind):
-    """A design of least error is at its limits, since each costs error: here at those of the peak and of the snap."""
+    """A design of least error is at its limits, since each limit costs error: here those of peak and snap."""
     scenario, conditions = low_wind
     limits, margins = LqgLimits(), [*link_margins(middle_of(scenario)).values()]
     assert 0.99 * limits.sensitivity < max(each.sensitivity for each in margins) <= limits.sensitivity
@@ -223,41 +225,41 @@ def test_a_shipped_design_reaches_the_default_limits(low_wind):
 @pytest.mark.slow
 @pytest.mark.parametrize("best", [1, 2])
 @pytest.mark.parametrize("name", ["laboratory.yaml:low_wind", "onboard.yaml"])
-def test_a_design_believes_the_delay_of_less_cost_and_limits_the_command_of_each_axis(
+def test_a_design_uses_the_delay_of_less_cost_and_limits_the_command_of_each_axis(
     low_wind, diagrams, monkeypatch, name, best
 ):
     """Along x and y the command is a snap, or an acceleration with an autopilot, and along z an acceleration."""
     scenario, (shipped, conditions) = load_scenario(f"{diagrams}/{name}"), low_wind
     timings = [Timing(0.01, 0.02, ticks) for ticks in (1, 2)]
-    known = {"conditions_of": conditions, "believed_timings": timings, "_yaw": shipped.control.yaw}
+    known = {"conditions_of": conditions, "candidate_timings": timings, "_yaw": shipped.control.yaw}
     for function, value in known.items():
         monkeypatch.setattr(lqg_design, function, lambda *_, value=value: value)
     searches = []
 
-    def advanced(search):
+    def improved(search):
         searches.append(search)
         return dataclasses.replace(search, cost=abs(search.timing.delay_ticks - best))
 
-    monkeypatch.setattr(lqg_design._LqgSearch, "advanced", advanced)
+    monkeypatch.setattr(lqg_design._LqgSearch, "improved", improved)
     limits = LqgLimits(sensitivity=1e3, delay=1e-6, snap=50.0, acceleration=5.0)
     design = design_lqg(scenario, limits)
     assert design.control.delay_ticks == best
     first, second, vertical = searches
-    assert first.most == second.most == (5.0 if design.plants[0].answer else 50.0)
-    assert vertical.most == 5.0
+    assert first.max_command == second.max_command == (5.0 if design.plants[0].response else 50.0)
+    assert vertical.max_command == 5.0
     assert (first.timing, second.timing, vertical.timing) == (*timings, timings[best - 1])
-    assert {each.allowed for each in searches} == {limits}
+    assert {each.chain_limits for each in searches} == {limits}
 
 
 @pytest.mark.slow
 def test_a_design_flies_within_its_limits(diagrams, monkeypatch):
-    """A vehicle with drag leans, of which the chains know nothing; the whole loop keeps the limits all the same."""
-    monkeypatch.setattr(lqg_design, "_EVALUATIONS", 30)
+    """A vehicle with drag leans, which the chains do not model; the whole loop meets the limits nevertheless."""
+    monkeypatch.setattr(lqg_design, "_MAX_EVALUATIONS", 30)
     scenario = load_scenario(f"{diagrams}/vehicles/neural_fly.yaml:wind_8_sine", ["route.laps=2", "metrics.start=6.3"])
     design = design_lqg(scenario, LqgLimits(sensitivity=2.2, delay=0.05))
     assert all(np.isfinite(each.error) for each in (*design.lateral, *design.vertical))
     assert design.control.yaw is None
-    # The estimate along z sets the thrust, and with it the tilt, so it must not believe in more than there is.
+    # The estimate along z determines the thrust, and with it the tilt, so that its disturbance must not be too large.
     assert design.control.vertical.second.deviation == pytest.approx(design.conditions.vertical.deviation, rel=1e-3)
     assert design.control.max_tilt == 1.2
     designed = scenario.model_copy(update={"control": design.control})
@@ -273,27 +275,27 @@ def test_a_design_flies_within_its_limits(diagrams, monkeypatch):
     ("lags", "answer", "polynomial"),
     [
         (True, None, [0.05, 1.0, 0.0, 0.0]),
-        (False, Answer(7.0, 0.6), [1.0, 2.0 * 0.6 * 7.0, 7.0**2]),
-        (True, Answer(7.0, 0.6), [0.05, 1.0, 2.0 * 0.6 * 7.0, 7.0**2]),
+        (False, SecondOrderResponse(7.0, 0.6), [1.0, 2.0 * 0.6 * 7.0, 7.0**2]),
+        (True, SecondOrderResponse(7.0, 0.6), [0.05, 1.0, 2.0 * 0.6 * 7.0, 7.0**2]),
     ],
 )
-def test_the_attitude_follows_its_command_and_the_position_the_attitude(lags, answer, polynomial):
+def test_plant_models_have_the_transfer_functions_of_attitude_and_position(lags, answer, polynomial):
     """Each plant has the transfer function of its lag, 1 / (s² (T s + 1)), or of the autopilot's response."""
     conditions = Conditions(STILL, STILL, 0.0, 1e-3, 4e-3, 0.0)
     plant = Plant(lags, 0.05, answer, 0, 1, thrust_gain=1.3)
     s = 2.0 + 3.0j
-    _, A, B, C, _ = lateral_truth(plant, conditions)
+    _, A, B, C, _ = lateral_plant_model(plant, conditions)
     position, thrust = (C @ np.linalg.solve(s * np.eye(len(A)) - A, B)).ravel()
     expected = (1.0 if answer is None else answer.natural_frequency**2) / np.polyval(polynomial, s)
     np.testing.assert_allclose([position, thrust], [expected / s**2, expected], rtol=1e-12)
-    _, A, B, C, _ = vertical_truth(plant, conditions)
+    _, A, B, C, _ = vertical_plant_model(plant, conditions)
     height = (C @ np.linalg.solve(s * np.eye(len(A)) - A, B)).item()
     assert height == pytest.approx(1.3 / (s**2 * (0.05 * s + 1.0)), rel=1e-12)
 
 
 @pytest.fixture(scope="module")
 def search_of(shipped):
-    """The search for the numbers of the shipped axis along x, around plants with some delays of the link (ticks)."""
+    """Return the search for the numbers of the shipped axis along x, for plants with given link delays (ticks)."""
     scenario = shipped()
     timing, control = timing_of(scenario), scenario.control
     loop = control.lateral.loop(timing, scenario.nominal.gravity)
@@ -301,18 +303,20 @@ def search_of(shipped):
 
     def make(*delays, limits=LqgLimits(sensitivity=1e3, delay=1e-6), most=1e6, loop_of=lambda axis: loop):
         plants = [Plant(True, 0.05, None, 0, delay) for delay in delays]
-        truths = [
-            Truth.of(lateral_truth(plant, conditions), plant, conditions, timing, scenario.nominal.gravity)
+        actual_plants = [
+            ActualPlant.of(lateral_plant_model(plant, conditions), plant, conditions, timing, scenario.nominal.gravity)
             for plant in plants
         ]
-        return lqg_design._LqgSearch(lambda number: control.lateral, loop_of, truths, most, timing, (1.0,), limits)
+        return lqg_design._LqgSearch(
+            lambda number: control.lateral, loop_of, actual_plants, most, timing, (1.0,), limits
+        )
 
     return make
 
 
-def test_the_cost_is_the_logarithm_of_the_error_over_all_plants_unless_a_limit_is_broken(search_of):
+def test_the_cost_within_the_limits_is_the_logarithm_of_the_error_over_all_plants(search_of):
     search = search_of(1, 2)
-    _, (first, second) = search.found()
+    _, (first, second) = search.result()
     cost = search.cost_of(np.zeros(1))
     assert cost == pytest.approx(0.5 * np.log(0.5 * (first.error**2 + second.error**2)), rel=1e-9)
     assert search_of(1).cost_of(np.zeros(1)) == pytest.approx(np.log(first.error), rel=1e-9)
@@ -321,25 +325,28 @@ def test_the_cost_is_the_logarithm_of_the_error_over_all_plants_unless_a_limit_i
     assert search_of(1, 2, most=1.01 * first.command).cost_of(np.zeros(1)) == cost
 
 
-def test_a_design_that_is_unstable_costs_more_than_any_that_is_stable_and_one_that_fails_most(search_of):
-    """The larger the pole of a plant, the more; the nominal plant comes first."""
+def test_unstable_designs_cost_more_than_stable_ones(search_of):
+    """The cost increases with the poles of unstable plants; an unstable nominal plant costs most."""
     stable, late, later = (search_of(*delays).cost_of(np.zeros(1)) for delays in ((1,), (1, 6), (1, 9)))
     unstable, worse = (search_of(delay, 1).cost_of(np.zeros(1)) for delay in (6, 9))
     assert stable + 10.0 < late
     assert late < unstable
-    poles = [predicted(each.loop_of(None), each.truths[0], each.timing).pole for each in map(search_of, (6, 9))]
+    poles = [predicted(each.loop_of(None), each.actual_plants[0], each.timing).pole for each in map(search_of, (6, 9))]
     assert (late < later) == (unstable < worse) == (poles[0] < poles[1])
 
     def failing(axis):
         raise np.linalg.LinAlgError
 
     assert search_of(1, loop_of=failing).cost_of(np.zeros(1)) > max(unstable, worse)
-    with pytest.raises(InputError, match=r"no design of this kind is stable: at best there is a pole of size 1\.\d{4}"):
-        search_of(6).found()
+    with pytest.raises(
+        InputError,
+        match=r"no LQG design is stable for the nominal plant: the best one has a pole of magnitude 1\.\d{4}",
+    ):
+        search_of(6).result()
 
 
 class Bowl(lqg_design._LqgSearch):
-    """A search whose cost is the squared distance of the logarithms from those of known numbers, and even far away."""
+    """Search whose cost is the squared distance of the logarithms from known ones, and constant far away."""
 
     best = np.log([3e-3, 0.7, 40.0])
 
@@ -348,36 +355,36 @@ class Bowl(lqg_design._LqgSearch):
 
 
 @pytest.mark.parametrize("first", [3e-6, 3e-3, 3.0])
-def test_a_search_finds_the_numbers_of_least_cost_wherever_the_first_begins(search_of, first):
-    """The others begin within a factor of a few."""
+def test_a_search_finds_the_least_cost_for_any_initial_weight(search_of, first):
+    """The other numbers start within a factor of a few."""
     start = search_of(1)
-    begun = Bowl(*(getattr(start, name) for name in start.__dataclass_fields__))
-    found = dataclasses.replace(begun, numbers=(first, 0.3, 60.0)).advanced()
+    started = Bowl(*(getattr(start, name) for name in start.__dataclass_fields__))
+    found = dataclasses.replace(started, numbers=(first, 0.3, 60.0)).improved()
     np.testing.assert_allclose(found.numbers, np.exp(Bowl.best), rtol=1e-3)
     assert found.cost == pytest.approx(found.cost_of(np.log(found.numbers)), abs=1e-12)
-    assert (found.truths, found.timing) == (start.truths, start.timing)
+    assert (found.actual_plants, found.timing) == (start.actual_plants, start.timing)
 
 
-def test_limits_are_narrowed_until_the_whole_loop_keeps_them(search_of):
-    """Limits shrink by slightly more than the loop exceeds them. A loop without feedback cannot be narrowed."""
+def test_limits_are_tightened_until_the_whole_loop_meets_them(search_of):
+    """Limits shrink by slightly more than the loop exceeds them. A loop without feedback changes no limit."""
     limits = LqgLimits(sensitivity=3.0, delay=0.03)
     search = search_of(1, limits=limits._replace(sensitivity=2.5, delay=0.04))
 
     def found(sensitivity, delay):
         return types.SimpleNamespace(sensitivity=sensitivity, delay=delay)
 
-    assert search.narrowed(limits, (found(3.0, 0.03), None)) is search
-    assert search.narrowed(limits, (None, None)) is search
-    peaked = search.narrowed(limits, (found(2.0, 0.05), found(4.0, 0.05), None)).allowed
+    assert search.with_tighter_limits(limits, (found(3.0, 0.03), None)) is search
+    assert search.with_tighter_limits(limits, (None, None)) is search
+    peaked = search.with_tighter_limits(limits, (found(2.0, 0.05), found(4.0, 0.05), None)).chain_limits
     assert 0.99 * 2.5 * 3.0 / 4.0 < peaked.sensitivity < 2.5 * 3.0 / 4.0
     assert peaked.delay == 0.04
-    late = search.narrowed(limits, (found(2.0, 0.02), found(2.0, 0.05))).allowed
+    late = search.with_tighter_limits(limits, (found(2.0, 0.02), found(2.0, 0.05))).chain_limits
     assert 0.04 * 0.03 / 0.02 < late.delay < 1.01 * 0.04 * 0.03 / 0.02
     assert late.sensitivity == 2.5
 
 
 @pytest.mark.slow
-def test_the_yaw_is_controlled_as_in_a_cascade(diagrams):
+def test_the_yaw_has_the_pd_of_a_cascade(diagrams):
     scenario = load_scenario(f"{diagrams}/laboratory.yaml:nominal")
     gains = design_cascade(scenario).loops["yaw"].gains
     yaw = lqg_design._yaw(scenario)
@@ -386,9 +393,9 @@ def test_the_yaw_is_controlled_as_in_a_cascade(diagrams):
 
 
 @pytest.mark.slow
-def test_a_design_is_made_of_what_is_believed_and_of_what_disturbs(diagrams, monkeypatch):
-    """Without an autopilot, and with limits that no design breaks."""
-    monkeypatch.setattr(lqg_design, "_EVALUATIONS", 1)
+def test_a_design_follows_the_nominal_vehicle_and_the_disturbances(diagrams, monkeypatch):
+    """The scenario has no autopilot, and limits that no design violates."""
+    monkeypatch.setattr(lqg_design, "_MAX_EVALUATIONS", 1)
     scenario = load_scenario(f"{diagrams}/laboratory.yaml:low_wind", ["duration=4", "metrics.start=0"])
     design = design_lqg(scenario, LqgLimits(sensitivity=1e3, delay=1e-6))
     control, found, gravity = design.control, design.conditions, scenario.nominal.gravity
@@ -397,7 +404,7 @@ def test_a_design_is_made_of_what_is_believed_and_of_what_disturbs(diagrams, mon
     assert [axis.second.time for axis in (x, z)] == pytest.approx([found.lateral.time, found.vertical.time], rel=5e-3)
     assert x.position_noise == z.position_noise == pytest.approx(found.position_noise, rel=1e-3)
     assert z.second.deviation == pytest.approx(found.vertical.deviation, rel=1e-3)
-    # The first disturbance model stands for a constant, so it changes more slowly than the second.
+    # The first disturbance represents a constant, so that it changes more slowly than the second.
     assert x.first.time == z.first.time > 10.0 * max(x.second.time, z.second.time)
     limits = scenario.control.thrust_vectoring
     assert (control.max_tilt, control.min_thrust, control.max_thrust) == (
@@ -405,27 +412,27 @@ def test_a_design_is_made_of_what_is_believed_and_of_what_disturbs(diagrams, mon
     )
     assert control.yaw == lqg_design._yaw(scenario)
     timing = Timing(0.01, 0.02, control.delay_ticks)
-    assert timing in believed_timings(scenario, design.plants)
-    for loop, model, answers in (
-        (x.loop(timing, gravity), lateral_truth, design.lateral),
-        (z.loop(timing, gravity), vertical_truth, design.vertical),
+    assert timing in candidate_timings(scenario, design.plants)
+    for loop, model, predictions in (
+        (x.loop(timing, gravity), lateral_plant_model, design.lateral),
+        (z.loop(timing, gravity), vertical_plant_model, design.vertical),
     ):
-        truths = [Truth.of(model(plant, found), plant, found, timing, gravity) for plant in design.plants]
-        assert answers == tuple(predicted(loop, truth, timing) for truth in truths)
+        actual_plants = [ActualPlant.of(model(plant, found), plant, found, timing, gravity) for plant in design.plants]
+        assert predictions == tuple(predicted(loop, truth, timing) for truth in actual_plants)
 
 
-def test_noise_of_a_truth_is_that_of_the_cameras():
-    """The specific thrust sideways is seen by the attitude, times g."""
+def test_the_measurement_noise_of_a_plant_is_that_of_the_cameras():
+    """The horizontal specific thrust is measured as the attitude times g."""
     conditions = Conditions(STILL, STILL, 0.0, 1e-3, 4e-3, 0.03)
     plant, timing = Plant(True, 0.05, None, 0, 1), Timing(0.01, 0.02, 2)
-    truth = Truth.of(lateral_truth(plant, conditions), plant, conditions, timing, 9.79)
+    truth = ActualPlant.of(lateral_plant_model(plant, conditions), plant, conditions, timing, 9.79)
     np.testing.assert_allclose(truth.R, np.diag([1e-3**2, (9.79 * 4e-3) ** 2]), rtol=1e-12)
-    height = Truth.of(vertical_truth(plant, conditions), plant, conditions, timing, 9.79)
+    height = ActualPlant.of(vertical_plant_model(plant, conditions), plant, conditions, timing, 9.79)
     np.testing.assert_allclose(height.R, [[1e-3**2]], rtol=1e-12)
     assert (truth.loss_rate, height.plant) == (0.03, plant)
 
 
-def test_rotors_that_slow_down_otherwise_count_with_the_mean_of_both_lags(diagrams):
+def test_rotors_with_two_time_constants_count_with_their_geometric_mean(diagrams):
     scenario = load_scenario(f"{diagrams}/laboratory.yaml:nominal", ["vehicle.rotor_time_constant=0.04"])
     assert lqg_design._lag(scenario) == 0.04
     down = load_scenario(f"{diagrams}/hover.yaml", ["vehicle.rotor_time_constant=0.04"])

@@ -7,7 +7,7 @@ import pytest
 
 from drake_quad import load_scenario
 from drake_quad.design import tuning
-from drake_quad.design.tuning import Budget, Knob, delay_stood, tune
+from drake_quad.design.tuning import Budget, Knob, tolerated_delay, tune
 from drake_quad.laboratory.metrics import Metrics
 
 K_P = Knob(("control.position.k_p.0", "control.position.k_p.1"), 0.5, 12.0)
@@ -116,7 +116,7 @@ def test_the_lowest_of_many_valleys_is_found(laboratory, flown):
 def test_rounds_converge_to_the_optimum_and_stay_in_range(laboratory, flown, shares):
     """The mean of the candidates moves to the best numbers, and their spread falls from round to round.
 
-    A limit that no candidate breaks changes nothing of it.
+    A limit that no candidate violates has no influence.
     """
     kept = flown(bowl)
     budget = Budget(rounds=6, candidates=64, samples=1, steps=1)
@@ -138,7 +138,7 @@ def test_rounds_converge_to_the_optimum_and_stay_in_range(laboratory, flown, sha
 
 
 def test_rounds_converge_to_the_optimum_within_a_limit(laboratory, flown):
-    """k_P may be 2 at most. Candidates of the last round keep to it, although less error is beyond."""
+    """k_P may be 2 at most. Candidates of the last round meet the limit, although the error is smaller beyond it."""
     kept = flown(bowl)
     budget = Budget(rounds=6, candidates=64, samples=1, checks=8, steps=1)
     tune([laboratory], [K_P, K_D], lambda scenario: np.array([2.0 / scenario.control.position.k_p[0]]), budget=budget)
@@ -147,15 +147,15 @@ def test_rounds_converge_to_the_optimum_within_a_limit(laboratory, flown):
     assert last.max() < 3.0
 
 
-def test_as_many_candidates_fly_as_are_asked_for(laboratory, flown):
-    """Their number need be no power of two, although the points come by powers of two."""
+def test_each_round_simulates_the_given_number_of_candidates(laboratory, flown):
+    """Their number need not be a power of two, although points are generated in powers of two."""
     kept = flown(bowl)
     tune([laboratory], [K_P, K_D], None, budget=Budget(2, 12, 1, 1, 1))
     assert [len(each[K_P.paths[0]]) for each in kept["varying"][:2]] == [12, 12]
 
 
-def test_local_searches_begin_with_smaller_and_smaller_steps(laboratory, flown, monkeypatch):
-    """Each begins within a quarter of the box, from the best of what was found before."""
+def test_each_local_search_starts_with_a_smaller_step(laboratory, flown, monkeypatch):
+    """Each starts within a quarter of the box, from the best point so far."""
     flown(bowl)
     radii, minimize = [], tuning.scipy.optimize.minimize
 
@@ -210,12 +210,12 @@ def test_only_crashes_count_in_flights_with_late_frames(laboratory, flown):
         return 2.0 if late and scenario.name == "other" else np.inf
 
     flown(lambda *_: 0.2, crash)
-    found = tune([laboratory, other], [K_P], None, budget=Budget(1, 4, 2, 1, 1), later=0.03)
+    found = tune([laboratory, other], [K_P], None, budget=Budget(1, 4, 2, 1, 1), extra_latency=0.03)
     assert found.error == pytest.approx(0.2 + 1.5 / 2.0)
     assert tune([laboratory, other], [K_P], None, budget=Budget(1, 4, 2, 1, 1)).error == pytest.approx(0.2)
 
 
-def test_the_vertical_gain_stays_in_the_middle_of_its_range_at_first(laboratory, flown):
+def test_the_vertical_gain_stays_in_the_middle_of_its_range_until_its_stage(laboratory, flown):
     kept = flown(lambda numbers, *_: bowl(numbers) if K_P.paths[0] in numbers else 1.0)
     scenarios = []
     budget = Budget(rounds=9, candidates=16, samples=1, steps=1)
@@ -277,7 +277,7 @@ def test_previous_gains_are_a_candidate(laboratory, flown):
 
 def test_candidates_within_the_limit_rank_by_error_and_the_others_by_share():
     tuned = [
-        tuning.Tuned((), error, share)
+        tuning.TuningResult((), error, share)
         for error, share in ((0.3, 1.0), (0.2, 7.0), (0.1, 0.9), (0.05, 0.5), (0.06, 0.5))
     ]
     order = [1, 0, 2, 3, 4]
@@ -290,19 +290,19 @@ def test_predicted_violations_of_the_limit_are_penalised():
     """The logarithms of the shares are linear and so predicted exactly, which gives the penalties in closed form."""
     random = np.random.default_rng(5)
     slope = np.array([0.4, -0.3])
-    known = tuning._Known(2)
+    known = tuning._EvaluatedPoints(2)
     points = random.uniform(size=(12, 2))
     for number, point in enumerate(points):
         if number == 3:
             # Nothing is predicted from three points, which only just determine a plane.
             assert not known.penalties(points, 0.0).any()
         known.add(point, np.exp(np.array([slope @ point - 0.05, 0.1])))
-    asked = random.uniform(size=(40, 2))
-    predicted = np.minimum(asked @ slope - 0.05, 0.1)
-    away = np.linalg.norm(asked[:, None] - points, axis=2).min(axis=1)
+    requested = random.uniform(size=(40, 2))
+    predicted = np.minimum(requested @ slope - 0.05, 0.1)
+    away = np.linalg.norm(requested[:, None] - points, axis=2).min(axis=1)
     for doubt in (0.0, 0.3):
         expected = 4.0 * np.maximum(0.002 - predicted - doubt * away, 0.0)
-        np.testing.assert_allclose(known.penalties(asked, doubt), expected, atol=2e-3)
+        np.testing.assert_allclose(known.penalties(requested, doubt), expected, atol=2e-3)
         assert (expected > 0.01).sum() > 5
     # Shares far from the limit need no accuracy, so they are clipped to between a fifth and one and a half of it.
     np.testing.assert_allclose(tuning._near_limit(np.array([0.01, 0.5, 9.0]), 3), np.log([0.2, 0.5, 1.5]))
@@ -320,33 +320,33 @@ def test_the_tolerated_delay_is_the_longest_without_a_crash(laboratory, flown):
 
     flown(None, crash)
     budget = Budget(samples=8)
-    assert delay_stood([laboratory, other], 0.1, budget=budget, first_sample=10) == pytest.approx(0.03)
-    assert delay_stood([laboratory, other], 0.02, budget=budget, first_sample=10) == pytest.approx(0.02)
-    assert delay_stood([laboratory, other], 0.1, budget=budget, first_sample=14) == pytest.approx(0.1)
+    assert tolerated_delay([laboratory, other], 0.1, budget=budget, first_sample=10) == pytest.approx(0.03)
+    assert tolerated_delay([laboratory, other], 0.02, budget=budget, first_sample=10) == pytest.approx(0.02)
+    assert tolerated_delay([laboratory, other], 0.1, budget=budget, first_sample=14) == pytest.approx(0.1)
     flown(None, lambda *_: 1.0)
-    assert delay_stood([laboratory], 0.1, budget=budget) == 0.0
+    assert tolerated_delay([laboratory], 0.1, budget=budget) == 0.0
 
 
 def test_predictions_of_the_limit_are_trusted_more_from_round_to_round(laboratory, flown, monkeypatch):
     """The doubt falls in equal steps, so that in the last round it is one step from zero."""
     flown(bowl)
     doubts = []
-    monkeypatch.setattr(tuning._Known, "penalties", lambda known, points, doubt: doubts.append(doubt) or 0.0)
+    monkeypatch.setattr(tuning._EvaluatedPoints, "penalties", lambda known, points, doubt: doubts.append(doubt) or 0.0)
     budget = Budget(rounds=5, candidates=8, samples=1, steps=1)
     tune([laboratory], [K_P, K_D], lambda scenario: np.array([9.0]), budget=budget)
-    np.testing.assert_allclose(doubts[::2], tuning._DOUBT * np.array([1.0, 0.8, 0.6, 0.4, 0.2]))
+    np.testing.assert_allclose(doubts[::2], tuning._INITIAL_DOUBT * np.array([1.0, 0.8, 0.6, 0.4, 0.2]))
     assert doubts[1::2] == doubts[::2]
 
 
-def test_the_limit_is_predicted_as_soon_as_there_is_one_point_more_than_a_plane_needs():
-    known = tuning._Known(2)
+def test_the_limit_is_predicted_from_one_point_more_than_a_plane_needs():
+    known = tuning._EvaluatedPoints(2)
     far_beyond = np.array([[0.5, 0.5]])
     for count, point in enumerate(([0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]), start=1):
         known.add(np.array(point), np.array([0.6]))
         assert known.penalties(far_beyond, 0.0).any() == (count == 4)
 
 
-def test_local_searches_end_a_little_within_the_limit(laboratory, flown):
+def test_local_searches_end_slightly_within_the_limit(laboratory, flown):
     """Predictions are not exact, so a fifth of a per cent of the limit is kept in reserve."""
     flown(bowl)
     shares, ends = [], []

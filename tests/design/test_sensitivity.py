@@ -1,4 +1,4 @@
-"""Derivatives of metrics through the simulator, against differences of whole flights."""
+"""Derivatives of metrics through the simulator, compared with differences of whole flights."""
 
 from pathlib import Path
 
@@ -7,7 +7,13 @@ import pytest
 from pydantic import TypeAdapter
 
 from drake_quad import InputError, load_scenario, simulate
-from drake_quad.design.sensitivity import _ABOVE, _AROUND, _BELOW, DIFFERENTIABLE, flight_sensitivities
+from drake_quad.design.sensitivity import (
+    _BACKWARD_WEIGHTS,
+    _CENTRAL_WEIGHTS,
+    _FORWARD_WEIGHTS,
+    DIFFERENTIABLE,
+    flight_sensitivities,
+)
 from drake_quad.scenario.networks.network import Network
 from drake_quad.scenario.numbers import number_at, with_number
 from drake_quad.scenario.position_controllers.controller import AnyPositionController
@@ -31,7 +37,7 @@ def windy():
 
 
 @pytest.mark.slow
-def test_derivatives_are_those_of_whole_flights(windy):
+def test_derivatives_match_differences_of_whole_flights(windy):
     found = flight_sensitivities(windy, FIELDS, sample=2)
     nominal = simulate(windy, sample=2)
     for name in DIFFERENTIABLE:
@@ -48,8 +54,8 @@ def test_derivatives_are_those_of_whole_flights(windy):
 
 
 @pytest.mark.slow
-def test_what_the_vehicle_does_not_say_follows_nominal():
-    """As with `--set nominal.mass`: the belief and the vehicle change together; not so if the vehicle has its own."""
+def test_values_that_the_vehicle_does_not_set_follow_nominal():
+    """As with `--set nominal.mass`, nominal and actual value change together unless the vehicle has its own value."""
     course = ROOT / "diagrams" / "figure_eight.yaml"
     for own in ([], ["vehicle.mass=0.68"]):
         scenario = load_scenario(course, ["duration=2", *own])
@@ -67,16 +73,16 @@ def test_a_metric_that_is_zero_has_no_derivative():
     assert np.isnan(found.gradients["rmse"]).all()
 
 
-def test_a_crash_before_anything_counts():
+def test_a_crash_before_the_first_tick_of_the_metrics_is_reported():
     wild = ["duration=3", "metrics={start: 2.5}", "control.attitude.k_p=[900, 900, 9]"]
     scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", wild)
-    with pytest.raises(InputError, match=r"crashed at \d\.\d\d s, before a tick counted"):
+    with pytest.raises(InputError, match=r"crashed at \d\.\d\d s, before the first tick that the metrics include"):
         flight_sensitivities(scenario, ["vehicle.mass"])
 
 
 @pytest.mark.slow
-def test_derivatives_reach_through_what_is_learned(windy):
-    """Also where the covariance begins anew, as it does here after the rise of 2.3 s."""
+def test_derivatives_include_the_learning_of_a_network(windy):
+    """This includes a reset of the covariance, here after the rise of 2.3 s."""
     learning = {
         "kind": "type_2",
         "learning": {"kind": "covariance", "slope": 2.0, "initial_covariance": 6.0, "reset": "at_segments"},
@@ -103,7 +109,7 @@ def test_derivatives_reach_through_what_is_learned(windy):
     ("field", "bound", "step"), [("vehicle.linear_drag", 0.0, 1e-6), ("control.network.q", 1.0, -1e-4)]
 )
 def test_a_number_at_its_bound_is_varied_to_one_side(asymmetric, field, bound, step):
-    """Upwards from the least that it can be, downwards from the most."""
+    """A number at its minimum is varied upwards, one at its maximum downwards."""
     scenario = asymmetric("pd_t2fnn", "duration=1", f"{field}={bound}", "metrics.start=0")
     found = flight_sensitivities(scenario, [field])
     with pytest.raises(InputError, match=f"{field} cannot be"):
@@ -120,18 +126,18 @@ def test_a_number_at_its_bound_is_varied_to_one_side(asymmetric, field, bound, s
         ("control.position.k_p.-1", "the scenario has no field control.position.k_p.-1"),
         ("control.position.kind", "control.position.kind is 'pd', but must be a real number"),
         ("seed", "seed is 0, but must be a real number"),
-        ("route.radius", "route.radius changes the plan"),
-        ("laboratory.command_link.loss_rate", "decides when something happens; a flight depends on it in jumps"),
-        ("crash.tilt", "crash.tilt is not a number that the flight depends on smoothly"),
-        ("laboratory.motion_capture.position_noise", "changes the structure of the diagram at 0"),
-        ("laboratory.motion_capture.attitude_noise", "changes the structure of the diagram at 0"),
-        ("laboratory.motion_capture.misalignment.1", "changes the structure of the diagram at 0"),
-        ("laboratory.wind.0.velocity.1", "changes the structure of the diagram at 0"),
-        ("vehicle.battery_sag", "changes the structure of the diagram at 0"),
+        ("route.radius", "with respect to route.radius: it changes the plan"),
+        ("laboratory.command_link.loss_rate", "the flight depends on it discontinuously"),
+        ("crash.tilt", "with respect to crash.tilt: the flight does not depend on it smoothly"),
+        ("laboratory.motion_capture.position_noise", "the structure of the diagram changes at 0"),
+        ("laboratory.motion_capture.attitude_noise", "the structure of the diagram changes at 0"),
+        ("laboratory.motion_capture.misalignment.1", "the structure of the diagram changes at 0"),
+        ("laboratory.wind.0.velocity.1", "the structure of the diagram changes at 0"),
+        ("vehicle.battery_sag", "the structure of the diagram changes at 0"),
     ],
 )
-def test_what_has_no_derivative_is_told(field, words):
-    """Also what is left out of the diagram when it is zero, with a derivative filter that would be there anyway."""
+def test_fields_without_a_derivative_are_refused(field, words):
+    """This includes effects that the diagram leaves out at zero, with a derivative filter that exists in any case."""
     still = [
         "laboratory.wind=[{kind: steady, velocity: [0, 0, 0]}]",
         "laboratory.motion_capture.derivative_bandwidth=80",
@@ -151,14 +157,14 @@ def test_numbers_are_read_and_replaced_by_path(windy):
         with_number(windy, "vehicle.mass", -1.0)
 
 
-def test_nothing_to_differentiate_by_is_refused():
+def test_an_empty_list_of_fields_is_refused():
     scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["duration=1"])
-    with pytest.raises(InputError, match="there is no field to differentiate by"):
+    with pytest.raises(InputError, match="cannot compute sensitivities: no field is given"):
         flight_sensitivities(scenario, [])
 
 
 @pytest.mark.slow
-def test_the_sample_that_the_scenario_names_is_flown_if_no_other_is_given(windy):
+def test_the_sample_of_the_scenario_is_the_default(windy):
     named = windy.model_copy(update={"sample": 2, "duration": 0.3})
     found = flight_sensitivities(named, ["vehicle.mass"])
     assert found.fields == ("vehicle.mass",)
@@ -182,13 +188,13 @@ def test_a_distribution_needs_a_sample():
     assert 0.6 < found.values[0] < 0.7
 
 
-def test_a_crash_ends_what_is_differentiated():
+def test_derivatives_after_a_crash_are_those_until_the_crash():
     wild = ["duration=3", "control.attitude.k_p=[900, 900, 9]"]
     scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", wild)
     assert flight_sensitivities(scenario, ["vehicle.mass"]).crash_time == simulate(scenario).metrics.crash_time < 3.0
 
 
-def test_a_number_that_can_be_neither_more_nor_less_is_told_with_why():
+def test_a_number_that_can_neither_increase_nor_decrease_is_refused_with_the_reason():
     scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["duration=1"])
     words = r"^laboratory\.command_link\.period cannot be 0\.01996: must be the shortest period"
     with pytest.raises(InputError, match=words):
@@ -196,21 +202,21 @@ def test_a_number_that_can_be_neither_more_nor_less_is_told_with_why():
 
 
 @pytest.mark.parametrize("field", ["laboratory.motion_capture.dropout_rate", "vehicle.rotor_failure.time"])
-def test_what_only_decides_when_something_happens_has_no_derivative(field):
+def test_fields_that_decide_when_something_happens_have_no_derivative(field):
     failing = ["duration=1", "vehicle.rotor_failure={rotor: 1, time: 0.5}"]
     scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", failing)
-    with pytest.raises(InputError, match="decides when something happens"):
+    with pytest.raises(InputError, match="the flight depends on it discontinuously"):
         flight_sensitivities(scenario, [field])
 
 
-@pytest.mark.parametrize("weights", [_AROUND, _ABOVE, _BELOW])
+@pytest.mark.parametrize("weights", [_CENTRAL_WEIGHTS, _FORWARD_WEIGHTS, _BACKWARD_WEIGHTS])
 def test_differences_are_exact_for_polynomials_of_the_fourth_degree(weights):
-    """Beside the number itself, whose weight is what makes the sum zero; on one side, those of the second kind."""
+    """The weight of the number itself makes the sum zero. One-sided differences are of the second kind."""
     for power in range(1, 5):
         assert sum(weight * steps**power for steps, weight in weights.items()) == pytest.approx(float(power == 1))
 
 
-def test_a_number_of_a_layout_that_only_nominal_has_is_changed_for_the_vehicle_alone():
+def test_a_layout_that_only_nominal_has_can_be_varied_for_the_vehicle_alone():
     scenario = load_scenario(
         ROOT / "diagrams" / "figure_eight.yaml", ["nominal.layout={kind: h, length: 0.2, width: 0.3}"]
     )

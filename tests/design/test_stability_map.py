@@ -1,4 +1,4 @@
-"""The map of stable gains, against the poles of single loops and against lone flights."""
+"""Maps of stable gains, compared with the poles of single loops and with single flights."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ import pytest
 
 from drake_quad import load_scenario, simulate
 from drake_quad.design.gains import AxisGains, pd_loop
-from drake_quad.design.stability_map import flown_map, mapped_plant, stability_map
+from drake_quad.design.stability_map import mapped_plant, simulated_map, stability_map
 from drake_quad.linear.closed_loop import closed_loop
 from drake_quad.linear.margins import margins
 from drake_quad.linear.modes import modes
@@ -31,7 +31,7 @@ def soft(*overrides):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("loop", ["position", "attitude"])
-def test_each_place_of_the_map_is_a_loop_of_its_own(scenario, loop):
+def test_each_point_of_the_map_equals_a_single_loop(scenario, loop):
     plant = mapped_plant(scenario, loop)
     k_p, k_d = (K_P, K_D) if loop == "position" else (np.array([1.0, 8.0, 60.0]), 8.0 * K_D)
     found = stability_map(plant, k_p, k_d)
@@ -49,8 +49,8 @@ def test_each_place_of_the_map_is_a_loop_of_its_own(scenario, loop):
         assert found.delay[i, j] == pytest.approx(margins(pd_loop(plant, gains)).delay, rel=5e-3)
 
 
-def test_a_position_that_is_left_alone_is_not_held(scenario):
-    """Without k_P the integrator stays at 1, on either side as far as numbers go."""
+def test_a_position_without_k_p_is_not_stable(scenario):
+    """Without k_P the pole of the integrator stays at 1, up to rounding."""
     found = stability_map(mapped_plant(scenario, "position"), np.array([0.0]), K_D[:3])
     np.testing.assert_allclose(found.size, 1.0, atol=1e-8)
     assert not found.stable.any()
@@ -58,8 +58,8 @@ def test_a_position_that_is_left_alone_is_not_held(scenario):
 
 @pytest.mark.parametrize("loop", ["position", "attitude"])
 @pytest.mark.parametrize("controller", [None, "pid", "disturbance_observer", "indi"])
-def test_the_mapped_loop_is_the_diagram(loop, controller):
-    """Closed with gains that are not the scenario's it has multipliers of the whole diagram that has them."""
+def test_the_mapped_loop_has_the_poles_of_the_whole_diagram(loop, controller):
+    """With gains that differ from the scenario's, the loop has the multipliers of the diagram with these gains."""
     overrides = [
         "nominal.inertia=[0.0065, 0.0085, 0.0126]",
         "vehicle.mass=0.75",
@@ -82,13 +82,13 @@ def test_the_mapped_loop_is_the_diagram(loop, controller):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("loop", ["position", "attitude"])
-def test_each_place_of_the_flown_map_is_a_flight_of_its_own(scenario, loop):
-    """All with the wind and noise of one sample; also one that crashes."""
+def test_each_point_of_the_simulated_map_equals_a_single_flight(scenario, loop):
+    """All flights have the wind and noise of one sample, and one of them crashes."""
     k_p, k_d = (K_P, np.array([0.2, 0.7])) if loop == "position" else (np.array([6.0, 90.0]), np.array([0.3, 4.0]))
-    found = flown_map(scenario, loop, k_p, k_d, sample=3)
+    found = simulated_map(scenario, loop, k_p, k_d, sample=3)
     assert found.rmse.shape == (len(k_p), len(k_d))
-    first = flown_map(scenario, loop, k_p[:1], k_d[:1]).rmse
-    np.testing.assert_array_equal(first, flown_map(scenario, loop, k_p[:1], k_d[:1], sample=0).rmse)
+    first = simulated_map(scenario, loop, k_p[:1], k_d[:1]).rmse
+    np.testing.assert_array_equal(first, simulated_map(scenario, loop, k_p[:1], k_d[:1], sample=0).rmse)
     assert first != pytest.approx(found.rmse[:1, :1], rel=1e-6)
     crashed = 0
     for i, j in np.ndindex(found.rmse.shape):
@@ -105,8 +105,8 @@ def test_each_place_of_the_flown_map_is_a_flight_of_its_own(scenario, loop):
     assert loop == "position" or crashed > 0
 
 
-def test_delay_lines_have_no_damping_of_their_own():
-    """Poles below 0.05 die within a tick, even if they alternate; one of -0.06 turns by π in a tick, and counts."""
+def test_poles_of_delay_lines_do_not_count_for_the_damping():
+    """Poles below 0.05 decay within a tick and do not count, even if they alternate; one of -0.06 counts."""
     for pole, damping in ((0.01, 1.0), (-0.04, 1.0), (-0.06, 0.66719)):
         plant = SampledSystem(
             np.diag([pole, 0.001]), np.zeros((2, 1)), np.eye(2), np.zeros((2, 1)), 0.02, ("a", "b"), ("u",), ("a", "b")
@@ -116,7 +116,7 @@ def test_delay_lines_have_no_damping_of_their_own():
         np.testing.assert_allclose(found.size, abs(pole))
 
 
-def test_a_scenario_that_names_a_sample_is_mapped_for_it(scenario):
+def test_the_map_of_a_scenario_with_a_sample_is_that_of_the_sample(scenario):
     drawn = load_scenario(
         ROOT / "diagrams" / "laboratory.yaml:nominal", ["vehicle.mass={uniform: {min: 0.6, max: 0.8}}"]
     )

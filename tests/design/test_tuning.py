@@ -1,4 +1,4 @@
-"""The search finds what a plain look at every pair of gains finds, and keeps the limit."""
+"""The search finds the best gains of a grid search, and meets the limit."""
 
 import itertools
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drake_quad import load_scenario
-from drake_quad.design.tuning import Budget, Knob, LoopLimit, delay_stood, tune, with_later_frames, with_numbers
+from drake_quad.design.tuning import Budget, Knob, LoopLimit, tolerated_delay, tune, with_extra_latency, with_numbers
 from drake_quad.linear.link_margins import link_margins
 from drake_quad.studies.comparison import fly_samples
 
@@ -15,7 +15,7 @@ K_D = Knob(("control.position.k_d.0", "control.position.k_d.1"), 0.5, 8.0)
 
 
 def stiffness(most):
-    """A limit on k_P."""
+    """Return the share of a limit on k_P."""
     return lambda scenario: np.array([most / scenario.control.position.k_p[0]])
 
 
@@ -25,7 +25,7 @@ def laboratory(diagrams):
 
 
 @pytest.mark.slow
-def test_the_best_that_keeps_the_limit_is_found(laboratory, diagrams):
+def test_the_best_gains_within_the_limit_are_found(laboratory, diagrams):
     budget = Budget(rounds=4, candidates=32, samples=2, checks=4, steps=20)
     found = tune([laboratory], [K_P, K_D], stiffness(2.0), budget=budget)
     assert found.share >= 1.0
@@ -40,7 +40,7 @@ def test_the_best_that_keeps_the_limit_is_found(laboratory, diagrams):
 
 
 @pytest.mark.slow
-def test_where_no_candidate_keeps_the_limit_the_one_nearest_to_it_is_taken(laboratory):
+def test_without_candidates_within_the_limit_the_closest_one_is_returned(laboratory):
     found = tune(
         [laboratory], [K_P], stiffness(0.25), budget=Budget(rounds=3, candidates=16, samples=1, checks=4, steps=10)
     )
@@ -61,7 +61,7 @@ def test_the_share_of_a_limit_is_that_of_the_worst_loop(laboratory, diagrams):
 
 
 @pytest.mark.slow
-def test_what_was_found_before_is_not_lost(laboratory):
+def test_gains_of_an_earlier_search_are_not_lost(laboratory):
     budget = Budget(rounds=1, candidates=4, samples=1, checks=1, steps=4)
     alone = tune([laboratory], [K_P, K_D], stiffness(12.0), budget=budget)
     good = tune([laboratory], [K_P, K_D], stiffness(12.0), budget=Budget(3, 32, 1, 4, 30))
@@ -70,7 +70,7 @@ def test_what_was_found_before_is_not_lost(laboratory):
 
 
 @pytest.mark.slow
-def test_the_vertical_axis_is_tuned_by_itself_and_without_a_limit_less_error_is_all(laboratory):
+def test_the_vertical_axis_is_tuned_separately_and_without_a_limit_the_least_error_wins(laboratory):
     height = Knob(("control.position.k_p.2",), 0.5, 30.0)
     budget = Budget(rounds=3, candidates=16, samples=1, steps=10)
     found = tune([laboratory, laboratory], [height, K_P], None, budget=budget)
@@ -84,39 +84,39 @@ def test_the_vertical_axis_is_tuned_by_itself_and_without_a_limit_less_error_is_
         assert found.error < float(other.rmse.mean())
 
 
-def test_later_frames_are_later_than_the_own(diagrams):
-    """In whole frames of 10 ms, also where the scenario draws whether a frame is late."""
+def test_extra_latency_is_added_to_the_latency_of_the_scenario(diagrams):
+    """The additional latency is in whole frames of 10 ms, and is also added to a random latency."""
     for name, expected in (("laboratory.yaml:nominal", 3.0), ("robustness.yaml", (3.0, 4.0))):
-        later = with_later_frames(load_scenario(diagrams / name), 0.03).laboratory.motion_capture.latency_frames
+        later = with_extra_latency(load_scenario(diagrams / name), 0.03).laboratory.motion_capture.latency_frames
         assert getattr(later, "choice", later) == expected
 
 
 @pytest.fixture(scope="module")
 def narrow(diagrams):
-    """A loop of 53 ms of delay margin in a narrow corridor."""
+    """Return a loop with a delay margin of 53 ms in a narrow corridor."""
     layers = [diagrams / "controllers" / "designed" / "priced.yaml:indi@3"]
     overrides = ["duration=3", "crash.position_error=0.1"]
     return load_scenario(diagrams / "laboratory.yaml:low_wind", overrides, layers=layers)
 
 
 @pytest.mark.slow
-def test_the_delay_that_is_stood_is_the_most_with_which_no_training_flight_crashes(narrow):
+def test_the_tolerated_delay_is_the_largest_without_a_crash_in_training(narrow):
     def crashes(later):
-        return fly_samples(with_later_frames(narrow, later), range(2)).crashed.any()
+        return fly_samples(with_extra_latency(narrow, later), range(2)).crashed.any()
 
-    stood = delay_stood([narrow], 0.09, budget=Budget(samples=2))
-    assert 0.0 < stood < 0.09
-    assert crashes(stood + 0.01)
-    assert not crashes(stood)
-    assert delay_stood([narrow], stood - 0.01, budget=Budget(samples=2)) == pytest.approx(stood - 0.01)
+    tolerated = tolerated_delay([narrow], 0.09, budget=Budget(samples=2))
+    assert 0.0 < tolerated < 0.09
+    assert crashes(tolerated + 0.01)
+    assert not crashes(tolerated)
+    assert tolerated_delay([narrow], tolerated - 0.01, budget=Budget(samples=2)) == pytest.approx(tolerated - 0.01)
 
 
 @pytest.mark.slow
-def test_where_a_limit_is_flown_late_crashes_are_charged(narrow):
-    """Each with what it is charged with for how early it was, beside the error of the flights in time."""
+def test_crashes_with_extra_latency_add_to_the_error(narrow):
+    """Each crash costs according to how early it is, in addition to the error of the flights without latency."""
     knob, budget = Knob(("control.position.k_p.0",), 3.3, 3.301), Budget(rounds=1, candidates=4, samples=2, steps=1)
-    timely, late = (tune([narrow], [knob], None, budget=budget, later=later).error for later in (0.0, 0.09))
-    flown = fly_samples(with_numbers(with_later_frames(narrow, 0.09), [knob], [3.3]), range(2))
+    timely, late = (tune([narrow], [knob], None, budget=budget, extra_latency=later).error for later in (0.0, 0.09))
+    flown = fly_samples(with_numbers(with_extra_latency(narrow, 0.09), [knob], [3.3]), range(2))
     assert flown.crashed.all()
     assert timely < 0.1
     assert late - timely == pytest.approx(float((2.0 - flown.crash_time / 3.0).mean()), rel=1e-3)

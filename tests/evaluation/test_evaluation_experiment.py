@@ -8,7 +8,7 @@ import pytest
 from invented_flights import COUNT, flights
 
 from drake_quad import InputError, load_scenario
-from drake_quad.design.tuning import Budget, LoopLimit, Tuned
+from drake_quad.design.tuning import Budget, LoopLimit, TuningResult
 from drake_quad.evaluation import experiment, protocol
 from drake_quad.evaluation.designs import design_file, designs_in, write_designs
 from drake_quad.evaluation.entries import entries_of
@@ -244,10 +244,10 @@ def tuned(monkeypatch):
     """Replace searches by the middle of the ranges, and keep what they are asked for."""
     kept = []
 
-    def tune(scenarios, knobs, shares, *, budget, later=0.0, before=None, progress=None):
-        kept.append((scenarios, shares, budget, later, before))
+    def tune(scenarios, knobs, shares, *, budget, extra_latency=0.0, before=None, progress=None):
+        kept.append((scenarios, shares, budget, extra_latency, before))
         numbers = tuple(math.sqrt(knob.low * knob.high) for knob in knobs)
-        return Tuned(numbers, 0.1234, 0.876 if shares is None else 1.7)
+        return TuningResult(numbers, 0.1234, 0.876 if shares is None else 1.7)
 
     monkeypatch.setattr(protocol, "tune", tune)
     return kept
@@ -298,7 +298,7 @@ def test_a_network_is_tuned_without_a_linear_limit_but_with_late_frames(tuned, m
         asked.append((scenarios, most, budget))
         return 0.03
 
-    monkeypatch.setattr(protocol, "delay_stood", stood)
+    monkeypatch.setattr(protocol, "tolerated_delay", stood)
     entries = {name: entries_of(on_board=False, maps=True)[name] for name in ("pd", "pd_t2fnn", "pd_t2fnn_map")}
     budget = Budget(rounds=3)
     made = list(protocol.design_family(folder, "mine", family, entries, budget=budget))

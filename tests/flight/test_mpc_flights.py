@@ -76,14 +76,14 @@ def test_behind_an_autopilot_the_tilt_of_commands_is_kept(monkeypatch):
     written["control"] |= {"kind": "mpc", "corridor": {"kind": "tube", "half_width": [0.001, None, 0.1]}}
     scenario = type(onboard).model_validate(written)
     solved = []
-    added = Programme.added
+    perturbations = Programme.perturbations
 
     def counted(self, *args):
-        found = added(self, *args)
+        found = perturbations(self, *args)
         solved.append(bool(found.any()))
         return found
 
-    monkeypatch.setattr(Programme, "added", counted)
+    monkeypatch.setattr(Programme, "perturbations", counted)
     (flight,) = assert_flown_alike(Batch.draw(scenario, [0]))
     assert sum(solved) > 20
     target = flight.record("attitude_target")

@@ -8,7 +8,7 @@ from both_ways import assert_flights_alike, assert_flown_alike
 from pydrake.systems.framework import LeafSystem
 
 from drake_quad import InputError, load_scenario, run_monte_carlo, save_scenario, simulate
-from drake_quad.control.policy.network import passed
+from drake_quad.control.policy.network import evaluate_network
 from drake_quad.gym.rollout import action_source
 from drake_quad.gym.task import task_of
 from drake_quad.reference.plan import Plan
@@ -139,7 +139,7 @@ def test_the_foundation_policy_does_what_its_package_does(raptor):
     sign = np.repeat([-1.0, 1.0, -1.0, 1.0], [3, 9, 3, 7])
     memory = raptor.memory
     for inputs in np.random.default_rng(0).normal(size=(40, 22)):
-        step = passed(raptor, (sign * inputs).tolist(), memory)
+        step = evaluate_network(raptor, (sign * inputs).tolist(), memory)
         memory = step.memory
         np.testing.assert_allclose(step.output, policy.evaluate_step(inputs[None])[0], rtol=1e-5, atol=1e-5)
 

@@ -1,4 +1,4 @@
-"""Linear models and designed gains where attitude is controlled on board: two rates, and a loop known as a whole."""
+"""Linear models and designed gains with attitude control on board: with attitude and rate loops, or as one response."""
 
 import re
 import shlex
@@ -23,8 +23,8 @@ from drake_quad.design.cascade import (
     with_gains,
 )
 from drake_quad.design.gains import Proportional, ProportionalGain, Requirements, design_loop, pd_loop
-from drake_quad.design.stability_map import flown_map, linear_map, mapped_gains, mapped_plant, stability_map
-from drake_quad.linear.closed_loop import WATCHERS, closed_loop, laboratory_plant, on_board_plant
+from drake_quad.design.stability_map import linear_map, mapped_gains, mapped_plant, simulated_map, stability_map
+from drake_quad.linear.closed_loop import PASSIVE_SYSTEMS, closed_loop, laboratory_plant, on_board_plant
 from drake_quad.linear.context_vector import ContextVector
 from drake_quad.linear.margins import margins
 from drake_quad.linear.sampled_system import at_tick, linearize
@@ -36,12 +36,12 @@ RESPONSE = [
     "control.position.feed_forward=acceleration",
 ]
 KINDS = {"attitude": [], "response": RESPONSE}
-UNEVEN = [
+ASYMMETRIC = [
     "nominal.inertia=[0.0065, 0.0085, 0.0126]",
     "control.position={k_p: [1.2, 1.5, 5.5], k_d: [1.5, 1.7, 3.4]}",
 ]
 ON_BOARD_GAINS = {"k_attitude": (5.0, 6.0, 4.0), "k_rate": (14.0, 12.0, 10.0)}
-# Delays, filters, wind, a vehicle that is not even, a biased gyroscope, and steps twice as often as the autopilot.
+# Delays, filters, wind, an asymmetric vehicle, a biased gyroscope, and steps twice as often as the autopilot.
 REAL = [
     "vehicle={time_step: 0.00125, centre_of_mass: [0.0005, -0.0003]}",
     "laboratory.motion_capture={derivative_bandwidth: 60, latency_frames: 1, misalignment: [0.01, 0.02, 0.0]}",
@@ -59,13 +59,13 @@ def onboard(diagrams):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("overrides", [[], REAL])
-def test_the_jacobian_of_a_loop_with_an_autopilot_against_differences(onboard, kind, overrides):
-    """Over a tick of the control, in which the autopilot has eight and the vehicle as many or twice as many steps."""
+def test_the_jacobian_of_a_loop_with_an_autopilot_matches_differences(onboard, kind, overrides):
+    """In a control period the autopilot has eight periods, and the vehicle as many or twice as many steps."""
     scenario = at_rest(onboard(*KINDS[kind], *overrides))
     diagram = build_tracking_diagram(scenario)
     context = at_tick(diagram, 0.08)
-    system, _ = linearize(diagram, context, period=0.02, without=WATCHERS)
-    layout = ContextVector(diagram, without=WATCHERS)
+    system, _ = linearize(diagram, context, period=0.02, without=PASSIVE_SYSTEMS)
+    layout = ContextVector(diagram, without=PASSIVE_SYSTEMS)
     numeric = jacobian_of_tick(diagram, context, layout, until=0.1)
     np.testing.assert_allclose(system.A, numeric, atol=1e-6)
     names = {"attitude": "laboratory.autopilot.wrench.tau_x", "response": "laboratory.vehicle.state.pitch_rate"}
@@ -74,13 +74,13 @@ def test_the_jacobian_of_a_loop_with_an_autopilot_against_differences(onboard, k
 
 
 def test_the_plant_on_board_is_a_double_integrator_behind_the_rotors(onboard):
-    """With a zero-order hold over a period of the autopilot, by matrix exponentials; and no delay."""
+    """The reference has a zero-order hold over a period of the autopilot, by matrix exponentials, and no delay."""
     h, lag = 0.0025, 0.05
     A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0 / lag]])
     B = np.array([[0.0], [0.0], [1.0 / lag]])
     held = scipy.linalg.expm(np.block([[A, B], [np.zeros((1, 4))]]) * h)
     for time_step in (0.0025, 0.00125):
-        whole = on_board_plant(onboard(*UNEVEN, f"vehicle.time_step={time_step}"))
+        whole = on_board_plant(onboard(*ASYMMETRIC, f"vehicle.time_step={time_step}"))
         assert whole.period == h
         for torque, angle, rate, inertia in (
             ("tau_x", "roll", "p", 0.0065),
@@ -94,9 +94,11 @@ def test_the_plant_on_board_is_a_double_integrator_behind_the_rotors(onboard):
                 np.testing.assert_allclose(inertia * plant.response(np.array([z]))[0, :, 0], expected, rtol=1e-5)
 
 
-def test_loops_on_board_turn_the_yaw_of_the_whole_diagram(onboard):
-    """Nothing else does: eight periods of the autopilot make a tick, and poles to the eighth power its multipliers."""
-    scenario = with_autopilot_gains(onboard(*UNEVEN), ON_BOARD_GAINS)
+def test_poles_of_the_yaw_loop_on_board_are_those_of_the_whole_diagram(onboard):
+    """Only the autopilot acts on the yaw. A tick has eight of its periods, so that the multipliers are eighth powers of
+    poles.
+    """
+    scenario = with_autopilot_gains(onboard(*ASYMMETRIC), ON_BOARD_GAINS)
     turned = on_board_plant(scenario).between(["wrench.tau_z"], ["state.yaw", "state.r"])
     turned = turned.connected().scaled(0.0126, "acceleration_command")
     outer = on_board_attitude_plant(turned, 10.0)
@@ -108,17 +110,17 @@ def test_loops_on_board_turn_the_yaw_of_the_whole_diagram(onboard):
         assert np.abs(multipliers - pole).min() < 1e-6
 
 
-def test_an_attitude_that_responds_has_the_modes_that_are_written(onboard):
-    """Of yaw, which no position loop turns: exp(s h) with s = ω_n (-ζ ± i √(1 - ζ²))."""
+def test_an_autopilot_of_kind_response_has_the_given_modes(onboard):
+    """The modes of the yaw, on which no position loop acts, are exp(s h) with s = ω_n (-ζ ± i √(1 - ζ²))."""
     multipliers = closed_loop(as_believed(onboard(*RESPONSE))).system.poles()
     pole = np.exp(3.0 * 0.02 * complex(-0.7, np.sqrt(1.0 - 0.49)))
     assert np.abs(multipliers - pole).min() < 1e-9
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_design_is_the_diagram(onboard, kind):
+def test_designed_poles_are_those_of_the_whole_diagram(onboard, kind):
     """The poles of the position loops around an autopilot are the multipliers of the whole diagram with these gains."""
-    scenario = onboard(*KINDS[kind], *UNEVEN)
+    scenario = onboard(*KINDS[kind], *ASYMMETRIC)
     if kind == "attitude":
         scenario = with_autopilot_gains(scenario, ON_BOARD_GAINS)
     position, laboratory = scenario.control.position, laboratory_plant(scenario)
@@ -137,8 +139,8 @@ def test_the_design_is_the_diagram(onboard, kind):
 
 
 @pytest.mark.slow
-def test_of_a_proportional_loop_the_fastest_within_its_margins_is_found(onboard):
-    """The rate loop k / (s (T s + 1)) has 60° where ω T = tan 30°, at k = ω √(1 + ω² T²), but for the hold of h / 2."""
+def test_the_fastest_proportional_loop_within_its_margins_is_found(onboard):
+    """The rate loop k / (s (T s + 1)) has 60° at ω T = tan 30° with k = ω √(1 + ω² T²), without the hold of h / 2."""
     plant = on_board_plant(onboard()).between(["wrench.tau_x"], ["state.p"]).connected().scaled(0.007, "a")
     found = design_loop(plant, Proportional(), Requirements(phase=60.0, gain=10.0), axis="roll rate")
     assert isinstance(found.gains, ProportionalGain)
@@ -150,7 +152,7 @@ def test_of_a_proportional_loop_the_fastest_within_its_margins_is_found(onboard)
     efforts = Proportional().efforts(plant)
     assert (efforts[0], efforts[-1]) == (pytest.approx(0.05), pytest.approx(np.pi / 0.0075))
     with pytest.raises(
-        InputError, match=r"no gains of this kind are good enough for p; at best phase margin: 8\d\.\d°"
+        InputError, match=r"no gains of this family meet the requirements for p; at best phase margin: 8\d\.\d°"
     ):
         design_loop(plant, Proportional(), Requirements(phase=89.9, gain=10.0), axis="p")
 
@@ -161,7 +163,7 @@ def designed(onboard):
 
 
 @pytest.mark.slow
-def test_loops_on_board_are_designed_from_the_inside_out_with_their_margins(onboard, designed):
+def test_loops_on_board_are_designed_from_the_inside_out_within_their_margins(onboard, designed):
     angles = ("roll", "pitch", "yaw")
     assert list(designed.on_board) == [loop for angle in angles for loop in (f"{angle} rate", angle)]
     assert list(designed.loops) == ["z", "x", "y"]
@@ -175,7 +177,7 @@ def test_loops_on_board_are_designed_from_the_inside_out_with_their_margins(onbo
         assert min(found.phase / phase, found.gain / gain) < 1.01
     assert designed.gains().keys() == {"position"}
     assert designed.autopilot_gains()["k_rate"] == [designed.on_board[f"{angle} rate"].gains.k for angle in angles]
-    # The position is designed around what has just been designed, not around what the scenario has.
+    # The position loop is designed around the designed attitude loops, not around those of the scenario.
     soft = with_autopilot_gains(onboard(), {"k_attitude": (2.0,) * 3, "k_rate": (6.0,) * 3})
     assert design_cascade(soft, on_board=True).gains() == designed.gains()
     around_soft = design_cascade(soft)
@@ -184,7 +186,7 @@ def test_loops_on_board_are_designed_from_the_inside_out_with_their_margins(onbo
 
 
 @pytest.mark.slow
-def test_shipped_gains_are_what_their_call_makes(root, onboard, designed):
+def test_shipped_gains_are_reproduced_by_their_documented_call(root, onboard, designed):
     text = (root / "diagrams" / "gains" / "onboard.yaml").read_text(encoding="utf-8")
     command = shlex.split(re.match(r"# drake-quad (.*)\n", text).group(1))
     assert command == ["design", "onboard", "--on-board"]
@@ -203,7 +205,7 @@ def test_shipped_gains_are_what_their_call_makes(root, onboard, designed):
 
 
 def grows(scenario, row, duration):
-    """Whether a small displacement of the flying diagram does, once the fast modes are gone."""
+    """Return True if a small displacement of the simulated diagram grows after the fast modes have decayed."""
     response = release(closed_loop(scenario), {row: 1e-5}, duration=duration)
     column = ("x", "y", "z", "roll", "pitch", "yaw").index(row)
     _, _, third, last = [part.max() for part in np.array_split(np.abs(response.nonlinear[:, column]), 4)]
@@ -223,8 +225,8 @@ def with_position_scaled(scenario, factor, axes):
 @pytest.mark.parametrize(
     ("kind", "row", "axes", "duration"), [("attitude", "z", (2,), 8.0), ("response", "x", (0, 1), 12.0)]
 )
-def test_the_edge_of_stability_of_the_position_is_where_flights_begin_to_oscillate(onboard, kind, row, axes, duration):
-    """2 %: below it a small displacement decays, above it grows."""
+def test_flights_begin_to_oscillate_at_the_stability_limit_of_the_position(onboard, kind, row, axes, duration):
+    """2 % below the stability limit a small displacement decays, 2 % above it the displacement grows."""
     scenario = onboard(*KINDS[kind])
     loop = design_cascade(scenario).loops[row]
     resting = at_rest(as_believed(with_gains(scenario, design_cascade(scenario).gains())))
@@ -235,8 +237,8 @@ def test_the_edge_of_stability_of_the_position_is_where_flights_begin_to_oscilla
 
 @pytest.mark.slow
 @pytest.mark.parametrize("share", [0.98, 1.02])
-def test_the_edge_of_stability_on_board_is_where_flights_begin_to_oscillate(onboard, designed, share):
-    """2 %, of the attitude loop of yaw around its rate loop, at the rate of the autopilot."""
+def test_flights_begin_to_oscillate_at_the_stability_limit_on_board(onboard, designed, share):
+    """The limit of the yaw's attitude loop around its rate loop is correct to 2 %, at the rate of the autopilot."""
     factor = share * 10.0 ** (designed.on_board["yaw"].margins.gain / 20.0)
     resting = at_rest(as_believed(onboard()))
     gains = designed.autopilot_gains()
@@ -245,7 +247,7 @@ def test_the_edge_of_stability_on_board_is_where_flights_begin_to_oscillate(onbo
     assert grows(driven, "yaw", 4.0) == (share > 1.0)
 
 
-def test_a_resting_autopilot_has_no_noise_and_the_believed_one_no_bias_either(onboard):
+def test_an_autopilot_at_rest_has_no_noise_and_the_nominal_one_no_bias_either(onboard):
     scenario = onboard("laboratory.autopilot={attitude_noise: 0.1, gyroscope_bias: [0.1, 0.2, 0.3]}")
     resting, believed = (change(scenario).laboratory.autopilot for change in (at_rest, as_believed))
     assert resting == scenario.laboratory.autopilot.model_copy(update={"gyroscope_noise": 0.0, "attitude_noise": 0.0})
@@ -255,11 +257,11 @@ def test_a_resting_autopilot_has_no_noise_and_the_believed_one_no_bias_either(on
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
-        (RESPONSE, "laboratory.autopilot is of kind response, which has no loops on board that could be designed"),
-        (["vehicle.time_step=0"], "vehicle.time_step is 0 s, but loops on board are designed for a vehicle that steps"),
+        (RESPONSE, "laboratory.autopilot is of kind response, which has no gains; use kind attitude"),
+        (["vehicle.time_step=0"], "vehicle.time_step is 0 s, but loops on board are designed for a positive time step"),
     ],
 )
-def test_loops_on_board_that_cannot_be_designed(onboard, overrides, words):
+def test_loops_on_board_that_cannot_be_designed_are_refused(onboard, overrides, words):
     with pytest.raises(InputError, match=words):
         design_cascade(onboard(*overrides), on_board=True)
 
@@ -271,14 +273,14 @@ THROTTLES = [
 
 
 @pytest.mark.parametrize("motors", [[], THROTTLES], ids=["speed", "throttle"])
-def test_the_map_on_board_is_the_diagram_with_a_position_left_alone(onboard, motors):
-    """The vehicle as it is, not as it is believed; eight periods of the autopilot make a tick of the multipliers."""
+def test_the_map_on_board_is_the_diagram_without_position_control(onboard, motors):
+    """The vehicle is the actual one, not the nominal one. A tick has eight periods of the autopilot."""
     real = [
         *("vehicle.mass=0.75", "vehicle.inertia=[0.0071, 0.0079, 0.0131]", "vehicle.rotor_time_constant=0.04"),
         "control.position={k_p: [1e-7, 1e-7, 5.5], k_d: [1e-7, 1e-7, 3.4]}",
         "laboratory.autopilot.gyroscope_bias=[0, 0, 0]",
     ]
-    scenario = onboard(*UNEVEN, *real, *motors)
+    scenario = onboard(*ASYMMETRIC, *real, *motors)
     k_attitude, k_rate = np.array([5.0, 30.0]), np.array([8.0, 14.0, 22.0])
     found = linear_map(scenario, "attitude", k_attitude, k_rate)
     np.testing.assert_array_equal(found.stable, [[True] * 3, [False] * 3])
@@ -293,8 +295,10 @@ def test_the_map_on_board_is_the_diagram_with_a_position_left_alone(onboard, mot
     assert found.size[0, 2] == pytest.approx(np.abs(poles).max(), rel=1e-9)
 
 
-def test_on_board_the_edge_of_stability_of_the_attitude_is_that_of_routh(onboard):
-    """Of s² (T s + 1) + k_rate (1 - s h / 2) (s + k_attitude): a lag of the rotors, and a hold that delays by h / 2."""
+def test_the_stability_limit_of_the_attitude_on_board_is_that_of_routh(onboard):
+    """Routh's criterion for s² (T s + 1) + k_rate (1 - s h / 2) (s + k_attitude), with the lag of the rotors and a hold
+    that delays by h / 2.
+    """
     lag, hold = 0.05, 0.0025
     for k_rate in (4.0, 30.0):
         rest = 1.0 - 0.5 * k_rate * hold
@@ -304,10 +308,10 @@ def test_on_board_the_edge_of_stability_of_the_attitude_is_that_of_routh(onboard
 
 
 @pytest.mark.slow
-def test_each_place_of_the_flown_map_on_board_is_a_flight_of_its_own(onboard):
+def test_each_point_of_the_simulated_map_on_board_is_a_separate_flight(onboard):
     short = ["duration=2", "crash.position_error=0.5"]
     k_attitude, k_rate = np.array([5.0, 60.0]), np.array([6.0, 14.0])
-    found = flown_map(onboard(*short), "attitude", k_attitude, k_rate, sample=3)
+    found = simulated_map(onboard(*short), "attitude", k_attitude, k_rate, sample=3)
     for i, j in np.ndindex(found.rmse.shape):
         gains = {"k_attitude": [k_attitude[i]] * 2 + [6.073], "k_rate": [k_rate[j]] * 2 + [12.8]}
         metrics = simulate(with_autopilot_gains(onboard(*short), gains), sample=3).metrics
@@ -323,8 +327,8 @@ def test_a_vehicle_that_cannot_hover_has_no_map(onboard):
             mapped_plant(onboard("vehicle.mass=5"), loop)
 
 
-def test_an_attitude_that_responds_has_no_gains_to_map(onboard):
-    words = "with laboratory.autopilot of kind response the attitude has no gains that could be mapped"
+def test_an_autopilot_of_kind_response_has_no_gains_to_map(onboard):
+    words = "cannot map the attitude: laboratory.autopilot is of kind response, which has no gains"
     for refused in (mapped_plant, mapped_gains):
         with pytest.raises(InputError, match=words):
             refused(onboard(*RESPONSE), "attitude")

@@ -1,4 +1,4 @@
-"""The loop at rest: equilibria, and multipliers that tell how the diagram itself decays or grows."""
+"""The closed loop at rest: equilibria, and multipliers that predict how the diagram decays or grows."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from drake_quad import InputError, build_tracking_diagram, load_scenario
 from drake_quad.assembly.tracking import build_fleet_diagram
 from drake_quad.flight.mission import plan_route
 from drake_quad.linear import closed_loop as closed_loop_module
-from drake_quad.linear.closed_loop import WATCHERS, closed_loop, laboratory_plant
+from drake_quad.linear.closed_loop import PASSIVE_SYSTEMS, closed_loop, laboratory_plant
 from drake_quad.linear.context_vector import ContextVector
 from drake_quad.linear.sampled_system import tick_after
 from drake_quad.linear.step_response import release
@@ -24,12 +24,13 @@ def laboratory(diagrams):
 
 
 def fleet_after(scenario, start, equilibrium, deviations, end):
-    """(n, N) deviations from an equilibrium (n,) at a tick, of a fleet that starts at another from some (n, N)."""
+    """Return the deviations (n, N) from an equilibrium (n,) at a later tick, for a fleet with given initial ones."""
     n, N = deviations.shape
-    single = ContextVector(build_tracking_diagram(scenario), without=WATCHERS)
+    single = ContextVector(build_tracking_diagram(scenario), without=PASSIVE_SYSTEMS)
     fleet = build_fleet_diagram(Batch(scenario, (0,) * N, {}), plan_route(scenario))
-    layout = ContextVector(fleet, without=WATCHERS)
-    # Both hold their groups in the same order; a fleet's group of k rows is one of k N elements, row after row.
+    layout = ContextVector(fleet, without=PASSIVE_SYSTEMS)
+    # Both contexts have their groups in the same order; a fleet's group has N elements for each of the k rows, row by
+    # row.
     assert len(layout.names) == n * N
     assert len(single.names) == n
     simulator = Simulator(fleet)
@@ -54,7 +55,7 @@ def fleet_after(scenario, start, equilibrium, deviations, end):
     ],
 )
 def test_multipliers_predict_how_a_fleet_decays_or_grows(laboratory, overrides, grows):
-    """1 %, in the direction of every mode that lasts: x_k = z^k x_0 in the nonlinear diagram."""
+    """In the direction of each slow mode x_k = z^k x_0 holds to 1 % in the nonlinear diagram."""
     scenario = at_rest(laboratory(*overrides))
     loop = closed_loop(scenario)
     values, vectors = np.linalg.eig(loop.system.A)
@@ -64,7 +65,7 @@ def test_multipliers_predict_how_a_fleet_decays_or_grows(laboratory, overrides, 
     assert len(lasting) >= 6
     start = np.array([1e-5 * (vectors[:, i] / np.abs(vectors[:, i]).max()).real for i in lasting]).T
     periods = round(0.8 / loop.system.period)
-    layout = ContextVector(loop.diagram, without=WATCHERS)
+    layout = ContextVector(loop.diagram, without=PASSIVE_SYSTEMS)
     equilibrium = layout.read(loop.diagram, loop.context)
     begin = loop.context.get_time()
     found = fleet_after(scenario, begin, equilibrium, start, tick_after(begin, loop.system.period, periods))
@@ -75,8 +76,8 @@ def test_multipliers_predict_how_a_fleet_decays_or_grows(laboratory, overrides, 
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_in_wind_it_settles_beside_the_reference(laboratory, side):
-    """By D / (m k_P), leaning by atan(D / m g); whatever the wind comes from. It is sought after four ticks."""
+def test_in_wind_the_vehicle_settles_beside_the_reference(laboratory, side):
+    """The offset is D / (m k_P) and the tilt atan(D / m g), for any kind of wind, four ticks after the start."""
     scenario = laboratory(f"laboratory.wind=[{{kind: steady, velocity: [{2.0 * side}, 0.0, 0.0]}}]")
     loop = closed_loop(scenario)
     assert loop.context.get_time() == 4 * 0.02
@@ -87,7 +88,7 @@ def test_in_wind_it_settles_beside_the_reference(laboratory, side):
     assert np.abs(loop.system.poles()).max() < 1.0
 
 
-def test_what_is_random_or_passes_is_left_out(diagrams):
+def test_random_and_transient_effects_are_left_out(diagrams):
     scenario = load_scenario(
         diagrams / "outdoor.yaml", ["vehicle.battery_sag=0.1", "vehicle.rotor_failure={rotor: 1, time: 1.0}"]
     )
@@ -119,35 +120,35 @@ def test_hover_is_where_the_route_hovers(laboratory):
         ("nominal.mass=3", "the rotors cannot fly this route"),
     ],
 )
-def test_a_laboratory_that_gains_cannot_be_designed_for(laboratory, override, words):
+def test_laboratories_without_a_plant_are_refused(laboratory, override, words):
     with pytest.raises(InputError, match=words):
         laboratory_plant(laboratory(override))
 
 
-def test_the_plant_of_the_vehicle_as_it_is(laboratory):
-    """A heavier one in hover, with what couples the axes left out; the gain from thrust to height tells the mass."""
+def test_the_plant_of_the_actual_vehicle(laboratory):
+    """The actual vehicle is heavier and its axes are decoupled; the gain from thrust to height shows the mass."""
     flawed = ["vehicle.mass=0.85", "vehicle.centre_of_mass=[0.002, 0]", "vehicle.thrust_factor_error=[0.1, 0, 0, 0]"]
     gains = []
-    for vehicle in ("believed", "as it is"):
+    for vehicle in ("nominal", "actual"):
         plant, specific_thrust = laboratory_plant(laboratory(*flawed), vehicle=vehicle)
         thrust = plant.between(["wrench.thrust"], ["measurement.z"])
-        assert specific_thrust == pytest.approx(9.81 * (1.0 if vehicle == "believed" else 0.85 / 0.68), rel=1e-12)
+        assert specific_thrust == pytest.approx(9.81 * (1.0 if vehicle == "nominal" else 0.85 / 0.68), rel=1e-12)
         gains.append(abs(thrust.response(np.exp([1j * 0.5 * 0.02]))[0, 0, 0]))
         rolled = plant.between(["wrench.thrust"], ["measurement.roll", "measurement.pitch"])
         np.testing.assert_allclose(rolled.response(np.exp([1j * 0.5 * 0.02])), 0.0, atol=1e-12)
-    # Drag of 0.1 N s/m beside 0.5 rad/s of the mass.
+    # The drag is 0.1 N s/m, which is small compared with the mass at 0.5 rad/s.
     assert gains[0] / gains[1] == pytest.approx(np.hypot(0.85, 0.2) / np.hypot(0.68, 0.2), rel=1e-3)
 
 
-def test_no_equilibrium_is_told(laboratory):
+def test_a_missing_equilibrium_is_reported(laboratory):
     storm = "laboratory.wind=[{kind: steady, velocity: [60, 0, 0]}]"
-    with pytest.raises(InputError, match="has no equilibrium near hover: .* still moves by"):
+    with pytest.raises(InputError, match="has no equilibrium near hover: .* still changes by"):
         closed_loop(laboratory(storm))
     with pytest.raises(InputError, match="vehicle.mass is a distribution"):
         closed_loop(laboratory("vehicle.mass={choice: [0.6, 0.7]}"))
 
 
-def test_small_steps_are_those_of_the_linear_model(laboratory):
+def test_small_steps_match_the_linear_model(laboratory):
     loop = closed_loop(as_believed(laboratory()))
     for row in ("x", "z", "yaw"):
         response = release(loop, {row: 1e-4}, duration=4.0)
@@ -155,19 +156,19 @@ def test_small_steps_are_those_of_the_linear_model(laboratory):
         column = ("x", "y", "z", "roll", "pitch", "yaw").index(row)
         assert response.linear[0, column] == pytest.approx(1e-4)
         assert abs(response.linear[-1, column]) < 0.3e-4
-    with pytest.raises(InputError, match="there is no row height in the state"):
+    with pytest.raises(InputError, match="cannot displace height"):
         release(loop, {"height": 1e-4}, duration=1.0)
-    # A large step is not: the tilt is limited.
+    # A large step differs, because the tilt is limited.
     response = release(loop, {"x": 40.0}, duration=4.0)
     assert np.abs(response.nonlinear - response.linear)[:, 0].max() > 1.0
 
 
-def test_a_release_is_a_flight_that_begins_beside_the_reference(laboratory):
-    """Where the cameras, too, have seen the vehicle from the first frame on: on all rows that they see, late or not."""
-    beside = {"x": 0.3, "y": -0.2, "z": 0.1, "yaw": -0.4}
+def test_a_release_is_a_flight_that_starts_beside_the_reference(laboratory):
+    """The cameras also measure the displacement from the first frame on, with or without latency."""
+    offset = {"x": 0.3, "y": -0.2, "z": 0.1, "yaw": -0.4}
     for latency in (0, 2):
         scenario = as_believed(laboratory(f"laboratory.motion_capture.latency_frames={latency}"))
-        found = release(closed_loop(scenario), beside, duration=1.0).nonlinear
+        found = release(closed_loop(scenario), offset, duration=1.0).nonlinear
         diagram = build_tracking_diagram(scenario)
         simulator = Simulator(diagram)
         vehicle = diagram.GetSubsystemByName("laboratory").GetSubsystemByName("vehicle")
@@ -189,7 +190,7 @@ def test_a_distribution_has_no_linear_model():
         closed_loop(scenario)
 
 
-def test_at_rest_nothing_ends_the_flight_and_all_of_it_counts(laboratory):
+def test_at_rest_no_crash_ends_the_flight_and_metrics_include_all_of_it(laboratory):
     scenario = laboratory("duration=3", "metrics.start=1", "crash.position_error=0.1", "crash.tilt=0.5")
     resting = at_rest(scenario.model_copy(update={"sample": 4}))
     assert (resting.sample, resting.duration) == (None, None)
@@ -201,7 +202,7 @@ def test_at_rest_nothing_ends_the_flight_and_all_of_it_counts(laboratory):
     assert (cameras.position_noise, cameras.attitude_noise, cameras.dropout_rate) == (0.0, 0.0, 0.0)
 
 
-def test_a_fan_blows_on_without_its_turbulence_and_gusts_do_not(laboratory):
+def test_steady_wind_of_a_fan_is_kept_but_not_its_turbulence_nor_gusts(laboratory):
     fan = "{kind: fan, position: [-2, 0, 1], direction: [1, 0, 0], flow: 2, diameter: 0.7, turbulence: 0.3}"
     scenario = laboratory(f"laboratory.wind=[{fan}, {{kind: steady, velocity: [1, 0, 0]}}]")
     found, steady = at_rest(scenario).laboratory.wind
@@ -209,12 +210,12 @@ def test_a_fan_blows_on_without_its_turbulence_and_gusts_do_not(laboratory):
     assert steady == scenario.laboratory.wind[1]
 
 
-def test_a_route_that_is_drawn_is_hover_in_the_middle(laboratory):
+def test_a_random_route_becomes_hover_at_its_middle(laboratory):
     drawn = laboratory("route={kind: hover, position: [0, 0, {uniform: {min: 1, max: 2}}]}")
     assert at_rest(drawn).route.position == (0.0, 0.0, 1.0)
 
 
-def test_the_believed_vehicle_has_the_lag_and_the_drag_of_the_one_that_flies(laboratory):
+def test_the_nominal_vehicle_has_the_lag_and_the_drag_of_the_actual_one(laboratory):
     flawed = ["vehicle.mass=0.85", "vehicle.rotor_time_constant=0.07", "vehicle.quadratic_drag=0.03"]
     uneven = ["vehicle.centre_of_mass=[0.002, 0]", "laboratory.motion_capture.misalignment=[0.01, 0.02, 0.03]"]
     believed = as_believed(laboratory(*flawed, *uneven, "vehicle.time_step=0.005", "nominal.thrust_factor=4.2e-5"))
@@ -232,13 +233,13 @@ def test_the_believed_vehicle_has_the_lag_and_the_drag_of_the_one_that_flies(lab
         ("min_rotor_speed=210", "at 201 rad/s, but can at 210 to 300 rad/s"),
     ],
 )
-def test_a_vehicle_that_its_rotors_do_not_hold_has_no_plant(laboratory, limit, words):
+def test_a_vehicle_that_its_rotors_cannot_lift_has_no_plant(laboratory, limit, words):
     with pytest.raises(InputError, match=f"the rotors cannot hold nominal in hover: they would turn {words}"):
-        laboratory_plant(laboratory(f"vehicle.{limit}"), vehicle="as it is")
+        laboratory_plant(laboratory(f"vehicle.{limit}"), vehicle="actual")
 
 
-def test_the_rotors_state_is_a_thrust_and_three_torques(laboratory):
-    """Each only reaches what it turns or lifts, from one tick to the next."""
+def test_the_states_of_the_rotors_are_thrust_and_three_torques(laboratory):
+    """From one tick to the next each of these states acts on its own axis only."""
     plant, _ = laboratory_plant(laboratory())
     names = [f"vehicle.rotors.{name}" for name in ("thrust", "tau_x", "tau_y", "tau_z")]
     for name, row in zip(names, ("v_z", "p", "q", "r"), strict=True):
@@ -261,8 +262,8 @@ ANYWHERE = (
 
 
 @pytest.mark.parametrize("layout", ["{kind: x}", "{kind: h, length: 0.2, width: 0.3}", ANYWHERE])
-def test_a_loop_does_not_see_the_layout_of_a_vehicle_that_is_as_believed(laboratory, layout):
-    """A wrench is a wrench, whoever gives it: the plant answers as that of the plus does."""
+def test_the_plant_of_a_nominal_vehicle_does_not_depend_on_its_layout(laboratory, layout):
+    """The wrench is the same for any layout, so that the plant has the same response as that of the plus layout."""
     plus, _ = laboratory_plant(laboratory())
     found, specific_thrust = laboratory_plant(laboratory(f"nominal.layout={layout}"))
     assert specific_thrust == pytest.approx(9.81, rel=1e-12)
@@ -270,7 +271,7 @@ def test_a_loop_does_not_see_the_layout_of_a_vehicle_that_is_as_believed(laborat
     scale = np.abs(plus.response(points)).max(axis=(0, 1))
     difference = np.abs(found.response(points) - plus.response(points)).max(axis=(0, 1))
     np.testing.assert_array_less(difference, 1e-9 * scale + 1e-9)
-    # What the rotors' speeds are turned into reaches what it is called after, and nothing else.
+    # Each transformed rotor state acts only on the quantity after which it is named.
     rates = [found.states.index(f"vehicle.state.{row}") for row in ("v_z", "p", "q", "r")]
     rotors = [found.states.index(f"vehicle.rotors.{name}") for name in ("thrust", "tau_x", "tau_y", "tau_z")]
     reached = found.A[np.ix_(rates, rotors)]
@@ -278,12 +279,12 @@ def test_a_loop_does_not_see_the_layout_of_a_vehicle_that_is_as_believed(laborat
     np.testing.assert_allclose(reached, np.diag(np.diag(reached)), atol=1e-9 * reached.max())
 
 
-def test_arms_that_are_longer_than_believed_are_gain_on_roll_and_pitch(laboratory):
-    """Of an x, by the share that they are longer, each distance on its own axis; yaw and thrust stay as they are."""
+def test_arms_longer_than_nominal_increase_the_gain_of_roll_and_pitch(laboratory):
+    """In an x layout the gain of each axis grows with the distance along it; yaw and thrust are unchanged."""
     scenario = laboratory(
         "nominal.layout={kind: x, length: 0.2, width: 0.3}", "vehicle.layout={kind: x, length: 0.22, width: 0.36}"
     )
-    believed, real = (laboratory_plant(scenario, vehicle=vehicle).system for vehicle in ("believed", "as it is"))
+    believed, real = (laboratory_plant(scenario, vehicle=vehicle).system for vehicle in ("nominal", "actual"))
     point = np.exp([1j * 3.0 * 0.02])
     for torque, angle, gain in (("tau_x", "roll", 1.2), ("tau_y", "pitch", 1.1), ("tau_z", "yaw", 1.0)):
         gains = [
@@ -294,7 +295,7 @@ def test_arms_that_are_longer_than_believed_are_gain_on_roll_and_pitch(laborator
 
 
 def known(monkeypatch, moved, **entries):
-    """Has linearisations move by known numbers, the first ones, and A have known entries."""
+    """Replace linearisations so that the state changes by known numbers, in sequence, and A has known entries."""
     linearize, calls = closed_loop_module.linearize, []
 
     def moving(*arguments, **options):
@@ -312,12 +313,12 @@ def known(monkeypatch, moved, **entries):
 @pytest.mark.parametrize(
     ("moved", "words"),
     [
-        ([1e-10, -2e-9, 1.5e-9], "moves by -2e-09 a tick"),
-        ([1e-10, 1.5e-9, 3e-9], "moves by 3e-09 a tick"),
+        ([1e-10, -2e-9, 1.5e-9], "changes by -2e-09 per"),
+        ([1e-10, 1.5e-9, 3e-9], "changes by 3e-09 per"),
         ([9e-10, -9e-10], None),
     ],
 )
-def test_an_equilibrium_moves_by_less_than_a_billionth_either_way(laboratory, monkeypatch, moved, words):
+def test_the_state_of_an_equilibrium_changes_by_less_than_a_billionth(laboratory, monkeypatch, moved, words):
     known(monkeypatch, moved)
     scenario = laboratory()
     if words is None:
@@ -325,7 +326,7 @@ def test_an_equilibrium_moves_by_less_than_a_billionth_either_way(laboratory, mo
         laboratory_plant(scenario)
         return
     place = 1 if moved[1] < 0.0 else 2
-    names = ContextVector(build_tracking_diagram(scenario), without=WATCHERS).names
+    names = ContextVector(build_tracking_diagram(scenario), without=PASSIVE_SYSTEMS).names
     with pytest.raises(InputError, match=rf"no equilibrium near hover: {names[place]} still {words}"):
         closed_loop(scenario)
     with pytest.raises(InputError, match=rf"hover is not an equilibrium of nominal: \S+ {words}"):
@@ -336,8 +337,8 @@ def test_an_equilibrium_moves_by_less_than_a_billionth_either_way(laboratory, mo
     ("moved", "entries", "calls"),
     [([1e-3], {}, 20), ([1e-3, np.inf], {}, 1), ([np.nan, 1e-3], {}, 1), ([1e-3], {"A": np.nan}, 1)],
 )
-def test_what_is_no_number_any_more_is_not_gone_on_with(laboratory, monkeypatch, moved, entries, calls):
-    """Otherwise Newton's method has twenty steps."""
+def test_newton_s_method_stops_at_values_that_are_not_finite(laboratory, monkeypatch, moved, entries, calls):
+    """Otherwise Newton's method would take twenty steps."""
     made = known(monkeypatch, moved, **entries)
     with pytest.raises(InputError, match="no equilibrium near hover"):
         closed_loop(laboratory())

@@ -1,4 +1,4 @@
-"""What a diagram remembers, as one vector."""
+"""The state of a diagram as one vector."""
 
 from typing import NamedTuple
 
@@ -14,7 +14,7 @@ from drake_quad.signals import Row
 
 
 class Memory(LeafSystem):
-    """With two discrete groups, a continuous state and two groups of parameters."""
+    """System with two discrete groups, a continuous state and two groups of parameters."""
 
     def __init__(self, start):
         super().__init__()
@@ -36,7 +36,7 @@ class Count(NamedTuple):
 
 @fleet_system(float)
 class NamedMemory(FleetSystem):
-    """The same for a fleet, with names for all of it."""
+    """Fleet system with two named groups and parameters."""
 
     def declare(self, *, numbers=Count(0.0)):
         self.state("pd", lambda start: Pair(start.number, start.number + 1.0))
@@ -48,7 +48,7 @@ class NamedMemory(FleetSystem):
 
 @pytest.fixture
 def nested():
-    """Of "b", of "a" in "inner", and of "c" in "watcher"."""
+    """Return a diagram of "b", of "a" in "inner", and of "c" in "watcher"."""
     builder = DiagramBuilder()
     builder.AddNamedSystem("b", Memory(100.0))
     for name, system in (("inner", ("a", NamedMemory(numbers=Count(200.0)))), ("watcher", ("c", Memory(300.0)))):
@@ -58,7 +58,7 @@ def nested():
     return builder.Build()
 
 
-def test_leaf_systems_are_found_by_their_path_but_for_those_that_watch(nested):
+def test_leaf_systems_are_found_by_path_without_excluded_subsystems(nested):
     assert set(leaf_paths(nested)) == {("b",), ("inner", "a"), ("watcher", "c")}
     assert set(leaf_paths(nested, without=("watcher",))) == {("b",), ("inner", "a")}
     assert set(leaf_paths(nested, without=("a", "b"))) == {("watcher", "c")}
@@ -66,7 +66,7 @@ def test_leaf_systems_are_found_by_their_path_but_for_those_that_watch(nested):
     assert subsystem(nested, ()) is nested
 
 
-def test_numbers_stand_system_by_system_and_group_by_group(nested):
+def test_numbers_are_ordered_by_system_and_group(nested):
     layout = ContextVector(nested, without=("watcher",))
     context = nested.CreateDefaultContext()
     assert layout.names == (
@@ -101,7 +101,7 @@ def test_vehicles_of_a_fleet_are_numbered():
     np.testing.assert_array_equal(found, [start + row for row in range(5) for start in (10.0, 20.0)])
 
 
-def test_what_is_written_is_read_again_and_nothing_else_changes(nested):
+def test_written_numbers_are_read_back_and_nothing_else_changes(nested):
     layout = ContextVector(nested, without=("b",), parameters=True)
     whole = ContextVector(nested, parameters=True)
     context = nested.CreateDefaultContext()
@@ -111,12 +111,12 @@ def test_what_is_written_is_read_again_and_nothing_else_changes(nested):
     np.testing.assert_array_equal(whole.read(nested, context), [*before[:8], *range(16)])
 
 
-def test_a_diagram_without_a_memory_has_no_numbers(nested):
+def test_a_diagram_without_state_has_no_numbers(nested):
     layout = ContextVector(nested, without=("b", "inner", "watcher"))
     assert layout.read(nested, nested.CreateDefaultContext()).shape == (0,)
 
 
-def test_rows_are_named_by_their_signal_or_numbered():
+def test_rows_are_named_by_their_signal_or_by_numbers():
     assert port_rows("state", 12)[:4] == ("state.x", "state.y", "state.z", "state.roll")
     assert port_rows("wrench", 4)[0] == "wrench.thrust"
     assert port_rows("statement", 1) == ("statement.0",)
@@ -125,7 +125,7 @@ def test_rows_are_named_by_their_signal_or_numbered():
 
 
 def test_the_layout_is_the_same_in_every_scalar_type():
-    """Its systems are in the order of their names, which conversion keeps; that of the diagram it does not."""
+    """Systems are sorted by name, which conversion preserves; it does not preserve the order in the diagram."""
     diagram = build_tracking_diagram(load_scenario("diagrams/hover.yaml"))
     layout, converted = ContextVector(diagram, parameters=True), diagram.ToAutoDiffXd()
     context, root = diagram.CreateDefaultContext(), converted.CreateDefaultContext()

@@ -1,4 +1,4 @@
-"""What disturbs a vehicle along its plan, where that can be worked out by hand."""
+"""Disturbances of a vehicle along its plan, for cases that can be computed by hand."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import scipy
 
 from drake_quad import simulate
 from drake_quad.flight.mission import plan_route
-from drake_quad.linear.disturbances import disturbances_along, spectrum
+from drake_quad.linear.disturbances import disturbance_statistics, disturbances_along
 from drake_quad.planning.believed import nominal_parameters
 from drake_quad.planning.feasibility import plan_demand
 from drake_quad.scenario.batch import Batch
@@ -31,7 +31,7 @@ def test_a_wind_drags_a_hovering_vehicle_by_drag_over_mass(asymmetric):
     np.testing.assert_allclose(found.turning, 0.0, atol=1e-9)
 
 
-def test_a_path_is_held_back_by_the_drag_of_its_velocity(asymmetric):
+def test_drag_decelerates_a_vehicle_along_its_path(asymmetric):
     scenario = asymmetric("pid", *CLEAN)
     plan = plan_route(scenario)
     found = disturbed(scenario)
@@ -57,19 +57,19 @@ def test_planned_torques_turn_a_vehicle_with_another_inertia_by_euler_s_equation
     np.testing.assert_allclose(turning[:, 1:-1, 0], expected[:, :2].T, atol=1e-7)
 
 
-def test_a_centre_of_mass_beside_the_middle_turns_each_vehicle_as_it_is_drawn(asymmetric):
-    beside = "vehicle.centre_of_mass=[{uniform: {min: -0.002, max: 0.002}}, 0.001]"
-    scenario = asymmetric("pid", *(each for each in CLEAN if "centre" not in each), HOVER, beside)
+def test_an_offset_centre_of_mass_turns_each_vehicle_by_its_own_sample(asymmetric):
+    offset = "vehicle.centre_of_mass=[{uniform: {min: -0.002, max: 0.002}}, 0.001]"
+    scenario = asymmetric("pid", *(each for each in CLEAN if "centre" not in each), HOVER, offset)
     batch = Batch.draw(scenario, range(4))
     found = disturbances_along(batch, plan_route(scenario))
     lever = batch.varying["vehicle.centre_of_mass.0"]
-    # The weight of a vehicle that hovers, at the lever, over what it has of inertia.
+    # The angular acceleration is weight times lever divided by the moment of inertia.
     np.testing.assert_allclose(found.turning[1, 0], 0.7 * 9.79 * lever / 0.0079, rtol=1e-6)
     np.testing.assert_allclose(found.turning[0, 0], -0.7 * 9.79 * 0.001 / 0.0071, rtol=1e-6)
     assert len({*lever}) == 4
 
 
-def test_a_fan_is_felt_where_it_blows_and_every_sample_has_its_own_turbulence(asymmetric):
+def test_a_fan_acts_in_its_jet_and_each_sample_has_its_own_turbulence(asymmetric):
     fan = (
         "laboratory.wind=[{kind: fan, position: [-2, 0, 1], direction: [1, 0, 0], flow: 2, diameter: 0.8,"
         " turbulence: 0.2}]"
@@ -82,7 +82,7 @@ def test_a_fan_is_felt_where_it_blows_and_every_sample_has_its_own_turbulence(as
 
 
 def test_drag_at_a_centre_of_pressure_turns_a_hovering_vehicle_in_wind(asymmetric):
-    """By r × F over the inertia, beside which hover in still air needs no torque."""
+    """The angular acceleration is r × F divided by the inertia; hover in still air needs no torque."""
     drag = "vehicle.body_drag={linear: [0.1, 0.2, 0.3], centre_of_pressure: [0.02, 0.03, 0.04]}"
     steady = "laboratory.wind=[{kind: steady, velocity: [2.0, -1.5, 0.5]}]"
     found = disturbed(asymmetric("pid", *CLEAN, HOVER, steady, drag, "vehicle.linear_drag=0"))
@@ -91,7 +91,7 @@ def test_drag_at_a_centre_of_pressure_turns_a_hovering_vehicle_in_wind(asymmetri
     np.testing.assert_allclose(found.turning[:, :, 0], np.repeat(expected[:, None], 20, axis=1), atol=1e-9)
 
 
-def test_turbulence_is_that_of_the_flights_of_the_same_samples(asymmetric):
+def test_turbulence_equals_that_in_flights_of_the_same_samples(asymmetric):
     """The record of a flight shows the sample of an instant one step later."""
     turbulence = "laboratory.wind=[{kind: dryden, level: light, height: 4.0, heading: 0.7}]"
     steps = ("vehicle.time_step=0.02", "laboratory.motion_capture.period=0.02")
@@ -104,15 +104,15 @@ def test_turbulence_is_that_of_the_flights_of_the_same_samples(asymmetric):
         np.testing.assert_allclose(found.acceleration[:, 1:-1, vehicle], 0.12 / 0.7 * wind[:, 2:20], atol=1e-12)
 
 
-def test_the_time_constant_of_white_noise_is_that_of_a_correlation_which_halves_within_a_step():
+def test_white_noise_gets_the_time_constant_whose_correlation_halves_in_one_step():
     """The autocorrelation (1 + x) exp(-x) of second-order noise is 1/2 where x is one step over the time constant."""
     lag = scipy.optimize.brentq(lambda x: (1.0 + x) * np.exp(-x) - 0.5, 0.0, 5.0)
     white = np.random.default_rng(3).normal(size=(1, 4000, 2))
-    assert spectrum(white, 0.02).time == pytest.approx(0.02 / lag, rel=1e-5)
+    assert disturbance_statistics(white, 0.02).time == pytest.approx(0.02 / lag, rel=1e-5)
 
 
-def test_a_spectrum_tells_what_lasts_from_what_comes_and_goes():
-    """A noise of second order, stepped exactly, around means of ±0.5 in two flights out of four."""
+def test_statistics_separate_the_constant_part_from_fluctuations():
+    """The samples are noise of second order, stepped exactly, around means of ±0.5 in two of four flights."""
     rng, step, time, deviation = np.random.default_rng(2), 0.02, 0.4, 0.7
     poles = np.exp(-step / time)
     values, inner, outer = [], np.zeros(4), np.zeros(4)
@@ -122,7 +122,7 @@ def test_a_spectrum_tells_what_lasts_from_what_comes_and_goes():
         values.append(outer)
     noise = np.array(values)
     noise *= deviation / noise.std()
-    found = spectrum((noise - noise.mean(axis=0) + np.array([0.5, -0.5, 0.5, -0.5]))[np.newaxis], step)
+    found = disturbance_statistics((noise - noise.mean(axis=0) + np.array([0.5, -0.5, 0.5, -0.5]))[np.newaxis], step)
     assert found.mean == pytest.approx(0.5)
     assert found.deviation == pytest.approx(0.7, rel=0.01)
     assert found.time == pytest.approx(0.4, rel=0.06)

@@ -1,4 +1,4 @@
-"""The loop at the link against those of the design, and against a flight with more delay."""
+"""Loops at the command link, compared with those of the design and with flights with more delay."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ from drake_quad.linear.link_margins import link_loops
 from drake_quad.linear.margins import frequencies, margins
 from drake_quad.scenario.hovering import as_believed
 
-UNEVEN = [
+ASYMMETRIC = [
     "nominal.mass=0.75",
     "nominal.inertia=[0.0065, 0.0085, 0.0126]",
     "control.position={k_p: [2.2, 2.6, 6.0], k_d: [1.6, 1.8, 3.7]}",
@@ -33,7 +33,7 @@ def loaded(diagrams):
 
 
 def loop_of_the_torque(laboratory, scenario, axis, outer, inner):
-    """By hand: the torque of a PD of the tilt, whose command is that of a PD of the position along an axis, eq (7)."""
+    """Return the loop by hand: the torque of a PD on the tilt, commanded by a PD on the position, eq (7)."""
     torque, tilt, rate, inertia, sign = {
         "x": ("tau_y", "pitch", "q", 0.0085, 1.0),
         "y": ("tau_x", "roll", "p", 0.0065, -1.0),
@@ -46,7 +46,7 @@ def loop_of_the_torque(laboratory, scenario, axis, outer, inner):
 
 
 def link_loop(scenario, row):
-    """The loop of a row, with the vehicle that is believed."""
+    """Return the loop of a row, with the nominal vehicle."""
     return link_loops(as_believed(scenario))[row]
 
 
@@ -55,8 +55,8 @@ def responses(loop):
 
 
 @pytest.mark.slow
-def test_the_loop_of_a_torque_is_that_of_the_attitude_in_flight_and_of_thrust_that_of_the_height(loaded):
-    scenario = loaded(*UNEVEN)
+def test_the_loop_of_a_torque_is_that_of_attitude_and_position_and_the_loop_of_thrust_that_of_height(loaded):
+    scenario = loaded(*ASYMMETRIC)
     laboratory = laboratory_plant(scenario)
     position, attitude = scenario.control.position, scenario.control.attitude
     loops = link_loops(as_believed(scenario))
@@ -71,8 +71,8 @@ def test_the_loop_of_a_torque_is_that_of_the_attitude_in_flight_and_of_thrust_th
 
 
 @pytest.mark.slow
-def test_closed_it_has_the_poles_of_the_diagram_with_an_estimator(loaded):
-    scenario = loaded(*UNEVEN, OBSERVER)
+def test_the_closed_loop_has_the_poles_of_the_diagram_with_an_estimator(loaded):
+    scenario = loaded(*ASYMMETRIC, OBSERVER)
     found = closed_loop(as_believed(scenario)).system.poles()
     loop = link_loop(scenario, "tau_y")
     poles = loop.with_feedback(np.eye(1)).poles()
@@ -81,16 +81,16 @@ def test_closed_it_has_the_poles_of_the_diagram_with_an_estimator(loaded):
 
 
 @pytest.mark.slow
-def test_the_delay_margin_is_when_the_loop_becomes_unstable(loaded):
-    """With ticks of delay on the link below the margin it is stable, with one more it is not."""
-    scenario = loaded(*UNEVEN, OBSERVER)
+def test_the_loop_becomes_unstable_at_the_delay_margin(loaded):
+    """The loop is stable with the largest number of delay ticks below the margin, and unstable with one more."""
+    scenario = loaded(*ASYMMETRIC, OBSERVER)
     loop = link_loop(scenario, "tau_x")
     ticks = int(margins(loop).delay / loop.period)
     assert ticks >= 3
 
     def largest(later):
         """The largest pole with so many more ticks of delay."""
-        late = loaded(*UNEVEN, OBSERVER, f"laboratory.command_link.delay_ticks={1 + later}")
+        late = loaded(*ASYMMETRIC, OBSERVER, f"laboratory.command_link.delay_ticks={1 + later}")
         return np.abs(closed_loop(as_believed(late)).system.poles()).max()
 
     assert largest(ticks) < 1.0 < largest(ticks + 1)
@@ -102,8 +102,8 @@ DESIGNS |= {"priced.yaml:indi@3": 3.015}
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", DESIGNS)
-def test_the_designed_controllers_keep_to_their_limit(diagrams, name):
-    """The peak of sensitivity and the delay margin, on a lateral and on the vertical axis."""
+def test_the_shipped_controllers_meet_their_limits(diagrams, name):
+    """The limits are those of the sensitivity peak and of the delay margin, on a lateral and on the vertical axis."""
     layers = [diagrams / "controllers" / "designed" / name]
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal", layers=layers)
     sensitivity, delay = DESIGNS[name], 0.05

@@ -1,4 +1,4 @@
-"""Margins of any control where it goes over the link, against those of designs, and against flights."""
+"""Margins of any control at the command link, compared with those of designs and with flights."""
 
 import functools
 
@@ -36,15 +36,15 @@ def asymmetric_lqg(asymmetric):
 
 
 def grows(scenario, row, duration):
-    """Whether a small displacement of the flying diagram does, once the fast modes are gone."""
+    """Return True if a small displacement of the simulated diagram grows after the fast modes have decayed."""
     response = release(closed_loop(scenario), {row: 1e-6}, duration=duration)
     column = ("x", "y", "z", "roll", "pitch", "yaw").index(row)
     _, _, third, last = [part.max() for part in np.array_split(np.abs(response.nonlinear[:, column]), 4)]
     return last > third
 
 
-def test_loops_that_nothing_is_nested_around_have_the_margins_that_they_were_designed_for(laboratory):
-    """Thrust and yaw: what is broken in a design, the commanded acceleration, is what goes over the link there."""
+def test_loops_without_an_outer_loop_have_their_designed_margins(laboratory):
+    """For thrust and yaw the commanded acceleration, at which a design breaks the loop, is the signal on the link."""
     scenario = laboratory()
     designed = design_cascade(scenario)
     found = link_margins(with_gains(as_believed(scenario), designed.gains()))
@@ -52,21 +52,21 @@ def test_loops_that_nothing_is_nested_around_have_the_margins_that_they_were_des
         np.testing.assert_allclose(found[name], designed.loops[axis].margins, rtol=1e-4)
 
 
-def test_a_loop_with_an_autopilot_is_the_position_s(diagrams):
-    """Roll and pitch go over the link, and a commanded acceleration is made of nothing else; the yaw is on board."""
+def test_loops_with_an_autopilot_are_those_of_the_position(diagrams):
+    """Roll and pitch on the link contain the commanded acceleration only; the yaw is controlled on board."""
     scenario = load_scenario(f"{diagrams}/onboard.yaml")
     designed = design_cascade(scenario)
     found = link_margins(with_gains(as_believed(scenario), designed.gains()))
     assert [*found] == [*AttitudeTarget._fields[:4]]
     assert found["yaw"] is None
-    # The rates that are fed forward hang on the reference alone.
+    # The body rates that are fed forward depend on the reference alone.
     np.testing.assert_allclose(found["pitch"], designed.loops["x"].margins, rtol=1e-3)
     np.testing.assert_allclose(found["roll"], designed.loops["y"].margins, rtol=1e-3)
 
 
 @pytest.mark.parametrize("stands_in", ["control", "position_controller"])
-def test_a_control_of_one_s_own_has_the_margins_that_it_has_as_the_scenario_s(laboratory, stands_in):
-    """Whatever the gains are of the part of the scenario's control for which it stands in."""
+def test_a_user_s_control_has_the_margins_of_the_equal_scenario(laboratory, stands_in):
+    """The gains of the scenario's control, which the user's system replaces, have no influence."""
     scenario = laboratory("paper.yaml:pd")
     batch = Batch.draw(scenario, [0])
     own = build_control(scenario, control_recipes(batch, plan_route(scenario)), 1)
@@ -79,8 +79,8 @@ def test_a_control_of_one_s_own_has_the_margins_that_it_has_as_the_scenario_s(la
         np.testing.assert_allclose(found[name], expected[name], rtol=1e-6)
 
 
-def test_the_loop_is_one_over_the_sensitivity_less_one(asymmetric_lqg):
-    """Closed again by hand it has the poles of the whole loop, those that its signal reaches."""
+def test_the_loop_is_one_over_the_sensitivity_minus_one(asymmetric_lqg):
+    """L closed by hand has those poles of the whole loop that the signal reaches."""
     scenario = asymmetric_lqg
     poles = closed_loop(scenario).system.poles()
     for loop in link_loops(scenario).values():
@@ -99,7 +99,7 @@ def margins_of(laboratory):
 
 
 def test_model_predictive_control_has_the_margins_of_its_regulator(laboratory, margins_of):
-    """In hover, where no limit is near: also with a corridor around it."""
+    """In hover no limit is active, with or without a corridor."""
     lqg = laboratory("lqg.yaml:lqg")
     corridor = {"kind": "tube", "half_width": (0.02, 0.02, 0.02)}
     mpc = MpcControl(**dict(lqg.control) | {"kind": "mpc", "corridor": corridor})
@@ -116,7 +116,7 @@ def test_fast_margins_equal_the_reported_margins(laboratory, margins_of, control
     np.testing.assert_allclose(fast.delay, [margins.delay for margins in exact], rtol=2e-4)
 
 
-def test_fast_margins_include_loops_that_are_as_slow_as_half_a_radian_per_second(laboratory):
+def test_fast_margins_include_loops_with_a_crossover_below_half_a_radian_per_second(laboratory):
     """The crossover of the height is at 0.4 rad/s."""
     scenario = laboratory("paper.yaml:pd", "control.position={k_p: [1.6, 1.6, 0.05], k_d: [1.9, 1.9, 0.4]}")
     exact = link_margins(scenario)["thrust"]
@@ -127,7 +127,7 @@ def test_fast_margins_include_loops_that_are_as_slow_as_half_a_radian_per_second
 
 
 @pytest.mark.parametrize("controller", CONTROLLERS)
-def test_flights_diverge_at_the_delay_that_the_margins_tell_within_a_tick(laboratory, margins_of, controller):
+def test_flights_diverge_at_the_delay_margin_within_a_tick(laboratory, margins_of, controller):
     found = margins_of(controller)
     ticks = int(min(margins.delay for margins in found.values()) / TICK)
     assert ticks >= 2
@@ -145,10 +145,8 @@ def test_flights_diverge_at_the_delay_that_the_margins_tell_within_a_tick(labora
         ("paper.yaml:pd", "tau_x", "gain_reduction"),
     ],
 )
-def test_flights_diverge_at_the_gain_that_the_margins_tell_within_two_percent(
-    laboratory, margins_of, controller, signal, side
-):
-    """A vehicle whose moment of inertia is smaller than believed by a factor responds more strongly by this factor.
+def test_flights_diverge_at_the_gain_margin_within_two_percent(laboratory, margins_of, controller, signal, side):
+    """A vehicle whose moment of inertia is smaller than nominal by a factor responds more strongly by this factor.
 
     No rigid body has such moments of inertia, and no loaded scenario may have them.
     """
@@ -168,7 +166,9 @@ def test_flights_diverge_at_the_gain_that_the_margins_tell_within_two_percent(
 
 
 def test_an_unstable_loop_has_no_margins_and_slow_cameras_no_link(laboratory):
-    with pytest.raises(InputError, match="the loop of nominal is unstable in hover: a pole of size 1"):
+    with pytest.raises(InputError, match="the loop of nominal is unstable in hover .its largest pole has magnitude 1"):
         link_margins(laboratory("lqg.yaml:lqg", "laboratory.command_link.delay_ticks=6"))
-    with pytest.raises(InputError, match=r"motion_capture.period is 0.04 s, but what goes over the link is looked at"):
+    with pytest.raises(
+        InputError, match=r"motion_capture.period is 0.04 s, but margins at the command link need periods up to"
+    ):
         link_margins(laboratory("paper.yaml:pd", "laboratory.motion_capture.period=0.04"))

@@ -1,4 +1,4 @@
-"""Margins, against what they mean."""
+"""Stability margins, compared with their definitions."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ PERIOD = 0.02
 
 
 def loop_of(k_p, k_d, *, lag=0.05, delay_ticks=2):
-    """A PD around a double integrator with a lag, a zero-order hold and whole ticks of delay."""
+    """Return a PD around a double integrator with a lag, a zero-order hold and whole ticks of delay."""
     A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0 / lag]])
     B = np.array([[0.0], [0.0], [1.0 / lag]])
     Ad, Bd, *_ = scipy.signal.cont2discrete((A, B, np.eye(3), np.zeros((3, 1))), PERIOD)
@@ -30,7 +30,7 @@ def loop_of(k_p, k_d, *, lag=0.05, delay_ticks=2):
 
 
 def is_stable(loop, factor=1.0, more_delay=0):
-    """Whether the loop is, closed with another gain and more ticks of delay."""
+    """Return True if the loop with another gain and additional ticks of delay is stable."""
     n = len(loop.A)
     A = np.zeros((n + more_delay, n + more_delay))
     A[:n, :n] = loop.A
@@ -49,7 +49,7 @@ CASES = [(5.0, 4.0), (9.0, 6.0), (2.0, 1.0), (20.0, 8.0)]
 
 
 @pytest.mark.parametrize(("k_p", "k_d"), CASES)
-def test_the_gain_margin_is_where_the_closed_loop_gives_up(k_p, k_d):
+def test_the_closed_loop_becomes_unstable_at_the_gain_margin(k_p, k_d):
     loop = loop_of(k_p, k_d)
     factor = 10.0 ** (margins(loop).gain / 20.0)
     assert is_stable(loop, 0.9999 * factor)
@@ -57,8 +57,8 @@ def test_the_gain_margin_is_where_the_closed_loop_gives_up(k_p, k_d):
 
 
 @pytest.mark.parametrize(("k_p", "k_d"), CASES[:2])
-def test_margins_are_those_of_python_control(k_p, k_d):
-    """Of the same frequency response, interpolated by splines; its polynomial in z has too few digits."""
+def test_margins_match_python_control(k_p, k_d):
+    """python-control interpolates the same frequency response by splines; its polynomial in z has too few digits."""
     import control
 
     loop = loop_of(k_p, k_d)
@@ -73,8 +73,8 @@ def test_margins_are_those_of_python_control(k_p, k_d):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("ticks", [1, 2, 5])
-def test_the_delay_margin_is_where_the_closed_loop_gives_up(ticks):
-    """Gains for which it is a whole number of ticks: a little less or more decides."""
+def test_the_closed_loop_becomes_unstable_at_the_delay_margin(ticks):
+    """The gains are such that the margin is a whole number of ticks, and a little less or more changes stability."""
     low, high = 0.02, 50.0  # scales of the gains
     grid = frequencies(PERIOD)
     for _ in range(60):
@@ -82,20 +82,20 @@ def test_the_delay_margin_is_where_the_closed_loop_gives_up(ticks):
         loop = loop_of(2.0 * middle, 2.0 * np.sqrt(middle))
         found = fast_margins(loop.response(np.exp(1j * grid * PERIOD))[:, 0, 0], grid).delay
         low, high = (middle, high) if found > ticks * PERIOD else (low, middle)
-    for scale, stands in ((0.999 * low, True), (1.001 * low, False)):
+    for scale, is_tolerated in ((0.999 * low, True), (1.001 * low, False)):
         loop = loop_of(2.0 * scale, 2.0 * np.sqrt(scale))
-        assert (margins(loop).delay > ticks * PERIOD) == stands
-        assert is_stable(loop, more_delay=ticks) == stands
+        assert (margins(loop).delay > ticks * PERIOD) == is_tolerated
+        assert is_stable(loop, more_delay=ticks) == is_tolerated
 
 
 def nearest(L):
-    """The least angle between -1 and where a fine Nyquist curve passes the unit circle, degrees."""
+    """Return the least angle between -1 and the crossings of the unit circle by a fine Nyquist curve, degrees."""
     passes = np.flatnonzero(np.diff(np.abs(L) > 1.0))
     return np.degrees(np.abs(np.angle(-L[passes]))).min()
 
 
 def resonance(*, gain, delay_ticks, frequency=4.0, damping=0.02):
-    """A loop of a frequency, rad/s, behind whole ticks of delay; and what is sampled of it without them."""
+    """Return a resonance of a frequency (rad/s) with whole ticks of delay, and its sampled system without them."""
     A = np.array([[0.0, 1.0], [-(frequency**2), -2.0 * damping * frequency]])
     B = np.array([[0.0], [gain * frequency**2]])
     Ad, Bd, *_ = scipy.signal.cont2discrete((A, B, np.eye(2), np.zeros((2, 1))), PERIOD)
@@ -108,8 +108,8 @@ def resonance(*, gain, delay_ticks, frequency=4.0, damping=0.02):
     return SampledSystem(whole, into, out, np.zeros((1, 1)), PERIOD, names, ("u",), ("y",)), (Ad, Bd)
 
 
-def test_where_the_response_is_real_and_positive_there_is_no_gain_margin():
-    """A resonance of the wrong sign passes there, larger than where it is negative."""
+def test_a_real_positive_response_does_not_limit_the_gain():
+    """A resonance with the opposite sign is larger where its response is positive than where it is negative."""
     loop, _ = resonance(gain=-0.02, delay_ticks=2)
     factor = 10.0 ** (margins(loop).gain / 20.0)
     response = loop.response(np.exp(1j * frequencies(PERIOD) * PERIOD))[:, 0, 0]
@@ -118,8 +118,8 @@ def test_where_the_response_is_real_and_positive_there_is_no_gain_margin():
     assert not is_stable(loop, 1.001 * factor)
 
 
-def test_a_turn_that_jumps_between_two_frequencies_is_no_crossing():
-    """A sharp resonance turns by more than π within a step of the grid: its sign changes where L is positive."""
+def test_a_phase_jump_between_two_frequencies_is_not_a_crossing():
+    """The phase of a sharp resonance jumps by more than π within a step of the grid, where L is positive."""
     loop, _ = resonance(gain=0.1, delay_ticks=10, frequency=20.0, damping=1e-5)
     grid = frequencies(PERIOD)
 
@@ -132,10 +132,11 @@ def test_a_turn_that_jumps_between_two_frequencies_is_no_crossing():
 
 
 @pytest.mark.slow
-def test_a_resonance_that_is_late_by_more_than_a_turn_stands_what_is_left_of_the_turn():
-    """Of 4 rad/s, damped to 0.02, with a gain of 0.1 and 55 ticks of delay: 0.497 s, as closed loops confirm.
+def test_a_resonance_delayed_by_more_than_a_turn_tolerates_the_rest_of_the_turn():
+    """At 4 rad/s, with a damping ratio of 0.02, a gain of 0.1 and 55 ticks of delay, closed loops confirm 0.497 s.
 
-    At its two crossovers the phase is far beyond -180°; it is the delay to the next -180° that counts, not the nearest.
+    At its two crossovers the phase is far below -180°. The delay margin is the delay to the next -180° below, not to
+    the nearest one.
     """
     delay_ticks = 55
     loop, (Ad, Bd) = resonance(gain=0.1, delay_ticks=delay_ticks)
@@ -147,14 +148,14 @@ def test_a_resonance_that_is_late_by_more_than_a_turn_stands_what_is_left_of_the
     found = margins(loop)
     assert found.delay == pytest.approx(0.497, abs=5e-4)
     assert fast.delay == pytest.approx(found.delay, rel=1e-3)
-    # The phase may turn either way: it is the nearest -180° that counts, here on the other side.
+    # For the phase margin the phase may change either way: the nearest -180° counts, here the one above.
     assert found.phase == pytest.approx(phase, abs=0.05)
     assert fast.phase == pytest.approx(phase, abs=0.05)
     assert [is_stable(loop, more_delay=ticks) for ticks in (0, 19, 20, 24, 25)] == [True, True, True, True, False]
 
 
 @pytest.mark.parametrize(("k_p", "k_d"), CASES)
-def test_the_disk_margin_stands_every_gain_and_phase_within_it(k_p, k_d):
+def test_every_gain_and_phase_within_the_disk_margin_is_tolerated(k_p, k_d):
     import control
 
     loop = loop_of(k_p, k_d)
@@ -164,19 +165,19 @@ def test_the_disk_margin_stands_every_gain_and_phase_within_it(k_p, k_d):
     assert is_stable(loop, 0.999 / low)
     grid = frequencies(PERIOD)
     response = loop.response(np.exp(1j * grid * PERIOD))[:, 0, 0]
-    # The disk of -1 / f touches the Nyquist curve and holds none of it.
+    # The disk of -1 / f touches the Nyquist curve and does not contain any point of it.
     middle, radius = -0.5 * (low + 1.0 / low), 0.5 * (1.0 / low - low)
     assert np.abs(response - middle).min() == pytest.approx(radius, rel=1e-3)
     top = int(np.argmax(np.abs(1.0 / (1.0 + response) - 0.5)))
     fine = np.linspace(grid[top - 1], grid[top + 1], 1001)
     assert found.disk == pytest.approx(control.disk_margins(loop.to_state_space(), fine)[0], rel=1e-8)
-    # Its consequences cannot be larger than the margins themselves.
+    # The margins that the disk implies cannot be larger than the margins themselves.
     assert -20.0 * np.log10(low) <= found.gain * (1.0 + 1e-6)
     assert np.degrees(2.0 * np.arctan(0.5 * found.disk)) <= found.phase * (1.0 + 1e-6)
 
 
-def test_a_pole_may_leave_through_minus_one():
-    """A double integrator without delay: the phase stays above -180° up to half the sampling rate."""
+def test_a_pole_may_cross_the_unit_circle_at_minus_one():
+    """For a double integrator without delay the phase stays above -180° up to half the sampling rate."""
     h, k_p, k_d = 0.02, 2.0, 2.0
     A, B, C = np.array([[1.0, h], [0.0, 1.0]]), np.array([[0.5 * h * h], [h]]), np.array([[k_p, k_d]])
     loop = SampledSystem(A, B, C, np.zeros((1, 1)), h, ("x", "v"), ("u",), ("y",))
@@ -270,8 +271,8 @@ def test_a_peak_narrower_than_the_grid_spacing_is_found(frequency, damping):
 
 
 @pytest.mark.slow
-def test_the_gain_of_an_unstable_plant_may_not_fall_too_far():
-    """Around a pole of 2 1/s: below a gain reduction that closed loops confirm, it falls."""
+def test_the_gain_around_an_unstable_plant_has_a_lower_limit():
+    """With a pole at 2 1/s the loop becomes unstable below the gain reduction margin, as closed loops confirm."""
     pole, h = np.exp(2.0 * PERIOD), PERIOD
     loop = SampledSystem(*(np.array([[x]]) for x in (pole, 1.0, 0.2, 0.0)), h, ("x",), ("u",), ("y",))
     factor = 10.0 ** (-margins(loop).gain_reduction / 20.0)
@@ -282,7 +283,7 @@ def test_the_gain_of_an_unstable_plant_may_not_fall_too_far():
 
 
 @pytest.mark.slow
-def test_many_at_once_are_the_same():
+def test_margins_of_many_loops_equal_those_of_each():
     grid = frequencies(PERIOD)
     loops = [loop_of(*gains) for gains in CASES]
     responses = np.array([loop.response(np.exp(1j * grid * PERIOD))[:, 0, 0] for loop in loops])
@@ -312,7 +313,7 @@ def test_the_grid_ends_just_below_half_the_sampling_rate():
 
 
 def first_order(pole, gain, direct=0.0):
-    """gain / (z - pole) + direct."""
+    """Return gain / (z - pole) + direct."""
     matrices = (np.array([[number]]) for number in (pole, 1.0, gain, direct))
     return SampledSystem(*matrices, PERIOD, ("x",), ("u",), ("y",))
 
@@ -327,14 +328,14 @@ def test_the_bandwidth_of_an_integrator_is_its_closed_form_down_to_the_lowest_fr
 
 
 @pytest.mark.slow
-def test_what_always_follows_has_a_bandwidth_without_end():
+def test_a_loop_that_follows_at_all_frequencies_has_infinite_bandwidth():
     found = margins(first_order(0.5, 0.0, direct=10.0))
     assert found.bandwidth == np.inf
     assert found.sensitivity == pytest.approx(1.0 / 11.0)
 
 
-def test_a_pole_may_leave_through_one_or_minus_one():
-    """1 + f L vanishes at z = 1 and at z = -1 for a gain that is worked out by hand; a sign more, and it may rise."""
+def test_a_pole_may_cross_the_unit_circle_at_one_or_minus_one():
+    """1 + f L vanishes at z = 1 and z = -1 for gains computed by hand; with the other sign the gain may increase."""
     for gain in (0.1, -0.1):
         found, loop = margins(first_order(0.5, gain)), first_order(0.5, gain)
         # L(1) = 2 gain, L(-1) = -gain / 1.5.
@@ -347,13 +348,13 @@ def test_a_pole_may_leave_through_one_or_minus_one():
         assert found.gain_reduction == np.inf
 
 
-def test_a_pole_near_one_is_no_integrator():
-    """As of a slow leak: what is below holds back its pole, at 1 + 1e-6, with a gain from 1e-6 on."""
+def test_a_pole_near_one_is_not_an_integrator():
+    """A slow leak at 1 + 1e-6 is stabilised by a gain of at least 1e-6."""
     assert margins(first_order(1.0 + 1e-6, 1e-3)).gain_reduction == pytest.approx(60.0, abs=0.01)
     assert margins(first_order(1.0, 1e-3)).gain_reduction == np.inf
 
 
-def test_fast_margins_of_loops_that_cross_nothing_are_without_end():
+def test_fast_margins_of_loops_without_crossings_are_infinite():
     grid = frequencies(PERIOD)
     quiet = np.full((2, len(grid)), [[0.1], [-0.1]], dtype=complex)
     found = fast_margins(quiet, grid)
@@ -367,10 +368,12 @@ def test_fast_margins_of_loops_that_cross_nothing_are_without_end():
 
 @pytest.mark.parametrize("turns", np.linspace(0.02, 0.98, 10))
 @pytest.mark.parametrize("steepness", [-7.0, 7.0])
-def test_fast_margins_are_exact_where_the_logarithm_of_the_response_is_a_line(turns, steepness):
-    """L = (ω / ω_c)^(-1 + i steepness) e^(2πi turns): at ω_c it has the size one, and a phase of so many turns."""
+def test_fast_margins_are_exact_for_a_linear_logarithm_of_the_response(turns, steepness):
+    """L = (ω / ω_c)^(-1 + i steepness) e^(2πi turns): at ω_c its magnitude is one, and its phase the given number of
+    turns.
+    """
     crossover, grid = 3.0, np.geomspace(0.11, 50.0, 20)
-    # From one frequency to the next the phase turns by two radians.
+    # The phase changes by two radians from one frequency to the next.
     assert 2.0 < abs(steepness) * np.log(grid[1] / grid[0]) < np.pi
     logs = np.log(grid / crossover)
     found = fast_margins(np.exp((-1.0 + 1j * steepness) * logs + 2j * np.pi * turns)[None], grid)

@@ -1,4 +1,4 @@
-"""Operating points and linear models of vehicles on which more acts than the paper's equations say."""
+"""Operating points and linear models of vehicles with effects beyond the equations of the paper."""
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ LADEN = Effects(
 SLUNG = SlungLoad(mass=0.17, length=0.8)
 
 
-def test_a_trim_balances_all_that_acts(asymmetric_vehicle):
+def test_a_trim_balances_all_effects(asymmetric_vehicle):
     velocity, wind = (2.0, 1.0, -0.5), (1.0, -2.0, 0.3)
     trim = find_trim(
         asymmetric_vehicle, velocity=velocity, wind=wind, position=(0.0, 0.0, -0.2), yaw=0.6, effects=LADEN
@@ -48,8 +48,8 @@ def test_a_trim_balances_all_that_acts(asymmetric_vehicle):
     np.testing.assert_allclose(left, 0.0, atol=1e-9)
 
 
-def test_a_trim_is_at_the_beginning(asymmetric_vehicle):
-    """A payload that is picked up half a second later is not there, nor has one gone that is dropped then."""
+def test_a_trim_has_the_payload_at_the_beginning_of_a_flight(asymmetric_vehicle):
+    """A payload that is picked up half a second later is not included, and one that is dropped then is."""
     bare = find_trim(asymmetric_vehicle)
     later = find_trim(asymmetric_vehicle, effects=Effects(payload=LADEN.payload._replace(picked_up=0.5)))
     np.testing.assert_allclose(later.rotor_speed, bare.rotor_speed, rtol=1e-9)
@@ -62,7 +62,7 @@ def test_a_trim_is_at_the_beginning(asymmetric_vehicle):
 
 
 @pytest.mark.parametrize("effects", [LADEN, LADEN._replace(payload=None, slung_load=SLUNG)], ids=["laden", "slung"])
-def test_a_model_in_flight_against_differences(asymmetric_vehicle, effects):
+def test_a_linear_model_in_flight_matches_differences(asymmetric_vehicle, effects):
     velocity, wind = (2.0, 1.0, -0.5), (1.0, -2.0, 0.3)
     place = {"position": (0.0, 0.0, -0.2), "yaw": 0.6}
     trim = find_trim(asymmetric_vehicle, velocity=velocity, wind=wind, **place, effects=effects)
@@ -87,8 +87,8 @@ def test_a_model_in_flight_against_differences(asymmetric_vehicle, effects):
 
 
 @pytest.mark.slow
-def test_a_load_swings_below_a_hovering_vehicle_as_a_double_pendulum_does():
-    """ω² = (1 + m_L / m) g / l, twice, and undamped: the load feels no air."""
+def test_a_slung_load_swings_as_a_double_pendulum():
+    """ω² = (1 + m_L / m) g / l, twice, without damping, because the load has no drag."""
     parameters = QuadrotorParameters()
     effects = Effects(slung_load=SLUNG)
     trim = find_trim(parameters, effects=effects)
@@ -106,7 +106,7 @@ def test_a_load_swings_below_a_hovering_vehicle_as_a_double_pendulum_does():
     ]
 
 
-def test_what_stands_before_the_rotors_is_left_out():
+def test_effects_before_the_rotor_speeds_are_left_out():
     parameters = QuadrotorParameters()
     before = Effects(thrust_curve=ThrustCurve(0.1, 1.0, 2.8), battery=Battery(12.6, 10.0, 1.0, 0.02, 0.7))
     trim = find_trim(parameters, effects=before)
@@ -122,7 +122,7 @@ def laboratory(diagrams):
 PAYLOAD = "vehicle.payload={{mass: 0.05, position: [0.001, 0.002, -0.03], time: {}, event: {}}}"
 
 
-def test_a_payload_at_rest_is_there_or_not_as_it_is_at_the_beginning(laboratory):
+def test_the_loop_at_rest_has_the_payload_at_the_beginning(laboratory):
     for time, event, there in ((2.0, "dropped", True), (2.0, "picked_up", False), (0.0, "picked_up", True)):
         resting = at_rest(laboratory(PAYLOAD.format(time, event))).vehicle
         payload = resting.effect_numbers().payload
@@ -135,7 +135,7 @@ def test_a_payload_at_rest_is_there_or_not_as_it_is_at_the_beginning(laboratory)
     assert at_rest(laboratory(battery)).vehicle.battery is None
 
 
-def test_the_believed_vehicle_has_the_air_of_the_one_that_flies(laboratory):
+def test_the_nominal_vehicle_has_the_aerodynamics_of_the_actual_one(laboratory):
     drag = "vehicle.body_drag={linear: [0.1, 0.2, 0.3], centre_of_pressure: [0.01, 0.02, 0.03]}"
     others = ["vehicle.ground_effect={rotor_radius: 0.1}", "vehicle.reaction_torque=true", PAYLOAD.format(1, "dropped")]
     vehicle = as_believed(laboratory(drag, "vehicle.rotor_aerodynamics={lift: 0.02}", *others)).vehicle
@@ -168,16 +168,16 @@ def test_a_loop_with_all_effects_has_an_equilibrium_and_a_model(laboratory, load
     poles = loop.system.poles()
     slung = "slung_load" in load
     assert any(name.endswith("swing.roll") for name in loop.system.states) == slung
-    # The load is not controlled: its swing may grow slowly.
+    # The load is not controlled, so that its swing may grow slowly.
     assert np.abs(poles).max() < (1.01 if slung else 1.0)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("vehicle", ["believed", "as it is"])
-def test_a_laboratory_with_effects_is_a_plant(laboratory, vehicle):
-    """From thrust to climb it has the gain that the thrust curve has in hover over that which is believed."""
+@pytest.mark.parametrize("vehicle", ["nominal", "actual"])
+def test_a_laboratory_with_effects_has_a_plant(laboratory, vehicle):
+    """The gain from thrust to climb is the ratio of the slopes of the actual and the nominal thrust curve in hover."""
     plant, specific_thrust = laboratory_plant(laboratory(*ALL[5:]), vehicle=vehicle)
-    if vehicle == "believed":
+    if vehicle == "nominal":
         assert specific_thrust == pytest.approx(9.81, rel=1e-9)
     else:
         throttle = (np.sqrt(1.05**2 + 4.0 * 2.6 * (0.68 * 9.81 / 4.0 - 0.11)) - 1.05) / 5.2
@@ -193,9 +193,9 @@ def test_a_laboratory_with_effects_is_a_plant(laboratory, vehicle):
     [PAYLOAD.format(1.0, "dropped"), "vehicle.slung_load={mass: 0.02, length: 0.5}"],
     ids=["payload", "slung load"],
 )
-def test_derivatives_through_a_flight_are_those_of_whole_flights(laboratory, load):
+def test_derivatives_through_a_flight_match_differences_of_flights(laboratory, load):
     scenario = laboratory("duration=1.4", "metrics.start=0", *ALL, load)
-    # Derivatives with respect to other effects do not depend on what is carried, so each is taken with one load.
+    # Derivatives with respect to other effects do not depend on the load, so that each is computed with one of them.
     fields = {
         "payload": ("body_drag.linear.0", "rotor_aerodynamics.climb", "payload.mass"),
         "slung_load": (
@@ -215,6 +215,6 @@ def test_derivatives_through_a_flight_are_those_of_whole_flights(laboratory, loa
         )
 
 
-def test_a_flight_depends_in_jumps_on_when_a_payload_goes(laboratory):
-    with pytest.raises(InputError, match="vehicle.payload.time decides when something happens"):
+def test_a_flight_depends_discontinuously_on_the_time_of_a_payload(laboratory):
+    with pytest.raises(InputError, match="vehicle.payload.time: the flight depends on it discontinuously"):
         flight_sensitivities(laboratory("duration=1", PAYLOAD.format(0.5, "dropped")), ["vehicle.payload.time"])

@@ -1,4 +1,4 @@
-"""Modes and what moves them, where both can be written down."""
+"""Modes and their participating states, for systems with known modes."""
 
 import math
 
@@ -17,8 +17,8 @@ from drake_quad.linear.modes import modes
         ((-0.300, -0.312), [1, 1]),
     ],
 )
-def test_poles_are_one_within_a_thousandth_or_a_hundredth(poles, multiplicities):
-    """Of their size, or of 1/s, whichever is more."""
+def test_close_poles_count_as_one_mode(poles, multiplicities):
+    """The tolerance is a thousandth of their magnitude or a hundredth of 1/s, whichever is larger."""
     found = modes(np.diag(poles), ("a", "b"))
     assert [mode.multiplicity for mode in found] == multiplicities
     assert [mode.states for mode in found] == ([("a", "b")] if multiplicities == [2] else [("a",), ("b",)])
@@ -26,10 +26,10 @@ def test_poles_are_one_within_a_thousandth_or_a_hundredth(poles, multiplicities)
 
 
 @pytest.mark.parametrize(("poles", "period"), [(-np.arange(1.0, 7.0), None), ([0.9, 0.5, 0.3, -0.6, -0.4, -0.2], 0.02)])
-def test_a_mode_names_what_takes_more_than_a_tenth_of_the_largest_part_the_most_first(poles, period):
-    """Participation factors are products of the right and the left eigenvectors' entries.
+def test_a_mode_names_its_main_states_in_descending_order(poles, period):
+    """Participation factors are products of the entries of right and left eigenvectors.
 
-    The logarithm of a negative eigenvalue jumps from one side of the real axis to the other, as rounding may.
+    The logarithm of a negative eigenvalue jumps across the real axis by rounding.
     """
     rng = np.random.default_rng(7)
     states, left_out, orders = tuple("abcdef"), 0, set()
@@ -48,7 +48,7 @@ def test_a_mode_names_what_takes_more_than_a_tenth_of_the_largest_part_the_most_
 
 @pytest.mark.parametrize("seed", range(40))
 def test_a_repeated_negative_eigenvalue_is_one_mode(seed):
-    """Rounding may make a pair of it, whose logarithms are far apart."""
+    """Rounding may split it into a pair whose logarithms are far apart."""
     T = np.random.default_rng(seed).normal(size=(4, 4))
     A = T @ np.diag([-0.4, -0.4, 0.2, 0.9]) @ np.linalg.inv(T)
     slow, middle, fast = modes(A, tuple("abcd"), period=0.02)
@@ -57,15 +57,15 @@ def test_a_repeated_negative_eigenvalue_is_one_mode(seed):
     assert fast.states
 
 
-def test_an_integrator_has_no_damping_and_what_grows_a_negative_one():
+def test_an_integrator_has_no_damping_and_a_growing_mode_a_negative_one():
     still, grown = modes(np.diag([0.0, 0.5]), ("a", "b"))
     assert (still.frequency, still.multiplicity) == (0.0, 1)
     assert math.isnan(still.damping)
     assert (grown.pole, grown.frequency, grown.damping) == (0.5, 0.5, -1.0)
 
 
-def test_what_dies_within_a_tick_is_left_out():
-    """Also a pole at nothing, as of a delay line; what dies a little slower is not."""
+def test_modes_that_decay_within_a_tick_are_left_out():
+    """A pole at zero, as of a delay line, is also left out; one that decays slightly more slowly is not."""
     found = modes(np.diag([0.0, 0.0009, 0.0012, 0.5, -0.5]), tuple("abcde"), period=0.1)
     expected = sorted([math.log(0.0012) / 0.1, math.log(0.5) / 0.1, complex(math.log(0.5), math.pi) / 0.1], key=abs)
     assert [mode.pole for mode in found] == pytest.approx(expected)

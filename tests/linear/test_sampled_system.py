@@ -1,4 +1,4 @@
-"""The Jacobian of a period, against classical sampling and against differences."""
+"""The Jacobian of a period, compared with classical sampling and with differences."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ from pydrake.systems.primitives import ConstantVectorSource, ZeroOrderHold
 from tick_jacobian import jacobian_of_tick
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario
-from drake_quad.linear.closed_loop import WATCHERS, laboratory_plant
+from drake_quad.linear.closed_loop import PASSIVE_SYSTEMS, laboratory_plant
 from drake_quad.linear.context_vector import ContextVector
 from drake_quad.linear.sampled_system import SampledSystem, at_tick, linearize, tick_after
 
@@ -33,10 +33,10 @@ def hover(diagrams):
 
 
 def classical(frequency, *, delay_ticks, h=0.01):
-    """The response from a commanded acceleration to the value and the rate of a double integrator with rotor lag.
+    """Return the response from a commanded acceleration to value and rate of a double integrator with rotor lag.
 
-    Zero-order hold over ticks of 2h, a whole number of ticks of delay, and a frame that is h old, by matrix
-    exponentials.
+    The input has a zero-order hold over ticks of 2h and a whole number of ticks of delay, and a frame is h old. The
+    method is the matrix exponential.
     """
     A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -20.0]])
     B = np.array([[0.0], [0.0], [20.0]])
@@ -50,8 +50,8 @@ def classical(frequency, *, delay_ticks, h=0.01):
     z = np.exp(2j * frequency * h)
     x = np.linalg.solve(z * np.eye(3) - phi, gamma)  # the state at a tick, for an input that acts from that tick on
     # The frame that a tick reads was taken h earlier, in the middle of the period before.
-    seen = (phi_half @ x + gamma_half) / z
-    return (seen[:2, 0]) / z**delay_ticks
+    measured = (phi_half @ x + gamma_half) / z
+    return (measured[:2, 0]) / z**delay_ticks
 
 
 @pytest.mark.parametrize("delay_ticks", [0, 1, 3])
@@ -63,38 +63,38 @@ def test_the_ideal_laboratory_is_the_classical_sampled_model(hover, delay_ticks,
     plant = plant.between([f"wrench.{torque}"], [f"measurement.{row}" for row in rows]).connected()
     for frequency in (0.3, 3.0, 30.0, 100.0):
         found = inertia * plant.response(np.exp(1j * np.array([frequency]) * plant.period))[0, :, 0]
-        # The step is Runge and Kutta's: it takes the integral of an exponential by Simpson's rule.
+        # Runge and Kutta's step takes the integral of an exponential by Simpson's rule.
         np.testing.assert_allclose(found, classical(frequency, delay_ticks=delay_ticks), rtol=1e-4)
 
 
 @pytest.mark.parametrize("overrides", [[], REAL])
-def test_the_jacobian_of_the_whole_loop_against_differences(hover, overrides):
+def test_the_jacobian_of_the_whole_loop_matches_differences(hover, overrides):
     scenario = hover(*overrides)
     diagram = build_tracking_diagram(scenario)
     context = at_tick(diagram, 0.08)
-    system, _ = linearize(diagram, context, period=0.02, without=WATCHERS)
-    layout = ContextVector(diagram, without=WATCHERS)
+    system, _ = linearize(diagram, context, period=0.02, without=PASSIVE_SYSTEMS)
+    layout = ContextVector(diagram, without=PASSIVE_SYSTEMS)
     numeric = jacobian_of_tick(diagram, context, layout, until=0.1)
     np.testing.assert_allclose(system.A, numeric, atol=2e-8)
 
 
-def test_the_state_has_names_and_no_watchers(hover):
+def test_the_state_has_names_and_excludes_passive_systems(hover):
     diagram = build_tracking_diagram(hover(*REAL), record=True)
-    names = ContextVector(diagram, without=WATCHERS).names
+    names = ContextVector(diagram, without=PASSIVE_SYSTEMS).names
     assert len(names) == len(set(names))
     assert "laboratory.vehicle.state.pitch" in names
     assert "laboratory.motion_capture.measurement_under_way.0.v_x" in names
     assert "laboratory.command_link.wrench_under_way.1.thrust" in names
     assert "laboratory.wind.fans.wind.x" in names
-    assert not any(name.startswith(WATCHERS) for name in names)
+    assert not any(name.startswith(PASSIVE_SYSTEMS) for name in names)
 
 
-def test_a_continuous_vehicle_has_the_same_period(hover):
-    """A stepping vehicle and one that Drake integrates: the same A for what both have."""
+def test_a_continuous_and_a_stepping_vehicle_have_the_same_model(hover):
+    """A stepping vehicle and one that Drake integrates have the same A in their common states."""
     found = []
     for time_step in (0.01, 0.0):
         diagram = build_tracking_diagram(hover(f"vehicle.time_step={time_step}"))
-        system, _ = linearize(diagram, at_tick(diagram, 0.08), period=0.02, without=WATCHERS)
+        system, _ = linearize(diagram, at_tick(diagram, 0.08), period=0.02, without=PASSIVE_SYSTEMS)
         found.append(
             {tuple(np.round(pole, 4)) for pole in np.column_stack([system.poles().real, abs(system.poles().imag)])}
         )
@@ -102,8 +102,8 @@ def test_a_continuous_vehicle_has_the_same_period(hover):
     assert {pole for pole in stepping if pole[0] > 0.5} == {pole for pole in continuous if pole[0] > 0.5}
 
 
-class Mine(LeafSystem):
-    """A position controller without another scalar type, perhaps with a state that is no vector."""
+class UserController(LeafSystem):
+    """Position controller without other scalar types, optionally with an abstract state."""
 
     def __init__(self, abstract=False):
         super().__init__()
@@ -119,10 +119,10 @@ class Mine(LeafSystem):
 
 def test_a_system_that_cannot_be_differentiated_is_named(hover):
     for abstract, words in (
-        (False, "control.position has no version for AutoDiffXd"),
-        (True, "control.position holds"),
+        (False, "control.position does not support AutoDiffXd"),
+        (True, "control.position has an abstract state"),
     ):
-        diagram = build_tracking_diagram(hover(), position_controller=Mine(abstract))
+        diagram = build_tracking_diagram(hover(), position_controller=UserController(abstract))
         with pytest.raises(InputError, match=words):
             linearize(diagram, at_tick(diagram, 0.04), period=0.02)
 
@@ -134,7 +134,7 @@ def random_system(rng):
     return SampledSystem(A, rng.normal(size=(5, 2)), rng.normal(size=(3, 5)), rng.normal(size=(3, 2)), 0.02, *names)
 
 
-def test_algebra_against_python_control():
+def test_system_algebra_matches_python_control():
     rng = np.random.default_rng(1)
     system = random_system(rng)
     z = np.exp(1j * np.array([0.1, 0.7, 2.0]))
@@ -175,7 +175,7 @@ def test_python_control_and_scipy_have_the_same_poles_and_steps():
     np.testing.assert_allclose(found[1][0], steps, atol=1e-12)
 
 
-def test_what_no_input_reaches_and_no_output_sees_is_left_out():
+def test_unreachable_and_unobservable_states_are_left_out():
     A = np.diag([0.5, 0.6, 0.7, 0.8]) + np.diag([0.1, 0.0, 0.1], k=-1)  # 0 → 1, 2 → 3
     B, C = np.array([[1.0], [0.0], [0.0], [0.0]]), np.array([[0.0, 1.0, 0.0, 1.0]])
     system = SampledSystem(A, B, C, np.zeros((1, 1)), 0.02, ("a", "b", "c", "d"), ("u",), ("y",))
@@ -183,14 +183,14 @@ def test_what_no_input_reaches_and_no_output_sees_is_left_out():
     assert small.states == ("a", "b")
     z = np.exp(1j * np.array([0.1, 1.0]))
     np.testing.assert_allclose(small.response(z), system.response(z), atol=1e-14)
-    # Whatever the units: what counts is the size beside others in the same row.
+    # Units have no influence, because each entry is compared with the others in its row.
     faint = replace(system, B=1e-14 * system.B, C=1e-14 * system.C)
     assert faint.connected().states == ("a", "b")
     rounding = replace(system, A=system.A + 1e-16 * np.ones((4, 4)))
     assert rounding.connected().states == ("a", "b")
 
 
-def test_an_output_that_depends_on_nothing_has_no_derivative():
+def test_a_constant_output_has_zero_derivatives():
     builder = DiagramBuilder()
     hold = builder.AddNamedSystem("hold", ZeroOrderHold(0.1, 1))
     constant = builder.AddNamedSystem("constant", ConstantVectorSource([3.0]))
@@ -205,7 +205,7 @@ def test_an_output_that_depends_on_nothing_has_no_derivative():
 
 
 def two_inputs():
-    """Two holds over 0.1 s, of two numbers and of one, and what they hold."""
+    """Return two holds over 0.1 s, of two numbers and of one, and their outputs."""
     builder = DiagramBuilder()
     for name, size in (("first", 2), ("second", 1)):
         hold = builder.AddNamedSystem(name, ZeroOrderHold(0.1, size))
@@ -219,8 +219,8 @@ def two_inputs():
 
 
 @pytest.mark.parametrize("order", [("first", "second"), ("second", "first"), ("second",)])
-def test_inputs_and_outputs_stand_in_the_order_in_which_they_are_asked_for(order):
-    """What is put into a hold is what it holds a period later, and it forgets what was there."""
+def test_inputs_and_outputs_have_the_requested_order(order):
+    """The output of a hold is its input of one period earlier, and does not depend on older inputs."""
     diagram, context = two_inputs()
     inputs, outputs = [f"u_{name}" for name in order], [f"y_{name}" for name in order[::-1]]
     system, moved = linearize(diagram, at_tick(diagram, 0.2, context), period=0.1, inputs=inputs, outputs=outputs)
@@ -231,14 +231,14 @@ def test_inputs_and_outputs_stand_in_the_order_in_which_they_are_asked_for(order
     places = [system.states.index(row) for name in order for row in rows[name]]
     np.testing.assert_array_equal(system.A, np.zeros((3, 3)))
     np.testing.assert_array_equal(system.B, np.eye(3)[:, places])
-    seen = [system.states.index(row) for name in order[::-1] for row in rows[name]]
-    np.testing.assert_array_equal(system.C, np.eye(3)[seen])
-    np.testing.assert_array_equal(system.D, np.zeros((len(seen), len(places))))
+    rows_of_states = [system.states.index(row) for name in order[::-1] for row in rows[name]]
+    np.testing.assert_array_equal(system.C, np.eye(3)[rows_of_states])
+    np.testing.assert_array_equal(system.D, np.zeros((len(rows_of_states), len(places))))
     np.testing.assert_array_equal(moved, np.zeros(3))
     assert system.period == 0.1
 
 
-def test_how_far_the_state_moves_is_what_it_is_after_less_what_it_was():
+def test_the_change_of_the_state_is_its_difference_over_a_period():
     diagram, context = two_inputs()
     root = at_tick(diagram, 0.2, context)
     diagram.GetInputPort("u_second").FixValue(root, [9.0])
@@ -247,22 +247,24 @@ def test_how_far_the_state_moves_is_what_it_is_after_less_what_it_was():
     assert root.get_time() == 0.2
 
 
-def test_without_inputs_and_outputs_there_are_no_columns_and_no_rows():
+def test_a_system_without_inputs_and_outputs_has_empty_matrices():
     diagram, context = two_inputs()
     system, _ = linearize(diagram, at_tick(diagram, 0.2, context), period=0.1, without=("first",))
     assert system.states == ("second.group_0.0",)
     assert [matrix.shape for matrix in (system.A, system.B, system.C, system.D)] == [(1, 1), (1, 0), (0, 1), (0, 0)]
 
 
-def test_a_tick_is_counted_as_drake_counts_it():
+def test_times_of_ticks_equal_those_of_drake():
     assert tick_after(0.3 - 1e-12, 0.1) == 4 * 0.1
     assert tick_after(0.3, 0.1, 0) == 3 * 0.1 != 0.3
     assert tick_after(0.1, 0.1, 6) == 7 * 0.1 != 0.7
 
 
 @pytest.mark.parametrize(("size", "kept"), [(2e-12, ("a", "b")), (-2e-12, ("a", "b")), (0.5e-12, ("b",))])
-def test_an_entry_of_a_billionth_of_a_thousandth_counts(size, kept):
-    """Beside the largest of its row: the only way from the input through the first state to the second."""
+def test_an_entry_of_1e_12_relative_to_its_row_is_significant(size, kept):
+    """The entry, relative to the largest of its row, is the only path from the input through the first state to the
+    second.
+    """
     A = np.array([[0.5, 0.0], [size, 1.0]])
     system = SampledSystem(
         A, np.array([[1.0], [1.0]]), np.array([[0.0, 1.0]]), np.zeros((1, 1)), 0.02, ("a", "b"), ("u",), ("y",)
@@ -280,8 +282,10 @@ def test_a_scaled_input_has_another_name():
     assert (scaled.inputs, scaled.outputs) == (("push",), ("y.1",))
 
 
-def test_one_input_that_reaches_and_one_output_that_sees_are_enough():
-    """Of two each: the first state is between the first ones, the second between the others, the third is not."""
+def test_states_between_any_input_and_any_output_are_kept():
+    """There are two inputs and outputs. The first state lies between the first ones, the second between the others, and
+    the third between none.
+    """
     B, C = np.array([[1.0, 0.0], [0.0, -1.0], [0.0, 1.0]]), np.array([[-1.0, 0.0, 0.0], [0.0, 2.0, 0.0]])
     system = SampledSystem(
         np.diag([0.5, -0.6, 0.7]), B, C, np.zeros((2, 2)), 0.02, ("a", "b", "c"), ("u", "v"), ("y", "z")
@@ -293,7 +297,7 @@ def test_one_input_that_reaches_and_one_output_that_sees_are_enough():
     np.testing.assert_array_equal(small.C, C[:, :2])
 
 
-def test_what_is_reached_by_many_steps_is_reached():
+def test_states_that_are_reached_in_many_steps_are_kept():
     A = np.eye(5, k=-1)
     system = SampledSystem(A, np.eye(5)[:, :1], np.eye(5)[-1:], np.zeros((1, 1)), 0.02, tuple("abcde"), ("u",), ("y",))
     assert system.connected().states == tuple("abcde")

@@ -1,4 +1,4 @@
-"""Ticks of a release, and where they are."""
+"""Number of ticks and initial values of a release."""
 
 import numpy as np
 import pytest
@@ -21,19 +21,19 @@ def test_a_release_has_a_tick_at_each_end(loop, duration, ticks):
     assert response.linear.shape == response.nonlinear.shape == (ticks, 12)
 
 
-def test_a_release_begins_as_far_beside_as_is_said_on_each_row(loop):
-    beside = {"y": 1e-3, "yaw": -2e-3, "v_z": 3e-3, "q": 4e-3}
-    response = release(loop, beside, duration=0.02)
+def test_a_release_starts_at_the_given_displacement_on_each_row(loop):
+    offset = {"y": 1e-3, "yaw": -2e-3, "v_z": 3e-3, "q": 4e-3}
+    response = release(loop, offset, duration=0.02)
     expected = np.zeros(12)
     expected[[1, 5, 8, 10]] = 1e-3, -2e-3, 3e-3, 4e-3
     np.testing.assert_allclose(response.linear[0], expected, atol=1e-15)
     np.testing.assert_allclose(response.nonlinear[0], expected, atol=1e-15)
-    # After one more tick it has moved on, by the mean of the rate at least.
+    # After one more tick the displacement has changed by at least the mean of the rate.
     assert response.linear[1, 2] == pytest.approx(0.02 * 3e-3, rel=0.1)
     assert response.nonlinear[1, 2] == pytest.approx(response.linear[1, 2], rel=1e-3)
 
 
-def test_the_loop_itself_is_left_where_it_was(loop):
+def test_a_release_does_not_change_the_loop(loop):
     before = loop.context.get_time()
     first = release(loop, {"z": 1e-3}, duration=0.2)
     assert loop.context.get_time() == before

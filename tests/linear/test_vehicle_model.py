@@ -1,4 +1,4 @@
-"""Operating points and linear models of the vehicle, against matrices by hand and against differences."""
+"""Operating points and linear models of the vehicle, compared with matrices by hand and with differences."""
 
 import math
 
@@ -23,11 +23,11 @@ from drake_quad.vehicle.quadrotor import KINEMATICS
 from drake_quad.vehicle.rotors import Rotors
 from drake_quad.vehicle.stepping import VehicleState, quadrotor_slope
 
-DRAGGED = QuadrotorParameters(linear_drag=0.1, quadratic_drag=0.01, centre_of_mass=CentreOfMass(0.003, -0.002))
+WITH_DRAG = QuadrotorParameters(linear_drag=0.1, quadratic_drag=0.01, centre_of_mass=CentreOfMass(0.003, -0.002))
 
 
 def hover_by_hand(c):
-    """A and B of eqs (1) to (5) and the rotors' lag at hover, with Table I and a linear drag c."""
+    """Return A and B of eqs (1) to (5) and the rotors' lag in hover, with Table I and a linear drag c."""
     m, g, b, d, arm, lag = 0.68, 9.81, 4.13e-5, 8.5e-7, 0.17, 0.05
     inertia = (0.007, 0.007, 0.012)
     speed = math.sqrt(m * g / (4.0 * b))
@@ -45,8 +45,8 @@ def hover_by_hand(c):
 
 
 @pytest.mark.parametrize("drag", [0.0, 0.15])
-def test_hover_is_what_one_derives_by_hand(drag):
-    """To 1e-12."""
+def test_the_model_in_hover_matches_matrices_by_hand(drag):
+    """The matrices agree to 1e-12."""
     parameters = QuadrotorParameters(linear_drag=drag)
     system = linear_vehicle(find_trim(parameters), parameters)
     A, B = hover_by_hand(drag)
@@ -55,8 +55,8 @@ def test_hover_is_what_one_derives_by_hand(drag):
     np.testing.assert_array_equal(system.C(), np.eye(12, 16))
 
 
-def test_hover_of_an_x_is_what_one_derives_by_hand():
-    """To 1e-12: all four rotors roll and pitch, 2 and 4 yaw the other way."""
+def test_the_model_of_an_x_in_hover_matches_matrices_by_hand():
+    """The matrices agree to 1e-12. All four rotors roll and pitch the vehicle; 2 and 4 have the opposite yaw torque."""
     length, width, b, d, speed = 0.2, 0.3, 4.13e-5, 8.5e-7, math.sqrt(0.68 * 9.81 / (4.0 * 4.13e-5))
     parameters = QuadrotorParameters(rotors=Rotors.x(length=length, width=width))
     system = linear_vehicle(find_trim(parameters), parameters)
@@ -69,30 +69,30 @@ def test_hover_of_an_x_is_what_one_derives_by_hand():
 
 
 @pytest.mark.parametrize("kinematics", ["exact", "small_angle"])
-def test_a_moving_point_against_differences(kinematics):
-    trim = find_trim(DRAGGED, velocity=(4.0, 2.0, -1.0), wind=(1.0, -2.0, 0.5), yaw=0.6, kinematics=kinematics)
-    system = affine_vehicle(trim, DRAGGED, kinematics=kinematics)
+def test_the_model_of_a_moving_vehicle_matches_differences(kinematics):
+    trim = find_trim(WITH_DRAG, velocity=(4.0, 2.0, -1.0), wind=(1.0, -2.0, 0.5), yaw=0.6, kinematics=kinematics)
+    system = affine_vehicle(trim, WITH_DRAG, kinematics=kinematics)
     point = np.concatenate([trim.state, trim.rotor_speed, trim.rotor_speed, trim.wind])
 
     def rates(x):
         state = VehicleState(State(*x[:12]), RotorSpeed(*x[12:16]))
         inputs = RotorSpeed(*x[16:20]), Wind(*x[20:]), None
-        slope = quadrotor_slope(state, *inputs, DRAGGED, None, NO_EFFECTS, 0.0, KINEMATICS[kinematics])
+        slope = quadrotor_slope(state, *inputs, WITH_DRAG, None, NO_EFFECTS, 0.0, KINEMATICS[kinematics])
         return np.hstack([slope.body, slope.rotors])
 
     steps = 1e-6 * np.maximum(1.0, np.abs(point))
     numeric = np.array([(rates(point + h * e) - rates(point - h * e)) / (2.0 * h) for h, e in zip(steps, np.eye(23))]).T
     np.testing.assert_allclose(np.hstack([system.A(), system.B()]), numeric, atol=1e-6)
-    # The model gives the point's own motion back: straight on.
+    # The constant term of the model is the motion of the operating point, which flies straight on.
     rate = system.A() @ point[:16] + system.B() @ point[16:] + system.f0()
     np.testing.assert_allclose(rate[:3], [4.0, 2.0, -1.0], atol=1e-9)
     np.testing.assert_allclose(rate[3:], 0.0, atol=1e-8)
 
 
 def test_a_trim_leans_into_the_wind():
-    """tan θ = D / m g, and the thrust carries both; the moments of an uneven vehicle are in balance, too."""
+    """tan θ = D / m g, and the thrust balances drag and weight; torques of an asymmetric vehicle are balanced, too."""
     wind = np.array([6.0, -3.0, 0.0])
-    trim = find_trim(DRAGGED, wind=tuple(wind))
+    trim = find_trim(WITH_DRAG, wind=tuple(wind))
     speed = np.linalg.norm(wind)
     force = (0.1 + 0.01 * speed) * wind
     roll, pitch = trim.state[3:5]
@@ -104,18 +104,20 @@ def test_a_trim_leans_into_the_wind():
     assert 0.17 * (lifts[3] - lifts[1]) == pytest.approx(-0.002 * thrust, rel=1e-9)
 
 
-def test_what_is_no_equilibrium_is_refused_with_how_far_it_is():
+def test_a_point_that_is_not_an_equilibrium_is_refused_with_its_acceleration():
     parameters = QuadrotorParameters()
     with pytest.raises(InputError, match="not an equilibrium: x changes by 3 per second"):
         linear_vehicle(find_trim(parameters, velocity=(3.0, 0.0, 0.0)), parameters)
     hover = find_trim(parameters)
     with pytest.raises(InputError, match=r"not an equilibrium: v_z changes by -?0\.\d+ per second"):
         linear_vehicle(hover._replace(rotor_speed=0.99 * hover.rotor_speed), parameters)
-    with pytest.raises(InputError, match=r"no steady flight at \(60, 0, 0\) m/s .* are left where they come closest"):
-        find_trim(DRAGGED, velocity=(60.0, 0.0, 0.0))
+    with pytest.raises(
+        InputError, match=r"no steady flight at \(60, 0, 0\) m/s .* the smallest remaining acceleration is"
+    ):
+        find_trim(WITH_DRAG, velocity=(60.0, 0.0, 0.0))
 
 
-def test_python_control_gets_names():
+def test_names_are_passed_to_python_control():
     parameters = QuadrotorParameters(linear_drag=0.1)
     system = linear_vehicle(find_trim(parameters), parameters)
     model = to_state_space(system)
@@ -134,8 +136,8 @@ def test_a_vehicle_in_hover_has_integrators_and_the_lags_of_its_rotors():
     assert set(found[0].states) == set(STATES[:12])
 
 
-def test_slow_modes_that_differ_are_kept_apart():
-    """In discrete time their eigenvalues are nearly the same."""
+def test_different_slow_modes_are_distinguished():
+    """Their discrete-time eigenvalues are nearly the same."""
     A = np.diag(np.exp(np.array([-0.30, -0.33, -0.33, -20.0]) * 0.02))
     found = modes(A, ("a", "b", "c", "d"), period=0.02)
     assert [(round(mode.pole.real, 6), mode.multiplicity) for mode in found] == [(-0.3, 1), (-0.33, 2), (-20.0, 1)]
@@ -144,14 +146,14 @@ def test_slow_modes_that_differ_are_kept_apart():
 
 @pytest.mark.parametrize(("swing", "multiplicity"), [(0.003, 2), (0.007, 1), (0.012, 1)])
 def test_a_slow_swing_is_one_mode(swing, multiplicity):
-    """Whether its two poles are nearer to each other than what counts as one, or not."""
+    """Its two poles may be closer to each other than the tolerance for equal poles, or not."""
     (mode,) = modes(np.array([[-1.0, swing], [-swing, -1.0]]), ("a", "b"))
     assert mode.multiplicity == multiplicity
     assert mode.pole.imag >= 0.0
 
 
-def test_modes_are_named_by_what_takes_part():
-    """Two oscillators, one damped to 0.1 at 2 rad/s, one to 0.5 at 5 rad/s; the same after sampling."""
+def test_modes_are_named_by_their_participating_states():
+    """One oscillator has a damping of 0.1 at 2 rad/s, the other of 0.5 at 5 rad/s; the same holds after sampling."""
     A = np.zeros((4, 4))
     A[0, 1], A[1, :2] = 1.0, (-4.0, -0.4)
     A[2, 3], A[3, 2:] = 1.0, (-25.0, -5.0)
@@ -173,11 +175,11 @@ HOVER = math.sqrt(0.68 * 9.81 / (4.0 * 4.13e-5))
 
 
 @pytest.mark.parametrize(("low", "high"), [(60.0, 0.9995 * HOVER), (1.0005 * HOVER, 300.0)])
-def test_rotors_that_are_a_little_too_slow_or_too_fast_do_not_hold_it(low, high):
-    """A thousandth of g is left, and that is no equilibrium."""
+def test_rotors_that_are_slightly_too_slow_or_too_fast_cannot_trim_the_vehicle(low, high):
+    """The remaining acceleration is a thousandth of g, so that there is no equilibrium."""
     parameters = QuadrotorParameters(min_rotor_speed=low, max_rotor_speed=high)
     with pytest.raises(
-        InputError, match=rf"rotors between {low:g} and {high:g} rad/s: 0\.0098\d? m/s² or rad/s² are left"
+        InputError, match=rf"rotors between {low:g} and {high:g} rad/s; .* acceleration is 0\.0098\d? m/s²"
     ):
         find_trim(parameters)
     enough = QuadrotorParameters(min_rotor_speed=0.9995 * HOVER, max_rotor_speed=1.0005 * HOVER)
@@ -185,8 +187,8 @@ def test_rotors_that_are_a_little_too_slow_or_too_fast_do_not_hold_it(low, high)
 
 
 @pytest.mark.parametrize(("tilt", "found"), [(1.39, True), (1.41, False)])
-def test_an_operating_point_is_sought_up_to_a_tilt_of_80_degrees(tilt, found):
-    """1.4 rad: in winds from any side that it would have to lean into so far."""
+def test_operating_points_are_found_up_to_a_tilt_of_80_degrees(tilt, found):
+    """The largest tilt is 1.4 rad, for wind from any direction."""
     parameters = QuadrotorParameters(linear_drag=1.0, max_rotor_speed=2000.0)
     speed = 0.68 * 9.81 * math.tan(tilt)
     for wind, angle in (((speed, 0.0, 0.0), 4), ((0.0, speed, 0.0), 3), ((-speed, 0.0, 0.0), 4)):
@@ -197,8 +199,8 @@ def test_an_operating_point_is_sought_up_to_a_tilt_of_80_degrees(tilt, found):
                 find_trim(parameters, wind=wind)
 
 
-def test_a_trim_is_where_it_is_asked_for():
-    trim = find_trim(DRAGGED, position=(1.0, -2.0, 3.0), velocity=(0.5, 0.25, -0.125), wind=(0.1, 0.2, 0.3), yaw=0.6)
+def test_a_trim_has_the_requested_position_and_yaw():
+    trim = find_trim(WITH_DRAG, position=(1.0, -2.0, 3.0), velocity=(0.5, 0.25, -0.125), wind=(0.1, 0.2, 0.3), yaw=0.6)
     np.testing.assert_array_equal(trim.state[[0, 1, 2, 5]], [1.0, -2.0, 3.0, 0.6])
     np.testing.assert_array_equal(trim.state[6:], [0.5, 0.25, -0.125, 0.0, 0.0, 0.0])
     np.testing.assert_array_equal(trim.wind, [0.1, 0.2, 0.3])
@@ -208,7 +210,7 @@ def test_a_trim_is_where_it_is_asked_for():
     np.testing.assert_array_equal(at_rest.wind, np.zeros(3))
 
 
-def test_an_equilibrium_may_move_by_a_millionth():
+def test_a_linear_model_tolerates_rates_up_to_a_millionth():
     parameters = QuadrotorParameters()
     hover = find_trim(parameters)
     for speed, refused in ((0.9e-6, False), (1.1e-6, True)):

@@ -1,4 +1,4 @@
-"""Loops and filters against closed forms."""
+"""PID loops and filters, compared with closed forms."""
 
 import math
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.signal
 
-from drake_quad.pid.filters import EMPTY, butterworth, filtered, first_order
+from drake_quad.pid.filters import EMPTY_FILTER, butterworth, filtered, first_order
 from drake_quad.pid.loop import Derivative, Integral, LastMeasurement, Memory, Terms, pid
 
 PERIOD = 0.01
@@ -22,19 +22,19 @@ def run(terms, setpoints, measurements, k_p=0.0, **options):
 
 
 @pytest.mark.parametrize("make", [butterworth, first_order])
-def test_a_filter_has_half_its_power_at_its_bandwidth_and_all_of_it_at_rest(make):
+def test_a_filter_halves_the_power_at_its_bandwidth_and_has_unit_dc_gain(make):
     bandwidth, period = 2.0 * np.pi * 20.0, 1e-4 if make is first_order else 0.002
     b_0, b_1, b_2, a_1, a_2 = make(bandwidth, period)
     _, response = scipy.signal.freqz([b_0, b_1, b_2], [1.0, a_1, a_2], [0.0, bandwidth * period])
     np.testing.assert_allclose(np.abs(response), [1.0, np.sqrt(0.5)], rtol=1e-2 if make is first_order else 1e-9)
 
 
-def test_the_filter_of_second_order_is_that_of_scipy():
+def test_the_filter_of_second_order_matches_scipy():
     b_0, b_1, b_2, a_1, a_2 = butterworth(2.0 * np.pi * 30.0, 0.002)
     b, a = scipy.signal.butter(2, 30.0, fs=500.0)
     np.testing.assert_allclose([b_0, b_1, b_2], b, rtol=1e-12)
     np.testing.assert_allclose([1.0, a_1, a_2], a, rtol=1e-12)
-    samples, state, found = np.random.default_rng(1).normal(size=40), EMPTY, []
+    samples, state, found = np.random.default_rng(1).normal(size=40), EMPTY_FILTER, []
     for sample in samples:
         output, state = filtered(sample, butterworth(2.0 * np.pi * 30.0, 0.002), state)
         found.append(output)
@@ -42,7 +42,7 @@ def test_the_filter_of_second_order_is_that_of_scipy():
 
 
 @pytest.mark.parametrize(("first", "offset"), [(False, 0), (True, 1)])
-def test_an_integral_grows_with_the_error_up_to_its_limit_and_leaves_it_at_once(first, offset):
+def test_an_integral_saturates_and_leaves_its_limit_at_once(first, offset):
     ticks = np.arange(60)
     errors = np.where(ticks < 40, 2.0, -2.0)
     found = run(Terms(Integral(3.0, 1.5)), errors, np.zeros(60), integrates_first=first)
@@ -53,7 +53,7 @@ def test_an_integral_grows_with_the_error_up_to_its_limit_and_leaves_it_at_once(
     np.testing.assert_allclose(run(Terms(Integral(3.0, 1.5)), -errors, np.zeros(60), integrates_first=first), -found)
 
 
-def test_an_integral_fades_with_the_square_of_the_error():
+def test_growth_of_an_integral_falls_with_the_squared_error():
     for error, share in [(0.5, 1.0 - 0.25**2), (1.0, 0.75), (2.0, 0.0), (3.0, 0.0)]:
         found = run(Terms(Integral(3.0, 9.0, 2.0)), [error] * 2, [0.0] * 2)
         assert found[1] == pytest.approx(3.0 * share * error * PERIOD)
@@ -69,9 +69,9 @@ def test_a_derivative_is_the_rate_of_the_measurement_and_not_of_the_setpoint():
     assert slow[-1] == pytest.approx(-0.8, rel=1e-6)
 
 
-def test_angles_take_the_short_way():
+def test_angle_errors_are_wrapped():
     turn = Terms(derivative=Derivative(1.0))
-    found = run(turn, [3.0, 3.0], [-3.1, 3.1], k_p=2.0, turns=True)
+    found = run(turn, [3.0, 3.0], [-3.1, 3.1], k_p=2.0, is_angle=True)
     assert found[0] == pytest.approx(2.0 * (6.1 - math.tau))
     assert found[1] == pytest.approx(-0.2 - (6.2 - math.tau) / PERIOD)
 
@@ -81,7 +81,7 @@ def test_the_setpoint_is_fed_forward_and_the_output_is_limited():
     np.testing.assert_allclose(run(Terms(limit=0.7), [3.0, -3.0], [2.0, 2.0], k_p=2.0), [0.7, -0.7])
 
 
-def test_a_loop_remembers_only_what_its_terms_need():
+def test_the_memory_of_a_loop_contains_only_what_its_terms_need():
     assert Memory.of(None) == Memory.of(Terms(k_ff=1.0, limit=1.0)) == Memory()
     assert Memory.of(Terms(Integral(1.0, 1.0))) == Memory(integral=0.0)
     assert Memory.of(Terms(derivative=Derivative(1.0))) == Memory(measured=LastMeasurement(0.0, 0.0))

@@ -78,7 +78,7 @@ def test_a_normal_distribution_is_refused_exactly_without_the_limits_that_it_nee
 
 @CASES
 def test_units_are_products_of_si_units(model, path, declared):
-    relative = r"unit of the (output|error|proportional ones.*)|as the proportional ones|its unit"  # terms of any loop
+    relative = r"unit of the (output|error|proportional gains.*)|its unit"  # terms of any loop
     part = r"(kg|m|s|N|rad|V|A|h|Ω)[²³]?"
     assert re.fullmatch(rf"{relative}|(1|{part}( {part})*)(/(\({part}( {part})*\)|{part}))?", declared.unit)
 

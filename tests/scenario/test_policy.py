@@ -11,7 +11,7 @@ import scipy
 from onnx import TensorProto, helper
 
 from drake_quad import InputError, load_scenario, save_scenario
-from drake_quad.control.policy.network import passed
+from drake_quad.control.policy.network import evaluate_network
 from drake_quad.errors import InputWarning
 from drake_quad.scenario.files.policy_file import policy_network
 from drake_quad.scenario.policies.layers import Layers
@@ -59,7 +59,7 @@ def written(tmp_path):
 
 def output(scenario, inputs=INPUTS):
     network = scenario.control.policy.network()
-    return np.array(passed(network, inputs.tolist(), network.memory).output)
+    return np.array(evaluate_network(network, inputs.tolist(), network.memory).output)
 
 
 def test_neurons_are_read_from_arrays(written):
@@ -110,7 +110,7 @@ def test_numbers_beyond_single_precision_are_kept_in_double_precision_without_a_
     layers.dense(np.full((1, 6), 1e300), np.zeros(1))
     network = layers.network()
     assert network.precision == "double"
-    found = passed(network.network(), INPUTS.tolist(), ()).output
+    found = evaluate_network(network.network(), INPUTS.tolist(), ()).output
     np.testing.assert_allclose(found, [1e300 * INPUTS.sum()], rtol=1e-12)
 
 
@@ -158,7 +158,9 @@ def test_recurrent_units_are_read_from_arrays(written):
         old = (gru["weights_hidden_0"] @ h + gru["biases_hidden_0"]).reshape(3, 3)
         r, z = 1.0 / (1.0 + np.exp(-(new[:2] + old[:2])))
         expected = z * h + (1.0 - z) * np.tanh(new[2] + r * old[2])
-        np.testing.assert_allclose(passed(network, INPUTS.tolist(), network.memory).output, expected, rtol=1e-12)
+        np.testing.assert_allclose(
+            evaluate_network(network, INPUTS.tolist(), network.memory).output, expected, rtol=1e-12
+        )
 
 
 FLAWS = {

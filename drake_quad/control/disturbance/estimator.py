@@ -1,9 +1,9 @@
-"""The estimator of a disturbing acceleration as a Drake system."""
+"""Estimator of a disturbing acceleration, as a Drake system."""
 
 from typing import Annotated, Any, NamedTuple
 
-from drake_quad.control.disturbance.laws import Gained, Measured
-from drake_quad.control.disturbance.response import AxisCommand, responded
+from drake_quad.control.disturbance.laws import AxisMeasurement, ModelIncrement
+from drake_quad.control.disturbance.response import AxisCommand, response_step
 from drake_quad.framework.elementary import maximum, minimum
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.geometry.per_axis import PerAxis
@@ -11,13 +11,13 @@ from drake_quad.signals import Acceleration, Quantity, Row, State
 
 
 class EstimatorNumbers(NamedTuple):
-    """What an estimator goes by.
+    """Parameters of a `DisturbanceEstimator`.
 
     Attributes:
-        laws: records of one kind from `drake_quad.control.disturbance.laws`, on X, Y and Z.
-        lags: of what follows the command, on X, Y and Z, s.
-        limit: largest disturbance that is shown on an axis.
-        start: where the vehicle is at the beginning, m.
+        laws: estimation laws for X, Y and Z, all of one kind, from `drake_quad.control.disturbance.laws`.
+        lags: modelled time constants of the response to feedback and to feed-forward, for X, Y and Z, s.
+        limit: largest disturbance in the output, on each axis.
+        start: initial position of the vehicle, m.
     """
 
     laws: tuple[Any, ...]
@@ -26,68 +26,71 @@ class EstimatorNumbers(NamedTuple):
     start: PerAxis = PerAxis(0.0, 0.0, 0.0)
 
 
-STILL = (AxisCommand(0.0, 0.0),) * 3
-"""The commands on three axes of a vehicle at rest."""
+ZERO_COMMANDS = (AxisCommand(0.0, 0.0),) * 3
+"""Commands on X, Y and Z of a vehicle at rest."""
 
 
 def memory_at_rest(numbers: Any) -> tuple[Any, ...]:
-    """The memory of each axis of an estimator with these numbers, for a vehicle that rests where it begins."""
+    """Return the memory of the law on each axis, for a vehicle at rest at its initial position."""
     return tuple([law.at_rest(start) for law, start in zip(numbers.laws, numbers.start, strict=True)])
 
 
-def measured_on_axes(state: State) -> tuple[Measured, ...]:
-    """Position and velocity on X, Y and Z."""
-    return Measured(state.x, state.v_x), Measured(state.y, state.v_y), Measured(state.z, state.v_z)
+def measured_on_axes(state: State) -> tuple[AxisMeasurement, ...]:
+    """Return the measured position and velocity on X, Y and Z."""
+    return AxisMeasurement(state.x, state.v_x), AxisMeasurement(state.y, state.v_y), AxisMeasurement(state.z, state.v_z)
 
 
 def estimate(
-    memory: tuple[Any, ...], measured: tuple[Measured, ...], laws: tuple[Any, ...], limit: Row, period: float
+    memory: tuple[Any, ...], measured: tuple[AxisMeasurement, ...], laws: tuple[Any, ...], limit: Row, period: float
 ) -> tuple[tuple[Any, ...], tuple[Row, ...]]:
-    """The memory of each axis after what is measured at a tick, and its disturbance within a limit."""
-    known = tuple(
-        [law.corrected(before, seen, period) for law, before, seen in zip(laws, memory, measured, strict=True)]
+    """Return the memory of each axis after the measurement of a tick, and the disturbances, saturated at the limit."""
+    corrected = tuple(
+        [
+            law.corrected(before, measurement, period)
+            for law, before, measurement in zip(laws, memory, measured, strict=True)
+        ]
     )
-    return known, tuple([maximum(minimum(after.disturbance, limit), -limit) for after in known])
+    return corrected, tuple([maximum(minimum(after.disturbance, limit), -limit) for after in corrected])
 
 
 def predict(
-    known: tuple[Any, ...],
+    corrected: tuple[Any, ...],
     following: tuple[AxisCommand, ...],
     commands: tuple[AxisCommand, ...],
     laws: tuple[Any, ...],
     lags: tuple[AxisCommand, ...],
     period: float,
 ) -> tuple[tuple[Any, ...], tuple[AxisCommand, ...]]:
-    """The memory of each axis at the next tick, and how the vehicle follows its command there.
+    """Return the memory of each axis at the next tick, before its measurement, and the modelled response there.
 
     Args:
-        known: memory after what was measured.
-        following: how the vehicle follows its commands at the tick.
-        commands: that are there at the tick.
-        laws: of each axis.
-        lags: s.
-        period: of the ticks, s.
+        corrected: memory of each axis after the measurement.
+        following: modelled response of each axis at this tick.
+        commands: commands that act on the vehicle from this tick on.
+        laws: law of each axis.
+        lags: modelled time constants, s.
+        period: tick period, s.
     """
-    moved = [responded(*axis, period) for axis in zip(following, commands, lags, strict=True)]
+    responses = [response_step(*axis, period) for axis in zip(following, commands, lags, strict=True)]
     memory = [
-        law.predicted(before, Gained(velocity, distance), period)
-        for law, before, (_, velocity, distance) in zip(laws, known, moved, strict=True)
+        law.predicted(before, ModelIncrement(velocity, distance), period)
+        for law, before, (_, velocity, distance) in zip(laws, corrected, responses, strict=True)
     ]
-    return tuple(memory), tuple([after for after, _, _ in moved])
+    return tuple(memory), tuple([after for after, _, _ in responses])
 
 
-def waited(sent: Any, under_way: tuple[Any, ...]) -> tuple[Any, tuple[Any, ...]]:
-    """What arrives of what is sent at each tick, and what is under way then, the newest first."""
+def shift_delay_line(sent: Any, under_way: tuple[Any, ...]) -> tuple[Any, tuple[Any, ...]]:
+    """Return the command that leaves a delay line at a tick, and its new content, the newest command first."""
     *others, arrived = (sent, *under_way)
     return arrived, tuple(others)
 
 
-def shown_disturbance(
+def limited_disturbance(
     memory: tuple[Any, ...], measurement: State, numbers: EstimatorNumbers, period: float
 ) -> Acceleration:
-    """The disturbance from what is known and what is measured at a tick, m/s²."""
-    _, shown = estimate(memory, measured_on_axes(measurement), numbers.laws, numbers.limit, period)
-    return Acceleration(*shown)
+    """Return the estimated disturbance at a tick, m/s², saturated at the limit."""
+    _, limited = estimate(memory, measured_on_axes(measurement), numbers.laws, numbers.limit, period)
+    return Acceleration(*limited)
 
 
 def next_memory(
@@ -101,22 +104,22 @@ def next_memory(
     numbers: EstimatorNumbers,
     period: float,
 ) -> tuple[Any, ...]:
-    """What the states of a `DisturbanceEstimator` hold a tick later."""
-    known, _ = estimate(memory, measured_on_axes(measurement), numbers.laws, numbers.limit, period)
+    """Return the states of a `DisturbanceEstimator` at the next tick."""
+    corrected, _ = estimate(memory, measured_on_axes(measurement), numbers.laws, numbers.limit, period)
     sent = tuple(
         [
-            AxisCommand(whole + learned - known_before, known_before)
-            for whole, learned, known_before in zip(command, correction, feed_forward, strict=True)
+            AxisCommand(total + learned - feed_forward_part, feed_forward_part)
+            for total, learned, feed_forward_part in zip(command, correction, feed_forward, strict=True)
         ]
     )
-    arrived, on_the_way = waited(sent, under_way)
-    memory, following = predict(known, following, arrived, numbers.laws, numbers.lags, period)
+    arrived, on_the_way = shift_delay_line(sent, under_way)
+    memory, following = predict(corrected, following, arrived, numbers.laws, numbers.lags, period)
     return memory, following, on_the_way
 
 
 @fleet_system(float, AutoDiffXd)
 class DisturbanceEstimator(FleetSystem):
-    """Estimates the acceleration that is not commanded: v' = a + d.
+    """Estimator of the acceleration d that is not commanded: v' = a + d.
 
     .. pydrake_system::
 
@@ -129,32 +132,32 @@ class DisturbanceEstimator(FleetSystem):
         output_ports:
         - disturbance
 
-    `disturbance` is d in W, within a limit, from the `measurement` of this tick and all that was measured and commanded
-    before. a is how the vehicle is believed to follow `acceleration_command` + `correction`, which a network takes away
-    and which is no longer the estimator's: whole ticks of delay, then a lag, with a time constant of its own for what
-    of it is `feed_forward`. Both are zero if not connected. The command is read at the ticks only, so that it may
-    depend on the disturbance.
+    `disturbance` is d in W, saturated at a limit. It follows from the `measurement` of this tick and from all earlier
+    measurements and commands. a is the modelled response to `acceleration_command` + `correction`: a delay in whole
+    ticks, then a lag. The part of the command that is `feed_forward` has its own time constant. `correction` is what a
+    network subtracts, and is therefore not estimated here. `correction` and `feed_forward` are zero if not connected.
+    The command is only read at the ticks, so that it may depend on the disturbance.
 
-    The states are `memory`, that of the law, `following`, how the command is followed, and `commands_under_way`, if
-    there is a delay; the only parameter of the context is `numbers`.
+    The states are `memory` of the law, `following`, which is the modelled response, and, if there is a delay,
+    `commands_under_way`. The only parameter of the context is `numbers`.
 
     Args:
-        num_vehicles: N.
-        period: of the ticks, s.
-        delay_ticks: whole ticks from a command to what it does, believed.
-        numbers: to estimate by.
+        num_vehicles: number of vehicles N.
+        period: tick period, s.
+        delay_ticks: modelled delay from a command to its effect, in whole ticks.
+        numbers: laws, time constants and limit.
     """
 
     def declare(self, *, period: float = 0.02, delay_ticks: int = 0, numbers: EstimatorNumbers) -> None:
-        """Declares the system."""
+        """Declare ports, states and parameters."""
         measurement, command = self.input("measurement"), self.input("acceleration_command")
-        nothing = Acceleration(0.0, 0.0, 0.0)
-        correction = self.input("correction", absent=nothing)
-        feed_forward = self.input("feed_forward", absent=nothing)
+        zero = Acceleration(0.0, 0.0, 0.0)
+        correction = self.input("correction", absent=zero)
+        feed_forward = self.input("feed_forward", absent=zero)
         parameter = self.parameter("numbers", lambda numbers: numbers)
-        memory, following = self.state("memory", memory_at_rest), self.state("following", lambda _: STILL)
-        under_way = self.state("commands_under_way", lambda _: (STILL,) * delay_ticks) if delay_ticks else ()
+        memory, following = self.state("memory", memory_at_rest), self.state("following", lambda _: ZERO_COMMANDS)
+        under_way = self.state("commands_under_way", lambda _: (ZERO_COMMANDS,) * delay_ticks) if delay_ticks else ()
         writes = memory, following, under_way
         reads = measurement, command, correction, feed_forward, parameter, period
         self.update(period, next_memory, *writes, *reads, writes=writes)
-        self.output("disturbance", shown_disturbance, memory, measurement, parameter, period)
+        self.output("disturbance", limited_disturbance, memory, measurement, parameter, period)

@@ -1,8 +1,8 @@
-"""How the vehicle is believed to follow commanded accelerations: whole ticks of delay, then a lag of first order.
+"""Modelled response of the vehicle to commanded accelerations: a delay in whole ticks, then a lag of first order.
 
-What carries a command out is more than that: an attitude loop, rotors, a filter in front of what is measured. One time
-constant stands for all of them, as in the models of most estimators that fly. What is fed forward with its derivatives
-does not wait for the attitude loop, and has a time constant of its own.
+The real response includes an attitude loop, rotors, and a filter of the measurements. One time constant represents all
+of them, as in most estimators that are used in flight. Commands that are fed forward together with their derivatives do
+not wait for the attitude loop, and have their own time constant.
 """
 
 from typing import NamedTuple
@@ -11,13 +11,13 @@ from drake_quad.framework.elementary import exp
 from drake_quad.signals import Row
 
 
-class Moved(NamedTuple):
-    """What a lag of first order does from one tick to the next.
+class LagStep(NamedTuple):
+    """Step of a lag of first order over one tick.
 
     Attributes:
-        after: at the end of the tick, m/s².
-        speed: its integral over the tick, m/s.
-        distance: its integral, integrated once more, m.
+        after: acceleration at the end of the tick, m/s².
+        speed: integral of the acceleration over the tick, m/s.
+        distance: second integral of the acceleration over the tick, m.
     """
 
     after: Row
@@ -26,46 +26,46 @@ class Moved(NamedTuple):
 
 
 class AxisCommand(NamedTuple):
-    """A commanded acceleration on an axis, or how the vehicle follows it, m/s².
+    """Commanded acceleration on an axis, or the modelled response to it, m/s².
 
     Attributes:
-        feedback: what depends on measurements.
-        feed_forward: what follows from the reference alone.
+        feedback: part that depends on measurements.
+        feed_forward: part that follows from the reference alone.
     """
 
     feedback: Row
     feed_forward: Row
 
 
-def lagging(before: Row, target: Row, lag: Row, period: float) -> Moved:
-    """A lag a' = (target - a) / lag under a target that is held, exactly.
+def lag_step(before: Row, target: Row, lag: Row, period: float) -> LagStep:
+    """Compute one tick of a lag a' = (target - a) / lag with constant target, exactly.
 
     Args:
-        before: a at the tick, m/s².
-        target: m/s².
+        before: a at the start of the tick, m/s².
+        target: target acceleration, m/s².
         lag: time constant, s.
-        period: of the ticks, s.
+        period: tick period, s.
     """
     share = 1.0 - exp(-period / lag)
-    off = before - target
-    speed = lag * share * off
-    distance = 0.5 * period * period * target + lag * (period * off - speed)
-    return Moved(before - share * off, period * target + speed, distance)
+    offset = before - target
+    speed = lag * share * offset
+    distance = 0.5 * period * period * target + lag * (period * offset - speed)
+    return LagStep(before - share * offset, period * target + speed, distance)
 
 
-def responded(
+def response_step(
     before: AxisCommand, command: AxisCommand, lags: AxisCommand, period: float
 ) -> tuple[AxisCommand, Row, Row]:
-    """How the vehicle follows a command a tick later, and the velocity (m/s) and distance (m) that it gains.
+    """Return the modelled response at the next tick, and its integrals over the tick: velocity (m/s) and distance (m).
 
     Args:
-        before: how it follows at the tick.
-        command: that is there at the tick.
+        before: response at the start of the tick.
+        command: command during the tick.
         lags: time constants, s.
-        period: of the ticks, s.
+        period: tick period, s.
     """
     feedback, feed_forward = (
-        lagging(a, target, lag, period) for a, target, lag in zip(before, command, lags, strict=True)
+        lag_step(a, target, lag, period) for a, target, lag in zip(before, command, lags, strict=True)
     )
     after = AxisCommand(feedback.after, feed_forward.after)
     return after, feedback.speed + feed_forward.speed, feedback.distance + feed_forward.distance

@@ -1,10 +1,10 @@
-"""The estimator of a disturbing acceleration that sees by the tilt where the thrust points."""
+"""Estimator of a disturbing acceleration that uses the measured direction of the thrust."""
 
 from typing import Annotated, Any, NamedTuple
 
-from drake_quad.control.disturbance.estimator import estimate, measured_on_axes, memory_at_rest, waited
-from drake_quad.control.disturbance.laws import Gained
-from drake_quad.control.disturbance.response import lagging
+from drake_quad.control.disturbance.estimator import estimate, measured_on_axes, memory_at_rest, shift_delay_line
+from drake_quad.control.disturbance.laws import ModelIncrement
+from drake_quad.control.disturbance.response import lag_step
 from drake_quad.framework.elementary import sqrt
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.geometry.axes import BodyAxes
@@ -15,14 +15,14 @@ _Specific = Annotated[Row, Quantity("m/s²")]
 
 
 class TiltEstimatorNumbers(NamedTuple):
-    """What a `TiltDisturbanceEstimator` goes by.
+    """Parameters of a `TiltDisturbanceEstimator`.
 
     Attributes:
-        laws: records of one kind from `drake_quad.control.disturbance.laws`, on X, Y and Z.
-        lag: of the thrust.
-        gravity: g, believed.
-        limit: largest disturbance that is shown on an axis.
-        start: where the vehicle is at the beginning, m.
+        laws: estimation laws for X, Y and Z, all of one kind, from `drake_quad.control.disturbance.laws`.
+        lag: modelled time constant of the thrust.
+        gravity: g of the nominal model.
+        limit: largest disturbance in the output, on each axis.
+        start: initial position of the vehicle, m.
     """
 
     laws: tuple[Any, ...]
@@ -32,12 +32,12 @@ class TiltEstimatorNumbers(NamedTuple):
     start: PerAxis = PerAxis(0.0, 0.0, 0.0)
 
 
-class Pushed(NamedTuple):
-    """What is known of the accelerations at a tick.
+class KnownAccelerations(NamedTuple):
+    """Known accelerations at a tick.
 
     Attributes:
-        tilted: by thrust and weight.
-        learned: what disturbs the vehicle from then on, as far as a network has learned it.
+        tilted: acceleration by thrust and weight.
+        learned: disturbance that a network has learned, from this tick to the next.
     """
 
     tilted: Acceleration
@@ -45,65 +45,65 @@ class Pushed(NamedTuple):
 
 
 class SpecificThrust(NamedTuple):
-    """Thrust over mass, F / m."""
+    """Thrust per mass, F / m."""
 
     thrust: _Specific
 
 
 def tilted_acceleration(measurement: State, thrust: SpecificThrust, gravity: Row) -> Acceleration:
-    """The acceleration by thrust and weight, (F / m) z_B - g, with z_B as it is measured."""
+    """Return the acceleration (F / m) z_B - g by thrust and weight, with the measured z_B."""
     x, y, z = BodyAxes.of(measurement.roll, measurement.pitch, measurement.yaw).z
     return Acceleration(thrust.thrust * x, thrust.thrust * y, thrust.thrust * z - gravity)
 
 
-def known_by_tilt(
+def estimate_by_tilt(
     memory: tuple[Any, ...],
-    before: Pushed,
+    before: KnownAccelerations,
     thrust: SpecificThrust,
     measurement: State,
     numbers: TiltEstimatorNumbers,
     period: float,
 ) -> tuple[tuple[Any, ...], tuple[Row, ...], Acceleration]:
-    """The memory of each axis after what is measured at a tick, the disturbance, and the acceleration by tilt there.
+    """Return memory and disturbance on each axis after the measurement, and the acceleration by thrust and weight.
 
     Args:
-        memory: of each axis, after the tick before.
-        before: accelerations at the tick before.
-        thrust: at this tick.
-        measurement: of the vehicle's state.
-        numbers: to estimate by.
-        period: of the ticks, s.
+        memory: memory of each axis after the previous tick.
+        before: known accelerations at the previous tick.
+        thrust: modelled thrust per mass at this tick.
+        measurement: measured state of the vehicle.
+        numbers: parameters of the estimator.
+        period: tick period, s.
     """
     tilted = tilted_acceleration(measurement, thrust, numbers.gravity)
-    # Between two ticks the acceleration is taken for a straight line.
+    # The acceleration is linear in time between two ticks.
     predicted = tuple(
         [
             law.predicted(
-                known,
-                Gained(
+                corrected,
+                ModelIncrement(
                     period * (0.5 * (first + last) + learned),
                     period * period * (first / 3.0 + last / 6.0 + 0.5 * learned),
                 ),
                 period,
             )
-            for law, known, first, last, learned in zip(
+            for law, corrected, first, last, learned in zip(
                 numbers.laws, memory, before.tilted, tilted, before.learned, strict=True
             )
         ]
     )
-    known, shown = estimate(predicted, measured_on_axes(measurement), numbers.laws, numbers.limit, period)
-    return known, shown, tilted
+    corrected, limited = estimate(predicted, measured_on_axes(measurement), numbers.laws, numbers.limit, period)
+    return corrected, limited, tilted
 
 
-def shown_by_tilt(*arguments: Any) -> Acceleration:
-    """The disturbance; arguments as for `known_by_tilt`."""
-    _, shown, _ = known_by_tilt(*arguments)
-    return Acceleration(*shown)
+def disturbance_by_tilt(*arguments: Any) -> Acceleration:
+    """Return the estimated disturbance; arguments are those of `estimate_by_tilt`."""
+    _, limited, _ = estimate_by_tilt(*arguments)
+    return Acceleration(*limited)
 
 
-def next_by_tilt(
+def next_tilt_states(
     memory: tuple[Any, ...],
-    before: Pushed,
+    before: KnownAccelerations,
     thrust: SpecificThrust,
     under_way: tuple[SpecificThrust, ...],
     measurement: State,
@@ -112,18 +112,18 @@ def next_by_tilt(
     numbers: TiltEstimatorNumbers,
     period: float,
 ) -> Any:
-    """What the states of a `TiltDisturbanceEstimator` hold a tick later."""
-    known, _, tilted = known_by_tilt(memory, before, thrust, measurement, numbers, period)
+    """Return the states of a `TiltDisturbanceEstimator` at the next tick."""
+    corrected, _, tilted = estimate_by_tilt(memory, before, thrust, measurement, numbers, period)
     up = command.z + numbers.gravity
     sent = SpecificThrust(sqrt(command.x * command.x + command.y * command.y + up * up))
-    arrived, on_the_way = waited(sent, under_way)
-    after = SpecificThrust(lagging(thrust.thrust, arrived.thrust, numbers.lag, period).after)
-    return known, Pushed(tilted, learned), after, on_the_way
+    arrived, on_the_way = shift_delay_line(sent, under_way)
+    after = SpecificThrust(lag_step(thrust.thrust, arrived.thrust, numbers.lag, period).after)
+    return corrected, KnownAccelerations(tilted, learned), after, on_the_way
 
 
 @fleet_system(float, AutoDiffXd)
 class TiltDisturbanceEstimator(FleetSystem):
-    """Estimates the acceleration that neither thrust nor weight causes: v' = (F / m) z_B - g + d.
+    """Estimator of the acceleration d that neither thrust nor weight causes: v' = (F / m) z_B - g + d.
 
     .. pydrake_system::
 
@@ -135,39 +135,39 @@ class TiltDisturbanceEstimator(FleetSystem):
         output_ports:
         - disturbance
 
-    `disturbance` is d in W, within a limit, from the `measurement` of this tick and all that was measured and commanded
-    before. z_B, where the thrust points, is measured, as in the papers on L1 and Neural-Fly, so that the model does not
-    wait for the attitude loop; the thrust is believed to follow the length of `acceleration_command` + g after whole
-    ticks of delay with a lag. `learned_disturbance`, which a network takes away, is no longer the estimator's; it is
-    zero if not connected.
-    Both are read at the ticks only, so that the command may depend on the disturbance.
+    `disturbance` is d in W, saturated at a limit. It follows from the `measurement` of this tick and from all earlier
+    measurements and commands. The direction z_B of the thrust is measured, as in the papers on L1 and Neural-Fly, so
+    that the model does not lag behind the attitude loop. The thrust is modelled: it follows the length of
+    `acceleration_command` + g after a delay in whole ticks, with a lag. `learned_disturbance` is the part of the
+    disturbance that a network compensates, and is therefore not estimated here; it is zero if not connected. Both
+    inputs are only read at the ticks, so that the command may depend on the disturbance.
 
-    The states are `memory`, that of the law after the tick before, `before`, the accelerations there, `thrust`, and
-    `thrust_under_way`, if there is a delay; the only parameter of the context is `numbers`.
+    The states are `memory` of the law after the previous tick, `before` with the known accelerations there, `thrust`,
+    and, if there is a delay, `thrust_under_way`. The only parameter of the context is `numbers`.
 
     Args:
-        num_vehicles: N.
-        period: of the ticks, s.
-        delay_ticks: whole ticks from a commanded thrust to what it does, believed.
-        numbers: to estimate by.
+        num_vehicles: number of vehicles N.
+        period: tick period, s.
+        delay_ticks: modelled delay from a commanded thrust to its effect, in whole ticks.
+        numbers: laws, time constant, g and limit.
     """
 
     def declare(self, *, period: float = 0.02, delay_ticks: int = 0, numbers: TiltEstimatorNumbers) -> None:
-        """Declares the system."""
+        """Declare ports, states and parameters."""
         measurement, command = self.input("measurement"), self.input("acceleration_command")
-        nothing = Acceleration(0.0, 0.0, 0.0)
-        learned = self.input("learned_disturbance", absent=nothing)
+        zero = Acceleration(0.0, 0.0, 0.0)
+        learned = self.input("learned_disturbance", absent=zero)
         parameter = self.parameter("numbers", lambda numbers: numbers)
         memory = self.state("memory", memory_at_rest)
-        before = self.state("before", lambda _: Pushed(nothing, nothing))
+        before = self.state("before", lambda _: KnownAccelerations(zero, zero))
         thrust = self.state("thrust", _hover)
         under_way: Any = ()
         if delay_ticks:
             under_way = self.state("thrust_under_way", lambda numbers: (_hover(numbers),) * delay_ticks)
         writes = memory, before, thrust, under_way
         reads = measurement, command, learned, parameter, period
-        self.update(period, next_by_tilt, *writes, *reads, writes=writes)
-        self.output("disturbance", shown_by_tilt, memory, before, thrust, measurement, parameter, period)
+        self.update(period, next_tilt_states, *writes, *reads, writes=writes)
+        self.output("disturbance", disturbance_by_tilt, memory, before, thrust, measurement, parameter, period)
 
 
 def _hover(numbers: TiltEstimatorNumbers) -> SpecificThrust:

@@ -1,1 +1,1 @@
-"""Fuzzy neural networks that learn in flight."""
+"""Adaptive fuzzy networks around a controller."""

@@ -1,26 +1,30 @@
-"""How the membership functions learn, which the paper names as future work.
+"""Adaptation of the membership functions, which the paper names as future work.
 
-The weights F follow the gradient of the cost s² / 2 of the signal s that is learned from, with W = ∂τ_f/∂F: a
-correction that takes away more makes s larger, by a gain that is positive and that the rate stands for. Any other
-number θ of the network follows the same gradient,
+The weights F follow the gradient of the cost s² / 2 of the learning signal s, with W = ∂τ_f/∂F. A larger correction
+makes s larger, by a positive gain that is part of the rate. Any other number θ of the network follows the same
+gradient,
 
     θ̇ = -γ s ∂τ_f/∂θ
 
-For a family of sets, upper or lower, with grades μ_ki of input k in its set i, shares μ̃_ki = μ_ki / Σ_i μ_ki and
-τ = Σ F Π_k μ̃_k, the output is linear in the shares of each input: τ = Σ_i μ̃_ki M_ki, where M_ki is the output of the
-rules of set i by themselves. So ∂τ/∂μ_ki = (M_ki - τ) / Σ_i μ_ki, and with v = |x - c| / d, by (11) and (12),
+Consider a family of sets, upper or lower, with grades μ_ki of input k in its set i, normalised grades
+μ̃_ki = μ_ki / Σ_i μ_ki and the output τ = Σ F Π_k μ̃_k. The output is linear in the normalised grades of each input:
+τ = Σ_i μ̃_ki M_ki, where M_ki is the output of the rules of set i alone. Therefore ∂τ/∂μ_ki = (M_ki - τ) / Σ_i μ_ki,
+and
+with v = |x - c| / d, by (11) and (12),
 
     ∂μ/∂v = -v^(a-1) (1 - v^a)^(1/a-1)                ∂v/∂c = -sign(x - c) / d,  ∂v/∂d = -v / d
     ∂μ/∂a = μ (-ln(1 - v^a) / a² - v^a ln v / (a (1 - v^a)))
 
-(10) adds q times the lower to 1 - q times the upper, and ∂τ_f/∂q is their difference. ∂μ/∂v is infinite at the edge of
-an upper set and at the centre of a lower one; it counts as -10 at most, ten times that of a triangle.
+Eq (10) is q times the lower plus 1 - q times the upper output, so that ∂τ_f/∂q is their difference. ∂μ/∂v is infinite
+at the edge of an upper set and at the centre of a lower one. It is limited to -10, ten times the slope of a triangle.
 
-After every tick what has been learned is brought back to where the sets are valid. The outermost centres stay, since
-they are the universe, or keep a circle in place; the others keep within a quarter of the gap to either neighbour that
-there was at first, so that they stay in order. Widths are such that neighbours overlap by 2 % of their gap at least,
-shared out as at first, and no larger than the universe, or than they were; 1.001 <= a₁ <= 10, 0.1 <= a₂ <= 0.999 and
-0 <= q <= 1.
+After every tick the numbers are projected onto valid sets:
+
+* The outermost centres are constant, since they define the universe, or fix the sets on a circle. Each other centre
+  stays within a quarter of the initial gap to either neighbour, so that centres keep their order.
+* Widths are large enough that neighbours overlap by at least 2 % of their gap, in the initial proportion, and not
+  larger than the universe or their initial value.
+* 1.001 <= a₁ <= 10, 0.1 <= a₂ <= 0.999 and 0 <= q <= 1.
 """
 
 import itertools
@@ -34,20 +38,26 @@ from drake_quad.signals import Row
 
 Part = Literal["centres", "widths", "exponents"]
 
-# The steepest slope that counts, and a distance from centre and edge, over the width, that keeps all powers finite.
-_STEEPEST, _NEAR = -10.0, 1e-9
-# Of a gap to the neighbour: how far a centre may go, and by how much sets overlap.
-_REACH, _OVERLAP = 0.25, 1.02
-_UPPER, _LOWER = (1.001, 10.0), (0.1, 0.999)
+# Slopes are limited to this value, see the docstring of the module.
+_MIN_SLOPE = -10.0
+# At this distance from the centre and from the edge of a set, relative to its width, all powers are finite.
+_MIN_DISTANCE = 1e-9
+# Largest displacement of a centre, relative to the initial gap to its neighbour.
+_MAX_DISPLACEMENT = 0.25
+# Least sum of the widths of two neighbours, relative to the gap between them.
+_MIN_OVERLAP = 1.02
+# Smallest and largest exponents of the upper and of the lower sets.
+_UPPER_EXPONENTS = (1.001, 10.0)
+_LOWER_EXPONENTS = (0.1, 0.999)
 
 
 class AdaptationRates(NamedTuple):
-    """Rates γ, s²/m² for the surface and s³/m² for the feedback.
+    """Learning rates γ, in s²/m² for the signal "surface" and s³/m² for "feedback".
 
     Attributes:
-        centres: of the centres.
-        widths: of the widths.
-        exponents: of a₁, a₂ and q.
+        centres: rate of the centres.
+        widths: rate of the widths.
+        exponents: rate of a₁, a₂ and q.
     """
 
     centres: Row = 0.0
@@ -56,26 +66,27 @@ class AdaptationRates(NamedTuple):
 
 
 def membership_slopes(u: Row, exponent: Row) -> tuple[Row, Row]:
-    """∂μ/∂v and ∂μ/∂a at a distance v = |u| from the centre, over the width; zero outside of the set."""
+    """Return ∂μ/∂v and ∂μ/∂a at v = |u|, the distance from the centre relative to the width; zero outside the set."""
     distance = abs(u)
-    within = minimum(maximum(distance, _NEAR), 1.0 - _NEAR)
-    logarithm = log(within, normal=True)
+    limited = minimum(maximum(distance, _MIN_DISTANCE), 1.0 - _MIN_DISTANCE)
+    logarithm = log(limited, normal=True)
     power = exp(exponent * logarithm)
-    rest = 1.0 - power
-    of_rest = log(rest, normal=True)
-    grade = exp((1.0 / exponent) * of_rest)
-    by_distance = maximum(-(power / within) * (grade / rest), _STEEPEST)
-    by_exponent = -(grade / exponent) * (of_rest / exponent + power * logarithm / rest)
+    remainder = 1.0 - power
+    log_rest = log(remainder, normal=True)
+    grade = exp((1.0 / exponent) * log_rest)
+    by_distance = maximum(-(power / limited) * (grade / remainder), _MIN_SLOPE)
+    by_exponent = -(grade / exponent) * (log_rest / exponent + power * logarithm / remainder)
     return where(distance < 1.0, by_distance, 0.0 * u), where(distance < 1.0, by_exponent, 0.0 * u)
 
 
 class _Family(NamedTuple):
-    """What the upper or the lower sets make of the inputs.
+    """Output of the upper or of the lower sets, and its derivatives.
 
     Attributes:
-        output: τ.
-        of_inputs: derivatives of τ with respect to the sets of each input; nothing is known of scales.
-        exponent: derivative with respect to a.
+        output: output τ.
+        of_inputs: derivatives of τ with respect to the sets of each input; those with respect to scales are left at
+            zero.
+        exponent: derivative of τ with respect to a.
     """
 
     output: Row
@@ -92,10 +103,10 @@ def _family(values: Sequence[Row], inputs: Sequence[Sets], exponent: Row, weight
     output = total([math.prod(choice, start=weight) for weight, choice in zip(weights, choices, strict=True)])
     of_inputs, of_exponent = [], []
     for k, (sets, each, factor) in enumerate(zip(inputs, distances, factors, strict=True)):
-        alone = _alone(weights, shares, k)
-        pulls = [(own - output) * factor for own in alone]
+        outputs = _outputs_of_single_sets(weights, shares, k)
+        derivatives = [(single - output) * factor for single in outputs]
         slopes = [membership_slopes(u, exponent) for u in each]
-        by_distance = [pull * slope for pull, (slope, _) in zip(pulls, slopes, strict=True)]
+        by_distance = [derivative * slope for derivative, (slope, _) in zip(derivatives, slopes, strict=True)]
         signs = [where(u > 0.0, 1.0, where(u < 0.0, -1.0, 0.0 * u)) for u in each]
         of_inputs.append(
             type(sets)(
@@ -104,27 +115,27 @@ def _family(values: Sequence[Row], inputs: Sequence[Sets], exponent: Row, weight
                 tuple([-by * abs(u) / d for by, u, d in zip(by_distance, each, sets.widths, strict=True)]),
             )
         )
-        of_exponent += [pull * slope for pull, (_, slope) in zip(pulls, slopes, strict=True)]
+        of_exponent += [derivative * slope for derivative, (_, slope) in zip(derivatives, slopes, strict=True)]
     return _Family(output, of_inputs, total(of_exponent))
 
 
-def _alone(weights: Sequence[Row], shares: Sequence[Sequence[Row]], k: int) -> list[Row]:
-    """M_ki: the output of the rules of each set of input k, by themselves."""
-    places = itertools.product(*(range(len(each)) for each in shares))
+def _outputs_of_single_sets(weights: Sequence[Row], shares: Sequence[Sequence[Row]], k: int) -> list[Row]:
+    """Return M_ki, the output of the rules of each set of input k alone."""
+    indices = itertools.product(*(range(len(each)) for each in shares))
     of_sets: list[list[Row]] = [[] for _ in shares[k]]
-    for place, weight, choice in zip(places, weights, itertools.product(*shares), strict=True):
+    for index, weight, choice in zip(indices, weights, itertools.product(*shares), strict=True):
         of_others = [share for other, share in enumerate(choice) if other != k]
-        of_sets[place[k]].append(math.prod(of_others, start=weight))
+        of_sets[index[k]].append(math.prod(of_others, start=weight))
     return [total(each) for each in of_sets]
 
 
 def output_gradient(values: Sequence[Row], antecedents: Antecedents, weights: Sequence[Row]) -> Antecedents:
-    """∂τ_f/∂θ of all numbers of the antecedents, in their places; zero for scales, which do not learn.
+    """Return the gradient ∂τ_f/∂θ, arranged like the antecedents; zero for scales, which do not learn.
 
     Args:
-        values: of the inputs, each in its unit.
-        antecedents: of the rules.
-        weights: F.
+        values: values of the inputs, each in its unit.
+        antecedents: antecedents of the rules.
+        weights: weights F of the rules.
     """
     a1, a2, q, inputs = antecedents
     upper, lower = _family(values, inputs, a1, weights), _family(values, inputs, a2, weights)
@@ -158,25 +169,27 @@ def adapted(
     initial: Antecedents,
     parts: Sequence[Part],
 ) -> Antecedents:
-    """The antecedents a step down a gradient, brought back to where they are valid.
+    """Return the antecedents after a gradient step, projected onto valid sets.
 
     Args:
-        antecedents: before.
-        gradient: ∂τ_f/∂θ.
-        step: the period times the signal that is learned from.
-        rates: γ.
-        initial: antecedents at the beginning.
-        parts: that learn.
+        antecedents: antecedents before the step.
+        gradient: gradient ∂τ_f/∂θ.
+        step: tick period times the learning signal.
+        rates: learning rates γ.
+        initial: initial antecedents.
+        parts: parts of the antecedents that learn.
     """
     a1, a2, q, inputs = antecedents
     if "exponents" in parts:
         by = step * rates.exponents
-        a1 = _held(a1 - by * gradient.a1, *_UPPER)
-        a2 = _held(a2 - by * gradient.a2, *_LOWER)
-        q = _held(q - by * gradient.q, 0.0, 1.0)
+        a1 = _clipped(a1 - by * gradient.a1, *_UPPER_EXPONENTS)
+        a2 = _clipped(a2 - by * gradient.a2, *_LOWER_EXPONENTS)
+        q = _clipped(q - by * gradient.q, 0.0, 1.0)
     if "centres" in parts:
         by = step * rates.centres
-        inputs = tuple([_moved(*each, by) for each in zip(inputs, gradient.inputs, initial.inputs, strict=True)])
+        inputs = tuple(
+            [_with_moved_centres(*each, by) for each in zip(inputs, gradient.inputs, initial.inputs, strict=True)]
+        )
     if "widths" in parts:
         by = step * rates.widths
         inputs = tuple(
@@ -186,45 +199,52 @@ def adapted(
             ]
         )
     if "centres" in parts or "widths" in parts:
-        inputs = tuple([_overlapping(*each) for each in zip(inputs, initial.inputs, strict=True)])
+        inputs = tuple([_with_valid_widths(*each) for each in zip(inputs, initial.inputs, strict=True)])
     return Antecedents(a1, a2, q, inputs)
 
 
-def _held(value: Row, least: Row, most: Row) -> Row:
+def _clipped(value: Row, least: Row, most: Row) -> Row:
     return maximum(minimum(value, most), least)
 
 
-def _moved(sets: Sets, gradient: Sets, initial: Sets, by: Row) -> Sets:
-    """The sets with their inner centres moved, as far as they may go."""
+def _with_moved_centres(sets: Sets, gradient: Sets, initial: Sets, by: Row) -> Sets:
+    """Return the sets after a gradient step of their inner centres, within the allowed displacement."""
     _, *inner, _ = zip(sets.centres, gradient.centres, strict=True)
     first, *_, last = sets.centres
-    moved = [
-        _held(c - by * of_c, begun - _REACH * (begun - before), begun + _REACH * (after - begun))
-        for (c, of_c), ((before, begun), (_, after)) in zip(
+    moved_centres = [
+        _clipped(
+            c - by * of_c,
+            initial_centre - _MAX_DISPLACEMENT * (initial_centre - before),
+            initial_centre + _MAX_DISPLACEMENT * (after - initial_centre),
+        )
+        for (c, of_c), ((before, initial_centre), (_, after)) in zip(
             inner, itertools.pairwise(itertools.pairwise(initial.centres)), strict=True
         )
     ]
-    return sets._replace(centres=(first, *moved, last))
+    return sets._replace(centres=(first, *moved_centres, last))
 
 
-def _overlapping(sets: Sets, initial: Sets) -> Sets:
-    """The sets with widths that are neither too small for their neighbours nor too large for the universe."""
+def _with_valid_widths(sets: Sets, initial: Sets) -> Sets:
+    """Return the sets with widths that are neither too small for their neighbours nor too large for the universe."""
     first, *_, last = sets.centres
     first_width, *_ = initial.widths
-    # What each set needs of the gap after it, and the next one of the same gap; on a circle the first follows the last.
+    # Each gap requires a width of the set before it and of the set after it. On a circle the last gap leads to the
+    # first set.
     after: list[Row] = []
     before: list[Row] = []
-    for gap, (left, right) in zip(sets.gaps, itertools.pairwise((*initial.widths, first_width)), strict=False):
-        share = _OVERLAP * gap / (left + right)
-        after.append(share * left)
-        before.append(share * right)
+    for gap, (left_width, right_width) in zip(
+        sets.gaps, itertools.pairwise((*initial.widths, first_width)), strict=False
+    ):
+        share = _MIN_OVERLAP * gap / (left_width + right_width)
+        after.append(share * left_width)
+        before.append(share * right_width)
     if len(after) < len(sets.widths):
         after.append(0.0)
         before.append(0.0)
     *of_others, of_first = before
     widths = [
-        _held(width, maximum(of_low, of_high), maximum(begun, last - first))
-        for width, begun, of_low, of_high in zip(
+        _clipped(width, maximum(of_low, of_high), maximum(initial_width, last - first))
+        for width, initial_width, of_low, of_high in zip(
             sets.widths, initial.widths, [of_first, *of_others], after, strict=True
         )
     ]

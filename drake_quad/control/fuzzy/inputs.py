@@ -1,9 +1,9 @@
-"""What the rules of a network look at.
+"""Inputs of the rules of a network.
 
-`error`, `error_rate` and `disturbance` are e, ė and the estimated d on the axis on which the network acts. `x` to `v_z`
-are position and velocity in W, as measured: what is learned over them is a map of the room. `phase` is how much of its
-route, or of a lap of it, the vehicle should have flown, from 0 to 1: what is learned over it is a schedule. Where a lap
-ends the next one begins, so that its sets stand around a circle.
+`error`, `error_rate` and `disturbance` are e, ė and the estimated d on the axis of the network. `x` to `v_z` are the
+measured position and velocity in W; a network over them learns a map of the room. `phase` is the fraction of the route,
+or of its current lap, that is over according to the schedule, from 0 to 1; a network over it learns a function of time.
+One lap follows the other, so that the sets of `phase` may lie on a circle.
 """
 
 import itertools
@@ -16,12 +16,13 @@ from drake_quad.signals import Row, State
 
 InputName = Literal["error", "error_rate", "x", "y", "z", "v_x", "v_y", "v_z", "phase", "disturbance"]
 
-_ROUNDING = 1e-9
+# Tolerance on the end of a lap, as a fraction of the lap.
+_LAP_TOLERANCE = 1e-9
 _ON_OWN_AXIS = ("error", "error_rate", "disturbance")
 
 
 def signals_of(inputs: Sequence[InputName]) -> tuple[str, ...]:
-    """The signals from which inputs follow, each once."""
+    """Return the names of the signals that determine the inputs, without duplicates."""
     names = [name if name in _ON_OWN_AXIS else "measurement" for name in inputs if name != "phase"]
     return tuple(dict.fromkeys(names))
 
@@ -29,14 +30,14 @@ def signals_of(inputs: Sequence[InputName]) -> tuple[str, ...]:
 def input_values(
     axis: Axis, inputs: Sequence[InputName], signals: Mapping[str, Any], time: Row, lap_times: Sequence[float]
 ) -> list[Row]:
-    """The inputs of a network on one of its axes, each in its unit.
+    """Return the inputs of a network on one of its axes, each in its unit.
 
     Args:
-        axis: of the network.
-        inputs: their names.
-        signals: those of `signals_of`, by name.
-        time: s; of no meaning without the phase.
-        lap_times: when the laps begin and the last one ends, s; likewise.
+        axis: axis of the network.
+        inputs: names of the inputs.
+        signals: the signals that `signals_of` names, by name.
+        time: time, s; used by the input `phase` only.
+        lap_times: start of each lap and end of the last one, s; used by the input `phase` only.
     """
     values = []
     for name in inputs:
@@ -48,19 +49,19 @@ def input_values(
     return values
 
 
-def moved_on(measurement: State, lead: Row) -> State:
-    """What is measured, with the position to which the velocity leads in a time (s)."""
+def extrapolated(measurement: State, lead: Row) -> State:
+    """Return the measurement with the position extrapolated by the measured velocity over a lead time (s)."""
     x, y, z = measurement.x, measurement.y, measurement.z
     v_x, v_y, v_z = measurement.v_x, measurement.v_y, measurement.v_z
     return measurement._replace(x=x + lead * v_x, y=y + lead * v_y, z=z + lead * v_z)
 
 
 def route_phase(time: Row, lap_times: Sequence[float]) -> Row:
-    """The share of the lap that is over at a time (s), from 0 to 1; of several laps each begins at 0.
+    """Return the fraction of the current lap that is over, from 0 to 1.
 
     Args:
-        time: s.
-        lap_times: when the laps begin and the last one ends, s.
+        time: time, s.
+        lap_times: start of each lap and end of the last one, s.
     """
     laps = [
         minimum(maximum((time - start) * (1.0 / (end - start)), 0.0), 1.0)
@@ -70,5 +71,5 @@ def route_phase(time: Row, lap_times: Sequence[float]) -> Row:
     if len(laps) == 1:
         return flown
     past = flown - nearest(flown)
-    # What is before the end of a lap by rounding only is at the beginning of the next.
-    return where(past < -_ROUNDING, past + 1.0, maximum(past, 0.0))
+    # A time that is before the end of a lap only by rounding belongs to the next lap.
+    return where(past < -_LAP_TOLERANCE, past + 1.0, maximum(past, 0.0))

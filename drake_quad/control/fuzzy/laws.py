@@ -1,4 +1,4 @@
-"""How the network learns: laws with one signature, numbered as in the paper.
+"""Learning laws of the network's weights, all with one signature, with the equation numbers of the paper.
 
     (14) τ = τ_c - τ_f, with τ_c the PD's command        (15) s_p = ė + λ e
     (16) Ḟ = -K_D P W s_p                                 (17) Ṗ = -P W Wᵀ P
@@ -8,11 +8,11 @@ c = Wᵀ P W
 
     P⁺ = P - h g gᵀ / (1 + h c)        F⁺ = F - K_D s_p g ln(1 + h c) / c
 
-so that P⁻¹ grows by h W Wᵀ and stays positive definite however large it was, where Euler's method fails as soon as h c
-exceeds 1. It is least squares without forgetting: the covariance only shrinks and learning slows down for ever. The
-variants in `CovarianceLaw` let it grow again.
+P⁻¹ grows by h W Wᵀ and stays positive definite for any P, whereas Euler's method fails if h c exceeds 1. The law is
+least squares without forgetting: the covariance only shrinks, and learning slows down forever. The variants in
+`CovarianceLaw` let the covariance grow again.
 
-A law learns on one axis. What it remembers is its memory, a tuple of rows.
+A law learns on one axis. Its memory is a tuple of rows.
 """
 
 import math
@@ -26,44 +26,44 @@ Rows = tuple[Row, ...]
 
 
 class LearningLaw(Protocol):
-    """What all laws have in common; they are records of rows.
+    """Interface of all learning laws, which are records of rows.
 
-    The signal that a law learns from is s_p of eq (15), m/s, or the feedback τ_c, m/s²; units of gains are those for
-    the former, but for the sign law, whose are for the latter.
+    A law learns from a signal: s_p of eq (15), m/s, or the feedback τ_c, m/s². Units of gains are those for s_p, except
+    in `SignLaw`, where they are those for τ_c.
     """
 
     @property
     def memory_name(self) -> str:
-        """Of the state group that holds the memory."""
+        """Name of the state group that holds the memory."""
 
     def memory(self, num_rules: int) -> Rows:
-        """The memory at the beginning."""
+        """Return the initial memory."""
 
     def learned(self, weights: Rows, memory: Rows, firing: Rows, signal: Row, period: float) -> tuple[Rows, Rows]:
-        """Weights and memory a period later.
+        """Return weights and memory at the next tick.
 
         Args:
-            weights: F of the R rules, m/s².
-            memory: of the law.
-            firing: W of the R rules.
-            signal: that is learned from.
-            period: h, s.
+            weights: weights F of the R rules, m/s².
+            memory: memory of the law.
+            firing: firing strengths W of the R rules.
+            signal: learning signal.
+            period: tick period h, s.
         """
 
 
 class CovarianceLaw(NamedTuple):
     """The paper's law, (16) and (17), as least squares.
 
-    With a forgetting factor μ < 1 a tick ends with P⁺ / μ', where μ' = 1 - (1 - μ) max(0, 1 - tr P / (R p₀)): as μ
-    says while P is small, and no further than to the trace that it began with. This is bounded-gain forgetting (J.-J.
-    E. Slotine and W. Li, "Applied Nonlinear Control", 1991, section 8.7), with the trace for the norm.
+    With a forgetting factor μ < 1 each tick divides P⁺ by μ' = 1 - (1 - μ) max(0, 1 - tr P / (R p₀)). Forgetting is as
+    strong as μ while P is small, and the trace cannot exceed its initial value. This is bounded-gain forgetting (J.-J.
+    E. Slotine and W. Li, "Applied Nonlinear Control", 1991, section 8.7), with the trace as the norm.
 
-    The memory is P, symmetric, its upper triangle row by row.
+    The memory is the upper triangle of the symmetric P, row by row.
 
     Attributes:
-        gain: K_D, 1/s.
+        gain: gain K_D, 1/s.
         initial_covariance: p₀ of P₀ = p₀ I, 1/s.
-        forgetting: μ for a tick, in (0, 1]; 1 for the paper's.
+        forgetting: forgetting factor μ per tick, in (0, 1]; 1 for the paper's law.
     """
 
     gain: Row = 1.0
@@ -72,15 +72,15 @@ class CovarianceLaw(NamedTuple):
 
     @property
     def memory_name(self) -> str:
-        """See `LearningLaw`."""
+        """Name of the state group that holds P."""
         return "covariance"
 
     def memory(self, num_rules: int) -> Rows:
-        """See `LearningLaw`."""
+        """Return the upper triangle of P₀, row by row."""
         return tuple([self.initial_covariance if i == j else 0.0 for i, j in _upper_triangle(num_rules)])
 
     def learned(self, weights: Rows, memory: Rows, firing: Rows, signal: Row, period: float) -> tuple[Rows, Rows]:
-        """Eqs (16) and (17); see `LearningLaw`."""
+        """Return weights and covariance after eqs (16) and (17); see `LearningLaw`."""
         size = len(weights)
         covariance = dict(zip(_upper_triangle(size), memory, strict=True))
         information = [
@@ -88,46 +88,48 @@ class CovarianceLaw(NamedTuple):
         ]  # g = P W
         variance = dot(firing, information)  # c
         factor = period / (1.0 + period * variance)
-        left = tuple([memory_ij - factor * information[i] * information[j] for (i, j), memory_ij in covariance.items()])
+        reduced = tuple(
+            [memory_ij - factor * information[i] * information[j] for (i, j), memory_ij in covariance.items()]
+        )
         step = self.gain * signal * log_of_1_plus(period * variance) / variance
         after = tuple([f - step * g for f, g in zip(weights, information, strict=True)])
-        filled = maximum(1.0 - trace(left) / (size * self.initial_covariance), 0.0)
-        growth = 1.0 / (1.0 - (1.0 - self.forgetting) * filled)
-        return after, tuple([growth * row for row in left])
+        relative_decrease = maximum(1.0 - trace(reduced) / (size * self.initial_covariance), 0.0)
+        growth = 1.0 / (1.0 - (1.0 - self.forgetting) * relative_decrease)
+        return after, tuple([growth * row for row in reduced])
 
 
 class GradientLaw(NamedTuple):
-    """(16) with a constant covariance: Ḟ = -γ W s_p.
+    """Eq (16) with a constant covariance: Ḟ = -γ W s_p.
 
     Attributes:
-        rate: γ, 1/s².
+        rate: learning rate γ, 1/s².
     """
 
     rate: Row = 1.0
 
     @property
     def memory_name(self) -> str:
-        """See `LearningLaw`."""
+        """Placeholder, since the law has no memory."""
         return "nothing"
 
     def memory(self, num_rules: int) -> Rows:
-        """See `LearningLaw`: none."""
+        """Return no rows, since the law has no memory."""
         return ()
 
     def learned(self, weights: Rows, memory: Rows, firing: Rows, signal: Row, period: float) -> tuple[Rows, Rows]:
-        """See `LearningLaw`."""
+        """Return the weights after a gradient step; see `LearningLaw`."""
         step = period * self.rate * signal
         return tuple([f - step * w for f, w in zip(weights, firing, strict=True)]), memory
 
 
 class SignLaw(NamedTuple):
-    """The law of other works of the same group: Ḟ = -W / (WᵀW) α sign(τ_c), α̇ = 2 γ |τ_c|.
+    """Law of other publications of the same group: Ḟ = -W / (WᵀW) α sign(τ_c), α̇ = 2 γ |τ_c|.
 
     The memory is α, m/s³.
 
     Attributes:
-        rate: γ, 1/s².
-        initial_slope: α₀, m/s³.
+        rate: learning rate γ, 1/s².
+        initial_slope: initial slope α₀, m/s³.
     """
 
     rate: Row = 1.0
@@ -135,15 +137,15 @@ class SignLaw(NamedTuple):
 
     @property
     def memory_name(self) -> str:
-        """See `LearningLaw`."""
+        """Name of the state group that holds α."""
         return "slope"
 
     def memory(self, num_rules: int) -> Rows:
-        """See `LearningLaw`."""
+        """Return α₀."""
         return (self.initial_slope,)
 
     def learned(self, weights: Rows, memory: Rows, firing: Rows, signal: Row, period: float) -> tuple[Rows, Rows]:
-        """See `LearningLaw`."""
+        """Return weights and α at the next tick; see `LearningLaw`."""
         (slope,) = memory
         sign = where(signal > 0.0, 1.0, where(signal < 0.0, -1.0, 0.0))
         step = period * slope * sign / dot(firing, firing)
@@ -152,12 +154,12 @@ class SignLaw(NamedTuple):
 
 
 class LearningLimits(NamedTuple):
-    """What keeps learning within bounds; nothing does by default.
+    """Limits of learning. The defaults do not limit it.
 
     Attributes:
         weight: largest |F|, m/s².
-        deadzone: below which the signal that is learned from counts as zero, in its units.
-        leakage: rate at which F decays by itself, 1/s.
+        deadzone: least absolute value of the learning signal; smaller values count as zero. In the unit of the signal.
+        leakage: rate at which F decays, 1/s.
     """
 
     weight: Row = math.inf
@@ -166,11 +168,11 @@ class LearningLimits(NamedTuple):
 
 
 def trace(triangle: Rows) -> Row:
-    """The trace of a symmetric matrix, given its upper triangle, row by row."""
+    """Return the trace of a symmetric matrix, given its upper triangle row by row."""
     size = math.isqrt(2 * len(triangle))
     return total([row for (i, j), row in zip(_upper_triangle(size), triangle, strict=True) if i == j])
 
 
 def _upper_triangle(size: int) -> Iterator[tuple[int, int]]:
-    """The places in the upper triangle of a matrix, row by row."""
+    """Return the indices of the upper triangle of a matrix, row by row."""
     return ((i, j) for i in range(size) for j in range(i, size))

@@ -1,4 +1,4 @@
-"""Membership functions that learn, as a Drake system."""
+"""Adaptive membership functions, as a Drake system."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, Literal, NamedTuple
@@ -10,10 +10,10 @@ from drake_quad.control.fuzzy.systems import (
     UNCONNECTED,
     LearningNumbers,
     PerNetworkAxis,
-    counted,
     layout_of_antecedents,
     layout_on_axes,
     signal_and_ports,
+    with_deadzone,
 )
 from drake_quad.framework.fleet_system import TIME, AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.geometry.per_axis import Axis
@@ -21,12 +21,12 @@ from drake_quad.signals import Row
 
 
 class AdaptationNumbers(NamedTuple):
-    """What membership functions learn by.
+    """Parameters of adaptive membership functions.
 
     Attributes:
-        antecedents: at the beginning, on each axis.
-        rates: γ.
-        learning: of the weights; slope, dead zone and signal are the same here.
+        antecedents: initial antecedents on each axis.
+        rates: learning rates γ.
+        learning: learning parameters of the weights. Their slope and dead zone also apply to the membership functions.
     """
 
     antecedents: tuple[Antecedents, ...] = (Antecedents(), Antecedents())
@@ -48,35 +48,35 @@ def adapted_on_axes(
     ports: Sequence[str],
     *signals: Any,
 ) -> tuple[Antecedents, ...]:
-    """The antecedents on each axis of a network a tick later.
+    """Return the antecedents on each axis of a network at the next tick.
 
     Args:
-        antecedents: before.
-        weights: F.
-        numbers: to learn by.
-        axes: of the network.
-        inputs: of the rules.
-        parts: that learn.
-        time: of the tick, s.
-        lap_times: when the laps of the route begin and the last one ends, s.
-        period: h, s.
-        signal_of: `surface` or `feedback`, from which the network learns.
-        ports: names of the signals that this is made of.
-        signals: these, and then those from which the inputs follow.
+        antecedents: antecedents at this tick.
+        weights: weights F of the rules.
+        numbers: parameters of the adaptation.
+        axes: axes of the network.
+        inputs: names of the inputs of the rules.
+        parts: parts of the antecedents that learn.
+        time: time of the tick, s.
+        lap_times: start of each lap of the route and end of the last one, s.
+        period: tick period h, s.
+        signal_of: formula of the learning signal, `surface` or `feedback`.
+        ports: names of the arguments of this formula.
+        signals: these arguments, followed by the signals of `signals_of`.
     """
-    known = dict(zip(dict.fromkeys([*ports, *signals_of(inputs)]), signals, strict=True))
+    signals_by_name = dict(zip(dict.fromkeys([*ports, *signals_of(inputs)]), signals, strict=True))
     after = []
     for axis, sets, f, initial in zip(axes, antecedents, weights, numbers.antecedents, strict=True):
-        signal = signal_of(axis, numbers.learning, *[known[port] for port in ports])
-        gradient = output_gradient(input_values(axis, inputs, known, time, lap_times), sets, f)
-        step = period * counted(signal, numbers.learning.limits.deadzone)
+        signal = signal_of(axis, numbers.learning, *[signals_by_name[port] for port in ports])
+        gradient = output_gradient(input_values(axis, inputs, signals_by_name, time, lap_times), sets, f)
+        step = period * with_deadzone(signal, numbers.learning.limits.deadzone)
         after.append(adapted(sets, gradient, step, numbers.rates, initial=initial, parts=parts))
     return tuple(after)
 
 
 @fleet_system(float, AutoDiffXd)
 class SetLearning(FleetSystem):
-    """The antecedents of the network's rules where they learn.
+    """Adaptive antecedents of the network's rules.
 
     .. pydrake_system::
 
@@ -88,21 +88,21 @@ class SetLearning(FleetSystem):
         output_ports:
         - antecedents
 
-    The sets of each axis learn at every tick, by `drake_quad.control.fuzzy.adaptation`, from the signal from which the
-    `weights` learn; further inputs are those from which the inputs of the rules follow. `antecedents` shows the numbers
-    of all sets, on one axis after another: a₁, a₂, q, and of each input its scale, its centres and its widths.
+    The sets of each axis learn at every tick (`drake_quad.control.fuzzy.adaptation`), from the same signal as the
+    `weights`. Other inputs are the signals that determine the inputs of the rules. `antecedents` has the numbers of all
+    sets, one axis after another: a₁, a₂, q, and for each input its scale, its centres and its widths.
 
     The only state is `antecedents`; the only parameter of the context is `adaptation`.
 
     Args:
-        num_vehicles: N.
-        period: h of the ticks, s.
-        axes: of the network, in the order of X, Y, Z.
-        inputs: of the rules, see `drake_quad.control.fuzzy.inputs`.
-        lap_times: when the laps of the route begin and the last one ends, s; needed for the phase only.
-        learns_from: "surface" or "feedback".
-        parts: that learn: "centres", "widths", "exponents".
-        numbers: to learn by.
+        num_vehicles: number of vehicles N.
+        period: tick period h, s.
+        axes: axes of the network, in the order of X, Y, Z.
+        inputs: inputs of the rules, see `drake_quad.control.fuzzy.inputs`.
+        lap_times: start of each lap of the route and end of the last one, s; needed for the input `phase` only.
+        learns_from: learning signal, "surface" or "feedback".
+        parts: parts of the antecedents that learn: "centres", "widths", "exponents".
+        numbers: parameters of the adaptation.
     """
 
     def declare(
@@ -116,7 +116,7 @@ class SetLearning(FleetSystem):
         parts: Sequence[Part] = ("centres", "widths", "exponents"),
         numbers: AdaptationNumbers = AdaptationNumbers(),
     ) -> None:
-        """Declares the system."""
+        """Declare ports, states and parameters."""
         axes, inputs = tuple(axes), tuple(inputs)
         first, *_ = numbers.antecedents
         weights = self.input("weights", layout=layout_on_axes(len(axes), first.num_rules))

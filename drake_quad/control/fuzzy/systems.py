@@ -1,4 +1,4 @@
-"""The network as Drake systems."""
+"""The fuzzy network as Drake systems."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -7,7 +7,7 @@ from typing import Any, Literal, NamedTuple
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_quad.control.fuzzy.inference import Antecedents, firing_strengths
-from drake_quad.control.fuzzy.inputs import InputName, input_values, moved_on, signals_of
+from drake_quad.control.fuzzy.inputs import InputName, extrapolated, input_values, signals_of
 from drake_quad.control.fuzzy.laws import CovarianceLaw, LearningLimits, Rows, trace
 from drake_quad.framework.elementary import dot, exp, maximum, minimum, nearest, where
 from drake_quad.framework.fleet_system import TIME, AutoDiffXd, FleetSystem, fleet_system
@@ -16,22 +16,22 @@ from drake_quad.framework.wiring import build, connect_inputs
 from drake_quad.geometry.per_axis import Axis
 from drake_quad.signals import SIGNALS, Acceleration, PositionError, PositionErrorRate, Row, Time
 
-# What is known of a network on each of its axes.
+# Rows of a network on each of its axes, such as weights or firing strengths.
 PerNetworkAxis = tuple[Rows, ...]
 
 
 def layout_on_axes(num_axes: int, num_rows: int) -> Layout:
-    """The layout of so many rows on each axis of a network."""
+    """Return the layout of a number of rows on each axis of a network."""
     return layout_of(PerNetworkAxis, ((0.0,) * num_rows,) * num_axes)
 
 
 def layout_of_antecedents(antecedents: tuple[Antecedents, ...]) -> Layout:
-    """The layout of the antecedents of a network on each of its axes."""
+    """Return the layout of the antecedents of a network on each of its axes."""
     return layout_of(tuple[Antecedents, ...], antecedents)
 
 
 class Lead(NamedTuple):
-    """Time by which a correction acts before the vehicle is at the place that it was learned for."""
+    """Time by which a correction acts before the vehicle reaches the place for which it was learned."""
 
     time: Time
 
@@ -48,38 +48,38 @@ def firing_on_axes(
     """Return the firing strengths on each axis of a network.
 
     Args:
-        antecedents: of all axes, or of each.
-        axes: of the network.
-        inputs: of the rules.
-        time: s.
-        lap_times: when the laps of the route begin and the last one ends, s.
-        lead: time by which the place and the phase are ahead of those of now, if any.
-        signals: from which the inputs follow, in the order of `signals_of`.
+        antecedents: antecedents of all axes, or of each axis.
+        axes: axes of the network.
+        inputs: names of the inputs of the rules.
+        time: time, s.
+        lap_times: start of each lap of the route and end of the last one, s.
+        lead: lead time of position and phase; None without one.
+        signals: signals that determine the inputs, in the order of `signals_of`.
     """
-    known = dict(zip(signals_of(inputs), signals, strict=True))
+    signals_by_name = dict(zip(signals_of(inputs), signals, strict=True))
     if lead is not None:
         time = time + lead.time
-        if "measurement" in known:
-            known["measurement"] = moved_on(known["measurement"], lead.time)
+        if "measurement" in signals_by_name:
+            signals_by_name["measurement"] = extrapolated(signals_by_name["measurement"], lead.time)
     return tuple(
         [
-            firing_strengths(input_values(axis, inputs, known, time, lap_times), sets)
+            firing_strengths(input_values(axis, inputs, signals_by_name, time, lap_times), sets)
             for axis, sets in zip(axes, _for_each(axes, antecedents), strict=True)
         ]
     )
 
 
 def _for_each(axes: Sequence[Axis], antecedents: tuple[Antecedents, ...]) -> tuple[Antecedents, ...]:
-    """The antecedents on each axis; one for all of them stands for as many."""
+    """Return the antecedents on each axis, repeating them if they are the same for all."""
     return antecedents * len(axes) if len(antecedents) == 1 else antecedents
 
 
 class RulesNumbers(NamedTuple):
-    """Of a `FuzzyRules`.
+    """Parameters of a `FuzzyRules`.
 
     Attributes:
-        antecedents: for all axes, or for each.
-        lead: of no meaning if the network does not lead.
+        antecedents: antecedents for all axes, or for each axis.
+        lead: lead time; not used if the network has none.
     """
 
     antecedents: tuple[Antecedents, ...] = (Antecedents(),)
@@ -88,7 +88,7 @@ class RulesNumbers(NamedTuple):
 
 @fleet_system(float, AutoDiffXd)
 class FuzzyRules(FleetSystem):
-    """The antecedents of the network's rules.
+    """Antecedents of the network's rules.
 
     .. pydrake_system::
 
@@ -100,22 +100,22 @@ class FuzzyRules(FleetSystem):
         - firing
         - firing_ahead
 
-    The input ports are the signals from which the inputs of the rules follow: `error`, `error_rate`, `measurement`,
+    The input ports are the signals that determine the inputs of the rules: `error`, `error_rate`, `measurement`,
     `disturbance`. `firing` has the normalised firing strengths, R rows for each axis of the network, one axis after
-    another. `firing_ahead` is there if the network leads: those of where the vehicle will be, by its measured velocity,
-    and of the phase that there will be, after a time.
+    another. The output `firing_ahead` exists if the network has a lead time. It has the firing strengths for the
+    position extrapolated by the measured velocity and for the phase, both after the lead time.
 
-    The parameters of the context are `antecedents` and, if the network leads, `lead`; where antecedents learn, they are
-    an input, from a `SetLearning`.
+    The parameters of the context are `antecedents` and, if there is a lead time, `lead`. Adaptive antecedents are an
+    input instead, from a `SetLearning`.
 
     Args:
-        num_vehicles: N.
-        axes: of the network, in the order of X, Y, Z.
-        inputs: of the rules, see `drake_quad.control.fuzzy.inputs`.
-        lap_times: when the laps of the route begin and the last one ends, s; needed for the phase only.
-        adaptive: whether the antecedents learn.
-        leads: whether there is a lead.
-        numbers: of the rules.
+        num_vehicles: number of vehicles N.
+        axes: axes of the network, in the order of X, Y, Z.
+        inputs: inputs of the rules, see `drake_quad.control.fuzzy.inputs`.
+        lap_times: start of each lap of the route and end of the last one, s; needed for the input `phase` only.
+        adaptive: True if the antecedents learn.
+        leads: True if the network has a lead time.
+        numbers: parameters of the rules.
     """
 
     def declare(
@@ -128,7 +128,7 @@ class FuzzyRules(FleetSystem):
         leads: bool = False,
         numbers: RulesNumbers = RulesNumbers(),
     ) -> None:
-        """Declares the system."""
+        """Declare ports, states and parameters."""
         axes, inputs = tuple(axes), tuple(inputs)
         signals = [self.input(name) for name in signals_of(inputs)]
         antecedents: Any
@@ -146,13 +146,13 @@ class FuzzyRules(FleetSystem):
 
 
 class LearningNumbers(NamedTuple):
-    """What a network learns by.
+    """Parameters of a network's learning.
 
     Attributes:
-        slope: λ of eq (15), 1/s; of no meaning where the feedback is learned from.
-        law: a record of `drake_quad.control.fuzzy.laws`.
-        limits: of learning.
-        initial_weight: F₀ of all rules, m/s².
+        slope: slope λ of eq (15), 1/s; not used if the network learns from the feedback.
+        law: record from `drake_quad.control.fuzzy.laws`.
+        limits: limits of learning.
+        initial_weight: initial weight F₀ of all rules, m/s².
     """
 
     slope: Row = 1.0
@@ -162,29 +162,31 @@ class LearningNumbers(NamedTuple):
 
 
 def surface(axis: Axis, numbers: LearningNumbers, error: PositionError, rate: PositionErrorRate) -> Row:
-    """Eq (15): s_p = ė + λ e on an axis, m/s."""
+    """Return s_p = ė + λ e on an axis, m/s, eq (15)."""
     sliding: Row = getattr(rate, axis) + numbers.slope * getattr(error, axis)
     return sliding
 
 
 def feedback(axis: Axis, numbers: LearningNumbers, pd: Acceleration, disturbance: Acceleration) -> Row:
-    """All that the controller's own feedback commands on an axis, τ_c - d, m/s².
+    """Return the acceleration τ_c - d that the controller's feedback commands on an axis, m/s².
 
-    Like s_p it asks for more while the correction takes away too much: by τ = τ_c - τ_f - d the network has learned all
-    there is when the rest is zero (feedback-error learning: M. Kawato, K. Furukawa and R. Suzuki, "A hierarchical
-    neural-network model for control and learning of voluntary movement", Biological Cybernetics 57, 1987). An estimate
-    d is feedback, too: it is of what the network has not learned yet, and there before the error is.
+    Like s_p it grows if the correction subtracts too much. In τ = τ_c - τ_f - d the network has learned everything when
+    τ_c - d is zero (feedback-error learning: M. Kawato, K. Furukawa and R. Suzuki, "A hierarchical neural-network model
+    for
+    control and learning of voluntary movement", Biological Cybernetics 57, 1987). The estimate d is part of the
+    feedback:
+    it contains what the network has not learned yet, and responds before the error does.
     """
     commanded: Row = getattr(pd, axis) - getattr(disturbance, axis)
     return commanded
 
 
 def signal_and_ports(learns_from: Literal["surface", "feedback"]) -> tuple[Callable[..., Row], tuple[str, ...]]:
-    """The formula of what a network learns from, and the names of the signals that it is made of."""
+    """Return the formula of the learning signal, and the names of its arguments."""
     return (surface, ("error", "error_rate")) if learns_from == "surface" else (feedback, ("pd", "disturbance"))
 
 
-# What a system that learns takes for a signal that is not connected: most controllers estimate no disturbance.
+# Values of unconnected inputs of a learning system: most controllers do not estimate a disturbance.
 UNCONNECTED = {"disturbance": Acceleration(0.0, 0.0, 0.0)}
 
 
@@ -200,61 +202,63 @@ def learned(
     signal_of: Callable[..., Row],
     *signals: Any,
 ) -> Any:
-    """Weights and memory a tick later, on each axis of a network; only the weights by a law without memory.
+    """Return weights and memory of each axis at the next tick; only the weights for a law without memory.
 
     Args:
-        weights: F.
-        memory: of the law.
-        firing: W.
-        numbers: to learn by.
-        time: of the tick, s.
-        axes: of the network.
-        period: h, s.
-        reset_ticks: at which the law forgets all that it remembers.
-        signal_of: `surface` or `feedback`, from which the law learns.
-        signals: that it is made of.
+        weights: weights F of the rules.
+        memory: memory of the law.
+        firing: firing strengths W.
+        numbers: parameters of learning.
+        time: time of the tick, s.
+        axes: axes of the network.
+        period: tick period h, s.
+        reset_ticks: ticks at which the law resets its memory.
+        signal_of: formula of the learning signal, `surface` or `feedback`.
+        signals: arguments of this formula.
     """
     law, (limit, deadzone, leakage) = numbers.law, numbers.limits
-    kept, begins_anew = exp(-leakage * period), _is_one_of(time, reset_ticks, period)
+    decay, is_reset = exp(-leakage * period), _is_at_tick(time, reset_ticks, period)
     after = []
     for axis, f, remembered, w in zip(axes, weights, memory, firing, strict=True):
         signal = signal_of(axis, numbers, *signals)
-        known = where(begins_anew, law.memory(len(f)), remembered)
-        counts = counted(signal, deadzone)
-        f_after, memory_after = law.learned(tuple([kept * f_i for f_i in f]), known, w, counts, period)
+        remembered_or_reset = where(is_reset, law.memory(len(f)), remembered)
+        learning_signal = with_deadzone(signal, deadzone)
+        f_after, memory_after = law.learned(
+            tuple([decay * f_i for f_i in f]), remembered_or_reset, w, learning_signal, period
+        )
         after.append((tuple([minimum(maximum(f_i, -limit), limit) for f_i in f_after]), memory_after))
     return tuple([f for f, _ in after]), tuple([remembered for _, remembered in after])
 
 
-def counted(signal: Row, deadzone: Row) -> Row:
-    """What counts of a signal, of which too little counts as zero."""
+def with_deadzone(signal: Row, deadzone: Row) -> Row:
+    """Return a signal, with zero in place of values below the dead zone."""
     return where(abs(signal) < deadzone, 0.0 * signal, signal)
 
 
-def _is_one_of(time: Row, ticks: Sequence[int], period: float) -> bool:
-    """Is a time (s) that of one of some ticks?"""
+def _is_at_tick(time: Row, ticks: Sequence[int], period: float) -> bool:
+    """Return True at times (s) that belong to one of the ticks."""
     if not ticks:
         return False
-    tick, found = nearest(time / period), False
+    tick, matches = nearest(time / period), False
     for other in ticks:
-        found = found | (tick == float(other))
-    return found
+        matches = matches | (tick == float(other))
+    return matches
 
 
 def network_output(weights: PerNetworkAxis, firing: PerNetworkAxis, axes: Sequence[Axis]) -> Acceleration:
-    """τ_f = Fᵀ W on each axis of a network, zero on the others."""
+    """Return τ_f = Fᵀ W on each axis of a network, zero on the other axes."""
     on_axes = {axis: dot(f, w) for axis, f, w in zip(axes, weights, firing, strict=True)}
     return Acceleration(on_axes.get("x", 0.0), on_axes.get("y", 0.0), on_axes.get("z", 0.0))
 
 
 def covariance_traces(memory: PerNetworkAxis) -> tuple[Row, ...]:
-    """Tr P on each axis of a network."""
+    """Return tr P on each axis of a network."""
     return tuple([trace(covariance) for covariance in memory])
 
 
 @fleet_system(float, AutoDiffXd)
 class WeightLearning(FleetSystem):
-    """The consequents of the network's rules, which learn.
+    """Adaptive weights (consequents) of the network's rules.
 
     .. pydrake_system::
 
@@ -270,28 +274,30 @@ class WeightLearning(FleetSystem):
         - weights
         - covariance_trace
 
-    `correction` is τ_f = Fᵀ W of the `firing` strengths from `FuzzyRules`, zero on axes that the network does not have.
-    The weights F learn at every tick from s_p = ė + λ e, eq (15), of `error` and `error_rate`; or from the feedback,
-    with the inputs `pd` and `disturbance` in their place, of which the latter is zero if not connected. `weights` shows
-    F in the order of `firing`; `covariance_trace`, with the law that has one, a row for each axis.
+    `correction` is τ_f = Fᵀ W with the `firing` strengths from `FuzzyRules`, zero on axes that the network does not
+    have. The weights F learn at every tick from s_p = ė + λ e, eq (15), of `error` and `error_rate`. Alternatively they
+    learn from the feedback, with the inputs `pd` and `disturbance` instead; `disturbance` is zero if not connected.
+    `weights` has F in the order of `firing`. `covariance_trace` exists for a law with a covariance, and has a row for
+    each axis.
 
-    If the network leads, `correction` is that of `firing_ahead`: what a controller commands now acts only later. The
-    weights learn by `firing`, and `learned_disturbance` is Fᵀ W of it: what disturbs the vehicle now, as far as it has
-    been learned.
+    If the network has a lead time, `correction` is that for `firing_ahead`, because a command acts on the vehicle only
+    later. The weights still learn with `firing`, and `learned_disturbance` is Fᵀ W for it: the learned part of the
+    disturbance that acts now.
 
-    The states are `weights` and the memory of the law, under its name, if it has one. The only parameter of the context
-    is `learning`.
+    The states are `weights` and the memory of the law, if any, under its name. The only parameter of the context is
+    `learning`.
 
     Args:
-        num_vehicles: N.
-        period: h of the ticks, s.
-        axes: of the network, in the order of X, Y, Z.
-        num_rules: R.
-        learns_from: "surface" or "feedback".
-        reset_times: at which the memory of the law begins anew, s: at the first tick from then on.
-        initial_weights: F of the rules on each axis at the beginning, m/s², if they are not all the same.
-        leads: whether the network leads.
-        numbers: to learn by.
+        num_vehicles: number of vehicles N.
+        period: tick period h, s.
+        axes: axes of the network, in the order of X, Y, Z.
+        num_rules: number of rules R.
+        learns_from: learning signal, "surface" or "feedback".
+        reset_times: times at which the memory of the law is reset, s; the reset is at the first tick that is not
+            earlier.
+        initial_weights: initial F of the rules on each axis, m/s²; empty if all are `numbers.initial_weight`.
+        leads: True if the network has a lead time.
+        numbers: parameters of learning.
     """
 
     def declare(
@@ -306,7 +312,7 @@ class WeightLearning(FleetSystem):
         leads: bool = False,
         numbers: LearningNumbers = LearningNumbers(),
     ) -> None:
-        """Declares the system."""
+        """Declare ports, states and parameters."""
         law, axes = numbers.law, tuple(axes)
         ticks = tuple([math.ceil(time / period - 1e-9) for time in reset_times])
         per_axis = layout_on_axes(len(axes), num_rules)
@@ -335,7 +341,7 @@ class WeightLearning(FleetSystem):
 
 
 def build_fuzzy_network(*, rules: Any, learning: Any, sets: Any = None) -> Diagram:
-    """Builds the diagram `network`.
+    """Build the diagram `network`.
 
     .. pydrake_system::
 
@@ -349,25 +355,25 @@ def build_fuzzy_network(*, rules: Any, learning: Any, sets: Any = None) -> Diagr
         - weights
         - covariance_trace
 
-    It is several systems so that Drake keeps the firing strengths between the output and the learning of a tick. Ports
-    are those of its parts; there are others with other inputs of the rules, or where the feedback is learned from, and
-    `antecedents` where they learn. There is a `learned_disturbance` if the network leads.
+    The network consists of several systems so that Drake caches the firing strengths, which both the output and the
+    learning of a tick use. Its ports are those of its parts. Other inputs of the rules, and learning from the feedback,
+    add inputs. The output `antecedents` exists if they learn, and `learned_disturbance` if the network has a lead time.
 
     Args:
         rules: a `FuzzyRules`.
         learning: a `WeightLearning` on the same axes, for as many rules.
-        sets: a `SetLearning` likewise, if the rules are adaptive.
+        sets: a `SetLearning` on the same axes if the antecedents learn, else None.
     """
     builder = DiagramBuilder()
     parts = {"rules": rules, "learning": learning} | ({} if sets is None else {"sets": sets})
     for name, system in parts.items():
         builder.AddNamedSystem(name, system)
-    inside = (rules, "firing"), (rules, "firing_ahead"), (learning, "weights"), (sets, "antecedents")
-    sources = {name: system.GetOutputPort(name) for system, name in inside if system and system.HasOutputPort(name)}
+    internal = (rules, "firing"), (rules, "firing_ahead"), (learning, "weights"), (sets, "antecedents")
+    sources = {name: system.GetOutputPort(name) for system, name in internal if system and system.HasOutputPort(name)}
     connect_inputs(builder, parts.values(), sources, exported=SIGNALS)
     of_learning = ("correction", "learned_disturbance", "weights", "covariance_trace")
-    shown = [(learning, name) for name in of_learning] + [(sets, "antecedents")]
-    for system, name in shown:
+    outputs = [(learning, name) for name in of_learning] + [(sets, "antecedents")]
+    for system, name in outputs:
         if system is not None and system.HasOutputPort(name):
             builder.ExportOutput(system.GetOutputPort(name), name)
     return build(builder, "network")

@@ -1,1 +1,1 @@
-"""Linear-quadratic-Gaussian control: a model of the way from command to position, a Kalman filter, a regulator."""
+"""Linear-quadratic-Gaussian control: a model from the command to the position, a Kalman filter, and a regulator."""

@@ -12,9 +12,9 @@ of the on-board loops with the lag of the rotors:
 Along Z the thrust acts directly: p' = v, v' = s + d₁ + d₂, s' = (u - s) / T, where s is the acceleration in excess of
 gravity.
 
-The disturbing acceleration is the sum of two coloured noises: d₁ of first order, white noise filtered by
-1 / (1 + T₁ s), and d₂ of second order, white noise filtered by the critically damped lag 1 / (1 + T₂ s)². The bias δ of
-the angular motion is coloured noise of first order:
+The disturbing acceleration is the sum of two coloured noises: d₁ of first order, white noise filtered by 1 / (1 + T₁
+s), and d₂ of second order, white noise filtered by the critically damped lag 1 / (1 + T₂ s)². The bias δ of the angular
+motion is coloured noise of first order:
 
     d₁' = -d₁ / T₁ + w₁    d₂' = e    e' = -d₂ / T₂² - 2 e / T₂ + w₂    δ' = -δ / T_δ + w_δ
 
@@ -31,11 +31,11 @@ import scipy
 
 from drake_quad.signals import Row
 
-# States of the chains: deviations are in metres and seconds. A chain is told by its fields.
+# The fields of a chain are its states, in metres and seconds. They also identify the kind of the chain.
 
 
 class TorqueChain(NamedTuple):
-    """Along X or Y, with torques over the link."""
+    """States along X or Y, with torques over the link."""
 
     position: Row
     velocity: Row
@@ -49,7 +49,7 @@ class TorqueChain(NamedTuple):
 
 
 class AttitudeChain(NamedTuple):
-    """Along X or Y, with an autopilot on board."""
+    """States along X or Y, with an autopilot on board."""
 
     position: Row
     velocity: Row
@@ -62,11 +62,11 @@ class AttitudeChain(NamedTuple):
 
 
 class LaggingAttitudeChain(TorqueChain):
-    """Along X or Y, with the loops of an autopilot on board behind the lag of the rotors."""
+    """States along X or Y, with the lag of the rotors between an autopilot's loops and the attitude."""
 
 
 class VerticalChain(NamedTuple):
-    """Along Z."""
+    """States along Z."""
 
     position: Row
     velocity: Row
@@ -104,12 +104,12 @@ class Disturbances(NamedTuple):
     command_noise: float
 
 
-class Answer(NamedTuple):
-    """How the attitude answers an autopilot's command.
+class SecondOrderResponse(NamedTuple):
+    """Second-order response of the attitude to an autopilot's command.
 
     Attributes:
-        natural_frequency: ω, rad/s.
-        damping: ζ.
+        natural_frequency: natural frequency ω, rad/s.
+        damping: damping ratio ζ.
     """
 
     natural_frequency: float
@@ -117,13 +117,13 @@ class Answer(NamedTuple):
 
 
 class ContinuousModel(NamedTuple):
-    """x' = A x + B u + w of a chain, y = C x.
+    """Model x' = A x + B u + w, y = C x of a chain.
 
     Attributes:
-        kind: of the chain.
-        A: (n, n).
-        B: (n, 1).
-        C: (1, n) along Z: the position; else (2, n): position and specific thrust.
+        kind: type of the chain.
+        A: (n, n) system matrix.
+        B: (n, 1) input matrix.
+        C: (1, n) along Z, where the position is measured; else (2, n), for position and specific thrust.
         Q: (n, n) spectral density of w.
     """
 
@@ -135,72 +135,83 @@ class ContinuousModel(NamedTuple):
 
 
 def torque_model(lag: float, disturbances: Disturbances) -> ContinuousModel:
-    """The model of a `TorqueChain`, given the lag of the rotors (s)."""
-    turning = {("jerk", "snap"): 1.0, ("jerk", "bias"): 1.0, ("snap", "snap"): -1.0 / lag}
-    return _model(TorqueChain, {("thrust", "jerk"): 1.0, **turning}, {"snap": 1.0 / lag}, disturbances)
+    """Return the model of a `TorqueChain` for a time constant of the rotors (s)."""
+    entries = {("jerk", "snap"): 1.0, ("jerk", "bias"): 1.0, ("snap", "snap"): -1.0 / lag}
+    return _model(TorqueChain, {("thrust", "jerk"): 1.0, **entries}, {"snap": 1.0 / lag}, disturbances)
 
 
-def attitude_model(answer: Answer, disturbances: Disturbances) -> ContinuousModel:
-    """The model of an `AttitudeChain`."""
-    stiffness = answer.natural_frequency**2
-    friction = 2.0 * answer.damping * answer.natural_frequency
-    turning = {("jerk", "thrust"): -stiffness, ("jerk", "jerk"): -friction, ("jerk", "bias"): 1.0}
-    return _model(AttitudeChain, {("thrust", "jerk"): 1.0, **turning}, {"jerk": stiffness}, disturbances)
+def attitude_model(response: SecondOrderResponse, disturbances: Disturbances) -> ContinuousModel:
+    """Return the model of an `AttitudeChain`."""
+    stiffness = response.natural_frequency**2
+    friction = 2.0 * response.damping * response.natural_frequency
+    entries = {("jerk", "thrust"): -stiffness, ("jerk", "jerk"): -friction, ("jerk", "bias"): 1.0}
+    return _model(AttitudeChain, {("thrust", "jerk"): 1.0, **entries}, {"jerk": stiffness}, disturbances)
 
 
-def lagging_attitude_model(answer: Answer, lag: float, disturbances: Disturbances) -> ContinuousModel:
-    """The model of a `LaggingAttitudeChain`, given the lag of the rotors (s)."""
-    stiffness = answer.natural_frequency**2 / lag
-    friction = 2.0 * answer.damping * answer.natural_frequency / lag
-    turning = {("jerk", "snap"): 1.0, ("jerk", "bias"): 1.0, ("snap", "snap"): -1.0 / lag}
-    moving = {("thrust", "jerk"): 1.0, ("snap", "thrust"): -stiffness, ("snap", "jerk"): -friction, **turning}
-    return _model(LaggingAttitudeChain, moving, {"snap": stiffness}, disturbances)
+def lagging_attitude_model(response: SecondOrderResponse, lag: float, disturbances: Disturbances) -> ContinuousModel:
+    """Return the model of a `LaggingAttitudeChain` for a time constant of the rotors (s)."""
+    stiffness = response.natural_frequency**2 / lag
+    friction = 2.0 * response.damping * response.natural_frequency / lag
+    attitude_entries = {("jerk", "snap"): 1.0, ("jerk", "bias"): 1.0, ("snap", "snap"): -1.0 / lag}
+    entries = {("thrust", "jerk"): 1.0, ("snap", "thrust"): -stiffness, ("snap", "jerk"): -friction, **attitude_entries}
+    return _model(LaggingAttitudeChain, entries, {"snap": stiffness}, disturbances)
 
 
-def lateral_model(lag: float | None, answer: Answer | None, disturbances: Disturbances) -> ContinuousModel:
-    """The model along x or y, given the lag of the rotors (s) and the answer of an autopilot, of which one is given."""
-    if answer is None:
+def lateral_model(
+    lag: float | None, response: SecondOrderResponse | None, disturbances: Disturbances
+) -> ContinuousModel:
+    """Return the model along X or Y.
+
+    Args:
+        lag: time constant of the rotors, s; None if it is part of the attitude's response.
+        response: response of the attitude with an autopilot; None without one, in which case the lag must be given.
+        disturbances: modelled disturbances.
+    """
+    if response is None:
         assert lag is not None
         return torque_model(lag, disturbances)
-    return attitude_model(answer, disturbances) if lag is None else lagging_attitude_model(answer, lag, disturbances)
+    return (
+        attitude_model(response, disturbances) if lag is None else lagging_attitude_model(response, lag, disturbances)
+    )
 
 
 def vertical_model(lag: float, disturbances: Disturbances) -> ContinuousModel:
-    """The model of a `VerticalChain`, given the lag of the thrust (s)."""
+    """Return the model of a `VerticalChain` for a time constant of the thrust (s)."""
     return _model(VerticalChain, {("thrust", "thrust"): -1.0 / lag}, {"thrust": 1.0 / lag}, disturbances)
 
 
 def sampled(A: np.ndarray, B: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
-    """A and B of x⁺ = A x + B u over a period (s) in which u is held."""
+    """Return A and B of x⁺ = A x + B u over a period (s) with constant u."""
     n, m = B.shape
-    whole = scipy.linalg.expm(period * np.block([[A, B], [np.zeros((m, n + m))]]))
-    return whole[:n, :n], whole[:n, n:]
+    exponential = scipy.linalg.expm(period * np.block([[A, B], [np.zeros((m, n + m))]]))
+    return exponential[:n, :n], exponential[:n, n:]
 
 
 def sampled_noise(A: np.ndarray, Q: np.ndarray, period: float) -> np.ndarray:
-    """The covariance that white noise of spectral density Q adds over a period (s).
+    """Return the covariance of the noise over a period (s), for white noise of spectral density Q.
 
     C. F. Van Loan, "Computing integrals involving the matrix exponential", IEEE Transactions on Automatic Control
     23(3), 1978.
     """
     n = len(A)
-    # Over a short time, then twice that, and so on: what dies within a period would grow beyond all bounds backwards.
+    # The covariance is computed over a short time and then doubled repeatedly, because exp(-A t) overflows for modes
+    # that decay much faster than the period.
     doublings = max(0, math.ceil(math.log2(max(float(np.linalg.norm(A, 1)) * period, 1.0))))
-    whole = scipy.linalg.expm(period / 2.0**doublings * np.block([[-A, Q], [np.zeros((n, n)), A.T]]))
-    over = whole[n:, n:].T
-    covariance: np.ndarray = over @ whole[:n, n:]
+    exponential = scipy.linalg.expm(period / 2.0**doublings * np.block([[-A, Q], [np.zeros((n, n)), A.T]]))
+    transition = exponential[n:, n:].T
+    covariance: np.ndarray = transition @ exponential[:n, n:]
     for _ in range(doublings):
-        covariance, over = covariance + over @ covariance @ over.T, over @ over
+        covariance, transition = covariance + transition @ covariance @ transition.T, transition @ transition
     return 0.5 * (covariance + covariance.T)
 
 
 def _model(
-    kind: Any, moving: dict[tuple[str, str], float], acting: dict[str, float], disturbances: Disturbances
+    kind: Any, motion_entries: dict[tuple[str, str], float], input_entries: dict[str, float], disturbances: Disturbances
 ) -> ContinuousModel:
-    """A model from the entries of A that make up its motion, those of B, and what disturbs it."""
+    """Return a model from the entries of A and B that describe the motion, and from the disturbances."""
     first, second, bias, command_noise = disturbances
     entries = {
-        **moving,
+        **motion_entries,
         ("position", "velocity"): 1.0,
         **{("velocity", name): 1.0 for name in ("thrust", "first", "second")},
         ("first", "first"): -1.0 / first.time,
@@ -212,18 +223,18 @@ def _model(
         "first": 2.0 * first.deviation**2 / first.time,
         "second_rate": 4.0 * second.deviation**2 / second.time**3,
     }
-    seen = ["position"]
+    measured = ["position"]
     if bias is not None:
         entries["bias", "bias"] = -1.0 / bias.time
         densities["bias"] = 2.0 * bias.deviation**2 / bias.time
-        seen = ["position", "thrust"]
-    place = {name: i for i, name in enumerate(kind._fields)}
-    A, Q, B = np.zeros((len(place), len(place))), np.zeros((len(place), len(place))), np.zeros((len(place), 1))
+        measured = ["position", "thrust"]
+    index = {name: i for i, name in enumerate(kind._fields)}
+    A, Q, B = np.zeros((len(index), len(index))), np.zeros((len(index), len(index))), np.zeros((len(index), 1))
     for (row, column), value in entries.items():
-        A[place[row], place[column]] = value
-    for row, value in acting.items():
-        B[place[row]] = value
+        A[index[row], index[column]] = value
+    for row, value in input_entries.items():
+        B[index[row]] = value
     for row, value in densities.items():
-        Q[place[row], place[row]] = value
-    C = np.eye(len(place))[[place[name] for name in seen]]
+        Q[index[row], index[row]] = value
+    C = np.eye(len(index))[[index[name] for name in measured]]
     return ContinuousModel(kind, A, B, C, Q + command_noise**2 * B @ B.T)

@@ -1,4 +1,4 @@
-"""The gains of a linear-quadratic-Gaussian controller of one axis, from the model of its chain."""
+"""Gains of a linear-quadratic-Gaussian controller of one axis, from the model of its chain."""
 
 from typing import Any, NamedTuple
 
@@ -10,15 +10,15 @@ from drake_quad.signals import Row
 
 
 class AxisLoop(NamedTuple):
-    """Filter and regulator of one axis; rows of records of its chain.
+    """Filter and regulator of one axis. Its rows are records of the chain.
 
     Attributes:
-        A: of x⁺ = A x + B u over a frame, row by row.
-        B: a column.
-        L: gain of the filter, a column for each of what is measured.
+        A: A of x⁺ = A x + B u over a frame, row by row.
+        B: B, a column.
+        L: gain of the filter, a column for each measured quantity.
         K: gain of the regulator.
-        K_pending: on the commands that are under way, the oldest first.
-        outer: of the specific thrust on itself at rest, by which K becomes gains of an outer loop: see `axis_loop`.
+        K_pending: gains on the commands under way, the oldest first.
+        outer: divisor that turns gains of K into those of an outer loop, see `axis_loop`.
     """
 
     A: tuple[Any, ...]
@@ -30,12 +30,12 @@ class AxisLoop(NamedTuple):
 
 
 class Timing(NamedTuple):
-    """When things happen.
+    """Periods and delay of a control loop.
 
     Attributes:
-        frame: period of the cameras, s.
-        tick: period of the control, s; a whole number of frames.
-        delay_ticks: after which a command acts.
+        frame: frame period of the cameras, s.
+        tick: control period, s; a whole number of frames.
+        delay_ticks: delay from a command to its effect, in ticks.
     """
 
     frame: float
@@ -44,16 +44,16 @@ class Timing(NamedTuple):
 
 
 def kalman_gain(A: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray) -> np.ndarray:
-    """(n, p) L of x̂ = x⁻ + L (y - C x⁻) in steady state, for noise of covariances Q and R."""
+    """Return L (n, p) of x̂ = x⁻ + L (y - C x⁻) in steady state, for noise of covariances Q and R."""
     P = scipy.linalg.solve_discrete_are(A.T, C.T, Q, R)
     gain: np.ndarray = np.linalg.solve(C @ P @ C.T + R, C @ P).T
     return gain
 
 
 def regulator_gain(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(m, n) K of u = -K x that minimises the sum of xᵀ Q x + uᵀ R u, and (m, m) what any other u costs.
+    """Return K (m, n) of u = -K x, which minimises the sum of xᵀ Q x + uᵀ R u, and the cost W (m, m) of any other u.
 
-    With u = -K x + c the sum is what it is without c, and that of cᵀ W c with this W = R + Bᵀ S B.
+    With u = -K x + c the sum increases by the sum of cᵀ W c, where W = R + Bᵀ S B.
     """
     S = scipy.linalg.solve_discrete_are(A, B, Q, R)
     W: np.ndarray = B.T @ S @ B + R
@@ -62,23 +62,26 @@ def regulator_gain(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -
 
 
 def with_commands_under_way(A: np.ndarray, B: np.ndarray, delay: int) -> tuple[np.ndarray, np.ndarray]:
-    """A and B of a system whose input acts some ticks later; the inputs under way are states, the oldest first."""
+    """Return A and B of a system whose input acts some ticks later.
+
+    The inputs under way are additional states, the oldest first.
+    """
     n = len(A)
     if not delay:
         return A, B
     oldest = np.eye(1, delay)
-    moving = np.hstack([np.zeros((delay, n)), np.eye(delay, k=1)])
-    return np.vstack([np.hstack([A, B @ oldest]), moving]), np.vstack([np.zeros((n, 1)), np.fliplr(oldest).T])
+    shift = np.hstack([np.zeros((delay, n)), np.eye(delay, k=1)])
+    return np.vstack([np.hstack([A, B @ oldest]), shift]), np.vstack([np.zeros((n, 1)), np.fliplr(oldest).T])
 
 
 class Regulator(NamedTuple):
-    """The regulator of an axis: u = -K x of x⁺ = A x + B u over a tick.
+    """Regulator u = -K x of an axis, with x⁺ = A x + B u over a tick.
 
     Attributes:
-        A: row by row; the last of n are the commands under way, the oldest first.
-        B: n numbers.
-        K: n numbers.
-        weight: w, what other commands u = -K x + c cost: w c² each.
+        A: A, row by row. The last of the n states are the commands under way, the oldest first.
+        B: B, n numbers.
+        K: K, n numbers.
+        weight: w. A command u = -K x + c increases the cost by w c².
     """
 
     A: tuple[tuple[float, ...], ...]
@@ -88,15 +91,15 @@ class Regulator(NamedTuple):
 
 
 def regulator_of(model: ContinuousModel, timing: Timing, command_weight: float) -> Regulator:
-    """The regulator that minimises the sum of p² + ρ u² over the ticks, with the commands under way among the states.
+    """Return the regulator that minimises the sum of p² + ρ u² over all ticks, with commands under way as states.
 
     Args:
-        model: of the chain.
-        timing: of frames and ticks.
-        command_weight: ρ.
+        model: model of the chain.
+        timing: periods and delay.
+        command_weight: weight ρ of the command.
 
     Raises:
-        numpy.linalg.LinAlgError: floating point finds none.
+        numpy.linalg.LinAlgError: no regulator can be computed in floating point.
     """
     A, B = with_commands_under_way(*sampled(model.A, model.B, timing.tick), timing.delay_ticks)
     position, *_ = np.pad(model.C, ((0, 0), (0, timing.delay_ticks)))
@@ -106,20 +109,20 @@ def regulator_of(model: ContinuousModel, timing: Timing, command_weight: float) 
 
 
 def axis_loop(model: ContinuousModel, timing: Timing, *, noise: np.ndarray, command_weight: float) -> AxisLoop:
-    """Designs filter and regulator of an axis.
+    """Design filter and regulator of an axis.
 
-    The regulator is that of `regulator_of`. At rest u is nothing along a `TorqueChain`, and the specific thrust s
-    otherwise; so a deviation of p, v and d asks for s = -(K_p p + K_v v + K_d d) / k with k = K_s in the first case,
-    and k = 1 + K_s + ΣK_pending in the other.
+    The regulator is that of `regulator_of`. In equilibrium u is zero for a `TorqueChain`, and equal to the specific
+    thrust s for the other chains. Deviations of p, v and d therefore cause s = -(K_p p + K_v v + K_d d) / k with k =
+    K_s in the first case, and k = 1 + K_s + ΣK_pending in the second.
 
     Args:
-        model: of the chain.
-        timing: of frames and ticks.
-        noise: (p,) standard deviation of what is measured.
-        command_weight: ρ.
+        model: model of the chain.
+        timing: periods and delay.
+        noise: (p,) standard deviations of the measured quantities.
+        command_weight: weight ρ of the command.
 
     Raises:
-        numpy.linalg.LinAlgError: floating point finds no stable filter, or no regulator.
+        numpy.linalg.LinAlgError: no stable filter, or no regulator, can be computed in floating point.
     """
     n = len(model.A)
     A, B = sampled(model.A, model.B, timing.frame)
@@ -129,12 +132,12 @@ def axis_loop(model: ContinuousModel, timing: Timing, *, noise: np.ndarray, comm
     K = regulator_of(model, timing, command_weight).K
     record = model.kind
     on_state, pending = record(*K[:n]), K[n:]
-    answers = 0.0 if record is TorqueChain else 1.0 + sum(pending)
+    pending_share = 0.0 if record is TorqueChain else 1.0 + sum(pending)
     return AxisLoop(
         A=tuple(record(*row) for row in A.tolist()),
         B=record(*B.ravel().tolist()),
         L=tuple(record(*column) for column in L.T.tolist()),
         K=on_state,
         K_pending=pending,
-        outer=on_state.thrust + answers,
+        outer=on_state.thrust + pending_share,
     )

@@ -1,12 +1,20 @@
-"""Linear-quadratic-Gaussian control as a system."""
+"""Linear-quadratic-Gaussian control as a Drake system."""
 
 from typing import Any, Literal
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from drake_quad.control.cascade import put_around
+from drake_quad.control.cascade import add_network
 from drake_quad.control.lqg import laws
-from drake_quad.control.lqg.laws import ChainCommands, Deviations, Estimate, KalmanState, LqgNumbers, Regulated, Sent
+from drake_quad.control.lqg.laws import (
+    ChainCommands,
+    Deviations,
+    Estimate,
+    KalmanState,
+    LqgNumbers,
+    RegulatorOutput,
+    SentCommands,
+)
 from drake_quad.framework.elementary import identity, where
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import Layout, layout_of
@@ -22,93 +30,96 @@ from drake_quad.signals import (
     Wrench,
 )
 
-Carried = Literal["wrench", "attitude_target"]
+LinkSignal = Literal["wrench", "attitude_target"]
 
 
-def _asked(
+def _regulate(
     reference: Reference,
     jerk: Jerk,
     snap: Snap,
     correction: Acceleration | None,
     perturbation: ChainCommands | None,
     tick: float,
-    *remembered: Any,
-) -> tuple[Estimate, Regulated]:
-    """The estimate of now, and what the regulator makes of it; before the first frame the snap has not changed."""
-    _, before, sent, _, numbers, *_ = remembered
-    estimate = laws.estimated(*remembered)
+    *filter_inputs: Any,
+) -> tuple[Estimate, RegulatorOutput]:
+    """Return the present estimate and the output of the regulator.
+
+    Before the first frame the previous snap is taken to be the present one.
+    """
+    _, before, sent, _, numbers, *_ = filter_inputs
+    estimate = laws.estimated(*filter_inputs)
     if sent.snap is not None:
-        sent = sent._replace(snap=where(before.begun != 0.0, sent.snap, snap))
+        sent = sent._replace(snap=where(before.has_started != 0.0, sent.snap, snap))
     return estimate, laws.regulated(estimate, reference, jerk, snap, sent, correction, perturbation, numbers, tick)
 
 
 def _wrench(reference: Reference, jerk: Jerk, snap: Snap, *reads: Any) -> Wrench:
-    estimate, asked = _asked(reference, jerk, snap, *reads)
+    estimate, regulated = _regulate(reference, jerk, snap, *reads)
     _, _, _, measurement, _, _, _, numbers, *_ = reads
-    return laws.wrench_for(asked, estimate, measurement, reference, jerk, snap, numbers)
+    return laws.wrench_for(regulated, estimate, measurement, reference, jerk, snap, numbers)
 
 
 def _target(reference: Reference, jerk: Jerk, snap: Snap, *reads: Any) -> AttitudeTarget:
-    estimate, asked = _asked(reference, jerk, snap, *reads)
+    estimate, regulated = _regulate(reference, jerk, snap, *reads)
     _, _, _, measurement, _, _, _, numbers, *_ = reads
-    return laws.target_for(asked, estimate, measurement, reference, numbers)
+    return laws.target_for(regulated, estimate, measurement, reference, numbers)
 
 
 def _acceleration(*reads: Any) -> Acceleration:
-    _, asked = _asked(*reads)
-    return asked.acceleration
+    _, regulated = _regulate(*reads)
+    return regulated.acceleration
 
 
-def _sent(reference: Reference, jerk: Jerk, snap: Snap, *reads: Any) -> Sent:
-    _, asked = _asked(reference, jerk, snap, *reads)
+def _next_sent(reference: Reference, jerk: Jerk, snap: Snap, *reads: Any) -> SentCommands:
+    _, regulated = _regulate(reference, jerk, snap, *reads)
     _, _, _, _, _, sent, *_ = reads
-    return laws.sent_after(asked, snap, sent)
+    return laws.next_sent(regulated, snap, sent)
 
 
 def _deviation(
-    reference: Reference, jerk: Jerk, snap: Snap, correction: Acceleration | None, *remembered: Any
+    reference: Reference, jerk: Jerk, snap: Snap, correction: Acceleration | None, *filter_inputs: Any
 ) -> Deviations:
-    _, _, sent, *_ = remembered
-    return laws.fed_back_of(laws.estimated(*remembered), reference, jerk, snap, sent, correction)
+    _, _, sent, *_ = filter_inputs
+    return laws.feedback_deviations(laws.estimated(*filter_inputs), reference, jerk, snap, sent, correction)
 
 
-def _error(reference: Reference, *remembered: Any) -> PositionError:
-    return laws.error_of(laws.estimated(*remembered), reference)
+def _error(reference: Reference, *filter_inputs: Any) -> PositionError:
+    return laws.error_of(laws.estimated(*filter_inputs), reference)
 
 
-def _error_rate(reference: Reference, *remembered: Any) -> PositionErrorRate:
-    return laws.error_rate_of(laws.estimated(*remembered), reference)
+def _error_rate(reference: Reference, *filter_inputs: Any) -> PositionErrorRate:
+    return laws.error_rate_of(laws.estimated(*filter_inputs), reference)
 
 
-def _pd(reference: Reference, *remembered: Any) -> Acceleration:
-    _, _, _, _, numbers, *_ = remembered
-    estimate = laws.estimated(*remembered)
+def _pd(reference: Reference, *filter_inputs: Any) -> Acceleration:
+    _, _, _, _, numbers, *_ = filter_inputs
+    estimate = laws.estimated(*filter_inputs)
     error, rate = laws.error_of(estimate, reference), laws.error_rate_of(estimate, reference)
     return laws.outer_feedback(error, rate, numbers)
 
 
-def _disturbance(*remembered: Any) -> Acceleration:
-    return laws.disturbance_of(laws.estimated(*remembered))
+def _disturbance(*filter_inputs: Any) -> Acceleration:
+    return laws.disturbance_of(laws.estimated(*filter_inputs))
 
 
-def _none(numbers: LqgNumbers) -> Acceleration:
+def _no_acceleration(numbers: LqgNumbers) -> Acceleration:
     return Acceleration(0.0, 0.0, 0.0)
 
 
 def deviations_of(numbers: LqgNumbers) -> Layout:
-    """The layout of what the port `deviation` holds."""
+    """Return the layout of the port `deviation`."""
     lateral, vertical = ((*loop.K, *loop.K_pending) for loop in (numbers.lateral, numbers.vertical))
-    return layout_of(Deviations, Deviations(lateral, lateral, vertical, _none(numbers)))
+    return layout_of(Deviations, Deviations(lateral, lateral, vertical, _no_acceleration(numbers)))
 
 
-def _first(numbers: LqgNumbers) -> KalmanState:
+def _initial_filter(numbers: LqgNumbers) -> KalmanState:
     lateral, vertical = ([type(loop.K)(*[0.0] * len(loop.K))] for loop in (numbers.lateral, numbers.vertical))
     return KalmanState(Estimate(*lateral, *lateral, *vertical), 0.0, 0.0)
 
 
 @fleet_system(float, AutoDiffXd)
 class LinearQuadraticGaussian(FleetSystem):
-    """A Kalman filter and a linear-quadratic regulator in place of the whole cascade.
+    """Kalman filter and linear-quadratic regulator, which replace the whole cascade.
 
     .. pydrake_system::
 
@@ -130,38 +141,39 @@ class LinearQuadraticGaussian(FleetSystem):
         - disturbance
         - deviation
 
-    The filter is updated at every frame; what is commanded at a tick follows from it, see `drake_quad.control.lqg.laws`
-    for the equations and `drake_quad.control.lqg.chains` for the model. With an autopilot there is an `attitude_target`
-    in place of the `wrench`. `error` and `error_rate` are those of the estimate; `pd` is what the regulator makes of
-    them, as an outer loop would; `acceleration_command` is a_r + `pd` less what stands against disturbances, within
-    limits. `disturbance` is the estimate of the disturbing acceleration.
+    The filter is updated at every frame, and commands follow from its estimate at every tick. The equations are in
+    `drake_quad.control.lqg.laws`, the models in `drake_quad.control.lqg.chains`. With an autopilot the output
+    `attitude_target` replaces `wrench`. `error` and `error_rate` are those of the estimate. `pd` is the acceleration
+    that the regulator commands for them, as an outer loop does. `acceleration_command` is a_r + `pd` minus the
+    compensation of disturbances, within limits. `disturbance` is the estimate of the disturbing acceleration.
 
-    The ports `correction` and `learned_disturbance` are there if a network is around the controller. The first is an
-    acceleration that is subtracted from what is commanded; the second is a known disturbance to the filter from the
-    next frame on, so that `disturbance` is only the rest, and the other outputs follow from it without an algebraic
-    loop. They differ by the network's lead.
+    The ports `correction` and `learned_disturbance` exist if there is a network around the controller. `correction` is
+    an acceleration that is subtracted from the command. `learned_disturbance` is a known disturbance for the filter
+    from the next frame on, so that `disturbance` contains only the rest, and the other outputs do not form an algebraic
+    loop. The two inputs differ by the lead time of the network.
 
-    The port `perturbation` is there if something else than the regulator keeps the tilt within its limits, which it
-    follows from `deviation`, what the regulator feeds back: it is added to the commands, see
-    `drake_quad.control.mpc.system`.
+    The ports `perturbation` and `deviation` exist if another system, instead of the regulator, keeps the tilt within
+    its limits (`drake_quad.control.mpc.system`). It computes `perturbation`, which is added to the commands, from
+    `deviation`, the state that the regulator feeds back.
 
-    The states are `filter`, `sent` and, with the port, `known`. The only parameter of the context is `numbers`.
+    The states are `filter`, `sent` and, with the port `learned_disturbance`, `known`. The only parameter of the context
+    is `numbers`.
 
     Args:
-        num_vehicles: N.
-        signal: that the link carries.
-        period: h of the frames, s.
-        tick: of the control, s; a whole number of frames.
-        loses_frames: whether a frame whose x is that of the one before to the bit is taken for a lost one.
-        takes_correction: whether there are the ports `correction` and `learned_disturbance`.
-        takes_perturbation: whether there are the ports `perturbation` and `deviation`.
-        numbers: of the controller.
+        num_vehicles: number of vehicles N.
+        signal: signal that the link carries, "wrench" or "attitude_target".
+        period: frame period h, s.
+        tick: control period, s; a whole number of frames.
+        loses_frames: True if a frame whose x equals that of the previous frame exactly counts as lost.
+        takes_correction: True if the ports `correction` and `learned_disturbance` exist.
+        takes_perturbation: True if the ports `perturbation` and `deviation` exist.
+        numbers: parameters of the controller.
     """
 
     def declare(
         self,
         *,
-        signal: Carried = "wrench",
+        signal: LinkSignal = "wrench",
         period: float = 0.01,
         tick: float = 0.02,
         loses_frames: bool = False,
@@ -169,36 +181,36 @@ class LinearQuadraticGaussian(FleetSystem):
         takes_perturbation: bool = False,
         numbers: LqgNumbers,
     ) -> None:
-        """Declares the system."""
+        """Declare ports, states and parameters."""
         measurement, reference = self.input("measurement"), self.input("reference")
         jerk = self.input("reference_jerk", absent=Jerk(0.0, 0.0, 0.0))
         snap = self.input("reference_snap", absent=Snap(0.0, 0.0, 0.0, 0.0))
         parameter = self.parameter("numbers", lambda numbers: numbers)
-        before, sent = self.state("filter", _first), self.state("sent", Sent.hovering)
+        before, sent = self.state("filter", _initial_filter), self.state("sent", SentCommands.hovering)
         correction = known = perturbation = None
         if takes_correction:
             correction = self.input("correction", absent=Acceleration(0.0, 0.0, 0.0))
-            known = self.state("known", _none)
+            known = self.state("known", _no_acceleration)
             learned = self.input("learned_disturbance", absent=Acceleration(0.0, 0.0, 0.0))
             self.update(period, identity, learned, writes=[known])
         if takes_perturbation:
             perturbation = self.input("perturbation", layout=layout_of(ChainCommands))
-        remembered = measurement, before, sent, known, parameter, period, loses_frames
-        wanted = reference, jerk, snap, correction, perturbation, tick, *remembered
-        self.update(period, laws.filter_after, *remembered, writes=[before])
-        self.update(tick, _sent, *wanted, writes=[sent])
+        filter_inputs = measurement, before, sent, known, parameter, period, loses_frames
+        regulator_inputs = reference, jerk, snap, correction, perturbation, tick, *filter_inputs
+        self.update(period, laws.filter_after, *filter_inputs, writes=[before])
+        self.update(tick, _next_sent, *regulator_inputs, writes=[sent])
         if signal == "wrench":
-            self.output("wrench", _wrench, *wanted)
+            self.output("wrench", _wrench, *regulator_inputs)
         else:
-            self.output("attitude_target", _target, *wanted)
-        self.output("acceleration_command", _acceleration, *wanted)
-        self.output("error", _error, reference, *remembered)
-        self.output("error_rate", _error_rate, reference, *remembered)
-        self.output("pd", _pd, reference, *remembered)
-        self.output("disturbance", _disturbance, *remembered)
+            self.output("attitude_target", _target, *regulator_inputs)
+        self.output("acceleration_command", _acceleration, *regulator_inputs)
+        self.output("error", _error, reference, *filter_inputs)
+        self.output("error_rate", _error_rate, reference, *filter_inputs)
+        self.output("pd", _pd, reference, *filter_inputs)
+        self.output("disturbance", _disturbance, *filter_inputs)
         if takes_perturbation:
-            fed_back = reference, jerk, snap, correction, *remembered
-            self.output("deviation", _deviation, *fed_back, layout=deviations_of(numbers))
+            deviation_inputs = reference, jerk, snap, correction, *filter_inputs
+            self.output("deviation", _deviation, *deviation_inputs, layout=deviations_of(numbers))
 
 
 def build_lqg_control(regulator: Any, network: Any = None, programme: Any = None) -> Diagram:
@@ -207,8 +219,8 @@ def build_lqg_control(regulator: Any, network: Any = None, programme: Any = None
     Args:
         regulator: a `LinearQuadraticGaussian`, which takes a correction if there is a network, and a perturbation if
             there is a programme.
-        network: network around the controller, if any.
-        programme: `PredictiveProgramme` that keeps the controller within its limits, if any.
+        network: network around the controller; None without one.
+        programme: `PredictiveProgramme` that keeps the controller within its limits; None without one.
     """
     builder = DiagramBuilder()
     builder.AddNamedSystem("regulator", regulator)
@@ -218,11 +230,11 @@ def build_lqg_control(regulator: Any, network: Any = None, programme: Any = None
     if programme is not None:
         perturbation = append(builder, "programme", programme, regulator.GetOutputPort("deviation"))
         builder.Connect(perturbation, regulator.GetInputPort("perturbation"))
-    shown = [regulator]
+    systems = [regulator]
     if network is not None:
-        put_around(builder, regulator, network)
-        shown.append(network)
-    for system in shown:
+        add_network(builder, regulator, network)
+        systems.append(network)
+    for system in systems:
         for port in map(system.get_output_port, range(system.num_output_ports())):
             builder.ExportOutput(port, port.get_name())
     return build(builder, "control")

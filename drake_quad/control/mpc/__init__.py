@@ -1,1 +1,1 @@
-"""Model predictive control: the linear-quadratic-Gaussian controller with limits that it sees coming."""
+"""Model predictive control: a linear-quadratic-Gaussian controller that satisfies limits over a horizon."""

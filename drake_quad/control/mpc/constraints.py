@@ -1,16 +1,17 @@
-"""What a model predictive controller keeps to over its horizon.
+"""Constraints of a model predictive controller over its horizon.
 
-A constraint holds a sum y of rows of the axes below what the reference leaves of a limit at each tick:
+A constraint bounds a sum y of rows of several axes at each tick. The bound is what the reference leaves of a limit:
 
-    snap        ±(u_ff + y) <= most                    of the commands, torques over the link
+    snap        ±(u_ff + y) <= max                     of the commands, with torques over the link
     tilt        n·(a_r - τ_f + y) <= g tan θ cos(π/m)  of the specific thrust; of the commands with an autopilot
     thrust      -(u_ff - τ_f + y) <= g - F_min / M,    u_ff - τ_f + y <= √(F_max² / M² - a_rx² - a_ry²) - g
     corridor    ±(p_r + y) <= ±walls                   or ±y <= half its width
 
-with the m directions n of a regular polygon in the circle of the tilt, and the mass M. Tilt with torques and corridor
-are held by states, which a disturbance can throw out: there a slack ε for each tick gives way, at a cost of ζ ε² beside
-the regulator's. Commands can always be kept. So there is always a solution (P. O. M. Scokaert and J. B. Rawlings,
-"Feasibility issues in linear model predictive control", AIChE Journal 45(8), 1999).
+n are the m directions of a regular polygon inside the circle of the tilt, and M is the mass. The corridor, and the tilt
+with torques, constrain states, which a disturbance can push beyond the bound. There a slack ε for each tick relaxes the
+constraint, at a cost of ζ ε² added to that of the regulator. Constraints on commands can always be satisfied. A
+solution therefore always exists (P. O. M. Scokaert and J. B. Rawlings, "Feasibility issues in linear model predictive
+control", AIChE Journal 45(8), 1999).
 """
 
 from collections.abc import Iterator, Sequence
@@ -24,34 +25,35 @@ from drake_quad.control.mpc.prediction import Prediction, Response
 from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.signals import Acceleration, Jerk, Reference, Snap
 
-# Sides m of the polygon, which leave 98 % of the tilt everywhere.
-_SIDES = 16
+# A regular polygon with this many sides m admits at least 98 % of the tilt in every direction.
+
+_NUM_POLYGON_SIDES = 16
 
 
 class Corridor(NamedTuple):
-    """Walls on both sides.
+    """Walls on both sides of the vehicle along each axis.
 
     Attributes:
-        lower: across X, Y and Z, m; minus infinity for none.
-        upper: the same on the other side.
-        moves: whether these are distances from the reference, and not places in W.
-        weight: ζ of being beyond, 1 where p² costs p².
+        lower: lower walls along X, Y and Z, m; minus infinity for none.
+        upper: upper walls along X, Y and Z, m; infinity for none.
+        follows_reference: True if the walls are distances from the reference, False if they are positions in W.
+        weight: ζ, cost of being beyond a wall, relative to the regulator's cost of p².
     """
 
     lower: PerAxis
     upper: PerAxis
-    moves: bool
+    follows_reference: bool
     weight: float
 
 
 class Preview(NamedTuple):
-    """The reference at a tick.
+    """Reference at a tick.
 
     Attributes:
-        reference: then.
-        jerk: then.
-        snap: then.
-        before: the snap a tick before.
+        reference: reference at the tick.
+        jerk: jerk at the tick.
+        snap: snap at the tick.
+        before: snap at the previous tick.
     """
 
     reference: Reference
@@ -61,11 +63,11 @@ class Preview(NamedTuple):
 
 
 class SharedSlack(NamedTuple):
-    """An ε for each tick, which constraints of the same name share.
+    """Slack ε at each tick, shared by all constraints of the same name.
 
     Attributes:
-        name: of what it is beyond.
-        weight: ζ of its cost ζ ε².
+        name: name of the relaxed limit.
+        weight: ζ in the cost ζ ε².
     """
 
     name: str
@@ -73,35 +75,36 @@ class SharedSlack(NamedTuple):
 
 
 class Constraint(NamedTuple):
-    """A bound at every tick of the horizon: free ξ + forced c - ε <= left + shift·τ_f.
+    """Bound at every tick of the horizon: free ξ + forced c - ε <= bound + shift·τ_f.
 
     Attributes:
-        free: (ticks, n) by the deviations ξ of all axes of a programme, one after another.
-        forced: (ticks, commands) by what is added to the commands of its axes, one after another.
-        left: (ticks of the preview,) by the reference.
-        shift: (3,) by the correction τ_f.
-        later: whether it begins at the next tick, as what holds states does, and not at this one.
-        slack: what gives way; None if it is hard.
+        free: (ticks, n) gains on the deviations ξ of all axes of a programme, one axis after another.
+        forced: (ticks, commands) gains on the perturbations c of the commands of its axes, one axis after another.
+        bound: (ticks of the preview,) bound that the reference leaves.
+        shift: (3,) gains of the bound on the correction τ_f.
+        starts_next_tick: True if the first bound is that of the next tick (of states), False if of this tick (of
+            commands).
+        slack: slack of the constraint; None for a hard constraint.
     """
 
     free: np.ndarray
     forced: np.ndarray
-    left: np.ndarray
+    bound: np.ndarray
     shift: np.ndarray
-    later: bool
+    starts_next_tick: bool
     slack: SharedSlack | None
 
 
 class Horizon(NamedTuple):
-    """Over what a controller looks ahead.
+    """Preview and limits over the prediction horizon.
 
     Attributes:
-        numbers: of the controller.
-        preview: of the plan; rows of (ticks of the preview,).
-        corridor: to fly in.
-        tilt_weight: ζ of being beyond the tilt, by g.
-        num_ticks: of the horizon.
-        tick: period of the control, s.
+        numbers: numbers of the controller.
+        preview: reference at all ticks; its rows have the shape (ticks of the preview,).
+        corridor: corridor for the vehicle.
+        tilt_weight: ζ of the tilt constraint, whose unit is g.
+        num_ticks: length of the horizon in ticks.
+        tick: control period, s.
     """
 
     numbers: LqgNumbers
@@ -113,72 +116,79 @@ class Horizon(NamedTuple):
 
 
 def horizontal_constraints(regulator: Regulator, horizon: Horizon) -> Iterator[Constraint]:
-    """The constraints along X and Y, snaps in shares of the largest, accelerations in g and positions in m.
+    """Yield the constraints along X and Y.
+
+    Snaps are relative to the largest, accelerations in g and positions in m.
 
     Args:
-        regulator: of either axis.
-        horizon: to look over.
+        regulator: regulator of either axis.
+        horizon: preview and limits.
     """
     limits, torques, reference = horizon.numbers.thrust, horizon.numbers.torques, horizon.preview.reference
-    axis, forward = Prediction(regulator, horizon.num_ticks), _forward(horizon)
+    axis, forward = Prediction(regulator, horizon.num_ticks), _feed_forward(horizon)
     if torques is None:
-        tilted, ahead, slack = axis.command(), (forward.x, forward.y), None
+        response, feed_forward, slack = axis.command(), (forward.x, forward.y), None
     else:
         fields = type(horizon.numbers.lateral.K)._fields
-        tilted, ahead = axis.state(fields.index("thrust")), (reference.a_x, reference.a_y)
+        response, feed_forward = axis.state(fields.index("thrust")), (reference.a_x, reference.a_y)
         slack = SharedSlack("tilt", horizon.tilt_weight)
-        for along, snap in (((1.0, 0.0), forward.x), ((0.0, 1.0), forward.y)):
-            for share in (1.0 / torques.max_snap, -1.0 / torques.max_snap):
-                yield _sum(axis.command(), [share * each for each in along], left=1.0 - np.multiply(share, snap))
-    a_x, a_y = ahead
-    for angle in np.linspace(0.0, 2.0 * np.pi, _SIDES, endpoint=False):
+        for direction, snap in (((1.0, 0.0), forward.x), ((0.0, 1.0), forward.y)):
+            for coefficient in (1.0 / torques.max_snap, -1.0 / torques.max_snap):
+                coefficients = [coefficient * component for component in direction]
+                yield _combined(axis.command(), coefficients, bound=1.0 - np.multiply(coefficient, snap))
+    a_x, a_y = feed_forward
+    for angle in np.linspace(0.0, 2.0 * np.pi, _NUM_POLYGON_SIDES, endpoint=False):
         n_x, n_y = np.cos(angle) / limits.gravity, np.sin(angle) / limits.gravity
-        left = limits.slope * np.cos(np.pi / _SIDES) - n_x * a_x - n_y * a_y
-        yield _sum(tilted, (n_x, n_y), left=left, shift=(n_x, n_y, 0.0), slack=slack)
-    yield from _walls(axis, (1.0, 0.0), "x", horizon)
-    yield from _walls(axis, (0.0, 1.0), "y", horizon)
+        bound = limits.slope * np.cos(np.pi / _NUM_POLYGON_SIDES) - n_x * a_x - n_y * a_y
+        yield _combined(response, (n_x, n_y), bound=bound, shift=(n_x, n_y, 0.0), slack=slack)
+    yield from _wall_constraints(axis, (1.0, 0.0), "x", horizon)
+    yield from _wall_constraints(axis, (0.0, 1.0), "y", horizon)
 
 
 def vertical_constraints(regulator: Regulator, horizon: Horizon) -> Iterator[Constraint]:
-    """The constraints along Z; arguments and units as of `horizontal_constraints`."""
+    """Yield the constraints along Z; arguments and units are those of `horizontal_constraints`."""
     limits, reference = horizon.numbers.thrust, horizon.preview.reference
-    axis, forward = Prediction(regulator, horizon.num_ticks), _forward(horizon)
-    least, largest = limits.min_thrust / limits.mass, limits.max_thrust / limits.mass
-    level = reference.a_x**2 + reference.a_y**2
-    most = np.sqrt(np.maximum(largest**2 - level, least**2))
-    for sign, limit in ((1.0, most - limits.gravity), (-1.0, limits.gravity - least)):
-        share = sign / limits.gravity
-        left = np.subtract(limit / limits.gravity, share * forward.z)
-        yield _sum(axis.command(), (share,), left=left, shift=(0.0, 0.0, share))
-    yield from _walls(axis, (1.0,), "z", horizon)
+    axis, forward = Prediction(regulator, horizon.num_ticks), _feed_forward(horizon)
+    min_specific_thrust, max_specific_thrust = limits.min_thrust / limits.mass, limits.max_thrust / limits.mass
+    horizontal_squared = reference.a_x**2 + reference.a_y**2
+    max_vertical = np.sqrt(np.maximum(max_specific_thrust**2 - horizontal_squared, min_specific_thrust**2))
+    for sign, limit in ((1.0, max_vertical - limits.gravity), (-1.0, limits.gravity - min_specific_thrust)):
+        coefficient = sign / limits.gravity
+        bound = np.subtract(limit / limits.gravity, coefficient * forward.z)
+        yield _combined(axis.command(), (coefficient,), bound=bound, shift=(0.0, 0.0, coefficient))
+    yield from _wall_constraints(axis, (1.0,), "z", horizon)
 
 
-def _walls(axis: Prediction, along: Sequence[float], name: str, horizon: Horizon) -> Iterator[Constraint]:
-    """The walls of the corridor across one axis."""
+def _wall_constraints(
+    axis: Prediction, direction: Sequence[float], name: str, horizon: Horizon
+) -> Iterator[Constraint]:
+    """Yield the constraints of the corridor's walls across one axis."""
     corridor = horizon.corridor
-    position = float(not corridor.moves) * getattr(horizon.preview.reference, name)
-    place = axis.state(type(horizon.numbers.vertical.K)._fields.index("position"))
+    position = float(not corridor.follows_reference) * getattr(horizon.preview.reference, name)
+    response = axis.state(type(horizon.numbers.vertical.K)._fields.index("position"))
     for sign, walls in ((1.0, corridor.upper), (-1.0, corridor.lower)):
         if np.isfinite(wall := getattr(walls, name)):
-            left, slack = np.multiply(sign, wall - position), SharedSlack(f"corridor along {name}", corridor.weight)
-            yield _sum(place, [sign * share for share in along], left=left, slack=slack)
+            bound, slack = np.multiply(sign, wall - position), SharedSlack(f"corridor along {name}", corridor.weight)
+            yield _combined(response, [sign * component for component in direction], bound=bound, slack=slack)
 
 
-def _forward(horizon: Horizon) -> ChainCommands:
-    """The commands that are fed forward, rows of (ticks of the preview,)."""
+def _feed_forward(horizon: Horizon) -> ChainCommands:
+    """Return the feed-forward commands; their rows have the shape (ticks of the preview,)."""
     reference, jerk, snap, before = horizon.preview
-    wanted = Acceleration(reference.a_x, reference.a_y, reference.a_z)
-    return fed_forward(wanted, jerk, snap, before, horizon.numbers, horizon.tick)
+    acceleration = Acceleration(reference.a_x, reference.a_y, reference.a_z)
+    return fed_forward(acceleration, jerk, snap, before, horizon.numbers, horizon.tick)
 
 
-def _sum(
+def _combined(
     response: Response,
-    shares: Sequence[float],
+    coefficients: Sequence[float],
     *,
-    left: np.ndarray,
+    bound: np.ndarray,
     shift: tuple[float, float, float] = (0.0, 0.0, 0.0),
     slack: SharedSlack | None = None,
 ) -> Constraint:
-    """A constraint of a sum of the same row of several axes, of which there are some shares."""
-    free, forced = (np.hstack([share * part for share in shares]) for part in (response.free, response.forced))
-    return Constraint(free, forced, left, np.array(shift), response.later, slack)
+    """Return a constraint of the same row of several axes, weighted by coefficients."""
+    free, forced = (
+        np.hstack([coefficient * part for coefficient in coefficients]) for part in (response.free, response.forced)
+    )
+    return Constraint(free, forced, bound, np.array(shift), response.starts_next_tick, slack)

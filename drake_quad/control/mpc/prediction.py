@@ -1,16 +1,16 @@
-"""What a regulated axis will do over a horizon, as a function of where it is and of what is added to its commands.
+"""Prediction of a regulated axis over a horizon, from its state and from perturbations of its commands.
 
-With u = -K x + c and the regulator's K a system x⁺ = A x + B u is x⁺ = (A - B K) x + B c, so that over the ticks k of
+With u = -K x + c and the regulator's gain K, a system x⁺ = A x + B u becomes x⁺ = (A - B K) x + B c. At the ticks k of
 the horizon every row of x and every u is
 
     y_k = F_k x_0 + Σ_i G_ki c_i
 
-and the sum of xᵀ Q x + ρ u² over all ticks, those after the horizon at the regulator's cost, is
+The sum of xᵀ Q x + ρ u² over all ticks, including those after the horizon, is
 
     x_0ᵀ S x_0 + w Σ_i c_i²,    w = ρ + Bᵀ S B
 
-with the solution S of the regulator's Riccati equation (J. A. Rossiter, B. Kouvaritakis and M. J. Rice, "A numerically
-robust state-space approach to stable-predictive control strategies", Automatica 34(1), 1998).
+where S solves the regulator's Riccati equation (J. A. Rossiter, B. Kouvaritakis and M. J. Rice, "A numerically robust
+state-space approach to stable-predictive control strategies", Automatica 34(1), 1998).
 """
 
 import itertools
@@ -23,25 +23,25 @@ from drake_quad.control.lqg.design import Regulator
 
 
 class Response(NamedTuple):
-    """What a row does over the horizon.
+    """Response of a row over the horizon.
 
     Attributes:
-        free: (ticks, n) F, by where the axis is.
-        forced: (ticks, ticks) G, by what is added to the commands.
-        later: whether the first is that of the next tick, and not of this one.
+        free: (ticks, n) F, gains on the state of the axis.
+        forced: (ticks, ticks) G, gains on the perturbations of the commands.
+        starts_next_tick: True if the first row is that of the next tick, False if that of this tick.
     """
 
     free: np.ndarray
     forced: np.ndarray
-    later: bool
+    starts_next_tick: bool
 
 
 class Prediction:
-    """An axis over a horizon.
+    """Prediction of an axis over a horizon.
 
     Args:
-        regulator: of the axis.
-        num_ticks: of the horizon.
+        regulator: regulator of the axis.
+        num_ticks: length of the horizon in ticks.
     """
 
     def __init__(self, regulator: Regulator, num_ticks: int) -> None:
@@ -51,17 +51,19 @@ class Prediction:
         self._powers = list(itertools.islice(powers, num_ticks))
 
     def command(self) -> Response:
-        """Of the commands of this tick and of those that follow."""
+        """Return the response of the command, from this tick on."""
         free = [-self._K @ power for power in self._powers]
-        return Response(np.array(free), self._caused([1.0, *(row @ self._B for row in free)]), later=False)
+        return Response(
+            np.array(free), self._forced_response([1.0, *(row @ self._B for row in free)]), starts_next_tick=False
+        )
 
     def state(self, number: int) -> Response:
-        """Of a row of the state at the ticks that follow this one."""
+        """Return the response of a row of the state, from the next tick on."""
         rows = [power[number] for power in self._powers]
         free = np.array([row @ self._closed for row in rows])
-        return Response(free, self._caused([row @ self._B for row in rows]), later=True)
+        return Response(free, self._forced_response([row @ self._B for row in rows]), starts_next_tick=True)
 
-    def _caused(self, impulse: list[float]) -> np.ndarray:
-        """G of an impulse response: what is added at a tick shows at that and at those that follow."""
-        nothing = np.zeros(len(self._powers))
-        return np.array(scipy.linalg.toeplitz(impulse[: len(nothing)], nothing))
+    def _forced_response(self, impulse: list[float]) -> np.ndarray:
+        """Return G for an impulse response: a perturbation acts at its own tick and at all later ones."""
+        zeros = np.zeros(len(self._powers))
+        return np.array(scipy.linalg.toeplitz(impulse[: len(zeros)], zeros))

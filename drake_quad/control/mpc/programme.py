@@ -1,12 +1,12 @@
-"""The quadratic programme of a model predictive controller, for one or two axes.
+"""Quadratic programme of a model predictive controller, for one or two axes.
 
-It looks for what to add to the regulator's commands over the horizon, c, and for slacks ε:
+The variables are perturbations c of the regulator's commands over the horizon, and slacks ε:
 
-    minimise   Σ w c² + Σ ζ ε²    such that    F ξ + G c - ε <= what the reference leaves    at every tick
+    minimise   Σ w c² + Σ ζ ε²    subject to    F ξ + G c - ε <= bound    at every tick
 
-With w from `drake_quad.control.mpc.prediction` that is the regulator's own cost over all time (P. O. M. Scokaert and
-J. B. Rawlings, "Constrained linear quadratic regulation", IEEE Transactions on Automatic Control 43(8), 1998). Where
-c = 0 breaks no constraint, it is the solution.
+With the w of `drake_quad.control.mpc.prediction` this is the regulator's own cost over infinite time (P. O. M. Scokaert
+and J. B. Rawlings, "Constrained linear quadratic regulation", IEEE Transactions on Automatic Control 43(8), 1998). If
+c = 0 violates no constraint, it is the solution.
 """
 
 from collections.abc import Sequence
@@ -19,45 +19,53 @@ from drake_quad.control.mpc.least_distance import LeastDistance
 
 
 class Programme:
-    """A quadratic programme, built once for all states and times.
+    """Quadratic programme, built once for all states and times.
 
     Args:
-        constraints: over one horizon.
-        weight: w.
+        constraints: constraints over one horizon.
+        weight: weight w of the perturbations.
     """
 
     def __init__(self, constraints: Sequence[Constraint], weight: float) -> None:
         slacks = sorted({each.slack for each in constraints if each.slack is not None})
         num_ticks, num_commands = next(iter(constraints)).forced.shape
-        # In variables whose squares are what they cost.
-        units = [np.eye(num_ticks) / np.sqrt(slack.weight) for slack in slacks]
-        slack = [[-float(each.slack == own) * unit for own, unit in zip(slacks, units)] for each in constraints]
+        # The variables are scaled so that the cost of each is its square.
+        scaled = [np.eye(num_ticks) / np.sqrt(slack.weight) for slack in slacks]
+        slack = [
+            [
+                -float(each.slack == slack_of_column) * scaled_slack
+                for slack_of_column, scaled_slack in zip(slacks, scaled)
+            ]
+            for each in constraints
+        ]
         forced = [each.forced / np.sqrt(weight) for each in constraints]
-        self._rows = np.vstack([np.hstack([held, *gives]) for held, gives in zip(forced, slack, strict=True)])
+        self._rows = np.vstack(
+            [np.hstack([forced_rows, *slack_rows]) for forced_rows, slack_rows in zip(forced, slack, strict=True)]
+        )
         self._free = np.vstack([each.free for each in constraints])
-        self._left = np.array([each.left for each in constraints])
+        self._bound = np.array([each.bound for each in constraints])
         self._shift = np.repeat([each.shift for each in constraints], num_ticks, axis=0)
-        self._ahead = np.array([np.arange(num_ticks) + each.later for each in constraints])
+        self._instant_offsets = np.array([np.arange(num_ticks) + each.starts_next_tick for each in constraints])
         self._nearest, self._weight = LeastDistance(self._rows, group=num_ticks), weight
-        self._now, self._num_axes = slice(None, num_commands, num_ticks), num_commands // num_ticks
+        self._first_commands, self._num_axes = slice(None, num_commands, num_ticks), num_commands // num_ticks
 
-    def added(self, tick: int, deviations: np.ndarray, correction: np.ndarray) -> np.ndarray:
-        """(axes, N) what is added to the commands of this tick, for N vehicles.
+    def perturbations(self, tick: int, deviations: np.ndarray, correction: np.ndarray) -> np.ndarray:
+        """Return the perturbations (axes, N) of the commands of this tick, for N vehicles.
 
-        The derivatives of AutoDiffXd are those with what binds held; a vehicle for which nothing is found, whose
-        numbers have left all bounds, gets nothing.
+        With AutoDiffXd the derivatives are those for fixed active constraints. The perturbation is zero for a vehicle
+        without a solution or with values that are not finite.
 
         Args:
-            tick: number of the tick, from time zero on.
-            deviations: (n, N) ξ of the axes, one after another.
-            correction: (3, N) τ_f.
+            tick: number of the tick since time zero.
+            deviations: (n, N) ξ of the axes, one axis after another.
+            correction: (3, N) correction τ_f along X, Y and Z.
         """
-        _, num_instants = self._left.shape
-        instants = np.minimum(tick + self._ahead, num_instants - 1)
-        left = np.take_along_axis(self._left, instants, axis=1).reshape(-1, 1)
-        bounds = left + self._shift @ correction - self._free @ deviations
+        _, num_instants = self._bound.shape
+        instants = np.minimum(tick + self._instant_offsets, num_instants - 1)
+        bound = np.take_along_axis(self._bound, instants, axis=1).reshape(-1, 1)
+        bounds = bound + self._shift @ correction - self._free @ deviations
         values = bounds if bounds.dtype == float else ExtractValue(bounds)
-        added = np.zeros((self._num_axes, len(bounds.T)), dtype=bounds.dtype)
+        perturbations = np.zeros((self._num_axes, len(bounds.T)), dtype=bounds.dtype)
         for vehicle in np.flatnonzero((values < 0.0).any(axis=0) & np.isfinite(values).all(axis=0)):
             nearest = self._nearest.solve(values[:, vehicle])
             if nearest is None:
@@ -65,5 +73,5 @@ class Programme:
             point, binding = nearest
             if bounds.dtype != float:
                 point = np.linalg.pinv(self._rows[binding]) @ bounds[binding, vehicle]
-            added[:, vehicle] = point[self._now] / np.sqrt(self._weight)
-        return added
+            perturbations[:, vehicle] = point[self._first_commands] / np.sqrt(self._weight)
+        return perturbations

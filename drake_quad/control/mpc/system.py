@@ -1,4 +1,4 @@
-"""Model predictive control as a system."""
+"""Model predictive control as a Drake system."""
 
 from types import MethodType
 
@@ -14,13 +14,15 @@ from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_sys
 from drake_quad.framework.records import layout_of
 from drake_quad.geometry.per_axis import PerAxis
 
-OPEN = Corridor(PerAxis(-np.inf, -np.inf, -np.inf), PerAxis(np.inf, np.inf, np.inf), moves=True, weight=1.0)
-"""A corridor without walls."""
+NO_WALLS = Corridor(
+    PerAxis(-np.inf, -np.inf, -np.inf), PerAxis(np.inf, np.inf, np.inf), follows_reference=True, weight=1.0
+)
+"""Corridor without walls."""
 
 
 @fleet_system(float, AutoDiffXd)
 class PredictiveProgramme(FleetSystem):
-    """What is added to a regulator's commands so that limits are kept over a horizon.
+    """Perturbations of a regulator's commands that satisfy limits over a horizon.
 
     .. pydrake_system::
 
@@ -30,21 +32,21 @@ class PredictiveProgramme(FleetSystem):
         output_ports:
         - perturbation
 
-    It stands beside a `LinearQuadraticGaussian` with the same ports. Two quadratic programmes, of X and Y and of Z, are
-    built once and solved at a tick at which the regulator alone would break a limit, for each vehicle by itself: see
-    `drake_quad.control.mpc.programme`. It remembers nothing. With AutoDiffXd the derivatives are those of the law
-    around what binds: where nothing does, it adds nothing, and the law is the regulator's.
+    The system is used with a `LinearQuadraticGaussian`, whose ports of the same names it connects to. It has two
+    quadratic programmes, one for X and Y and one for Z (`drake_quad.control.mpc.programme`). They are built once, and
+    solved for each vehicle at the ticks at which the regulator alone would violate a limit. Otherwise the perturbation
+    is zero. The system has no state. With AutoDiffXd the derivatives are those for fixed active constraints.
 
     Args:
-        num_vehicles: N.
-        tick: of the control, s.
-        num_ticks: of the horizon.
+        num_vehicles: number of vehicles N.
+        tick: control period, s.
+        num_ticks: length of the horizon in ticks.
         believed: numbers of the regulator, the same for all vehicles.
-        lateral: along X, and along Y.
-        vertical: along Z.
-        preview: of the plan, from tick to tick; the last stays.
-        corridor: to fly in.
-        tilt_weight: what it costs to be beyond the tilt by g at a tick.
+        lateral: regulator along X and along Y.
+        vertical: regulator along Z.
+        preview: reference at each tick; the last one is repeated.
+        corridor: corridor for the vehicle.
+        tilt_weight: cost of exceeding the tilt limit by g at a tick.
     """
 
     def declare(
@@ -56,10 +58,10 @@ class PredictiveProgramme(FleetSystem):
         lateral: Regulator,
         vertical: Regulator,
         preview: tuple[Preview, ...],
-        corridor: Corridor = OPEN,
+        corridor: Corridor = NO_WALLS,
         tilt_weight: float = 10.0,
     ) -> None:
-        """Declares the system."""
+        """Declare ports, states and parameters."""
         layout = layout_of(Preview)
         columns = np.transpose([layout.flatten(each) for each in preview])
         horizon = Horizon(believed, layout.build(list(columns)), corridor, tilt_weight, num_ticks, tick)
@@ -72,11 +74,11 @@ class PredictiveProgramme(FleetSystem):
             rows = deviation.vector(system, context).CopyToVector().reshape(-1, system.num_vehicles)
             x, y, z, correction = deviation.layout.build(rows)
             now = round(time / tick)
-            added = [
-                *level.added(now, np.array([*x, *y]), np.array(correction)),
-                *upright.added(now, np.array(z), np.array(correction)),
+            perturbations = [
+                *level.perturbations(now, np.array([*x, *y]), np.array(correction)),
+                *upright.perturbations(now, np.array(z), np.array(correction)),
             ]
-            output.SetFromVector(np.ravel(added).astype(system.scalar))
+            output.SetFromVector(np.ravel(perturbations).astype(system.scalar))
 
-        model, seen = self._model(layout_of(ChainCommands)), {deviation.ticket(self), self.time_ticket()}
-        self.DeclareVectorOutputPort("perturbation", model, MethodType(calc, self), seen)
+        model, dependencies = self._model(layout_of(ChainCommands)), {deviation.ticket(self), self.time_ticket()}
+        self.DeclareVectorOutputPort("perturbation", model, MethodType(calc, self), dependencies)

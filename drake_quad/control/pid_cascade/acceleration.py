@@ -1,14 +1,14 @@
-"""A velocity loop that commands an acceleration, as in PX4.
+"""Velocity loop that commands an acceleration, as in PX4.
 
-Along the axes of W, the output is an acceleration, to which that of the reference is added. Thrust and attitude follow
-from the vector of the thrust, whose tilt and length are limited. Where they are limited, integrals do not wind up
+The output is an acceleration along the axes of W, to which the acceleration of the reference is added. Thrust and
+attitude follow from the thrust vector, whose tilt and length are limited. Integrals do not wind up at these limits
 (`PositionControl.cpp` of PX4 1.15; PX4 User Guide, "Controller diagrams: multicopter position controller", docs.px4.io;
 anti-windup by L. Rundqwist, "Anti-reset windup for PID controllers", IFAC World Congress 1990).
 """
 
 from typing import Any
 
-from drake_quad.control.pid_cascade.numbers import CascadeMemory, CascadeNumbers, CascadeRules, Memories, stepped
+from drake_quad.control.pid_cascade.numbers import CascadeMemory, CascadeNumbers, CascadeRules, Memories, step_loops
 from drake_quad.framework.elementary import maximum, minimum, sin_cos, sqrt, where
 from drake_quad.geometry.axes import TINY, Vector
 from drake_quad.geometry.flatness import attitude_of, in_heading, tilt_of
@@ -17,21 +17,21 @@ from drake_quad.signals import AttitudeTarget, Reference, Row, State, Time, Velo
 
 
 def limited_velocity(first: tuple[Row, Row], second: tuple[Row, Row], largest: VelocityW) -> tuple[Row, Row]:
-    """Return the sum of two horizontal velocities within a largest size, in which the first goes first.
+    """Return the sum of two horizontal velocities, saturated so that the first has priority.
 
-    A first velocity that is too large is shortened, and the second left out. Otherwise the second is shortened until
-    the sum is as large as it may be: |v₁ + s v₂ / |v₂|| = v_max.
+    If the first velocity alone is too large, it is shortened and the second is ignored. Otherwise the second one is
+    shortened until the sum has the largest size: |v₁ + s v₂ / |v₂|| = v_max.
     """
     (x_1, y_1), (x_2, y_2) = first, second
     size_1 = sqrt(x_1 * x_1 + y_1 * y_1 + TINY)
     size_2 = sqrt(x_2 * x_2 + y_2 * y_2 + TINY)
     along = (x_1 * x_2 + y_1 * y_2) / size_2
-    room = maximum(largest * largest - size_1 * size_1, 0.0)
-    share_2 = minimum((sqrt(along * along + room + TINY) - along) / size_2, 1.0)
-    # A first velocity of the largest size or more leaves no room for the second one.
-    full = size_1 >= largest
-    share_1 = where(full, largest / size_1, 1.0)
-    share_2 = where(full, 0.0, share_2)
+    remaining_squared = maximum(largest * largest - size_1 * size_1, 0.0)
+    share_2 = minimum((sqrt(along * along + remaining_squared + TINY) - along) / size_2, 1.0)
+    # A first velocity of at least the largest size leaves no room for the second one.
+    exhausted = size_1 >= largest
+    share_1 = where(exhausted, largest / size_1, 1.0)
+    share_2 = where(exhausted, 0.0, share_2)
     total_x, total_y = x_1 + x_2, y_1 + y_2
     fits = total_x * total_x + total_y * total_y <= largest * largest
     return (
@@ -43,9 +43,12 @@ def limited_velocity(first: tuple[Row, Row], second: tuple[Row, Row], largest: V
 def acceleration_target(
     m: State, r: Reference, numbers: CascadeNumbers, memory: CascadeMemory, period: Time, rules: CascadeRules
 ) -> tuple[AttitudeTarget, CascadeMemory]:
-    """Return the target of a velocity loop that commands an acceleration; arguments are those of `tilt_target`."""
+    """Return the target of a velocity loop that commands an acceleration, and the next state of the loops.
+
+    Arguments are those of `tilt_target`.
+    """
     command: Any = numbers.command
-    wanted, position = stepped(
+    feedback, position = step_loops(
         Vector(r.x, r.y, r.z),
         Vector(m.x, m.y, m.z),
         numbers.position,
@@ -54,24 +57,24 @@ def acceleration_target(
         rules.position_integrates_first,
     )
     share = numbers.velocity_feed_forward
-    v_x, v_y = limited_velocity((wanted.x, wanted.y), (share * r.v_x, share * r.v_y), command.max_speed)
-    v_z = maximum(minimum(wanted.z + share * r.v_z, command.max_ascent), -command.max_descent)
+    v_x, v_y = limited_velocity((feedback.x, feedback.y), (share * r.v_x, share * r.v_y), command.max_speed)
+    v_z = maximum(minimum(feedback.z + share * r.v_z, command.max_ascent), -command.max_descent)
     error = Vector(v_x - m.v_x, v_y - m.v_y, v_z - m.v_z)
-    asked, memories = _asked(m, r, Vector(v_x, v_y, v_z), error, numbers, memory.velocity, period)
-    force, unsaturated = _limited_force(asked, error, numbers, rules)
+    commanded, memories = _velocity_loop(m, r, Vector(v_x, v_y, v_z), error, numbers, memory.velocity, period)
+    force, unsaturated = _limited_force(commanded, error, numbers, rules)
     terms = numbers.velocity.terms or (None, None, None)
     velocity = [_integrated(*axis, period) for axis in zip(memories, unsaturated, terms, strict=True)]
     tilt = tilt_of(in_heading(force, *sin_cos(r.yaw)))
     roll, pitch = attitude_of(tilt)
     (sin_roll, cos_roll), (sin_pitch, cos_pitch) = sin_cos(m.roll), sin_cos(m.pitch)
-    # The rate of the yaw about Z, along the axes of the body as it is measured.
+    # The commanded body rates are the yaw rate about Z, along the measured axes of the body.
     level = r.yaw_rate * cos_pitch
     rates = -r.yaw_rate * sin_pitch, level * sin_roll, level * cos_roll
     first, second, third = velocity
     return AttitudeTarget(tilt.thrust, roll, pitch, r.yaw, *rates), CascadeMemory(position, (first, second, third))
 
 
-def _asked(
+def _velocity_loop(
     m: State,
     r: Reference,
     setpoint: Vector,
@@ -80,27 +83,27 @@ def _asked(
     memories: Memories,
     period: Time,
 ) -> tuple[Vector, list[Memory]]:
-    """Return the acceleration that the velocity loop asks for, m/s², and its state before integrals grow."""
+    """Return the acceleration that the velocity loop commands, m/s², and its state before its integrals are updated."""
     command: Any = numbers.command
     axes = zip(
         *((r.a_x, r.a_y, r.a_z), (m.v_x, m.v_y, m.v_z), setpoint, error),
         *(numbers.velocity.k_p, numbers.velocity.terms or (None, None, None), memories),
         strict=True,
     )
-    asked, after = [], []
-    for fed, measured, wanted, left, k_p, terms, memory in axes:
+    accelerations, after = [], []
+    for reference, measured, setpoint_on_axis, error_on_axis, k_p, terms, memory in axes:
         integral, derivative, k_ff, _ = terms or Terms()
-        acceleration = command.feed_forward * fed + k_p * left
+        acceleration = command.feed_forward * reference + k_p * error_on_axis
         if integral is not None:
             acceleration = acceleration + memory.integral
         if derivative is not None:
             rate, memory = differentiated(measured, derivative, memory, period)
             acceleration = acceleration - derivative.k_d * rate
         if k_ff is not None:
-            acceleration = acceleration + k_ff * wanted
-        asked.append(acceleration)
+            acceleration = acceleration + k_ff * setpoint_on_axis
+        accelerations.append(acceleration)
         after.append(memory)
-    return Vector(*asked), after
+    return Vector(*accelerations), after
 
 
 def _integrated(memory: Memory, error: Row, terms: Terms | None, period: Time) -> Memory:
@@ -112,31 +115,31 @@ def _integrated(memory: Memory, error: Row, terms: Terms | None, period: Time) -
 def _limited_force(
     acceleration: Vector, error: Vector, numbers: CascadeNumbers, rules: CascadeRules
 ) -> tuple[Vector, Vector]:
-    """Return the commanded thrust in W, N, and the error of the velocity that is integrated, m/s."""
+    """Return the commanded thrust in W, N, and the velocity error for the integrals, m/s."""
     command: Any = numbers.command
     mass, gravity = numbers.mass, numbers.gravity
     a_x, a_y, a_z = acceleration
     up = gravity if rules.decouples_vertical else maximum(gravity + a_z, TINY)
     level_squared = a_x * a_x + a_y * a_y
-    # Horizontal over vertical thrust, per acceleration.
+    # This is the ratio of horizontal to vertical thrust, per unit of horizontal acceleration.
     slope = minimum(1.0 / up, command.slope / sqrt(level_squared + TINY))
     length = sqrt(1.0 + slope * slope * level_squared)
     f_z = maximum(mass * (gravity + a_z) * length, command.min_thrust) / length
     f_x, f_y = f_z * slope * a_x, f_z * slope * a_y
-    left_z = where(
+    integrated_z = where(
         f_z <= command.min_thrust,
         maximum(error.z, 0.0),
         where(f_z >= command.max_thrust, minimum(error.z, 0.0), error.z),
     )
-    most_squared = command.max_thrust * command.max_thrust
-    sideways = sqrt(f_x * f_x + f_y * f_y + TINY)
-    margin = minimum(sideways, command.horizontal_margin)
-    f_z = minimum(f_z, sqrt(maximum(most_squared - margin * margin, TINY)))
-    kept = minimum(sqrt(maximum(most_squared - f_z * f_z, TINY)) / sideways, 1.0)
-    f_x, f_y = kept * f_x, kept * f_y
+    max_squared = command.max_thrust * command.max_thrust
+    horizontal = sqrt(f_x * f_x + f_y * f_y + TINY)
+    margin = minimum(horizontal, command.horizontal_margin)
+    f_z = minimum(f_z, sqrt(maximum(max_squared - margin * margin, TINY)))
+    horizontal_share = minimum(sqrt(maximum(max_squared - f_z * f_z, TINY)) / horizontal, 1.0)
+    f_x, f_y = horizontal_share * f_x, horizontal_share * f_y
     produced_x, produced_y = f_x / mass, f_y / mass
     saturated = level_squared > produced_x * produced_x + produced_y * produced_y
     gain = 2.0 / numbers.velocity.k_p.x
-    left_x = error.x - where(saturated, gain * (a_x - produced_x), 0.0)
-    left_y = error.y - where(saturated, gain * (a_y - produced_y), 0.0)
-    return Vector(f_x, f_y, f_z), Vector(left_x, left_y, left_z)
+    integrated_x = error.x - where(saturated, gain * (a_x - produced_x), 0.0)
+    integrated_y = error.y - where(saturated, gain * (a_y - produced_y), 0.0)
+    return Vector(f_x, f_y, f_z), Vector(integrated_x, integrated_y, integrated_z)

@@ -1,4 +1,4 @@
-"""Numbers and state of cascades of PIDs, and their loops on three axes."""
+"""Parameters and state of cascades of PIDs, and PID loops on three axes."""
 
 from typing import Annotated, NamedTuple
 
@@ -9,11 +9,11 @@ from drake_quad.signals import ForceB, Number, Quantity, Row, Time, VelocityW
 
 
 class PidLoopGains(NamedTuple):
-    """Gains of a loop.
+    """Gains of a loop on three axes.
 
     Attributes:
         k_p: proportional gains.
-        terms: further terms on each axis; None for a proportional loop.
+        terms: other terms on each axis; None for a proportional loop.
     """
 
     k_p: PerAxis
@@ -24,7 +24,7 @@ class TiltNumbers(NamedTuple):
     """Thrust of a cascade that commands roll and pitch.
 
     Attributes:
-        hover_thrust: thrust without an error of the velocity.
+        hover_thrust: thrust for zero output of the vertical velocity loop.
         min_thrust: least thrust.
         max_thrust: largest thrust.
     """
@@ -38,14 +38,14 @@ class AccelerationNumbers(NamedTuple):
     """Feed-forward and limits of a cascade that commands an acceleration.
 
     Attributes:
-        feed_forward: share of the reference's acceleration that is added.
-        max_speed: largest horizontal velocity that is commanded.
-        max_ascent: largest velocity upwards.
-        max_descent: largest velocity downwards.
+        feed_forward: factor on the acceleration of the reference.
+        max_speed: largest commanded horizontal speed.
+        max_ascent: largest commanded velocity upwards.
+        max_descent: largest commanded velocity downwards.
         slope: tangent of the largest tilt.
         min_thrust: least thrust.
         max_thrust: largest thrust.
-        horizontal_margin: horizontal thrust that is kept where the vertical thrust asks for all.
+        horizontal_margin: horizontal thrust that remains available when the vertical thrust saturates.
     """
 
     feed_forward: Number
@@ -59,15 +59,16 @@ class AccelerationNumbers(NamedTuple):
 
 
 class CascadeNumbers(NamedTuple):
-    """Numbers of a cascade of PIDs.
+    """Parameters of a cascade of PIDs.
 
     Attributes:
         position: gains of the position loop, from m to m/s.
-        velocity: gains of the velocity loop, from m/s to m/s², or to rad along the two axes of a tilt.
-        velocity_feed_forward: share of the reference's velocity that is added to the commanded one.
-        mass: believed.
-        gravity: believed g.
-        command: numbers of the law of the velocity loop; their type selects the law.
+        velocity: gains of the velocity loop, from m/s to m/s², or to rad on the two horizontal axes if it commands a
+            tilt.
+        velocity_feed_forward: factor on the velocity of the reference, which is added to the commanded velocity.
+        mass: mass of the nominal vehicle.
+        gravity: g of the nominal model.
+        command: parameters of the velocity loop's law. Their type selects the law.
     """
 
     position: PidLoopGains
@@ -82,8 +83,9 @@ class CascadeRules(NamedTuple):
     """Variants of the laws.
 
     Attributes:
-        position_integrates_first: True if the integral of the position loop has the error of its own tick.
-        velocity_integrates_first: the same for the velocity loop, if it commands a tilt.
+        position_integrates_first: True if the integral in the output of the position loop includes the error of this
+            tick.
+        velocity_integrates_first: the same for the velocity loop if it commands a tilt.
         decouples_vertical: True if the commanded vertical acceleration does not change the tilt.
     """
 
@@ -96,7 +98,7 @@ Memories = tuple[Memory, Memory, Memory]
 
 
 class CascadeMemory(NamedTuple):
-    """State of both loops."""
+    """State of the position loop and of the velocity loop."""
 
     position: Memories
     velocity: Memories
@@ -112,18 +114,18 @@ def empty_memory(numbers: CascadeNumbers) -> CascadeMemory:
     return CascadeMemory(_memories(numbers.position), _memories(numbers.velocity))
 
 
-def stepped(
+def step_loops(
     setpoint: Vector, measured: Vector, gains: PidLoopGains, memories: Memories, period: Time, integrates_first: bool
 ) -> tuple[Vector, Memories]:
-    """Return the outputs of a loop on three axes, and its state.
+    """Return the outputs of a loop on three axes, and its next state.
 
     Args:
         setpoint: setpoints.
         measured: measurements.
         gains: gains of the loop.
         memories: state of the loop.
-        period: of the loop, s.
-        integrates_first: True if the output has the integral with the error of its own tick.
+        period: period of the loop, s.
+        integrates_first: True if the integral in the output includes the error of this tick.
     """
     terms = gains.terms or (None, None, None)
     axes = zip(setpoint, measured, gains.k_p, terms, memories, strict=True)

@@ -1,4 +1,4 @@
-"""The system of a cascade of PIDs, whose loops may be slower than the control."""
+"""The system `PidCascade`, whose loops may be slower than the control period."""
 
 from typing import Any, NamedTuple
 
@@ -21,12 +21,12 @@ from drake_quad.geometry.axes import BodyAxes, times
 from drake_quad.signals import Acceleration, AttitudeTarget, Number, Reference, State, Time
 
 
-class Held(NamedTuple):
+class CascadeState(NamedTuple):
     """State of a cascade.
 
     Attributes:
         ticks: ticks since the target was computed; None if it is computed at every tick.
-        target: target that is held until the next; None likewise.
+        target: target that is held until the next computation; None if it is computed at every tick.
         memory: state of the loops.
     """
 
@@ -35,32 +35,32 @@ class Held(NamedTuple):
     memory: CascadeMemory
 
 
-def first_held(numbers: CascadeNumbers, num_ticks: int) -> Held:
+def initial_state(numbers: CascadeNumbers, num_ticks: int) -> CascadeState:
     """Return the state before the first tick."""
     if num_ticks == 1:
-        return Held(None, None, empty_memory(numbers))
+        return CascadeState(None, None, empty_memory(numbers))
     target = AttitudeTarget(numbers.mass * numbers.gravity, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    return Held(0.0, target, empty_memory(numbers))
+    return CascadeState(0.0, target, empty_memory(numbers))
 
 
-def cascade_after(
+def step_cascade(
     m: State,
     r: Reference,
     numbers: CascadeNumbers,
-    held: Held | None,
+    held: CascadeState | None,
     tick: Time,
     num_ticks: int,
     rules: CascadeRules,
-) -> tuple[AttitudeTarget, Held]:
+) -> tuple[AttitudeTarget, CascadeState]:
     """Return the target of a tick, and the state after it.
 
     Args:
         m: measured state.
         r: reference.
-        numbers: numbers of the cascade.
-        held: state before the tick; None if there is nothing to remember.
-        tick: period of the control, s.
-        num_ticks: ticks from one computation of the loops to the next.
+        numbers: parameters of the cascade.
+        held: state before the tick; None if the cascade has no state.
+        tick: control period, s.
+        num_ticks: number of ticks between two computations of the loops.
         rules: variants of the laws.
     """
     memory = empty_memory(numbers) if held is None else held.memory
@@ -68,17 +68,17 @@ def cascade_after(
     law = tilt_target if tilts else acceleration_target
     target, after = law(m, r, numbers, memory, num_ticks * tick, rules)
     if held is None or held.ticks is None or held.target is None:
-        return target, Held(None, None, after)
+        return target, CascadeState(None, None, after)
     due = held.ticks < 0.5
     target, after = where(due, (target, after), (held.target, memory))
     if tilts:
         target = target._replace(yaw=r.yaw)
     ticks = where(held.ticks > num_ticks - 1.5, 0.0, held.ticks + 1.0)
-    return target, Held(ticks, target, after)
+    return target, CascadeState(ticks, target, after)
 
 
 def _target(*reads: Any) -> AttitudeTarget:
-    target, _ = cascade_after(*reads)
+    target, _ = step_cascade(*reads)
     return target
 
 
@@ -89,14 +89,14 @@ def _acceleration(*reads: Any) -> Acceleration:
     return Acceleration(x, y, z - numbers.gravity)
 
 
-def _after(*reads: Any) -> Held:
-    _, held = cascade_after(*reads)
+def _after(*reads: Any) -> CascadeState:
+    _, held = step_cascade(*reads)
     return held
 
 
 @fleet_system(float, AutoDiffXd)
 class PidCascade(FleetSystem):
-    """PIDs on position and velocity, which command an attitude on board.
+    """PIDs on position and velocity that command the attitude to an autopilot on board.
 
     .. pydrake_system::
 
@@ -108,22 +108,22 @@ class PidCascade(FleetSystem):
         - attitude_target
         - acceleration_command
 
-    A loop of the position turns its error into a velocity, and a loop of the velocity turns the error of that into an
-    attitude and a thrust, by the law of `drake_quad.control.pid_cascade.tilt` or that of
-    `drake_quad.control.pid_cascade.acceleration`. The loops of attitude and body rates are on board. The
-    `acceleration_command` is that of the believed vehicle with the commanded attitude and thrust.
+    The position loop turns the position error into a velocity. The velocity loop turns the velocity error into an
+    attitude and a thrust, by the law of `drake_quad.control.pid_cascade.tilt` or of
+    `drake_quad.control.pid_cascade.acceleration`. The loops of attitude and body rates are on board.
+    `acceleration_command` is the acceleration of the nominal vehicle at the commanded attitude and thrust.
 
-    The loops are computed at every `num_ticks`-th tick of the control. Between these ticks the `attitude_target` is
-    held, except that the yaw beside a commanded tilt is always that of the reference.
+    The loops are computed at every `num_ticks`-th tick. Between these ticks `attitude_target` is held, except that the
+    yaw of a law that commands a tilt is always that of the reference.
 
-    The state `held` is there if anything is remembered. The only parameter of the context is `numbers`.
+    The state `held` exists if the cascade has any state. The only parameter of the context is `numbers`.
 
     Args:
-        num_vehicles: N.
-        tick: period of the control, s.
-        num_ticks: ticks from one computation of the loops to the next.
+        num_vehicles: number of vehicles N.
+        tick: control period, s.
+        num_ticks: number of ticks between two computations of the loops.
         rules: variants of the laws.
-        numbers: gains, limits, and believed numbers of the vehicle.
+        numbers: gains, limits, and parameters of the nominal vehicle.
     """
 
     def declare(
@@ -132,8 +132,8 @@ class PidCascade(FleetSystem):
         """Declare ports, state and parameters."""
         parameter = self.parameter("numbers", lambda numbers: numbers)
         held = None
-        if layout_of(Held, first_held(numbers, num_ticks)).num_rows:
-            held = self.state("held", lambda numbers: first_held(numbers, num_ticks))
+        if layout_of(CascadeState, initial_state(numbers, num_ticks)).num_rows:
+            held = self.state("held", lambda numbers: initial_state(numbers, num_ticks))
         reads = self.input("measurement"), self.input("reference"), parameter, held, tick, num_ticks, rules
         if held is not None:
             self.update(tick, _after, *reads, writes=[held])

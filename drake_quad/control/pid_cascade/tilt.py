@@ -1,13 +1,13 @@
-"""A velocity loop that commands roll and pitch, as in the Crazyflie's firmware.
+"""Velocity loop that commands roll and pitch, as in the Crazyflie's firmware.
 
-Along the axes of the heading, the output of the velocity loop is the pitch and, with the other sign, the roll. Along z
-it is an acceleration, which changes the thrust of hover. Each output has a limit of its own (Bitcraze,
+Along the axes of the heading, the output of the velocity loop is the pitch and, with the opposite sign, the roll. Along
+z it is an acceleration, which changes the hover thrust. Each output has its own limit (Bitcraze,
 crazyflie-firmware 2025.12, `position_controller_pid.c`).
 """
 
 from typing import Any
 
-from drake_quad.control.pid_cascade.numbers import CascadeMemory, CascadeNumbers, CascadeRules, stepped
+from drake_quad.control.pid_cascade.numbers import CascadeMemory, CascadeNumbers, CascadeRules, step_loops
 from drake_quad.framework.elementary import maximum, minimum, sin_cos
 from drake_quad.geometry.axes import Vector
 from drake_quad.geometry.flatness import in_heading
@@ -17,35 +17,39 @@ from drake_quad.signals import AttitudeTarget, Reference, Row, State, Time
 def tilt_target(
     m: State, r: Reference, numbers: CascadeNumbers, memory: CascadeMemory, period: Time, rules: CascadeRules
 ) -> tuple[AttitudeTarget, CascadeMemory]:
-    """Return the target of a velocity loop that commands roll and pitch, and the state of the loops.
+    """Return the target of a velocity loop that commands roll and pitch, and the next state of the loops.
 
     Args:
         m: measured state.
         r: reference.
-        numbers: numbers of the cascade, with `TiltNumbers`.
+        numbers: parameters of the cascade, with `TiltNumbers`.
         memory: state of the loops.
-        period: of the loops, s.
+        period: period of the loops, s.
         rules: variants of the laws.
     """
     command: Any = numbers.command
     sin_yaw, cos_yaw = sin_cos(m.yaw)
 
-    def turned(x: Row, y: Row, z: Row) -> Vector:
+    def in_heading_frame(x: Row, y: Row, z: Row) -> Vector:
         return Vector(*in_heading(Vector(x, y, z), sin_yaw, cos_yaw))
 
-    wanted, position = stepped(
-        turned(r.x, r.y, r.z),
-        turned(m.x, m.y, m.z),
+    setpoint, position = step_loops(
+        in_heading_frame(r.x, r.y, r.z),
+        in_heading_frame(m.x, m.y, m.z),
         numbers.position,
         memory.position,
         period,
         rules.position_integrates_first,
     )
     share = numbers.velocity_feed_forward
-    fed = turned(r.v_x, r.v_y, r.v_z)
-    wanted = Vector(*[own + share * velocity for own, velocity in zip(wanted, fed, strict=True)])
-    moving = turned(m.v_x, m.v_y, m.v_z)
-    out, velocity = stepped(wanted, moving, numbers.velocity, memory.velocity, period, rules.velocity_integrates_first)
-    thrust = minimum(maximum(command.hover_thrust + numbers.mass * out.z, command.min_thrust), command.max_thrust)
-    target = AttitudeTarget(thrust, -out.y, out.x, r.yaw, 0.0, 0.0, 0.0)
+    reference_velocity = in_heading_frame(r.v_x, r.v_y, r.v_z)
+    setpoint = Vector(
+        *[proportional + share * velocity for proportional, velocity in zip(setpoint, reference_velocity, strict=True)]
+    )
+    measured_velocity = in_heading_frame(m.v_x, m.v_y, m.v_z)
+    output, velocity = step_loops(
+        setpoint, measured_velocity, numbers.velocity, memory.velocity, period, rules.velocity_integrates_first
+    )
+    thrust = minimum(maximum(command.hover_thrust + numbers.mass * output.z, command.min_thrust), command.max_thrust)
+    target = AttitudeTarget(thrust, -output.y, output.x, r.yaw, 0.0, 0.0, 0.0)
     return target, CascadeMemory(position, velocity)

@@ -1,1 +1,1 @@
-"""Policies: networks that were trained, what they see, and what their actions mean."""
+"""Trained policies: networks, their observations, and the meaning of their actions."""

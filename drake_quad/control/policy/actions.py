@@ -1,4 +1,4 @@
-"""What the actions of a policy, numbers from -1 to 1, command; beyond these bounds they are as on them."""
+"""Commands that the actions of a policy stand for. Actions are numbers from -1 to 1; larger ones are saturated."""
 
 from typing import NamedTuple
 
@@ -30,7 +30,7 @@ from drake_quad.signals import (
 
 
 class PerRotor(NamedTuple):
-    """The wrench of each rotor over its squared speed."""
+    """Wrench of each rotor divided by its squared speed."""
 
     rotor_1: Wrench
     rotor_2: Wrench
@@ -39,7 +39,7 @@ class PerRotor(NamedTuple):
 
 
 class ThrustRange(NamedTuple):
-    """Thrusts of an action of -1 and of 1."""
+    """Thrusts for an action of -1 and for an action of 1."""
 
     least: ForceB
     most: ForceB
@@ -54,12 +54,12 @@ class AccelerationScale(NamedTuple):
 
 
 class AttitudeScale(NamedTuple):
-    """What actions mean as thrust and attitude.
+    """Thrust and attitude for actions of -1 and 1.
 
     Attributes:
-        thrust: of the first action.
-        tilt: roll and pitch of 1 in the second and third.
-        yaw: by which 1 in the fourth turns away from the reference's yaw.
+        thrust: range of the thrust, for the first row of an action.
+        tilt: roll and pitch for 1 in the second and third row.
+        yaw: yaw relative to that of the reference for 1 in the fourth row.
     """
 
     thrust: ThrustRange
@@ -68,15 +68,15 @@ class AttitudeScale(NamedTuple):
 
 
 class RatesScale(NamedTuple):
-    """What actions mean as thrust and body rates, and the loop of the rates on the ground.
+    """Thrust and body rates for actions of -1 and 1, and the body rate loop on the ground.
 
     Attributes:
-        thrust: of the first action.
-        rates: of 1 in the others.
-        gains: angular acceleration over the error of a rate, 1/s.
-        i_xx: moment of inertia about x_B, believed.
-        i_yy: about y_B.
-        i_zz: about z_B.
+        thrust: range of the thrust, for the first row of an action.
+        rates: body rates for 1 in the other rows.
+        gains: angular acceleration per body rate error, 1/s.
+        i_xx: moment of inertia of the nominal vehicle about x_B.
+        i_yy: moment of inertia of the nominal vehicle about y_B.
+        i_zz: moment of inertia of the nominal vehicle about z_B.
     """
 
     thrust: ThrustRange
@@ -88,12 +88,12 @@ class RatesScale(NamedTuple):
 
 
 class SpeedScale(NamedTuple):
-    """What actions mean as speeds of rotors, and which wrench these are believed to give.
+    """Maps from actions to rotor speeds, and from these to the wrench of the nominal vehicle.
 
     Attributes:
-        least: of -1.
-        most: of 1.
-        wrenches: of each rotor, over its squared speed.
+        least: rotor speed for an action of -1.
+        most: rotor speed for an action of 1.
+        wrenches: wrench of each rotor divided by its squared speed.
     """
 
     least: RotorRate
@@ -101,14 +101,14 @@ class SpeedScale(NamedTuple):
     wrenches: PerRotor
 
 
-def within(action: Row) -> Row:
-    """Return an action limited to its bounds; NaN if it is NaN or infinite, so that the flight ends there."""
-    # The limits alone would turn NaN into a bound, since comparisons with NaN are false. 0 · NaN and 0 · ∞ are NaN.
+def saturated(action: Row) -> Row:
+    """Return an action saturated at -1 and 1; NaN if it is NaN or infinite, so that the flight ends there."""
+    # Comparisons with NaN are false, so that saturation alone would turn NaN into -1 or 1. 0 · NaN and 0 · ∞ are NaN.
     return minimum(maximum(action, -1.0), 1.0) + 0.0 * action
 
 
 def _scaled_thrust(action: Row, between: ThrustRange) -> ForceB:
-    return between.least + 0.5 * (within(action) + 1.0) * (between.most - between.least)
+    return between.least + 0.5 * (saturated(action) + 1.0) * (between.most - between.least)
 
 
 def commanded_acceleration(
@@ -129,58 +129,64 @@ def commanded_acceleration(
         frame: name of the frame.
         turn: additional rotation of the frame about Z, rad.
     """
-    along = Vector._make(within(row) * most for row, most in zip(action, scale, strict=True))
+    components = Vector._make(saturated(row) * most for row, most in zip(action, scale, strict=True))
     if measurement is None or reference is None:
-        return Acceleration(*along)
+        return Acceleration(*components)
     axes = level_axes(frame, measurement.yaw, reference.yaw, turn)
-    return Acceleration(*(along if axes is None else axes.in_world(along)))
+    return Acceleration(*(components if axes is None else axes.in_world(components)))
 
 
 def commanded_attitude(action: Action, reference: Reference, scale: AttitudeScale) -> Vectored:
-    """Thrust and attitude that an action of four rows commands: thrust, roll, pitch, and yaw from the reference's."""
+    """Return the thrust and the attitude for an action: thrust, roll, pitch, and yaw relative to the reference."""
     thrust, roll, pitch, yaw = action
     return Vectored(
         Thrust(_scaled_thrust(thrust, scale.thrust)),
-        Attitude(within(roll) * scale.tilt, within(pitch) * scale.tilt, reference.yaw + within(yaw) * scale.yaw),
+        Attitude(
+            saturated(roll) * scale.tilt, saturated(pitch) * scale.tilt, reference.yaw + saturated(yaw) * scale.yaw
+        ),
         BodyRates(0.0, 0.0, 0.0),
         AngularAcceleration(0.0, 0.0, 0.0),
     )
 
 
 def _commanded_rates(action: Action, rates: BodyRates) -> tuple[BodyRateB, BodyRateB, BodyRateB]:
-    p, q, r = (within(row) * most for row, most in zip(action, rates, strict=True))
+    p, q, r = (saturated(row) * most for row, most in zip(action, rates, strict=True))
     return p, q, r
 
 
 def rates_on_board(action: Action, scale: RatesScale) -> AttitudeTarget:
-    """Thrust and body rates that an action of four rows commands, for an autopilot that heeds no attitude."""
-    thrust, *turning = action
+    """Return the thrust and the body rates for an action, for an autopilot that does not control the attitude."""
+    thrust, *rates = action
     return AttitudeTarget(
-        _scaled_thrust(thrust, scale.thrust), 0.0, 0.0, 0.0, *_commanded_rates(tuple(turning), scale.rates)
+        _scaled_thrust(thrust, scale.thrust), 0.0, 0.0, 0.0, *_commanded_rates(tuple(rates), scale.rates)
     )
 
 
 def rates_from_the_ground(action: Action, measurement: State, scale: RatesScale) -> Wrench:
-    """The wrench for thrust and body rates that an action of four rows commands: τ = I k (ω_r - ω) + ω × I ω in B."""
-    thrust, *turning = action
-    own = BodyRates(measurement.p, measurement.q, measurement.r)
-    wanted = AngularAcceleration._make(
+    """Return the wrench for an action that commands thrust and body rates: τ = I k (ω_r - ω) + ω × I ω in B."""
+    thrust, *rates = action
+    measured = BodyRates(measurement.p, measurement.q, measurement.r)
+    acceleration = AngularAcceleration._make(
         k * (commanded - rate)
-        for k, commanded, rate in zip(scale.gains, _commanded_rates(tuple(turning), scale.rates), own, strict=True)
+        for k, commanded, rate in zip(scale.gains, _commanded_rates(tuple(rates), scale.rates), measured, strict=True)
     )
-    return Wrench(_scaled_thrust(thrust, scale.thrust), *torque_of(wanted, own, scale.i_xx, scale.i_yy, scale.i_zz))
+    return Wrench(
+        _scaled_thrust(thrust, scale.thrust), *torque_of(acceleration, measured, scale.i_xx, scale.i_yy, scale.i_zz)
+    )
 
 
 def wrench_of_speeds(action: Action, scale: SpeedScale, order: tuple[int, ...]) -> Wrench:
-    """The wrench that rotors of the commanded speeds are believed to give, from which allocation makes these speeds.
+    """Return the wrench of the nominal vehicle for the commanded rotor speeds; allocation turns it into these speeds.
 
     Args:
-        action: of four rows.
-        scale: of the speeds.
-        order: place of each rotor's row in the action.
+        action: four rows.
+        scale: rotor speeds for actions of -1 and 1.
+        order: index of each rotor's row in the action.
     """
     total: list[Row] = [0.0, 0.0, 0.0, 0.0]
-    for place, wrench in zip(order, scale.wrenches, strict=True):
-        speed = scale.least + 0.5 * (within(action[place]) + 1.0) * (scale.most - scale.least)
-        total = [whole + part * speed * speed for whole, part in zip(total, wrench, strict=True)]
+    for row, wrench in zip(order, scale.wrenches, strict=True):
+        speed = scale.least + 0.5 * (saturated(action[row]) + 1.0) * (scale.most - scale.least)
+        total = [
+            accumulated + coefficient * speed * speed for accumulated, coefficient in zip(total, wrench, strict=True)
+        ]
     return Wrench._make(total)

@@ -1,6 +1,6 @@
-"""What the actions of a policy command, as systems: one for each kind of action, and one for each way there.
+"""Systems that turn the actions of a policy into commands, one for each kind of action and each controlling side.
 
-The equations are those of `drake_quad.control.policy.actions`. The only parameter of the context is `scale`.
+The equations are in `drake_quad.control.policy.actions`. The only parameter of the context is `scale`.
 """
 
 from drake_quad.control.policy.actions import (
@@ -20,7 +20,7 @@ from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, Input, Pa
 from drake_quad.framework.records import rows_layout
 
 
-def _declared(system: FleetSystem, num_rows: int = 4) -> tuple[Input, Parameter]:
+def _declare_action(system: FleetSystem, num_rows: int = 4) -> tuple[Input, Parameter]:
     """Declare the input port `action` and the parameter `scale` of a system."""
     action = system.input("action", layout=rows_layout(num_rows))
     return action, system.parameter("scale", lambda scale: scale)
@@ -43,7 +43,7 @@ class AccelerationActuation(FleetSystem):
     The ports `measurement` and `reference` do not exist with the frame `world`.
 
     Args:
-        num_vehicles: N.
+        num_vehicles: number of vehicles N.
         frame: name of a frame of `drake_quad.control.policy.frames`.
         turn: additional rotation of `heading` and `reference_heading` about Z, rad.
         numbers: accelerations that an action of 1 commands.
@@ -51,14 +51,14 @@ class AccelerationActuation(FleetSystem):
 
     def declare(self, *, frame: LevelFrame = "world", turn: float = 0.0, numbers: AccelerationScale) -> None:
         """Declare ports and parameters."""
-        action, scale = _declared(self, num_rows=3)
+        action, scale = _declare_action(self, num_rows=3)
         heads = (None, None) if frame == "world" else (self.input("measurement"), self.input("reference"))
         self.output("acceleration_command", commanded_acceleration, action, *heads, scale, frame, turn)
 
 
 @fleet_system(float, AutoDiffXd)
 class AttitudeActuation(FleetSystem):
-    """The thrust and the attitude that an action commands, in place of a `ThrustVectoring`.
+    """Conversion of an action to thrust and attitude, which replaces a `ThrustVectoring`.
 
     .. pydrake_system::
 
@@ -69,23 +69,23 @@ class AttitudeActuation(FleetSystem):
         output_ports:
         - thrust_and_attitude
 
-    The yaw is counted from that of the `reference`. The output packs the signals of `Vectored`: body rates and angular
-    accelerations are none.
+    The yaw of the action is relative to that of the `reference`. The output packs the signals of `Vectored`, with zero
+    body rates and angular accelerations.
 
     Args:
-        num_vehicles: N.
-        numbers: what actions of -1 and of 1 mean.
+        num_vehicles: number of vehicles N.
+        numbers: thrusts and angles for actions of -1 and 1.
     """
 
     def declare(self, *, numbers: AttitudeScale) -> None:
-        """Declares the system."""
-        action, scale = _declared(self)
+        """Declare ports, states and parameters."""
+        action, scale = _declare_action(self)
         self.packed_output("thrust_and_attitude", Vectored, commanded_attitude, action, self.input("reference"), scale)
 
 
 @fleet_system(float, AutoDiffXd)
 class RatesFromTheGround(FleetSystem):
-    """The wrench for the thrust and the body rates that an action commands: a loop of the rates on the ground.
+    """Conversion of an action to a wrench, with a body rate loop on the ground.
 
     .. pydrake_system::
 
@@ -96,20 +96,22 @@ class RatesFromTheGround(FleetSystem):
         output_ports:
         - wrench
 
+    The action commands thrust and body rates.
+
     Args:
-        num_vehicles: N.
-        numbers: what actions of -1 and of 1 mean, and the loop.
+        num_vehicles: number of vehicles N.
+        numbers: thrusts and body rates for actions of -1 and 1, and parameters of the loop.
     """
 
     def declare(self, *, numbers: RatesScale) -> None:
-        """Declares the system."""
-        action, scale = _declared(self)
+        """Declare ports, states and parameters."""
+        action, scale = _declare_action(self)
         self.output("wrench", rates_from_the_ground, action, self.input("measurement"), scale)
 
 
 @fleet_system(float, AutoDiffXd)
 class RatesOnBoard(FleetSystem):
-    """The thrust and the body rates that an action commands, for an autopilot that heeds no attitude.
+    """Conversion of an action to thrust and body rates, for an autopilot that does not control the attitude.
 
     .. pydrake_system::
 
@@ -120,18 +122,18 @@ class RatesOnBoard(FleetSystem):
         - attitude_target
 
     Args:
-        num_vehicles: N.
-        numbers: what actions of -1 and of 1 mean.
+        num_vehicles: number of vehicles N.
+        numbers: thrusts and body rates for actions of -1 and 1.
     """
 
     def declare(self, *, numbers: RatesScale) -> None:
-        """Declares the system."""
-        self.output("attitude_target", rates_on_board, *_declared(self))
+        """Declare ports, states and parameters."""
+        self.output("attitude_target", rates_on_board, *_declare_action(self))
 
 
 @fleet_system(float, AutoDiffXd)
 class RotorSpeedActuation(FleetSystem):
-    """The wrench that rotors of the speeds that an action commands are believed to give.
+    """Conversion of an action, which commands rotor speeds, to the wrench of the nominal vehicle at these speeds.
 
     .. pydrake_system::
 
@@ -141,14 +143,14 @@ class RotorSpeedActuation(FleetSystem):
         output_ports:
         - wrench
 
-    Allocation on board makes the same speeds of it.
+    The allocation on board turns this wrench into the same speeds.
 
     Args:
-        num_vehicles: N.
-        order: place of each rotor's row in the action.
-        numbers: what actions of -1 and of 1 mean.
+        num_vehicles: number of vehicles N.
+        order: index of each rotor's row in the action.
+        numbers: rotor speeds for actions of -1 and 1.
     """
 
     def declare(self, *, order: tuple[int, ...] = (0, 1, 2, 3), numbers: SpeedScale) -> None:
-        """Declares the system."""
-        self.output("wrench", wrench_of_speeds, *_declared(self), order)
+        """Declare ports, states and parameters."""
+        self.output("wrench", wrench_of_speeds, *_declare_action(self), order)

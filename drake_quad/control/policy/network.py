@@ -1,12 +1,12 @@
-"""Networks of a policy: layers of neurons, and gated recurrent units that remember.
+"""Networks of policies: dense layers and layers of gated recurrent units.
 
     dense     y = σ(W x + b)
     GRU       r = s(W_r x + b_r + U_r h + c_r),  z = s(W_z x + b_z + U_z h + c_z)
               n = tanh(W_n x + b_n + r (U_n h + c_n)),  h' = z h + (1 - z) n
 
 with the logistic function s and an activation σ. The unit is that of K. Cho et al., "Learning phrase representations
-using RNN encoder-decoder for statistical machine translation", 2014, with the reset gate r behind the product, as
-PyTorch, TensorFlow and ONNX (`linear_before_reset`) have it.
+using RNN encoder-decoder for statistical machine translation", 2014. The reset gate r is applied after the product, as
+in PyTorch, TensorFlow and ONNX (`linear_before_reset`).
 """
 
 import math
@@ -26,12 +26,12 @@ GELU_CUBE = 0.044715
 
 
 def relu(x: Row) -> Row:
-    """The larger of x and 0."""
+    """Return the larger of x and 0."""
     return maximum(x, 0.0)
 
 
 def sigmoid(x: Row) -> Row:
-    """The logistic function."""
+    """Return the logistic function of x."""
     return 0.5 + 0.5 * tanh(0.5 * x)
 
 
@@ -57,13 +57,13 @@ def gelu_tanh(x: Row) -> Row:
 
 
 def silu(x: Row) -> Row:
-    """X times its logistic function."""
+    """Return x times its logistic function."""
     return x * sigmoid(x)
 
 
 _FORMULAS: tuple[Callable[..., Row], ...] = (identity, relu, tanh, sigmoid, elu, silu, leaky_relu, gelu, gelu_tanh)
 ACTIVATIONS = {formula.__name__: formula for formula in _FORMULAS}
-"""The functions of activations, by name."""
+"""Activation functions, by name."""
 
 WITH_ALPHA: tuple[Activation, ...] = ("elu", "leaky_relu")
 """Activations with a parameter α."""
@@ -84,18 +84,18 @@ class Dense(NamedTuple):
 
     @property
     def formula(self) -> Callable[[Row], Row]:
-        """Return the function σ."""
+        """Activation function σ."""
         formula = ACTIVATIONS[self.activation]
         return formula if self.alpha is None else partial(formula, alpha=self.alpha)
 
 
 class Gru(NamedTuple):
-    """A layer of gated recurrent units.
+    """Layer of gated recurrent units.
 
     Attributes:
-        of_input: W and b, those of r, z and n one after another.
-        of_memory: U and c, likewise.
-        initial: (units,) what they remember at the beginning.
+        of_input: W and b of r, z and n, one after another.
+        of_memory: U and c of r, z and n, one after another.
+        initial: (units,) initial memory h.
     """
 
     of_input: Matrix
@@ -104,14 +104,14 @@ class Gru(NamedTuple):
 
 
 class Network(NamedTuple):
-    """Layers, from the input on.
+    """Layers and input scaling of a network.
 
     Attributes:
-        layers: one after another.
-        num_inputs: rows of the input.
-        offset: that is taken from each row of the input.
-        scale: by which it is multiplied then.
-        limit: to which what comes of that is held, on both sides of zero.
+        layers: layers, from the input to the output.
+        num_inputs: number of rows of the input.
+        offset: subtracted from the rows of the input; None for zero.
+        scale: factors on the rows after subtraction; None for one.
+        limit: largest absolute value of the scaled rows; None for no limit.
     """
 
     layers: tuple[Dense | Gru, ...]
@@ -122,29 +122,29 @@ class Network(NamedTuple):
 
     @property
     def memory(self) -> tuple[tuple[float, ...], ...]:
-        """What the units of each recurrent layer remember at the beginning."""
+        """Initial memory of each recurrent layer."""
         return tuple([layer.initial for layer in self.layers if isinstance(layer, Gru)])
 
     @property
     def num_outputs(self) -> int:
-        """Rows of the output."""
+        """Number of rows of the output."""
         *_, last = self.layers
         return len(last.initial) if isinstance(last, Gru) else last.matrix.num_rows
 
 
 class NetworkStep(NamedTuple):
-    """What a network makes of an input.
+    """Output and memory of a network after one input.
 
     Attributes:
-        output: rows.
-        memory: of each recurrent layer.
+        output: rows of the output.
+        memory: memory of each recurrent layer.
     """
 
     output: tuple[Row, ...]
     memory: tuple[tuple[Row, ...], ...]
 
 
-def passed(network: Network, inputs: Sequence[Row], memory: Sequence[Sequence[Row]]) -> NetworkStep:
+def evaluate_network(network: Network, inputs: Sequence[Row], memory: Sequence[Sequence[Row]]) -> NetworkStep:
     """Evaluate a network for one input.
 
     Args:
@@ -152,7 +152,7 @@ def passed(network: Network, inputs: Sequence[Row], memory: Sequence[Sequence[Ro
         inputs: rows of the input.
         memory: present memory of each recurrent layer.
     """
-    rows = _prepared(network, inputs)
+    rows = _scaled_input(network, inputs)
     remembered: list[tuple[Row, ...]] = []
     for layer in network.layers:
         if isinstance(layer, Dense):
@@ -163,7 +163,7 @@ def passed(network: Network, inputs: Sequence[Row], memory: Sequence[Sequence[Ro
     return NetworkStep(tuple(rows), tuple(remembered))
 
 
-def _prepared(network: Network, inputs: Sequence[Row]) -> list[Row]:
+def _scaled_input(network: Network, inputs: Sequence[Row]) -> list[Row]:
     rows = list(inputs)
     if network.offset is not None:
         rows = [row - offset for row, offset in zip(rows, network.offset, strict=True)]
@@ -177,18 +177,18 @@ def _prepared(network: Network, inputs: Sequence[Row]) -> list[Row]:
 def _recurrent(layer: Gru, rows: Sequence[Row], memory: Sequence[Row]) -> list[Row]:
     units = len(layer.initial)
     new, old = (
-        _gates(dense(matrix, given, identity), units)
-        for matrix, given in ((layer.of_input, rows), (layer.of_memory, memory))
+        _gates(dense(matrix, layer_input, identity), units)
+        for matrix, layer_input in ((layer.of_input, rows), (layer.of_memory, memory))
     )
-    found = []
+    memory_after = []
     for before, now, then in zip(memory, zip(*new, strict=True), zip(*old, strict=True), strict=True):
         (r, z, n), (u_r, u_z, u_n) = now, then
         update = sigmoid(z + u_z)
         proposed = tanh(n + sigmoid(r + u_r) * u_n)
-        found.append(update * before + (1.0 - update) * proposed)
-    return found
+        memory_after.append(update * before + (1.0 - update) * proposed)
+    return memory_after
 
 
 def _gates(rows: Sequence[Row], units: int) -> list[Sequence[Row]]:
-    """Those of the reset gate, of the update gate and of what is proposed, each of so many units."""
+    """Return the rows of the reset gate, of the update gate and of the proposed memory."""
     return [rows[first : first + units] for first in range(0, len(rows), units)]

@@ -14,20 +14,20 @@ from drake_quad.signals import Attitude, BodyRates, PositionW, Reference, RotorR
 Frame = Literal[LevelFrame, "body"]
 
 
-class Seen(NamedTuple):
-    """All that an observation may be made of.
+class Observables(NamedTuple):
+    """All quantities that an observation can contain.
 
     Attributes:
-        state: of the vehicle, measured or true.
-        reference: to follow.
-        ahead: where the reference will be, X, Y and Z of one time after another, m.
-        rotor_speed: None if nothing looks at it.
-        wind: None if nothing looks at it.
-        action: the last one.
-        clearance: from obstacles, m; None if nothing looks at it.
-        top_speed: of the rotors, rad/s.
-        axes: of the frame; None for W.
-        attitude: of the vehicle, in which rotations are seen.
+        state: measured or true state of the vehicle.
+        reference: reference that the vehicle follows.
+        ahead: future positions of the reference, X, Y and Z of one time after another, m.
+        rotor_speed: rotor speeds; None if the observation does not contain them.
+        wind: velocity of the air; None if the observation does not contain it.
+        action: last action.
+        clearance: distance to the nearest obstacle, m; None if the observation does not contain it.
+        top_speed: largest rotor speed, rad/s.
+        axes: axes of the frame in W; None for W itself.
+        attitude: axes of the vehicle along those of the frame.
     """
 
     state: State
@@ -41,128 +41,132 @@ class Seen(NamedTuple):
     axes: BodyAxes | None
     attitude: BodyAxes
 
-    def turned(self, x: Row, y: Row, z: Row) -> Vector:
-        """A vector in W along the axes of the frame."""
+    def in_frame(self, x: Row, y: Row, z: Row) -> Vector:
+        """Return a vector in W along the axes of the frame."""
         return Vector(x, y, z) if self.axes is None else self.axes.in_body(Vector(x, y, z))
 
 
-def _position(seen: Seen) -> tuple[Row, ...]:
-    return seen.state.x, seen.state.y, seen.state.z
+def _position(observables: Observables) -> tuple[Row, ...]:
+    return observables.state.x, observables.state.y, observables.state.z
 
 
-def _position_error(seen: Seen) -> tuple[Row, ...]:
-    state, reference = seen.state, seen.reference
-    return seen.turned(reference.x - state.x, reference.y - state.y, reference.z - state.z)
+def _position_error(observables: Observables) -> tuple[Row, ...]:
+    state, reference = observables.state, observables.reference
+    return observables.in_frame(reference.x - state.x, reference.y - state.y, reference.z - state.z)
 
 
-def _velocity(seen: Seen) -> tuple[Row, ...]:
-    return seen.turned(seen.state.v_x, seen.state.v_y, seen.state.v_z)
+def _velocity(observables: Observables) -> tuple[Row, ...]:
+    return observables.in_frame(observables.state.v_x, observables.state.v_y, observables.state.v_z)
 
 
-def _velocity_error(seen: Seen) -> tuple[Row, ...]:
-    state, reference = seen.state, seen.reference
-    return seen.turned(reference.v_x - state.v_x, reference.v_y - state.v_y, reference.v_z - state.v_z)
+def _velocity_error(observables: Observables) -> tuple[Row, ...]:
+    state, reference = observables.state, observables.reference
+    return observables.in_frame(reference.v_x - state.v_x, reference.v_y - state.v_y, reference.v_z - state.v_z)
 
 
-def _reference_velocity(seen: Seen) -> tuple[Row, ...]:
-    return seen.turned(seen.reference.v_x, seen.reference.v_y, seen.reference.v_z)
+def _reference_velocity(observables: Observables) -> tuple[Row, ...]:
+    return observables.in_frame(observables.reference.v_x, observables.reference.v_y, observables.reference.v_z)
 
 
-def _reference_acceleration(seen: Seen) -> tuple[Row, ...]:
-    return seen.turned(seen.reference.a_x, seen.reference.a_y, seen.reference.a_z)
+def _reference_acceleration(observables: Observables) -> tuple[Row, ...]:
+    return observables.in_frame(observables.reference.a_x, observables.reference.a_y, observables.reference.a_z)
 
 
-def _reference_ahead(seen: Seen) -> tuple[Row, ...]:
+def _reference_ahead(observables: Observables) -> tuple[Row, ...]:
     rows: list[Row] = []
-    coordinates = iter(seen.ahead)
+    coordinates = iter(observables.ahead)
     for x, y, z in zip(coordinates, coordinates, coordinates, strict=True):
-        rows += seen.turned(x - seen.state.x, y - seen.state.y, z - seen.state.z)
+        rows += observables.in_frame(x - observables.state.x, y - observables.state.y, z - observables.state.z)
     return tuple(rows)
 
 
-def _rotation(seen: Seen) -> tuple[Row, ...]:
-    x, y, z = seen.attitude
+def _rotation(observables: Observables) -> tuple[Row, ...]:
+    x, y, z = observables.attitude
     return (x.x, y.x, z.x, x.y, y.y, z.y, x.z, y.z, z.z)
 
 
-def _attitude(seen: Seen) -> tuple[Row, ...]:
-    return Attitude(seen.state.roll, seen.state.pitch, seen.state.yaw)
+def _attitude(observables: Observables) -> tuple[Row, ...]:
+    return Attitude(observables.state.roll, observables.state.pitch, observables.state.yaw)
 
 
-def _yaw_error(seen: Seen) -> tuple[Row, ...]:
-    return sin_cos(seen.reference.yaw - seen.state.yaw)
+def _yaw_error(observables: Observables) -> tuple[Row, ...]:
+    return sin_cos(observables.reference.yaw - observables.state.yaw)
 
 
-def _body_rates(seen: Seen) -> tuple[Row, ...]:
-    return BodyRates(seen.state.p, seen.state.q, seen.state.r)
+def _body_rates(observables: Observables) -> tuple[Row, ...]:
+    return BodyRates(observables.state.p, observables.state.q, observables.state.r)
 
 
-def _rotor_speed(seen: Seen) -> tuple[Row, ...]:
-    assert seen.rotor_speed is not None
-    return tuple([speed / seen.top_speed for speed in seen.rotor_speed])
+def _rotor_speed(observables: Observables) -> tuple[Row, ...]:
+    assert observables.rotor_speed is not None
+    return tuple([speed / observables.top_speed for speed in observables.rotor_speed])
 
 
-def _wind(seen: Seen) -> tuple[Row, ...]:
-    assert seen.wind is not None
-    return seen.turned(*seen.wind)
+def _wind(observables: Observables) -> tuple[Row, ...]:
+    assert observables.wind is not None
+    return observables.in_frame(*observables.wind)
 
 
-def _clearance(seen: Seen) -> tuple[Row, ...]:
-    assert seen.clearance is not None
-    return (seen.clearance,)
+def _clearance(observables: Observables) -> tuple[Row, ...]:
+    assert observables.clearance is not None
+    return (observables.clearance,)
 
 
-def _action(seen: Seen) -> tuple[Row, ...]:
-    return seen.action
+def _action(observables: Observables) -> tuple[Row, ...]:
+    return observables.action
 
 
-class SignalSeen(NamedTuple):
-    """Something that a policy can see.
+class ObservableSignal(NamedTuple):
+    """Signal that an observation can contain.
 
     Attributes:
-        rows: that it has; None if others say how many.
-        of: an observation's rows, from all that it may be made of.
-        meaning: with its unit.
+        rows: number of rows; None if it depends on the policy.
+        of: function from all quantities to the rows of the signal.
+        meaning: description with unit.
     """
 
     rows: int | None
-    of: Callable[[Seen], tuple[Row, ...]]
+    of: Callable[[Observables], tuple[Row, ...]]
     meaning: str
 
 
-SIGNALS_SEEN = {
-    "position": SignalSeen(3, _position, "of the vehicle along X, Y, Z, whatever the frame (m)"),
-    "position_error": SignalSeen(3, _position_error, "from the vehicle to the reference (m)"),
-    "velocity": SignalSeen(3, _velocity, "of the vehicle (m/s)"),
-    "velocity_error": SignalSeen(3, _velocity_error, "the reference's velocity minus the vehicle's (m/s)"),
-    "reference_velocity": SignalSeen(3, _reference_velocity, "of the reference (m/s)"),
-    "reference_acceleration": SignalSeen(3, _reference_acceleration, "of the reference (m/s²)"),
-    "reference_ahead": SignalSeen(
-        None, _reference_ahead, "from the vehicle to where the reference will be, 3 for each time of `ahead` (m)"
+OBSERVABLE_SIGNALS = {
+    "position": ObservableSignal(3, _position, "position of the vehicle along X, Y, Z, in any frame (m)"),
+    "position_error": ObservableSignal(3, _position_error, "from the vehicle to the reference (m)"),
+    "velocity": ObservableSignal(3, _velocity, "velocity of the vehicle (m/s)"),
+    "velocity_error": ObservableSignal(3, _velocity_error, "velocity of the reference minus that of the vehicle (m/s)"),
+    "reference_velocity": ObservableSignal(3, _reference_velocity, "velocity of the reference (m/s)"),
+    "reference_acceleration": ObservableSignal(3, _reference_acceleration, "acceleration of the reference (m/s²)"),
+    "reference_ahead": ObservableSignal(
+        None,
+        _reference_ahead,
+        "from the vehicle to future positions of the reference, 3 rows for each time of `ahead` (m)",
     ),
-    "attitude": SignalSeen(3, _attitude, "roll, pitch and yaw in W, whatever the frame (rad)"),
-    "rotation": SignalSeen(
+    "attitude": ObservableSignal(3, _attitude, "roll, pitch and yaw in W, in any frame (rad)"),
+    "rotation": ObservableSignal(
         9,
         _rotation,
-        "the matrix from B to W row by row; from B to the turned W with `heading` and `reference_heading` (1)",
+        "rotation matrix from B to W, row by row; with `heading` and `reference_heading` from B to this frame (1)",
     ),
-    "yaw_error": SignalSeen(2, _yaw_error, "sine and cosine of the reference's yaw minus the vehicle's (1)"),
-    "body_rates": SignalSeen(3, _body_rates, "p, q, r along the axes of B (rad/s)"),
-    "rotor_speed": SignalSeen(
-        4, _rotor_speed, "the rotors' own, which no sensor tells, over the top speed in `nominal` (1)"
+    "yaw_error": ObservableSignal(
+        2, _yaw_error, "sine and cosine of the yaw of the reference minus that of the vehicle (1)"
     ),
-    "wind": SignalSeen(3, _wind, "as it is where the vehicle is, which no sensor tells (m/s)"),
-    "clearance": SignalSeen(1, _clearance, "between the vehicle's sphere and the nearest obstacle (m)"),
-    "action": SignalSeen(None, _action, "the last one as the policy gave it, also beyond -1 and 1 (1)"),
+    "body_rates": ObservableSignal(3, _body_rates, "body rates p, q, r along the axes of B (rad/s)"),
+    "rotor_speed": ObservableSignal(
+        4, _rotor_speed, "true rotor speeds, relative to the largest speed in `nominal`; not measurable (1)"
+    ),
+    "wind": ObservableSignal(3, _wind, "true wind at the vehicle; not measurable (m/s)"),
+    "clearance": ObservableSignal(1, _clearance, "distance between the vehicle's sphere and the nearest obstacle (m)"),
+    "action": ObservableSignal(None, _action, "last output of the policy, not saturated at -1 and 1 (1)"),
 }
-"""What can be seen, by name; vectors are along the axes of the frame unless something else is said."""
+"""Signals that an observation can contain, by name. Vectors are along the axes of the frame unless stated otherwise."""
 
 
 class ObservationSpec(NamedTuple):
     """Specification of an observation.
 
     Attributes:
-        signals: names from `SIGNALS_SEEN`, in the order of the rows.
+        signals: names from `OBSERVABLE_SIGNALS`, in the order of the rows.
         frame: frame along whose axes vectors are expressed.
         history: number of ticks in the observation, including the present one.
         turn: rotation about z from x_B to the front of the policy, rad; it also rotates all frames except W.
@@ -175,18 +179,18 @@ class ObservationSpec(NamedTuple):
 
 
 def num_observed(spec: ObservationSpec, *, num_actions: int, num_ahead: int) -> int:
-    """Rows that are seen at a tick."""
-    sizes = {name: signal.rows for name, signal in SIGNALS_SEEN.items()}
+    """Return the number of rows of an observation at one tick."""
+    sizes = {name: signal.rows for name, signal in OBSERVABLE_SIGNALS.items()}
     sizes |= {"action": num_actions, "reference_ahead": 3 * num_ahead}
     return sum(sizes[name] or 0 for name in spec.signals)
 
 
 class ObservationNumbers(NamedTuple):
-    """What an observation knows of the vehicle.
+    """Parameters of an observation.
 
     Attributes:
-        top_speed: of the rotors, by which their speeds are divided.
-        initial_action: that stands for the last one at the beginning.
+        top_speed: largest rotor speed, by which rotor speeds are divided.
+        initial_action: last action at the first tick.
     """
 
     top_speed: RotorRate
@@ -218,7 +222,7 @@ def observed(
             does not contain it.
         spec: specification of the observation.
     """
-    state, attitude = _with_own_axes(state, spec)
+    state, attitude = _with_policy_axes(state, spec)
     if spec.frame == "body":
         axes: BodyAxes | None = attitude
     else:
@@ -226,12 +230,14 @@ def observed(
         if axes is not None:
             attitude = BodyAxes._make(map(axes.in_body, attitude))
     distance = None if clearance is None else clearance(state.x, state.y, state.z)
-    seen = Seen(state, reference, ahead, rotor_speed, wind, action, distance, numbers.top_speed, axes, attitude)
-    return tuple([row for name in spec.signals for row in SIGNALS_SEEN[name].of(seen)])
+    observables = Observables(
+        state, reference, ahead, rotor_speed, wind, action, distance, numbers.top_speed, axes, attitude
+    )
+    return tuple([row for name in spec.signals for row in OBSERVABLE_SIGNALS[name].of(observables)])
 
 
-def _with_own_axes(state: State, spec: ObservationSpec) -> tuple[State, BodyAxes]:
-    """The state and the axes of a body that the policy takes for the vehicle's."""
+def _with_policy_axes(state: State, spec: ObservationSpec) -> tuple[State, BodyAxes]:
+    """Return the state and the body axes, rotated about z_B to the front of the policy."""
     body = BodyAxes.of(state.roll, state.pitch, state.yaw)
     if spec.turn == 0.0:
         return state, body

@@ -1,6 +1,6 @@
-"""A policy in the loop: what it sees, the network, and what its actions command.
+"""A policy in the loop: observation, network, and actuation.
 
-What it did at the last tick can be seen as well:
+The observation can contain the last action:
 
     ──▶ observation ──▶ policy ── action ──▶ actuation ──▶ ...
               ▲                      │
@@ -13,8 +13,8 @@ from typing import Any, Literal
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import PassThrough
 
-from drake_quad.control.cascade import command_of
-from drake_quad.control.policy.network import Network, passed
+from drake_quad.control.cascade import connect_inner_loop
+from drake_quad.control.policy.network import Network, evaluate_network
 from drake_quad.control.policy.observation import ObservationNumbers, ObservationSpec, num_observed, observed
 from drake_quad.framework.elementary import identity
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
@@ -22,28 +22,30 @@ from drake_quad.framework.records import rows_layout
 from drake_quad.framework.wiring import build, connect_inputs, split_output
 from drake_quad.signals import Row
 
-# Input ports of the diagram, where a system has a port of this name.
+# These ports of the subsystems become input ports of the diagram.
 _INPUTS = ("measurement", "reference", "reference_ahead", "rotor_speed", "wind")
 
 
-def with_past(past: tuple[Row, ...], *seen: Any) -> tuple[Row, ...]:
-    """What is seen now, of arguments as for `observed`, and what was seen before."""
-    return (*observed(*seen), *past)
+def observation_with_past(past: tuple[Row, ...], *observation_inputs: Any) -> tuple[Row, ...]:
+    """Return the present observation, with arguments of `observed`, followed by the earlier ones."""
+    return (*observed(*observation_inputs), *past)
 
 
-def repeated(times: int, *seen: Any) -> tuple[Row, ...]:
-    """What is seen at the beginning, as if it had been so many times so before."""
-    return observed(*seen) * times
+def initial_past(times: int, *observation_inputs: Any) -> tuple[Row, ...]:
+    """Return the initial past: the first observation, repeated."""
+    return observed(*observation_inputs) * times
 
 
-def remembered(action: tuple[Row, ...], past: tuple[Row, ...], *seen: Any) -> tuple[tuple[Row, ...], tuple[Row, ...]]:
-    """The action, and what was seen, now and before but for the oldest: the next tick's past."""
-    return action, with_past(past, *seen)[: len(past)]
+def next_observation_states(
+    action: tuple[Row, ...], past: tuple[Row, ...], *observation_inputs: Any
+) -> tuple[tuple[Row, ...], tuple[Row, ...]]:
+    """Return the last action and the past at the next tick: the present observation, and all but the oldest one."""
+    return action, observation_with_past(past, *observation_inputs)[: len(past)]
 
 
 @fleet_system(float, AutoDiffXd)
 class Observation(FleetSystem):
-    """What a policy sees of the loop, tick by tick.
+    """Observation of a policy at each tick.
 
     .. pydrake_system::
 
@@ -58,21 +60,22 @@ class Observation(FleetSystem):
         output_ports:
         - observation
 
-    The rows are those of `drake_quad.control.policy.observation.SIGNALS_SEEN`, those of the present tick first, then
-    those of the ticks before, the last one first. At the beginning these are all as the first. `measurement` is the
-    state of the vehicle, as cameras or as the vehicle itself have it; `action` is what the policy makes of the
-    observation, and seen at the next tick. The last three ports are there if something looks at them.
+    The rows are those of `drake_quad.control.policy.observation.OBSERVABLE_SIGNALS`. Those of the present tick come
+    first, followed by earlier ticks, the most recent one first. At the first tick the earlier ones equal the first.
+    `measurement` is the measured or the true state of the vehicle. `action` is the output of the policy, which is
+    observed at the next tick. The last three ports exist if the observation contains their signals.
 
     The states are `last_action` and, with a history, `past`; the only parameter of the context is `numbers`.
 
     Args:
-        num_vehicles: N.
-        period: of the ticks, s.
-        spec: what is seen.
-        num_actions: rows of an action.
-        num_ahead: times ahead at which the reference is seen.
-        clearance: a function of X, Y and Z (m) that says how far obstacles are, m; None if nothing looks at it.
-        numbers: of the vehicle.
+        num_vehicles: number of vehicles N.
+        period: tick period, s.
+        spec: specification of the observation.
+        num_actions: number of rows of an action.
+        num_ahead: number of times at which the future reference is observed.
+        clearance: function of X, Y and Z (m) that returns the distance to the nearest obstacle, m; None if the
+            observation does not contain it.
+        numbers: parameters of the vehicle.
     """
 
     def declare(
@@ -85,7 +88,7 @@ class Observation(FleetSystem):
         clearance: Callable[[Row, Row, Row], Row] | None = None,
         numbers: ObservationNumbers,
     ) -> None:
-        """Declares the system."""
+        """Declare ports, states and parameters."""
         state, reference = self.input("measurement"), self.input("reference")
         action = self.input("action", layout=rows_layout(num_actions))
         ahead: Any = self.input("reference_ahead", layout=rows_layout(3 * num_ahead)) if num_ahead else ()
@@ -93,33 +96,35 @@ class Observation(FleetSystem):
         wind = self.input("wind") if "wind" in spec.signals else None
         parameter = self.parameter("numbers", lambda numbers: numbers)
         last = self.state("last_action", lambda numbers: numbers.initial_action)
-        seen = state, reference, ahead, rotor_speed, wind, last, parameter, clearance, spec
+        observation_inputs = state, reference, ahead, rotor_speed, wind, last, parameter, clearance, spec
         num_rows = num_observed(spec, num_actions=num_actions, num_ahead=num_ahead)
         before = spec.history - 1
         past: Any = self.state("past", lambda _: (0.0,) * (before * num_rows)) if before else ()
-        self.output("observation", with_past, past, *seen, layout=rows_layout(spec.history * num_rows))
+        self.output(
+            "observation", observation_with_past, past, *observation_inputs, layout=rows_layout(spec.history * num_rows)
+        )
         if before:
-            self.initialize(repeated, before, *seen, writes=[past])
-            self.update(period, remembered, action, past, *seen, writes=[last, past])
+            self.initialize(initial_past, before, *observation_inputs, writes=[past])
+            self.update(period, next_observation_states, action, past, *observation_inputs, writes=[last, past])
         else:
             self.update(period, identity, action, writes=[last])
 
 
 def output_of(observation: tuple[Row, ...], memory: tuple[tuple[Row, ...], ...], network: Network) -> tuple[Row, ...]:
-    """The action of a policy."""
-    return passed(network, observation, memory).output
+    """Return the action of a policy."""
+    return evaluate_network(network, observation, memory).output
 
 
 def memory_of(
     observation: tuple[Row, ...], memory: tuple[tuple[Row, ...], ...], network: Network
 ) -> tuple[tuple[Row, ...], ...]:
-    """What a policy remembers at the next tick."""
-    return passed(network, observation, memory).memory
+    """Return the memory of a policy at the next tick."""
+    return evaluate_network(network, observation, memory).memory
 
 
 @fleet_system(float, AutoDiffXd)
 class Policy(FleetSystem):
-    """A network that was trained: from what is seen to an action.
+    """Trained network: from an observation to an action.
 
     .. pydrake_system::
 
@@ -129,17 +134,17 @@ class Policy(FleetSystem):
         output_ports:
         - action
 
-    The equations are those of `drake_quad.control.policy.network`. What recurrent units remember is the state `memory`,
-    which is there if there are any.
+    The equations are in `drake_quad.control.policy.network`. If the network has recurrent units, the state `memory`
+    holds their memory.
 
     Args:
-        num_vehicles: N.
-        period: of the ticks, s.
-        network: the same for all vehicles.
+        num_vehicles: number of vehicles N.
+        period: tick period, s.
+        network: network, the same for all vehicles.
     """
 
     def declare(self, *, period: float = 0.02, network: Network) -> None:
-        """Declares the system."""
+        """Declare ports, states and parameters."""
         observation = self.input("observation", layout=rows_layout(network.num_inputs))
         memory: Any = self.state("memory", lambda _: network.memory) if network.memory else ()
         layout = rows_layout(network.num_outputs)
@@ -157,7 +162,7 @@ def build_policy_control(
     thrust_vectoring: Any = None,
     attitude: Any = None,
 ) -> Diagram:
-    """Builds the diagram `control` around a policy.
+    """Build the diagram `control` around a policy.
 
     .. pydrake_system::
 
@@ -170,22 +175,23 @@ def build_policy_control(
         - action
         - wrench
 
-    With an autopilot on board there is an `attitude_target` in place of the `wrench`. Where acceleration or attitude
-    are commanded, they are shown. There are inputs for what the observation looks at, among them `state` if it sees the
-    vehicle itself, and `action` if there is no policy.
+    With an autopilot on board the output `attitude_target` replaces `wrench`. A commanded acceleration or attitude is
+    also an output. There is an input for each signal of the observation, including `state` if it uses the true state,
+    and `action` if there is no policy.
 
     Args:
         observation: an `Observation`.
-        policy: a `Policy`, or a system with its ports; None if actions come from elsewhere, by the input port `action`.
+        policy: a `Policy`, or a system with its ports; None if actions come from outside, through the input port
+            `action`.
         actuation: a system of `drake_quad.control.policy.actuation`.
-        sees: the signal that the observation takes for its measurement.
-        thrust_vectoring: a `ThrustVectoring`, where an acceleration is commanded.
-        attitude: an attitude controller; None if there is an autopilot on board, or if nothing commands an attitude.
+        sees: signal that is connected to the port `measurement` of the observation.
+        thrust_vectoring: a `ThrustVectoring` if an acceleration is commanded, else None.
+        attitude: an attitude controller; None with an autopilot on board, or if no attitude is commanded.
     """
     builder = DiagramBuilder()
     builder.AddNamedSystem("observation", observation)
     if policy is None:
-        # What comes in is shown, as what a policy makes is.
+        # The actions from outside are an output of the diagram, like those of a policy.
         policy = builder.AddNamedSystem("action", PassThrough(observation.GetInputPort("action").size()))
         builder.ExportInput(policy.get_input_port(), "action")
     else:
@@ -212,7 +218,7 @@ def build_policy_control(
     if commanded is None:
         builder.ExportOutput(actuation.get_output_port(), actuation.get_output_port().get_name())
     else:
-        builder.ExportOutput(*command_of(builder, commanded, attitude))
+        builder.ExportOutput(*connect_inner_loop(builder, commanded, attitude))
         if actuation.HasOutputPort("acceleration_command"):
             builder.ExportOutput(actuation.get_output_port(), "acceleration_command")
         builder.ExportOutput(commanded["attitude_command"], "attitude_command")

@@ -1,9 +1,9 @@
 """The PID controller of the Crazyflie's firmware in the scenario language.
 
-The firmware commands angles in degrees and rotors in units of 1/65535 of their largest thrust, which it keeps under
-any battery voltage by a compensation. A unit of its roll and pitch output changes each rotor by half a unit, a unit of
-its yaw output by one (`powerDistributionLegacy`). Here gains have SI units, so that they need the believed vehicle:
-where its rotors are, their drag over their thrust, its mass and its moments of inertia.
+The firmware commands angles in degrees and rotors in units of 1/65535 of their largest thrust, which it keeps constant
+by battery compensation. One unit of its roll and pitch output changes each rotor by half a unit, and one unit of its
+yaw output by one unit (`powerDistributionLegacy`). Gains of scenarios have SI units. The conversion therefore needs the
+nominal vehicle: positions of the rotors, their ratio of drag to thrust, mass and moments of inertia.
 """
 
 import math
@@ -17,12 +17,12 @@ MAX_THRUST = 0.12
 # Periods of the loops of position and velocity, and of attitude and body rate, s (stabilizer_types.h).
 POSITION_PERIOD = 0.01
 ATTITUDE_PERIOD = 0.002
-_UNITS = 65535.0
-# Units of thrust for the output 1 of the velocity loop along Z.
+_MAX_UNITS = 65535.0
+# Thrust in units for an output of 1 of the velocity loop along Z.
 _THRUST_SCALE = 1000.0
-# Share by which the outputs of the position loop may exceed the largest velocity.
-_OVERHEAD = 1.1
-# The least limit of the velocity along Z, m/s.
+# Factor by which the outputs of the position loop may exceed the largest velocity.
+_VELOCITY_LIMIT_FACTOR = 1.1
+# Least limit of the velocity along Z, m/s.
 _MIN_CLIMB = 0.5
 # Limits of integrals, in the unit of the error times s (pid.h, platform_defaults_cf2.h).
 _INTEGRAL_LIMIT = 5000.0
@@ -35,33 +35,35 @@ _MAX_THRUST_CHANGE = 32.767
 # Bandwidth of the filters of position and velocity derivatives, Hz.
 _DERIVATIVE_CUTOFF = 20.0
 _DEGREE = math.pi / 180.0
-_AXES = ("x", "y", "z")
+_POSITION_AXES = ("x", "y", "z")
 _ANGLES = ("roll", "pitch", "yaw")
 
 
 def crazyflie_layer(
-    values: Mapping[str, float], believed: QuadrotorParameters, max_thrust: float = MAX_THRUST
+    values: Mapping[str, float], nominal: QuadrotorParameters, max_thrust: float = MAX_THRUST
 ) -> dict[str, Any]:
     """Return a layer of a scenario with the firmware's controller.
 
     Args:
         values: parameters of the firmware, by name.
-        believed: parameters of the nominal vehicle.
-        max_thrust: largest thrust of a rotor, which stands for 65535 units, N.
+        nominal: parameters of the nominal vehicle.
+        max_thrust: largest thrust of a rotor, which corresponds to 65535 units, N.
     """
-    unit = max_thrust / _UNITS
-    per_velocity = _THRUST_SCALE * 4.0 * unit / believed.mass
-    weight = believed.mass * believed.gravity
+    unit = max_thrust / _MAX_UNITS
+    per_velocity = _THRUST_SCALE * 4.0 * unit / nominal.mass
+    weight = nominal.mass * nominal.gravity
     scales = [_DEGREE, _DEGREE, per_velocity]
     position = _loop(
-        _gains(values, "posCtlPid.{axis}K{term}", _AXES),
+        _gains(values, "posCtlPid.{axis}K{term}", _POSITION_AXES),
         (1.0, 1.0, 1.0),
         (_INTEGRAL_LIMIT,) * 3,
         (_DERIVATIVE_CUTOFF,) * 3,
     )
     fastest = [values[f"posCtlPid.{axis}VelMax"] for axis in "xyz"]
-    position["limit"] = [_OVERHEAD * each for each in (fastest[0], fastest[1], max(fastest[2], _MIN_CLIMB))]
-    velocity_gains = _gains(values, "velCtlPid.v{axis}K{term}", _AXES)
+    position["limit"] = [
+        _VELOCITY_LIMIT_FACTOR * each for each in (fastest[0], fastest[1], max(fastest[2], _MIN_CLIMB))
+    ]
+    velocity_gains = _gains(values, "velCtlPid.v{axis}K{term}", _POSITION_AXES)
     velocity = _loop(velocity_gains, scales, (_INTEGRAL_LIMIT,) * 3, (_DERIVATIVE_CUTOFF,) * 3)
     tilts = [values["posCtlPid.pLimit"] * _DEGREE, values["posCtlPid.rLimit"] * _DEGREE]
     velocity["limit"] = [*tilts, _MAX_THRUST_CHANGE * per_velocity]
@@ -76,33 +78,33 @@ def crazyflie_layer(
                 "kind": "tilt",
                 "hover_thrust": values["posCtlPid.thrustBase"] * 4.0 * unit / weight,
                 "min_thrust": values["posCtlPid.thrustMin"] * 4.0 * unit / weight,
-                "max_thrust": _UNITS * 4.0 * unit / weight,
+                "max_thrust": _MAX_UNITS * 4.0 * unit / weight,
             },
         },
         "laboratory": {
             "command_link": {"period": ATTITUDE_PERIOD},
             "motion_capture": {"period": ATTITUDE_PERIOD},
-            "autopilot": _autopilot(values, believed, unit),
+            "autopilot": _autopilot(values, nominal, unit),
         },
         "vehicle": {"time_step": ATTITUDE_PERIOD},
     }
 
 
-def output_scales(believed: QuadrotorParameters, unit: float) -> tuple[float, float, float]:
-    """Return the angular accelerations about x, y, z for a unit of the outputs of roll, pitch and yaw, rad/s².
+def output_scales(nominal: QuadrotorParameters, unit: float) -> tuple[float, float, float]:
+    """Return the angular accelerations about x, y, z per unit of the outputs of roll, pitch and yaw, rad/s².
 
     Args:
-        believed: parameters of the nominal vehicle.
-        unit: thrust of a rotor for a unit of its command, N.
+        nominal: parameters of the nominal vehicle.
+        unit: thrust of a rotor per unit of its command, N.
     """
-    rotors, inertia = believed.rotors, believed.inertia
+    rotors, inertia = nominal.rotors, nominal.inertia
     roll = sum(0.5 * abs(rotor.y) * unit for rotor in rotors)
     pitch = sum(0.5 * abs(rotor.x) * unit for rotor in rotors)
     yaw = sum(rotor.drag_factor / rotor.thrust_factor * unit for rotor in rotors)
     return roll / inertia.i_xx, pitch / inertia.i_yy, yaw / inertia.i_zz
 
 
-def _autopilot(values: Mapping[str, float], believed: QuadrotorParameters, unit: float) -> dict[str, Any]:
+def _autopilot(values: Mapping[str, float], nominal: QuadrotorParameters, unit: float) -> dict[str, Any]:
     filters = [[values[f"pid_rate.om{axis}FiltCut"] for axis in "xyz"], [values["pid_attitude.attFiltCut"]] * 3]
     rate_cutoffs = filters[0] if values["pid_rate.rateFiltEn"] else None
     attitude_cutoffs = filters[1] if values["pid_attitude.attFiltEn"] else None
@@ -112,7 +114,7 @@ def _autopilot(values: Mapping[str, float], believed: QuadrotorParameters, unit:
         [limit * _DEGREE for limit in _ATTITUDE_INTEGRAL_LIMITS],
         attitude_cutoffs,
     )
-    per_output = output_scales(believed, unit)
+    per_output = output_scales(nominal, unit)
     rate_gains = _gains(values, "pid_rate.{axis}_k{term}", _ANGLES)
     scales = [each / _DEGREE for each in per_output]
     rate = _loop(rate_gains, scales, [limit * _DEGREE for limit in _RATE_INTEGRAL_LIMITS], rate_cutoffs)
@@ -129,7 +131,7 @@ def _autopilot(values: Mapping[str, float], believed: QuadrotorParameters, unit:
 
 
 def _gains(values: Mapping[str, float], pattern: str, axes: tuple[str, ...]) -> dict[str, list[float]]:
-    """Return the gains on three axes, by term, of parameters whose names have a pattern, in any case of letters."""
+    """Return the gains on three axes, by term, from parameters whose names match a pattern, ignoring case."""
     known = {name.lower(): value for name, value in values.items()}
     terms = ("p", "i", "d", "ff")
     return {term: [known[pattern.format(axis=axis, term=term).lower()] for axis in axes] for term in terms}
@@ -141,19 +143,19 @@ def _loop(
     integral_limits: Any,
     cutoffs: Any,
 ) -> dict[str, Any]:
-    """Return the fields of a PID, with those of its terms that a gain switches on.
+    """Return the fields of a PID, including those of each term with a nonzero gain.
 
     Args:
         gains: gains of the firmware.
-        scales: units of the output here for a unit of the output of the firmware.
-        integral_limits: largest integrals of the error, s times its unit.
-        cutoffs: of the filters of the derivatives, Hz; None without filters.
+        scales: scenario units per unit of the firmware's output.
+        integral_limits: largest integrals of the error, in its unit times s.
+        cutoffs: cutoff frequencies of the derivatives' filters, Hz; None without filters.
     """
     scaled = {term: [gain * scale for gain, scale in zip(each, scales, strict=True)] for term, each in gains.items()}
     loop: dict[str, Any] = {"k_p": scaled["p"]}
     if any(scaled["i"]):
         loop["k_i"] = scaled["i"]
-        # An axis without a gain needs some limit, too.
+        # An axis without a gain also needs a limit.
         limits = zip(scaled["i"], integral_limits, strict=True)
         loop["integral_limit"] = [gain * limit or limit for gain, limit in limits]
         loop["integration"] = "backward_euler"

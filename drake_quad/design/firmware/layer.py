@@ -1,4 +1,4 @@
-"""The layer of a scenario with the controller of a firmware."""
+"""Layer of a scenario with the controller of a firmware."""
 
 from typing import Any
 
@@ -19,9 +19,9 @@ _DIGITS = 8
 
 def firmware_layer(parameters: FirmwareParameters, scenario: Scenario) -> dict[str, Any]:
     """Return the layer with the controller of a firmware on the nominal vehicle of a scenario."""
-    believed = nominal_parameters(scenario)
+    nominal = nominal_parameters(scenario)
     make = px4_layer if parameters.firmware == "px4" else crazyflie_layer
-    return _rounded(make(parameters.values, believed))
+    return _rounded(make(parameters.values, nominal))
 
 
 def _rounded(value: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Files with the parameters of a vehicle, as tools of PX4 and of the Crazyflie write them."""
+"""Parameter files of flight controllers, as tools of PX4 and of the Crazyflie write them."""
 
 import functools
 import math
@@ -17,9 +17,9 @@ from drake_quad.identification.logs.source import read_file
 
 Firmware = Literal["crazyflie", "px4"]
 
-# A name and a number, in the columns of QGroundControl or beside each other.
-_LINE = re.compile(r"(?:^|[\s,])([A-Za-z]\w*(?:\.\w+)?)[\s:=,]+([-+]?(?:\.?\d|nan|inf)[^\s,]*)")
-_NAMES = {"crazyflie": "posCtlPid, velCtlPid, pid_attitude and pid_rate", "px4": "MPC_* and MC_*"}
+# A line has a name and a number, in the columns of QGroundControl or next to each other.
+_NAME_AND_NUMBER = re.compile(r"(?:^|[\s,])([A-Za-z]\w*(?:\.\w+)?)[\s:=,]+([-+]?(?:\.?\d|nan|inf)[^\s,]*)")
+_PARAMETER_GROUPS = {"crazyflie": "posCtlPid, velCtlPid, pid_attitude and pid_rate", "px4": "MPC_* and MC_*"}
 
 
 class FirmwareParameters(NamedTuple):
@@ -27,8 +27,8 @@ class FirmwareParameters(NamedTuple):
 
     Attributes:
         firmware: firmware that they belong to.
-        values: values of all parameters that the controllers have, by name.
-        missing: names of those that the file does not have; their values are the defaults of the firmware.
+        values: values of all parameters of the controllers, by name.
+        missing: names of the parameters that the file does not contain; they have the defaults of the firmware.
     """
 
     firmware: Firmware
@@ -55,22 +55,22 @@ def read_parameters(path: Path) -> FirmwareParameters:
     """
     log = read_file(path)
     if log.data.startswith(MAGIC):
-        found = {name: float(value) for name, value in ulog_parameters(log).items()}
+        values = {name: float(value) for name, value in ulog_parameters(log).items()}
     else:
-        found = _in_text(path, log.data)
+        values = _in_text(path, log.data)
     for firmware in ("px4", "crazyflie"):
-        known: dict[str, float] = _defaults(firmware)
-        given = {name: found[name] for name in known if name in found}
+        defaults: dict[str, float] = _defaults(firmware)
+        given = {name: values[name] for name in defaults if name in values}
         for name, value in given.items():
             if not 0.0 <= value < math.inf:
-                raise InputError(f"{path}: {name} is {value}, but must be a finite number that is not negative")
+                raise InputError(f"{path}: {name} is {value}; it must be finite and not negative")
         if given:
             if given.get("MPC_THR_HOVER") == 0.0:
-                raise InputError(f"{path}: MPC_THR_HOVER is 0, but must be larger: it is the thrust in hover")
-            missing = tuple([name for name in known if name not in given])
-            return FirmwareParameters(firmware, known | given, missing)
-    wanted = " nor ".join(_NAMES.values())
-    raise InputError(f"{path}: has neither {wanted}: it is no parameter file of PX4 or of a Crazyflie")
+                raise InputError(f"{path}: MPC_THR_HOVER is 0; it is the thrust in hover and must be positive")
+            missing = tuple([name for name in defaults if name not in given])
+            return FirmwareParameters(firmware, defaults | given, missing)
+    groups = " nor ".join(_PARAMETER_GROUPS.values())
+    raise InputError(f"{path}: not a parameter file of PX4 or of a Crazyflie: it has neither {groups}")
 
 
 @functools.cache
@@ -84,10 +84,10 @@ def _in_text(path: Path, data: bytes) -> dict[str, float]:
     try:
         text = data.decode("utf-8")
     except UnicodeDecodeError:
-        raise InputError(f"{path}: is neither a text nor a ULog") from None
+        raise InputError(f"{path}: neither a text file nor a ULog") from None
     if "persistent_param_state" in text:
         return _in_client_file(path, text)
-    pairs = (match.groups() for line in text.splitlines() if (match := _LINE.search(line.partition("#")[0])))
+    pairs = (match.groups() for line in text.splitlines() if (match := _NAME_AND_NUMBER.search(line.partition("#")[0])))
     return {name: number for name, written in pairs if (number := _number(written)) is not None}
 
 
@@ -95,17 +95,17 @@ def _in_client_file(path: Path, text: str) -> dict[str, float]:
     try:
         tree: Any = YAML(typ="safe").load(text)
     except YAMLError as error:
-        raise InputError(f"{path}: is no YAML: {str(error).splitlines()[0]}") from None
+        raise InputError(f"{path}: not a YAML file: {str(error).splitlines()[0]}") from None
     states = tree.get("params") if isinstance(tree, dict) else None
     if not isinstance(states, dict):
-        raise InputError(f"{path}: has no `params`, which a file of the Crazyflie's client has")
+        raise InputError(f"{path}: `params` is missing; a parameter file of the Crazyflie's client has it")
     values = {}
     for name, state in states.items():
         if isinstance(state, dict):
             state = state.get("stored_value" if state.get("is_stored") else "default_value")
         number = _number(str(state))
         if number is None:
-            raise InputError(f"{path}: params.{name} is {state!r}, but must be a number")
+            raise InputError(f"{path}: params.{name} is {state!r}; it must be a number")
         values[str(name)] = number
     return values
 

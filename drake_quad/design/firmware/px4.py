@@ -1,9 +1,9 @@
 """PX4's multicopter controllers in the scenario language.
 
-PX4 commands thrust and torques between 0 and 1. It takes a rotor's thrust for a linear function of its command, which
-carries the vehicle at MPC_THR_HOVER, and scales torques by what its mixer makes of them
-(`ControlAllocationPseudoInverse`). Here gains have SI units, so that they need the believed vehicle: where its rotors
-are, their drag over their thrust, its mass and its moments of inertia.
+PX4 commands thrust and torques between 0 and 1. It assumes that a rotor's thrust is proportional to its command, with
+the weight at MPC_THR_HOVER, and normalises torques by its mixer (`ControlAllocationPseudoInverse`). Gains of scenarios
+have SI units. The conversion therefore needs the nominal vehicle: positions of the rotors, their ratio of drag to
+thrust, mass and moments of inertia.
 """
 
 import math
@@ -14,47 +14,47 @@ import numpy as np
 
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
-# Horizontal integrals of the velocity loop have no limit but the anti-windup; this one is never reached, m/s².
+# Horizontal integrals of the velocity loop are limited by anti-windup only. This limit is never reached, m/s².
 _NO_LIMIT = 1000.0
-# Error of the body rate from which on the rate loop does not integrate (rate_control.cpp), rad/s.
+# Body rate error at which the rate loop stops integrating (rate_control.cpp), rad/s.
 _INTEGRAL_FADE = math.radians(400.0)
 _AXES = ("ROLL", "PITCH", "YAW")
 _INTEGRAL_LIMITS = ("MC_RR_INT_LIM", "MC_PR_INT_LIM", "MC_YR_INT_LIM")
-# Longest period that the fastest loop on board may have, s: the laboratory's grids are it over powers of two.
+# Longest period of the fastest loop on board, s. All periods are this one divided by powers of two.
 _LINK_PERIOD = 0.02
 # Standard gravity in PX4 (CONSTANTS_ONE_G), m/s².
 _GRAVITY = 9.80665
 
 
-def torque_units(believed: QuadrotorParameters, hover_thrust: float) -> tuple[float, float, float]:
+def torque_units(nominal: QuadrotorParameters, hover_thrust: float) -> tuple[float, float, float]:
     """Return the torques about x, y, z for a normalised torque of 1, N m.
 
-    The mixer is the pseudo-inverse of what the rotors do, whose columns are scaled: those of roll and pitch by the
-    larger of the two root mean squares times √2, that of yaw by its largest number.
+    The mixer is the pseudo-inverse of the rotors' effectiveness matrix, with scaled columns. The scale of roll and
+    pitch is the larger of their root mean squares times √2, that of yaw its largest entry.
 
     Args:
-        believed: parameters of the nominal vehicle.
+        nominal: parameters of the nominal vehicle.
         hover_thrust: normalised thrust in hover, MPC_THR_HOVER.
     """
     effectiveness = np.array(
         [
             [rotor.y, -rotor.x, -rotor.direction * rotor.drag_factor / rotor.thrust_factor, 1.0]
-            for rotor in believed.rotors
+            for rotor in nominal.rotors
         ]
     ).T
     mixer = np.linalg.pinv(effectiveness)
-    tilting = float(max(np.sqrt(2.0 * np.mean(np.square(mixer[:, axis]))) for axis in (0, 1)))
-    turning = float(np.max(mixer[:, 2]))
-    rotor_thrust = believed.mass * believed.gravity / (4.0 * hover_thrust)
-    return rotor_thrust / tilting, rotor_thrust / tilting, rotor_thrust / turning
+    tilt_scale = float(max(np.sqrt(2.0 * np.mean(np.square(mixer[:, axis]))) for axis in (0, 1)))
+    yaw_scale = float(np.max(mixer[:, 2]))
+    rotor_thrust = nominal.mass * nominal.gravity / (4.0 * hover_thrust)
+    return rotor_thrust / tilt_scale, rotor_thrust / tilt_scale, rotor_thrust / yaw_scale
 
 
-def px4_layer(values: Mapping[str, float], believed: QuadrotorParameters) -> dict[str, Any]:
+def px4_layer(values: Mapping[str, float], nominal: QuadrotorParameters) -> dict[str, Any]:
     """Return a layer of a scenario with PX4's controllers.
 
     Args:
         values: parameters of PX4, by name.
-        believed: parameters of the nominal vehicle.
+        nominal: parameters of the nominal vehicle.
     """
 
     def level_and_up(level: str, up: str) -> list[float]:
@@ -89,7 +89,7 @@ def px4_layer(values: Mapping[str, float], believed: QuadrotorParameters) -> dic
                 "decouples_vertical": bool(values["MPC_ACC_DECOUPLE"]),
             },
         },
-        "laboratory": {"autopilot": _autopilot(values, believed)},
+        "laboratory": {"autopilot": _autopilot(values, nominal)},
         "vehicle": {"time_step": gyroscope_period(values)},
     }
 
@@ -97,15 +97,15 @@ def px4_layer(values: Mapping[str, float], believed: QuadrotorParameters) -> dic
 def gyroscope_period(values: Mapping[str, float]) -> float:
     """Return the period of the loops on board, s.
 
-    It is that of IMU_GYRO_RATEMAX, or the nearest one that is 20 ms over a power of two.
+    It is that of IMU_GYRO_RATEMAX, rounded to the nearest period that is 20 ms divided by a power of two.
     """
     halvings = round(math.log2(_LINK_PERIOD * values["IMU_GYRO_RATEMAX"])) if values["IMU_GYRO_RATEMAX"] > 0.0 else 3
     return _LINK_PERIOD / 2.0 ** max(0, halvings)
 
 
-def _autopilot(values: Mapping[str, float], believed: QuadrotorParameters) -> dict[str, Any]:
-    units = torque_units(believed, values["MPC_THR_HOVER"])
-    scales = [unit / moment for unit, moment in zip(units, believed.inertia, strict=True)]
+def _autopilot(values: Mapping[str, float], nominal: QuadrotorParameters) -> dict[str, Any]:
+    units = torque_units(nominal, values["MPC_THR_HOVER"])
+    scales = [unit / moment for unit, moment in zip(units, nominal.inertia, strict=True)]
 
     def rates(term: str) -> list[float]:
         gains = (values[f"MC_{axis}RATE_K"] * values[f"MC_{axis}RATE_{term}"] for axis in _AXES)
@@ -120,9 +120,9 @@ def _autopilot(values: Mapping[str, float], believed: QuadrotorParameters) -> di
         if values["IMU_DGYRO_CUTOFF"] > 0.0:
             terms |= {"derivative_bandwidth": [math.tau * values["IMU_DGYRO_CUTOFF"]] * 3, "derivative_order": 1}
     # The gain K is not part of the feed-forward.
-    fed = [values[f"MC_{axis}RATE_FF"] * scale for axis, scale in zip(_AXES, scales, strict=True)]
-    if any(fed):
-        terms["k_ff"] = fed
+    feed_forward = [values[f"MC_{axis}RATE_FF"] * scale for axis, scale in zip(_AXES, scales, strict=True)]
+    if any(feed_forward):
+        terms["k_ff"] = feed_forward
     autopilot = {
         "kind": "attitude",
         "period": gyroscope_period(values),

@@ -5,7 +5,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from drake_quad.control.lqg.chains import Answer
+from drake_quad.control.lqg.chains import SecondOrderResponse
 from drake_quad.framework.recipe import Recipe
 from drake_quad.pid.filters import butterworth
 from drake_quad.scenario.autopilots.autopilot import AUTOPILOTS, Autopilot
@@ -94,11 +94,11 @@ class AttitudeAutopilotSettings(Autopilot):
         default=None, description="drag that the attitude estimator on board neglects; none if not given"
     )
 
-    def attitude_response(self) -> Answer:
+    def attitude_response(self) -> SecondOrderResponse:
         """Return the second-order response of the two proportional loops, without the lag of the rotors."""
         k_attitude, k_rate = (float(gains[0]) for gains in (self.k_attitude, self.k_rate))
         omega = math.sqrt(k_attitude * k_rate)
-        return Answer(float(f"{omega:.4g}"), float(f"{0.5 * k_rate / omega:.4g}"))
+        return SecondOrderResponse(float(f"{omega:.4g}"), float(f"{0.5 * k_rate / omega:.4g}"))
 
     def recipes(self, believed: QuadrotorParameters, *, written: Any, follows_attitude: bool) -> dict[str, Recipe]:
         """Return the recipe for both loops.

@@ -6,7 +6,7 @@ To add an autopilot, extend `Autopilot` and register the class with `AUTOPILOTS.
 from abc import abstractmethod
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from drake_quad.control.lqg.chains import Answer
+from drake_quad.control.lqg.chains import SecondOrderResponse
 from drake_quad.control.position import FeedForward
 from drake_quad.framework.recipe import Recipe
 from drake_quad.laboratory.command_link import Command
@@ -53,7 +53,7 @@ class Autopilot(Model):
         return self.command == "attitude_target"
 
     @abstractmethod
-    def attitude_response(self) -> Answer | None:
+    def attitude_response(self) -> SecondOrderResponse | None:
         """Return the second-order response of roll and pitch to a command; None if no attitude is commanded."""
 
     @abstractmethod

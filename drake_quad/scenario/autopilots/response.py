@@ -5,7 +5,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from drake_quad.control.lqg.chains import Answer
+from drake_quad.control.lqg.chains import SecondOrderResponse
 from drake_quad.framework.recipe import Recipe
 from drake_quad.scenario.autopilots.autopilot import AUTOPILOTS, Autopilot
 from drake_quad.scenario.quantities import Positives
@@ -30,9 +30,9 @@ class AttitudeResponseSettings(Autopilot):
     natural_frequency: Positives = Field(description="ω_n of roll, pitch, yaw (rad/s)")
     damping: Positives = Field(description="ζ of roll, pitch, yaw (1)")
 
-    def attitude_response(self) -> Answer:
+    def attitude_response(self) -> SecondOrderResponse:
         """Return the response of the roll angle."""
-        return Answer(float(self.natural_frequency[0]), float(self.damping[0]))
+        return SecondOrderResponse(float(self.natural_frequency[0]), float(self.damping[0]))
 
     def recipes(self, believed: QuadrotorParameters, *, written: Any, follows_attitude: bool) -> dict[str, Recipe]:
         """Return the recipe for a system that passes the thrust through; the vehicle model follows the attitude."""

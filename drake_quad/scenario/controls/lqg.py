@@ -11,10 +11,10 @@ from pydantic_core import PydanticCustomError
 from pydrake.systems.framework import Diagram
 
 from drake_quad.control.lqg.chains import (
-    Answer,
     ChainNoise,
     ContinuousModel,
     Disturbances,
+    SecondOrderResponse,
     lateral_model,
     vertical_model,
 )
@@ -136,7 +136,7 @@ class LateralAxis(Axis):
     def model(self) -> ContinuousModel:
         """Return the design model of x and of y."""
         omega, zeta = self.natural_frequency, self.damping
-        response = None if omega is None or zeta is None else Answer(omega, zeta)
+        response = None if omega is None or zeta is None else SecondOrderResponse(omega, zeta)
         return lateral_model(self.lag, response, self._disturbances(self.bias.noise()))
 
     def _noise(self, gravity: float) -> list[float]:

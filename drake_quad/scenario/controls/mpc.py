@@ -13,7 +13,7 @@ from drake_quad.control.lqg.design import regulator_of
 from drake_quad.control.lqg.laws import LqgNumbers
 from drake_quad.control.mpc import constraints
 from drake_quad.control.mpc.constraints import Preview
-from drake_quad.control.mpc.system import OPEN, PredictiveProgramme
+from drake_quad.control.mpc.system import NO_WALLS, PredictiveProgramme
 from drake_quad.framework.recipe import Recipe
 from drake_quad.framework.records import layout_of
 from drake_quad.geometry.per_axis import PerAxis
@@ -53,7 +53,9 @@ class Tube(_Corridor):
     def walls(self) -> constraints.Corridor:
         """Return walls on both sides of the reference."""
         upper = _per_axis(self.half_width, math.inf)
-        return constraints.Corridor(PerAxis(*[-wall for wall in upper]), upper, moves=True, weight=self.weight)
+        return constraints.Corridor(
+            PerAxis(*[-wall for wall in upper]), upper, follows_reference=True, weight=self.weight
+        )
 
 
 class Room(_Corridor):
@@ -73,7 +75,7 @@ class Room(_Corridor):
     def walls(self) -> constraints.Corridor:
         """Return walls at fixed positions."""
         lower, upper = _per_axis(self.lower, -math.inf), _per_axis(self.upper, math.inf)
-        return constraints.Corridor(lower, upper, moves=False, weight=self.weight)
+        return constraints.Corridor(lower, upper, follows_reference=False, weight=self.weight)
 
 
 def _per_axis(walls: Sequence[float | None], none: float) -> PerAxis:
@@ -121,7 +123,7 @@ class MpcControl(LqgControl):
             "lateral": regulator_of(self.lateral.model(), times, self.lateral.command_weight),
             "vertical": regulator_of(self.vertical.model(), times, self.vertical.command_weight),
             "preview": _preview(setting.plan, times.tick),
-            "corridor": OPEN if self.corridor is None else self.corridor.walls(),
+            "corridor": NO_WALLS if self.corridor is None else self.corridor.walls(),
             "tilt_weight": self.tilt_weight,
         }
         return Recipe(PredictiveProgramme, structure, None)

@@ -4,14 +4,14 @@ from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field, model_validator
 
-from drake_quad.control.policy.observation import SIGNALS_SEEN, Frame, ObservationSpec, num_observed
+from drake_quad.control.policy.observation import OBSERVABLE_SIGNALS, Frame, ObservationSpec, num_observed
 from drake_quad.laboratory.flight_monitor import Solid, nearest_solid
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.quantities import HalfTurn, PlainMoment
 from drake_quad.signals import Row
 from drake_quad.space.space import Space
 
-SignalName = Literal[tuple(SIGNALS_SEEN)]  # type: ignore[valid-type] # the names are the keys of a table
+SignalName = Literal[tuple(OBSERVABLE_SIGNALS)]  # type: ignore[valid-type] # the names are the keys of a table
 
 
 class ObservationSettings(Model):

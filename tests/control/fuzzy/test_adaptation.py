@@ -1,4 +1,4 @@
-"""Membership functions that learn: their gradient, their bounds, and their system."""
+"""Adaptive membership functions: their gradient, their bounds, and their system."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ START = Antecedents(1.4, 0.6, 0.3, SETS)
 
 
 def varied(antecedents, place, change):
-    """The antecedents with one of their numbers changed."""
+    """Return the antecedents with one of their numbers changed."""
     layout = layout_of(Antecedents, antecedents)
     rows = layout.flatten(antecedents)
     rows[place] += change
@@ -43,8 +43,8 @@ def varied(antecedents, place, change):
 
 
 @pytest.mark.parametrize("a1", [1.0, 1.4])
-def test_the_gradient_is_that_of_the_output(a1):
-    """Of every number but scales, and the outermost centres, which hold the input: by central differences."""
+def test_the_gradient_matches_differences_of_the_output(a1):
+    """Compare all numbers but scales and outermost centres, which clamp the input, with central differences."""
     rng = np.random.default_rng(7)
     start = START._replace(a1=a1)
     layout = layout_of(Antecedents, start)
@@ -74,7 +74,7 @@ def test_slopes_are_finite_at_the_centre_and_the_edge_and_zero_outside():
 
 @settings(max_examples=100, deadline=None)
 @given(st.integers(0, 2**32), st.floats(0.01, 1e3))
-def test_sets_stay_valid_whatever_is_learned(seed, size):
+def test_sets_stay_valid_for_any_learning_signal(seed, size):
     rng, sets = np.random.default_rng(seed), START
     for _ in range(5):
         values, weights = rng.uniform(-1.0, 1.0, 3).tolist(), rng.normal(size=24).tolist()
@@ -86,7 +86,7 @@ def test_sets_stay_valid_whatever_is_learned(seed, size):
             centres, widths = np.array(after.centres), np.array(after.widths)
             assert (centres[[0, -1]] == np.array(before.centres)[[0, -1]]).all()
             assert (np.diff(centres) >= 0.5 * np.diff(before.centres) - 1e-12).all()
-            # No place without a set, and so no division by zero.
+            # Every point belongs to a set, so that no division by zero occurs.
             assert (widths[:-1] + widths[1:] >= 1.02 * np.diff(centres) - 1e-12).all()
             if isinstance(before, CircularSets):
                 assert widths[-1] + widths[0] >= 1.02 * (centres[0] + before.scale - centres[-1]) - 1e-12
@@ -96,7 +96,7 @@ def test_sets_stay_valid_whatever_is_learned(seed, size):
 
 
 @pytest.mark.parametrize("part", ALL)
-def test_only_what_shall_learn_does(part):
+def test_only_the_selected_parts_learn(part):
     gradient = output_gradient([0.2, 0.3, -0.1], START, np.arange(24.0).tolist())
     rates = AdaptationRates(0.5, 0.3, 0.2)
     after = adapted(START, gradient, 0.001, rates, initial=START, parts=(part,))
@@ -106,7 +106,7 @@ def test_only_what_shall_learn_does(part):
         "widths": any(new.widths != old.widths for new, old in zip(after.inputs, SETS, strict=True)),
     }
     assert [name for name, is_so in changed.items() if is_so] == [part]
-    # Each at its rate, where nothing is held: so small a step is far from all bounds but those of the outermost.
+    # Away from bounds each part moves at its own rate; the step is too small to reach any bound.
     layout = layout_of(Antecedents, START)
     before, slopes, found = (np.array(layout.flatten(record)) for record in (START, gradient, after))
     moved = found != before
@@ -114,8 +114,8 @@ def test_only_what_shall_learn_does(part):
 
 
 @pytest.mark.parametrize("learns_from", ["surface", "feedback"])
-def test_a_tick_of_the_system_is_a_step_down_the_gradient_on_each_axis(learns_from):
-    """Of the numbers of one vehicle of two; against the mathematics."""
+def test_a_tick_of_the_system_is_a_gradient_step_on_each_axis(learns_from):
+    """Compare the numbers of one of two vehicles with the equations."""
     sets = (START._replace(inputs=SETS[:2]), START._replace(a1=1.2, inputs=SETS[:2]))
     learning = LearningNumbers(1.7, GradientLaw(0.4), LearningLimits(deadzone=0.05))
     numbers = AdaptationNumbers(sets, AdaptationRates(0.5, 0.3, 0.2), learning)
@@ -142,8 +142,8 @@ def test_a_tick_of_the_system_is_a_step_down_the_gradient_on_each_axis(learns_fr
         np.testing.assert_allclose(found[:, vehicle], layout.flatten(tuple(expected)), rtol=1e-12)
 
 
-def test_a_network_of_sets_that_do_not_move_is_the_plain_one():
-    """With rates of zero the rules fire as those with a parameter do."""
+def test_a_network_with_zero_adaptation_rates_is_the_constant_one():
+    """With rates of zero the firing strengths are those of constant antecedents."""
     sets, numbers = START._replace(inputs=SETS[:2]), LearningNumbers(1.7, GradientLaw(0.4), initial_weight=0.3)
 
     def command(**more):
@@ -165,8 +165,8 @@ def test_a_network_of_sets_that_do_not_move_is_the_plain_one():
 
 
 @pytest.mark.slow
-def test_sets_that_learn_in_flight_stay_valid_and_help(asymmetric):
-    """A gradient law from few rules: with sets that may move the error of the figure eight is no larger."""
+def test_adaptive_sets_stay_valid_in_flight_and_reduce_the_error(asymmetric):
+    """With a gradient law and few rules, adaptive sets do not increase the error on the figure eight."""
     own = ["control.network.learning={kind: gradient, rate: 0.6}", "metrics.start=5", "crash.position_error=5"]
     plain = simulate(asymmetric("pd_t2fnn", *own), sample=0, compiled=True)
     rates = "control.network.adaptive={centres: 0.5, widths: 0.5, exponents: 0.5}"
@@ -179,8 +179,8 @@ def test_sets_that_learn_in_flight_stay_valid_and_help(asymmetric):
     assert "antecedents" not in plain.signals
 
 
-def test_memberships_of_the_tests_are_those_of_the_paper():
-    """`membership_slopes` is the derivative of `elliptic_membership` by its two arguments."""
+def test_membership_slopes_are_the_derivatives_of_the_membership():
+    """`membership_slopes` returns the derivatives of `elliptic_membership` with respect to its two arguments."""
     for exponent in (0.7, 1.3):
         for u in (0.1, 0.5, 0.9):
             by_distance, by_exponent = membership_slopes(u, exponent)

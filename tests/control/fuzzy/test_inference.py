@@ -1,4 +1,4 @@
-"""Inference, against pyit2fls and against what it must be."""
+"""Fuzzy inference, compared with pyit2fls and with its mathematical properties."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from drake_quad.control.fuzzy.inference import (
 )
 
 uppers, lowers = st.floats(1.001, 3.0), st.floats(0.1, 0.999)
-shares = st.floats(0.0, 1.0)
+normalised_memberships = st.floats(0.0, 1.0)
 inside = st.floats(-1.0, 1.0)
 
 
@@ -24,20 +24,22 @@ def sixteenths(least, most):
 
 @st.composite
 def fuzzy_sets(draw):
-    """Two to five sets that overlap, somewhere and of some scale; in sixteenths: no support ends by rounding."""
+    """Two to five overlapping sets with any position and scale, in sixteenths so that supports end without rounding
+    errors.
+    """
     centres = np.cumsum([draw(sixteenths(-3, 3)), *draw(st.lists(sixteenths(1, 2), min_size=1, max_size=4))])
     gaps = np.diff(centres)
-    # More than half of the way to either neighbour.
+    # Each width exceeds half of the distance to either neighbour.
     widths = [max(gaps[max(i - 1, 0) : i + 1]) * draw(st.sampled_from([0.625, 1.0, 1.25])) for i in range(len(centres))]
     return FuzzySets(draw(st.floats(0.1, 10.0)), tuple(centres.tolist()), tuple(map(float, widths)))
 
 
 def oracle(antecedents, weights):
-    """The same network in pyit2fls, which takes two seconds to import."""
+    """Build the same network in pyit2fls, whose import takes two seconds."""
     import pyit2fls
 
     network = pyit2fls.IT2TSK(pyit2fls.product_t_norm, pyit2fls.probabilistic_sum_s_norm)
-    # Its solver takes a pair for an interval of which the middle counts.
+    # Its solver takes a pair as an interval and uses the middle of it.
     q = antecedents.q
     network.algorithm = lambda intervals: (pyit2fls.BMM_algorithm(intervals, (q, 1.0 - q)),) * 2
     inputs = {}
@@ -57,9 +59,9 @@ def oracle(antecedents, weights):
 
 @pytest.mark.slow
 @settings(max_examples=60, deadline=None)
-@given(uppers, lowers, shares, fuzzy_sets(), fuzzy_sets(), st.integers(0, 2**32))
-def test_inference_is_that_of_pyit2fls(a1, a2, q, error, rate, seed):
-    """At 50 places of each of many networks."""
+@given(uppers, lowers, normalised_memberships, fuzzy_sets(), fuzzy_sets(), st.integers(0, 2**32))
+def test_inference_matches_pyit2fls(a1, a2, q, error, rate, seed):
+    """Each of many networks is compared at 50 points."""
     rng = np.random.default_rng(seed)
     antecedents = Antecedents(a1, a2, q, (error, rate))
     weights = rng.normal(size=antecedents.num_rules)
@@ -77,11 +79,11 @@ def test_memberships_are_elliptic(exponent, u):
     grade = elliptic_membership(u, exponent)
     assert grade**exponent + abs(u) ** exponent == pytest.approx(1.0, abs=1e-12)
     assert elliptic_membership(-u, exponent) == grade
-    # At the very edge the last bit of a power decides.
+    # At the edge of the support the last bit of a power matters.
     assert elliptic_membership(np.array([u]), exponent)[0] == pytest.approx(grade, abs=1e-15 if abs(u) < 0.99 else 1e-4)
 
 
-def test_memberships_end_where_sets_do():
+def test_memberships_are_zero_outside_the_sets():
     for exponent in (0.1, 0.5, 1.0, 2.0, 3.0):
         values = [0.0, -0.0, 1.0, -1.0, 1.5, -7.0]
         assert [elliptic_membership(u, exponent) for u in values] == [1.0, 1.0, 0.0, 0.0, 0.0, 0.0]
@@ -90,9 +92,11 @@ def test_memberships_end_where_sets_do():
 
 @pytest.mark.slow
 @settings(max_examples=200, deadline=None)
-@given(uppers, lowers, shares, fuzzy_sets(), fuzzy_sets(), st.floats(-50.0, 50.0), st.floats(-50.0, 50.0))
-def test_firing_strengths_are_shares(a1, a2, q, error_sets, rate_sets, error, rate):
-    """They are not negative and their sum is one, wherever the inputs are; a fleet has those of its vehicles."""
+@given(
+    uppers, lowers, normalised_memberships, fuzzy_sets(), fuzzy_sets(), st.floats(-50.0, 50.0), st.floats(-50.0, 50.0)
+)
+def test_firing_strengths_are_not_negative_and_sum_to_one(a1, a2, q, error_sets, rate_sets, error, rate):
+    """They are not negative and sum to one for any inputs; a fleet has those of its vehicles."""
     antecedents = Antecedents(a1, a2, q, (error_sets, rate_sets))
     firing = firing_strengths((error, rate), antecedents)
     assert min(firing) >= 0.0
@@ -103,10 +107,10 @@ def test_firing_strengths_are_shares(a1, a2, q, error_sets, rate_sets, error, ra
     np.testing.assert_allclose(fleet, np.transpose(alone), atol=1e-15, rtol=1e-12)
 
 
-def test_outside_the_universe_is_as_at_its_edge():
+def test_inputs_are_clamped_to_the_universe():
     error, rate = FuzzySets(2.0, (-1.0, -0.1, 0.8), (1.1, 0.9, 1.3)), FuzzySets(0.5, (-0.9, 0.3, 1.2), (1.4, 1.3, 1.5))
     antecedents = Antecedents(1.3, 0.7, 0.4, (error, rate))
-    # In units of the inputs, the universe is from -0.5 to 0.4, and from -1.8 to 2.4.
+    # The universes, in units of the inputs, are from -0.5 to 0.4 and from -1.8 to 2.4.
     for beyond, edge in ((-0.51, -0.5), (-9.0, -0.5), (0.41, 0.4), (9.0, 0.4)):
         assert firing_strengths((beyond, 0.2), antecedents) == firing_strengths((edge, 0.2), antecedents)
     for beyond, edge in ((-1.81, -1.8), (-9.0, -1.8), (2.41, 2.4), (9.0, 2.4)):
@@ -140,8 +144,8 @@ def test_each_vehicle_of_a_fleet_may_have_its_own_network():
 
 
 @pytest.mark.parametrize("value", [-0.3, 0.0, 0.31, 0.9, 0.97, 1.0, 4.2])
-def test_around_a_circle_counts_the_short_way(value):
-    """Fired by the angle between directions in the plane; 0 and 1 are one place, whatever the scale."""
+def test_distances_on_a_circle_are_the_shorter_ones(value):
+    """Firing strengths depend on the angle between directions in the plane; 0 and 1 are the same point."""
     scale, centres, widths, a1, a2, q = 2.5, (0.2, 1.1, 2.3), (1.4, 1.1, 1.3), 1.3, 0.7, 0.4
     towards = np.exp(2j * np.pi * np.array([value, *np.array(centres) / scale]))
     u = np.abs(np.angle(towards[1:] / towards[0])) * scale / (2.0 * np.pi) / widths

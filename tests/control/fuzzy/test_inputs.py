@@ -1,4 +1,4 @@
-"""What the rules of a network look at."""
+"""Inputs of the rules of a network."""
 
 import itertools
 
@@ -9,7 +9,7 @@ from pydrake.autodiffutils import InitializeAutoDiff
 
 from drake_quad import load_scenario
 from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets, firing_strengths
-from drake_quad.control.fuzzy.inputs import input_values, moved_on, route_phase, signals_of
+from drake_quad.control.fuzzy.inputs import extrapolated, input_values, route_phase, signals_of
 from drake_quad.scenario.batch import Batch
 from drake_quad.signals import Acceleration, PositionError, PositionErrorRate, State
 
@@ -21,7 +21,7 @@ SIGNALS = {
 }
 
 
-def test_inputs_are_those_of_the_axis_and_those_of_the_room():
+def test_inputs_are_signals_on_the_axis_of_the_network_and_coordinates_in_the_room():
     inputs = ("error", "error_rate", "z", "v_x", "phase", "disturbance")
     assert signals_of(inputs) == ("error", "error_rate", "measurement", "disturbance")
     for axis, own in (("x", (0.1, 0.4, -0.7)), ("y", (0.2, 0.5, -0.8)), ("z", (0.3, 0.6, -0.9))):
@@ -29,7 +29,7 @@ def test_inputs_are_those_of_the_axis_and_those_of_the_room():
         assert input_values(axis, inputs, SIGNALS, 2.0, (0.0, 8.0)) == [e, rate, 3.0, 7.0, 0.25, d]
 
 
-def test_only_what_is_looked_at_is_asked_for():
+def test_only_signals_of_the_inputs_are_required():
     assert signals_of(("phase", "v_z", "x")) == ("measurement",)
     assert signals_of(("phase", "error_rate")) == ("error_rate",)
 
@@ -37,12 +37,12 @@ def test_only_what_is_looked_at_is_asked_for():
 @pytest.mark.parametrize(
     ("time", "phase"), [(-1.0, 0.0), (0.5, 0.0), (1.5, 0.25), (4.4999, 0.99998), (4.5, 1.0), (9.0, 1.0)]
 )
-def test_the_phase_of_a_route_goes_from_0_to_1_once(time, phase):
+def test_the_phase_of_a_route_rises_from_0_to_1(time, phase):
     assert route_phase(time, (0.5, 4.5)) == pytest.approx(phase, abs=1e-5)
 
 
-def test_the_phase_of_laps_begins_anew_with_each():
-    """Also where they do not take equally long."""
+def test_the_phase_restarts_with_each_lap():
+    """The laps may have different durations."""
     laps = (1.0, 4.0, 6.0, 8.0, 13.0)
     middles = [route_phase(0.5 * (start + end), laps) for start, end in itertools.pairwise(laps)]
     assert middles == pytest.approx([0.5] * 4)
@@ -51,8 +51,10 @@ def test_the_phase_of_laps_begins_anew_with_each():
     assert route_phase(0.3, laps) == 0.0
 
 
-def test_four_inputs_fire_by_the_products_of_their_memberships():
-    """Those of two pairs of inputs, multiplied; type 1, where what is normalised apart is normalised together."""
+def test_firing_strengths_of_four_inputs_are_products_of_memberships():
+    """The firing strengths of two pairs of inputs are multiplied. This holds for type 1, where separate and joint
+    normalisation are the same.
+    """
     rng = np.random.default_rng(4)
     sets = [FuzzySets(1.0 + 0.1 * n, tuple(np.linspace(-1.0, 1.0, n)), (1.3,) * n) for n in (2, 3, 4, 2)]
     for values in rng.uniform(-1.0, 1.0, (20, 4)).tolist():
@@ -63,21 +65,21 @@ def test_four_inputs_fire_by_the_products_of_their_memberships():
         assert sum(firing) == pytest.approx(1.0, abs=1e-14)
 
 
-def test_what_is_ahead_is_where_the_velocity_leads():
-    """And nothing else is moved: attitude, velocity and rates are those of now."""
-    here, ahead = np.array(SIGNALS["measurement"]), np.array(moved_on(SIGNALS["measurement"], 0.2))
+def test_the_extrapolated_position_follows_the_velocity():
+    """Attitude, velocity and rates remain unchanged."""
+    here, ahead = np.array(SIGNALS["measurement"]), np.array(extrapolated(SIGNALS["measurement"], 0.2))
     np.testing.assert_allclose(ahead[:3], [1.0 + 0.2 * 7.0, 2.0 + 0.2 * 8.0, 3.0 + 0.2 * 9.0], rtol=1e-15)
     np.testing.assert_array_equal(ahead[3:], here[3:])
 
 
-def test_the_phase_has_the_derivative_of_time():
+def test_the_phase_has_a_derivative_with_respect_to_time():
     (time,) = InitializeAutoDiff(np.array([5.0])).ravel()
     assert route_phase(time, (1.0, 4.0, 6.0)).derivatives() == pytest.approx([0.5])
 
 
 @pytest.mark.slow
-def test_a_schedule_over_the_phase_is_flown_alike_compiled_and_as_it_is_wired(diagrams):
-    """Through laps of a third of a second; in the third the weights at one phase are those of no other."""
+def test_a_network_over_the_phase_flies_equally_compiled_and_uncompiled(diagrams):
+    """The flight has several laps of a third of a second, and each set learns only in its part of a lap."""
     scenario = load_scenario(
         diagrams / "laboratory.yaml:nominal",
         [
@@ -90,9 +92,9 @@ def test_a_schedule_over_the_phase_is_flown_alike_compiled_and_as_it_is_wired(di
     )
     flight, _ = assert_flown_alike(Batch.draw(scenario, [3, 0]))
     on_x, _ = np.split(flight["weights"], 2, axis=1)
-    # Rules take v_x before the phase.
+    # In the rules v_x comes before the phase.
     change = np.abs(np.diff(on_x, axis=0)).reshape(-1, 3, 3).sum(axis=1)
-    # Ticks are 20 ms, so that 16 are a lap: amid it the first set learns nothing, but at both its ends.
+    # A tick is 20 ms and a lap 16 ticks. The first set learns nothing in the middle of a lap, but at both of its ends.
     phase = (np.arange(len(change)) % 16) / 16.0
     amid, late, early = (phase > 0.36) & (phase < 0.64), phase > 0.66, phase < 0.34
     assert change[amid, 0].max() == 0.0 < min(change[late, 0].max(), change[early, 0].max())

@@ -1,4 +1,4 @@
-"""Laws of learning, against matrices and differential equations."""
+"""Learning laws, compared with matrix equations and with differential equations."""
 
 import itertools
 import math
@@ -15,10 +15,10 @@ H = 0.02
 
 
 class Learner:
-    """Learning on X by a law that is the same for all n vehicles, from a signal as it is, in machine code."""
+    """Compiled learning on X with the same law for n vehicles, from a given signal."""
 
     def __init__(self, law, num_rules=9, n=1, *, limits=LearningLimits(), initial_weight=0.0, period=H):
-        # Without a slope, s_p is the rate of the error.
+        # Without a slope s_p is the rate of the error.
         numbers = LearningNumbers(slope=0.0, law=law, limits=limits, initial_weight=initial_weight)
         self.learns_from = "feedback" if isinstance(law, SignLaw) else "surface"
         self.system = WeightLearning(
@@ -41,20 +41,20 @@ class Learner:
         self.system.GetInputPort(name).FixValue(self.context, np.ravel(rows))
 
     def learn(self, firing, signal):
-        """Learns for a period from firing strengths (R, n) and a signal (n,)."""
+        """Learn for one period from firing strengths (R, n) and a signal (n,)."""
         self._fix("firing", firing)
         self._fix("error_rate" if self.learns_from == "surface" else "pd", [signal, 0.0 * signal, 0.0 * signal])
         self.context.SetDiscreteState(self.system.EvalUniquePeriodicDiscreteUpdate(self.context))
 
     @property
     def weights(self):
-        """(R, n)."""
+        """Weights (R, n)."""
         (rows,) = self.system.get_state(self.context, "weights")
         return np.reshape(rows, (-1, self.n))
 
     @property
     def memory(self):
-        """(m, n)."""
+        """Memory (m, n)."""
         (rows,) = self.system.get_state(self.context, self.law.memory_name)
         return np.reshape(rows, (-1, self.n))
 
@@ -64,12 +64,12 @@ class Learner:
 
     @property
     def P(self):
-        """(n, R, R)."""
+        """Covariances (n, R, R)."""
         return square(self.memory)
 
 
 def square(memory):
-    """(n, R, R) matrices of upper triangles."""
+    """Return matrices (n, R, R) for their upper triangles."""
     rows, n = memory.shape
     size = math.isqrt(2 * rows)
     P = np.zeros((n, size, size))
@@ -84,14 +84,14 @@ def triangles(P):
 
 
 def strengths(rng, n):
-    """(9, n) firing strengths somewhere."""
+    """Return random firing strengths (9, n)."""
     return np.array(firing_strengths(rng.uniform(-1.2, 1.2, (2, n)), Antecedents()))
 
 
 @pytest.mark.parametrize("n", [1, 3, 48, 200])
 @pytest.mark.parametrize("size", [1, 2, 9, 12])
-def test_the_triangle_is_the_matrix(n, size):
-    """A tick from any covariance and any firing strengths, with matrices; for one vehicle, and for many."""
+def test_the_law_on_the_triangle_matches_the_matrix_equations(n, size):
+    """Compare one tick with matrix equations, for any covariance and firing strengths, one vehicle and many."""
     rng = np.random.default_rng(n)
     half = rng.normal(size=(n, size, size))
     P, firing, signal = half @ half.transpose(0, 2, 1), rng.normal(size=(size, n)), rng.normal(size=n)
@@ -110,8 +110,8 @@ def test_the_triangle_is_the_matrix(n, size):
 @pytest.mark.parametrize(
     ("initial", "n"), [(1e-2, 5), (1.0, 5), (1.0, 100), (1e2, 5), (1e4, 5), (1e6, 5)], ids=lambda value: f"{value:g}"
 )
-def test_the_covariance_stays_one(initial, n):
-    """Positive definite and decreasing, and its inverse is the sum of all that was seen."""
+def test_the_covariance_stays_a_covariance(initial, n):
+    """It is positive definite and decreases, and its inverse is the sum of all outer products of firing strengths."""
     rng = np.random.default_rng(1)
     law = CovarianceLaw(gain=1.0, initial_covariance=initial)
     learner, information = Learner(law, n=n), np.zeros((n, 9, 9))
@@ -124,20 +124,20 @@ def test_the_covariance_stays_one(initial, n):
         assert np.linalg.eigvalsh(P).min() > 0.0
         assert np.linalg.eigvalsh(before - P).min() > -1e-12 * initial
         before = P
-    seen = np.linalg.inv(P) - np.eye(9) / initial
+    accumulated = np.linalg.inv(P) - np.eye(9) / initial
     tolerance = 1e-9 if initial <= 1e4 else 1e-7
-    np.testing.assert_allclose(seen, information, atol=tolerance * np.abs(information).max())
+    np.testing.assert_allclose(accumulated, information, atol=tolerance * np.abs(information).max())
 
 
 def signals(t):
-    """A firing strength, which moves through the sets, and s_p at a time."""
+    """Return firing strengths, which move through the sets, and s_p at a time."""
     firing = np.array(firing_strengths((0.9 * math.sin(1.3 * t), 0.8 * math.cos(0.7 * t)), Antecedents()))
     return firing, math.sin(0.9 * t) + 0.3
 
 
 @pytest.mark.slow
 def test_the_sampled_law_converges_to_the_differential_equations():
-    """(16) and (17) by an integrator of order 8: half the period, half the error."""
+    """Eqs (16) and (17) are solved by an integrator of order 8; half the period gives half the error."""
     gain, initial, duration = 0.7, 20.0, 4.0
 
     def slope(t, y):
@@ -162,8 +162,8 @@ def test_the_sampled_law_converges_to_the_differential_equations():
 
 
 @pytest.mark.parametrize("initial", [1.0, 1e6])
-def test_while_nothing_changes_a_tick_is_exact(initial):
-    """One long period is as good as many short ones."""
+def test_a_tick_with_constant_inputs_is_exact(initial):
+    """One long period gives the same result as many short ones."""
     rng = np.random.default_rng(5)
     firing, surface = strengths(rng, 4), rng.normal(size=4)
     found = []
@@ -184,14 +184,14 @@ def test_forgetting_keeps_the_covariance_alive_and_bounded():
     traces = {}
     for forgetting in (1.0, 0.999, 0.9):
         learner, path = Learner(CovarianceLaw(1.0, 5.0, forgetting), n=n), []
-        for seen in firing:
-            learner.learn(seen, np.zeros(n))
+        for w in firing:
+            learner.learn(w, np.zeros(n))
             path.append(np.trace(learner.P, axis1=1, axis2=2).max())
         assert np.linalg.eigvalsh(learner.P).min() > 0.0
         assert max(path) <= 45.0 * (1.0 + 1e-12)
         traces[forgetting] = path[-1]
     assert 2.0 * traces[1.0] < traces[0.999] < traces[0.9]
-    # Where nothing fires, it grows back to what it was, and stays there.
+    # Without firing it grows back to its initial value and stays there.
     learner = Learner(CovarianceLaw(1.0, 5.0, 0.99))
     learner.memory = 1e-3 * learner.memory[:, 0]
     for _ in range(5000):
@@ -199,7 +199,7 @@ def test_forgetting_keeps_the_covariance_alive_and_bounded():
     assert np.trace(learner.P[0]) == pytest.approx(45.0, rel=1e-6)
 
 
-def test_the_gradient_law_is_a_constant_covariance():
+def test_the_gradient_law_has_a_constant_covariance():
     rng = np.random.default_rng(4)
     firing, surface = strengths(rng, 3), rng.normal(size=3)
     learner = Learner(GradientLaw(2.5), n=3)
@@ -207,19 +207,19 @@ def test_the_gradient_law_is_a_constant_covariance():
     np.testing.assert_allclose(learner.weights, -H * 2.5 * firing * surface)
 
 
-def test_the_sign_law():
+def test_the_sign_law_changes_the_correction_by_its_slope():
     rng = np.random.default_rng(4)
     law = SignLaw(rate=0.5, initial_slope=0.2)
     command = np.array([0.3, -0.4, 0.0])
     learner = Learner(law, n=3)
     firing = strengths(rng, 3)
     learner.learn(firing, command)
-    # WᵀΔF is the change of the correction: by α against the command, whatever the strengths.
+    # WᵀΔF is the change of the correction: α against the command, for any strengths.
     np.testing.assert_allclose((firing * learner.weights).sum(axis=0), [-0.2 * H, 0.2 * H, 0.0], atol=1e-15)
     np.testing.assert_allclose(learner.memory[0], 0.2 + 2.0 * 0.5 * H * np.abs(command))
 
 
-def test_limits():
+def test_learning_stays_within_its_limits():
     rng = np.random.default_rng(6)
     firing = strengths(rng, 2)
 
@@ -239,7 +239,7 @@ def test_limits():
 
 @pytest.mark.slow
 def test_a_constant_disturbance_is_learned_at_the_predicted_rate():
-    """One rule, W = 1, on a double integrator: e falls as t^(-K_D λ / k_P), as P = 1 / t makes it."""
+    """For one rule with W = 1 on a double integrator e falls as t^(-K_D λ / k_P), because P = 1 / t."""
     k_p, k_d, slope, gain, h, disturbance = 2.0, 2.5, 1.0, 1.5, 0.02, 0.4
     learner = Learner(CovarianceLaw(gain, 1.0), 1, period=h)
     one = np.ones(1)
@@ -259,8 +259,8 @@ def test_a_constant_disturbance_is_learned_at_the_predicted_rate():
 
 
 @pytest.mark.parametrize("law", [CovarianceLaw(0.9, 3.0, 0.99), GradientLaw(0.7), SignLaw(0.3, 0.2)])
-def test_a_vehicle_learns_as_it_would_alone_wherever_it_is_in_a_large_fleet(law):
-    """On X, with a dead zone, a leakage and a limit that some are at."""
+def test_a_vehicle_in_a_large_fleet_learns_as_it_does_alone(law):
+    """The vehicles learn on X, with a dead zone, leakage and a limit that some of them reach."""
     n, limits, rng = 150, LearningLimits(weight=0.4, deadzone=0.1, leakage=0.3), np.random.default_rng(5)
     firing, signal = strengths(rng, n), rng.normal(size=n)
     fleet, alone = Learner(law, n=n, limits=limits, period=0.5), Learner(law, limits=limits, period=0.5)
@@ -276,7 +276,7 @@ def test_a_vehicle_learns_as_it_would_alone_wherever_it_is_in_a_large_fleet(law)
     assert 0 < np.sum(np.abs(fleet.weights) == 0.4) < fleet.weights.size
 
 
-def test_laws_that_are_told_nothing():
-    """Unit gains, and no limits."""
+def test_defaults_of_laws():
+    """Defaults are unit gains and no limits."""
     assert (CovarianceLaw(), GradientLaw(), SignLaw()) == ((1.0, 1.0, 1.0), (1.0,), (1.0, 0.0))
     assert LearningLimits() == (np.inf, 0.0, 0.0)

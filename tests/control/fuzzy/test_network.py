@@ -1,4 +1,4 @@
-"""The network as a diagram, in the loop."""
+"""The fuzzy network as a diagram, and in the loop."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ H = 0.02
 
 @pytest.fixture(scope="module")
 def scenario_with(diagrams):
-    """A scenario of the laboratory with one of the paper's controllers."""
+    """Return a scenario of the laboratory with one of the paper's controllers."""
 
     def load(controller, *overrides, place="nominal"):
         paper = f"{diagrams / 'controllers' / 'paper.yaml'}:{controller}"
@@ -34,7 +34,7 @@ def scenario_with(diagrams):
 
 
 def driven(network, inputs, ticks, num_vehicles=1):
-    """The simulator and the corrections (ticks, 3, N) of a network whose inputs (3 N,) follow polynomials of time."""
+    """Return the simulator and the corrections (ticks, 3, N) of a network whose inputs (3 N,) are polynomials."""
     builder = DiagramBuilder()
     builder.AddNamedSystem("network", network)
     for name, trajectory in inputs.items():
@@ -54,7 +54,7 @@ def driven(network, inputs, ticks, num_vehicles=1):
 
 
 def waves(rng, num_vehicles):
-    """Trajectories of the three inputs that wander through the sets."""
+    """Return trajectories of the three inputs that pass through all sets."""
     times = np.linspace(0.0, 2.0, 9)
     names = ("error", "error_rate", "pd", "disturbance")
     return {
@@ -76,10 +76,10 @@ LAWS = [CovarianceLaw(0.8, 30.0), CovarianceLaw(0.8, 30.0, 0.99), GradientLaw(3.
         (("y",), "surface", True),
     ],
 )
-def test_the_diagram_is_the_mathematics(law, axes, learns_from, estimates):
-    """Tick by tick, by the law as it is written: the correction of a tick is that of the weights before it.
+def test_the_diagram_matches_the_equations(law, axes, learns_from, estimates):
+    """Compare each tick with the equations of the law: the correction of a tick follows from the weights before it.
 
-    Of a controller without an estimate the feedback is that of its PD.
+    For a controller without an estimator the feedback is that of its PD.
     """
     rng = np.random.default_rng(3)
     inputs, sets = waves(rng, 1), Antecedents(1.3, 0.7, 0.4, (FuzzySets(1.5), FuzzySets(0.7)))
@@ -103,8 +103,8 @@ def test_the_diagram_is_the_mathematics(law, axes, learns_from, estimates):
     np.testing.assert_array_equal(found[:, others], 0.0)
 
 
-def test_a_fleet_learns_as_its_vehicles_do():
-    """Also with a network of its own for each, and for so many that the order of sums differs."""
+def test_a_fleet_learns_as_its_vehicles_do_alone():
+    """This also holds if each vehicle has its own network, and for fleets so large that sums have another order."""
     rng = np.random.default_rng(4)
     n = 40
     inputs = waves(rng, n)
@@ -133,12 +133,12 @@ def test_a_fleet_learns_as_its_vehicles_do():
 
 
 @pytest.mark.parametrize(("reset_time", "tick"), [(0.8, 40), (0.801, 41), (0.819, 41), (0.82, 41)])
-def test_resets_begin_the_covariance_anew_at_the_first_tick_from_then_on(reset_time, tick):
-    """And what is learned at that tick is learned with the covariance of the beginning."""
+def test_a_reset_acts_at_the_first_tick_that_is_not_earlier(reset_time, tick):
+    """Learning at that tick already uses the initial covariance."""
     inputs, law = waves(np.random.default_rng(5), 1), CovarianceLaw(0.8, 30.0)
     learning = WeightLearning(axes=("x", "z"), reset_times=(reset_time,), numbers=LearningNumbers(law=law))
     network = build_fuzzy_network(rules=FuzzyRules(axes=("x", "z")), learning=learning)
-    # After so many ticks the last one's learning is still to come.
+    # After this number of ticks the learning of the last tick is still pending.
     simulator, _ = driven(network, inputs, tick + 1)
     port = simulator.get_system().GetSubsystemByName("network").GetOutputPort("covariance_trace")
     context = network.GetMyContextFromRoot(simulator.get_context())
@@ -154,8 +154,8 @@ def test_resets_begin_the_covariance_anew_at_the_first_tick_from_then_on(reset_t
         assert found == pytest.approx(np.trace(after), rel=1e-12)
 
 
-def test_with_the_other_sign_of_eq_14_the_loop_runs_away():
-    """What the network adds reduces a steady error; the other way round it feeds it."""
+def test_the_loop_diverges_with_the_other_sign_of_eq_14():
+    """The correction reduces a steady error; with the opposite sign it increases the error."""
     errors = {}
     for sign in (1.0, -1.0):
         sets = Antecedents(1.2, 0.8, 0.5, (FuzzySets(1.8), FuzzySets(0.55)))
@@ -174,19 +174,19 @@ def test_with_the_other_sign_of_eq_14_the_loop_runs_away():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("place", ["nominal", "low_wind"])
-def test_the_network_cuts_the_error_by_what_the_paper_reports(scenario_with, place):
-    """43 %, for at least 95 of 100 samples, and none crashes."""
+def test_the_network_reduces_the_error_as_reported_in_the_paper(scenario_with, place):
+    """The error falls by 43 % in at least 95 of 100 samples, and none crashes."""
     pd, network = (fly_samples(scenario_with(controller, place=place), range(100)) for controller in ("pd", "pd_t2fnn"))
     assert not pd.crashed.any()
     assert not network.crashed.any()
     assert (network.rmse <= (1.0 - 0.43) * pd.rmse).sum() >= 95
-    # The level is the paper's: 0.97 m and 0.5 m.
+    # The errors have the size of those in the paper: 0.97 m and 0.5 m.
     assert pd.rmse.mean() == pytest.approx(0.95, abs=0.05)
     assert network.rmse.mean() == pytest.approx(0.5, abs=0.05)
 
 
 @pytest.mark.parametrize("controller", ["pd_t1fnn", "pid", "pd_feed_forward"])
-def test_a_sample_flies_the_same_alone(scenario_with, controller):
+def test_a_sample_flies_equally_alone_and_in_a_fleet(scenario_with, controller):
     scenario = scenario_with(controller, "duration=3", place="low_wind")
     fleet = fly_samples(scenario, [4, 2, 9])
     alone = simulate(scenario, sample=2, compiled=False).metrics
@@ -203,13 +203,13 @@ def test_a_sample_flies_the_same_alone(scenario_with, controller):
         "{kind: covariance, slope: 2.1, gain: 0.7, initial_covariance: 6.0, reset: at_segments}",
     ],
 )
-def test_every_law_helps_in_flight(scenario_with, learning):
+def test_every_law_reduces_the_error_in_flight(scenario_with, learning):
     own = [f"control.network.learning={learning}"]
     error = simulate(scenario_with("pd_t2fnn", *own), sample=0).metrics.rmse
     assert error < 0.9 * simulate(scenario_with("pd"), sample=0).metrics.rmse
 
 
-def test_on_which_axes_is_a_choice(scenario_with):
+def test_the_axes_of_the_network_can_be_chosen(scenario_with):
     flight = simulate(scenario_with("pd_t2fnn", "control.network.axes=[z]", "duration=4"), sample=0)
     assert flight["weights"].shape[1] == 9
     x, y, z = flight.record("correction")
@@ -221,7 +221,7 @@ def test_on_which_axes_is_a_choice(scenario_with):
 
 
 def test_weights_are_ordered_by_axis_and_the_set_of_the_last_input_varies_fastest():
-    """A single rule fires on each axis, where the error is at one centre and its rate at another."""
+    """On each axis a single rule fires, for an error at one centre and an error rate at another."""
     sets = FuzzySets(1.0, (-1.0, 0.0, 1.0), (1.0, 1.0, 1.0))
     antecedents = Antecedents(1.0, 1.0, 0.5, (sets, sets))
     (x, y) = (firing_strengths(inputs, antecedents) for inputs in ((-1.0, 1.0), (0.0, -1.0)))

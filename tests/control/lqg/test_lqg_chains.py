@@ -8,9 +8,9 @@ import pytest
 import scipy
 
 from drake_quad.control.lqg.chains import (
-    Answer,
     ChainNoise,
     Disturbances,
+    SecondOrderResponse,
     attitude_model,
     lagging_attitude_model,
     torque_model,
@@ -19,7 +19,7 @@ from drake_quad.control.lqg.chains import (
 
 PAGE = Path(__file__).parents[3] / "docs" / "reference" / "controllers_lqg.md"
 LAG = 0.043  # s
-AUTOPILOT_RESPONSE = Answer(9.1, 0.72)
+AUTOPILOT_RESPONSE = SecondOrderResponse(9.1, 0.72)
 LATERAL = Disturbances(ChainNoise(0.31, 2.3), ChainNoise(0.27, 0.6), ChainNoise(4.1, 1.7), 0.0)
 VERTICAL = LATERAL._replace(bias=None)
 MODELS = {

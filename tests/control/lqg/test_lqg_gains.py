@@ -1,13 +1,13 @@
-"""Chains and gains against python-control, SciPy and closed forms."""
+"""Chains and gains, compared with python-control, SciPy and closed forms."""
 
 import numpy as np
 import pytest
 import scipy.signal
 
 from drake_quad.control.lqg.chains import (
-    Answer,
     ChainNoise,
     Disturbances,
+    SecondOrderResponse,
     attitude_model,
     sampled,
     sampled_noise,
@@ -26,7 +26,7 @@ DISTURBANCES = Disturbances(ChainNoise(0.3, 0.25), ChainNoise(0.8, 0.6), ChainNo
 VERTICAL = DISTURBANCES._replace(bias=None)
 MODELS = {
     "torque": torque_model(0.04, DISTURBANCES),
-    "attitude": attitude_model(Answer(9.0, 0.6), DISTURBANCES),
+    "attitude": attitude_model(SecondOrderResponse(9.0, 0.6), DISTURBANCES),
     "vertical": vertical_model(0.07, VERTICAL),
 }
 models = pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
@@ -34,7 +34,7 @@ H, TICK = 0.01, 0.02
 
 
 @models
-def test_a_sampled_model_is_that_of_scipy(model):
+def test_a_sampled_model_matches_scipy(model):
     A, B = sampled(model.A, model.B, TICK)
     expected, forced, *_ = scipy.signal.cont2discrete((model.A, model.B, model.C, np.zeros((len(model.C), 1))), TICK)
     np.testing.assert_allclose(A, expected, atol=1e-12)
@@ -42,15 +42,15 @@ def test_a_sampled_model_is_that_of_scipy(model):
 
 
 @models
-def test_sampled_noise_is_the_integral_of_what_white_noise_becomes(model):
+def test_sampled_noise_is_the_integral_of_propagated_white_noise(model):
     nodes, weights = np.polynomial.legendre.leggauss(20)
     parts = [sampled(model.A, model.B, 0.5 * TICK * (1.0 + node))[0] for node in nodes]
     expected = sum(0.5 * TICK * w * part @ model.Q @ part.T for w, part in zip(weights, parts, strict=True))
     np.testing.assert_allclose(sampled_noise(model.A, model.Q, TICK), expected, rtol=1e-9, atol=1e-12)
 
 
-def test_noise_of_a_chain_much_faster_than_a_period_is_that_of_its_rest():
-    """Of what is forgotten within a period its stationary covariance is left."""
+def test_noise_of_modes_that_decay_within_a_period_is_stationary():
+    """Modes that decay within a period contribute their stationary covariance."""
     A, Q = np.array([[-2000.0, 500.0], [0.0, -1.0]]), np.diag([3.0, 0.5])
     P = scipy.linalg.solve_continuous_lyapunov(A, -Q)
     over, _ = sampled(A, np.zeros((2, 1)), 0.5)
@@ -58,8 +58,8 @@ def test_noise_of_a_chain_much_faster_than_a_period_is_that_of_its_rest():
 
 
 @models
-def test_coloured_noises_have_their_deviation_and_their_time(model):
-    """exp(-τ/T) and (1 + τ/T) exp(-τ/T) are the correlations of first and of second order."""
+def test_coloured_noises_have_their_deviation_and_time_constant(model):
+    """The autocorrelations of first and second order are exp(-τ/T) and (1 + τ/T) exp(-τ/T)."""
     names = [*model.kind._fields]
     noisy = [i for i, name in enumerate(names) if name in ("first", "second", "second_rate", "bias")]
     A = model.A[np.ix_(noisy, noisy)]
@@ -75,12 +75,12 @@ def test_coloured_noises_have_their_deviation_and_their_time(model):
 
 
 @models
-def test_gains_are_those_of_python_control(model):
+def test_gains_match_python_control(model):
     import control
 
     A, _ = sampled(model.A, model.B, H)
     Q, R = sampled_noise(model.A, model.Q, H), np.diag([1e-6, 1e-3])[: len(model.C), : len(model.C)]
-    # dlqe has the gain of the prediction: A times that of the correction.
+    # dlqe returns the prediction gain: A times the correction gain.
     expected, *_ = control.dlqe(A, np.eye(len(A)), model.C, Q, R)
     np.testing.assert_allclose(A @ kalman_gain(A, model.C, Q, R), expected, rtol=1e-6)
     over_tick = with_commands_under_way(*sampled(model.A, model.B, TICK), 2)
@@ -90,8 +90,8 @@ def test_gains_are_those_of_python_control(model):
     np.testing.assert_allclose(gain, expected, rtol=1e-6)
 
 
-def test_the_filter_has_the_least_variance_that_there_is():
-    """The error of any other gain is larger, here of one that is 5 % off."""
+def test_the_filter_has_the_least_variance():
+    """Any other gain has a larger error variance; here the gain is changed by 5 %."""
     model = MODELS["torque"]
     A, _ = sampled(model.A, model.B, H)
     Q, R = sampled_noise(model.A, model.Q, H), np.diag([1e-6, 2e-3])
@@ -106,7 +106,7 @@ def test_the_filter_has_the_least_variance_that_there_is():
 
 
 @pytest.mark.parametrize("delay", [0, 1, 3])
-def test_commands_under_way_act_ticks_later(delay):
+def test_commands_under_way_act_after_the_delay(delay):
     model = MODELS["vertical"]
     A, B = sampled(model.A, model.B, TICK)
     whole = with_commands_under_way(A, B, delay)
@@ -119,13 +119,14 @@ def test_commands_under_way_act_ticks_later(delay):
         np.testing.assert_array_equal(z[len(A) :].ravel(), np.r_[np.zeros(delay), commands[: tick + 1]][-delay or 99 :])
 
 
-def test_the_outer_gain_is_that_of_a_vehicle_that_stands_still():
-    """A held deviation of position is met by the specific thrust -K_p p / k, with the commands at rest, too."""
+def test_the_outer_gain_is_that_in_equilibrium():
+    """A constant deviation of the position causes the specific thrust -K_p p / k, with constant commands."""
     timing = Timing(H, TICK, 2)
     for name, noise in (("torque", [1e-3, 0.02]), ("attitude", [1e-3, 0.02]), ("vertical", [1e-3])):
         model = MODELS[name]
         loop = axis_loop(model, timing, noise=np.array(noise), command_weight=1e-3)
-        # At rest K [x; u, u] + u = 0 and s is what u makes it: u of the attitude and of the thrust, any of torques.
+        # In equilibrium K [x; u, u] + u = 0. The command u determines s with an attitude or a thrust, but is zero for
+        # torques.
         s, p = 1.0, 0.7
         u = 0.0 if name == "torque" else s
         rest = loop.K.position * p + loop.K.thrust * s + sum(loop.K_pending) * u + u
@@ -137,8 +138,8 @@ def test_the_outer_gain_is_that_of_a_vehicle_that_stands_still():
         assert slope[model.kind._fields.index("thrust")] * s + drive * u == pytest.approx(0.0, abs=1e-12)
 
 
-def test_the_shipped_numbers_make_the_gains_that_were_measured():
-    """To the four digits with which the gains of the search were written down."""
+def test_the_shipped_numbers_give_the_recorded_gains():
+    """The gains agree to the four digits with which those of the search were recorded."""
     lateral = torque_model(
         0.05, Disturbances(ChainNoise(0.01108, 0.25), ChainNoise(0.8325, 0.6), ChainNoise(16.6, 20.0), 3.296)
     )

@@ -1,4 +1,4 @@
-"""The formulas of linear-quadratic-Gaussian control, against matrices and against flatness."""
+"""The equations of linear-quadratic-Gaussian control, compared with matrix equations and with differential flatness."""
 
 import math
 
@@ -11,16 +11,16 @@ from drake_quad.control.lqg.laws import (
     ChainCommands,
     Estimate,
     KalmanState,
-    Regulated,
-    Sent,
+    RegulatorOutput,
+    SentCommands,
     disturbance_of,
     error_of,
     error_rate_of,
     estimated,
     filter_after,
+    next_sent,
     outer_feedback,
     regulated,
-    sent_after,
     target_for,
     wrench_for,
 )
@@ -31,7 +31,7 @@ from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters
 H, TICK = 0.01, 0.02
 UPWARD = 8.9
 RNG = np.random.default_rng(5)
-SEEN = State(0.31, -0.42, 1.13, 0.11, -0.17, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+MEASUREMENT = State(0.31, -0.42, 1.13, 0.11, -0.17, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 REFERENCE = Reference(0.35, -0.5, 1.2, 0.2, 0.3, -0.1, 0.4, -0.6, 0.5, 0.7, 0.2)
 JERK, SNAP = Jerk(0.3, -0.5, 0.7), Snap(1.1, -1.7, 0.9, 0.6)
 
@@ -40,17 +40,19 @@ def chain(kind, scale=0.1):
     return kind(*(scale * RNG.normal(size=len(kind._fields))).tolist())
 
 
-def begun(kind):
+def running(kind):
     return KalmanState(Estimate(chain(kind), chain(kind), chain(VerticalChain)), 1.0, 0.3)
 
 
 def under_way(delay, snap):
     commands = tuple(ChainCommands(*RNG.normal(size=3).tolist()) for _ in range(delay + 1))
-    return Sent(commands, tuple(ChainCommands(*RNG.normal(size=3).tolist()) for _ in range(delay)), UPWARD, snap)
+    return SentCommands(
+        commands, tuple(ChainCommands(*RNG.normal(size=3).tolist()) for _ in range(delay)), UPWARD, snap
+    )
 
 
 def rotation(state):
-    """Eq (1), as a product."""
+    """Return the rotation matrix of eq (1), as a product."""
     (c_r, s_r), (c_p, s_p), (c_y, s_y) = ((math.cos(a), math.sin(a)) for a in (state.roll, state.pitch, state.yaw))
     return (
         np.array([[c_y, -s_y, 0], [s_y, c_y, 0], [0, 0, 1]])
@@ -59,56 +61,60 @@ def rotation(state):
     )
 
 
-def test_the_filter_is_the_textbook_s_with_the_thrust_that_the_attitude_shows():
-    before, sent = begun(TorqueChain), under_way(2, SNAP)
-    found = estimated(SEEN, before, sent, None, WITH_TORQUES, H, True)
-    x_B, y_B, z_B = rotation(SEEN)[:, 2]
+def test_the_filter_is_a_textbook_kalman_filter_with_the_thrust_of_the_measured_attitude():
+    before, sent = running(TorqueChain), under_way(2, SNAP)
+    found = estimated(MEASUREMENT, before, sent, None, WITH_TORQUES, H, True)
+    x_B, y_B, z_B = rotation(MEASUREMENT)[:, 2]
     thrust = UPWARD * np.array([x_B, y_B]) / z_B
-    for axis, seen, s, u in zip("xyz", (SEEN.x, SEEN.y, SEEN.z), [*thrust, None], sent.commands[0], strict=True):
+    for axis, measured, s, u in zip(
+        "xyz", (MEASUREMENT.x, MEASUREMENT.y, MEASUREMENT.z), [*thrust, None], sent.commands[0], strict=True
+    ):
         loop = WITH_TORQUES.vertical if axis == "z" else WITH_TORQUES.lateral
         chain_before = getattr(before.estimate, axis)
         x, A, B, L = np.array(chain_before), np.array(loop.A), np.array(loop.B), np.array(loop.L).T
-        innovation = [seen - chain_before.position, *([] if s is None else [s - chain_before.thrust])]
+        innovation = [measured - chain_before.position, *([] if s is None else [s - chain_before.thrust])]
         expected = A @ (x + L @ innovation) + B * u
-        # What the thrust has beside the one that keeps the height acts along the attitude.
-        beside = 0.0 if s is None else chain_before.thrust * (9.81 + before.estimate.z.thrust - UPWARD) / UPWARD
-        expected[:2] += 0.5 * H**2 * beside, H * beside
+        # The thrust in excess of f̄, which keeps the height, acts along the measured attitude.
+        offset = 0.0 if s is None else chain_before.thrust * (9.81 + before.estimate.z.thrust - UPWARD) / UPWARD
+        expected[:2] += 0.5 * H**2 * offset, H * offset
         np.testing.assert_allclose(getattr(found, axis), expected, rtol=1e-12)
 
 
-def test_a_frame_that_is_the_last_once_more_tells_nothing():
-    before, sent = begun(TorqueChain), under_way(2, SNAP)
-    lost = before._replace(seen=SEEN.x)
-    found = estimated(SEEN, lost, sent, None, WITH_TORQUES, H, True)
+def test_a_repeated_frame_is_ignored():
+    before, sent = running(TorqueChain), under_way(2, SNAP)
+    lost = before._replace(last_x=MEASUREMENT.x)
+    found = estimated(MEASUREMENT, lost, sent, None, WITH_TORQUES, H, True)
     x = np.array(WITH_TORQUES.lateral.A) @ before.estimate.x + np.array(WITH_TORQUES.lateral.B) * sent.commands[0].x
     np.testing.assert_allclose(found.x[2:], x[2:], rtol=1e-12)
-    # Cameras that lose nothing may see the same twice.
-    assert estimated(SEEN, lost, sent, None, WITH_TORQUES, H, False) == estimated(
-        SEEN, before, sent, None, WITH_TORQUES, H, True
+    # Cameras that lose no frames may measure the same position twice.
+    assert estimated(MEASUREMENT, lost, sent, None, WITH_TORQUES, H, False) == estimated(
+        MEASUREMENT, before, sent, None, WITH_TORQUES, H, True
     )
 
 
-def test_it_begins_at_rest_where_the_vehicle_is_seen():
-    first = begun(TorqueChain)._replace(begun=0.0)
-    after = filter_after(SEEN, first, under_way(2, SNAP), None, WITH_TORQUES, H, True)
-    assert (after.begun, after.seen) == (1.0, SEEN.x)
+def test_the_filter_starts_at_rest_at_the_measured_position():
+    first = running(TorqueChain)._replace(has_started=0.0)
+    after = filter_after(MEASUREMENT, first, under_way(2, SNAP), None, WITH_TORQUES, H, True)
+    assert (after.has_started, after.last_x) == (1.0, MEASUREMENT.x)
     assert error_of(after.estimate, REFERENCE) == pytest.approx((0.04, -0.08, 0.07))
     assert error_rate_of(after.estimate, REFERENCE) == pytest.approx((0.2, 0.3, -0.1))
     assert disturbance_of(after.estimate) == (0.0, 0.0, 0.0)
 
 
-def test_a_known_acceleration_moves_the_chain_and_is_no_disturbance_of_its_own():
-    before, sent, known = begun(TorqueChain), under_way(2, SNAP), Acceleration(0.7, -1.1, 1.3)
-    plain, pushed = (estimated(SEEN, before, sent, each, WITH_TORQUES, H, True) for each in (None, known))
+def test_a_known_acceleration_moves_the_chain_without_changing_the_estimated_disturbance():
+    before, sent, known = running(TorqueChain), under_way(2, SNAP), Acceleration(0.7, -1.1, 1.3)
+    plain, with_acceleration = (
+        estimated(MEASUREMENT, before, sent, each, WITH_TORQUES, H, True) for each in (None, known)
+    )
     for axis in "xyz":
-        moved = np.subtract(getattr(pushed, axis), getattr(plain, axis))
+        moved = np.subtract(getattr(with_acceleration, axis), getattr(plain, axis))
         expected = np.zeros_like(moved)
         expected[:2] = 0.5 * H**2 * getattr(known, axis), H * getattr(known, axis)
         np.testing.assert_allclose(moved, expected, atol=1e-13)
 
 
 def expected_deviation(chain_now, axis, subtracted=0.0):
-    """The chain less the reference's motion."""
+    """Return the chain minus the motion of the reference."""
     r = REFERENCE
     motion = {
         "x": [r.x, r.v_x, r.a_x - subtracted, JERK.x, SNAP.x],
@@ -124,9 +130,9 @@ def expected_deviation(chain_now, axis, subtracted=0.0):
 FREE = BELIEVED._replace(slope=1e6, min_thrust=-1e6, max_thrust=1e6)
 
 
-def test_torques_are_told_a_snap_that_feeds_back_everything_and_leads():
+def test_the_snap_command_contains_state_feedback_and_feed_forward_with_lead():
     numbers = WITH_TORQUES._replace(thrust=FREE, torques=WITH_TORQUES.torques._replace(max_snap=1e6))
-    estimate, sent = begun(TorqueChain).estimate, under_way(2, Snap(0.8, -1.0, 0.3, 0.0))
+    estimate, sent = running(TorqueChain).estimate, under_way(2, Snap(0.8, -1.0, 0.3, 0.0))
     correction = Acceleration(0.2, -0.3, 0.1)
     found = regulated(estimate, REFERENCE, JERK, SNAP, sent, correction, None, numbers, TICK)
     for axis, forward in (
@@ -140,7 +146,7 @@ def test_torques_are_told_a_snap_that_feeds_back_everything_and_leads():
         feedback = np.dot(loop.K, e) + np.dot(loop.K_pending, pending)
         assert getattr(found.command, axis) == pytest.approx(forward - feedback)
         assert getattr(found.deviation, axis) == pytest.approx(-feedback)
-    # What an outer loop would ask for: the PD and what stands against the disturbance.
+    # This is the command of an outer loop: the PD plus the compensation of the disturbance.
     pd = outer_feedback(error_of(estimate, REFERENCE), error_rate_of(estimate, REFERENCE), numbers)
     K = numbers.lateral.K
     against = (K.first * estimate.x.first + K.second * estimate.x.second + K.second_rate * estimate.x.second_rate) / 1.8
@@ -149,7 +155,7 @@ def test_torques_are_told_a_snap_that_feeds_back_everything_and_leads():
 
 
 @pytest.mark.parametrize("numbers", [WITH_TORQUES, WITH_TARGETS])
-def test_an_outer_loop_would_have_the_gains_of_each_axis_over_those_of_the_inner_one(numbers):
+def test_outer_feedback_has_the_regulator_gains_divided_by_the_outer_gain(numbers):
     for i, loop in enumerate((numbers.lateral, numbers.lateral, numbers.vertical)):
         error, rate = np.zeros(3), np.zeros(3)
         error[i], rate[i] = 0.3, -0.7
@@ -159,9 +165,9 @@ def test_an_outer_loop_would_have_the_gains_of_each_axis_over_those_of_the_inner
         np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
-def test_an_autopilot_is_told_an_acceleration_that_leads():
+def test_the_command_to_an_autopilot_is_an_acceleration_with_lead():
     numbers = WITH_TARGETS._replace(thrust=FREE)
-    estimate, sent = begun(AttitudeChain).estimate, under_way(1, None)
+    estimate, sent = running(AttitudeChain).estimate, under_way(1, None)
     found = regulated(estimate, REFERENCE, JERK, SNAP, sent, None, None, numbers, TICK)
     e = expected_deviation(estimate.y, "y")
     feedback = np.dot(numbers.lateral.K, e) + numbers.lateral.K_pending[0] * sent.deviations[0].y
@@ -169,121 +175,125 @@ def test_an_autopilot_is_told_an_acceleration_that_leads():
     assert found.acceleration[:2] == found.command[:2]
 
 
-def test_commands_keep_to_tilt_thrust_and_snap():
-    """The horizontal part is shortened in its direction; a deviation tells what was sent, not what was wanted."""
+def test_commands_stay_within_limits_of_tilt_thrust_and_snap():
+    """The horizontal part is shortened without changing its direction; a deviation is that of the sent command."""
     far = REFERENCE._replace(x=40.0, y=-30.0, z=300.0)
     attitude = regulated(
-        begun(AttitudeChain).estimate, far, JERK, SNAP, under_way(1, None), None, None, WITH_TARGETS, TICK
+        running(AttitudeChain).estimate, far, JERK, SNAP, under_way(1, None), None, None, WITH_TARGETS, TICK
     )
     assert math.hypot(*attitude.command[:2]) == pytest.approx(0.7 * 9.81)
     free = WITH_TARGETS._replace(thrust=FREE)
-    estimate, sent = begun(AttitudeChain).estimate, under_way(1, None)
-    limited, wanted = (
+    estimate, sent = running(AttitudeChain).estimate, under_way(1, None)
+    limited, desired = (
         regulated(estimate, far, JERK, SNAP, sent, None, None, each, TICK).command for each in (WITH_TARGETS, free)
     )
-    assert limited.x / limited.y == pytest.approx(wanted.x / wanted.y)
+    assert limited.x / limited.y == pytest.approx(desired.x / desired.y)
     assert limited.z == pytest.approx(12.0 / 0.68 - 9.81)
     low = regulated(estimate, far._replace(z=-300.0), JERK, SNAP, sent, None, None, WITH_TARGETS, TICK)
     assert low.command.z == pytest.approx(2.0 / 0.68 - 9.81)
     narrow = WITH_TORQUES._replace(torques=WITH_TORQUES.torques._replace(max_snap=3.0))
     farther = far._replace(x=400.0, y=-300.0)
-    torques = regulated(begun(TorqueChain).estimate, farther, JERK, SNAP, under_way(2, SNAP), None, None, narrow, TICK)
+    torques = regulated(
+        running(TorqueChain).estimate, farther, JERK, SNAP, under_way(2, SNAP), None, None, narrow, TICK
+    )
     assert [abs(u) for u in torques.command[:2]] == [3.0, 3.0]
     assert math.hypot(*torques.acceleration[:2]) == pytest.approx(0.7 * 9.81)
     assert torques.command.x - torques.deviation.x == pytest.approx(SNAP.x)
 
 
-def test_what_is_sent_moves_up():
+def test_sent_commands_advance_at_each_tick():
     sent = under_way(2, SNAP)
-    asked = regulated(begun(TorqueChain).estimate, REFERENCE, JERK, SNAP, sent, None, None, WITH_TORQUES, TICK)
-    after = sent_after(asked, SNAP, sent)
-    assert after.upward == asked.upward
-    assert after.commands == (*sent.commands[1:], asked.command)
-    assert after.deviations == (*sent.deviations[1:], asked.deviation)
+    requested = regulated(running(TorqueChain).estimate, REFERENCE, JERK, SNAP, sent, None, None, WITH_TORQUES, TICK)
+    after = next_sent(requested, SNAP, sent)
+    assert after.upward == requested.upward
+    assert after.commands == (*sent.commands[1:], requested.command)
+    assert after.deviations == (*sent.deviations[1:], requested.deviation)
     alone = under_way(0, None)
-    assert sent_after(asked, SNAP, alone) == Sent((asked.command,), (), asked.upward, None)
+    assert next_sent(requested, SNAP, alone) == SentCommands((requested.command,), (), requested.upward, None)
 
 
 def flown(kind):
-    """What filter and cameras know of a vehicle that is on its path, and what a path asks for, by flatness."""
+    """Return estimate and measurement of a vehicle on its path, and the derivatives of the path, by flatness."""
     parameters = QuadrotorParameters()._replace(mass=0.68, gravity=9.81, inertia=Inertia(0.01, 0.01, 0.01))
     demand = rotor_demand(REFERENCE, JERK, SNAP, parameters)
-    seen = State(REFERENCE.x, REFERENCE.y, REFERENCE.z, *demand.attitude, 0.0, 0.0, 0.0, *demand.body_rates)
+    measured = State(REFERENCE.x, REFERENCE.y, REFERENCE.z, *demand.attitude, 0.0, 0.0, 0.0, *demand.body_rates)
     rows = {
         axis: {"thrust": getattr(REFERENCE, f"a_{axis}"), "jerk": getattr(JERK, axis), "snap": getattr(SNAP, axis)}
         for axis in "xyz"
     }
     kinds = {"x": kind, "y": kind, "z": VerticalChain}
     chains = [kinds[axis](*(rows[axis].get(name, 0.0) for name in kinds[axis]._fields)) for axis in "xyz"]
-    return demand, seen, Estimate(*chains)
+    return demand, measured, Estimate(*chains)
 
 
 def asked_for(x, y, z):
-    """Commands of a vehicle that nothing disturbs."""
+    """Return the commands for a vehicle without disturbances."""
     command = ChainCommands(x, y, z)
-    return Regulated(command, command, Acceleration(x, y, z), BELIEVED.gravity + REFERENCE.a_z)
+    return RegulatorOutput(command, command, Acceleration(x, y, z), BELIEVED.gravity + REFERENCE.a_z)
 
 
-def test_a_vehicle_on_its_path_gets_the_wrench_that_the_path_asks_for():
-    """With moments of inertia that are alike there is no gyroscopic torque, which the controller leaves out."""
-    demand, seen, estimate = flown(TorqueChain)
+def test_the_wrench_for_a_vehicle_on_its_path_is_that_of_flatness():
+    """With equal moments of inertia there is no gyroscopic torque, which the controller neglects."""
+    demand, measured, estimate = flown(TorqueChain)
     alike = WITH_TORQUES.torques._replace(i_xx=0.01, i_yy=0.01, i_zz=0.01)
     numbers = WITH_TORQUES._replace(torques=alike, thrust=FREE)
-    asked = asked_for(SNAP.x, SNAP.y, REFERENCE.a_z)
-    wrench = wrench_for(asked, estimate, seen, REFERENCE, JERK, SNAP, numbers)
+    requested = asked_for(SNAP.x, SNAP.y, REFERENCE.a_z)
+    wrench = wrench_for(requested, estimate, measured, REFERENCE, JERK, SNAP, numbers)
     assert wrench[:3] == pytest.approx(demand.wrench[:3])
-    yaw = 3.1 * (REFERENCE.yaw_rate - seen.r) + SNAP.yaw
+    yaw = 3.1 * (REFERENCE.yaw_rate - measured.r) + SNAP.yaw
     assert wrench.tau_z == pytest.approx(0.01 * yaw)
-    turned = wrench_for(asked, estimate, seen._replace(yaw=seen.yaw - 2 * math.pi), REFERENCE, JERK, SNAP, numbers)
+    turned = wrench_for(
+        requested, estimate, measured._replace(yaw=measured.yaw - 2 * math.pi), REFERENCE, JERK, SNAP, numbers
+    )
     assert turned == pytest.approx(wrench)
 
 
-def test_a_vehicle_on_its_path_is_told_the_attitude_that_it_has():
-    demand, seen, estimate = flown(AttitudeChain)
-    asked = asked_for(REFERENCE.a_x, REFERENCE.a_y, REFERENCE.a_z)
-    target = target_for(asked, estimate, seen, REFERENCE, WITH_TARGETS._replace(thrust=FREE))
+def test_the_attitude_target_of_a_vehicle_on_its_path_is_its_attitude():
+    demand, measured, estimate = flown(AttitudeChain)
+    requested = asked_for(REFERENCE.a_x, REFERENCE.a_y, REFERENCE.a_z)
+    target = target_for(requested, estimate, measured, REFERENCE, WITH_TARGETS._replace(thrust=FREE))
     assert target == pytest.approx((demand.wrench.thrust, *demand.attitude, 0.0, 0.0, REFERENCE.yaw_rate))
 
 
-def test_the_thrust_that_keeps_the_height_is_that_of_the_reference_against_what_disturbs():
-    estimate, sent = begun(AttitudeChain).estimate, under_way(1, None)
+def test_the_thrust_that_keeps_the_height_compensates_the_disturbance():
+    estimate, sent = running(AttitudeChain).estimate, under_way(1, None)
     free = WITH_TARGETS._replace(thrust=FREE)
     correction = Acceleration(0.2, -0.3, 0.1)
     found = regulated(estimate, REFERENCE, JERK, SNAP, sent, correction, None, free, TICK)
     against = estimate.z.first + estimate.z.second
     assert found.upward == pytest.approx(9.81 + REFERENCE.a_z - 0.1 - against)
-    # It stays within the limits of the thrust, so that nothing is divided by nothing.
+    # The value stays within the limits of the thrust, which avoids a division by zero.
     falling = REFERENCE._replace(a_z=-50.0)
     held = regulated(estimate, falling, JERK, SNAP, sent, None, None, WITH_TARGETS, TICK)
     assert held.upward == pytest.approx(2.0 / 0.68)
 
 
 @pytest.mark.parametrize("change", [-4.0, 3.0])
-def test_a_thrust_that_changes_leaves_the_attitude_that_is_told_and_the_one_that_is_seen(change):
-    """More thrust for the height pulls a leaning vehicle sideways, which is known and no turn of the body."""
-    _, seen, estimate = flown(AttitudeChain)
+def test_thrust_changes_do_not_affect_the_commanded_and_the_estimated_attitude(change):
+    """Additional thrust accelerates a tilted vehicle sideways, which the filter does not attribute to the attitude."""
+    _, measured, estimate = flown(AttitudeChain)
     free = WITH_TARGETS._replace(thrust=FREE)
     shaken = estimate._replace(z=estimate.z._replace(thrust=estimate.z.thrust + change))
     calm, other = asked_for(1.3, -0.7, 0.4), asked_for(1.3, -0.7, 0.4 + change)
-    told = target_for(calm, estimate, seen, REFERENCE, free)
-    harder = target_for(other, shaken, seen, REFERENCE, free)
-    assert harder[1:] == told[1:]
-    # The thrust points along the attitude: its vertical part is what is asked for.
-    up = rotation(seen)[2, 2]
-    assert harder.thrust - told.thrust == pytest.approx(0.68 * change / up)
+    commanded = target_for(calm, estimate, measured, REFERENCE, free)
+    harder = target_for(other, shaken, measured, REFERENCE, free)
+    assert harder[1:] == commanded[1:]
+    # The thrust points along the attitude, and its vertical component is the commanded one.
+    up = rotation(measured)[2, 2]
+    assert harder.thrust - commanded.thrust == pytest.approx(0.68 * change / up)
     _, seen_too, turning = flown(TorqueChain)
     shaken_too = turning._replace(z=turning.z._replace(thrust=turning.z.thrust + change))
     torques = WITH_TORQUES._replace(thrust=FREE)
     turned, turned_too = (
-        wrench_for(asked, estimate, seen_too, REFERENCE, JERK, SNAP, torques)
-        for asked, estimate in ((calm, turning), (other, shaken_too))
+        wrench_for(requested, estimate, seen_too, REFERENCE, JERK, SNAP, torques)
+        for requested, estimate in ((calm, turning), (other, shaken_too))
     )
     assert turned_too[1:] == turned[1:]
     assert turned_too.thrust - turned.thrust == pytest.approx(0.68 * change / up)
-    # What is seen of the attitude is no innovation, but the velocity follows the thrust.
+    # The measured attitude causes no innovation, but the velocity follows the thrust.
     sent = under_way(1, None)._replace(upward=9.81 + REFERENCE.a_z)
     before = KalmanState(estimate, 1.0, 0.0), KalmanState(shaken, 1.0, 0.0)
-    plain, pulled = (estimated(seen, each, sent, None, free, H, True) for each in before)
+    plain, pulled = (estimated(measured, each, sent, None, free, H, True) for each in before)
     assert pulled.x[2:] == plain.x[2:]
     sideways = REFERENCE.a_x * change / (9.81 + REFERENCE.a_z)
     assert pulled.x.velocity - plain.x.velocity == pytest.approx(H * sideways)

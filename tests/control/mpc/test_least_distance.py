@@ -1,4 +1,4 @@
-"""Least distance programmes against nonnegative least squares (Lawson and Hanson, 1974, algorithm LDP)."""
+"""Least distance programming, compared with nonnegative least squares (Lawson and Hanson, 1974, algorithm LDP)."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from drake_quad.control.mpc.least_distance import LeastDistance
 
 
 def by_nonnegative_least_squares(rows, bounds):
-    """Of least |v| where G v <= h: -r / r_n of the residual r of E u = f, where E is [-Gᵀ; -hᵀ] and f is e_n."""
+    """Return the least |v| with G v <= h: -r / r_n for the residual r of E u = f, with E = [-Gᵀ; -hᵀ] and f = e_n."""
     E = np.vstack([-rows.T, -bounds])
     f = np.append(np.zeros(rows.shape[1]), 1.0)
     u, _ = scipy.optimize.nnls(E, f)
@@ -17,8 +17,8 @@ def by_nonnegative_least_squares(rows, bounds):
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_the_nearest_point_is_that_of_another_algorithm(seed):
-    """Of polyhedra that do not hold the origin, with one programme for all bounds."""
+def test_the_nearest_point_matches_another_algorithm(seed):
+    """The polyhedra do not contain the origin; one program solves all bounds."""
     rng = np.random.default_rng(seed)
     rows, inside = rng.normal(size=(40, 6)), rng.normal(size=6)
     programme = LeastDistance(rows, group=4)
@@ -30,14 +30,14 @@ def test_the_nearest_point_is_that_of_another_algorithm(seed):
         np.testing.assert_allclose(rows[binding] @ point, bounds[binding], atol=1e-9)
 
 
-def test_where_the_origin_is_inside_it_is_the_nearest():
+def test_the_origin_is_the_nearest_point_of_a_polyhedron_that_contains_it():
     point, binding = LeastDistance(np.eye(3), group=3).solve(np.array([0.0, 1.0, np.inf]))
     np.testing.assert_array_equal(point, np.zeros(3))
     assert not binding.any()
 
 
-def test_rows_that_a_first_point_breaks_are_added():
-    """Away from one wall there is the next one."""
+def test_rows_that_a_first_solution_violates_are_added():
+    """The point nearest to one wall lies beyond the next one."""
     rows = np.array([[-1.0, 0.0], [1.0, -1.0]])
     point, binding = LeastDistance(rows, group=1).solve(np.array([-1.0, 0.5]))
     np.testing.assert_allclose(point, [1.0, 0.5], atol=1e-12)
@@ -45,7 +45,7 @@ def test_rows_that_a_first_point_breaks_are_added():
 
 
 @pytest.mark.parametrize("size", [1e-7, 1e-3, 1e6])
-def test_a_breach_may_be_of_any_size(size):
+def test_violations_may_have_any_size(size):
     rng = np.random.default_rng(2)
     rows, inside = rng.normal(size=(12, 5)), rng.normal(size=5)
     bounds = rows @ inside + rng.uniform(0.0, 0.5, 12)

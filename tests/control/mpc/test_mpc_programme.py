@@ -1,4 +1,4 @@
-"""The programmes of model predictive control against the same problems written down state by state."""
+"""The quadratic programmes of model predictive control, compared with the same problems in explicit states."""
 
 import numpy as np
 import pytest
@@ -6,9 +6,9 @@ import scipy
 from pydrake.autodiffutils import InitializeAutoDiff
 
 from drake_quad.control.lqg.chains import (
-    Answer,
     ChainNoise,
     Disturbances,
+    SecondOrderResponse,
     attitude_model,
     sampled,
     torque_model,
@@ -38,16 +38,16 @@ TARGET = TargetNumbers(0.2, 0.03)
 BELIEF = Disturbances(ChainNoise(0.5, 20.0), ChainNoise(1.2, 0.7), ChainNoise(1.0, 20.0), 2.0)
 MODELS = {
     "torques": torque_model(0.045, BELIEF),
-    "attitude": attitude_model(Answer(8.5, 0.7), BELIEF),
+    "attitude": attitude_model(SecondOrderResponse(8.5, 0.7), BELIEF),
     "height": vertical_model(0.04, BELIEF._replace(bias=None)),
 }
-CORRIDOR = Corridor(PerAxis(-0.2, -0.31, 0.9), PerAxis(0.21, 0.3, 1.2), moves=False, weight=25.0)
+CORRIDOR = Corridor(PerAxis(-0.2, -0.31, 0.9), PerAxis(0.21, 0.3, 1.2), follows_reference=False, weight=25.0)
 TILT_WEIGHT = 8.0
 CORRECTION = np.array([0.1, -0.2, 0.15])
 
 
 def horizon_of(kind, corridor=CORRIDOR):
-    """A preview that is a signal of its own in every row, and numbers of the controller."""
+    """Return a horizon whose preview has different values in every row."""
     rng = np.random.default_rng(4)
     sizes = [0.15, 0.2, 0.1, *[0.5] * 3, 0.6, 0.5, 0.8, 0.1, 0.1], [1.0] * 3, [25.0] * 4, [25.0] * 4
     parts = [rng.normal(size=(len(size), NUM_INSTANTS)) * np.array(size)[:, None] for size in sizes]
@@ -63,8 +63,8 @@ def lateral_weight(kind):
     return WEIGHT["lateral"] if kind == "torques" else ATTITUDE_WEIGHT
 
 
-class Written:
-    """One axis, rolled out tick by tick, with its infinite cost after the horizon."""
+class ExplicitAxis:
+    """One axis, simulated tick by tick, with its infinite cost after the horizon."""
 
     def __init__(self, model, command_weight):
         self.A, B = with_commands_under_way(*sampled(model.A, model.B, TIMING.tick), TIMING.delay_ticks)
@@ -74,7 +74,7 @@ class Written:
         self.S = scipy.linalg.solve_discrete_are(self.A, B, Q, np.eye(1) * command_weight)
 
     def roll_out(self, x, commands):
-        """(ticks + 1, n) states, and the cost."""
+        """Return the states (ticks + 1, n), and the cost."""
         states = [x]
         for u in commands:
             states.append(self.A @ states[-1] + self.b * u)
@@ -84,7 +84,7 @@ class Written:
 
 
 def minimised(cost, margins, size, scale):
-    """Of a convex problem, by sequential least squares."""
+    """Return the solution of a convex problem by sequential least squares."""
     found = scipy.optimize.minimize(
         lambda v: cost(scale * v),
         np.zeros(size),
@@ -102,10 +102,10 @@ def excess(values):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["torques", "attitude"])
-def test_horizontal_commands_are_those_of_the_problem_written_state_by_state(kind):
-    """Every limit at the tick that it is for, and what gives way at its price."""
+def test_horizontal_commands_solve_the_problem_in_explicit_states(kind):
+    """Each limit applies at its own tick, and slacks have their cost."""
     horizon = horizon_of(kind)
-    axis, r = Written(MODELS[kind], lateral_weight(kind)), horizon.preview.reference
+    axis, r = ExplicitAxis(MODELS[kind], lateral_weight(kind)), horizon.preview.reference
     n = len(axis.A)
     rng = np.random.default_rng(1)
     x, y = 0.1 * rng.normal(size=n), 0.1 * rng.normal(size=n)
@@ -153,17 +153,17 @@ def test_horizontal_commands_are_those_of_the_problem_written_state_by_state(kin
     assert np.abs(margins(solution)).min() < 1e-7
     regulator = regulator_of(MODELS[kind], TIMING, lateral_weight(kind))
     programme = Programme(list(horizontal_constraints(regulator, horizon)), regulator.weight)
-    added = programme.added(NOW, np.concatenate([x, y])[:, None], CORRECTION[:, None])[:, 0]
+    added = programme.perturbations(NOW, np.concatenate([x, y])[:, None], CORRECTION[:, None])[:, 0]
     K = np.array(regulator.K)
     assert np.abs(added).max() > 1e-3 * scale[0]
     expected = [solution[0] + K @ x, solution[NUM_TICKS] + K @ y]
     np.testing.assert_allclose(added, expected, atol=2e-4 * scale[0])
 
 
-@pytest.mark.parametrize("moves", [False, True])
-def test_a_corridor_counts_how_far_the_vehicle_is_beyond_a_wall(moves):
+@pytest.mark.parametrize("follows_reference", [False, True])
+def test_a_corridor_bounds_the_distance_beyond_a_wall(follows_reference):
     """The distance is in metres along each axis of W. A moving corridor is centred on the reference."""
-    horizon = horizon_of("torques", CORRIDOR._replace(moves=moves))
+    horizon = horizon_of("torques", CORRIDOR._replace(follows_reference=follows_reference))
     rng = np.random.default_rng(6)
     later = slice(NOW + 1, NOW + 1 + NUM_TICKS)
     walls = {name: (getattr(CORRIDOR.lower, name), getattr(CORRIDOR.upper, name)) for name in "xyz"}
@@ -171,30 +171,32 @@ def test_a_corridor_counts_how_far_the_vehicle_is_beyond_a_wall(moves):
         ("xy", "torques", WEIGHT["lateral"], horizontal_constraints),
         ("z", "height", WEIGHT["vertical"], vertical_constraints),
     ):
-        regulator, axis = regulator_of(MODELS[model], TIMING, weight), Written(MODELS[model], weight)
+        regulator, axis = regulator_of(MODELS[model], TIMING, weight), ExplicitAxis(MODELS[model], weight)
         starts, added = (rng.normal(size=(len(names), size)) for size in (len(axis.A), NUM_TICKS))
         expected = {}
         for name, x, c in zip(names, starts, added, strict=True):
             states = [x]
             for more in c:
                 states.append((axis.A - np.outer(axis.b, regulator.K)) @ states[-1] + axis.b * more)
-            place = np.array(states)[1:, 0] + (0.0 if moves else getattr(horizon.preview.reference, name)[later])
+            place = np.array(states)[1:, 0] + (
+                0.0 if follows_reference else getattr(horizon.preview.reference, name)[later]
+            )
             low, high = walls[name]
             expected[f"corridor along {name}"] = {tuple((place - high).round(9)), tuple((low - place).round(9))}
         found = {name: set() for name in expected}
         for each in constraints(regulator, horizon):
             if each.slack is not None and each.slack.name in found:
-                assert each.later
-                left = np.broadcast_to(each.left, NUM_INSTANTS)[later]
+                assert each.starts_next_tick
+                left = np.broadcast_to(each.bound, NUM_INSTANTS)[later]
                 beyond = each.free @ starts.ravel() + each.forced @ added.ravel() - left
                 found[each.slack.name].add(tuple(beyond.round(9)))
         assert found == expected
 
 
 @pytest.mark.parametrize("height", [0.35, -0.3])
-def test_vertical_commands_are_those_of_the_problem_written_state_by_state(height):
+def test_vertical_commands_solve_the_problem_in_explicit_states(height):
     horizon = horizon_of("torques")
-    axis, r = Written(MODELS["height"], WEIGHT["vertical"]), horizon.preview.reference
+    axis, r = ExplicitAxis(MODELS["height"], WEIGHT["vertical"]), horizon.preview.reference
     z = np.array([height, 0.3, 0.1, 0.2, -0.1, 0.1, 0.3, -0.2])
     now, later = slice(NOW, NOW + NUM_TICKS), slice(NOW + 1, NOW + 1 + NUM_TICKS)
     forward = (r.a_z - 0.15 + 0.07 * horizon.preview.jerk.z)[now]
@@ -214,14 +216,14 @@ def test_vertical_commands_are_those_of_the_problem_written_state_by_state(heigh
     solution = minimised(cost, margins, 2 * NUM_TICKS, scale)
     regulator = regulator_of(MODELS["height"], TIMING, WEIGHT["vertical"])
     programme = Programme(list(vertical_constraints(regulator, horizon)), regulator.weight)
-    added = programme.added(NOW, z[:, None], CORRECTION[:, None]).item()
+    added = programme.perturbations(NOW, z[:, None], CORRECTION[:, None]).item()
     assert abs(added) > 1e-2
     assert added == pytest.approx(solution[0] + np.array(regulator.K) @ z, abs=1e-4)
 
 
-def test_a_limit_that_lies_beyond_the_horizon_is_not_seen_yet():
-    """A reference that asks for too much snap at one tick: nothing is added until then but for what that tick needs."""
-    still = horizon_of("torques", CORRIDOR._replace(moves=True))
+def test_a_limit_beyond_the_horizon_has_no_influence():
+    """The reference demands too much snap at one tick, which changes nothing until the horizon includes it."""
+    still = horizon_of("torques", CORRIDOR._replace(follows_reference=True))
     calm = Preview(
         *(record(*np.zeros((len(record._fields), NUM_INSTANTS))) for record in (Reference, Jerk, Snap, Snap))
     )
@@ -234,15 +236,17 @@ def test_a_limit_that_lies_beyond_the_horizon_is_not_seen_yet():
         list(horizontal_constraints(regulator, still._replace(preview=preview, numbers=limited))), regulator.weight
     )
     n = len(regulator.K)
-    found = [programme.added(tick, np.zeros((2 * n, 1)), np.zeros((3, 1)))[:, 0] for tick in range(NUM_INSTANTS)]
+    found = [
+        programme.perturbations(tick, np.zeros((2 * n, 1)), np.zeros((3, 1)))[:, 0] for tick in range(NUM_INSTANTS)
+    ]
     assert not np.array(found)[:3].any()
-    # The least that helps then: 10 of 30 are too much at that tick, and nothing else can take them off.
+    # The smallest possible perturbation is 10 of the 30, the excess at that tick, and no other tick can replace it.
     assert found[9] == pytest.approx([-10.0, 0.0], abs=1e-6)
     assert not np.array(found)[10:].any()
 
 
-def test_nothing_is_impossible():
-    """However far off a vehicle is, there is a solution, which keeps to what commands can keep to."""
+def test_there_is_always_a_solution():
+    """There is a solution for any deviation of the vehicle, and it satisfies the limits on commands."""
     regulator = regulator_of(MODELS["torques"], TIMING, WEIGHT["lateral"])
     horizon = horizon_of("torques")
     programme = Programme(list(horizontal_constraints(regulator, horizon)), regulator.weight)
@@ -250,7 +254,7 @@ def test_nothing_is_impossible():
     n = len(regulator.K)
     for size in (0.3, 3.0, 30.0):
         deviation = size * rng.normal(size=(2 * n, 1))
-        added = programme.added(NOW, deviation, np.zeros((3, 1)))[:, 0]
+        added = programme.perturbations(NOW, deviation, np.zeros((3, 1)))[:, 0]
         _, _, snap, before = horizon.preview
         for axis, (s, b) in enumerate(((snap.x, before.x), (snap.y, before.y))):
             forward = (s + 2.5 * (s - b))[NOW]
@@ -258,23 +262,23 @@ def test_nothing_is_impossible():
             assert abs(command) <= 40.0 * (1.0 + 1e-6)
 
 
-def test_derivatives_are_those_of_the_law_around_what_binds():
+def test_derivatives_are_those_for_fixed_active_constraints():
     horizon = horizon_of("torques")
     regulator = regulator_of(MODELS["height"], TIMING, WEIGHT["vertical"])
     programme = Programme(list(vertical_constraints(regulator, horizon)), regulator.weight)
     z, correction, step = np.array([0.35, 0.05, 0.1, 0.02, -0.01, 0.01, 0.03, -0.02]), np.zeros((3, 1)), 1e-5
-    ((found,),) = programme.added(NOW, InitializeAutoDiff(z), correction)
+    ((found,),) = programme.perturbations(NOW, InitializeAutoDiff(z), correction)
     expected = [
-        np.diff([programme.added(NOW, (z + d)[:, None], correction).item() for d in (-way, way)]) / (2.0 * step)
+        np.diff([programme.perturbations(NOW, (z + d)[:, None], correction).item() for d in (-way, way)]) / (2.0 * step)
         for way in step * np.eye(len(z))
     ]
-    assert found.value() == pytest.approx(programme.added(NOW, z[:, None], correction).item())
+    assert found.value() == pytest.approx(programme.perturbations(NOW, z[:, None], correction).item())
     assert np.abs(expected).max() > 1.0
     np.testing.assert_allclose(found.derivatives(), np.ravel(expected), atol=1e-4)
 
 
-def test_predictions_are_what_the_axis_does():
-    """Rolled out with commands that something is added to."""
+def test_predictions_match_the_simulated_axis():
+    """The axis is simulated with perturbed commands."""
     regulator = regulator_of(MODELS["torques"], TIMING, WEIGHT["lateral"])
     A, B, K = (np.array(part) for part in regulator[:3])
     rng = np.random.default_rng(3)
@@ -290,9 +294,9 @@ def test_predictions_are_what_the_axis_does():
         np.testing.assert_allclose(response.free @ x + response.forced @ c, expected, rtol=1e-10)
 
 
-def test_what_is_added_costs_its_weight_beside_the_regulator_s_own():
-    """The sum of p² + ρ u² over all time, for any commands, is that without any and w Σ c²."""
-    regulator, axis = regulator_of(MODELS["torques"], TIMING, WEIGHT["lateral"]), Written(MODELS["torques"], 2e-6)
+def test_a_perturbation_adds_its_weighted_square_to_the_cost():
+    """For any commands the sum of p² + ρ u² over all time is the regulator's own cost plus w Σ c²."""
+    regulator, axis = regulator_of(MODELS["torques"], TIMING, WEIGHT["lateral"]), ExplicitAxis(MODELS["torques"], 2e-6)
     K = np.array(regulator.K)
     rng = np.random.default_rng(6)
     x, c = 0.1 * rng.normal(size=len(K)), 50.0 * rng.normal(size=NUM_TICKS)

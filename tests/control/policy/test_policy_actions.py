@@ -1,4 +1,4 @@
-"""What actions command."""
+"""Commands of a policy's actions."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ from drake_quad.signals import BodyRates, Reference, State, Wrench
 THRUST = ThrustRange(2.0, 12.0)
 RATES = RatesScale(THRUST, BodyRates(5.0, 4.0, 2.0), PerAngle(10.0, 9.0, 3.0), 0.006, 0.007, 0.011)
 REFERENCE = Reference(*[0.0] * 9, 0.3, 0.0)
-BEYOND = ((1.0, 1.0, 1.0, 1.0), (1.7, 1.0, 2.0, 9.0))
+SATURATED_ACTIONS = ((1.0, 1.0, 1.0, 1.0), (1.7, 1.0, 2.0, 9.0))
 
 
 SCALE = AccelerationScale(5.0, 4.0, 3.0)
@@ -43,29 +43,29 @@ def test_an_acceleration_along_a_heading_is_rotated_into_the_world_frame(frame, 
     np.testing.assert_allclose(found, expected, atol=1e-14)
 
 
-def test_thrust_goes_from_the_least_to_the_most():
+def test_thrust_ranges_from_least_to_most():
     for action, thrust in ((-1.0, 2.0), (0.0, 7.0), (1.0, 12.0), (3.0, 12.0), (-3.0, 2.0)):
         assert rates_on_board((action, 0.0, 0.0, 0.0), RATES).thrust == thrust
         assert rates_from_the_ground((action, 0.0, 0.0, 0.0), State(*[0.0] * 12), RATES).thrust == thrust
         assert commanded_attitude((action, 0.0, 0.0, 0.0), REFERENCE, AttitudeScale(THRUST, 0.5, 0.2))[0] == (thrust,)
 
 
-def test_an_attitude_looks_away_from_the_reference_s_yaw():
+def test_the_yaw_of_an_action_is_relative_to_the_reference():
     scale = AttitudeScale(THRUST, 0.5, 0.2)
     commanded = commanded_attitude((0.0, 0.5, -1.0, 0.5), REFERENCE, scale)
     np.testing.assert_allclose(commanded.attitude_command, [0.25, -0.5, 0.4])
     assert commanded.body_rate_command == commanded.angular_acceleration_command == (0.0, 0.0, 0.0)
-    within, beyond = (commanded_attitude(action, REFERENCE, scale) for action in BEYOND)
-    assert within == beyond
+    saturated, beyond = (commanded_attitude(action, REFERENCE, scale) for action in SATURATED_ACTIONS)
+    assert saturated == beyond
 
 
-def test_rates_on_board_come_without_an_attitude():
+def test_rates_for_an_autopilot_come_without_an_attitude():
     assert rates_on_board((0.0, 0.2, -0.5, 1.0), RATES) == (7.0, 0.0, 0.0, 0.0, 1.0, -2.0, 2.0)
-    assert rates_on_board(BEYOND[0], RATES) == rates_on_board(BEYOND[1], RATES)
+    assert rates_on_board(SATURATED_ACTIONS[0], RATES) == rates_on_board(SATURATED_ACTIONS[1], RATES)
 
 
-def test_rates_from_the_ground_are_reached_as_a_lag_of_first_order():
-    """Euler's equations with the torque: ω̇ = k (ω_r - ω), whatever the rates are now."""
+def test_body_rates_follow_the_loop_on_the_ground_with_a_lag_of_first_order():
+    """By Euler's equations with the torque ω̇ = k (ω_r - ω), for any present rates."""
     rates, inertia = np.array([0.7, -1.1, 0.4]), np.array(RATES[3:])
     measured = State(*[0.0] * 9, *rates)
     wrench = rates_from_the_ground((0.0, 0.2, -0.5, 1.0), measured, RATES)
@@ -74,12 +74,12 @@ def test_rates_from_the_ground_are_reached_as_a_lag_of_first_order():
 
 
 @pytest.mark.parametrize("order", [(0, 1, 2, 3), (2, 0, 3, 1)])
-def test_the_wrench_of_speeds_is_that_of_each_rotor_s(order):
+def test_the_wrench_of_rotor_speeds_is_the_sum_over_the_rotors(order):
     rng = np.random.default_rng(3)
     matrix = rng.normal(size=(4, 4))
     scale = SpeedScale(60.0, 300.0, PerRotor(*(Wrench(*row) for row in matrix)))
     action = rng.uniform(-1.0, 1.0, 4)
     speeds = 180.0 + 120.0 * action[list(order)]
     np.testing.assert_allclose(wrench_of_speeds(tuple(action), scale, order), speeds**2 @ matrix, rtol=1e-12)
-    within, beyond = (wrench_of_speeds(each, scale, order) for each in BEYOND)
-    assert within == beyond
+    saturated, beyond = (wrench_of_speeds(each, scale, order) for each in SATURATED_ACTIONS)
+    assert saturated == beyond

@@ -1,11 +1,11 @@
-"""Networks, against NumPy and against the package that publishes one."""
+"""Networks of policies, compared with NumPy and with a published package."""
 
 import numpy as np
 import pytest
 import scipy
 from pydrake.autodiffutils import AutoDiffXd
 
-from drake_quad.control.policy.network import ACTIVATIONS, WITH_ALPHA, Dense, Gru, Network, passed
+from drake_quad.control.policy.network import ACTIVATIONS, WITH_ALPHA, Dense, Gru, Network, evaluate_network
 from drake_quad.framework.formulas import kernel
 from drake_quad.framework.records import ROW
 from drake_quad.framework.symbols import Matrix
@@ -34,7 +34,7 @@ EXPECTED = {
 
 
 @pytest.mark.parametrize("activation", ACTIVATIONS)
-def test_activations(activation):
+def test_activations_match_their_formulas(activation):
     x = np.linspace(-4.0, 4.0, 41)
     found = [ACTIVATIONS[activation](each) for each in x.tolist()]
     np.testing.assert_allclose(found, EXPECTED[activation](x), rtol=1e-12, atol=1e-15)
@@ -53,7 +53,7 @@ def test_elu_and_leaky_relu_have_a_parameter(activation, alpha):
     expected = np.where(x > 0.0, x, alpha * (np.expm1(x) if activation == "elu" else x))
     neurons = Dense(Matrix(np.eye(1), np.zeros(1)), activation, alpha)
     np.testing.assert_allclose([neurons.formula(each) for each in x.tolist()], expected, rtol=1e-14)
-    np.testing.assert_allclose(passed(Network((neurons,), 1), [x], ()).output[0], expected, rtol=1e-14)
+    np.testing.assert_allclose(evaluate_network(Network((neurons,), 1), [x], ()).output[0], expected, rtol=1e-14)
 
 
 @pytest.mark.parametrize("activation", ACTIVATIONS)
@@ -64,7 +64,7 @@ def test_compiled_activations_and_their_derivatives_are_correct(activation):
     network = Network((Dense(Matrix(np.eye(1), np.zeros(1)), activation, alpha),), 1)
 
     def formula(row):
-        return passed(network, [row], ()).output[0]
+        return evaluate_network(network, [row], ()).output[0]
 
     found = np.empty_like(x)
     kernel(formula, (ROW,), (ROW,), lone=False)(len(x), 0.0, found, x)
@@ -75,7 +75,7 @@ def test_compiled_activations_and_their_derivatives_are_correct(activation):
     np.testing.assert_allclose(slopes, differences, atol=1e-8)
 
 
-def test_layers_of_neurons_follow_each_other_behind_a_prepared_input():
+def test_dense_layers_follow_the_scaled_input():
     rng = np.random.default_rng(0)
     layers = Dense(matrix_of(rng, 5, 3), "tanh"), Dense(matrix_of(rng, 2, 5), "elu")
     offset, scale = (0.1, -0.2, 0.3), (2.0, 0.5, 8.0)
@@ -86,13 +86,13 @@ def test_layers_of_neurons_follow_each_other_behind_a_prepared_input():
     for layer in layers:
         weights, biases = numbers(layer.matrix)
         rows = EXPECTED[layer.activation](weights @ rows + biases)
-    step = passed(network, inputs.tolist(), ())
+    step = evaluate_network(network, inputs.tolist(), ())
     np.testing.assert_allclose(step.output, rows, rtol=1e-13)
     assert step.memory == network.memory == ()
     assert network.num_outputs == 2
 
 
-def test_recurrent_units_remember_as_their_equations_say():
+def test_recurrent_units_match_their_equations():
     rng = np.random.default_rng(1)
     units, inputs = 3, 2
     layer = Gru(matrix_of(rng, 9, inputs), matrix_of(rng, 9, units), (0.1, -0.2, 0.3))
@@ -101,7 +101,7 @@ def test_recurrent_units_remember_as_their_equations_say():
     (W, b), (U, c) = numbers(layer.of_input), numbers(layer.of_memory)
     memory, h = network.memory, np.array(layer.initial)
     for x in rng.normal(size=(6, inputs)):
-        step = passed(network, x.tolist(), memory)
+        step = evaluate_network(network, x.tolist(), memory)
         new, old = (W @ x + b).reshape(3, units), (U @ h + c).reshape(3, units)
         r, z = 1.0 / (1.0 + np.exp(-(new[:2] + old[:2])))
         h = z * h + (1.0 - z) * np.tanh(new[2] + r * old[2])

@@ -7,7 +7,7 @@ import pytest
 from pydrake.math import RollPitchYaw, RotationMatrix
 
 from drake_quad.control.policy.observation import (
-    SIGNALS_SEEN,
+    OBSERVABLE_SIGNALS,
     Frame,
     ObservationNumbers,
     ObservationSpec,
@@ -32,7 +32,7 @@ def seen(name, frame="world", turn=0.0):
 
 
 def axes_of(frame, turn=0.0):
-    """The rotation from the frame to W."""
+    """Return the rotation from the frame to W."""
     return {
         "world": RotationMatrix(),
         "heading": RotationMatrix.MakeZRotation(STATE.yaw + turn),
@@ -63,30 +63,30 @@ def test_vectors_are_along_the_axes_of_the_frame(frame, turn):
 
 @pytest.mark.parametrize("turn", [0.0, 0.6])
 def test_the_rotation_is_that_of_the_body_row_by_row(turn):
-    turned = RotationMatrix.MakeZRotation(turn)
-    body = ROTATION @ turned
+    in_frame = RotationMatrix.MakeZRotation(turn)
+    body = ROTATION @ in_frame
     for frame in ("world", "body"):
         np.testing.assert_allclose(seen("rotation", frame, turn), body.matrix().ravel(), atol=1e-14)
     for frame in ("heading", "reference_heading"):
         relative = axes_of(frame, turn).inverse() @ body
         np.testing.assert_allclose(seen("rotation", frame, turn), relative.matrix().ravel(), atol=1e-14)
-    np.testing.assert_allclose(seen("body_rates", turn=turn), turned.inverse() @ np.array(STATE[9:]), atol=1e-14)
+    np.testing.assert_allclose(seen("body_rates", turn=turn), in_frame.inverse() @ np.array(STATE[9:]), atol=1e-14)
 
 
 @pytest.mark.parametrize("angle", [-1.5, 0.4, np.pi, 40.0])
 def test_observations_along_the_reference_heading_are_invariant_under_rotation_about_z(angle):
-    """The policy cannot tell one heading from another, so a policy that flies at one heading flies at all of them."""
+    """The observation is the same at every heading, so that a policy that flies at one heading flies at all of them."""
 
-    def turned(x, y):
+    def in_frame(x, y):
         return np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y
 
-    (x, y), (v_x, v_y) = turned(STATE.x, STATE.y), turned(STATE.v_x, STATE.v_y)
+    (x, y), (v_x, v_y) = in_frame(STATE.x, STATE.y), in_frame(STATE.v_x, STATE.v_y)
     state = STATE._replace(x=x, y=y, v_x=v_x, v_y=v_y, yaw=STATE.yaw + angle)
-    (x, y), (v_x, v_y), (a_x, a_y) = (turned(*pair) for pair in (REFERENCE[:2], REFERENCE[3:5], REFERENCE[6:8]))
+    (x, y), (v_x, v_y), (a_x, a_y) = (in_frame(*pair) for pair in (REFERENCE[:2], REFERENCE[3:5], REFERENCE[6:8]))
     reference = REFERENCE._replace(x=x, y=y, v_x=v_x, v_y=v_y, a_x=a_x, a_y=a_y, yaw=REFERENCE.yaw + angle)
-    wind = Wind(*turned(WIND.x, WIND.y), WIND.z)
-    ahead = tuple(np.concatenate([(*turned(*AHEAD[k : k + 2]), AHEAD[k + 2]) for k in (0, 3)]).tolist())
-    names = tuple([name for name in SIGNALS_SEEN if name not in ("position", "attitude", "clearance")])
+    wind = Wind(*in_frame(WIND.x, WIND.y), WIND.z)
+    ahead = tuple(np.concatenate([(*in_frame(*AHEAD[k : k + 2]), AHEAD[k + 2]) for k in (0, 3)]).tolist())
+    names = tuple([name for name in OBSERVABLE_SIGNALS if name not in ("position", "attitude", "clearance")])
     spec = ObservationSpec(names, "reference_heading", 1, 0.6)
     numbers = ObservationNumbers(200.0, ACTION)
     rows = [
@@ -96,7 +96,7 @@ def test_observations_along_the_reference_heading_are_invariant_under_rotation_a
     np.testing.assert_allclose(*rows, rtol=0.0, atol=1e-13)
 
 
-def test_the_rest_is_as_it_is():
+def test_signals_without_a_frame_are_unchanged():
     np.testing.assert_array_equal(seen("position", "body"), STATE[:3])
     np.testing.assert_array_equal(seen("attitude", "body"), STATE[3:6])
     np.testing.assert_allclose(seen("yaw_error"), [np.sin(0.2), np.cos(0.2)], atol=1e-15)
@@ -105,8 +105,8 @@ def test_the_rest_is_as_it_is():
     np.testing.assert_array_equal(seen("action"), ACTION)
 
 
-def test_signals_stand_in_their_order():
-    names = tuple(SIGNALS_SEEN)[::-1]
+def test_signals_have_the_order_of_the_specification():
+    names = tuple(OBSERVABLE_SIGNALS)[::-1]
     spec = ObservationSpec(names)
     rows = observed(STATE, REFERENCE, AHEAD, ROTORS, WIND, ACTION, ObservationNumbers(200.0, ACTION), max, spec)
     parts = [seen(name) for name in names]

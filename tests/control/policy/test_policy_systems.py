@@ -1,4 +1,4 @@
-"""A policy in a diagram: what it sees at a tick, and what it remembers."""
+"""A policy in a diagram: its observation at a tick, and its memory."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from drake_quad.control.policy.network import Dense, Gru, Network, passed
+from drake_quad.control.policy.network import Dense, Gru, Network, evaluate_network
 from drake_quad.control.policy.observation import ObservationNumbers, ObservationSpec
 from drake_quad.control.policy.systems import Observation, Policy
 from drake_quad.framework.symbols import Matrix
@@ -24,13 +24,13 @@ def network_of(inputs, outputs, seed=0):
 
 
 def moving(rows, seed):
-    """A source of rows that change with the time."""
+    """Return a source of rows that change with time."""
     rng = np.random.default_rng(seed)
     return TrajectorySource(PiecewisePolynomial.FirstOrderHold([0.0, 10.0], rng.normal(size=(rows, 2))))
 
 
 @pytest.mark.parametrize("history", [1, 3])
-def test_the_past_is_what_was_seen_and_done_at_the_ticks_before(history):
+def test_the_past_contains_earlier_observations_and_actions(history):
     spec = ObservationSpec(("position_error", "action"), "world", history)
     initial = (0.25, -0.5)
     builder = DiagramBuilder()
@@ -48,7 +48,7 @@ def test_the_past_is_what_was_seen_and_done_at_the_ticks_before(history):
     diagram = builder.Build()
     simulator = Simulator(diagram)
     simulator.AdvanceTo(0.2)
-    seen, done = (log.FindLog(simulator.get_context()).data().T for log in logs)
+    observed_rows, done = (log.FindLog(simulator.get_context()).data().T for log in logs)
 
     states = [[source.get_output_port().Eval(_at(source, 0.02 * k))[:3] for source in sources] for k in range(11)]
     errors = [reference - state for state, reference in states]
@@ -56,8 +56,8 @@ def test_the_past_is_what_was_seen_and_done_at_the_ticks_before(history):
     rows = [np.concatenate([errors[0], initial])] * (history - 1)
     for k in range(11):
         rows = [np.concatenate([errors[k], actions[-1]]), *rows][:history]
-        np.testing.assert_allclose(seen[k], np.concatenate(rows), atol=1e-12, err_msg=str(k))
-        step = passed(network, np.concatenate(rows).tolist(), memory)
+        np.testing.assert_allclose(observed_rows[k], np.concatenate(rows), atol=1e-12, err_msg=str(k))
+        step = evaluate_network(network, np.concatenate(rows).tolist(), memory)
         np.testing.assert_allclose(done[k], step.output, atol=1e-12)
         memory = step.memory
         actions.append(np.array(step.output))
@@ -70,7 +70,7 @@ def _at(source, time):
 
 
 @pytest.mark.parametrize("signals", [("wind",), ("rotor_speed",), ("position_error", "action")])
-def test_an_observation_asks_for_what_it_sees_alone(signals):
+def test_an_observation_has_inputs_for_its_own_signals_only(signals):
     spec = ObservationSpec(signals, "world", 1)
     observation = Observation(spec=spec, num_actions=2, numbers=ObservationNumbers(1.0, (0.0, 0.0)))
     for name in ("wind", "rotor_speed"):
