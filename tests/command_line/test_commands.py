@@ -470,7 +470,7 @@ def test_sensitivities_are_sorted_by_effect(run, tmp_path):
         ("design", ["--phase-margin", "85"], "no gains of this family meet the requirements for roll; at best phase"),
         ("design", ["--loop", "attitude.bandwidth=5"], "roll cannot have a bandwidth of 5 rad/s: phase margin"),
         ("design", ["--method", "lqr", "--loop", "yaw.bandwidth=1"], "--loop yaw.bandwidth is for --method poles"),
-        ("design", ["--on-board"], "laboratory.autopilot is of kind none, which has no loops on board that"),
+        ("design", ["--on-board"], "laboratory.autopilot is of kind none, which has no gains; use kind attitude"),
         (
             "design",
             [ONBOARD, "--loop", "yaw.bandwidth=1"],
