@@ -1,4 +1,4 @@
-"""Public names of the package. The reference documents them, and the modules that they come from."""
+"""Public names of the package, each with the module that defines it."""
 
 from .design.cascade import design_cascade as design_cascade
 from .design.cascade import with_gains as with_gains

@@ -42,7 +42,7 @@ def test_a_message_comes_out_of_a_worker_process_as_it_went_in():
 
 @pytest.mark.parametrize("value", [3, np.int64(3), 5])
 def test_whole_numbers_within_their_bounds_are_taken(value):
-    assert whole_number(value, "count", least=3, most=5) == value
+    assert whole_number(value, "count", minimum=3, maximum=5) == value
 
 
 @pytest.mark.parametrize(
@@ -57,4 +57,4 @@ def test_whole_numbers_within_their_bounds_are_taken(value):
 )
 def test_other_numbers_are_refused(value, most, words):
     with pytest.raises(InputError, match=f"^{words}$"):
-        whole_number(value, "count", least=3, most=most)
+        whole_number(value, "count", minimum=3, maximum=most)

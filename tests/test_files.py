@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError
-from drake_quad.files import output_folder, read_arrays, write_text, write_whole
+from drake_quad.files import output_folder, read_arrays, write_atomically, write_text
 
 
 @pytest.mark.parametrize("name", ["a\0b", "x" * 5000, "a\nb/" + "x" * 300])
@@ -36,7 +36,7 @@ def test_threads_that_write_one_file_leave_one_of_them_whole(tmp_path):
             gate.wait(10.0)
             path.write_text(text)
 
-        write_whole(tmp_path / "file.txt", fill)
+        write_atomically(tmp_path / "file.txt", fill)
 
     texts = ["one" * 1000, "two" * 1000]
     threads = [threading.Thread(target=write, args=(text,)) for text in texts]
@@ -112,6 +112,6 @@ def test_a_file_that_cannot_be_written_whole_stays_as_it_was(tmp_path):
         raise OSError("the disk is full")
 
     with pytest.raises(OSError, match="the disk is full"):
-        write_whole(path, half)
+        write_atomically(path, half)
     assert [file.name for file in tmp_path.iterdir()] == ["kept.txt"]
     assert path.read_text(encoding="utf-8") == "before"

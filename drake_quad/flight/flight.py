@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drake_quad.errors import InputError, listed
-from drake_quad.extras import needed
-from drake_quad.files import output_folder, read_arrays, read_table, write_table, write_whole
+from drake_quad.extras import import_extra
+from drake_quad.files import output_folder, read_arrays, read_table, write_atomically, write_table
 from drake_quad.flight.mission import plan_route
 from drake_quad.flight.remarks import flight_remarks
 from drake_quad.framework.records import layout_of
@@ -106,7 +106,7 @@ class Flight(Mapping[str, np.ndarray]):
         Raises:
             ImportError: pandas is not installed; the extra `tables` has it.
         """
-        pandas = needed("pandas", "tables")
+        pandas = import_extra("pandas", "tables")
         columns = self.columns()
         data = {name: values for name, (_, values) in columns.items()}
         frame = pandas.DataFrame(data, index=pandas.Index(self.time, name="time"))
@@ -169,9 +169,9 @@ class Flight(Mapping[str, np.ndarray]):
             np.savez_compressed(path, **(arrays | _arrays_of(self.plan)))
 
         return [
-            write_whole(target / ARRAYS, save_arrays),
+            write_atomically(target / ARRAYS, save_arrays),
             write_table(target / TABLE, {"time (s)": self.time, **names}, digits=9),
-            write_whole(target / SCENARIO, lambda path: save_scenario(self.scenario, path)),
+            write_atomically(target / SCENARIO, lambda path: save_scenario(self.scenario, path)),
             write_table(target / METRICS, metrics),
         ]
 

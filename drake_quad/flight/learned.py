@@ -6,7 +6,7 @@ import numpy as np
 from ruamel.yaml import YAML
 
 from drake_quad.errors import InputError
-from drake_quad.files import output_folder, write_whole
+from drake_quad.files import output_folder, write_atomically
 from drake_quad.flight.flight import Flight
 from drake_quad.scenario.networks.learned import LearnedAxis, LearnedNetwork
 
@@ -47,4 +47,4 @@ def save_network(flight: Flight, path: Path | str) -> Path:
     )
     target = Path(path)
     output_folder(target.parent)
-    return write_whole(target, lambda file: YAML().dump(learned.model_dump(mode="json", exclude_none=True), file))
+    return write_atomically(target, lambda file: YAML().dump(learned.model_dump(mode="json", exclude_none=True), file))

@@ -15,7 +15,7 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
-from drake_quad.files import write_whole
+from drake_quad.files import write_atomically
 
 # A kernel takes 5 to 200 kB, so the cache holds thousands of them.
 MAX_BYTES = 256 * 2**20
@@ -65,7 +65,7 @@ def write(name: str, code: bytes) -> None:
     with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         if _is_ours(folder):
-            write_whole(folder / _file_name(name), fill)
+            write_atomically(folder / _file_name(name), fill)
             if name.endswith("0"):
                 prune(folder, MAX_BYTES)
 

@@ -6,9 +6,9 @@ import drake_quad.gym
 envs = gymnasium.make_vec("drake_quad/Track-v0", num_envs=64, scenario="laboratory:low_wind", action="rates")
 """
 
-from drake_quad.extras import needed
+from drake_quad.extras import import_extra
 
-gymnasium = needed("gymnasium", "gym")
+gymnasium = import_extra("gymnasium", "gym")
 
 from drake_quad.gym.env import QuadrotorEnv  # noqa: E402 - a sentence first if Gymnasium is missing
 from drake_quad.gym.function_policy import FunctionPolicy  # noqa: E402

@@ -34,7 +34,7 @@ class FunctionPolicy(LeafSystem):
         rows = scenario.control.policy_rows()
         if not rows:
             raise InputError(f"{scenario.name} has no place for a policy, whose control is of kind policy")
-        self._function, self._n = function, whole_number(num_vehicles, "num_vehicles", least=1)
+        self._function, self._n = function, whole_number(num_vehicles, "num_vehicles", minimum=1)
         self._rows = rows["action"]
         self.DeclareVectorInputPort("observation", rows["observation"] * self._n)
         self.DeclareVectorOutputPort("action", self._rows * self._n, self._act)

@@ -96,7 +96,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         render_mode: str | None = None,
         record: bool = False,
     ) -> None:
-        num_envs = whole_number(num_envs, "num_envs", least=1)
+        num_envs = whole_number(num_envs, "num_envs", minimum=1)
         check_fleet_fits(num_envs, "num_envs")
         if plan is not None and not isinstance(plan, Plan):
             raise InputError(f"plan is {shown(plan)}, but must be a Plan")
@@ -239,7 +239,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Raises:
             InputError: there is no such vehicle.
         """
-        return self._episodes.episode(whole_number(vehicle, "vehicle", least=0, most=self.num_envs - 1))
+        return self._episodes.episode(whole_number(vehicle, "vehicle", minimum=0, maximum=self.num_envs - 1))
 
     def flight(self, vehicle: int = 0) -> Flight:
         """An episode of a vehicle, given its number, with all of its signals.
@@ -266,11 +266,11 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if seed is None:
             return [None] * self.num_envs
         if not isinstance(seed, Sequence | np.ndarray) or isinstance(seed, str):
-            first = whole_number(seed, "seed", least=0, most=most)
+            first = whole_number(seed, "seed", minimum=0, maximum=most)
             return [first + i for i in range(self.num_envs)]
         if len(seed) != self.num_envs:
             raise InputError(f"{len(seed)} seeds are given, but there are {self.num_envs} vehicles")
-        return [None if each is None else whole_number(each, "seed", least=0, most=most) for each in seed]
+        return [None if each is None else whole_number(each, "seed", minimum=0, maximum=most) for each in seed]
 
     def _end(self, vehicles: np.ndarray) -> None:
         """Keeps the episodes of vehicles that have ended, if actions are recorded."""

@@ -26,8 +26,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drake_quad.errors import InputError
-from drake_quad.extras import needed
-from drake_quad.files import write_whole
+from drake_quad.extras import import_extra
+from drake_quad.files import write_atomically
 from drake_quad.flight.flight import Flight
 from drake_quad.flight.formats.flight_format import FORMATS, FlightFormat
 from drake_quad.geometry.quaternion import Quaternion
@@ -72,7 +72,7 @@ def save_mcap(flights: Flight | Mapping[str, Flight], path: Path | str) -> Path:
         ImportError: mcap is not installed; the extra `mcap` has it.
         OSError: the file cannot be written.
     """
-    writer = needed("mcap.writer", "mcap").Writer
+    writer = import_extra("mcap.writer", "mcap").Writer
     named = {flights.scenario.name: flights} if isinstance(flights, Flight) else flights
     if not named:
         raise InputError("there is no flight to write")
@@ -102,7 +102,7 @@ def save_mcap(flights: Flight | Mapping[str, Flight], path: Path | str) -> Path:
                 file.add_metadata(f"{name}/metrics", metrics)
             file.finish()
 
-    return write_whole(Path(path), write)
+    return write_atomically(Path(path), write)
 
 
 def topics_of(name: str, flight: Flight) -> dict[str, dict[str, Any]]:

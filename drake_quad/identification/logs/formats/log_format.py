@@ -6,7 +6,7 @@ from tempfile import NamedTemporaryFile
 from typing import Any, NamedTuple
 
 from drake_quad.errors import InputError, listed, shortened, shown
-from drake_quad.extras import needed
+from drake_quad.extras import import_extra
 from drake_quad.identification.logs.conversion import Table
 from drake_quad.identification.logs.mapping import Mapping, load_mapping, shipped_mappings
 from drake_quad.identification.logs.source import LogFile
@@ -97,7 +97,7 @@ def library(log: LogFile, module: str, extra: str) -> Any:
         InputError: if the library is not installed.
     """
     try:
-        return needed(module, extra)
+        return import_extra(module, extra)
     except ImportError as error:
         raise InputError(f"{log.mark}: cannot be read: {error}") from None
 
