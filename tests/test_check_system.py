@@ -107,7 +107,10 @@ def test_systems_of_any_kind_are_checked():
         (lambda n: Plain(n, rows=n, law=lambda rows: rows[:1].repeat(n, axis=0)), "ports: `y` has 9 .* needs 3"),
         (Counting, "context: `y` differs by .* after other inputs"),
         (lambda n: Plain(n, law=lambda rows: rows - rows.mean(axis=1, keepdims=True)), "vehicles: `y` differs by"),
-        (lambda n: Plain(n, law=lambda rows: rows.T.reshape(2, -1)), "vehicles: `y` differs by .* if vehicle 0 is simulated alone"),
+        (
+            lambda n: Plain(n, law=lambda rows: rows.T.reshape(2, -1)),
+            "vehicles: `y` differs by .* if vehicle 0 is",
+        ),
         (made(not_a_number), "numbers: `y` is NaN"),
         (lambda n: Plain(n, law=lambda rows: np.where(rows > 0.5, math.nan, rows)), "numbers: `y` is NaN"),
         (made(other_with_derivatives), "derivatives: `y` differs by .* with AutoDiffXd"),

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from drake_quad.compilation.parts import EVENT, PREPARE, PartSizes, aligned, divided
-from drake_quad.framework.drivers import Driver, copying
+from drake_quad.framework.drivers import Driver, copy_functions
 from drake_quad.framework.instructions import declarations
 from drake_quad.framework.machine_code import LANES, address
 from drake_quad.framework.symbols import Listing
@@ -53,7 +53,7 @@ class Loop:
         text = "\n".join(
             [
                 declarations(self._lanes),
-                copying(self._lanes),
+                copy_functions(self._lanes),
                 before.written(PREPARE, lanes=self._lanes, log_stride=0, shared=""),
                 event.written(EVENT, lanes=self._lanes, log_stride="%padded", shared="%shared"),
                 _driver(sizes, len(logged), max(1, width), self._lanes),

@@ -13,7 +13,7 @@ import ctypes
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from drake_quad.framework.drivers import Driver, copying
+from drake_quad.framework.drivers import Driver, copy_functions
 from drake_quad.framework.instructions import Rows, Store, declarations, function
 from drake_quad.framework.machine_code import LANES, address
 from drake_quad.framework.symbols import Listing, Symbol
@@ -91,4 +91,4 @@ def _driver(sources: Sequence[int], targets: Sequence[int], lanes: int) -> str:
         copy("gather", "source")
         call(lanes, "_copy")
         copy("scatter", "target")
-    return "\n".join([copying(lanes), driver.text()])
+    return "\n".join([copy_functions(lanes), driver.text()])

@@ -9,7 +9,7 @@ the error is large, as in PX4, by the factor 1 - (e / e₀)². Terms that a loop
 
 from typing import NamedTuple
 
-from drake_quad.framework.elementary import maximum, minimum, wrapped
+from drake_quad.framework.elementary import maximum, minimum, wrap_angle
 from drake_quad.pid.filters import EMPTY, Delayed, LowPass, filtered
 from drake_quad.signals import Row, Time
 
@@ -113,7 +113,7 @@ def differentiated(
     before = memory.measured
     assert before is not None
     moved = measured - before.value
-    rate = before.known * (wrapped(moved) if turns else moved) / period
+    rate = before.known * (wrap_angle(moved) if turns else moved) / period
     delayed = memory.delayed
     if derivative.low_pass is not None:
         assert delayed is not None
@@ -144,7 +144,7 @@ def pid(
         turns: True for angles of which whole turns do not count.
         integrates_first: True if the output has the integral with the error of its own tick.
     """
-    error = wrapped(setpoint - measured) if turns else setpoint - measured
+    error = wrap_angle(setpoint - measured) if turns else setpoint - measured
     output = k_p * error
     if terms is None:
         return output, memory

@@ -11,7 +11,7 @@ taken, and translation follows the same equations as for a `Quadrotor`.
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from drake_quad.framework.elementary import wrapped
+from drake_quad.framework.elementary import wrap_angle
 from drake_quad.framework.fleet_system import TIME, AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.geometry.axes import BodyAxes
 from drake_quad.geometry.kinematics import angular_acceleration, small_rotation
@@ -186,7 +186,7 @@ def body_slope(
         moving.v_z,
         _answer(target.roll - body.roll, body.roll_rate, frequency.roll, damping.roll),
         _answer(target.pitch - body.pitch, body.pitch_rate, frequency.pitch, damping.pitch),
-        _answer(wrapped(target.yaw - body.yaw), body.yaw_rate, frequency.yaw, damping.yaw),
+        _answer(wrap_angle(target.yaw - body.yaw), body.yaw_rate, frequency.yaw, damping.yaw),
     )
 
 

@@ -20,7 +20,7 @@ CODE = bytes(range(200))
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """Return the folder of the cache, which does not exist yet; remarks are logged anew."""
-    code_cache._remark.cache_clear()
+    code_cache._warn_once.cache_clear()
     monkeypatch.setenv("DRAKE_QUAD_CACHE", str(tmp_path / "cache"))
     return tmp_path / "cache"
 
@@ -80,7 +80,7 @@ def test_files_and_folders_of_another_user_are_not_used(file, monkeypatch):
     code_cache.write(OTHER_NAME, CODE)
     assert [*file.parent.iterdir()] == [file]
     # A file may belong to another user although the folder does not.
-    monkeypatch.setattr(code_cache, "_is_ours", lambda folder: True)
+    monkeypatch.setattr(code_cache, "_is_trusted", lambda folder: True)
     assert code_cache.read(NAME) is None
 
 
@@ -138,7 +138,7 @@ def test_a_folder_that_is_a_file_is_not_used(folder):
 )
 def test_a_relative_path_names_no_folder(variables, expected, monkeypatch, caplog):
     """The log says so if the variable is that of the cache itself."""
-    code_cache._remark.cache_clear()
+    code_cache._warn_once.cache_clear()
     monkeypatch.setattr("sys.platform", "linux")
     for name in ("DRAKE_QUAD_CACHE", "XDG_CACHE_HOME"):
         monkeypatch.delenv(name, raising=False)

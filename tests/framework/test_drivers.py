@@ -5,7 +5,7 @@ import ctypes
 import numpy as np
 import pytest
 
-from drake_quad.framework.drivers import Driver, copying
+from drake_quad.framework.drivers import Driver, copy_functions
 from drake_quad.framework.machine_code import LANES, address
 
 
@@ -45,7 +45,7 @@ def test_vectors_are_copied_out_of_a_fleet_and_back(vehicles, rows):
     driver.at("back", "other", "%first")
     driver.do(f"call void @gather(ptr %copy, ptr %there, i64 {rows}, i64 %n, i64 %left)")
     driver.do(f"call void @scatter(ptr %copy, ptr %back, i64 {rows}, i64 %n, i64 %left)")
-    text = "\n".join([copying(LANES), driver.text()])
+    text = "\n".join([copy_functions(LANES), driver.text()])
     fleet = np.arange(1.0, rows * vehicles + 1.0).reshape(rows, vehicles)
     other = np.zeros_like(fleet)
     for first in range(0, vehicles, LANES):

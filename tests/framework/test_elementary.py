@@ -30,11 +30,11 @@ def test_the_logarithm_of_1_plus_a_little_is_accurate_and_has_derivatives():
     """Of vehicles side by side, too, of which one may learn nothing any more: there the logarithm is the number."""
     numbers = [0.3, 1e-9, 1e-20, 0.0]
     expected = np.log1p(numbers)
-    assert [elementary.log_of_1_plus(x) for x in numbers] == pytest.approx(expected, rel=1e-15)
-    np.testing.assert_allclose(elementary.log_of_1_plus(np.array(numbers)), expected, rtol=1e-15)
+    assert [elementary.log1p(x) for x in numbers] == pytest.approx(expected, rel=1e-15)
+    np.testing.assert_allclose(elementary.log1p(np.array(numbers)), expected, rtol=1e-15)
     with_derivatives = [AutoDiffXd(x, [1.0]) for x in numbers]
-    alone = [elementary.log_of_1_plus(x) for x in with_derivatives]
-    beside = elementary.log_of_1_plus(np.array(with_derivatives))
+    alone = [elementary.log1p(x) for x in with_derivatives]
+    beside = elementary.log1p(np.array(with_derivatives))
     for found in (alone, beside):
         np.testing.assert_allclose([each.value() for each in found], expected, rtol=1e-15)
     for one, other, x in zip(alone, beside, numbers, strict=True):
@@ -74,13 +74,13 @@ def test_maximum_and_minimum(function, expected):
 def test_wrapped_angles(angle):
     expected = math.atan2(math.sin(angle), math.cos(angle))
     for value in (
-        elementary.wrapped(angle),
-        elementary.wrapped(np.array([angle, angle]))[1],
-        elementary.wrapped(AutoDiffXd(angle, [1.0])).value(),
-        elementary.wrapped(np.array([AutoDiffXd(angle, [1.0])]))[0].value(),
+        elementary.wrap_angle(angle),
+        elementary.wrap_angle(np.array([angle, angle]))[1],
+        elementary.wrap_angle(AutoDiffXd(angle, [1.0])).value(),
+        elementary.wrap_angle(np.array([AutoDiffXd(angle, [1.0])]))[0].value(),
     ):
         assert value == pytest.approx(expected, abs=1e-12)
-    assert elementary.wrapped(AutoDiffXd(angle, [1.0])).derivatives()[0] == 1.0
+    assert elementary.wrap_angle(AutoDiffXd(angle, [1.0])).derivatives()[0] == 1.0
 
 
 @pytest.mark.parametrize("number", [-2.6, -0.4, 0.0, 1.4, 7.5])
