@@ -140,7 +140,7 @@ def run():
     gate.wait()
     for formula in formulas:
         result = np.empty(1)
-        kernel(formula, (ROW,), (ROW,), lone=True)(1, 0.0, result, np.array([3.0]))
+        kernel(formula, (ROW,), (ROW,), single_vehicle=True)(1, 0.0, result, np.array([3.0]))
         if result[0] != formula(3.0):
             wrong.append(formula(3.0))
 

@@ -27,7 +27,7 @@ from drake_quad.compilation.trace import Around, Rows
 from drake_quad.errors import InputError
 from drake_quad.framework.broadcast import Broadcast
 from drake_quad.framework.fleet_system import Computation, FleetSystem, Input, Parameter, StateGroup
-from drake_quad.framework.formulas import TIME, TickOf, told_apart, traced
+from drake_quad.framework.formulas import TIME, TickOf, hashable_key, traced
 from drake_quad.framework.records import ABSENT
 
 
@@ -155,13 +155,13 @@ def _signature(shown: Computation) -> tuple[Any, ...]:
     reads: list[tuple[Any, ...]] = []
     for read in shown.reads:
         if isinstance(read, Input):
-            reads.append(("input", int(read.index), read.layout, *told_apart(read.absent)))
+            reads.append(("input", int(read.index), read.layout, *hashable_key(read.absent)))
         elif isinstance(read, Parameter):
             reads.append(("parameter", int(read.index), read.layout))
         elif isinstance(read, StateGroup):
             reads.append(("state", _number(read), read.layout))
         else:
-            reads.append(("constant", *told_apart(read)))
+            reads.append(("constant", *hashable_key(read)))
     return shown.formula, *reads, *shown.results, *map(_number, shown.writes)
 
 
@@ -233,7 +233,7 @@ class _Adder(Block):
 class _Gain(Block):
     @property
     def signature(self) -> tuple[Any, ...]:
-        factors = [told_apart(factor) for factor in self._factors]
+        factors = [hashable_key(factor) for factor in self._factors]
         return *super().signature, *(factors[:1] if len(set(factors)) == 1 else factors)
 
     @property

@@ -18,7 +18,7 @@ import numpy as np
 from drake_quad.compilation.parts import EVENT, PREPARE, PartSizes, aligned, divided
 from drake_quad.framework.drivers import Driver
 from drake_quad.framework.instructions import Rows, declarations
-from drake_quad.framework.machine_code import LANES, address
+from drake_quad.framework.machine_code import LANES, kernel_address
 from drake_quad.framework.symbols import Listing
 
 
@@ -67,7 +67,7 @@ class ClockedLoop:
             ]
         )
         arguments: list[Any] = [ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, *[ctypes.py_object] * 8]
-        self._run: Callable[..., None] = ctypes.PYFUNCTYPE(None, *arguments)(address(text))
+        self._run: Callable[..., None] = ctypes.PYFUNCTYPE(None, *arguments)(kernel_address(text))
         self._counts, self._width = tuple(rows.values()), width
         self._allocate(num_vehicles)
 

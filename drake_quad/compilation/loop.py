@@ -17,7 +17,7 @@ import numpy as np
 from drake_quad.compilation.parts import EVENT, PREPARE, PartSizes, aligned, divided
 from drake_quad.framework.drivers import Driver, copy_functions
 from drake_quad.framework.instructions import declarations
-from drake_quad.framework.machine_code import LANES, address
+from drake_quad.framework.machine_code import LANES, kernel_address
 from drake_quad.framework.symbols import Listing
 
 
@@ -30,7 +30,7 @@ class Loop:
         logged: symbols or numbers that are written down at every event.
         sizes: of the groups.
         width: numbers that all vehicles share at an event.
-        lone: whether it is for a single vehicle.
+        single_vehicle: whether it is for a single vehicle.
 
     Attributes:
         num_logged: rows that are written down at every event.
@@ -44,9 +44,9 @@ class Loop:
         *,
         sizes: PartSizes,
         width: int,
-        lone: bool,
+        single_vehicle: bool,
     ) -> None:
-        self._lanes, self.num_logged = 1 if lone else LANES, len(logged)
+        self._lanes, self.num_logged = 1 if single_vehicle else LANES, len(logged)
         before, event = divided(listing, changes, logged)
         # The function runs under Python's lock, one call at a time.
         self._scratch = aligned((sum(sizes) + len(before.stores)) * self._lanes)
@@ -60,7 +60,7 @@ class Loop:
             ]
         )
         arguments: list[Any] = [ctypes.c_int64, ctypes.c_int64, *[ctypes.py_object] * 6]
-        self._run: Callable[..., None] = ctypes.PYFUNCTYPE(None, *arguments)(address(text))
+        self._run: Callable[..., None] = ctypes.PYFUNCTYPE(None, *arguments)(kernel_address(text))
 
     def padded(self, num_vehicles: int) -> int:
         """The vehicles that a log has room for."""

@@ -300,7 +300,12 @@ class Program:
 
     def _event(self, trace: Trace, shared: SharedNumbers, instants: int, logged: Sequence[Any]) -> Event:
         loop = Loop(
-            trace.listing, trace.changes(), logged, sizes=self.sizes, width=shared.width, lone=self.num_vehicles == 1
+            trace.listing,
+            trace.changes(),
+            logged,
+            sizes=self.sizes,
+            width=shared.width,
+            single_vehicle=self.num_vehicles == 1,
         )
         return Event(loop, shared, instants, frozenset(trace.inputs))
 

@@ -14,7 +14,7 @@ Names of values have a leading `%` where they are used, and none where they are 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
-from drake_quad.framework.machine_code import POINTER
+from drake_quad.framework.machine_code import ELEMENTS_POINTER_OFFSET
 
 
 class Driver:
@@ -40,7 +40,7 @@ class Driver:
         """
         driver = cls(f"void @kernel({numbers}, {', '.join(f'ptr %{name}_array' for name in arrays)})")
         for name in arrays:
-            driver.let(f"{name}_at", f"getelementptr i8, ptr %{name}_array, i64 {POINTER}")
+            driver.let(f"{name}_at", f"getelementptr i8, ptr %{name}_array, i64 {ELEMENTS_POINTER_OFFSET}")
             driver.let(name, f"load ptr, ptr %{name}_at")
         return driver
 

@@ -16,14 +16,21 @@ from drake_quad.framework.symbols import Listing
 NUM_VEHICLES = [1, 3, LANES, LANES + 3]
 
 
-def run(listing, changes, logged, *, state, parameters=(), inputs=(), shared, width=None, lone=False):
+def run(listing, changes, logged, *, state, parameters=(), inputs=(), shared, width=None, single_vehicle=False):
     """State and log after events, of (rows, N) groups and (events, width) shared numbers."""
     state = np.array(state, dtype=float)
     n = state.shape[1]
     parameters, inputs = (np.array(rows, dtype=float).reshape(-1, n) for rows in (parameters, inputs))
     shared = np.array(shared, dtype=float)
     sizes = PartSizes(len(state), len(parameters), len(inputs))
-    loop = Loop(listing, changes, logged, sizes=sizes, width=shared.shape[1] if width is None else width, lone=lone)
+    loop = Loop(
+        listing,
+        changes,
+        logged,
+        sizes=sizes,
+        width=shared.shape[1] if width is None else width,
+        single_vehicle=single_vehicle,
+    )
     flat, log = state.ravel(), np.full((len(shared), loop.num_logged, loop.padded(n)), np.nan)
     loop.run(flat, parameters.ravel(), inputs.ravel(), shared, log, n)
     return flat.reshape(-1, n), log[:, :, :n]
@@ -33,8 +40,8 @@ def rows_of(listing, group, count):
     return [listing.row(group, place) for place in range(count)]
 
 
-@pytest.mark.parametrize(("n", "lone"), [(1, True), *((n, False) for n in NUM_VEHICLES)])
-def test_events_follow_each_other_for_every_vehicle(n, lone):
+@pytest.mark.parametrize(("n", "single_vehicle"), [(1, True), *((n, False) for n in NUM_VEHICLES)])
+def test_events_follow_each_other_for_every_vehicle(n, single_vehicle):
     """Each reads what the one before has left, and numbers of its own; what it logs is from before."""
     listing = Listing()
     x, v = rows_of(listing, STATE, 2)
@@ -44,7 +51,14 @@ def test_events_follow_each_other_for_every_vehicle(n, lone):
     state, parameters, inputs = rng.normal(size=(2, n)), rng.normal(size=(1, n)), rng.normal(size=(1, n))
     shared = rng.uniform(0.1, 0.2, (5, 2))
     found, log = run(
-        listing, changes, [x * v, 7.0, x], state=state, parameters=parameters, inputs=inputs, shared=shared, lone=lone
+        listing,
+        changes,
+        [x * v, 7.0, x],
+        state=state,
+        parameters=parameters,
+        inputs=inputs,
+        shared=shared,
+        single_vehicle=single_vehicle,
     )
     for event, (_, h) in enumerate(shared):
         a, b = state
@@ -58,7 +72,7 @@ def test_nothing_but_the_rows_that_change_is_written(n):
     """Not beyond the fleet either, nor by no events at all."""
     listing = Listing()
     (x, *_) = rows_of(listing, STATE, 3)
-    loop = Loop(listing, {1: x + 1.0}, [], sizes=PartSizes(3, 0, 0), width=0, lone=False)
+    loop = Loop(listing, {1: x + 1.0}, [], sizes=PartSizes(3, 0, 0), width=0, single_vehicle=False)
     for events in (0, 1):
         state = np.arange(3.0 * n + 5.0)
         none = np.empty(0)
@@ -80,8 +94,8 @@ def test_rows_begin_with_a_line_of_the_cache():
 def test_a_log_has_room_for_whole_vectors():
     listing = Listing()
     loops = [
-        Loop(listing, {}, [listing.row(STATE, 0)], sizes=PartSizes(1, 0, 0), width=0, lone=lone)
-        for lone in (True, False)
+        Loop(listing, {}, [listing.row(STATE, 0)], sizes=PartSizes(1, 0, 0), width=0, single_vehicle=single_vehicle)
+        for single_vehicle in (True, False)
     ]
     assert loops[0].padded(1) == 1
     assert [loops[1].padded(n) for n in (1, LANES, LANES + 1)] == [LANES, LANES, 2 * LANES]
@@ -203,8 +217,8 @@ def test_a_long_chain_of_operations_is_not_followed_in_depth():
     assert (len(before.listing.operations), len(event.operations)) == (3002, 3004)
 
 
-@pytest.mark.parametrize(("n", "lone"), [(1, True), *((n, False) for n in NUM_VEHICLES)])
-def test_what_is_needed_now_and_then_is_computed_event_by_event(n, lone):
+@pytest.mark.parametrize(("n", "single_vehicle"), [(1, True), *((n, False) for n in NUM_VEHICLES)])
+def test_what_is_needed_now_and_then_is_computed_event_by_event(n, single_vehicle):
     """From parameters alone, too, which is before the first event; and twice in an event."""
 
     def root(x, y):
@@ -219,7 +233,15 @@ def test_what_is_needed_now_and_then_is_computed_event_by_event(n, lone):
     state, parameters = rng.normal(size=(2, n)), rng.normal(size=(2, n))
     changes = {0: 0.5 * second - listing.shared(0), 1: fixed - first}
     shared = rng.uniform(0.5, 1.0, (6, 1))
-    found, log = run(listing, changes, [given, fixed], state=state, parameters=parameters, shared=shared, lone=lone)
+    found, log = run(
+        listing,
+        changes,
+        [given, fixed],
+        state=state,
+        parameters=parameters,
+        shared=shared,
+        single_vehicle=single_vehicle,
+    )
     constant = np.where(parameters[0] > 0.0, np.sqrt(parameters[0] * parameters[0] + 2.0), parameters[1])
     for event, (h,) in enumerate(shared):
         x, v = state

@@ -194,17 +194,17 @@ def module(number):
 
 
 def called(text):
-    return ctypes.CFUNCTYPE(ctypes.c_int64)(machine_code.address(text))()
+    return ctypes.CFUNCTYPE(ctypes.c_int64)(machine_code.kernel_address(text))()
 
 
 def test_an_object_file_without_the_function_is_not_called(folder, monkeypatch):
     """The digest is valid, and LLVM returns address 0 for the function."""
     text = module(4_711)
-    code_cache.write(machine_code._name(text), machine_code._compiled(module(1).replace("@kernel(", "@another(")))
+    code_cache.write(machine_code._name(text), machine_code._compile(module(1).replace("@kernel(", "@another(")))
     assert called(text) == 4_711
     # The module that was compiled instead is cached.
     monkeypatch.setattr(machine_code, "_addresses", ThreadSafeCache())
-    monkeypatch.setattr(machine_code, "_compiled", None)
+    monkeypatch.setattr(machine_code, "_compile", None)
     assert called(text) == 4_711
 
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from drake_quad.framework.drivers import Driver, copy_functions
-from drake_quad.framework.machine_code import LANES, address
+from drake_quad.framework.machine_code import LANES, kernel_address
 
 
 def called(text, *arguments):
     types = [ctypes.py_object if isinstance(each, np.ndarray) else ctypes.c_int64 for each in arguments]
-    ctypes.PYFUNCTYPE(None, *types)(address(text))(*arguments)
+    ctypes.PYFUNCTYPE(None, *types)(kernel_address(text))(*arguments)
 
 
 @pytest.mark.parametrize(("begin", "end", "step"), [(0, 5, 1), (0, 5, 2), (2, 9, 3), (3, 3, 1), (4, 3, 1), (0, 0, 8)])

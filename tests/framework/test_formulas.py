@@ -45,7 +45,7 @@ def test_machine_code_tells_constants_apart_that_are_equal(one, other):
 
     for zero in (one, other):
         found = np.empty(9)
-        kernel(scaled, (ROW, zero), (ROW,), lone=False)(9, 0.0, found, np.ones(9))
+        kernel(scaled, (ROW, zero), (ROW,), single_vehicle=False)(9, 0.0, found, np.ones(9))
         np.testing.assert_array_equal(np.signbit(found), np.signbit(zero))
 
 
@@ -56,7 +56,7 @@ def counted(x, tick, by):
 @pytest.mark.parametrize("n", [1, 11])
 def test_machine_code_gets_the_tick_that_a_formula_in_python_gets(n):
     arguments, x = (ROW, TickOf(0.02), 0.5), np.arange(float(n))
-    run = kernel(counted, arguments, (ROW,), lone=n == 1)
+    run = kernel(counted, arguments, (ROW,), single_vehicle=n == 1)
     for number in (0, 1, 2, 3, 50, 51):
         found = np.empty(n)
         run(n, 0.02 * number, found, x)
@@ -111,7 +111,7 @@ def test_nothing_is_selected_from_nothing():
 def test_comparisons_are_numbers_in_machine_code_as_in_python(formula, n):
     x = np.linspace(-1.0, 3.0, n) if n > 1 else np.array([0.5])
     found = np.full(n, np.nan)
-    kernel(formula, (ROW,), (ROW,), lone=n == 1)(n, 0.0, found, x)
+    kernel(formula, (ROW,), (ROW,), single_vehicle=n == 1)(n, 0.0, found, x)
     (expected,) = interpret(formula, (ROW,), [x], (ROW,), n, 0.0)
     np.testing.assert_array_equal(found, np.asarray(expected, dtype=float))
 
@@ -121,10 +121,10 @@ def test_comparisons_are_numbers_in_machine_code_as_in_python(formula, n):
     [
         (lambda x: (x > 0.0) + (x < 2.0), r"comparisons cannot be added.*use where\(comparison, 1.0, 0.0\)"),
         (lambda x: -(x > 0.0), r"comparisons cannot be added.*use where\(comparison, 1.0, 0.0\)"),
-        (lambda x: x & (x > 0.0), "take comparisons, not numbers"),
-        (lambda x: (x > 0.0) | x, "take comparisons, not numbers"),
+        (lambda x: x & (x > 0.0), "must be comparisons, not numbers"),
+        (lambda x: (x > 0.0) | x, "must be comparisons, not numbers"),
     ],
 )
 def test_operations_on_comparisons_that_are_ambiguous_end_in_a_sentence(formula, words):
     with pytest.raises(TypeError, match=words):
-        kernel(formula, (ROW,), (ROW,), lone=True)
+        kernel(formula, (ROW,), (ROW,), single_vehicle=True)

@@ -40,7 +40,7 @@ def test_machine_code_sums_as_python_does(outputs, inputs, n):
 
     rows = np.random.default_rng(n).normal(size=(inputs, n))
     found = np.empty(outputs * n)
-    kernel(formula, (rows_layout(inputs),), (rows_layout(outputs),), lone=n == 1)(n, 0.0, found, rows.ravel())
+    kernel(formula, (rows_layout(inputs),), (rows_layout(outputs),), single_vehicle=n == 1)(n, 0.0, found, rows.ravel())
     expected = np.array([formula(column.tolist()) for column in rows.T]).T
     np.testing.assert_array_equal(found.reshape(outputs, n), expected)
     weights, biases = numbers_of(matrix)
@@ -63,7 +63,7 @@ def test_layers_follow_each_other_and_are_needed_only_where_something_needs_them
 
     rows = np.random.default_rng(1).normal(size=(2, 21))
     found = np.empty(6 * 21)
-    kernel(formula, (rows_layout(2),), (rows_layout(6),), lone=False)(21, 0.0, found, rows.ravel())
+    kernel(formula, (rows_layout(2),), (rows_layout(6),), single_vehicle=False)(21, 0.0, found, rows.ravel())
     expected = np.array([formula(column.tolist()) for column in rows.T]).T
     np.testing.assert_allclose(found.reshape(6, 21), expected, rtol=1e-14)
     assert {*(expected[4] == 7.0).tolist()} == {True, False}
@@ -100,5 +100,5 @@ def test_an_activation_takes_nothing_but_the_sum():
     def formula(rows):
         return tuple(dense(matrix_of(2, 2), rows, lambda x: x + rows[0]))
 
-    with pytest.raises(TypeError, match="must take all its rows"):
-        kernel(formula, (rows_layout(2),), (rows_layout(2),), lone=True)
+    with pytest.raises(TypeError, match="uses a row that is not one of its arguments"):
+        kernel(formula, (rows_layout(2),), (rows_layout(2),), single_vehicle=True)

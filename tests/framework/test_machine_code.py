@@ -23,7 +23,7 @@ from drake_quad.signals import Row
 def run_on_arrays(formula: Callable[..., Row], sources: list[np.ndarray]) -> np.ndarray:
     """What the machine code of a formula of rows makes of (n,) arrays."""
     result = np.empty_like(sources[0])
-    kernel(formula, (ROW,) * len(sources), (ROW,), lone=False)(result.size, 0.0, result, *sources)
+    kernel(formula, (ROW,) * len(sources), (ROW,), single_vehicle=False)(result.size, 0.0, result, *sources)
     return result
 
 
@@ -210,8 +210,8 @@ def test_every_vehicle_of_a_fleet_gets_what_it_gets_alone_to_the_bit(n):
     place, angle, scale = rng.normal(size=2 * n), rng.normal(size=n), rng.normal(size=n)
     one = layout_of(tuple[Row])
     arguments = (layout_of(Place), one, one, TIME, 0.25)
-    fleet = kernel(turned, arguments, (layout_of(Place), one), lone=n == 1)
-    alone = kernel(turned, arguments, (layout_of(Place), one), lone=True)
+    fleet = kernel(turned, arguments, (layout_of(Place), one), single_vehicle=n == 1)
+    alone = kernel(turned, arguments, (layout_of(Place), one), single_vehicle=True)
     moved, later = np.empty(2 * n), np.empty(n)
     fleet(n, 3.0, moved, later, place, angle, scale)
     for i in range(n):
@@ -226,7 +226,9 @@ def test_every_vehicle_of_a_fleet_gets_what_it_gets_alone_to_the_bit(n):
 @pytest.mark.parametrize("n", [1, LANES + 3])
 def test_what_is_read_may_be_written_over(n):
     values = np.arange(2.0 * n)
-    swap = kernel(lambda place: Place(place.y, place.x), (layout_of(Place),), (layout_of(Place),), lone=n == 1)
+    swap = kernel(
+        lambda place: Place(place.y, place.x), (layout_of(Place),), (layout_of(Place),), single_vehicle=n == 1
+    )
     swap(n, 0.0, values, values)
     np.testing.assert_array_equal(values, [*range(n, 2 * n), *range(n)])
 
@@ -234,7 +236,7 @@ def test_what_is_read_may_be_written_over(n):
 def test_nothing_beyond_the_fleet_is_written():
     n = LANES + 3
     values = np.arange(float(2 * LANES))
-    run = kernel(lambda x: x + 1.0, (ROW,), (ROW,), lone=False)
+    run = kernel(lambda x: x + 1.0, (ROW,), (ROW,), single_vehicle=False)
     run(n, 0.0, values, values)
     np.testing.assert_array_equal(values, [*np.arange(1.0, n + 1.0), *np.arange(n, 2.0 * LANES)])
 
@@ -248,19 +250,19 @@ def test_a_branch_on_a_row_is_refused_in_a_sentence():
     def branching(x: Row) -> Row:
         return x if x > 0.0 else -x
 
-    with pytest.raises(TypeError, match=r"formula branching: a formula cannot branch on a row, .* select with `where`"):
+    with pytest.raises(TypeError, match=r"formula branching: a formula cannot branch on a row, .* use `where` instead"):
         machine(branching, 1.0)
 
 
 @pytest.mark.parametrize(
     ("formula", "words"),
     [
-        (lambda x: np.sin(x), "numpy.sin does not take a row that is not known yet"),
-        (lambda x: np.maximum(x, 0.0), "numpy.maximum does not take a row"),
-        (lambda x: np.linalg.norm([x, x]), "numpy.sqrt does not take a row"),
+        (lambda x: np.sin(x), "numpy.sin does not accept a row of a formula that is being traced"),
+        (lambda x: np.maximum(x, 0.0), "numpy.maximum does not accept a row"),
+        (lambda x: np.linalg.norm([x, x]), "numpy.sqrt does not accept a row"),
         (lambda x: np.sin(np.array([x, x])), "no callable sin method; a Symbol is a row"),
-        (lambda x: math.sin(x), "a row that is not known yet is not a float"),
-        (lambda x: np.array([1.0, 2.0]) * x, r"an array of shape \(2,\) stands where a number or a row is wanted"),
+        (lambda x: math.sin(x), "the functions of math do not accept a row"),
+        (lambda x: np.array([1.0, 2.0]) * x, r"expected a number or a row, not an array of shape \(2,\)"),
         (lambda x: x**2, "'Symbol' and 'int'; a Symbol is a row"),
         (lambda x: x.clip(0.0, 1.0), "has no attribute 'clip'; a Symbol is a row"),
     ],
@@ -319,15 +321,15 @@ MASKED = [np.zeros(3 * LANES + 5, bool), np.ones(3 * LANES + 5, bool), np.arange
 
 @pytest.mark.parametrize("needed", MASKED, ids=("none", "all", "some"))
 @pytest.mark.parametrize("n", [1, LANES - 1, LANES, 3 * LANES + 5])
-@pytest.mark.parametrize("lone", [True, False])
-def test_what_is_computed_where_needed_is_what_where_selects_to_the_bit(needed, n, lone):
+@pytest.mark.parametrize("single_vehicle", [True, False])
+def test_what_is_computed_where_needed_is_what_where_selects_to_the_bit(needed, n, single_vehicle):
     rng = np.random.default_rng(n)
     x, y = rng.uniform(0.5, 2.0, (2, n))
     bound = np.where(needed[:n], x - 0.1, x + 0.1)
     expected = elementary.where(x > bound, polar(x, y), Polar(y, -1.0))
     np.testing.assert_array_equal(seldom_polar(x, y, bound), expected)
-    run = kernel(seldom_polar, (ROW, ROW, ROW), (layout_of(Polar),), lone=lone)
-    if not lone:
+    run = kernel(seldom_polar, (ROW, ROW, ROW), (layout_of(Polar),), single_vehicle=single_vehicle)
+    if not single_vehicle:
         found = np.full((2, n), np.nan)
         run(n, 0.0, found, x, y, bound)
         np.testing.assert_array_equal(found, expected)
@@ -421,7 +423,7 @@ def test_rows_that_are_no_arguments_of_what_is_needed_are_refused():
         return elementary.where_needed(x > 0.0, lambda x: y, (x,), 0.0)
 
     for formula in (summed, passed):
-        with pytest.raises(TypeError, match="must take all its rows as arguments"):
+        with pytest.raises(TypeError, match="uses a row that is not one of its arguments"):
             machine(formula, 1.0, 2.0)
 
 
@@ -429,12 +431,12 @@ def test_a_formula_that_returns_something_else_is_refused():
     def placed(x: Row) -> Place:
         return Place(x, x)
 
-    with pytest.raises(TypeError, match="formula placed: Turned is wanted, not Place"):
-        kernel(placed, (ROW,), (layout_of(Turned),), lone=True)
-    with pytest.raises(TypeError, match="formula placed: a number or a row is wanted, not Place"):
-        kernel(placed, (ROW,), (ROW,), lone=True)
-    with pytest.raises(TypeError, match="formula placed: 3 results are wanted"):
-        kernel(placed, (ROW,), (ROW, ROW, ROW), lone=True)
+    with pytest.raises(TypeError, match="formula placed: expected Turned, not Place"):
+        kernel(placed, (ROW,), (layout_of(Turned),), single_vehicle=True)
+    with pytest.raises(TypeError, match="formula placed: expected a number or a row, not Place"):
+        kernel(placed, (ROW,), (ROW,), single_vehicle=True)
+    with pytest.raises(TypeError, match="formula placed: expected 3 results"):
+        kernel(placed, (ROW,), (ROW, ROW, ROW), single_vehicle=True)
 
 
 PROGRAM = """
@@ -445,10 +447,10 @@ from drake_quad.framework.records import ROW
 import user_formula
 
 compiled = []
-compile_text = machine_code._compiled
-machine_code._compiled = lambda text: (compiled.append(text), compile_text(text))[1]
+compile_text = machine_code._compile
+machine_code._compile = lambda text: (compiled.append(text), compile_text(text))[1]
 result = np.empty(1)
-kernel(user_formula.doubled_drag, (ROW,), (ROW,), lone=True)(1, 0.0, result, np.array([3.0]))
+kernel(user_formula.doubled_drag, (ROW,), (ROW,), single_vehicle=True)(1, 0.0, result, np.array([3.0]))
 print(float(result[0]), len(compiled))
 """
 

@@ -1,4 +1,4 @@
-"""Results are kept on the disk for calls with equal arguments, by the same program."""
+"""Results are cached_on_disk on the disk for calls with equal arguments, by the same program."""
 
 import os
 import shutil
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from drake_quad.framework import code_cache, result_cache
-from drake_quad.framework.result_cache import _program, kept
+from drake_quad.framework.result_cache import _program, cached_on_disk
 
 CALLS = []
 
@@ -36,49 +36,49 @@ def folder(tmp_path, monkeypatch):
 
 def test_a_result_is_computed_once():
     for _ in range(2):
-        np.testing.assert_array_equal(kept(square, np.arange(3.0), shift=1.0), [1.0, 2.0, 5.0])
+        np.testing.assert_array_equal(cached_on_disk(square, np.arange(3.0), shift=1.0), [1.0, 2.0, 5.0])
     assert len(CALLS) == 1
 
 
 def test_other_arguments_functions_and_programs_have_results_of_their_own(monkeypatch):
     values = np.arange(3.0)
-    assert kept(square, values)[2] == 4.0
-    assert kept(square, values + 1.0)[2] == 9.0
-    assert kept(square, values, shift=1.0)[2] == 5.0
-    assert kept(cube, values)[2] == 8.0
+    assert cached_on_disk(square, values)[2] == 4.0
+    assert cached_on_disk(square, values + 1.0)[2] == 9.0
+    assert cached_on_disk(square, values, shift=1.0)[2] == 5.0
+    assert cached_on_disk(cube, values)[2] == 8.0
     monkeypatch.setattr(result_cache, "_program", lambda: "another program")
-    assert kept(square, values)[2] == 4.0
+    assert cached_on_disk(square, values)[2] == 4.0
     assert len(CALLS) == 5
 
 
 def test_errors_are_not_kept():
     for _ in range(2):
         with pytest.raises(ValueError, match="negative"):
-            kept(square, np.array([-1.0]))
+            cached_on_disk(square, np.array([-1.0]))
     assert len(CALLS) == 2
 
 
 def test_a_result_that_others_could_have_written_is_computed_anew(folder):
-    kept(square, np.arange(3.0))
+    cached_on_disk(square, np.arange(3.0))
     (file,) = folder.iterdir()
     assert oct(file.stat().st_mode & 0o777) == "0o600"
     file.chmod(0o666)
-    kept(square, np.arange(3.0))
+    cached_on_disk(square, np.arange(3.0))
     assert len(CALLS) == 2
 
 
 def test_a_damaged_result_is_never_unpickled(folder):
-    kept(square, np.arange(3.0))
+    cached_on_disk(square, np.arange(3.0))
     (file,) = folder.iterdir()
     content = bytearray(file.read_bytes())
     content[10] ^= 1
     file.write_bytes(content)
-    np.testing.assert_array_equal(kept(square, np.arange(3.0)), [0.0, 1.0, 4.0])
+    np.testing.assert_array_equal(cached_on_disk(square, np.arange(3.0)), [0.0, 1.0, 4.0])
     assert len(CALLS) == 2
 
 
 def test_old_results_are_pruned_like_machine_code(folder):
-    kept(square, np.arange(3.0))
+    cached_on_disk(square, np.arange(3.0))
     code_cache.prune(folder, 0)
     assert [*folder.iterdir()] == []
 
@@ -120,6 +120,6 @@ def test_a_program_without_sources_is_not_known(tmp_path, monkeypatch):
 def test_a_program_that_is_not_known_keeps_nothing(monkeypatch, folder):
     monkeypatch.setattr(result_cache, "_program", lambda: None)
     for _ in range(2):
-        kept(square, np.arange(3.0))
+        cached_on_disk(square, np.arange(3.0))
     assert len(CALLS) == 2
     assert not folder.exists()

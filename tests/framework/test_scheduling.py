@@ -5,7 +5,7 @@ import random
 import pytest
 
 from drake_quad.framework import scheduling
-from drake_quad.framework.scheduling import scheduled
+from drake_quad.framework.scheduling import schedule
 from drake_quad.framework.symbols import LEAVES, Listing
 
 
@@ -27,7 +27,7 @@ def test_every_line_stands_once_after_those_that_it_takes(seed):
     for _ in range(300):
         x, y = numbers.choice(values), numbers.choice(values)
         values.append(numbers.choice([x + y, x * y, x / 3.0, x - y, abs(x), y]))
-    order = scheduled(listing)
+    order = schedule(listing)
     position = {line: k for k, line in enumerate(order)}
     assert sorted(order) == list(range(len(listing.operations)))
     for line, operation in enumerate(listing.operations):
@@ -37,7 +37,7 @@ def test_every_line_stands_once_after_those_that_it_takes(seed):
 
 def test_chains_are_interleaved_so_that_no_line_waits_for_the_one_before():
     listing = chains(18, 5)
-    order = [line for line in scheduled(listing) if listing.operations[line].name == "add"]
+    order = [line for line in schedule(listing) if listing.operations[line].name == "add"]
     position = {line: k for k, line in enumerate(order)}
     gaps = [
         position[line] - position[operand]
@@ -53,7 +53,7 @@ def test_no_more_chains_begin_than_a_processor_can_go_on_with():
     listing = chains(30, 2)
     sums = [line for line, operation in enumerate(listing.operations) if operation.name == "add"]
     begins, ends = sums[::2], sums[1::2]
-    order = [line for line in scheduled(listing) if line in sums]
+    order = [line for line in schedule(listing) if line in sums]
     count = scheduling._LATENCY["add"] * scheduling._WIDTH
     assert order[: 2 * count] == begins[:count] + ends[:count]
 
@@ -64,7 +64,7 @@ def test_no_line_is_written_that_is_further_on_than_the_window(monkeypatch):
     sums = [line for line, operation in enumerate(listing.operations) if operation.name == "add"]
     for window in (1, 10):
         monkeypatch.setattr(scheduling, "_WINDOW", window)
-        order = [line for line in scheduled(listing) if line in sums]
+        order = [line for line in schedule(listing) if line in sums]
         missing = list(sums)
         for line in order:
             assert missing.index(line) <= window - 1
@@ -76,11 +76,11 @@ def test_rows_stand_before_their_first_use_and_unused_ones_at_the_end():
     listing = Listing()
     a, b, unused = (listing.row(0, place) for place in range(3))
     total = (a + 1.0) * b
-    order = scheduled(listing)
+    order = schedule(listing)
     assert order[-1] == unused.line
     assert order[-2] == total.line
     assert order[-3] == b.line
 
 
 def test_nothing_is_written_of_an_empty_listing():
-    assert scheduled(Listing()) == []
+    assert schedule(Listing()) == []

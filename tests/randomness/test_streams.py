@@ -24,7 +24,7 @@ def numbers_of(states, ticks, *, normal):
     """The (ticks, N) numbers of streams of one row, by machine code."""
     halves = np.concatenate(StreamState.of(states))
     arguments = layout_of(StreamState), TickOf(1.0), 1, normal
-    run = kernel(random_numbers, arguments, (layout_of(tuple[Row]),), lone=False)
+    run = kernel(random_numbers, arguments, (layout_of(tuple[Row]),), single_vehicle=False)
     numbers = np.empty((len(ticks), states.size))
     for tick, row in zip(ticks, numbers, strict=True):
         run(states.size, float(tick), row, halves)

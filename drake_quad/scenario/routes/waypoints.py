@@ -8,7 +8,7 @@ from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from drake_quad.errors import InputError
-from drake_quad.framework.result_cache import kept
+from drake_quad.framework.result_cache import cached_on_disk
 from drake_quad.reference.laps import LapDurations, flown_in_laps
 from drake_quad.reference.minimum_snap import rest_at_ends
 from drake_quad.reference.path_problem import PathProblem
@@ -282,7 +282,7 @@ class WaypointRoute(MovingRoute):
                 f"without a way around, the path comes to {approach}, nearer than {space.clearance:.3g} m; space.bounds"
                 " is needed, the room in which to look for one"
             )
-        path, way = kept(plan_around, space, space.bounds, problem, timing)
+        path, way = cached_on_disk(plan_around, space, space.bounds, problem, timing)
         approach = nearest_approach(path, space)
         if approach is not None and approach.distance < space.clearance:
             raise RuntimeError(f"a path planned at {space.clearance:g} m from obstacles comes to {approach}")
