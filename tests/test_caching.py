@@ -131,8 +131,8 @@ from drake_quad.framework.formulas import kernel
 from drake_quad.framework.records import ROW
 
 sys.setswitchinterval(1e-6)
-compile_text, compiled = machine_code._compiled, []
-machine_code._compiled = lambda text: (compiled.append(text), compile_text(text))[1]
+compile_text, compiled = machine_code._compile, []
+machine_code._compile = lambda text: (compiled.append(text), compile_text(text))[1]
 formulas = [lambda x, factor=float(factor): factor * x for factor in range(2, 10)]
 wrong, gate = [], threading.Barrier(4)
 

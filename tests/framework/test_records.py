@@ -101,7 +101,7 @@ def test_what_is_made_of_other_parts_is_refused():
     with pytest.raises(TypeError, match="expected Point, not State"):
         layout.flatten(LINE._replace(style=State(*range(12))))
     for value in (Point(), None, "1.0", 1j, [1.0], {}):
-        with pytest.raises(TypeError, match=f"a number or a row is wanted, not {type(value).__name__}"):
+        with pytest.raises(TypeError, match=f"expected a number or a row, not {type(value).__name__}"):
             layout.flatten(LINE._replace(width=value))
 
 
