@@ -10,7 +10,7 @@ from pydrake.systems.primitives import Adder, DiscreteTimeDelay, FirstOrderLowPa
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate
 from drake_quad.assembly.user_systems import UserSystems
-from drake_quad.compilation.compile_diagram import compile_diagram, compiled_part, or_stand_in
+from drake_quad.compilation.compile_diagram import as_compilable, compile_diagram, compiled_part
 from drake_quad.compilation.stand_in import StandIn
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
 from drake_quad.fleets.study_fleet import StudyFleet
@@ -263,7 +263,7 @@ def test_what_can_be_compiled_needs_no_stand_in(scenario, plan):
     """In the compiled diagram it is part of the compiled system."""
     gains = PdGains(PerAxis(2.0, 2.0, 6.0), PerAxis(2.0, 2.0, 3.5))
     pd = build_position_controller(ProportionalDerivative(numbers=gains))
-    assert or_stand_in(pd) is pd
+    assert as_compilable(pd) is pd
     compiled = compile_diagram(build_tracking_diagram(scenario, position_controller=pd, plan=plan), ticks=10)
     assert list(compiled.GetSystems()) == [compiled_part(compiled)]
 
@@ -273,7 +273,7 @@ def test_what_cannot_be_compiled_is_itself_again_in_the_compiled_diagram(scenari
     """One system in it that cannot be is enough."""
     for make in (Own, with_a_filter):
         own = make()
-        shown = or_stand_in(own)
+        shown = as_compilable(own)
         assert isinstance(shown, StandIn)
         compiled = compile_diagram(build_tracking_diagram(scenario, position_controller=shown, plan=plan), ticks=10)
         assert own in list(compiled.GetSystems())

@@ -158,7 +158,7 @@ def test_a_controller_that_is_compiled_may_have_a_period_of_its_own(diagrams, pe
 
 def test_a_controller_whose_period_does_not_fit_is_refused(diagrams):
     study = load_scenario(diagrams / "hover.yaml")
-    with pytest.raises(InputError, match=r"^\S+ cannot be compiled: its period, 0.015 s, is no multiple of 0.01 s$"):
+    with pytest.raises(InputError, match=r"^\S+ cannot be compiled: its period, 0.015 s, is not a multiple of 0.01 s$"):
         simulate(study, position_controller=Slow(period=0.015), compiled=True)
 
 

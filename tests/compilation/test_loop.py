@@ -187,14 +187,14 @@ def test_what_follows_from_parameters_alone_is_computed_before():
     (x,), (k, c) = rows_of(listing, STATE, 1), rows_of(listing, PARAMETERS, 2)
     decay = elementary.sqrt(k * c + 1.0)
     results = [decay * x, elementary.where(k > c, x, -x), k]
-    before, (event, stores) = parts.divided(listing, {}, results)
-    assert {"square_root", "multiply"} <= set(names_of(before.listing))
+    preparation, (event, stores) = parts.split_listing(listing, {}, results)
+    assert {"square_root", "multiply"} <= set(names_of(preparation.listing))
     assert "square_root" not in names_of(event)
     assert all(operation.operands[0] != PARAMETERS for operation in event.operations if operation.name == "row")
     assert len(stores) == 3
     assert all(symbol.listing is event for _, symbol in stores)
     # In rows of their own, one after another.
-    assert [target for target, _ in before.stores] == [(3, row) for row in range(len(before.stores))]
+    assert [target for target, _ in preparation.stores] == [(3, row) for row in range(len(preparation.stores))]
 
 
 def test_what_nothing_needs_is_left_out():
@@ -202,8 +202,8 @@ def test_what_nothing_needs_is_left_out():
     x, k = listing.row(STATE, 0), listing.row(PARAMETERS, 0)
     elementary.exp(x + k)
     elementary.exp(k)
-    before, (event, _) = parts.divided(listing, {}, [x + 1.0])
-    assert before.stores == []
+    preparation, (event, _) = parts.split_listing(listing, {}, [x + 1.0])
+    assert preparation.stores == []
     assert sorted(names_of(event)) == ["add", "constant", "row"]
 
 
@@ -213,8 +213,8 @@ def test_a_long_chain_of_operations_is_not_followed_in_depth():
     x, k = listing.row(STATE, 0), listing.row(PARAMETERS, 0)
     for _ in range(3000):
         x, k = x + 1.0, k + 1.0
-    before, (event, _) = parts.divided(listing, {}, [x + k])
-    assert (len(before.listing.operations), len(event.operations)) == (3002, 3004)
+    preparation, (event, _) = parts.split_listing(listing, {}, [x + k])
+    assert (len(preparation.listing.operations), len(event.operations)) == (3002, 3004)
 
 
 @pytest.mark.parametrize(("n", "single_vehicle"), [(1, True), *((n, False) for n in NUM_VEHICLES)])

@@ -69,7 +69,7 @@ def diagram_of(n=1, *, hold=0.02, gain=3.0, connected=True, value=4.0, name="sma
 @pytest.fixture
 def made(monkeypatch):
     """The loops that are made from now on; before, none had been."""
-    monkeypatch.setattr(program, "_made", ThreadSafeCache())
+    monkeypatch.setattr(program, "_event_cache", ThreadSafeCache())
     loops, make = [], program.Loop
 
     def count(*args, **options):
@@ -276,10 +276,10 @@ def test_what_is_recorded_and_how_much_at_once_make_other_events_too(made):
 
 
 def test_events_that_are_made_anew_when_too_many_are_kept_do_the_same(made, monkeypatch):
-    monkeypatch.setattr(program, "_made", ThreadSafeCache(2))
+    monkeypatch.setattr(program, "_event_cache", ThreadSafeCache(2))
     diagram = diagram_of()
     first = flown(diagram)
-    assert len(program._made) <= 2
+    assert len(program._event_cache) <= 2
     np.testing.assert_array_equal(flown(diagram), first)
 
 

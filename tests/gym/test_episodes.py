@@ -15,7 +15,7 @@ from drake_quad.gym.task import task_of
 def test_the_memory_of_prepared_episodes_is_bounded(n, most):
     """Each vehicle has room for its episode and the next one, and only a small fleet has room for more."""
     scenario = task_of("hover")
-    episodes = Episodes(scenario, plan_route(scenario), n, shown=("state",))
+    episodes = Episodes(scenario, plan_route(scenario), n, outputs=("state",))
     for rows in episodes._ready:
         assert 2 * n <= math.prod(rows.shape[:2]) <= most
 
@@ -27,7 +27,7 @@ def test_a_vehicle_that_is_ahead_of_another_begins_its_own_next_episode(monkeypa
     plan = plan_route(scenario)
 
     def parameters(*vehicles):
-        episodes = Episodes(scenario, plan, 2, shown=("state",))
+        episodes = Episodes(scenario, plan, 2, outputs=("state",))
         for each in vehicles:
             found = episodes.begin(np.array(each)).parameters
         return found

@@ -54,7 +54,7 @@ def test_what_is_no_action_is_refused(found):
         match=r"the policy must return \(1, 3\) numbers of at most 1,000,000 in size, but returned .* at 0.00",
     ):
         simulate(scenario, policy=FunctionPolicy(scenario, lambda _: found))
-    with pytest.raises(InputError, match="hover has no place for a policy"):
+    with pytest.raises(InputError, match="hover must be of kind policy"):
         FunctionPolicy(load_scenario("hover"), act)
 
 

@@ -58,7 +58,7 @@ def test_an_episode_that_has_not_ended_is_flown_again_as_far_as_it_is():
     flight = envs.flight(2)
     assert flight.time[-1] == pytest.approx(0.2)
     assert flight.scenario.seed == 2
-    np.testing.assert_allclose(flight["state"][-1], envs._fleet.shown("state")[2], atol=1e-12)
+    np.testing.assert_allclose(flight["state"][-1], envs._fleet.outputs("state")[2], atol=1e-12)
 
 
 def test_a_whole_episode_is_flown_again_to_its_last_tick():

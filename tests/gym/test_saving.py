@@ -8,7 +8,7 @@ import pytest
 
 from drake_quad import InputError, load_scenario, simulate
 from drake_quad.gym import Layer, QuadrotorVectorEnv, save_policy, torch_layers
-from drake_quad.gym.saving import acted
+from drake_quad.gym.saving import evaluate_layers
 
 
 def test_a_network_is_saved_as_a_controller_that_does_what_it_did(tmp_path):
@@ -29,7 +29,7 @@ def test_a_network_is_saved_as_a_controller_that_does_what_it_did(tmp_path):
     np.testing.assert_allclose(flight.metrics.rmse, infos["flight"]["rmse"][0], rtol=1e-4)
     assert flight.metrics.rmse < 0.3
     before = path.with_suffix(".npz").read_bytes()
-    with pytest.raises(InputError, match="cannot be flown: .*layers.0.inputs is 23, but must be 24") as wrong:
+    with pytest.raises(InputError, match="cannot be saved: .*layers.0.inputs is 23, but must be 24") as wrong:
         save_policy(envs, [Layer(gains[:, 1:], np.zeros(3))], tmp_path / "mine" / "linear.yaml")
     assert str(path.parent) in str(wrong.value)
     assert path.with_suffix(".npz").read_bytes() == before
@@ -42,7 +42,7 @@ def test_a_policy_for_an_autopilot_is_saved(action, tmp_path):
     rows, size = env.action_space.shape[0], env.observation_space.shape[0]
     path = save_policy(env, [Layer(np.zeros((rows, size)), np.zeros(rows))], tmp_path / "mine.yaml")
     assert load_scenario("onboard", layers=[path]).control.action.kind == action
-    with pytest.raises(InputError, match="a dict is no environment of drake_quad.gym"):
+    with pytest.raises(InputError, match="env is a dict, but must be an environment of drake_quad.gym"):
         save_policy({}, [], tmp_path / "mine.yaml")
 
 
@@ -120,11 +120,13 @@ def test_layers_of_pytorch_are_read_by_their_names():
     offset, scale = rng.normal(size=4), rng.uniform(0.5, 2.0, 4)
     x = np.clip((seen - offset) * scale, -1.2, 1.2) @ w.T + b
     expected = np.tanh(np.where(x > 0.0, x, np.expm1(np.minimum(x, 0.0))) @ v.T)
-    np.testing.assert_allclose(acted(layers, seen, offset=offset, scale=scale, limit=1.2), expected, rtol=1e-12)
+    np.testing.assert_allclose(
+        evaluate_layers(layers, seen, offset=offset, scale=scale, limit=1.2), expected, rtol=1e-12
+    )
     for wrong, words in [
-        ([*given, module("Mish")], "the policy has a Mish, but can have Linear, and Tanh"),
-        ([*given, module("Tanh")], "the policy has a Tanh"),
-        ([module("Tanh")], "the policy has a Tanh"),
+        ([*given, module("Mish")], "a Mish is not supported here; use Linear, each followed by at most one Tanh"),
+        ([*given, module("Tanh")], "a Tanh is not supported here"),
+        ([module("Tanh")], "a Tanh is not supported here"),
         ([], "the policy has no layers"),
     ]:
         with pytest.raises(InputError, match=words):

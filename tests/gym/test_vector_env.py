@@ -328,9 +328,9 @@ def test_what_a_step_is_worth_and_when_it_ends_may_be_a_function():
     distances = []
     for action in random_actions(envs, 1, 70):
         _, rewards, terminations, *_ = envs.step(action)
-        state, reference = envs._fleet.record("state"), envs._fleet.record("reference")
+        state, reference = envs._fleet.output_record("state"), envs._fleet.output_record("reference")
         distances.append(np.linalg.norm(np.subtract(reference[:3], state[:3]), axis=0))
-        np.testing.assert_allclose(rewards, -envs._fleet.record("wind").x)
+        np.testing.assert_allclose(rewards, -envs._fleet.output_record("wind").x)
         np.testing.assert_array_equal(terminations, distances[-1] > 0.5)
     assert (np.array(distances) > 0.5).any()
 
@@ -343,7 +343,7 @@ def test_environments_of_one_structure_have_the_signals_that_each_asks_for(name)
     envs.step(np.zeros((2, 4)))
     (signals,) = kept
     assert [*signals] == [name]
-    np.testing.assert_array_equal(signals[name], envs._fleet.record(name))
+    np.testing.assert_array_equal(signals[name], envs._fleet.output_record(name))
     flight = simulate(envs.scenario, seed=0, sample=0, policy=action_source(np.zeros((1, 4)), 0.02), until=0.02)
     np.testing.assert_allclose(np.array(signals[name])[:, 0], flight[name][1], rtol=0.0, atol=1e-9)
 
@@ -435,26 +435,29 @@ def test_the_reward_is_what_it_says():
         (lambda: envs_of(2, render_mode="human"), "render_mode is 'human', but must be None or one of"),
         (lambda: envs_of(2, action="magic"), "control.action.kind is 'magic', but must be one of"),
         (lambda: envs_of(2, observation={"history": 0}), "control.observation.history is 0"),
-        (lambda: envs_of(2, signals=["swing"]), "'swing' is no signal of this scenario, which has reference, "),
+        (lambda: envs_of(2, signals=["swing"]), "'swing' is not a signal of this scenario, which has reference, "),
         (lambda: QuadrotorVectorEnv("nowhere"), "nowhere"),
         (
             lambda: QuadrotorVectorEnv(load_scenario("hover"), {"duration": 1}),
-            "overrides are of a scenario that is loaded",
+            "overrides only apply to the file or name of a scenario",
         ),
         (
             lambda: QuadrotorVectorEnv("hover", {"laboratory.motion_capture.period": 0.04}),
-            "less often than every 0.02 s",
+            "a period of the diagram is longer than a tick of 0.02 s",
         ),
         (lambda: envs_of(2).step(np.zeros((2, 4))), "must be reset before its first step"),
         (lambda: rollout(envs_of(2), [np.zeros((2, 3))], 0), r"the shape \(2, 3\), but must have \(2, 4\)"),
         (lambda: rollout(envs_of(2), [np.full((2, 4), [[0.0], [np.nan]])], 0), "that of vehicle 1 is .nan, nan"),
         (lambda: envs_of(2).reset(seed=-1), "seed is -1, but must be from 0 to 9223372036854775805"),
         (lambda: envs_of(2).reset(seed=[1, 2, 3]), "3 seeds are given, but there are 2 vehicles"),
-        (lambda: envs_of(2).reset(seed=0, options={"reset_mask": np.array([True, False])}), "all must begin once"),
+        (
+            lambda: envs_of(2).reset(seed=0, options={"reset_mask": np.array([True, False])}),
+            "must be true for all vehicles at the first reset",
+        ),
         (lambda: envs_of(2).reset(seed=0, options={"reset_mask": [1, 0]}), "reset_mask must be 2 truth values"),
         (lambda: flown_with(reward=lambda step: step.observation), r"reward must return 2 numbers, but returned array"),
         (lambda: flown_with(reward=lambda step: None), "reward must return 2 numbers, but returned None"),
-        (lambda: flown_with(reward=lambda step: [0.0, np.nan]), "finite numbers, but returned nan of vehicle 1"),
+        (lambda: flown_with(reward=lambda step: [0.0, np.nan]), "finite numbers, but returned nan for vehicle 1"),
         (lambda: flown_with(terminates=lambda step: False), "terminates must return 2 numbers, but returned False"),
         (lambda: envs_of(2, signals=["wind", "wind"]), "signals has wind twice"),
         (lambda: envs_of(2.5), "num_envs is 2.5, but must be a whole number, at least 1"),
