@@ -66,7 +66,7 @@ class Flight(Mapping[str, np.ndarray]):
     def __getitem__(self, name: str) -> np.ndarray:
         """Return the (ticks, rows) values of a signal."""
         if name not in self.signals:
-            raise KeyError(f"{name} is no signal of this flight, which has {', '.join(self.signals)}")
+            raise KeyError(f"{name} is not a signal of this flight, which has {', '.join(self.signals)}")
         return self.signals[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -77,17 +77,17 @@ class Flight(Mapping[str, np.ndarray]):
         """Return the number of signals."""
         return len(self.signals)
 
-    # Two flights are the same if they are one: arrays have no equality.
+    # Flights are compared by identity, since a comparison of arrays has no single truth value.
     __eq__ = object.__eq__
     __hash__ = object.__hash__
 
     def record(self, name: str) -> Any:
-        """A signal as the record of `drake_quad.signals`, of (ticks,) arrays: `record("state").roll` is the roll."""
+        """Return a signal as a record of (ticks,) arrays, as in `record("state").roll`; see `drake_quad.signals`."""
         rows = list(self[name].T)
         return layout_of(SIGNALS[name], rows).build(rows)
 
     def columns(self) -> dict[str, tuple[Quantity, np.ndarray]]:
-        """Every row of every signal as `signal.row`, with its quantity and its (ticks,) values."""
+        """Return the quantity and the (ticks,) values of each row of each signal, under the name `signal.row`."""
         return {
             f"{name}.{row}": (quantity, values[:, i])
             for name, values in self.signals.items()
@@ -97,14 +97,14 @@ class Flight(Mapping[str, np.ndarray]):
         }
 
     def to_frame(self) -> "pd.DataFrame":
-        """Return the flight as a table of pandas, with a row for each tick.
+        """Return the flight as a pandas DataFrame, with a row for each tick.
 
-        Its index is the `time` (s), its columns are the rows of the signals, as in `state.roll` and `error.x`.
-        `frame.attrs` has the `units` of the columns, the `frames` along whose axes they are (W, B, or "" for what has
-        no direction), and the `scenario`'s name.
+        The index is the `time` (s), and the columns are the rows of the signals, such as `state.roll` and `error.x`.
+        `frame.attrs` contains the `units` and coordinate `frames` of the columns (W, B, or "" for columns without a
+        direction), and the name of the `scenario`.
 
         Raises:
-            ImportError: pandas is not installed; the extra `tables` has it.
+            ImportError: if pandas is not installed; the extra `tables` installs it.
         """
         pandas = import_extra("pandas", "tables")
         columns = self.columns()
@@ -121,18 +121,17 @@ class Flight(Mapping[str, np.ndarray]):
         """Return a one-line description."""
         end = self.crash or f"{self.time[-1]:.2f} s"
         end = end if self.cause is None else f"{end}, since {self.cause}"
-        how = ", compiled" if self.compiled else ""
-        return (
-            f"<Flight of {self.scenario.name}{how}: {end}, RMSE {self.metrics.rmse:.4g} m; {', '.join(self.signals)}>"
-        )
+        compiled = ", compiled" if self.compiled else ""
+        rmse = f"{self.metrics.rmse:.4g} m"
+        return f"<Flight of {self.scenario.name}{compiled}: {end}, RMSE {rmse}; {', '.join(self.signals)}>"
 
     @property
     def crash(self) -> str:
         """Text that describes the crash; empty if the vehicle did not crash."""
         if not self.metrics.crashed:
             return ""
-        into = "" if self.touched is None else f" into {self.touched}"
-        return f"crashed{into} at {self.metrics.crash_time:.2f} s"
+        obstacle = "" if self.touched is None else f" into {self.touched}"
+        return f"crashed{obstacle} at {self.metrics.crash_time:.2f} s"
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -158,7 +157,9 @@ class Flight(Mapping[str, np.ndarray]):
         """
         target = output_folder(Path(folder))
         if (target / SCENARIO).exists() and not (target / ARRAYS).exists():
-            raise InputError(f"{target / SCENARIO} would be overwritten, and is no flight's; choose another folder")
+            raise InputError(
+                f"{target / SCENARIO} does not belong to a flight and would be overwritten; choose another folder"
+            )
         names = {f"{name} ({quantity.unit})": values for name, (quantity, values) in self.columns().items()}
         metrics = {name: [value if math.isfinite(value) else ""] for name, value in self.metrics._asdict().items()}
 
@@ -188,7 +189,9 @@ def read_flight(path: Path | str) -> Flight:
     path = Path(path)
     folder = path.parent if path.is_file() and path.name in (ARRAYS, TABLE, SCENARIO, METRICS) else path
     if not (folder / ARRAYS).is_file():
-        raise InputError(f"{path} is no flight, which has {ARRAYS}, {TABLE}, {SCENARIO} and {METRICS}")
+        raise InputError(
+            f"{path} is not the folder of a flight, which contains {ARRAYS}, {TABLE}, {SCENARIO} and {METRICS}"
+        )
     scenario = load_scenario(folder / SCENARIO)
     try:
         with (folder / ARRAYS).open("rb") as file:
@@ -196,13 +199,15 @@ def read_flight(path: Path | str) -> Flight:
         time = arrays.pop("time")
         compiled = bool(arrays.pop(_COMPILED, False))
         touched, cause = (str(arrays.pop(name)) if name in arrays else None for name in (_TOUCHED, _CAUSE))
-        planned = {name: arrays.pop(name) for name in [*arrays] if name.startswith(_PLAN_PREFIX)}
-        plan = _plan_of(planned) if planned else None
+        plan_arrays = {name: arrays.pop(name) for name in [*arrays] if name.startswith(_PLAN_PREFIX)}
+        plan = _plan_of(plan_arrays) if plan_arrays else None
     except _DAMAGE_ERRORS:
         raise InputError(f"{folder / ARRAYS} cannot be read, or is not the file of a flight") from None
-    strange = [name for name, values in arrays.items() if name not in SIGNALS or values.shape[:1] != time.shape]
-    if strange:
-        raise InputError(f"{folder / ARRAYS} is not the file of a flight: {listed(strange)} is no signal of its length")
+    unexpected = [name for name, values in arrays.items() if name not in SIGNALS or values.shape[:1] != time.shape]
+    if unexpected:
+        raise InputError(
+            f"{folder / ARRAYS} is not the file of a flight: {listed(unexpected)} is not a signal of its length"
+        )
     metrics = _read_metrics(folder / METRICS)
     return Flight(scenario, plan or plan_route(scenario), time, arrays, metrics, compiled, touched, cause)
 

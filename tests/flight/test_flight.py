@@ -79,7 +79,7 @@ def test_a_folder_that_cannot_be_written(flight, tmp_path):
 def test_a_scenario_that_is_no_flight_s_is_not_overwritten(flight, tmp_path):
     path = tmp_path / "scenario.yaml"
     path.write_text("mine: {extends: hover}")
-    with pytest.raises(InputError, match=r"scenario\.yaml would be overwritten, and is no flight's"):
+    with pytest.raises(InputError, match=r"scenario\.yaml does not belong to a flight and would be overwritten"):
         flight.save(tmp_path)
     assert [*tmp_path.iterdir()] == [path]
     assert path.read_text() == "mine: {extends: hover}"
@@ -276,7 +276,7 @@ def test_a_flight_shows_itself_in_a_line_and_says_what_signals_it_has(diagrams):
         flight = simulate(scenario, compiled=compiled)
         line = rf"<Flight of hover{how}: 1\.00 s, RMSE \S+ m; reference, .*wind, crashed>"
         assert re.fullmatch(line, repr(flight))
-    with pytest.raises(KeyError, match="weights is no signal of this flight, which has reference, "):
+    with pytest.raises(KeyError, match="weights is not a signal of this flight, which has reference, "):
         flight["weights"]
 
 

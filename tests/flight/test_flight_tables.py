@@ -94,7 +94,7 @@ def test_a_flight_without_its_plan_is_planned_again(flight, folder, tmp_path):
 
 
 def test_what_is_no_flight_is_refused(flight, tmp_path):
-    with pytest.raises(InputError, match="is no flight, which has flight.npz"):
+    with pytest.raises(InputError, match="is not the folder of a flight, which contains flight.npz"):
         read_flight(tmp_path)
     flight.save(tmp_path)
     arrays = {"time": flight.time, **flight.signals}

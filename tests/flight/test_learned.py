@@ -107,7 +107,9 @@ def test_a_network_that_diverged_is_not_saved(asymmetric, tmp_path):
         weights = flight["weights"].copy()
         weights[-1, 4] = value
         diverged = dataclasses.replace(flight, signals={**flight.signals, "weights": weights})
-        with pytest.raises(InputError, match="what the network has learned is not finite"):
+        with pytest.raises(
+            InputError, match="the parameters of the network cannot be saved, since some are not finite"
+        ):
             save_network(diverged, tmp_path / "learned.yaml")
     assert not [*tmp_path.iterdir()]
 

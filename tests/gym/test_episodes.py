@@ -34,6 +34,6 @@ def test_a_vehicle_that_is_ahead_of_another_begins_its_own_next_episode(monkeypa
 
     # All are ready from the start.
     expected = parameters([0, 1], [0], [0, 1])
-    monkeypatch.setattr(module, "_MOST_READY", 2)
+    monkeypatch.setattr(module, "_MAX_EPISODES_AHEAD", 2)
     np.testing.assert_array_equal(parameters([0, 1], [0], [0, 1]), expected)
     assert not np.array_equal(parameters([0, 1]), expected)

@@ -178,7 +178,7 @@ def test_the_forest_that_is_shipped_has_a_way():
 def test_without_control_there_is_no_tracking_error_to_keep(room):
     scenario = room("space.tracking=3")
     mission = Mission(**{name: getattr(scenario, name) for name in Mission.model_fields})
-    with pytest.raises(InputError, match="space.tracking asks for a prediction"):
+    with pytest.raises(InputError, match="space.tracking needs a predicted tracking error"):
         plan_route(mission)
     gust = "laboratory.wind=[{kind: gust, speed: 1.0, heading: 0.0, start: 1.0, rise_time: 0.5}]"
     with pytest.raises(InputError, match=r"space\.tracking: laboratory\.wind\.0 is a gust"):

@@ -8,7 +8,7 @@ from pydrake.systems.primitives import LogVectorOutput
 
 from drake_quad.laboratory.wind.dryden import DrydenTurbulence, Turbulence, TurbulenceNumbers
 from drake_quad.randomness.noise import (
-    EXPORTED,
+    EXPORTED_PREFIX,
     Exported,
     NoiseSource,
     Samples,
@@ -179,7 +179,7 @@ def test_exported_numbers_of_a_period_are_those_of_its_ticks_one_after_another(n
     context = diagram.CreateDefaultContext()
     given = np.random.default_rng(2).normal(size=(2, 3, 5 * num_vehicles))
     for stream, numbers in zip(ports, given, strict=True):
-        diagram.GetInputPort(EXPORTED + stream.name).FixValue(context, numbers.ravel())
+        diagram.GetInputPort(EXPORTED_PREFIX + stream.name).FixValue(context, numbers.ravel())
     for tick in range(9):
         context.SetTime(0.02 * tick)
         for port, numbers in zip(ports.values(), given, strict=True):

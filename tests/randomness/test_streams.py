@@ -9,11 +9,11 @@ from drake_quad.framework.records import layout_of
 from drake_quad.randomness.streams import (
     StreamKind,
     StreamState,
-    mixed,
-    moved,
     normal_pair,
     parameter_numbers,
     random_numbers,
+    splitmix64,
+    state_of_number,
     stream_states,
     uniform_number,
 )
@@ -46,8 +46,8 @@ def test_numbers_are_those_of_splitmix64():
         16408922859458223821,
     ]
     state = np.array([1234567], dtype=np.uint64)
-    states = np.concatenate([moved(state, float(number)) for number in range(5)])
-    assert mixed(states).tolist() == expected
+    states = np.concatenate([state_of_number(state, float(number)) for number in range(5)])
+    assert splitmix64(states).tolist() == expected
     # In machine code as in NumPy, and as by hand: 52 bits for a uniform number, 32 for each of a pair.
     uniform, (first, second) = numbers_of(state, range(5), normal=False)[:, 0], normal_pairs(state, 5)[:, :, 0]
     np.testing.assert_array_equal(uniform, uniform_number(states))
@@ -72,9 +72,9 @@ def unmixed(word):
 def test_mixing_is_one_to_one():
     """It can be undone."""
     states = np.random.default_rng(0).integers(0, 2**64, 2000, dtype=np.uint64)
-    assert [unmixed(word) for word in mixed(states).tolist()] == states.tolist()
+    assert [unmixed(word) for word in splitmix64(states).tolist()] == states.tolist()
     states = np.arange(200_000, dtype=np.uint64)
-    assert np.unique(mixed(states)).size == states.size
+    assert np.unique(splitmix64(states)).size == states.size
 
 
 @pytest.fixture(scope="module")
@@ -103,8 +103,8 @@ def test_uniform_numbers_are_uniform(states):
 def test_extreme_words_make_numbers_like_others(word):
     """As they are written, and in machine code, where the first number of a stream is mixed from its next state."""
     state = np.array([unmixed(word)], dtype=np.uint64)
-    assert mixed(state) == word
-    before = state - moved(np.zeros(1, dtype=np.uint64), 0.0)
+    assert splitmix64(state) == word
+    before = state - state_of_number(np.zeros(1, dtype=np.uint64), 0.0)
     for number in (uniform_number(state), numbers_of(before, [0], normal=False)):
         assert 0.0 < number < 1.0
     for pair in (normal_pair(state), normal_pairs(before, 1)):

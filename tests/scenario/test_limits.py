@@ -465,7 +465,9 @@ def test_a_continuous_state_that_passes_close_to_90_degrees_of_pitch_is_refused(
 
 def test_a_continuous_state_that_changes_too_fast_is_told(write):
     fast = ["vehicle={time_step: 0, inertia: [1e-12, 1e-12, 1e-12], centre_of_mass: [0.1, 0]}", "duration=0.2"]
-    with pytest.raises(InputError, match="vehicle.time_step is 0, but from .* s on something moves too fast"):
+    with pytest.raises(
+        InputError, match="vehicle.time_step is 0, but from .* s on the continuous state changes too fast"
+    ):
         simulate(load_scenario(write(SMALL), fast))
 
 
