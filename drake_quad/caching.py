@@ -36,7 +36,7 @@ class ThreadSafeCache(Generic[Value]):
             self._values.clear()
 
     def get(self, key: Hashable, make: Callable[[], Value]) -> Value:
-        """Return the value of a key, and call `make` for it if there is none; exceptions of `make` are not cached."""
+        """Return the value of a key, which `make` computes if it is not cached; its exceptions are not cached."""
         try:
             return self._values[key]
         except KeyError:

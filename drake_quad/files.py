@@ -37,7 +37,7 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> Path:
 
     `write` fills a temporary file in the same folder, which is then renamed to `path`. On an error it is deleted.
     """
-    # Other processes and threads may write the same file at the same time.
+    # The name is unique, since other processes and threads may write the same file at the same time.
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.{threading.get_ident()}{path.suffix}")
     try:
         write(temporary)

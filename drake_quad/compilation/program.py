@@ -111,7 +111,12 @@ class Program:
         return any(has_state(original_system(system)) for system in self.uncompiled.values())
 
     def updates(self, instant: int | None, *, unrestricted: bool = False) -> list[tuple[str, BlockUpdate]]:
-        """Return the updates at an instant of the cycle, or at the start for None, each with the path of its block."""
+        """Return all updates at an instant, each with the path of its block.
+
+        Args:
+            instant: number of the instant in the cycle; None for the start of a simulation.
+            unrestricted: True for the unrestricted updates, False for the discrete updates.
+        """
         return [
             (path, update)
             for path, block in self.blocks.items()

@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 _DAMAGE_ERRORS = (OSError, ValueError, KeyError, AttributeError, TypeError)
 ARRAYS, TABLE, SCENARIO, METRICS = "flight.npz", "flight.csv", "scenario.yaml", "metrics.csv"
 # Names of arrays in a flight's file that are not signals.
-_COMPILED = "compiled"
-_TOUCHED = "touched"
-_CAUSE = "cause"
+_COMPILED_KEY = "compiled"
+_TOUCHED_KEY = "touched"
+_CAUSE_KEY = "cause"
 _PLAN_PREFIX = "plan."
 
 
@@ -164,8 +164,8 @@ class Flight(Mapping[str, np.ndarray]):
         metrics = {name: [value if math.isfinite(value) else ""] for name, value in self.metrics._asdict().items()}
 
         def save_arrays(path: Path) -> None:
-            arrays: dict[str, Any] = {"time": self.time, **self.signals, _COMPILED: np.array(self.compiled)}
-            words = {_TOUCHED: self.touched, _CAUSE: self.cause}
+            arrays: dict[str, Any] = {"time": self.time, **self.signals, _COMPILED_KEY: np.array(self.compiled)}
+            words = {_TOUCHED_KEY: self.touched, _CAUSE_KEY: self.cause}
             arrays |= {name: np.array(text, dtype=str) for name, text in words.items() if text is not None}
             np.savez_compressed(path, **(arrays | _arrays_of(self.plan)))
 
@@ -197,8 +197,8 @@ def read_flight(path: Path | str) -> Flight:
         with (folder / ARRAYS).open("rb") as file:
             arrays = read_arrays(file)
         time = arrays.pop("time")
-        compiled = bool(arrays.pop(_COMPILED, False))
-        touched, cause = (str(arrays.pop(name)) if name in arrays else None for name in (_TOUCHED, _CAUSE))
+        compiled = bool(arrays.pop(_COMPILED_KEY, False))
+        touched, cause = (str(arrays.pop(name)) if name in arrays else None for name in (_TOUCHED_KEY, _CAUSE_KEY))
         plan_arrays = {name: arrays.pop(name) for name in [*arrays] if name.startswith(_PLAN_PREFIX)}
         plan = _plan_of(plan_arrays) if plan_arrays else None
     except _DAMAGE_ERRORS:

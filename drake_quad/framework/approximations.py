@@ -188,7 +188,7 @@ def multiply_add(x: Symbol, y: Any, z: Any) -> Symbol:
 
 
 def polynomial(x: Symbol, coefficients: Sequence[float]) -> Symbol:
-    """Return the value of a polynomial with at least four coefficients, in increasing order of powers.
+    """Evaluate a polynomial with at least four coefficients, in increasing order of powers.
 
     Even and odd powers are summed separately, so that neither sum waits for the other.
     """
@@ -197,7 +197,7 @@ def polynomial(x: Symbol, coefficients: Sequence[float]) -> Symbol:
 
 
 def horner(x: Symbol, coefficients: Sequence[float]) -> Symbol:
-    """Return a polynomial with at least two coefficients, in increasing order of powers, by Horner's rule."""
+    """Evaluate a polynomial with at least two coefficients, in increasing order of powers, by Horner's rule."""
     *lower, second_last, last = coefficients
     result = multiply_add(x, last, second_last)
     for coefficient in reversed(lower):
@@ -278,7 +278,8 @@ def erf(x: Symbol) -> Symbol:
 
 def log(x: Symbol, *, normal: bool) -> Symbol:
     """Return the natural logarithm of x; it is faster with `normal`, for positive normal numbers."""
-    # After this addition, the exponent bits increase at mantissas of √½, so that the reduced mantissa is from √½ to √2.
+    # This addition increments the exponent of numbers whose mantissa is at least √2. Reduced mantissas are then from √½
+    # to √2.
     bits = bits_of(x) + (_BITS_OF_ONE - _BITS_OF_SQRT_HALF)
     f = _number_of((bits & _MANTISSA_MASK) + _BITS_OF_SQRT_HALF) - 1.0
     # The exponent is converted to a float by adding it to the bits of the rounding offset.

@@ -76,7 +76,7 @@ class Input:
         return system.EvalVectorInput(context, self.index)
 
     def ticket(self, system: "FleetSystem") -> Any:
-        """Return Drake's dependency ticket."""
+        """Return Drake's dependency ticket of the port."""
         return system.input_port_ticket(self.index)
 
 
@@ -105,7 +105,7 @@ class Parameter:
         return context.get_mutable_numeric_parameter(self.index)
 
     def ticket(self, system: "FleetSystem") -> Any:
-        """Return Drake's dependency ticket."""
+        """Return Drake's dependency ticket of the parameter."""
         return system.numeric_parameter_ticket(self.index)
 
 
@@ -138,7 +138,7 @@ class StateGroup:
         return context.get_mutable_discrete_state(self.index)
 
     def ticket(self, system: "FleetSystem") -> Any:
-        """Return Drake's dependency ticket."""
+        """Return Drake's dependency ticket of the state group."""
         return system.xc_ticket() if self.index is None else system.discrete_state_ticket(self.index)
 
 

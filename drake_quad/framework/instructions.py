@@ -149,7 +149,7 @@ def function(
         if listing.operations[number].inside is None:
             names[number] = _write_operation(lines, names, listing, number, sources, shared, lanes)
         else:
-            names[number] = calls.written(lines, names, listing, number)
+            names[number] = calls.append_call(lines, names, listing, number)
         for count, (target, place, symbol) in due.get(k, ()):
             pointer = f"%store_{count}"
             lines += _pointer(pointer, target, place)
@@ -190,7 +190,7 @@ class _Calls:
         allocation = f"alloca [{self._rows * self._lanes} x double], align {8 * self._lanes}"
         return [f"%given = {allocation}", f"%found = {allocation}"]
 
-    def written(self, lines: list[str], names: Mapping[int, str], listing: Listing, number: int) -> str:
+    def append_call(self, lines: list[str], names: Mapping[int, str], listing: Listing, number: int) -> str:
         """Append the call that computes a line, unless it has been appended already; return the name of the result."""
         operation = listing.operations[number]
         assert operation.inside is not None

@@ -79,7 +79,7 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """Simulate one tick; the action (rows,) and the results are those of Gymnasium.
 
         Raises:
-            InputError: an error of `QuadrotorVectorEnv.step`.
+            InputError: if `QuadrotorVectorEnv.step` raises it.
         """
         observation, rewards, terminations, truncations, infos = self._vector.step([action])
         info = {}

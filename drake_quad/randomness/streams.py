@@ -121,12 +121,12 @@ def splitmix64(state: Any) -> Any:
 
 
 def uniform_number(state: Any) -> Row:
-    """Return a uniform number in the open interval (0, 1), given the state of the number, uint64."""
+    """Return a uniform number in the open interval (0, 1), given the SplitMix64 state of the number, uint64."""
     return (float_of(splitmix64(state) >> _FRACTION_SHIFT) + 0.5) * 2.0**-52
 
 
 def normal_pair(state: Any) -> tuple[Row, Row]:
-    """Return two normal numbers, given the state of the numbers, uint64.
+    """Return two normal numbers, given their SplitMix64 state, uint64.
 
     The method is that of Box and Muller: √(-2 ln u) times sine and cosine of 2π v, with u and v of 32 bits each.
     """

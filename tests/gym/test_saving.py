@@ -124,9 +124,12 @@ def test_layers_of_pytorch_are_read_by_their_names():
         evaluate_layers(layers, seen, offset=offset, scale=scale, limit=1.2), expected, rtol=1e-12
     )
     for wrong, words in [
-        ([*given, module("Mish")], "a Mish is not supported here; use Linear, each followed by at most one Tanh"),
-        ([*given, module("Tanh")], "a Tanh is not supported here"),
-        ([module("Tanh")], "a Tanh is not supported here"),
+        (
+            [*given, module("Mish")],
+            "a Mish module is not supported here; use Linear modules, each followed by at most one Tanh",
+        ),
+        ([*given, module("Tanh")], "a Tanh module is not supported here"),
+        ([module("Tanh")], "a Tanh module is not supported here"),
         ([], "the policy has no layers"),
     ]:
         with pytest.raises(InputError, match=words):

@@ -33,7 +33,7 @@ from drake_quad.geometry.quaternion import Quaternion
 # Factors of x, y and z under a rotation by π about x.
 _AXIS_SIGNS = (1.0, -1.0, -1.0)
 # Indices of our rotors in the order of PX4.
-_ROTORS = (0, 2, 3, 1)
+_PX4_ROTOR_ORDER = (0, 2, 3, 1)
 _RPM = 60.0 / (2.0 * math.pi)
 _MICROSECONDS = 1e6
 
@@ -62,10 +62,10 @@ def px4_columns(flight: Flight) -> _Columns:
         if name in flight:
             rates = flight.record(name)
             columns |= _vector_columns("vehicle_rates_setpoint.{}", ("roll", "pitch", "yaw"), rates.p, rates.q, rates.r)
-    speeds = [_RPM * flight["rotor_speed"][:, rotor] for rotor in _ROTORS]
+    speeds = [_RPM * flight["rotor_speed"][:, rotor] for rotor in _PX4_ROTOR_ORDER]
     columns |= {f"esc_status.esc[{i}].esc_rpm": speed for i, speed in enumerate(speeds)}
     if "throttle_command" in flight:
-        throttles = [flight["throttle_command"][:, rotor] for rotor in _ROTORS]
+        throttles = [flight["throttle_command"][:, rotor] for rotor in _PX4_ROTOR_ORDER]
         columns |= {f"actuator_motors.control[{i}]": throttle for i, throttle in enumerate(throttles)}
     wind = flight.record("wind")
     return columns | {"wind.windspeed_north": wind.x, "wind.windspeed_east": -wind.y}
