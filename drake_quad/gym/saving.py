@@ -143,7 +143,8 @@ def torch_layers(modules: Iterable[Any]) -> list[Layer]:
             layers[-1] = layers[-1]._replace(activation=activation, alpha=alpha)
         elif name not in _IDENTITY_MODULES:
             raise InputError(
-                f"a {name} module is not supported here; use Linear, each followed by at most one {' or '.join(_ACTIVATIONS)}"
+                f"a {name} module is not supported here; use Linear modules, each followed by at most one"
+                f" {' or '.join(_ACTIVATIONS)}"
             )
     if not layers:
         raise InputError("the policy has no layers")
