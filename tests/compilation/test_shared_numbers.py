@@ -1,4 +1,4 @@
-"""The table of what all vehicles share."""
+"""Tests of the table of shared numbers."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ def nothing(path, output, time):
     raise AssertionError(path)
 
 
-def test_what_is_asked_for_twice_has_one_column():
+def test_a_number_that_is_requested_twice_has_one_column():
     shared = SharedNumbers()
     ticks = TickOf(0.02)
     places = [
@@ -39,7 +39,7 @@ def test_times_and_ticks_are_those_of_each_event_and_instant():
     )
 
 
-def test_a_source_is_asked_once_for_all_its_elements():
+def test_a_source_is_evaluated_once_for_all_its_elements():
     shared = SharedNumbers()
     for element in (2, 0):
         shared.column(1, NumberSource("reference", 0, element))
@@ -56,5 +56,5 @@ def test_a_source_is_asked_once_for_all_its_elements():
 
 
 @pytest.mark.parametrize("events", [0, 2])
-def test_a_table_of_nothing_still_has_a_row_for_each_event(events):
+def test_a_table_without_numbers_has_a_row_for_each_event(events):
     assert SharedNumbers().table(np.zeros((events, 1)), nothing).shape == (events, 1)

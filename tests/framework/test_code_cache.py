@@ -1,4 +1,4 @@
-"""Machine code is loaded from the disk only if this user wrote it there, whole and under its own name."""
+"""Tests that only complete files of this user, with the right name, are loaded from the cache of machine code."""
 
 import ctypes
 import os
@@ -19,7 +19,7 @@ CODE = bytes(range(200))
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """Return the folder of the cache, which does not exist yet; remarks are logged anew."""
+    """Return the folder of the cache, which does not exist yet, and reset the warnings that are logged once."""
     code_cache._warn_once.cache_clear()
     monkeypatch.setenv("DRAKE_QUAD_CACHE", str(tmp_path / "cache"))
     return tmp_path / "cache"
@@ -101,7 +101,7 @@ def replace_with_fifo(file, _):
 
 
 def replace_with_open_fifo(file, _):
-    """Replace a file with a FIFO that is held open by a writer who writes nothing."""
+    """Replace a file with a FIFO that a writer keeps open without writing."""
     replace_with_fifo(file, _)
     return os.fdopen(os.open(file, os.O_RDWR), "rb")
 
@@ -137,7 +137,7 @@ def test_a_folder_that_is_a_file_is_not_used(folder):
     ],
 )
 def test_a_relative_path_names_no_folder(variables, expected, monkeypatch, caplog):
-    """The log says so if the variable is that of the cache itself."""
+    """A warning is logged if the variable is DRAKE_QUAD_CACHE."""
     code_cache._warn_once.cache_clear()
     monkeypatch.setattr("sys.platform", "linux")
     for name in ("DRAKE_QUAD_CACHE", "XDG_CACHE_HOME"):

@@ -1,4 +1,4 @@
-"""Ticks among the arguments of a formula."""
+"""Tests of the execution of formulas, and of ticks among their arguments."""
 
 from typing import NamedTuple
 
@@ -16,7 +16,7 @@ PERIODS = [0.02, 0.01, 0.1, 1.0 / 3.0, 7.0, 1e-4]
 
 @pytest.mark.parametrize("period", PERIODS)
 def test_ticks_are_counted_in_pairs(period):
-    """At the times at which Drake's events are, and as well a little before and after."""
+    """The times are those of Drake's events, and times slightly before and after them."""
     ticks = TickOf(period)
     for number in [*range(9), 1001, 123_456]:
         for time in (number * period, (number + 0.3) * period, (number - 0.3) * period):
@@ -32,14 +32,14 @@ def test_ticks_have_no_derivatives():
     assert tick == Tick(1.0, True)
 
 
-def test_ticks_of_a_time_are_found_where_they_stand_among_arguments():
+def test_placeholders_are_replaced_by_the_tick_and_the_time():
     assert at_time(TickOf(0.5), 1.5) == Tick(1.0, True)
     assert at_time(TIME, 1.5) == 1.5
     assert at_time("x", 1.5) == "x"
 
 
 @pytest.mark.parametrize(("one", "other"), [(0.0, -0.0), (-0.0, 0.0)])
-def test_machine_code_tells_constants_apart_that_are_equal(one, other):
+def test_machine_code_distinguishes_zero_from_minus_zero(one, other):
     def scaled(x, zero):
         return x * zero
 
@@ -54,7 +54,7 @@ def counted(x, tick, by):
 
 
 @pytest.mark.parametrize("n", [1, 11])
-def test_machine_code_gets_the_tick_that_a_formula_in_python_gets(n):
+def test_machine_code_and_python_get_the_same_tick(n):
     arguments, x = (ROW, TickOf(0.02), 0.5), np.arange(float(n))
     run = kernel(counted, arguments, (ROW,), single_vehicle=n == 1)
     for number in (0, 1, 2, 3, 50, 51):
@@ -74,7 +74,7 @@ class Parts(NamedTuple):
     two: Row
 
 
-def test_results_that_are_absent_are_left_out():
+def test_absent_results_are_omitted():
     def parts(x):
         return Parts(x, None, 2.0 * x)
 
@@ -82,7 +82,7 @@ def test_results_that_are_absent_are_left_out():
     np.testing.assert_array_equal(found, [[1.0, 3.0], [2.0, 6.0]])
 
 
-def test_nothing_is_selected_from_nothing():
+def test_where_keeps_parts_that_are_none():
     assert where(np.array([True, False]), Parts(1.0, None, 2.0), Parts(3.0, None, 4.0)).nothing is None
 
 
@@ -125,6 +125,6 @@ def test_comparisons_are_numbers_in_machine_code_as_in_python(formula, n):
         (lambda x: (x > 0.0) | x, "must be comparisons, not numbers"),
     ],
 )
-def test_operations_on_comparisons_that_are_ambiguous_end_in_a_sentence(formula, words):
+def test_ambiguous_operations_on_comparisons_are_refused(formula, words):
     with pytest.raises(TypeError, match=words):
         kernel(formula, (ROW,), (ROW,), single_vehicle=True)

@@ -1,11 +1,11 @@
-"""The actions of a network that is saved."""
+"""Tests of the evaluation of a network before it is saved."""
 
 import numpy as np
 
 from drake_quad.gym.saving import Layer, evaluate_layers
 
 
-def test_actions_are_those_of_the_layers_within_minus_one_and_one():
+def test_actions_are_the_outputs_of_the_layers_clipped_to_one():
     layers = [Layer(np.array([[0.5, 0.0], [0.0, 0.25]]), np.array([0.0, 0.1]))]
     seen = np.array([[0.4, 0.8], [40.0, -40.0], [-40.0, 40.0]])
     np.testing.assert_allclose(evaluate_layers(layers, seen), [[0.2, 0.3], [1.0, -1.0], [-1.0, 1.0]])

@@ -1,4 +1,4 @@
-"""Policies that are saved, as controllers for scenarios."""
+"""Tests of policies that are saved as controllers."""
 
 from types import SimpleNamespace
 
@@ -11,8 +11,8 @@ from drake_quad.gym import Layer, QuadrotorVectorEnv, save_policy, torch_layers
 from drake_quad.gym.saving import evaluate_layers
 
 
-def test_a_network_is_saved_as_a_controller_that_does_what_it_did(tmp_path):
-    """A linear policy, flown in the environment and as the controller of a scenario."""
+def test_a_saved_network_gives_the_same_flight_as_a_controller(tmp_path):
+    """A linear policy is flown in the environment, and as the controller of a scenario."""
     envs = QuadrotorVectorEnv("figure_eight", {"duration": 3.0}, num_envs=1)
     rng = np.random.default_rng(0)
     size = envs.single_observation_space.shape[0]
@@ -46,7 +46,7 @@ def test_a_policy_for_an_autopilot_is_saved(action, tmp_path):
         save_policy({}, [], tmp_path / "mine.yaml")
 
 
-def test_what_a_policy_does_not_say_is_not_taken_from_what_it_is_laid_over(tmp_path):
+def test_missing_fields_of_a_policy_are_not_taken_from_the_scenario(tmp_path):
     """raptor_plus lets rotors stop; a policy that was trained with idling ones does not."""
     env = QuadrotorVectorEnv("figure_eight", action="rotor_speeds", observation={"signals": ["velocity"]})
     path = save_policy(env, [Layer(np.zeros((4, 3)), np.zeros(4))], tmp_path / "mine.yaml")
@@ -55,8 +55,8 @@ def test_what_a_policy_does_not_say_is_not_taken_from_what_it_is_laid_over(tmp_p
     assert over.control.action.least is None
 
 
-def test_a_policy_is_written_to_a_file_of_its_name(tmp_path):
-    """The name under which `drake-quad compare` has it."""
+def test_the_name_of_a_controller_is_that_of_its_file(tmp_path):
+    """`drake-quad compare` uses this name."""
     env = QuadrotorVectorEnv("figure_eight", observation={"signals": ["velocity"]})
     layer = Layer(np.zeros((3, 3)), np.zeros(3))
     for name in ("one", "task"):
@@ -68,7 +68,7 @@ def test_a_policy_is_written_to_a_file_of_its_name(tmp_path):
             save_policy(env, [layer], wrong)
 
 
-def test_what_cannot_be_written_is_said(tmp_path, monkeypatch):
+def test_errors_of_writing_are_reported(tmp_path, monkeypatch):
     env = QuadrotorVectorEnv("figure_eight", observation={"signals": ["velocity"]})
 
     def full(*_, **__):
@@ -85,7 +85,7 @@ def module(name, **attributes):
 
 
 def numbers(array):
-    """What of a tensor is looked at."""
+    """Return a stand-in for a tensor with the methods that are used."""
     return SimpleNamespace(detach=lambda: SimpleNamespace(cpu=lambda: SimpleNamespace(numpy=lambda: np.array(array))))
 
 
@@ -105,7 +105,7 @@ def test_parameters_of_activations_are_read_from_pytorch(given, activation, alph
 
 
 def test_layers_of_pytorch_are_read_by_their_names():
-    """Stand-ins for its modules; where Stable-Baselines3 is installed, its own tests have real ones."""
+    """The modules are stand-ins. If Stable-Baselines3 is installed, its tests use real modules."""
     rng = np.random.default_rng(1)
     w, b, v = rng.normal(size=(5, 4)), rng.normal(size=5), rng.normal(size=(2, 5))
     given = [
