@@ -65,7 +65,7 @@ class Block(ABC):
 
     @property
     def signature(self) -> tuple[Any, ...]:
-        """Key of the computations, which are equal for equal keys, up to the number of vehicles."""
+        """Hashable key; blocks with equal keys have equal computations, for any number of vehicles."""
         return type(self), *[work.period for work in self.updates]
 
     @abstractmethod
@@ -137,7 +137,7 @@ class _Declared(Block):
 
     @property
     def signature(self) -> tuple[Any, ...]:
-        """Key of the computations; see `Block`."""
+        """Hashable key of the computations, see `Block`."""
         outputs = [_signature(each) for each in self.system.outputs.values()]
         updates = [(_signature(each.computation), *each[:1], *each[2:]) for each in self.system.updates]
         return *outputs, *updates, *map(_signature, self.system.initializations)

@@ -305,7 +305,7 @@ class Program:
 
     @functools.cached_property
     def signature(self) -> tuple[Any, ...]:
-        """Key of the machine code, which is equal for equal keys."""
+        """Hashable key; diagrams with equal keys have equal machine code."""
         leaves = self.topology.leaves
         blocks = tuple(
             [(path, block.signature, tuple(self.topology.sources(path))) for path, block in self.blocks.items()]

@@ -30,7 +30,7 @@ class ExportedPort(NamedTuple):
 
 
 class Topology:
-    """The leaf systems of a diagram and their connections.
+    """Leaf systems of a diagram and their connections.
 
     Args:
         diagram: diagram, which may contain diagrams.

@@ -178,7 +178,7 @@ class BlockView(NamedTuple):
         return self.trace.parameter(self.path, index)
 
     def argument(self, read: Any) -> Any:
-        """Return the argument of a formula for `TIME` or a `TickOf`."""
+        """Return the value of the placeholder `TIME` or `TickOf` at the current instant."""
         return self.trace.shared() if read is TIME else self.trace.tick(read)
 
     def source(self, output: int, element: int) -> Any:

@@ -57,7 +57,7 @@ __all__ = ["TIME", "AutoDiffXd", "Expression", "FleetSystem", "TickOf", "fleet_s
 
 @dataclass(frozen=True)
 class Input:
-    """An input port.
+    """Input port.
 
     Attributes:
         name: name of the port.
@@ -82,7 +82,7 @@ class Input:
 
 @dataclass(frozen=True)
 class Parameter:
-    """A numeric parameter of the context.
+    """Numeric parameter of the context.
 
     Attributes:
         name: name within the system.
@@ -111,7 +111,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class StateGroup:
-    """A group of the discrete state, or the continuous state.
+    """Group of the discrete state, or the continuous state.
 
     Attributes:
         name: name within the system.
@@ -297,7 +297,7 @@ class FleetSystem(_Base):
             absent: value that a formula gets if the port is not connected.
 
         Raises:
-            InputError: no layout is given, and there is no signal with this name.
+            InputError: if no layout is given and there is no signal with this name.
         """
         layout = layout or _layout_of_signal(name)
         return Input(name, self.DeclareVectorInputPort(name, self._model(layout)).get_index(), layout, absent)
@@ -350,7 +350,7 @@ class FleetSystem(_Base):
             layout: layout of the port; that of the signal `name` in `drake_quad.signals` if not given.
 
         Raises:
-            InputError: no layout is given, and there is no signal with this name.
+            InputError: if no layout is given and there is no signal with this name.
         """
         layout = layout or _layout_of_signal(name)
         computation = Computation(formula, reads, [layout])
@@ -528,7 +528,7 @@ class RandomInput(NamedTuple):
 
 
 class Update(NamedTuple):
-    """A periodic update of the discrete state.
+    """Periodic update of the discrete state.
 
     Attributes:
         period: period of the update, s.

@@ -167,7 +167,7 @@ def record_like(kind: type[_Record], source: Any, **given: Any) -> _Record:
         given: values of fields that the source does not have.
 
     Raises:
-        AttributeError: the source lacks a field that is not given.
+        AttributeError: if the source lacks a field that is not given.
     """
     names = kind._fields  # type: ignore[attr-defined]
     values = [given[name] if name in given else getattr(source, name) for name in names]

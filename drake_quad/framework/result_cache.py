@@ -35,7 +35,7 @@ def cached_on_disk(
     Exceptions are not cached. If the cache is not available, the function is called.
 
     Args:
-        function: function of this package whose result depends on its arguments only, and can be pickled.
+        function: function of this package whose result can be pickled and depends on its arguments only.
         arguments: positional arguments, which can be pickled.
         named: keyword arguments, which can be pickled.
     """

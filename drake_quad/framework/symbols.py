@@ -1,4 +1,4 @@
-"""Symbols, with which a formula is traced: executed once on symbols, it leaves a listing of its operations.
+"""Symbols for tracing formulas: executing a formula on symbols leaves a listing of its operations.
 
 A formula is plain Python. Executed on symbols instead of numbers, it records all its operations in a `Listing`, from
 which machine code is generated. Python's control flow, such as a loop over rules or an `if` on a constant, is executed
@@ -158,7 +158,7 @@ class Listing:
 
     def constant(self, value: Any) -> "Symbol":
         """Return the symbol of a number, of a NumPy uint64 or of a truth value."""
-        if value.__class__ is float:  # most of them
+        if value.__class__ is float:  # the most frequent type
             return self.add("constant", _WORD.unpack(_FLOAT.pack(value)), SymbolKind.NUMBER)
         if isinstance(value, np.ndarray) and value.ndim:
             raise TypeError(f"expected a number or a row, not an array of shape {value.shape}; {ALLOWED}")

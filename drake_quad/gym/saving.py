@@ -30,7 +30,7 @@ _ACTIVATIONS: dict[str, Activation] = {
     "GELU": "gelu",
 }
 # Attribute of a PyTorch module that contains the parameter of its activation.
-_PARAMETERS = {"ELU": "alpha", "LeakyReLU": "negative_slope"}
+_PARAMETER_ATTRIBUTES = {"ELU": "alpha", "LeakyReLU": "negative_slope"}
 # PyTorch modules that do not change a one-dimensional observation outside of training.
 _IDENTITY_MODULES = ("Flatten", "Identity", "Dropout")
 
@@ -139,7 +139,7 @@ def torch_layers(modules: Iterable[Any]) -> list[Layer]:
             activation = _ACTIVATIONS[name]
             if name == "GELU" and getattr(module, "approximate", "none") == "tanh":
                 activation = "gelu_tanh"
-            alpha = float(getattr(module, _PARAMETERS[name])) if name in _PARAMETERS else None
+            alpha = float(getattr(module, _PARAMETER_ATTRIBUTES[name])) if name in _PARAMETER_ATTRIBUTES else None
             layers[-1] = layers[-1]._replace(activation=activation, alpha=alpha)
         elif name not in _IDENTITY_MODULES:
             raise InputError(
