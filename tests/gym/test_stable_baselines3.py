@@ -136,13 +136,19 @@ def test_policies_that_would_act_differently_are_refused(tmp_path):
     closed.env = None
     rescaled = gymnasium.wrappers.RescaleAction(QuadrotorEnv("hover"), np.float32(-2.0), np.float32(2.0))
     for make, words in [
-        (lambda: some(ours, policy_kwargs={"features_extractor_class": Halved}), "does more than its layers"),
-        (lambda: some(ours, policy_kwargs={"activation_fn": Longer}), "the policy has a Longer, but can have Linear"),
-        (lambda: some(wrappers.VecFrameStack(ours, 2)), "stands in a VecFrameStack, which is not known here"),
-        (lambda: some(wrappers.VecNormalize(wrappers.VecNormalize(ours))), "in two VecNormalize, but can stand in one"),
-        (lambda: some(wrappers.DummyVecEnv([lambda: rescaled])), "stands in a RescaleAction, which is not known here"),
+        (lambda: some(ours, policy_kwargs={"features_extractor_class": Halved}), "not those of its dense layers alone"),
+        (lambda: some(ours, policy_kwargs={"activation_fn": Longer}), "a Longer module is not supported here"),
+        (lambda: some(wrappers.VecFrameStack(ours, 2)), "inside a VecFrameStack, which is not supported"),
+        (
+            lambda: some(wrappers.VecNormalize(wrappers.VecNormalize(ours))),
+            "inside two VecNormalize that normalise observations",
+        ),
+        (lambda: some(wrappers.DummyVecEnv([lambda: rescaled])), "inside a RescaleAction, which is not supported"),
         (lambda: closed, "the model has no environment"),
-        (lambda: stable_baselines3.PPO("MlpPolicy", "Pendulum-v1", device="cpu"), "is no environment of drake_quad"),
+        (
+            lambda: stable_baselines3.PPO("MlpPolicy", "Pendulum-v1", device="cpu"),
+            "must be an environment of drake_quad",
+        ),
     ]:
         with pytest.raises(InputError, match=words):
             save_trained(make(), tmp_path / "mine.yaml")
