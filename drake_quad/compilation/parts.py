@@ -10,7 +10,8 @@ from drake_quad.framework.instructions import Rows, Store, function
 from drake_quad.framework.symbols import LEAVES, Listing, Operation, Symbol, SymbolKind
 
 # Numbers of the groups of precomputed and of logged rows, after those of a trace.
-PRECOMPUTED, LOG = 3, 4
+PRECOMPUTED = 3
+LOG = 4
 # Size of a line of the processor's cache, bytes. Arrays begin at a multiple of it.
 CACHE_LINE = 64
 # Names and arguments of the LLVM functions of both parts.

@@ -28,7 +28,11 @@ if TYPE_CHECKING:
 
 # Exceptions that a damaged file causes while it is read, or while its arrays are converted to a plan.
 _DAMAGE_ERRORS = (OSError, ValueError, KeyError, AttributeError, TypeError)
-ARRAYS, TABLE, SCENARIO, METRICS = "flight.npz", "flight.csv", "scenario.yaml", "metrics.csv"
+# Names of the files of a flight.
+ARRAYS = "flight.npz"
+TABLE = "flight.csv"
+SCENARIO = "scenario.yaml"
+METRICS = "metrics.csv"
 # Names of arrays in a flight's file that are not signals.
 _COMPILED_KEY = "compiled"
 _TOUCHED_KEY = "touched"

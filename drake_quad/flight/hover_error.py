@@ -32,7 +32,7 @@ HOVER_TIME = 40.0
 _FLEET_SIZE = 64
 _MAX_HOVERS = 1024
 # Further hovers are simulated until half the width of each 95 % interval is below one of these two limits. The absolute
-# limit applies to axes whose error is nothing but rounding.
+# limit applies to axes with rounding errors only.
 _RELATIVE_PRECISION = 0.05
 _ABSOLUTE_PRECISION = 1e-7  # m
 # The default seed is fixed, so that a plan does not depend on the seed of a study.

@@ -252,14 +252,14 @@ class _Calls:
         """Return the name of the function of a branch, which is generated at the first request."""
         if branch not in self._called:
             name = self._called[branch] = f"{self._name}_{len(self._called)}"
-            given, found, listing = Rows("%rows", self._lanes), Rows("%results", self._lanes), branch.listing
+            rows, results, listing = Rows("%rows", self._lanes), Rows("%results", self._lanes), branch.listing
             stores = [
-                Store(found, place, Symbol(listing, line, branch.operations[line].kind))
+                Store(results, place, Symbol(listing, line, branch.operations[line].kind))
                 for place, line in enumerate(branch.results)
             ]
             head = f"{name}(ptr %rows, ptr %results) {attributes}"
             self.functions.append(
-                function(head, listing, stores, {0: given}, shared="", lanes=self._lanes, overlapping=False)
+                function(head, listing, stores, {0: rows}, shared="", lanes=self._lanes, overlapping=False)
             )
         return self._called[branch]
 

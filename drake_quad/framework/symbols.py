@@ -174,7 +174,8 @@ _TRUTH = SymbolKind.TRUTH
 _COMPARISONS = ("less", "less_equal", "greater", "greater_equal", "equal", "not_equal")
 _LOGICAL = ("bitwise_and", "bitwise_or", "bitwise_xor")
 # These convert a double to the word with the same bits.
-_FLOAT, _WORD = struct.Struct("<d"), struct.Struct("<Q")
+_FLOAT = struct.Struct("<d")
+_WORD = struct.Struct("<Q")
 
 
 def _binary(name: str) -> tuple[Callable[..., "Symbol"], Callable[..., "Symbol"]]:

@@ -266,8 +266,10 @@ def _numbers(title: str, names: str) -> dict[str, Any]:
 
 _NUMBER, _INTEGER, _TEXT, _BOOLEAN = ({"type": kind} for kind in ("number", "integer", "string", "boolean"))
 _TIME, _DURATION = (_object(title, {"sec": _INTEGER, "nsec": _INTEGER}) for title in ("time", "duration"))
-_VECTOR, _POINT = _numbers("foxglove.Vector3", "xyz"), _numbers("foxglove.Point3", "xyz")
-_QUATERNION, _RGBA = _numbers("foxglove.Quaternion", "xyzw"), _numbers("foxglove.Color", "rgba")
+_VECTOR = _numbers("foxglove.Vector3", "xyz")
+_POINT = _numbers("foxglove.Point3", "xyz")
+_QUATERNION = _numbers("foxglove.Quaternion", "xyzw")
+_RGBA = _numbers("foxglove.Color", "rgba")
 _POSE = _object("foxglove.Pose", {"position": _VECTOR, "orientation": _QUATERNION})
 _CUBE = _object("foxglove.CubePrimitive", {"pose": _POSE, "size": _VECTOR, "color": _RGBA})
 _CYLINDER = _object(
