@@ -1,4 +1,4 @@
-"""Public names of the package. The reference documents them, and the modules that they come from."""
+"""Public names of the package, each with the module that defines it."""
 
 from .assembly.registered_controllers import register_controller as register_controller
 from .design.cascade import design_cascade as design_cascade

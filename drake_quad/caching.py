@@ -8,17 +8,18 @@ Value = TypeVar("Value")
 
 
 class ThreadSafeCache(Generic[Value]):
-    """Mapping from keys to values, each of which is made once per process, however many threads request it.
+    """Cache whose values are each computed once per process, however many threads request them.
 
     `functools.cache` calls its function in every thread that asks before the first call has returned, and keeps one of
     the results. That suffices for plain values that are cheap to compute. It is wrong for values that own foreign
     memory, such as machine code, and it is wasteful for values that take seconds.
 
-    Reading a cached value never waits. While a thread makes a value, other threads that need to make a value wait,
-    also for another key. Making a value may use other values of the same cache.
+    Reading a cached value never waits. While one thread computes a value, other threads that have to compute one wait,
+    even if the keys differ. The computation of a value may use other values of the same cache.
 
     Args:
-        max_values: largest number of cached values; a new value then replaces the oldest one. Unlimited if not given.
+        max_values: largest number of cached values, above which a new value replaces the oldest one; unlimited if not
+            given.
     """
 
     def __init__(self, max_values: int | None = None) -> None:
@@ -30,12 +31,12 @@ class ThreadSafeCache(Generic[Value]):
         return len(self._values)
 
     def clear(self) -> None:
-        """Drop all values."""
+        """Delete all values."""
         with self._lock:
             self._values.clear()
 
     def get(self, key: Hashable, make: Callable[[], Value]) -> Value:
-        """Return the value of a key, and call `make` for it if there is none; exceptions of `make` are not cached."""
+        """Return the value of a key, which `make` computes if it is not cached; its exceptions are not cached."""
         try:
             return self._values[key]
         except KeyError:

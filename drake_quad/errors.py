@@ -1,4 +1,4 @@
-"""The error that a person can cause, and how its sentence shows what was written."""
+"""Error and warning for wrong input, and functions that format values and names for their messages."""
 
 import difflib
 from collections.abc import Mapping
@@ -7,18 +7,18 @@ from typing import Any, TypeVar
 
 _Entry = TypeVar("_Entry")
 
-# Largest number of characters of an error message, which is a sentence that may contain a long path.
-_MOST = 400
+# The limit leaves room for a sentence with a long path.
+_MAX_MESSAGE_LENGTH = 400
 
 
 class InputError(ValueError):
-    """Something that a person wrote is wrong; the message is one sentence that says what and what is allowed.
+    """Error caused by wrong input, with a message of one sentence that says what is wrong and what is allowed.
 
-    It is on one line, without control characters, and its middle is left out if it gets very long.
+    The message is a single line without control characters. The middle of a very long message is left out.
     """
 
     def __init__(self, message: str) -> None:
-        super().__init__(shortened(message, _MOST))
+        super().__init__(shortened(message, _MAX_MESSAGE_LENGTH))
 
 
 class InputWarning(UserWarning):
@@ -28,23 +28,23 @@ class InputWarning(UserWarning):
     """
 
 
-def whole_number(value: Any, name: str, *, least: int, most: int | None = None) -> int:
-    """Return a whole number that a caller gave.
+def whole_number(value: Any, name: str, *, minimum: int, maximum: int | None = None) -> int:
+    """Return an argument as an int, after checking that it is a whole number within bounds.
 
     Args:
-        value: that was given.
-        name: of the argument.
-        least: that it may be.
-        most: that it may be, if there is a limit.
+        value: value of the argument.
+        name: name of the argument, for the message.
+        minimum: smallest allowed number.
+        maximum: largest allowed number; unlimited if not given.
 
     Raises:
-        InputError: it is none, or out of bounds.
+        InputError: if the value is not a whole number, or is out of bounds.
     """
-    bounds = f"at least {least}" if most is None else f"from {least} to {most}"
+    bounds = f"at least {minimum}" if maximum is None else f"from {minimum} to {maximum}"
     if isinstance(value, bool) or not isinstance(value, Integral):
         raise InputError(f"{name} is {shown(value)}, but must be a whole number, {bounds}")
     number = int(value)
-    if number < least or (most is not None and number > most):
+    if number < minimum or (maximum is not None and number > maximum):
         raise InputError(f"{name} is {number}, but must be {bounds}")
     return number
 
@@ -67,27 +67,29 @@ def entry(table: Mapping[str, _Entry], name: str, kind: str) -> _Entry:
     raise InputError(f"there is no {kind} called {shown(name)}; {hint}")
 
 
-def shortened(text: str, most: int = 60) -> str:
-    """Return a text as part of a sentence: what cannot be printed escaped, and the middle left out if it is too long.
+def shortened(text: str, max_length: int = 60) -> str:
+    """Return a text for use in a message, with unprintable characters escaped and the middle of a long text left out.
 
     Args:
-        text: of any length, with any characters.
-        most: characters that are left of it.
+        text: text of any length, with any characters.
+        max_length: largest number of characters that are kept, before unprintable ones are escaped.
     """
-    if len(text) > most:
-        end = (most - 3) // 3
-        text = f"{text[: most - 3 - end]}...{text[-end:]}"
+    if len(text) > max_length:
+        end = (max_length - 3) // 3
+        text = f"{text[: max_length - 3 - end]}...{text[-end:]}"
     return "".join(
-        each if each.isprintable() else each.encode("unicode_escape", "surrogatepass").decode() for each in text
+        character if character.isprintable() else character.encode("unicode_escape", "surrogatepass").decode()
+        for character in text
     )
 
 
 def shown(value: Any) -> str:
-    """Return a value as part of a sentence."""
+    """Return the shortened `repr` of a value, for use in a message."""
     return shortened(repr(value))
 
 
-def listed(names: list[str], most: int = 8) -> str:
-    """Names as part of a sentence, the first of them if there are many."""
-    more = len(names) - most
-    return ", ".join([shortened(name) for name in names[:most]] + ([f"and {more} more"] if more > 0 else []))
+def listed(names: list[str], max_names: int = 8) -> str:
+    """Return names separated by commas, for use in a message; only the first `max_names` of them are named."""
+    num_others = len(names) - max_names
+    others = [f"and {num_others} more"] if num_others > 0 else []
+    return ", ".join([shortened(name) for name in names[:max_names]] + others)

@@ -1,18 +1,18 @@
-"""Libraries that not everybody needs: the extras of the package."""
+"""Import of optional libraries, which the extras of the package install."""
 
 from importlib import import_module
 from typing import Any
 
 
-def needed(module: str, extra: str) -> Any:
-    """Return a module of an extra.
+def import_extra(module: str, extra: str) -> Any:
+    """Import a module of an optional library and return it.
 
     Args:
-        module: its name.
-        extra: of the package, that has it.
+        module: name of the module.
+        extra: name of the package's extra that installs the library.
 
     Raises:
-        ImportError: it is not installed.
+        ImportError: if the library is not installed; the message says how to install it.
     """
     try:
         return import_module(module)

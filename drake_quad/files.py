@@ -1,4 +1,4 @@
-"""Atomic writing of files, tables in CSV, and named arrays in .npz files."""
+"""Functions that write files atomically, write and read CSV tables, and read .npz files."""
 
 import csv
 import os
@@ -17,10 +17,10 @@ from drake_quad.written_numbers import float_in
 
 
 def output_folder(path: Path) -> Path:
-    """Create a folder if need be and return it.
+    """Create a folder if it does not exist, and return its path.
 
     Raises:
-        InputError: it cannot be created or written to.
+        InputError: if the folder cannot be created or written to.
     """
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -32,12 +32,12 @@ def output_folder(path: Path) -> Path:
     return path
 
 
-def write_whole(path: Path, write: Callable[[Path], None]) -> Path:
+def write_atomically(path: Path, write: Callable[[Path], None]) -> Path:
     """Write a file atomically and return its path.
 
     `write` fills a temporary file in the same folder, which is then renamed to `path`. On an error it is deleted.
     """
-    # Other processes and threads may write the same file at the same time.
+    # The name is unique, since other processes and threads may write the same file at the same time.
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.{threading.get_ident()}{path.suffix}")
     try:
         write(temporary)
@@ -48,21 +48,21 @@ def write_whole(path: Path, write: Callable[[Path], None]) -> Path:
 
 
 def write_text(path: Path, text: str) -> Path:
-    """Write a text file whole and return the path."""
+    """Write a text file atomically and return its path."""
 
     def write(target: Path) -> None:
         target.write_text(text, encoding="utf-8")
 
-    return write_whole(path, write)
+    return write_atomically(path, write)
 
 
 def write_table(path: Path, columns: Mapping[str, Iterable[Any]], *, digits: int = 17) -> Path:
-    """Write columns of equal length as CSV and return the path.
+    """Write columns of equal length as a CSV file, and return its path.
 
     Args:
-        path: of the file.
-        columns: numbers and words by the heading of their column; what is not a number leaves its cell empty.
-        digits: of numbers; all of them if not given, so that they come back as they were.
+        path: path of the file.
+        columns: numbers or text of each column, by the heading; NaN becomes an empty cell.
+        digits: number of significant digits; by default all, so that `read_table` returns the same numbers.
     """
     written = repr if digits == 17 else f"{{:.{digits}g}}".format
 
@@ -81,19 +81,19 @@ def write_table(path: Path, columns: Mapping[str, Iterable[Any]], *, digits: int
             writer.writerow(columns)
             writer.writerows(rows)
 
-    return write_whole(path, write)
+    return write_atomically(path, write)
 
 
 def read_table(path: Path) -> dict[str, np.ndarray]:
-    """Read a table that `write_table` wrote.
+    """Read a table written by `write_table`.
 
     Returns:
-        The columns by name: arrays of numbers if every cell is a number or empty, otherwise arrays of text.
+        The columns by heading: arrays of numbers if every cell is a number or empty, otherwise arrays of text.
 
     Raises:
-        InputError: the file cannot be read, or its rows differ in length.
+        InputError: if the file cannot be read, or its rows differ in length.
     """
-    if not path.is_file():  # reading a pipe could block for ever
+    if not path.is_file():  # reading a pipe could block forever
         raise InputError(f"{path} cannot be read: it is not a regular file")
     try:
         header, *rows = csv.reader(path.read_text(encoding="utf-8").splitlines())
@@ -104,10 +104,10 @@ def read_table(path: Path) -> dict[str, np.ndarray]:
 
 
 def read_arrays(file: IO[bytes], *, max_bytes: int | None = None) -> dict[str, np.ndarray]:
-    """Read the arrays of an .npz file by name; arrays of Python objects are rejected.
+    """Return the arrays of an .npz file by name; arrays of Python objects are rejected.
 
     Args:
-        file: file that is open for reading in binary mode.
+        file: file opened for reading in binary mode.
         max_bytes: largest size of all arrays together after decompression; unlimited if not given.
 
     Raises:
@@ -127,9 +127,9 @@ def read_arrays(file: IO[bytes], *, max_bytes: int | None = None) -> dict[str, n
         raise ValueError("is not an .npz file of arrays") from None
     if is_too_large:
         raise ValueError(f"is too large: its arrays have more than {max_bytes:,} bytes")
-    twice = [name for place, name in enumerate(names) if name in names[:place]]
-    if twice:
-        raise ValueError(f"has two arrays of the name {shown(twice[0])}")
+    repeated = [name for i, name in enumerate(names) if name in names[:i]]
+    if repeated:
+        raise ValueError(f"has two arrays of the name {shown(repeated[0])}")
     return arrays
 
 

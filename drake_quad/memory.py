@@ -1,4 +1,4 @@
-"""Check that a fleet fits into the memory of this machine."""
+"""Available memory, and a check that a fleet fits into it."""
 
 import os
 import re
@@ -6,15 +6,17 @@ from pathlib import Path
 
 from drake_quad.errors import InputError
 
-# Lower bound for the memory of one vehicle, bytes. With 20,000 vehicles, an environment took 8 kB (figure_eight) to
-# 19 kB (robustness) for each vehicle, and the fleet of a study 15 to 37 kB.
+# Lower bound for the memory of one vehicle. In measurements with 20,000 vehicles, an environment took 8 kB
+# (figure_eight) to 19 kB (robustness) for each vehicle, and the fleet of a study took 15 to 37 kB.
 _MIN_BYTES_PER_VEHICLE = 8_000
-_MEMORY_INFO = Path("/proc/meminfo")  # of Linux, in kB
-_CONTAINER_LIMIT = Path("/sys/fs/cgroup/memory.max")  # of control groups, in bytes
+# Linux reports the available memory here, in kB.
+_MEMORY_INFO = Path("/proc/meminfo")
+# Linux control groups report the memory limit of a container here, in bytes.
+_CONTAINER_LIMIT = Path("/sys/fs/cgroup/memory.max")
 
 
 def check_fleet_fits(num_vehicles: int, name: str) -> None:
-    """Refuse a fleet that certainly does not fit into memory.
+    """Raise an error if a fleet certainly does not fit into memory.
 
     Args:
         num_vehicles: number of vehicles in the fleet.
@@ -33,13 +35,13 @@ def check_fleet_fits(num_vehicles: int, name: str) -> None:
 
 def available_memory() -> int | None:
     """Return the memory that is available to a new process, bytes; None if the system does not report it."""
-    found = []
+    limits = []
     if _MEMORY_INFO.is_file():
         kilobytes = re.search(r"^MemAvailable:\s*(\d+) kB", _MEMORY_INFO.read_text(), re.MULTILINE)
-        found += [1024 * int(kilobytes[1])] if kilobytes else []
+        limits += [1024 * int(kilobytes[1])] if kilobytes else []
     elif {"SC_PHYS_PAGES", "SC_PAGE_SIZE"} <= {*getattr(os, "sysconf_names", ())}:
-        found.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+        limits.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
     if _CONTAINER_LIMIT.is_file():
         limit = _CONTAINER_LIMIT.read_text().strip()
-        found += [int(limit)] if limit.isdecimal() else []  # "max" means no limit
-    return min(found, default=None)
+        limits += [int(limit)] if limit.isdecimal() else []  # "max" means no limit
+    return min(limits, default=None)

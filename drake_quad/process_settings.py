@@ -20,10 +20,10 @@ _ERROR_OUTPUT = 2  # file descriptor of the standard error output
 
 
 class ProcessSetting:
-    """Process-wide setting that stays changed as long as any thread needs the change.
+    """Context manager that changes a process-wide setting for as long as any thread is inside it.
 
     The first thread to enter changes the setting and the last thread to leave restores it. If each thread saved and
-    restored the setting itself, overlapping threads could leave it changed for ever.
+    restored the setting itself, overlapping threads could leave it changed forever.
 
     Args:
         change: function that returns a context manager, which changes the setting and restores it on exit.
@@ -53,12 +53,12 @@ class ProcessSetting:
 
 
 @functools.cache
-def _linear_algebra() -> ThreadpoolController:
+def _blas_controller() -> ThreadpoolController:
     return ThreadpoolController()
 
 
 @contextmanager
-def _drake_at_warning() -> Iterator[None]:
+def _drake_warnings_only() -> Iterator[None]:
     logger = logging.getLogger("drake")
     level = logger.level
     logger.setLevel(logging.WARNING)
@@ -69,7 +69,7 @@ def _drake_at_warning() -> Iterator[None]:
 
 
 @contextmanager
-def _uncollected() -> Iterator[None]:
+def _garbage_collection_paused() -> Iterator[None]:
     was_enabled = gc.isenabled()
     gc.disable()
     try:
@@ -79,34 +79,34 @@ def _uncollected() -> Iterator[None]:
             gc.enable()
 
 
-single_threaded_blas = ProcessSetting(lambda: _linear_algebra().limit(limits=1, user_api="blas"))
-"""Limit of one thread for BLAS: on small matrices two threads can take a hundred times as long as one."""
+single_threaded_blas = ProcessSetting(lambda: _blas_controller().limit(limits=1, user_api="blas"))
+"""Limit of BLAS to one thread; on small matrices two threads can take a hundred times as long."""
 
-without_drake_remarks = ProcessSetting(_drake_at_warning)
-"""Log level of Drake that hides messages less severe than warnings, such as solver progress and server addresses."""
+without_drake_remarks = ProcessSetting(_drake_warnings_only)
+"""Log level of Drake that shows warnings and errors only, without solver progress and server addresses."""
 
 
 without_prints = ProcessSetting(lambda: redirect_stdout(io.StringIO()))
-"""Redirection that discards the standard output."""
+"""Redirection that discards what Python prints on the standard output."""
 
 
 @contextmanager
-def _discarded_error_output() -> Iterator[None]:
-    kept, null = os.dup(_ERROR_OUTPUT), os.open(os.devnull, os.O_WRONLY)
+def _error_output_discarded() -> Iterator[None]:
+    original, null = os.dup(_ERROR_OUTPUT), os.open(os.devnull, os.O_WRONLY)
     try:
         os.dup2(null, _ERROR_OUTPUT)
         yield
     finally:
-        os.dup2(kept, _ERROR_OUTPUT)
-        os.close(kept)
+        os.dup2(original, _ERROR_OUTPUT)
+        os.close(original)
         os.close(null)
 
 
-without_error_output = ProcessSetting(_discarded_error_output)
+without_error_output = ProcessSetting(_error_output_discarded)
 """Redirection that discards the standard error output of the process, also that of compiled libraries."""
 
 without_warnings = ProcessSetting(lambda: warnings.catch_warnings(action="ignore"))
 """Filter that hides Python's warnings."""
 
-without_garbage_collection = ProcessSetting(_uncollected)
-"""Pause of Python's garbage collector, which takes a third of the time where many small objects are made and kept."""
+without_garbage_collection = ProcessSetting(_garbage_collection_paused)
+"""Pause of Python's garbage collector, which takes a third of the time of code that creates many small objects."""

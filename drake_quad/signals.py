@@ -1,24 +1,28 @@
-"""The signals of the loop: what the rows of each port mean, in what unit and along whose axes.
+"""Types of the signals of the control loop, with the name, unit and frame of each row.
 
-World frame W: Z up. Body frame B: x forward, y to the left, z up. The yaw turns from X towards Y.
+The Z axis of the world frame W points up. The axes of the body frame B point forward (x), to the left (y) and up (z).
+A positive yaw turns from X towards Y.
 """
 
 import functools
 import re
 from typing import Annotated, Any, Literal, NamedTuple, get_args, get_type_hints
 
-# One number a vehicle: a float for one, an array for a fleet, or whatever Drake or the compiler put in their place
-# (`drake_quad.framework.elementary`). To a type checker it is a float: formulas are checked as if of one vehicle.
 Row = float
+"""Type of one number per vehicle.
+
+A row is a float for one vehicle and an array for a fleet. Drake and the compiler replace it by types of their own, see
+`drake_quad.framework.elementary`. A type checker checks formulas as formulas for one vehicle, on floats.
+"""
 
 
 class Quantity(NamedTuple):
-    """What a row is.
+    """Unit, frame and sign of a row.
 
     Attributes:
-        unit: SI.
-        frame: along whose axes, W or B; empty if it has no direction.
-        sign: sign that the parameters of a system must have; empty if they may have any.
+        unit: SI unit.
+        frame: frame of the axes that the row refers to, W or B; empty for a row without a direction.
+        sign: sign that a parameter must have; empty if any sign is allowed.
     """
 
     unit: str
@@ -46,7 +50,7 @@ Gain = Annotated[Row, Quantity("1/s")]
 
 
 class State(NamedTuple):
-    """Position, attitude, velocity and body rates of the vehicle, or what is measured of them."""
+    """Position, attitude, velocity and body rates of the vehicle: true or measured values."""
 
     x: PositionW
     y: PositionW
@@ -63,7 +67,7 @@ class State(NamedTuple):
 
 
 class VehicleAcceleration(NamedTuple):
-    """Acceleration of the origin of B, and the rates of the body rates."""
+    """Acceleration of the origin of B, and angular acceleration of the body."""
 
     a_x: AccelerationW
     a_y: AccelerationW
@@ -98,7 +102,7 @@ class Charge(NamedTuple):
 
 
 class Swing(NamedTuple):
-    """How the cable of a slung load hangs: turned by its pitch about Y, then by its roll about X, and their rates."""
+    """Angles and angular rates of the cable of a slung load, which is turned by pitch about Y, then by roll about X."""
 
     roll: Angle
     pitch: Angle
@@ -124,7 +128,7 @@ class Wind(NamedTuple):
 
 
 class Reference(NamedTuple):
-    """Where the vehicle shall be, how it shall move, and where it shall look."""
+    """Desired position, velocity, acceleration, yaw and yaw rate of the vehicle."""
 
     x: PositionW
     y: PositionW
@@ -140,7 +144,7 @@ class Reference(NamedTuple):
 
 
 class Jerk(NamedTuple):
-    """Third derivative of the reference's position."""
+    """Third time derivative of the position of the reference."""
 
     x: JerkW
     y: JerkW
@@ -148,7 +152,7 @@ class Jerk(NamedTuple):
 
 
 class Snap(NamedTuple):
-    """Fourth derivative of the reference's position, second of its yaw."""
+    """Fourth time derivative of the position of the reference, and second time derivative of its yaw."""
 
     x: SnapW
     y: SnapW
@@ -173,7 +177,7 @@ class PositionErrorRate(NamedTuple):
 
 
 class Acceleration(NamedTuple):
-    """A commanded acceleration, or a part of it; or one that is estimated, of what disturbs the vehicle."""
+    """Commanded acceleration, a term of it, or the estimated acceleration caused by disturbances."""
 
     x: AccelerationW
     y: AccelerationW
@@ -181,7 +185,7 @@ class Acceleration(NamedTuple):
 
 
 class Thrust(NamedTuple):
-    """Thrust F_z."""
+    """Thrust F_z along the z axis of the body."""
 
     thrust: ForceB
 
@@ -203,7 +207,7 @@ class Attitude(NamedTuple):
 
 
 class BodyRates(NamedTuple):
-    """Rates of turning about the axes of the body."""
+    """Angular velocity about the axes of the body."""
 
     p: BodyRateB
     q: BodyRateB
@@ -211,7 +215,7 @@ class BodyRates(NamedTuple):
 
 
 class AttitudeTarget(NamedTuple):
-    """What an autopilot is told: thrust F_z, attitude, and body rates, which are fed forward."""
+    """Command to an autopilot: thrust F_z, attitude, and body rates as feed-forward."""
 
     thrust: ForceB
     roll: Angle
@@ -223,7 +227,7 @@ class AttitudeTarget(NamedTuple):
 
 
 class AngularAcceleration(NamedTuple):
-    """Rates of the body rates."""
+    """Angular acceleration about the axes of the body."""
 
     p: BodyAccelerationB
     q: BodyAccelerationB
@@ -231,13 +235,13 @@ class AngularAcceleration(NamedTuple):
 
 
 class Crashed(NamedTuple):
-    """1 for a vehicle that has crashed, 0 for one that flies."""
+    """Crash indicator: 1 if the vehicle has crashed, else 0."""
 
     crashed: Number
 
 
 class CrashTime(NamedTuple):
-    """When the vehicle crashed; infinite for one that flies."""
+    """Time of the crash; infinite if the vehicle has not crashed."""
 
     crash_time: Time
 
@@ -248,32 +252,33 @@ Firing = tuple[Number, ...]
 Weights = tuple[AccelerationW, ...]
 CovarianceTrace = tuple[Gain, ...]
 Antecedents = tuple[Number, ...]
-# Those of a policy, as many as it sees, and as it acts with; and X, Y and Z of the reference at times ahead.
+# Signals of a policy have a row for each observation or action.
 Observed = tuple[Number, ...]
 Action = tuple[Number, ...]
-Ahead = tuple[PositionW, ...]
+# The future reference has X, Y and Z at each of several future times.
+FutureReference = tuple[PositionW, ...]
 
 
 class Signals(dict[str, Any]):
     """Types of the signals, by the names of their ports.
 
-    Sensors add their readings when they are registered. Further sensors of one kind are numbered, as in
+    Registering a sensor adds the type of its measurements. The second and later sensors of one kind are numbered, as in
     `accelerometer_2`.
     """
 
     def __contains__(self, name: object) -> bool:
-        """Return whether there is a signal of this name, which may have a number at its end."""
+        """Return whether a signal has this name, which may end with the number of a sensor."""
         return super().__contains__(name) or super().__contains__(_without_number(name))
 
     def __missing__(self, name: str) -> Any:
-        """Return the type of a signal whose name has a number at its end."""
+        """Return the type of a signal whose name ends with the number of a sensor."""
         if name not in self:
             raise KeyError(name)
         return self[_without_number(name)]
 
 
 def numbered(kind: str, number: int) -> str:
-    """Return the name of the port of a sensor, the first of its kind or a later one: `accelerometer_2`."""
+    """Return the port name of the first or a later sensor of a kind: `accelerometer`, `accelerometer_2`."""
     return kind if number == 1 else f"{kind}_{number}"
 
 
@@ -320,22 +325,23 @@ SIGNALS |= {
     "antecedents": Antecedents,
     "observation": Observed,
     "action": Action,
-    "reference_ahead": Ahead,
+    "reference_ahead": FutureReference,
 }
 
 
 def row_names(name: str, num_rows: int) -> list[str]:
-    """Return the names of the rows of a signal of one vehicle.
+    """Return the names of the rows of a signal; rows without names of their own are numbered from 1.
 
-    The rows of a network's signals are numbered from 1. `weights` lists all rules of the first axis, then all rules of
-    the next.
+    Args:
+        name: name of the signal.
+        num_rows: number of rows of the signal for one vehicle.
     """
     kind = SIGNALS[name]
     return list(kind._fields) if hasattr(kind, "_fields") else [str(number + 1) for number in range(num_rows)]
 
 
 def quantities(name: str, num_rows: int) -> list[Quantity]:
-    """The quantities of the rows of a signal of one vehicle."""
+    """Return the quantity of each of the `num_rows` rows of a signal."""
     kind = SIGNALS[name]
     if hasattr(kind, "_fields"):
         return list(field_quantities(kind).values())
@@ -345,7 +351,7 @@ def quantities(name: str, num_rows: int) -> list[Quantity]:
 
 @functools.cache
 def field_quantities(kind: Any) -> dict[str, Quantity]:
-    """Return the quantities of the fields of a record, by name; fields of other kinds are left out."""
+    """Return the quantities of the fields of a record type by name; fields without a quantity are left out."""
     hints = get_type_hints(kind, include_extras=True).items()
     extras = ((name, extra) for name, hint in hints for extra in getattr(hint, "__metadata__", ()))
     return {name: extra for name, extra in extras if isinstance(extra, Quantity)}

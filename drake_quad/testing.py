@@ -1,4 +1,4 @@
-"""Laws that every system of a laboratory obeys, checked on any system: ours, or a controller or wind of your own."""
+"""Check that a system obeys the rules on which flights, studies and linear models rely."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -12,13 +12,13 @@ from pydrake.systems.primitives import ConstantVectorSource, ZeroOrderHold
 from drake_quad.compilation.blocks import block_of
 from drake_quad.compilation.compile_diagram import compile_diagram
 
-# Outputs are compared at this number of times.
+# Number of times at which outputs are compared.
 _NUM_TIMES = 6
-# Time between them if a system has no period, s.
+# Time between comparisons for a system without a period, s.
 _DEFAULT_PERIOD = 0.02
-# Largest difference of two ways to compute the same, relative to the largest output or to 1: some thousand roundings.
+# Tolerance on outputs, relative to the largest output or to 1; it covers some thousand rounding errors.
 _TOLERANCE = 1e-12
-# A compiled diagram may compute elementary functions with other roundings.
+# The tolerance is larger for compiled diagrams, whose elementary functions may round differently.
 _COMPILED_TOLERANCE = 1e-9
 
 
@@ -26,8 +26,8 @@ class _Inputs(NamedTuple):
     """Inputs of a system for N vehicles over time.
 
     Attributes:
-        rows: (num_times, num_rows, N) numbers, by the name of the port.
-        times: (num_times,) times from which they hold, s.
+        rows: (num_times, num_rows, N) input values, by the name of the port.
+        times: (num_times,) times at which the inputs change, s.
         num_vehicles: number N of vehicles.
     """
 
@@ -41,14 +41,14 @@ class _Inputs(NamedTuple):
 
 
 def check_system(make: Callable[[int], Any], *, num_vehicles: int = 3, seed: int = 0) -> tuple[str, ...]:
-    """Check that a system obeys the laws on which flights, fleets, studies and linear models rely.
+    """Check that a system obeys the rules on which flights, fleets, studies and linear models rely.
 
     - ports: each port of a fleet has as many rows as that of one vehicle, and N columns.
-    - context: outputs depend on the context alone, not on what was computed before.
-    - vehicles: each vehicle of a fleet computes what it computes alone.
+    - context: outputs depend on the context alone, not on earlier computations.
+    - vehicles: each vehicle of a fleet has the outputs that it has as a single vehicle.
     - numbers: outputs are not NaN for finite inputs.
-    - derivatives: if the system converts to AutoDiffXd, the values are the same.
-    - compiled: if the system is a `FleetSystem`, or a diagram of such, machine code computes the same.
+    - derivatives: if the system converts to AutoDiffXd, the values of the outputs are the same.
+    - compiled: if the system is a `FleetSystem` or a diagram of them, machine code computes the same outputs.
 
     Inputs are random numbers between 0.1 and 0.9.
 
@@ -58,23 +58,23 @@ def check_system(make: Callable[[int], Any], *, num_vehicles: int = 3, seed: int
         seed: seed of the inputs.
 
     Returns:
-        The laws that apply to the system, all of which it obeys.
+        Names of the rules that apply to the system, all of which it obeys.
 
     Raises:
-        AssertionError: if the system breaks a law, with the port and the difference.
+        AssertionError: if the system breaks a rule; the message names the rule, the port and the difference.
     """
-    alone, fleet = make(1), make(num_vehicles)
-    ports = _check_ports(alone, fleet, num_vehicles)
-    first, second = (_random_inputs(alone, ports, num_vehicles, seed + i) for i in range(2))
+    single, fleet = make(1), make(num_vehicles)
+    ports = _check_ports(single, fleet, num_vehicles)
+    first, second = (_random_inputs(single, ports, num_vehicles, seed + i) for i in range(2))
     expected = _outputs(fleet, first)
     for name, values in expected.items():
         assert not np.isnan(values).any(), f"numbers: `{name}` is NaN for inputs between 0.1 and 0.9"
     _outputs(fleet, second)
     _compare("context", "after other inputs in another context", _outputs(fleet, first), expected, 0.0)
     for vehicle in range(num_vehicles):
-        by_itself = _outputs(make(1), first.of_vehicle(vehicle))
-        own = {name: values[..., vehicle : vehicle + 1] for name, values in expected.items()}
-        _compare("vehicles", f"for vehicle {vehicle} alone", by_itself, own, _TOLERANCE)
+        outputs = _outputs(make(1), first.of_vehicle(vehicle))
+        in_fleet = {name: values[..., vehicle : vehicle + 1] for name, values in expected.items()}
+        _compare("vehicles", f"if vehicle {vehicle} is simulated alone", outputs, in_fleet, _TOLERANCE)
     applied = ["ports", "context", "vehicles", "numbers"]
     differentiable = fleet.ToAutoDiffXdMaybe()
     if differentiable is not None:
@@ -82,21 +82,21 @@ def check_system(make: Callable[[int], Any], *, num_vehicles: int = 3, seed: int
         applied.append("derivatives")
     if _can_be_compiled(fleet):
         compiled = compile_diagram(_with_clock(make(num_vehicles), first.times[1], num_vehicles))
-        _compare("compiled", "compiled", _outputs(compiled, first), expected, _COMPILED_TOLERANCE)
+        _compare("compiled", "in machine code", _outputs(compiled, first), expected, _COMPILED_TOLERANCE)
         applied.append("compiled")
     return tuple(applied)
 
 
-def _check_ports(alone: Any, fleet: Any, num_vehicles: int) -> dict[str, int]:
-    """Return the number of rows of each input port, by its name."""
-    for one, many in ((_inputs_of(alone), _inputs_of(fleet)), (_outputs_of(alone), _outputs_of(fleet))):
+def _check_ports(single: Any, fleet: Any, num_vehicles: int) -> dict[str, int]:
+    """Check the rule `ports`, and return the number of rows of each input port by name."""
+    for one, many in ((_inputs_of(single), _inputs_of(fleet)), (_outputs_of(single), _outputs_of(fleet))):
         assert list(one) == list(many), f"ports: one vehicle has {list(one)}, but a fleet has {list(many)}"
         for name, port in one.items():
-            assert port.get_data_type() == PortDataType.kVectorValued, f"ports: `{name}` has no vector"
+            assert port.get_data_type() == PortDataType.kVectorValued, f"ports: `{name}` is not vector-valued"
             size, wanted = many[name].size(), num_vehicles * port.size()
             fault = f"ports: `{name}` has {size} elements for {num_vehicles} vehicles, but needs {wanted}"
             assert size == wanted, fault
-    return {name: port.size() for name, port in _inputs_of(alone).items()}
+    return {name: port.size() for name, port in _inputs_of(single).items()}
 
 
 def _inputs_of(system: Any) -> dict[str, Any]:
@@ -118,10 +118,10 @@ def _random_inputs(system: Any, ports: dict[str, int], num_vehicles: int, seed: 
 
 
 def _outputs(system: Any, inputs: _Inputs, scalar: type = float) -> dict[str, np.ndarray]:
-    """Return the outputs of a system in a new context, as (num_times, rows, N) numbers by the name of the port."""
+    """Compute the outputs of a system in a new context, (num_times, num_rows, N) by the name of the port."""
     context = system.CreateDefaultContext()
     simulator: Any = None
-    found: dict[str, list[np.ndarray]] = {name: [] for name in _outputs_of(system)}
+    outputs: dict[str, list[np.ndarray]] = {name: [] for name in _outputs_of(system)}
     for i, time in enumerate(inputs.times):
         for name, port in _inputs_of(system).items():
             port.FixValue(context, inputs.rows[name][i].ravel())
@@ -131,8 +131,8 @@ def _outputs(system: Any, inputs: _Inputs, scalar: type = float) -> dict[str, np
         simulator.AdvanceTo(time)
         for name, port in _outputs_of(system).items():
             values = np.array([_number(value) for value in port.Eval(context)])
-            found[name].append(values.reshape(-1, inputs.num_vehicles))
-    return {name: np.array(values) for name, values in found.items()}
+            outputs[name].append(values.reshape(-1, inputs.num_vehicles))
+    return {name: np.array(values) for name, values in outputs.items()}
 
 
 def _number(value: Any) -> float:
@@ -146,7 +146,7 @@ def _can_be_compiled(system: Any) -> bool:
 
 
 def _with_clock(system: Any, period: float, num_vehicles: int) -> Any:
-    """Return a diagram that exports the ports of a system, with an event every period (s), which machine code needs."""
+    """Return a diagram of a system and a periodic event (period in s), without which a diagram cannot be compiled."""
     builder = DiagramBuilder()
     builder.AddNamedSystem("system", system)
     clock = builder.AddNamedSystem("clock", ZeroOrderHold(period, num_vehicles))
@@ -160,10 +160,10 @@ def _with_clock(system: Any, period: float, num_vehicles: int) -> Any:
 
 
 def _compare(
-    law: str, way: str, found: dict[str, np.ndarray], expected: dict[str, np.ndarray], tolerance: float
+    rule: str, condition: str, actual: dict[str, np.ndarray], expected: dict[str, np.ndarray], tolerance: float
 ) -> None:
     for name, values in expected.items():
         size = max(1.0, float(np.abs(values[np.isfinite(values)]).max(initial=0.0)))
-        unequal = found[name] != values  # infinite numbers can be equal, but have no difference
-        difference = float(np.abs(found[name][unequal] - values[unequal]).max(initial=0.0)) / size
-        assert difference <= tolerance, f"{law}: `{name}` differs by {difference:.2g} {way}"
+        unequal = actual[name] != values  # equal infinite numbers are excluded, since their difference is NaN
+        difference = float(np.abs(actual[name][unequal] - values[unequal]).max(initial=0.0)) / size
+        assert difference <= tolerance, f"{rule}: `{name}` differs by {difference:.2g} {condition}"

@@ -1,4 +1,4 @@
-"""The one table of all systems: examples of each FleetSystem, and of each diagram that a function builds."""
+"""Table of all systems: examples of each FleetSystem, and of each diagram that a function builds."""
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
@@ -131,14 +131,14 @@ from drake_quad.vehicle.slung_load import SlungLoad
 
 
 class Example(NamedTuple):
-    """A FleetSystem.
+    """Example of a FleetSystem.
 
     Attributes:
-        system: its class.
-        numbers: none of which is zero or infinite, nor like another; None if it has no numbers.
-        structure: of the constructor.
-        num_vehicles: N.
-        whole: whether it has all of the ports that its class may have.
+        system: class of the system.
+        numbers: different numbers that are neither zero nor infinite; None for a system without numbers.
+        structure: arguments of the constructor that determine ports and events.
+        num_vehicles: number N of vehicles.
+        whole: True if the example has all ports that its class can have.
     """
 
     system: Any
@@ -151,13 +151,13 @@ class Example(NamedTuple):
         return self.made_of(self.numbers)
 
     def made_of(self, numbers: Any) -> Any:
-        """The system with other numbers."""
+        """Return the system with other numbers."""
         given = {} if numbers is None else {"numbers": numbers}
         return self.system(num_vehicles=self.num_vehicles, **self.structure, **given)
 
     @property
     def flat_numbers(self) -> list[Any]:
-        """All numbers of the example, one after another."""
+        """Return all numbers of the example in a list."""
         if self.numbers is None or isinstance(self.numbers, Samples):
             return []
         return layout_of(type(self.numbers), self.numbers).flatten(self.numbers)
@@ -169,14 +169,14 @@ class Example(NamedTuple):
 
     @property
     def other_numbers(self) -> Any:
-        """Numbers of which each differs from that of the example, and from vehicle to vehicle."""
+        """Return numbers that all differ from those of the example, and from vehicle to vehicle."""
         if self.numbers is None:
             return None
         if isinstance(self.numbers, Samples):
             return Samples(self.numbers.seed + 1, [sample + 10 for sample in self.numbers.numbers])
         layout = layout_of(type(self.numbers), self.numbers)
         growth = 1.1 + 0.05 * np.arange(self.num_vehicles)
-        # Every row grows by a factor of its own: quotients of two of them must differ, too.
+        # Every row has its own factor, so that ratios of two rows differ, too.
         rows = [(growth + 0.01 * i) * row for i, row in enumerate(layout.flatten(self.numbers))]
         return layout.build([float(row[0]) for row in rows] if self.num_vehicles == 1 else rows)
 
@@ -271,7 +271,7 @@ AUTOPILOT = AutopilotNumbers(
 
 
 def _terms(scale: float) -> tuple[Terms, Terms, Terms]:
-    """Terms of three axes, of which no two numbers are alike."""
+    """Return terms of three axes, all of whose numbers differ."""
     first, second, third = (
         Terms(
             Integral(scale * k, 0.7 * scale * k, 3.1 + k),
@@ -286,7 +286,7 @@ def _terms(scale: float) -> tuple[Terms, Terms, Terms]:
 
 def _of_first_order(terms: Terms) -> Terms:
     lag = first_order(55.0, 0.005)
-    # None of the numbers may be zero.
+    # Numbers must not be zero.
     low_pass = lag._replace(b_1=1e-3, b_2=2e-3, a_2=3e-3)
     return Terms(Integral(terms.integral.k_i, terms.integral.limit), Derivative(terms.derivative.k_d, low_pass))
 
@@ -368,7 +368,7 @@ SEES = {"spec": SEEN, "num_actions": 3, "num_ahead": 2}
 
 
 def _network_of(inputs, outputs) -> Network:
-    """With a layer of each kind."""
+    """Return a network with a layer of each kind."""
     rng = np.random.default_rng(inputs)
 
     def matrix(rows, columns) -> Matrix:
@@ -383,7 +383,7 @@ def _network_of(inputs, outputs) -> Network:
 
 
 def _loop(kind, measured, delay, seed) -> AxisLoop:
-    """A loop of which no two numbers are alike."""
+    """Return a loop, all of whose numbers differ."""
     rng = np.random.default_rng(seed)
 
     def rows() -> Any:
@@ -408,7 +408,7 @@ WITH_TARGETS = LqgNumbers(
 
 
 def _regulator(loop: AxisLoop) -> Regulator:
-    """A stable one, of which no two numbers are alike."""
+    """Return a stable regulator, all of whose numbers differ."""
     count = len(loop.K) + len(loop.K_pending)
     rng = np.random.default_rng(count)
     A = np.eye(count) * 0.7 + rng.uniform(0.0, 0.2 / count, (count, count))
@@ -567,7 +567,7 @@ def _cascade() -> Any:
 
 
 def _corrected_pid() -> Any:
-    """With both kinds of corrections, and so all of its ports."""
+    """Return a PID with both kinds of corrections, which has all ports."""
     integral = IntegralCorrection(numbers=IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6))
     return build_position_controller(ProportionalDerivative(numbers=GAINS), integral=integral, takes_correction=True)
 
@@ -615,7 +615,7 @@ def _along(state: State) -> Wind:
 
 @fleet_system(float, AutoDiffXd)
 class Along(FleetSystem):
-    """A wind that is a function of the place, as a user might write it."""
+    """Wind that depends on the position, as a user could write it."""
 
     def declare(self) -> None:
         self.output("wind", _along, self.input("state"))

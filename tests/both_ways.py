@@ -1,15 +1,15 @@
-"""Flights in diagrams as they are wired, and in compiled ones."""
+"""Comparison of flights in uncompiled and compiled diagrams."""
 
 import numpy as np
 
 from drake_quad.flight.simulation import simulate_batch
 
-# Relative to the size of a signal, or to 1 in its units.
+# The tolerance is relative to the size of a signal, or to 1 in its units.
 TOLERANCE = 1e-9
 
 
 def assert_alike(found, expected, what=""):
-    """That numbers are alike, NaN and infinities among them."""
+    """Assert that numbers agree, including NaN and infinities."""
     found, expected = np.asarray(found), np.asarray(expected)
     assert found.shape == expected.shape, what
     size = max(1.0, np.max(np.abs(expected[np.isfinite(expected)]), initial=0.0))
@@ -17,7 +17,7 @@ def assert_alike(found, expected, what=""):
 
 
 def assert_flights_alike(found, expected):
-    """That two flights have the same ticks, signals and metrics, and end in the same crash at the same tick."""
+    """Assert that two flights have the same ticks, signals and metrics, and the same crash at the same tick."""
     np.testing.assert_array_equal(found.time, expected.time)
     assert found.signals.keys() == expected.signals.keys()
     for name, values in expected.signals.items():
@@ -33,7 +33,7 @@ def assert_metrics_alike(found, expected):
 
 
 def assert_flown_alike(batch, *, plan=None):
-    """That a batch flies compiled as it does wired; returns its flights."""
+    """Assert that a batch has the same flights compiled and uncompiled, and return the flights."""
     wired = simulate_batch(batch, plan=plan, compiled=False)
     compiled = simulate_batch(batch, plan=plan, compiled=True)
     assert all(flight.compiled for flight in compiled)

@@ -9,7 +9,8 @@ from typing import NamedTuple
 import pytest
 from PIL import Image
 
-# The processes of pytest fill the cores: threads of linear algebra would only wait for each other. NumPy reads this.
+# The processes of pytest use all cores, so further threads of linear algebra would only slow them down. NumPy reads
+# this variable at its import.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from drake_quad import load_scenario
@@ -20,13 +21,13 @@ from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParame
 from drake_quad.vehicle.rotors import Rotor, Rotors
 
 _ROOT = Path(__file__).parent.parent
-# Files that wait for other processes or take long: they begin first, and the others fill the gaps.
+# Files with long tests, or tests that wait for other processes, start first.
 _FIRST = ("test_cluster", "test_wheel", "test_docs", "test_commands", "test_replay", "test_report", "test_fuzz")
 
 
-@pytest.hookimpl(optionalhook=True)  # pytest runs without xdist, too
+@pytest.hookimpl(optionalhook=True)  # xdist is optional
 def pytest_xdist_auto_num_workers() -> int:
-    """One process more than there are cores, since some tests wait; each takes a few hundred MB."""
+    """Return one process more than there are cores, since some tests wait; each takes a few hundred MB."""
     return min(4, (os.cpu_count() or 1) + 1)
 
 
@@ -40,7 +41,7 @@ def pytest_configure() -> None:
 
 
 def pytest_collection_finish() -> None:
-    """A quarter of the time would go by looking for garbage among what has been imported."""
+    """Freeze imported objects, since searching them for garbage would take a quarter of the time."""
     gc.freeze()
     gc.set_threshold(100_000, 50, 100)
     gc.enable()
@@ -48,7 +49,7 @@ def pytest_collection_finish() -> None:
 
 @pytest.fixture(autouse=True, scope="session")
 def _no_kept_results():
-    """Tests replace parts of the planner, and mutants change them, so its results are neither kept nor taken."""
+    """Disable the cache of results, since tests and mutants change parts of the planner."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(result_cache, "_program", lambda: None)
         yield
@@ -56,7 +57,7 @@ def _no_kept_results():
 
 @pytest.fixture(autouse=True)
 def _process_as_before():
-    """Ctrl-C is an exception in every test, and what commands set for their process ends with the test."""
+    """Make Ctrl-C an exception in every test, and restore process-wide settings of commands after it."""
     handler, thresholds = signal.signal(signal.SIGINT, signal.default_int_handler), gc.get_threshold()
     yield
     signal.signal(signal.SIGINT, handler)
@@ -65,7 +66,7 @@ def _process_as_before():
 
 @pytest.fixture(autouse=True)
 def _no_further_members():
-    """Members of unions and effects that a test registers are removed after it."""
+    """Remove members of unions and effects that a test registers."""
     before = {registry: {*registry.members} for registry in REGISTRIES}
     yield
     for registry, names in before.items():
@@ -75,25 +76,25 @@ def _no_further_members():
 
 @pytest.fixture(scope="session")
 def root() -> Path:
-    """The folder of the repository; tests do not depend on where they are run."""
+    """Return the folder of the repository, so that tests do not depend on the working directory."""
     return Path(__file__).parent.parent
 
 
 @pytest.fixture(scope="session")
 def diagrams(root) -> Path:
-    """The folder of the scenarios that are shipped."""
+    """Return the folder of the shipped scenarios."""
     return root / "diagrams"
 
 
 @pytest.fixture(scope="session")
 def asymmetric(root):
-    """A scenario of tests/asymmetric.yaml, by its name and overrides."""
+    """Return a function that loads a scenario of tests/asymmetric.yaml, by name and overrides."""
     return lambda name, *overrides: load_scenario(root / "tests" / f"asymmetric.yaml:{name}", overrides)
 
 
 @pytest.fixture(scope="session")
 def asymmetric_vehicle() -> QuadrotorParameters:
-    """A vehicle of which no two numbers are alike."""
+    """Return a vehicle, all of whose numbers differ."""
     return QuadrotorParameters(
         mass=0.74,
         inertia=Inertia(0.0071, 0.0079, 0.0131),
@@ -115,7 +116,7 @@ def asymmetric_vehicle() -> QuadrotorParameters:
 
 
 class Result(NamedTuple):
-    """What a command leaves behind."""
+    """Result of a command: its exit status and output."""
 
     returncode: int
     stdout: str
@@ -124,7 +125,7 @@ class Result(NamedTuple):
 
 @pytest.fixture
 def run(capsys, monkeypatch):
-    """Runs a command or a script in this process, which has imported Drake, and returns what it leaves behind."""
+    """Return a function that runs a command or script in this process, which has imported Drake already."""
     monkeypatch.chdir(_ROOT)
     monkeypatch.syspath_prepend(_ROOT / "scripts")
 
@@ -146,13 +147,13 @@ def run(capsys, monkeypatch):
 
 @pytest.fixture
 def undrawn(monkeypatch):
-    """Figures are made and written, but not drawn, for tests of commands whose figures have tests of their own."""
+    """Write empty pictures instead of drawing figures, which have their own tests."""
     monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda figure, file, **_: _write_blank(file))
 
 
 @pytest.fixture
 def unpainted(monkeypatch):
-    """Figures are made, drawn and written, but neither laid out nor painted, which takes three quarters of the time."""
+    """Draw figures without layout and rendering, which take three quarters of the time."""
 
     def drawn_only(figure, file, **_):
         figure.set_layout_engine("none")
@@ -163,5 +164,5 @@ def unpainted(monkeypatch):
 
 
 def _write_blank(file) -> None:
-    """Write a picture without content."""
+    """Write an empty picture."""
     Image.new("RGB", (8, 8)).save(file, format="png")

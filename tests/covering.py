@@ -1,4 +1,4 @@
-"""Few cases that together have everything that many have."""
+"""Selection of few cases that together have all features of many cases."""
 
 from collections.abc import Hashable, Mapping
 

@@ -1,4 +1,4 @@
-"""Scenarios at random: what the language can say, in every combination, of systems that fly."""
+"""Random scenarios with all combinations of the elements of the scenario language."""
 
 import json
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from drake_quad import load_scenario
 
-# What a scenario is built of. Each list is gone through before anything of it comes again.
+# Elements of a scenario. All elements of a list are used before one is used again.
 STRUCTURES = {
     "position": [
         "pd",
@@ -58,7 +58,7 @@ STRUCTURES = {
         "gust dryden fan",
         "steady gust dryden fan fan dryden steady gust",
     ],
-    # Of vehicle, cameras and link, s.
+    # Periods of vehicle, cameras and link, s.
     "periods": [
         (0.01, 0.01, 0.02),
         (0.005, 0.01, 0.02),
@@ -92,24 +92,24 @@ STRUCTURES = {
 }
 
 
-# What an autopilot takes in place of what it does not.
+# Replacements of feed-forward terms that an autopilot does not support.
 FED_FORWARD = {"none": {}, "attitude": {"snap": "jerk"}, "response": {"snap": "acceleration", "jerk": "none"}}
 
 
 def structures(rng, count):
-    """So many structures."""
+    """Return a number of structures."""
     columns = {name: rng.permutation(np.arange(count) % len(options)) for name, options in STRUCTURES.items()}
     return [{name: STRUCTURES[name][column[i]] for name, column in columns.items()} for i in range(count)]
 
 
 def scenario_of(structure, rng, folder, *, duration):
-    """A scenario of a structure, of whose quantities each is distributed about a number at random.
+    """Return a scenario with a structure, whose quantities are distributed about random numbers.
 
     Args:
-        structure: one of `structures`.
-        rng: NumPy's.
-        folder: for its file.
-        duration: of the flight, s.
+        structure: structure from `structures`.
+        rng: random number generator of NumPy.
+        folder: folder for the file of the scenario.
+        duration: duration of the flight, s.
     """
     path = folder / "random.yaml"
     path.write_text(json.dumps({"random": _tree(structure, rng, duration)}))
@@ -160,7 +160,7 @@ def _tree(structure, rng, duration):
         link["loss_rate"] = draw(0.05, 0.3)
     return {
         "route": _route(structure["route"], rng),
-        # Rotors that idle slowly, so that the short routes can be flown in every layout.
+        # The low idle speed makes the short routes feasible with every layout.
         "nominal": {"layout": _layout(structure["layout"], lambda size: size), "min_rotor_speed": 25.0}
         | ({"motors": {"kind": "throttle", "curve": [0.1, 1.0, 2.8]}} if "motors" in effects else {}),
         "vehicle": vehicle | {"layout": _layout(structure["layout"], lambda size: draw(size - 0.002, size + 0.002))},
@@ -216,13 +216,13 @@ def _effect(name, draw, duration):
 
 
 class _Draw:
-    """Distributions about numbers at random."""
+    """Random distributions about random numbers."""
 
     def __init__(self, rng):
         self._rng = rng
 
     def __call__(self, low, high):
-        """Within a part of an interval."""
+        """Return a distribution within a part of an interval."""
         ends = sorted(self._rng.uniform(low, high, 2).tolist())
         return {"uniform": {"min": ends[0], "max": ends[1]}}
 
@@ -231,7 +231,7 @@ class _Draw:
 
 
 def _layout(kind, about):
-    """A layout, given what is to be written for a number."""
+    """Return a layout, given the function that writes a number."""
     if kind != "rotors":
         return {"kind": kind, "length": about(0.3), "width": about(0.26), "rotor_1_turns": "anticlockwise"}
     places = ((0.14, -0.12), (-0.12, -0.13), (-0.13, 0.11), (0.11, 0.14))
@@ -259,7 +259,7 @@ def _autopilot(structure, draw, period):
 
 
 def _term(name, draw):
-    """A field of an autopilot beside the gains of its proportional loops, and its value."""
+    """Return an optional field of an autopilot and its value."""
     match name:
         case "weight":
             return "yaw_weight", draw(0.3, 0.6)

@@ -1,4 +1,4 @@
-"""The rigid body alone, whose derivatives others are compared with."""
+"""Independent time derivatives of a rigid body."""
 
 from drake_quad.geometry.axes import BodyAxes
 from drake_quad.signals import Attitude, BodyRates, State

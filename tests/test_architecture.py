@@ -1,4 +1,4 @@
-"""The table of folders in CONTRIBUTING.md, whose order imports follow, and the table of commands in README.md."""
+"""Tests of the table of folders in CONTRIBUTING.md and the order of imports, and of the commands in README.md."""
 
 import ast
 import functools
@@ -54,7 +54,7 @@ def imports():
     return found
 
 
-def test_the_table_has_each_folder_with_its_docstring():
+def test_the_table_lists_each_folder_with_its_docstring():
     rows = {folder: contents for _, folder, contents in ROW.findall((ROOT / "CONTRIBUTING.md").read_text())}
     docstrings = {
         path.parent.name: ast.get_docstring(ast.parse(path.read_text())).partition("\n")[0].rstrip(".")
@@ -63,7 +63,7 @@ def test_the_table_has_each_folder_with_its_docstring():
     assert rows == docstrings
 
 
-def test_each_import_leads_to_a_lower_level():
+def test_imports_are_from_lower_levels():
     """Folders at the same level do not import each other."""
     # The version is the only name that is imported from the package itself.
     upward = [

@@ -1,4 +1,4 @@
-"""A cached value is made once, however many threads ask for it."""
+"""Tests that a cached value is computed once, however many threads request it."""
 
 import os
 import subprocess
@@ -20,7 +20,7 @@ def in_threads(*functions):
         thread.join()
 
 
-def test_threads_that_ask_at_once_share_one_value():
+def test_threads_that_request_a_value_at_once_share_it():
     cache = ThreadSafeCache()
     found = []
     gate = threading.Barrier(4)
@@ -28,7 +28,7 @@ def test_threads_that_ask_at_once_share_one_value():
 
     def make():
         made.append(threading.get_ident())
-        threading.Event().wait(0.02)  # the other threads ask meanwhile
+        threading.Event().wait(0.02)  # the other threads request the value meanwhile
         return object()
 
     def ask():
@@ -40,7 +40,7 @@ def test_threads_that_ask_at_once_share_one_value():
     assert found == [found[0]] * 4
 
 
-def test_a_cached_value_is_returned_while_another_one_is_made():
+def test_a_cached_value_is_returned_while_another_one_is_computed():
     cache = ThreadSafeCache()
     begun = threading.Event()
     done = threading.Event()
@@ -60,7 +60,7 @@ def test_a_cached_value_is_returned_while_another_one_is_made():
     assert cache.get("slow", lambda: 4) == 2
 
 
-def test_a_value_may_be_made_from_other_values_of_the_same_cache():
+def test_a_value_can_depend_on_other_values_of_the_same_cache():
     cache = ThreadSafeCache()
     assert cache.get(3, lambda: 1 + cache.get(2, lambda: 1 + cache.get(1, lambda: 1))) == 3
 
@@ -81,7 +81,7 @@ def test_the_oldest_values_are_dropped():
 
 
 class Setting:
-    """A setting that is saved, changed and restored, as a library's context manager does it."""
+    """Context manager that saves, changes and restores a setting, like those of libraries."""
 
     value = "usual"
 
@@ -92,7 +92,7 @@ class Setting:
         Setting.value = self.before
 
 
-def test_threads_that_overlap_leave_a_setting_as_it_was():
+def test_overlapping_threads_restore_a_setting():
     """The first thread leaves before the second one."""
     changed = ProcessSetting(Setting)
     one_is_in, two_is_in, one_is_out = (threading.Event() for _ in range(3))
@@ -131,8 +131,8 @@ from drake_quad.framework.formulas import kernel
 from drake_quad.framework.records import ROW
 
 sys.setswitchinterval(1e-6)
-compile_text, compiled = machine_code._compiled, []
-machine_code._compiled = lambda text: (compiled.append(text), compile_text(text))[1]
+compile_text, compiled = machine_code._compile, []
+machine_code._compile = lambda text: (compiled.append(text), compile_text(text))[1]
 formulas = [lambda x, factor=float(factor): factor * x for factor in range(2, 10)]
 wrong, gate = [], threading.Barrier(4)
 
@@ -140,7 +140,7 @@ def run():
     gate.wait()
     for formula in formulas:
         result = np.empty(1)
-        kernel(formula, (ROW,), (ROW,), lone=True)(1, 0.0, result, np.array([3.0]))
+        kernel(formula, (ROW,), (ROW,), single_vehicle=True)(1, 0.0, result, np.array([3.0]))
         if result[0] != formula(3.0):
             wrong.append(formula(3.0))
 
@@ -187,6 +187,6 @@ def fresh_process(program, cache):
     ("program", "printed"), [(KERNELS_PROGRAM, "0 0\n"), (FLIGHTS_PROGRAM, "alike\n")], ids=["kernels", "flights"]
 )
 def test_threads_of_a_fresh_process_share_their_machine_code(program, printed, tmp_path):
-    """The cache on the disk is empty, so that all threads compile at once."""
+    """The cache on the disk is empty, so that all threads start to compile at once."""
     done = fresh_process(program, tmp_path / "cache")
     assert (done.returncode, done.stdout, done.stderr) == (0, printed, "")

@@ -1,4 +1,4 @@
-"""The check of systems accepts ours and names the law that a faulty one breaks."""
+"""Tests that the check of systems accepts our systems, and names the rule that a faulty one breaks."""
 
 import math
 
@@ -29,14 +29,14 @@ EXAMPLES = [
 
 @pytest.mark.slow
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.system.__name__)
-def test_every_system_obeys_the_laws(example):
-    """Those with a continuous state, and programmes of optimisation, are not compiled."""
+def test_every_system_obeys_the_rules(example):
+    """Systems with a continuous state and systems that solve optimization problems are not compiled."""
     laws = check_system(lambda n: example._replace(num_vehicles=n).make())
     assert laws in (ALL, ALL[:-1])
     assert (laws == ALL) == example.is_compiled
 
 
-def made(law, **options):
+def system_with(law, **options):
     """Return the class of a system with the output `y` = law(u) of two rows."""
 
     @fleet_system(float, AutoDiffXd)
@@ -60,7 +60,7 @@ def other_with_derivatives(u):
 
 
 class Plain(LeafSystem):
-    """A system in plain Python whose output is a function of its input (rows, N)."""
+    """System in plain Python whose output is a function of its input (rows, N)."""
 
     def __init__(self, num_vehicles=1, law=np.sin, rows=2):
         super().__init__()
@@ -74,7 +74,7 @@ class Plain(LeafSystem):
 
 
 class Counting(Plain):
-    """A system that remembers in an attribute how often it was asked."""
+    """System whose output depends on the number of its evaluations, which is an attribute."""
 
     def __init__(self, num_vehicles=1):
         self._calls = 0
@@ -86,18 +86,18 @@ class Counting(Plain):
 
 
 def test_systems_of_any_kind_are_checked():
-    assert check_system(made(doubled)) == ALL
+    assert check_system(system_with(doubled)) == ALL
     assert check_system(Plain) == ALL[:4]
 
-    def two_in_a_row(num_vehicles):
+    def two_in_series(num_vehicles):
         builder = DiagramBuilder()
-        first, second = (builder.AddSystem(made(doubled)(num_vehicles=num_vehicles)) for _ in range(2))
+        first, second = (builder.AddSystem(system_with(doubled)(num_vehicles=num_vehicles)) for _ in range(2))
         builder.Connect(first.get_output_port(), second.get_input_port())
         builder.ExportInput(first.get_input_port(), "u")
         builder.ExportOutput(second.get_output_port(), "y")
         return builder.Build()
 
-    assert check_system(two_in_a_row) == ALL
+    assert check_system(two_in_series) == ALL
 
 
 @pytest.mark.parametrize(
@@ -107,12 +107,15 @@ def test_systems_of_any_kind_are_checked():
         (lambda n: Plain(n, rows=n, law=lambda rows: rows[:1].repeat(n, axis=0)), "ports: `y` has 9 .* needs 3"),
         (Counting, "context: `y` differs by .* after other inputs"),
         (lambda n: Plain(n, law=lambda rows: rows - rows.mean(axis=1, keepdims=True)), "vehicles: `y` differs by"),
-        (lambda n: Plain(n, law=lambda rows: rows.T.reshape(2, -1)), "vehicles: `y` differs by .* for vehicle 0 alone"),
-        (made(not_a_number), "numbers: `y` is NaN"),
+        (
+            lambda n: Plain(n, law=lambda rows: rows.T.reshape(2, -1)),
+            "vehicles: `y` differs by .* if vehicle 0 is",
+        ),
+        (system_with(not_a_number), "numbers: `y` is NaN"),
         (lambda n: Plain(n, law=lambda rows: np.where(rows > 0.5, math.nan, rows)), "numbers: `y` is NaN"),
-        (made(other_with_derivatives), "derivatives: `y` differs by .* with AutoDiffXd"),
+        (system_with(other_with_derivatives), "derivatives: `y` differs by .* with AutoDiffXd"),
     ],
 )
-def test_a_system_that_breaks_a_law_is_told_which(make, words):
+def test_the_rule_that_a_system_breaks_is_named(make, words):
     with pytest.raises(AssertionError, match=words):
         check_system(make)

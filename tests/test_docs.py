@@ -1,4 +1,4 @@
-"""README and docs: their code runs, their commands are understood, and what they name is there."""
+"""Tests of README and docs: their code runs, their commands are parsed, and names and links exist."""
 
 import argparse
 import csv
@@ -27,9 +27,9 @@ ROOT = Path(__file__).parent.parent
 GENERATED = (ROOT / "docs" / "controllers", ROOT / "docs" / "replication")
 DOCS = [page for page in sorted((ROOT / "docs").rglob("*.md")) if page.parent not in GENERATED]
 PAGES = [ROOT / "README.md", *DOCS]
-# Whose links and names are checked, but whose commands are not for users.
-AROUND = [ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]
-# Makes the commands of the pages short; a later option stands in for an earlier one.
+# Links and names of these pages are checked, but not their commands, which are not for users.
+OTHER_PAGES = [ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]
+# These options shorten the commands of the pages; a later option replaces an earlier one.
 SHORT = {
     "fly": ["--set", "duration=1"],
     "sensitivities": ["--set", "duration=1"],
@@ -56,7 +56,7 @@ def blocks(language):
 
 @pytest.fixture
 def elsewhere(tmp_path, monkeypatch):
-    """An empty folder that has what the pages speak of."""
+    """Return a folder with the files that the pages mention."""
     for name in ("diagrams", "scripts", "Makefile", "pyproject.toml", "constraints.txt", ".ci", "docs", "tests"):
         (tmp_path / name).symlink_to(ROOT / name)
     monkeypatch.chdir(tmp_path)
@@ -65,7 +65,7 @@ def elsewhere(tmp_path, monkeypatch):
 
 @pytest.fixture
 def few_samples(monkeypatch):
-    """Studies of at most 12 samples, flown by one worker."""
+    """Limit studies to 12 samples and one worker."""
 
     def run_few(scenario, num_samples, **options):
         return run_monte_carlo(scenario, min(num_samples, 12), **{**options, "num_workers": 1})
@@ -76,7 +76,7 @@ def few_samples(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "few_samples")
 @pytest.mark.parametrize("block", blocks("python"))
-def test_every_block_of_python_runs(block, elsewhere, capsys):
+def test_every_python_block_runs(block, elsewhere, capsys):
     (elsewhere / "block.py").write_text(block, encoding="utf-8")
     # This replaces sys.modules["__main__"], where worker processes look up the classes of a block.
     runpy.run_path("block.py", run_name="__main__")
@@ -86,7 +86,7 @@ def test_every_block_of_python_runs(block, elsewhere, capsys):
 
 
 @pytest.mark.parametrize("block", [*blocks("python"), *blocks("yaml")])
-def test_what_a_page_loads_is_found_without_a_checkout(block):
+def test_files_that_a_page_loads_are_found_without_a_checkout(block):
     assert "diagrams/" not in block
 
 
@@ -95,7 +95,7 @@ def test_every_scenario_loads(block, elsewhere):
     path = elsewhere / "mine" / "loop.yaml"
     path.parent.mkdir()
     path.write_text(block, encoding="utf-8")
-    # A vehicle alone is a block, too.
+    # A block can also contain a vehicle only.
     load_undesigned(path)
     if "nominal:" not in block:
         load_scenario(path)
@@ -108,7 +108,7 @@ def test_every_block_of_commands_runs(block, monkeypatch):
     for line in block.splitlines():
         program, *arguments = shlex.split(line, comments=True)
         if program == "make":
-            # Given a Python, it does not try all that are there.
+            # With the path of a Python, the command does not search for installed ones.
             subprocess.run(["make", "--dry-run", "PYTHON=python", *arguments], check=True, capture_output=True)
             continue
         short = [*SHORT.get(Path(arguments[0]).name, []), *(SHORT_FOREST if "forest" in arguments else [])]
@@ -116,7 +116,7 @@ def test_every_block_of_commands_runs(block, monkeypatch):
 
 
 def called(program, arguments, monkeypatch):
-    """Runs a command, or a script of a checkout, in this process."""
+    """Run a command, or a script of the checkout, in this process."""
     monkeypatch.syspath_prepend(ROOT / "scripts")
     if program == "drake-quad":
         monkeypatch.setattr(sys, "argv", [program, *arguments])
@@ -127,12 +127,12 @@ def called(program, arguments, monkeypatch):
         runpy.run_path(arguments[0], run_name="__main__")
 
 
-class UnderstoodError(Exception):
+class ParsedError(Exception):
     pass
 
 
 def commands():
-    """What is called somewhere on a page, the blocks above aside."""
+    """Return the commands in the text of a page, without those in blocks."""
     text = "\n".join(re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL) for page in PAGES)
     tool = r"python scripts/(?:benchmark|development/\w+)\.py[^`\n]*"
     return sorted(set(re.findall(rf"(?:`|^    )({tool}|drake-quad [^`\n]+)", text, re.MULTILINE)))
@@ -140,8 +140,10 @@ def commands():
 
 @pytest.mark.parametrize("command", commands())
 @pytest.mark.usefixtures("elsewhere")
-def test_every_command_is_understood(command, monkeypatch):
-    program, *arguments = shlex.split(command.partition(" > ")[0], comments=True)  # what it prints may go to a file
+def test_every_command_is_parsed(command, monkeypatch):
+    program, *arguments = shlex.split(
+        command.partition(" > ")[0], comments=True
+    )  # the output can be redirected to a file
     if program == "drake-quad" and len(arguments) == 1:
         assert arguments[0] in COMMANDS
         return
@@ -149,19 +151,19 @@ def test_every_command_is_understood(command, monkeypatch):
 
     def parse_only(parser, *arguments):
         found = parse(parser, *arguments)
-        if "command" in found:  # that is only the first word
+        if "command" in found:  # this is only the first word
             return found
-        raise UnderstoodError
+        raise ParsedError
 
     monkeypatch.setattr(argparse.ArgumentParser, "parse_args", parse_only)
-    with pytest.raises(UnderstoodError):
+    with pytest.raises(ParsedError):
         called(program, arguments, monkeypatch)
     for file in re.findall(r" (diagrams/[\w./]+)", command):
         assert Path(file).exists()
 
 
-@pytest.mark.parametrize("page", [*PAGES, *AROUND], ids=lambda page: str(page.relative_to(ROOT)))
-def test_every_path_and_link_leads_somewhere(page):
+@pytest.mark.parametrize("page", [*PAGES, *OTHER_PAGES], ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_path_and_link_exists(page):
     text = page.read_text(encoding="utf-8")
     for path in re.findall(r"`((?:drake_quad|diagrams|scripts|docs|tests)/[\w./-]*)`", text):
         assert (ROOT / path).exists(), path
@@ -172,15 +174,15 @@ def test_every_path_and_link_leads_somewhere(page):
         assert (page.parent / target.partition("#")[0]).exists(), target
 
 
-ALL_TEXT = "\n".join(page.read_text(encoding="utf-8") for page in [*PAGES, *AROUND])
+ALL_TEXT = "\n".join(page.read_text(encoding="utf-8") for page in [*PAGES, *OTHER_PAGES])
 
 
 @pytest.mark.parametrize("name", sorted(set(re.findall(r"`(drake_quad(?:\.\w+)+)`", ALL_TEXT))))
-def test_every_module_and_name_is_there(name):
+def test_every_module_and_name_exists(name):
     assert pydoc.locate(name) is not None
 
 
-def test_every_target_of_make_is_there():
+def test_every_target_of_make_exists():
     targets = re.search(r"^\.PHONY: (.*)$", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)[1].split()
     assert set(re.findall(r"(?:^ *|`)make (\w+)", ALL_TEXT, re.MULTILINE)) <= set(targets)
 
@@ -192,7 +194,7 @@ def test_every_environment_variable_is_read():
 
 
 @pytest.mark.parametrize("folder", GENERATED, ids=lambda folder: folder.name)
-def test_both_forms_of_a_report_say_the_same(folder):
+def test_both_forms_of_a_report_agree(folder):
     text = (folder / "report.md").read_text(encoding="utf-8")
     assert (folder / "report.html").read_text(encoding="utf-8") == as_html(text, folder)
 
@@ -201,18 +203,18 @@ def test_both_forms_of_a_report_say_the_same(folder):
 LISTED = [page.relative_to(ROOT / "docs") for page in DOCS if page.parent.name not in ("docs", "api")]
 
 
-def test_every_page_is_reached_from_the_readme():
+def test_every_page_is_linked_from_the_readme():
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     assert {str(page) for page in LISTED} <= set(re.findall(r"\(docs/([^)#]+)\)", readme))
 
 
-def test_every_page_is_reached_from_the_index():
+def test_every_page_is_linked_from_the_index():
     index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
     assert {str(page.with_suffix("")) for page in LISTED} <= set(index.split())
 
 
 def row_of(system):
-    """The cells of a system on the page of systems: in each, names, and the number of rows where one follows."""
+    """Return the cells of a system on the page of systems: names, with numbers of rows if they are given."""
     page = (ROOT / "docs" / "reference" / "systems.md").read_text(encoding="utf-8")
     cells = re.search(rf"^\| `{system.__name__}` \|(.*)\|(.*)\|(.*)\|(.*)\|$", page, re.MULTILINE).groups()
     return [re.findall(r"`([\w.]+)`(?: (\d+))?", cell) for cell in cells]
@@ -233,7 +235,7 @@ def test_the_page_of_systems_has_the_ports_of_each(documented, make):
 
 @pytest.mark.parametrize("system", dict.fromkeys(each.system for each in FLEET_SYSTEMS), ids=lambda each: each.__name__)
 def test_the_page_of_systems_has_the_parameters_and_states_of_each(system):
-    """All that any of the examples has; which of them depends on the structure."""
+    """The page lists the parameters and states of all examples; their presence depends on the structure."""
     _, _, parameters, states = row_of(system)
     made = [example.make() for example in FLEET_SYSTEMS if example.system is system]
     for said, groups in (
@@ -246,7 +248,7 @@ def test_the_page_of_systems_has_the_parameters_and_states_of_each(system):
             assert not rows or sizes == {int(rows)}, name
 
 
-def test_the_page_of_systems_has_what_policies_see():
+def test_the_page_of_systems_has_the_observations_of_policies():
     page = (ROOT / "docs" / "reference" / "systems.md").read_text(encoding="utf-8")
     table = page.partition("| signal | rows | what it is |")[2].partition("\n\n")[0]
     found = re.findall(r"^\| `(\w+)` \| (\d*) \| (.+) \|$", table, re.MULTILINE)
@@ -261,7 +263,7 @@ def test_the_page_of_systems_has_the_signals():
         for names, rows, fields in re.findall(r"^\| (`.*?) \| (.*?) \| (.*) \|$", table, re.MULTILINE)
         for name in re.findall(r"`(\w+)`", names)
     }
-    # What passes between the parts of one diagram; and sensors, which are on the page of the language.
+    # Internal signals of a diagram are left out, and so are sensors, which the page of the language lists.
     assert SIGNALS.keys() - said.keys() - SENSORS.members.keys() == {
         "feed_forward",
         "thrust",
@@ -276,7 +278,7 @@ def test_the_page_of_systems_has_the_signals():
             assert set(re.findall(r"`(\w+)`", fields)) <= set(SIGNALS[name]._fields), name
 
 
-def test_the_page_of_systems_has_them_all():
+def test_the_page_of_systems_lists_all_systems():
     block = ".. pydrake_system::\n"
     found = [path.read_text(encoding="utf-8").count(block) for path in (ROOT / "drake_quad").rglob("*.py")]
     assert sum(found) == len({documented for documented, _ in SYSTEMS})

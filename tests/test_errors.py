@@ -1,4 +1,4 @@
-"""What a person sees of what was written."""
+"""Tests of error messages and their parts."""
 
 import pickle
 
@@ -15,12 +15,12 @@ def test_a_message_is_on_one_line_and_can_be_printed(text):
     assert message.encode("utf-8").endswith(b" is wrong")
 
 
-def test_what_can_be_printed_stays_as_it_is():
+def test_printable_text_does_not_change():
     sentence = "vehicle.mass is -1 kg m², but must be larger than 0 – 'größer'"
     assert str(InputError(sentence)) == sentence
 
 
-def test_of_a_long_message_both_ends_are_left():
+def test_the_middle_of_a_long_message_is_left_out():
     message = str(InputError(f"beginning {'x' * 10_000} end"))
     assert len(message) == 400
     assert message.startswith("beginning xxx")
@@ -35,14 +35,14 @@ def test_long_values_texts_and_lists_are_shortened():
     assert listed([f"n{i}" for i in range(10)]).endswith("n7, and 2 more")
 
 
-def test_a_message_comes_out_of_a_worker_process_as_it_went_in():
+def test_a_message_survives_pickling():
     error = InputError("a\nb is 1\\2")
     assert str(pickle.loads(pickle.dumps(error))) == str(error)
 
 
 @pytest.mark.parametrize("value", [3, np.int64(3), 5])
-def test_whole_numbers_within_their_bounds_are_taken(value):
-    assert whole_number(value, "count", least=3, most=5) == value
+def test_whole_numbers_within_their_bounds_are_accepted(value):
+    assert whole_number(value, "count", minimum=3, maximum=5) == value
 
 
 @pytest.mark.parametrize(
@@ -57,4 +57,4 @@ def test_whole_numbers_within_their_bounds_are_taken(value):
 )
 def test_other_numbers_are_refused(value, most, words):
     with pytest.raises(InputError, match=f"^{words}$"):
-        whole_number(value, "count", least=3, most=most)
+        whole_number(value, "count", minimum=3, maximum=most)

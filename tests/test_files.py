@@ -1,4 +1,4 @@
-"""Folders that cannot be written, and arrays that cannot be read, are reported in one sentence."""
+"""Tests of writing files and of the errors of folders and arrays."""
 
 import io
 import threading
@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError
-from drake_quad.files import output_folder, read_arrays, write_text, write_whole
+from drake_quad.files import output_folder, read_arrays, write_atomically, write_text
 
 
 @pytest.mark.parametrize("name", ["a\0b", "x" * 5000, "a\nb/" + "x" * 300])
-def test_a_folder_that_cannot_be_named_so_is_refused(tmp_path, name):
+def test_a_folder_with_an_invalid_name_is_refused(tmp_path, name):
     with pytest.raises(InputError, match="^the output folder .* cannot be written: .") as caught:
         output_folder(tmp_path / name)
     assert str(caught.value).isprintable()
@@ -27,7 +27,7 @@ def test_a_folder_below_a_file_is_refused(tmp_path):
         output_folder(Path(tmp_path / "file" / "folder"))
 
 
-def test_threads_that_write_one_file_leave_one_of_them_whole(tmp_path):
+def test_threads_that_write_the_same_file_leave_a_complete_one(tmp_path):
     gate = threading.Barrier(2)
 
     def write(text):
@@ -36,7 +36,7 @@ def test_threads_that_write_one_file_leave_one_of_them_whole(tmp_path):
             gate.wait(10.0)
             path.write_text(text)
 
-        write_whole(tmp_path / "file.txt", fill)
+        write_atomically(tmp_path / "file.txt", fill)
 
     texts = ["one" * 1000, "two" * 1000]
     threads = [threading.Thread(target=write, args=(text,)) for text in texts]
@@ -73,7 +73,7 @@ def headed(shape, kind="'<f8'"):
 ARRAY = npy(np.arange(3.0))
 
 
-def test_arrays_come_back_by_name():
+def test_arrays_are_read_by_name():
     arrays = read_arrays(npz(("a.npy", ARRAY), ("b.npy", npy(np.array("word")))))
     assert [*arrays] == ["a", "b"]
     np.testing.assert_array_equal(arrays["a"], [0.0, 1.0, 2.0])
@@ -91,7 +91,7 @@ def test_arrays_come_back_by_name():
         (
             npz(("a.npy", headed("(3L,)"))),
             "is not an .npz file of arrays",
-        ),  # Python 2 wrote this, and NumPy warns of it
+        ),  # Python 2 wrote this header, for which NumPy emits a warning
         (npz(("a.npy", npy(np.array([object()])))), "is not an .npz file of arrays"),
         (npz(("a.npy", ARRAY), ("a.npy", ARRAY)), "has two arrays of the name 'a'"),
         (npz(("a.npy", ARRAY), ("a", ARRAY)), "has two arrays of the name 'a'"),
@@ -104,7 +104,7 @@ def test_arrays_that_cannot_be_read_are_reported_in_one_sentence(file, words):
         read_arrays(file, max_bytes=800)
 
 
-def test_a_file_that_cannot_be_written_whole_stays_as_it_was(tmp_path):
+def test_a_failed_write_does_not_change_the_file(tmp_path):
     path = write_text(tmp_path / "kept.txt", "before")
 
     def half(target):
@@ -112,6 +112,6 @@ def test_a_file_that_cannot_be_written_whole_stays_as_it_was(tmp_path):
         raise OSError("the disk is full")
 
     with pytest.raises(OSError, match="the disk is full"):
-        write_whole(path, half)
+        write_atomically(path, half)
     assert [file.name for file in tmp_path.iterdir()] == ["kept.txt"]
     assert path.read_text(encoding="utf-8") == "before"

@@ -1,4 +1,4 @@
-"""What is loaded when: nobody waits for a library that nobody uses."""
+"""Tests that libraries are imported only when they are used."""
 
 import ast
 import importlib
@@ -11,17 +11,17 @@ import pytest
 import drake_quad
 
 ROOT = Path(__file__).parent.parent
-SELDOM = [
+OPTIONAL = [
     *("control", "markdown", "matplotlib", "tqdm"),
     *(f"scipy.{part}" for part in ("integrate", "interpolate", "linalg", "optimize", "signal", "spatial", "stats")),
 ]
-HEAVY = [*SELDOM, "llvmlite", "numpy", "pydantic", "pydrake", "ruamel.yaml", "scipy"]
-# Intervals of all kinds, as a study prints and draws them.
+HEAVY = [*OPTIONAL, "llvmlite", "numpy", "pydantic", "pydrake", "ruamel.yaml", "scipy"]
+# All kinds of intervals that a study prints and draws.
 INTERVALS = (
     "import numpy as np; from drake_quad.statistics.estimates import *; x = np.arange(9.0); mean_interval(x);"
     "quantile_interval(x, 0.5); rank_correlation(x, -x); running_mean(x); two_sided_sign_test(2, 3)"
 )
-# What a flight needs besides: the banded matrices of its plan.
+# A flight also needs banded matrices for its plan.
 FLIGHT = "from drake_quad import load_scenario, simulate; simulate(load_scenario('diagrams/figure_eight.yaml'))"
 
 
@@ -30,10 +30,10 @@ FLIGHT = "from drake_quad import load_scenario, simulate; simulate(load_scenario
 STATEMENTS = [
     ("import drake_quad", [], HEAVY),
     ("from drake_quad import InputError", [], HEAVY),
-    ("from drake_quad import load_scenario", ["pydantic"], SELDOM),
-    ("from drake_quad import *", ["drake_quad.studies.study"], SELDOM),
-    ("from drake_quad.command_line import fly, study", ["drake_quad.command_line.options"], SELDOM),
-    (FLIGHT, ["scipy.linalg"], [name for name in SELDOM if name != "scipy.linalg"]),
+    ("from drake_quad import load_scenario", ["pydantic"], OPTIONAL),
+    ("from drake_quad import *", ["drake_quad.studies.study"], OPTIONAL),
+    ("from drake_quad.command_line import fly, study", ["drake_quad.command_line.options"], OPTIONAL),
+    (FLIGHT, ["scipy.linalg"], [name for name in OPTIONAL if name != "scipy.linalg"]),
     (INTERVALS, ["scipy.special"], ["scipy.stats"]),
     ("from drake_quad.visualization import plots, study_plots", ["matplotlib"], ["scipy.spatial", "scipy.stats"]),
 ]
@@ -41,7 +41,7 @@ STATEMENTS = [
 
 @pytest.fixture(scope="module")
 def loaded():
-    """The modules that a new process has loaded after each of the statements."""
+    """Return the modules that a new process has loaded after each of the statements."""
     command = "import sys\n" + "\n".join(f"{statement}\nprint(*sys.modules)" for statement, _, _ in STATEMENTS)
     printed = subprocess.run([sys.executable, "-c", command], cwd=ROOT, check=True, capture_output=True, text=True)
     return [{*line.split()} for line in printed.stdout.splitlines()]
@@ -49,7 +49,7 @@ def loaded():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("place", range(len(STATEMENTS)))
-def test_nothing_loads_a_library_that_it_does_not_use(loaded, place):
+def test_only_libraries_that_are_used_are_loaded(loaded, place):
     _, wanted, absent = STATEMENTS[place]
     assert {*wanted} <= loaded[place]
     assert not {*absent} & loaded[place]
@@ -64,6 +64,6 @@ def test_the_package_has_the_names_that_type_checkers_see():
         assert getattr(drake_quad, name) is getattr(importlib.import_module(module), name)
 
 
-def test_a_name_that_the_package_has_not_is_an_attribute_error():
+def test_an_unknown_name_of_the_package_is_an_attribute_error():
     with pytest.raises(AttributeError, match="drake_quad attribute simulat"):
         drake_quad.simulat  # noqa: B018

@@ -1,4 +1,4 @@
-"""Fleets that do not fit into memory are refused before anything is drawn or built."""
+"""Tests that fleets that do not fit into memory are refused before anything is drawn or built."""
 
 import pytest
 
@@ -33,7 +33,7 @@ def test_a_batch_is_no_larger_than_the_study(monkeypatch):
 
 
 @pytest.mark.parametrize(("limit", "available"), [("max", 3e9), ("2000000\n", 2e6), (None, 3e9)])
-def test_the_least_of_what_the_machine_and_the_container_have_is_available(tmp_path, monkeypatch, limit, available):
+def test_available_memory_is_the_minimum_of_machine_and_container(tmp_path, monkeypatch, limit, available):
     info = tmp_path / "meminfo"
     info.write_text("MemTotal:       9000000 kB\nMemAvailable:    2929687 kB\nBuffers: 0 kB\n", encoding="utf-8")
     monkeypatch.setattr(memory, "_MEMORY_INFO", info)
@@ -43,7 +43,7 @@ def test_the_least_of_what_the_machine_and_the_container_have_is_available(tmp_p
     assert memory.available_memory() == pytest.approx(available, rel=1e-6)
 
 
-def test_a_unix_without_meminfo_has_its_physical_memory(tmp_path, monkeypatch):
+def test_without_meminfo_the_physical_memory_is_available(tmp_path, monkeypatch):
     for name in ("_MEMORY_INFO", "_CONTAINER_LIMIT"):
         monkeypatch.setattr(memory, name, tmp_path / "missing")
     monkeypatch.setattr(memory.os, "sysconf_names", {"SC_PHYS_PAGES": 1, "SC_PAGE_SIZE": 2})
@@ -53,7 +53,7 @@ def test_a_unix_without_meminfo_has_its_physical_memory(tmp_path, monkeypatch):
     assert memory.available_memory() is None
 
 
-def test_a_system_that_does_not_tell_refuses_nothing(monkeypatch):
+def test_without_a_reported_memory_every_fleet_is_accepted(monkeypatch):
     monkeypatch.setattr(memory, "available_memory", lambda: None)
     memory.check_fleet_fits(BILLION, "num_envs")
 

@@ -1,4 +1,4 @@
-"""Rows have names: nothing counts the rows of a signal, of a record of parameters or of sums."""
+"""Tests that the code accesses rows of signals and records by name, not by number."""
 
 import ast
 from collections.abc import Iterator
@@ -8,7 +8,7 @@ import pytest
 
 from drake_quad.signals import SIGNALS
 
-# Where formulas, laws and metrics stand: there is no integer index here at all.
+# Folders of formulas and metrics, in which no integer index is allowed.
 FORMULAS = ("geometry", "vehicle", "control", "laboratory", "signals.py")
 
 
@@ -18,7 +18,7 @@ def files(root: Path, *places: str) -> list[Path]:
 
 
 def integer_indices(tree: ast.AST) -> Iterator[ast.Subscript]:
-    """The places where something is taken by its number, or by a range of numbers."""
+    """Return the positions of indices and slices with whole numbers."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Subscript):
             numbers = (part.value for part in ast.walk(node.slice) if isinstance(part, ast.Constant))
@@ -27,7 +27,7 @@ def integer_indices(tree: ast.AST) -> Iterator[ast.Subscript]:
 
 
 def is_signal(node: ast.AST) -> bool:
-    """Is it a signal of a flight, as in `flight["state"]`, or a record of one, or metrics?"""
+    """Return whether a node is a signal of a flight, as in `flight["state"]`, a record of one, or metrics."""
     if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant):
         return node.slice.value in SIGNALS
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
@@ -35,7 +35,7 @@ def is_signal(node: ast.AST) -> bool:
     return isinstance(node, ast.Attribute) and node.attr in ("metrics", *SIGNALS)
 
 
-def test_formulas_laws_and_metrics_take_rows_by_their_names(root):
+def test_formulas_and_metrics_access_rows_by_name(root):
     found = [
         f"{file}:{node.lineno}: {ast.unparse(node)}"
         for file in files(root, *FORMULAS)
@@ -45,7 +45,7 @@ def test_formulas_laws_and_metrics_take_rows_by_their_names(root):
 
 
 def counted_states(tree: ast.AST) -> Iterator[ast.Subscript]:
-    """The places where rows of a state, or of a signal of a flight, are taken by their numbers."""
+    """Return the positions at which rows of a state, or of a signal of a flight, are accessed by number."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name):
             first = node.slice.elts[0] if isinstance(node.slice, ast.Tuple) else node.slice
@@ -55,7 +55,7 @@ def counted_states(tree: ast.AST) -> Iterator[ast.Subscript]:
                 yield node
 
 
-def test_identification_takes_rows_of_states_by_their_names(root):
+def test_identification_accesses_rows_of_states_by_name(root):
     found = [
         f"{file}:{node.lineno}: {ast.unparse(node)}"
         for file in files(root, "identification")
@@ -69,12 +69,12 @@ def test_identification_takes_rows_of_states_by_their_names(root):
 @pytest.mark.parametrize(
     ("text", "counts"), [("state[5:2:-1]", 1), ("state[3, w]", 1), ("state[:, 1:]", 0), ("state[row : row + 3]", 0)]
 )
-def test_a_row_of_a_state_is_found(text, counts):
+def test_an_index_of_a_state_is_found(text, counts):
     assert len([*counted_states(ast.parse(text))]) == counts
 
 
 @pytest.mark.slow
-def test_what_reads_flights_takes_rows_by_their_names(root):
+def test_code_that_reads_flights_accesses_rows_by_name(root):
     found = [
         f"{file}:{node.lineno}: {ast.unparse(node)}"
         for file in [*files(root, "."), *sorted((root / "scripts").rglob("*.py"))]
@@ -101,6 +101,6 @@ def test_an_integer_index_is_found(text, counts):
 
 
 @pytest.mark.parametrize("text", ["flight['state'][:, 0:3]", "flight.record('state')[2]", "study.metrics[0]"])
-def test_a_count_of_a_flight_s_rows_is_found(text):
+def test_an_index_of_a_flights_rows_is_found(text):
     (node,) = integer_indices(ast.parse(text))
     assert is_signal(node.value)

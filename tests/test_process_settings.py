@@ -6,7 +6,7 @@ import pytest
 from drake_quad.process_settings import without_drake_remarks, without_garbage_collection
 
 
-def test_drake_s_remarks_are_hidden_until_the_last_user_has_left():
+def test_drakes_remarks_are_hidden_until_the_last_user_leaves():
     logger = logging.getLogger("drake")
     before = logger.level
     logger.setLevel(logging.INFO)
@@ -21,7 +21,7 @@ def test_drake_s_remarks_are_hidden_until_the_last_user_has_left():
 
 
 @pytest.mark.parametrize("enabled", [True, False])
-def test_the_garbage_collector_pauses_and_goes_on_as_before(enabled):
+def test_the_garbage_collector_is_paused_and_restored(enabled):
     before = gc.isenabled()
     (gc.enable if enabled else gc.disable)()
     try:

@@ -1,4 +1,4 @@
-"""The scripts that users read and change, each run as a newcomer runs it, and the tools of development."""
+"""Tests of the scripts for users, which are run as a newcomer runs them, and of development tools."""
 
 import ast
 import re
@@ -30,14 +30,14 @@ tools = pytest.mark.parametrize("tool", TOOLS, ids=lambda path: path.stem)
 
 
 @scripts
-def test_a_script_is_short_and_begins_with_its_purpose(script):
+def test_a_script_is_short_and_starts_with_its_purpose(script):
     text = script.read_text(encoding="utf-8")
     assert len(text.splitlines()) <= MAX_LINES
     purpose, _, _ = ast.get_docstring(ast.parse(text)).partition("\n")
     assert purpose.endswith(".")
 
 
-def test_the_table_of_the_scripts_has_each_of_them_with_its_purpose():
+def test_the_table_of_scripts_lists_each_with_its_purpose():
     table = dict(
         re.findall(r"^\| \[`(\w+\.py)`\]\(\1\) \| (.+) \|$", (ROOT / "scripts" / "README.md").read_text(), re.M)
     )
@@ -46,7 +46,7 @@ def test_the_table_of_the_scripts_has_each_of_them_with_its_purpose():
 
 
 @tools
-def test_help_of_a_tool_ends_in_an_example_of_itself(run, tool):
+def test_the_help_of_a_tool_ends_with_an_example(run, tool):
     result = run(tool.name, "--help")
     assert (result.returncode, result.stderr) == (0, "")
     example = re.search(r"example: python (\S+)", result.stdout.strip().splitlines()[-1])
@@ -54,14 +54,14 @@ def test_help_of_a_tool_ends_in_an_example_of_itself(run, tool):
 
 
 @tools
-def test_a_tool_imports_nothing_that_takes_long_before_it_can_be_interrupted(tool):
-    """Python's own modules come first, then the one that handles an interruption, or one that imports that first."""
+def test_a_tool_handles_interruptions_before_slow_imports(tool):
+    """After the standard library, the first import handles interruptions, or imports that module first."""
     imports = re.findall(r"^(?:import|from) ([\w.]+)", tool.read_text(encoding="utf-8"), re.MULTILINE)
     others = [name for name in imports if name.partition(".")[0] not in sys.stdlib_module_names]
     assert others[0] in ("drake_quad.command_line.running", "benchmark")
 
 
-def test_commands_import_first_what_handles_an_interruption():
+def test_commands_import_the_handler_of_interruptions_first():
     text = (ROOT / "drake_quad" / "command_line" / "running.py").read_text(encoding="utf-8")
     imports = re.findall(r"^(?:import|from) ([\w.]+)", text, re.MULTILINE)
     others = [name for name in imports if name.partition(".")[0] not in sys.stdlib_module_names]
@@ -70,7 +70,7 @@ def test_commands_import_first_what_handles_an_interruption():
 
 @pytest.fixture
 def printed(tmp_path, monkeypatch, capsys):
-    """A function that runs a script in an empty folder, and returns what it prints and its global variables."""
+    """Return a function that runs a script in an empty folder, and returns its output and global variables."""
     monkeypatch.chdir(tmp_path)
 
     def call(name):
@@ -87,10 +87,10 @@ def numbers(pattern, text):
 
 
 @pytest.mark.slow
-def test_the_figure_eight_is_flown_as_by_simulate_and_recorded(printed, tmp_path):
+def test_the_script_of_the_figure_eight_has_the_flight_of_simulate(printed, tmp_path):
     text, found = printed("fly_figure_eight.py")
     rmse, largest = numbers("RMSE # cm, largest error # cm", text)
-    # The logs have other instants than the metrics, which begin after a second.
+    # The times of the logs differ from those of the metrics, which start after a second.
     flight = simulate(found["scenario"], compiled=True)
     assert rmse == pytest.approx(100.0 * flight.metrics.rmse, rel=0.05)
     assert largest == pytest.approx(100.0 * flight.metrics.peak_error, rel=0.05)
@@ -98,7 +98,7 @@ def test_the_figure_eight_is_flown_as_by_simulate_and_recorded(printed, tmp_path
 
 
 @pytest.mark.slow
-def test_a_diagram_of_ones_own_blocks_flies_as_its_gains_say_in_a_scenario(printed, tmp_path):
+def test_a_diagram_of_own_blocks_flies_like_a_scenario_with_its_gains(printed, tmp_path):
     text, _ = printed("build_diagram.py")
     (rmse,) = numbers("RMSE # cm in low wind", text)
     attitude = {"kind": "pd", "k_p": [25.0, 25.0, 5.0], "k_d": [8.0, 8.0, 3.5]}
@@ -112,21 +112,21 @@ def test_a_diagram_of_ones_own_blocks_flies_as_its_gains_say_in_a_scenario(print
 
 
 @pytest.mark.slow
-def test_pd_gains_have_the_damping_that_is_asked_for_and_fly_like_their_linear_model(printed):
+def test_pd_gains_have_the_requested_damping_and_fly_like_their_linear_model(printed):
     text, found = printed("design_pd_gains.py")
     k_p, k_d = numbers("attitude: k_p # 1/s², k_d # 1/s", text)
     assert k_d == pytest.approx(2.0 * 0.8 * np.sqrt(k_p), abs=0.01)
     poles = found["poles"]
     ratios = -poles.real / np.abs(poles)
-    assert 0.5 < ratios.min() < 0.51  # the fastest attitude that has it
-    # A large signal would differ: half a metre tilts the vehicle by 5 degrees.
+    assert 0.5 < ratios.min() < 0.51  # the fastest attitude loop with this damping
+    # The amplitude is small, since half a metre already tilts the vehicle by 5 degrees.
     np.testing.assert_allclose(found["log"].data()[0], found["linear"], atol=0.01)
     assert abs(found["linear"][0] + 0.5) < 1e-9
     assert abs(found["linear"][-1]) < 0.01
 
 
 class PlanarRegulator(LeafSystem):
-    """The regulator of the script for N vehicles, from their states to the speeds of their rotors."""
+    """Regulator of the script for N vehicles, from their states to their rotor speeds."""
 
     def __init__(self, gains, vehicle, num_vehicles):
         super().__init__()
@@ -140,7 +140,7 @@ class PlanarRegulator(LeafSystem):
         each = vehicle.mass * (vehicle.gravity + up) / 4.0
         pair = vehicle.inertia[1] * turn / (2.0 * vehicle.arm_length)
         forces = np.array([each - pair, each, each + pair, each])
-        assert (forces > vehicle.thrust_factor * vehicle.min_rotor_speed**2).all()  # no rotor saturates
+        assert (forces > vehicle.thrust_factor * vehicle.min_rotor_speed**2).all()  # rotors do not saturate
         assert (forces < vehicle.thrust_factor * vehicle.max_rotor_speed**2).all()
         output.SetFromVector(np.sqrt(forces / vehicle.thrust_factor).ravel())
 
@@ -171,7 +171,7 @@ def test_a_region_of_attraction_is_certified_and_holds_in_the_scenarios_vehicle(
         e = np.array([x, z, np.sin(theta), v_x, v_z, q])
         return np.sum(e * (S @ e), axis=0) + S[2, 2] * (1.0 - np.cos(theta)) ** 2
 
-    # Random directions, in which the boundary is found by bisection.
+    # The boundary is found by bisection along random directions.
     random = np.random.default_rng(5)
     ways = np.linalg.cholesky(np.linalg.inv(S)) @ random.normal(size=(6, 20_000))
     low, high = np.zeros(ways.shape[1]), 0.5 * np.pi / np.abs(ways[2])
@@ -184,7 +184,7 @@ def test_a_region_of_attraction_is_certified_and_holds_in_the_scenarios_vehicle(
     states = starts * random.uniform(0.0, 1.0, starts.shape[1]) ** (1.0 / 6.0)
 
     def flow(state):
-        """The planar vehicle, in its plain form."""
+        """Return the time derivative of the planar vehicle."""
         x, z, theta, v_x, v_z, q = state
         up, turn = -K @ np.array([x, z, np.sin(theta), v_x, v_z, q])
         return np.array([v_x, v_z, q, (g + up) * np.sin(theta), (g + up) * np.cos(theta) - g, turn])
@@ -192,7 +192,7 @@ def test_a_region_of_attraction_is_certified_and_holds_in_the_scenarios_vehicle(
     step = 1e-6
     rate = (value(*(states + step * flow(states))) - value(*(states - step * flow(states)))) / (2.0 * step)
     assert (rate < 0.0).all()
-    # The polynomial of the certificate is this rate.
+    # The polynomial of the certificate equals this rate.
     x, z, theta, v_x, v_z, q = states
     points = np.array([x, z, np.sin(theta), v_x, v_z, q, 1.0 - np.cos(theta)])
     polynomial = Polynomial(found["decrease"]).EvaluateIndeterminates(found["y"], points)
@@ -214,7 +214,7 @@ def test_a_region_of_attraction_is_certified_and_holds_in_the_scenarios_vehicle(
     simulator.AdvanceTo(6.0)
     flown = logger.FindLog(simulator.get_context()).data().reshape(12, num_vehicles, -1)
     for rows in flown[[1, 3, 5]]:
-        np.testing.assert_allclose(rows, 0.0, atol=1e-6)  # in the plane
+        np.testing.assert_allclose(rows, 0.0, atol=1e-6)  # the motion stays in the plane
     state = State(*flown)
     e = deviation(flown.ravel())
     values = np.sum(e * (S @ e), axis=0).reshape(num_vehicles, -1) + S[2, 2] * (1.0 - np.cos(state.pitch)) ** 2
@@ -224,7 +224,7 @@ def test_a_region_of_attraction_is_certified_and_holds_in_the_scenarios_vehicle(
 
 
 @pytest.mark.slow
-def test_a_study_finds_crashes_and_flies_its_worst_sample_again(printed, tmp_path):
+def test_a_study_finds_crashes_and_repeats_its_worst_sample(printed, tmp_path):
     text, _ = printed("monte_carlo_study.py")
     rmse, low, high = numbers(r"RMSE: # cm \[#, #\] of those", text)
     assert 3.0 < low < rmse < high < 5.0
@@ -247,13 +247,13 @@ def test_the_network_halves_the_error_of_the_pd_in_low_wind(printed, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_programme_plans_through_gates_within_its_speed_and_the_plan_is_flown(printed, tmp_path):
+def test_a_program_plans_through_gates_within_its_speed_and_the_plan_is_flown(printed, tmp_path):
     text, found = printed("plan_with_mathematical_program.py")
     assert numbers("flown with an RMSE of # cm", text)[0] < 4.0
     plan, spline = found["plan"], found["spline"]
     times = np.linspace(0.0, found["DURATION"], 500)
     path, velocity = (plan.derivative(order).vector_values(times) for order in (0, 1))
-    # The plan is the spline, to rounding.
+    # The plan equals the spline up to rounding.
     np.testing.assert_allclose(path, np.hstack([spline.value(time) for time in times]), atol=1e-9)
     assert np.abs(velocity).max() < found["MAX_SPEED"]
     assert numbers("the fastest is # m/s", text)[0] == pytest.approx(np.linalg.norm(velocity, axis=0).max(), abs=0.02)
@@ -268,15 +268,15 @@ def test_a_programme_plans_through_gates_within_its_speed_and_the_plan_is_flown(
 
 
 @pytest.mark.slow
-def test_a_controller_of_ones_own_is_flown_beside_the_scenarios(printed):
-    """Both are a little more than a centimetre off."""
+def test_an_own_controller_is_compared_with_that_of_the_scenario(printed):
+    """Both errors are slightly more than a centimetre."""
     text, _ = printed("sliding_mode_controller.py")
     (pd,), (own,) = numbers("RMSE, pd: # cm", text), numbers("RMSE, sliding mode: # cm", text)
     assert (pd, own) == (pytest.approx(1.33, abs=0.05), pytest.approx(1.58, abs=0.05))
 
 
 @pytest.mark.slow
-def test_a_drone_of_a_data_sheet_has_margins_and_flies(printed, tmp_path):
+def test_a_drone_from_a_data_sheet_has_margins_and_flies(printed, tmp_path):
     text, _ = printed("design_from_data_sheet.py")
     margins = re.findall(r"^(\w+): (\d+)°, (\S+) dB, (\d+) ms$", text, re.MULTILINE)
     assert {axis for axis, *_ in margins} == {"roll", "pitch", "yaw", "x", "y", "z"}
@@ -284,7 +284,7 @@ def test_a_drone_of_a_data_sheet_has_margins_and_flies(printed, tmp_path):
         assert float(phase) >= 45
         assert float(gain) >= 6.0
         assert float(delay) >= 40.0
-    # Four rotors of 7.6 N at full speed carry 1.05 kg of 9.81 m/s² at 58 % of it.
+    # Four rotors with 7.6 N each at full speed carry 1.05 kg at 58 % of this speed.
     hover, rmse = re.search(r"hovers at (\d+) % .* RMSE of (\S+) cm", text).groups()
     assert int(hover) == round(100 * (1.05 * 9.81 / (4 * 7.6)) ** 0.5)
     assert 5.0 < float(rmse) < 40.0
@@ -296,7 +296,7 @@ def test_a_drone_of_a_data_sheet_has_margins_and_flies(printed, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_regulator_of_ones_own_is_flown_beside_the_built_in_controller(printed):
+def test_an_own_regulator_is_compared_with_the_built_in_controller(printed):
     text, _ = printed("lqr_with_kalman_filter.py")
     own, low, high = numbers(r"RMSE, LQR: # cm \[#, #\]", text)
     assert 4.0 < low < own < high < 5.0
@@ -318,11 +318,11 @@ def test_a_time_varying_regulator_of_drake_brings_the_vehicle_to_its_trajectory(
 
 
 @pytest.mark.slow
-def test_an_identified_vehicle_predicts_its_log_and_flies_it_again(printed, tmp_path):
+def test_an_identified_vehicle_predicts_and_repeats_its_log(printed, tmp_path):
     text, _ = printed("identify_crazyflie.py")
     number = r"(\S+)"
     low, high = map(float, re.search(rf"rotor_time_constant: \S+ s \[{number}, {number}\]", text).groups())
-    # By another method, of other flights: 72 ms and, with another delay, 65 ms; all of this log says 54 ms.
+    # Another method found 72 ms from other flights, and 65 ms with another delay. The whole log gives 54 ms.
     assert low < 0.054 < high < 0.072
     ahead = re.findall(
         rf"after {number} s: {number} cm \[{number}, {number}\] off, {number} % \[{number}, {number}\]", text
@@ -334,9 +334,9 @@ def test_an_identified_vehicle_predicts_its_log_and_flies_it_again(printed, tmp_
     median, least, crashes = re.search(
         rf"again {number} cm in the median, at least {number} cm; {number} crash", text
     ).groups()
-    assert flown == 3.58  # as the page on real flights has it
+    assert flown == 3.58  # the page on real flights has the same numbers
     assert float(least) < flown
-    # The scenario sees the true velocity, and about half of the error that was flown is that of the estimated one.
+    # The scenario uses the true velocity. About half of the flown error is due to the estimated velocity.
     assert 1.7 < float(median) < 2.4
     assert int(crashes) < 10
     assert distributions_in(load_undesigned(tmp_path / "out" / "identified.yaml"))

@@ -1,4 +1,4 @@
-"""Every system: its port block tells the truth, a copy is like the original, and a context is reset to any numbers."""
+"""Tests of every system: the port block of its docstring, scalar conversion, and resets of contexts."""
 
 import gc
 import importlib
@@ -34,7 +34,7 @@ examples = pytest.mark.parametrize("example", FLEET_SYSTEMS, ids=lambda example:
 
 
 def fleet_systems_of_the_package():
-    """All classes that `fleet_system` made, in all modules."""
+    """Return all classes with the decorator `fleet_system`, in all modules."""
     modules = pkgutil.walk_packages(drake_quad.__path__, "drake_quad.")
     found = [
         value
@@ -46,7 +46,7 @@ def fleet_systems_of_the_package():
 
 
 def contents(module):
-    """What is in a module; nothing of one that needs a library which tests do not install, and says so."""
+    """Return the contents of a module; none if it needs an optional library that is not installed."""
     try:
         return vars(importlib.import_module(module)).values()
     except ImportError as error:
@@ -54,13 +54,13 @@ def contents(module):
         return ()
 
 
-def test_the_table_has_every_system():
+def test_the_table_lists_every_system():
     assert {example.system for example in FLEET_SYSTEMS} == fleet_systems_of_the_package()
     assert {example.system for example in FLEET_SYSTEMS if example.whole} == fleet_systems_of_the_package()
 
 
 def documented_ports(docstring):
-    """The names in the port block of a docstring, by direction."""
+    """Return the names in the port block of a docstring, by direction."""
     block = docstring.split(".. pydrake_system::")[1]
     ports = {}
     for direction in ("input", "output"):
@@ -99,7 +99,7 @@ def test_a_diagram_has_the_name_in_its_port_block(documented, make):
 
 
 def elements_of(context):
-    """The elements of all numeric parameters and states of a context."""
+    """Return the elements of all numeric parameters and states of a context."""
     return [
         *(context.get_numeric_parameter(i).CopyToVector() for i in range(context.num_numeric_parameter_groups())),
         *(context.get_discrete_state(i).CopyToVector() for i in range(context.num_discrete_state_groups())),
@@ -108,7 +108,7 @@ def elements_of(context):
 
 
 @systems
-def test_converts_to_autodiff_with_the_same_ports_and_defaults(documented, make):
+def test_systems_convert_to_autodiff_with_the_same_ports_and_defaults(documented, make):
     system = make()
     converted = system.ToScalarType[AutoDiffXd]()
     assert ports_of(converted) == ports_of(system)
@@ -123,8 +123,8 @@ EVERY = [(example.system, example.make) for example in FLEET_SYSTEMS] + DIAGRAMS
 
 
 @pytest.mark.parametrize(("documented", "make"), EVERY, ids=name_of)
-def test_with_derivatives_the_values_are_the_same(documented, make):
-    """All outputs, and the state after a tick, with any numbers at the inputs and as the state before."""
+def test_values_are_the_same_with_derivatives(documented, make):
+    """All outputs and the state after a tick are compared, for random inputs and states."""
     system = make()
     converted = system.ToScalarType[AutoDiffXd]()
     contexts = system.CreateDefaultContext(), converted.CreateDefaultContext()
@@ -160,7 +160,7 @@ def same_values(with_derivatives, numbers):
 
 
 def spoil(context):
-    """Writes something else into all numeric parameters and states of a context."""
+    """Overwrite all numeric parameters and states of a context with other numbers."""
 
     def other(vector):
         return np.array([type(element)(-7.0) for element in vector.CopyToVector()])
@@ -175,8 +175,8 @@ def spoil(context):
 
 
 @examples
-def test_a_context_that_is_reset_is_the_default_one_of_a_system_of_those_numbers(example):
-    """Whatever was in it before; every parameter and state, every row and every vehicle."""
+def test_a_reset_context_is_the_default_one_of_a_system_with_those_numbers(example):
+    """All rows of all parameters and states of all vehicles are compared, after they had other values."""
     numbers = example.other_numbers
     system, other = example.make(), example.made_of(numbers)
     context, expected = system.CreateDefaultContext(), other.CreateDefaultContext()
@@ -185,7 +185,7 @@ def test_a_context_that_is_reset_is_the_default_one_of_a_system_of_those_numbers
     system.reset(context, numbers)
     for found, wanted in zip(elements_of(context), elements_of(expected), strict=True):
         np.testing.assert_array_equal(found, wanted)
-    # The system itself is as it was.
+    # The system itself does not change.
     for found, wanted in zip(
         elements_of(system.CreateDefaultContext()), elements_of(example.make().CreateDefaultContext()), strict=True
     ):
@@ -193,8 +193,8 @@ def test_a_context_that_is_reset_is_the_default_one_of_a_system_of_those_numbers
 
 
 @examples
-def test_the_numbers_of_the_examples_show_in_every_parameter(example):
-    """Or the test of reset might not see one that it forgets."""
+def test_every_parameter_depends_on_the_numbers_of_the_examples(example):
+    """Otherwise the test of resets could miss a parameter that is not reset."""
     both = example.numbers, example.other_numbers
     contexts = [example.made_of(numbers).CreateDefaultContext() for numbers in both]
     assert (contexts[0].num_numeric_parameter_groups() > 0) == bool(example.numbers)
@@ -214,8 +214,8 @@ def test_a_differentiable_context_is_reset_too(example):
 
 
 @examples
-def test_parameters_and_states_come_back_as_they_are_written(example):
-    """Records by their names, of a number for one vehicle and of an array for a fleet."""
+def test_parameters_and_states_are_read_back_unchanged(example):
+    """Records have numbers for one vehicle and arrays for a fleet."""
     system, other = example.make(), example.made_of(example.other_numbers)
     context, source = system.CreateDefaultContext(), other.CreateDefaultContext()
     assert len(system.parameters) == context.num_numeric_parameter_groups()
@@ -233,13 +233,13 @@ DRAKE = tuple(map(int, importlib.metadata.version("drake").split(".")[:2]))
 
 
 def parts_of(system):
-    """A system and all systems in it."""
+    """Return a system and all its subsystems."""
     inside = system.GetSystems() if hasattr(system, "GetSystems") else []
     return [system, *(part for each in inside for part in parts_of(each))]
 
 
 def use(system, context):
-    """Evaluates all outputs of a system, for inputs of some number."""
+    """Evaluate all outputs of a system with constant inputs."""
     for i in range(system.num_input_ports()):
         port = system.get_input_port(i)
         port.FixValue(context, [0.5] * port.size())
@@ -249,7 +249,7 @@ def use(system, context):
 
 @pytest.fixture(scope="module")
 def swept():
-    """What is there by now is left aside, so that looking for garbage is soon done."""
+    """Freeze existing objects, so that garbage collection is fast."""
     gc.collect()
     gc.freeze()
 
@@ -258,8 +258,8 @@ def swept():
 @pytest.mark.usefixtures("swept")
 @pytest.mark.skipif(DRAKE < (1, 56), reason="callbacks keep their systems alive in earlier versions of Drake")
 @systems
-def test_a_system_that_is_dropped_is_gone(documented, make):
-    """With its context, what it has computed, its copy for AutoDiffXd and, of a diagram, all that is in it."""
+def test_a_deleted_system_leaves_no_garbage(documented, make):
+    """This includes its context, cached values, AutoDiffXd copy and subsystems."""
     system = make()
     context = system.CreateDefaultContext()
     use(system, context)
@@ -282,8 +282,8 @@ def loop_period(system, argument):
 
 
 @examples
-def test_defaults_are_those_of_the_language_and_of_the_records(example):
-    """A system needs no argument that has one meaning in the loop of the scenario language."""
+def test_defaults_are_those_of_the_scenario_language(example):
+    """Arguments with a default in the scenario language have the same default in the system."""
     system = example.system
     parameters = inspect.signature(system.declare).parameters.values()
     defaults = {each.name: each.default for each in parameters if each.default is not inspect.Parameter.empty}
@@ -299,7 +299,7 @@ def test_defaults_are_those_of_the_language_and_of_the_records(example):
 
 
 @examples
-def test_what_is_not_connected_counts_as_zero(example, monkeypatch):
+def test_unconnected_inputs_count_as_zero(example, monkeypatch):
     absent = []
     declared = FleetSystem.input
 

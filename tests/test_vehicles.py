@@ -1,4 +1,4 @@
-"""The vehicles that are shipped: gains are designed for each as it is, and fly it on the paper's figure eight."""
+"""Tests of the shipped vehicles with gains that are designed for each of them."""
 
 from pathlib import Path
 
@@ -21,7 +21,7 @@ MAX_RMSE = {
 }
 
 
-def test_every_vehicle_is_flown_here_or_with_real_flights():
+def test_every_vehicle_is_flown_here_or_compared_with_real_flights():
     assert {path.stem for path in FOLDER.glob("*.yaml")} == {*MAX_RMSE, "neural_fly"}
 
 
@@ -38,12 +38,12 @@ MAX_CRASH_SHARE = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MAX_CRASH_SHARE)
-def test_a_vehicle_flies_a_bad_day_under_the_controller_that_is_designed_for_it(name):
+def test_a_vehicle_flies_a_bad_day_with_the_controller_designed_for_it(name):
     metrics = run_monte_carlo(load_scenario(f"bad_day:{name}"), 200, num_workers=1).metrics
     assert metrics.crashed.mean() <= MAX_CRASH_SHARE[name]
 
 
-def test_every_vehicle_except_the_paper_s_has_a_bad_day():
+def test_every_vehicle_except_the_papers_has_a_bad_day():
     others = {*MAX_RMSE, "neural_fly"} - {"paper", "paper_with_drag"}
     shipped = {name for name in shipped_scenarios() if name.startswith("bad_day:")}
     assert shipped == {f"bad_day:{name}" for name in others}
@@ -51,13 +51,13 @@ def test_every_vehicle_except_the_paper_s_has_a_bad_day():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MAX_RMSE)
-def test_a_vehicle_flies_with_gains_that_are_designed_for_it(name):
+def test_a_vehicle_flies_with_gains_designed_for_it(name):
     scenario = load_undesigned(FOLDER / f"{name}.yaml")
     metrics = simulate(with_gains(scenario, design_cascade(scenario).gains()), compiled=True).metrics
     assert not metrics.crashed
     assert metrics.rmse < MAX_RMSE[name]
 
 
-def test_the_paper_s_vehicle_is_what_is_flown_by_default():
+def test_the_papers_vehicle_is_the_default():
     paper = load_undesigned(FOLDER / "paper.yaml")
     assert (paper.nominal, paper.vehicle.model_dump()) == (type(paper.nominal)(), type(paper.vehicle)().model_dump())

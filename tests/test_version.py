@@ -1,4 +1,4 @@
-"""The version stands in one place; what must repeat it does."""
+"""Tests that files that repeat the version agree with the package."""
 
 import re
 from importlib.metadata import version
@@ -6,7 +6,7 @@ from importlib.metadata import version
 import drake_quad
 
 
-def test_all_say_the_same_version(root):
+def test_all_files_have_the_same_version(root):
     newest = re.search(r"^## (\S+) \((\S+)\)", (root / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
     citation = (root / "CITATION.cff").read_text(encoding="utf-8")
     assert newest[1] == drake_quad.__version__

@@ -1,4 +1,4 @@
-"""What is installed from the wheel works in an empty environment, far from the checkout."""
+"""Tests of the wheel in an empty environment, without the checkout."""
 
 import itertools
 import os
@@ -21,7 +21,7 @@ COMMANDS = [
     ["study", "robustness", "--samples", "4", "--set", "duration=1"],
     ["design", "vehicles/hummingbird"],
 ]
-# Without what leads back to the checkout, or to the environment of the tests.
+# Variables that lead to the checkout or the environment of the tests are removed.
 ENVIRONMENT = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
 
 
@@ -41,14 +41,14 @@ def wheel(tmp_path_factory):
 
 
 def link_required(distribution, extras, site):
-    """Link in a folder of packages what a distribution and its extras require, and what that requires in turn."""
+    """Link the dependencies of a distribution and its extras, recursively, in a folder of packages."""
     for text in distribution.requires or ():
         required = Requirement(text)
         if required.marker and not any(required.marker.evaluate({"extra": extra}) for extra in ("", *extras)):
             continue
         found = metadata.distribution(required.name)
         assert required.specifier.contains(found.version), text
-        # A module or package, or a folder beside it.
+        # This is a module or package, or a folder beside it.
         names = {path.parts[0] for path in found.files} - {"..", "__pycache__"}
         missing = [name for name in names if not (site / name).exists()]
         for name in missing:
@@ -59,9 +59,9 @@ def link_required(distribution, extras, site):
 
 @pytest.fixture(scope="module")
 def installed(wheel, tmp_path_factory):
-    """The programs of an environment that has nothing but the wheel and what it asks for.
+    """Return the programs of an environment with nothing but the wheel and its dependencies.
 
-    What it asks for is linked, which is sooner than installing it again.
+    Dependencies are linked, which is faster than installing them again.
     """
     folder = tmp_path_factory.mktemp("environment")
     called(sys.executable, "-m", "venv", "--without-pip", folder / "venv", cwd=folder)
@@ -74,7 +74,7 @@ def installed(wheel, tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_the_wheel_has_what_is_shipped_and_nothing_else(wheel):
+def test_the_wheel_contains_exactly_the_shipped_files(wheel):
     assert wheel.name.startswith(f"drake_quad-{drake_quad.__version__}-")
     with zipfile.ZipFile(wheel) as archive:
         names = {name for name in archive.namelist() if ".dist-info/" not in name}
@@ -85,7 +85,7 @@ def test_the_wheel_has_what_is_shipped_and_nothing_else(wheel):
 
 
 # Commands and blocks run one after another in one process, since importing and compiling take most of their time.
-# Their figures are not painted, which takes longer than all else.
+# Figures are not rendered, since rendering takes most of the remaining time.
 RUN_ALL = """
 import sys
 from matplotlib.figure import Figure
@@ -101,19 +101,19 @@ for command in {commands!r}:
 
 @pytest.fixture(scope="module")
 def printed(installed, tmp_path_factory):
-    """What the blocks of the README and the commands print in an empty folder, and the folder."""
+    """Return the output of the README's blocks and of the commands in an empty folder, and the folder."""
     folder = tmp_path_factory.mktemp("elsewhere")
     return called(installed / "python", "-c", RUN_ALL.format(blocks=BLOCKS, commands=COMMANDS), cwd=folder), folder
 
 
 @pytest.mark.slow
-def test_what_the_readme_shows_runs_elsewhere(printed):
+def test_blocks_of_the_readme_run_without_a_checkout(printed):
     errors = re.findall(r"\d cm", printed[0].partition("wrote\n")[0])
     assert len(errors) >= len(BLOCKS)
 
 
 @pytest.mark.slow
-def test_commands_run_elsewhere(printed):
+def test_commands_run_without_a_checkout(printed):
     text, folder = printed
     lists = text.split("wrote\n")[1:]
     assert len(lists) == len(COMMANDS)

@@ -1,4 +1,4 @@
-"""Numbers that people write are in ASCII digits; Python would also read "1_0" and the digits of other scripts."""
+"""Tests that numbers must have ASCII digits, although Python also accepts "1_0" and digits of other scripts."""
 
 import re
 from pathlib import Path
@@ -19,13 +19,13 @@ PACKAGE = Path(__file__).parent.parent / "drake_quad"
 
 
 @pytest.mark.parametrize("text", [*INVALID_NUMBERS, "", "one"])
-def test_other_notations_are_no_numbers(text):
+def test_other_notations_are_refused(text):
     for read in (float_in, int_in):
         with pytest.raises(ValueError, match=r"."):
             read(text)
 
 
-def test_numbers_are_read_as_python_reads_them():
+def test_ascii_numbers_are_converted_as_in_python():
     assert (float_in("-1.5e3"), float_in(" .5 "), int_in("+12")) == (-1500.0, 0.5, 12)
     assert np.isnan(float_in("nan"))
 
@@ -50,7 +50,7 @@ def test_no_reader_accepts_other_notations(tmp_path, name, text, read, cell):
     read(path)
 
 
-def test_a_column_with_another_notation_holds_words(tmp_path):
+def test_a_column_with_another_notation_is_text(tmp_path):
     (tmp_path / "table.csv").write_text("a,b\n1_0,1\n2,2\n")
     assert read_table(tmp_path / "table.csv")["a"].tolist() == ["1_0", "2"]
 

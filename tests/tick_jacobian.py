@@ -1,11 +1,11 @@
-"""The Jacobian of a tick of a diagram by differences of simulations."""
+"""Jacobian of a tick of a diagram by finite differences of simulations."""
 
 import numpy as np
 from pydrake.systems.analysis import InitializeParams, Simulator
 
 
 def jacobian_of_tick(diagram, context, layout, *, until, step=1e-5):
-    """Return (n, n) derivatives of the state at a time (s) with respect to the state of a context, by differences.
+    """Return the (n, n) derivatives of the state at a time with respect to that of a context, by differences.
 
     Args:
         diagram: diagram of the context.

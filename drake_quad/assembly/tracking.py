@@ -21,7 +21,7 @@ from drake_quad.framework.fleet_system import FleetSystem
 from drake_quad.framework.wiring import subsystem
 from drake_quad.laboratory.wind.wind import build_held_wind
 from drake_quad.planning.duration import flight_duration
-from drake_quad.randomness.noise import EXPORTED, Exported, NoiseSource, Samples
+from drake_quad.randomness.noise import EXPORTED_PREFIX, Exported, NoiseSource, Samples
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.source import build_reference
 from drake_quad.scenario.batch import Batch
@@ -110,7 +110,7 @@ def build_fleet_diagram(
     if open_action:
         builder.ExportInput(control.GetInputPort("action"), "action")
     for port in (laboratory.get_input_port(i) for i in range(laboratory.num_input_ports())):
-        if port.get_name().startswith(EXPORTED):
+        if port.get_name().startswith(EXPORTED_PREFIX):
             builder.ExportInput(port, port.get_name())
 
     parts = (reference, ["reference"]), (control, _CONTROL_SIGNALS), (laboratory, measured), (monitor, ["crashed"])

@@ -18,7 +18,7 @@ from drake_quad.command_line.options import (
 )
 from drake_quad.command_line.output import print_columns, print_files, print_predictions, remark
 from drake_quad.command_line.progress import progress_bar
-from drake_quad.files import output_folder, write_whole
+from drake_quad.files import output_folder, write_atomically
 from drake_quad.identification.flown_again.comparison import (
     AXES,
     DEFAULT_REST,
@@ -147,7 +147,7 @@ def save_comparison(comparison: LogComparison, folder: Path, arguments: argparse
         write_rows(folder / "errors.csv", rows),
         *save_figures({"comparison": plot_log_comparison(comparison)}, folder, vector=arguments.vector),
         save_replay(side_by_side(comparison), folder / "replay.html"),
-        write_whole(folder / "scenario.yaml", lambda path: save_scenario(comparison.scenario, path)),
+        write_atomically(folder / "scenario.yaml", lambda path: save_scenario(comparison.scenario, path)),
     ]
 
 

@@ -34,7 +34,7 @@ from drake_quad.design.cascade import (
     with_integrals,
 )
 from drake_quad.design.gains import PolePair, RegulatorRequirements
-from drake_quad.files import output_folder, write_whole
+from drake_quad.files import output_folder, write_atomically
 from drake_quad.linear.closed_loop import ClosedLoop, closed_loop
 from drake_quad.linear.modes import modes
 from drake_quad.scenario.batch import middle_of
@@ -127,8 +127,8 @@ def main(arguments: argparse.Namespace) -> None:
     loop = closed_loop(as_believed(middle_of(designed)))
     folder = output_folder(folder_of(arguments, scenario.name))
     files = [
-        write_whole(folder / "gains.yaml", lambda path: write_gains(design, designed, path, arguments.command)),
-        write_whole(folder / "scenario.yaml", lambda path: save_scenario(designed, path)),
+        write_atomically(folder / "gains.yaml", lambda path: write_gains(design, designed, path, arguments.command)),
+        write_atomically(folder / "scenario.yaml", lambda path: save_scenario(designed, path)),
     ]
     figures = {name: plot(design) for name, plot in DESIGN_PLOTS.items()} | {"steps": plot_steps(loop)}
     files += save_figures(figures, folder, vector=arguments.vector)

@@ -13,7 +13,7 @@ from ruamel.yaml import YAML
 from drake_quad.command_line.options import add_controller, check_ranges, folder_of, parser, scenario_of
 from drake_quad.command_line.output import print_columns, print_files, print_margins
 from drake_quad.design.lqg import LqgDesign, LqgLimits, design_lqg
-from drake_quad.files import output_folder, write_whole
+from drake_quad.files import output_folder, write_atomically
 from drake_quad.linear.link_margins import link_margins
 from drake_quad.scenario.batch import middle_of
 from drake_quad.scenario.files.loading import load_undesigned
@@ -64,8 +64,8 @@ def main(arguments: argparse.Namespace) -> None:
     designed = scenario.model_copy(update={"control": design.control})
     folder = output_folder(folder_of(arguments, scenario.name))
     files = [
-        write_whole(folder / "lqg.yaml", lambda path: write_control(design, path, arguments.command)),
-        write_whole(folder / "scenario.yaml", lambda path: save_scenario(designed, path)),
+        write_atomically(folder / "lqg.yaml", lambda path: write_control(design, path, arguments.command)),
+        write_atomically(folder / "scenario.yaml", lambda path: save_scenario(designed, path)),
     ]
     print_plants(design)
     print()

@@ -11,7 +11,7 @@ from drake_quad.command_line.options import all_overrides_of, folder_of
 from drake_quad.command_line.output import print_files, remark
 from drake_quad.design.firmware.layer import FIRMWARE, firmware_layer
 from drake_quad.design.firmware.parameters import FirmwareParameters, defaults_of, read_parameters
-from drake_quad.files import output_folder, write_text, write_whole
+from drake_quad.files import output_folder, write_atomically, write_text
 from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.files.saving import save_scenario
 
@@ -37,7 +37,7 @@ def take_firmware(arguments: argparse.Namespace) -> None:
         with_it = load_undesigned(arguments.scenario, overrides, layers=[path])
         text = path.read_text(encoding="utf-8")
     path = write_text(folder / "controller.yaml", text)
-    flown = write_whole(folder / "scenario.yaml", lambda target: save_scenario(with_it, target))
+    flown = write_atomically(folder / "scenario.yaml", lambda target: save_scenario(with_it, target))
     if parameters.missing:
         count = len(parameters.missing)
         were = "parameter has the default" if count == 1 else "parameters have the defaults"

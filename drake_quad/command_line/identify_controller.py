@@ -15,7 +15,7 @@ from drake_quad.command_line.identify import name_of, vehicle_of, vehicle_to_beg
 from drake_quad.command_line.options import bare_parser, overrides_of
 from drake_quad.command_line.output import print_columns, print_files, remark
 from drake_quad.errors import InputError
-from drake_quad.files import output_folder, write_whole
+from drake_quad.files import output_folder, write_atomically
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.position_law.control import control_layer
 from drake_quad.identification.position_law.law import PositionLaw, identify_position_law
@@ -68,7 +68,7 @@ def main(arguments: argparse.Namespace) -> None:
         remark(str(error))
         return
     output_folder(path.parent)
-    write_whole(path, lambda target: write_controller(layer, law, target, arguments.command))
+    write_atomically(path, lambda target: write_controller(layer, law, target, arguments.command))
     control = layer["control"]
     if "kind" in control:
         print("this law is a control of kind pid_cascade, for scenarios with an attitude control on board:")

@@ -10,7 +10,7 @@ from types import ModuleType
 from typing import Any, NamedTuple, get_args
 
 from drake_quad import InputError, Scenario, load_scenario
-from drake_quad.extras import needed
+from drake_quad.extras import import_extra
 from drake_quad.scenario.files.loading import Override, load_undesigned
 from drake_quad.scenario.models import NAME
 from drake_quad.visualization.style import Vector
@@ -264,6 +264,6 @@ def check_extra(option: str, extra: str, *modules: str) -> None:
     """Raises InputError if an option needs a module of an extra that is not installed."""
     try:
         for module in modules:
-            needed(module, extra)
+            import_extra(module, extra)
     except ImportError as error:
         raise InputError(f"{option}: {error}") from None

@@ -9,7 +9,7 @@ from drake_quad import InputError, Scenario
 from drake_quad.command_line.options import add_controller, check_ranges, folder_of, parser, scenario_of
 from drake_quad.command_line.output import print_columns, print_files, print_margins
 from drake_quad.design.tuning import Budget, Knob, LoopLimit, tune, with_numbers
-from drake_quad.files import output_folder, write_whole
+from drake_quad.files import output_folder, write_atomically
 from drake_quad.linear.link_margins import link_margins
 from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.paths import value_at
@@ -59,7 +59,7 @@ def main(arguments: argparse.Namespace) -> None:
     budget = Budget()._replace(samples=arguments.samples, rounds=arguments.rounds)
     found = tune([scenario], knobs, limit.shares_met, budget=budget)
     tuned = with_numbers(scenario, knobs, found.numbers)
-    file = write_whole(folder / "scenario.yaml", lambda path: save_scenario(tuned, path))
+    file = write_atomically(folder / "scenario.yaml", lambda path: save_scenario(tuned, path))
     rows = [
         (", ".join(knob.paths), f"{value_at(scenario, knob.paths[0]):.4g}", f"{number:.4g}")
         for knob, number in zip(knobs, found.numbers, strict=True)

@@ -1,7 +1,7 @@
-"""Leaf systems as the compiler sees them: which rows they hold, and what they compute of which.
+"""Blocks: leaf systems that can be compiled, with the computation of their outputs and updates on rows.
 
-A FleetSystem says all that by itself. Of Drake's own systems those are known that a fleet needs, which rename rows, add
-them up or hold them.
+A FleetSystem declares its computations. Of Drake's own systems, the compiler supports those that a fleet needs, which
+select, join, add, scale or hold rows.
 """
 
 import math
@@ -23,80 +23,81 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 
-from drake_quad.compilation.trace import Around, Rows
+from drake_quad.compilation.trace import BlockView, Rows
 from drake_quad.errors import InputError
 from drake_quad.framework.broadcast import Broadcast
 from drake_quad.framework.fleet_system import Computation, FleetSystem, Input, Parameter, StateGroup
-from drake_quad.framework.formulas import TIME, TickOf, told_apart, traced
+from drake_quad.framework.formulas import TIME, TickOf, hashable_key, traced
 from drake_quad.framework.records import ABSENT
 
 
-class Work(NamedTuple):
-    """What a block computes at an event.
+class BlockUpdate(NamedTuple):
+    """Update of the state of a block.
 
     Attributes:
-        compute: from what it sees, the rows that groups of its state will hold, by group.
-        period: of the event, s; None for one when a simulation begins.
-        unrestricted: whether it is done before the discrete updates of its instant.
-        at_start: whether anything is done at time zero.
+        compute: function of a view of the trace that returns the new rows of state groups, by the number of the group.
+        period: period of the update, s; None for an update at the start of a simulation.
+        unrestricted: True for an update before all discrete updates of the same instant.
+        at_start: True for an update at time zero, too.
     """
 
-    compute: Callable[[Around], dict[int, Rows]]
+    compute: Callable[[BlockView], dict[int, Rows]]
     period: float | None
     unrestricted: bool = False
     at_start: bool = True
 
 
 class Block(ABC):
-    """A leaf system.
+    """Leaf system that can be compiled.
 
     Args:
-        system: that it is.
+        system: leaf system of Drake.
 
     Attributes:
-        works: what it computes at events.
+        system: leaf system of Drake.
+        updates: updates of the state.
     """
 
-    works: Sequence[Work] = ()
+    updates: Sequence[BlockUpdate] = ()
 
     def __init__(self, system: Any) -> None:
         self.system = system
 
     @property
     def signature(self) -> tuple[Any, ...]:
-        """All that what it computes depends on, beside what it sees and the number of vehicles."""
-        return type(self), *[work.period for work in self.works]
+        """Hashable key; blocks with equal keys have equal computations, for any number of vehicles."""
+        return type(self), *[work.period for work in self.updates]
 
     @abstractmethod
-    def output(self, index: int, around: Around) -> Rows:
-        """The rows of an output port."""
+    def output(self, index: int, view: BlockView) -> Rows:
+        """Return the rows of an output port, given its index and a view of the trace."""
 
-    def passes(self, index: int) -> Sequence[int]:
-        """The input ports on which an output port depends at once."""
+    def feedthrough(self, index: int) -> Sequence[int]:
+        """Return the indices of the input ports with direct feedthrough to an output port."""
         return range(self.system.num_input_ports())
 
 
 def block_of(system: Any) -> Block | None:
-    """The leaf system as the compiler sees it; None if it cannot."""
+    """Return the block of a leaf system; None if the system cannot be compiled."""
     kind = next((_BLOCKS[base] for base in type(system).__mro__ if base in _BLOCKS), None)
     if kind is not None:
-        return kind(system) if has_vectors(system) and _begins_at_zero(system) else None
+        return kind(system) if has_vectors(system) and _starts_at_zero(system) else None
     if isinstance(system, FleetSystem) and _is_declared(system):
         return _Declared(system)
     return None
 
 
-def why_not(system: Any) -> str:
-    """Why a leaf system cannot be compiled."""
+def reason_not_compilable(system: Any) -> str:
+    """Return the reason why a leaf system cannot be compiled, for a message."""
     if isinstance(system, FleetSystem):
         if "continuous" in system.states:
             return "its state is continuous"
         return "it declares ports, states or events by Drake's own methods"
-    return "only systems that declare formulas can be, and the simplest of Drake's own"
+    return "only systems that declare formulas and the simplest of Drake's own systems can be compiled"
 
 
 def has_vectors(system: Any) -> bool:
-    """Whether all of a system's ports hold vectors."""
+    """Return whether all ports of a system are vector-valued."""
     ports = [
         *map(system.get_input_port, range(system.num_input_ports())),
         *map(system.get_output_port, range(system.num_output_ports())),
@@ -104,7 +105,7 @@ def has_vectors(system: Any) -> bool:
     return all(port.get_data_type() == PortDataType.kVectorValued for port in ports)
 
 
-def _begins_at_zero(system: Any) -> bool:
+def _starts_at_zero(system: Any) -> bool:
     timing = system.GetUniquePeriodicDiscreteUpdateAttribute()
     return timing is None or timing.offset_sec() == 0.0
 
@@ -121,86 +122,89 @@ def _is_declared(system: FleetSystem) -> bool:
 
 
 class _Declared(Block):
-    """A FleetSystem."""
+    """Block of a FleetSystem, whose computations are declared."""
 
     def __init__(self, system: FleetSystem) -> None:
         super().__init__(system)
-        works = [
-            Work(_writing(update.computation), update.period, update.unrestricted, update.at_start)
+        updates = [
+            BlockUpdate(_update_function(update.computation), update.period, update.unrestricted, update.at_start)
             for update in system.updates
         ]
-        self.works = [*works, *(Work(_writing(computation), None) for computation in system.initializations)]
+        self.updates = [
+            *updates,
+            *(BlockUpdate(_update_function(computation), None) for computation in system.initializations),
+        ]
 
     @property
     def signature(self) -> tuple[Any, ...]:
-        """As for every block."""
+        """Hashable key of the computations, see `Block`."""
         outputs = [_signature(each) for each in self.system.outputs.values()]
         updates = [(_signature(each.computation), *each[:1], *each[2:]) for each in self.system.updates]
         return *outputs, *updates, *map(_signature, self.system.initializations)
 
-    def output(self, index: int, around: Around) -> Rows:
-        (rows,) = _computed(self._shown(index), around)
+    def output(self, index: int, view: BlockView) -> Rows:
+        (rows,) = _results(self._computation(index), view)
         return rows
 
-    def passes(self, index: int) -> Sequence[int]:
-        return [int(read.index) for read in self._shown(index).reads if isinstance(read, Input)]
+    def feedthrough(self, index: int) -> Sequence[int]:
+        return [int(read.index) for read in self._computation(index).reads if isinstance(read, Input)]
 
-    def _shown(self, index: int) -> Computation:
-        shown: Computation = self.system.outputs[self.system.get_output_port(index).get_name()]
-        return shown
+    def _computation(self, index: int) -> Computation:
+        computation: Computation = self.system.outputs[self.system.get_output_port(index).get_name()]
+        return computation
 
 
-def _signature(shown: Computation) -> tuple[Any, ...]:
-    """All that a computation depends on, beside what it reads."""
+def _signature(computation: Computation) -> tuple[Any, ...]:
+    """Return a key of a computation: its formula, and the kinds and layouts of its arguments and results."""
     reads: list[tuple[Any, ...]] = []
-    for read in shown.reads:
+    for read in computation.reads:
         if isinstance(read, Input):
-            reads.append(("input", int(read.index), read.layout, *told_apart(read.absent)))
+            reads.append(("input", int(read.index), read.layout, *hashable_key(read.absent)))
         elif isinstance(read, Parameter):
             reads.append(("parameter", int(read.index), read.layout))
         elif isinstance(read, StateGroup):
-            reads.append(("state", _number(read), read.layout))
+            reads.append(("state", _group_number(read), read.layout))
         else:
-            reads.append(("constant", *told_apart(read)))
-    return shown.formula, *reads, *shown.results, *map(_number, shown.writes)
+            reads.append(("constant", *hashable_key(read)))
+    return computation.formula, *reads, *computation.results, *map(_group_number, computation.writes)
 
 
-def _writing(computation: Computation) -> Callable[[Around], dict[int, Rows]]:
-    groups = [_number(group) for group in computation.writes]
-    return lambda around: dict(zip(groups, _computed(computation, around), strict=True))
+def _update_function(computation: Computation) -> Callable[[BlockView], dict[int, Rows]]:
+    groups = [_group_number(group) for group in computation.writes]
+    return lambda view: dict(zip(groups, _results(computation, view), strict=True))
 
 
-def _computed(computation: Computation, around: Around) -> list[Rows]:
+def _results(computation: Computation, view: BlockView) -> list[Rows]:
     """Return the rows of each result of a computation."""
     values = []
     for read in computation.reads:
         match read:
             case Input():
-                rows = around.input(int(read.index))
+                rows = view.input(int(read.index))
                 values.append(read.absent if rows is None else read.layout.build(rows))
             case Parameter():
-                values.append(read.layout.build(around.parameter(int(read.index))))
+                values.append(read.layout.build(view.parameter(int(read.index))))
             case StateGroup():
-                values.append(read.layout.build(around.state(_number(read))))
+                values.append(read.layout.build(view.state(_group_number(read))))
             case TickOf():
-                values.append(around.argument(read))
+                values.append(view.argument(read))
             case _:
-                values.append(around.argument(read) if read is TIME else read)
+                values.append(view.argument(read) if read is TIME else read)
     returned = iter(traced(computation.formula, values, computation.results))
     present = [layout for layout in computation.results if layout is not ABSENT]
     return [[next(returned) for _ in range(layout.num_rows)] for layout in present]
 
 
-def _number(group: StateGroup) -> int:
-    """The number of a group of the discrete state."""
+def _group_number(group: StateGroup) -> int:
+    """Return the number of a discrete state group."""
     return int(group.index)  # type: ignore[arg-type]
 
 
-class _Same(Block):
-    """What leaves its rows as they are."""
+class _PassThroughBlock(Block):
+    """Block of a system that passes its rows on."""
 
-    def output(self, index: int, around: Around) -> Rows:
-        return _connected(around.input(0))
+    def output(self, index: int, view: BlockView) -> Rows:
+        return _connected(view.input(0))
 
 
 class _Demultiplexer(Block):
@@ -209,43 +213,45 @@ class _Demultiplexer(Block):
         ports = [self.system.get_output_port(index).size() for index in range(self.system.num_output_ports())]
         return *super().signature, *(size // math.gcd(*ports) for size in ports)
 
-    def output(self, index: int, around: Around) -> Rows:
-        rows = _connected(around.input(0))
+    def output(self, index: int, view: BlockView) -> Rows:
+        rows = _connected(view.input(0))
         unit = self.system.get_input_port().size() // len(rows)
         sizes = [self.system.get_output_port(other).size() for other in range(index + 1)]
         if any(size % unit for size in sizes):
-            raise InputError(f"{self.system.get_name()} cannot be compiled: it takes the vehicles of a fleet apart")
+            raise InputError(
+                f"{self.system.get_name()} cannot be compiled: an output has only some vehicles of the fleet"
+            )
         return rows[sum(sizes[:index]) // unit : sum(sizes) // unit]
 
 
 class _Multiplexer(Block):
-    def output(self, index: int, around: Around) -> Rows:
-        inputs = (around.input(number) for number in range(self.system.num_input_ports()))
+    def output(self, index: int, view: BlockView) -> Rows:
+        inputs = (view.input(number) for number in range(self.system.num_input_ports()))
         return [row for rows in inputs for row in _connected(rows)]
 
 
 class _Adder(Block):
-    def output(self, index: int, around: Around) -> Rows:
-        inputs = [_connected(around.input(number)) for number in range(self.system.num_input_ports())]
+    def output(self, index: int, view: BlockView) -> Rows:
+        inputs = [_connected(view.input(number)) for number in range(self.system.num_input_ports())]
         return reduce(lambda total, rows: [a + b for a, b in zip(total, rows, strict=True)], inputs)
 
 
 class _Gain(Block):
     @property
     def signature(self) -> tuple[Any, ...]:
-        factors = [told_apart(factor) for factor in self._factors]
+        factors = [hashable_key(factor) for factor in self._factors]
         return *super().signature, *(factors[:1] if len(set(factors)) == 1 else factors)
 
     @property
     def _factors(self) -> list[float]:
-        # Drake does not tell them.
+        # Drake has no method that returns the factors.
         context = self.system.CreateDefaultContext()
         self.system.get_input_port().FixValue(context, np.ones(self.system.get_input_port().size()))
         factors: list[float] = self.system.get_output_port().Eval(context).tolist()
         return factors
 
-    def output(self, index: int, around: Around) -> Rows:
-        rows = _connected(around.input(0))
+    def output(self, index: int, view: BlockView) -> Rows:
+        rows = _connected(view.input(0))
         factors = np.reshape(self._factors, (len(rows), -1))
         if (factors != factors[:, :1]).any():
             raise InputError(f"{self.system.get_name()} cannot be compiled: its gain differs from vehicle to vehicle")
@@ -253,20 +259,20 @@ class _Gain(Block):
 
 
 class _Constant(Block):
-    def output(self, index: int, around: Around) -> Rows:
-        return around.parameter(0)
+    def output(self, index: int, view: BlockView) -> Rows:
+        return view.parameter(0)
 
 
 class _Hold(Block):
     def __init__(self, system: ZeroOrderHold) -> None:
         super().__init__(system)
         period = system.GetUniquePeriodicDiscreteUpdateAttribute().period_sec()
-        self.works = [Work(lambda around: {0: _connected(around.input(0))}, period)]
+        self.updates = [BlockUpdate(lambda view: {0: _connected(view.input(0))}, period)]
 
-    def output(self, index: int, around: Around) -> Rows:
-        return around.state(0)
+    def output(self, index: int, view: BlockView) -> Rows:
+        return view.state(0)
 
-    def passes(self, index: int) -> Sequence[int]:
+    def feedthrough(self, index: int) -> Sequence[int]:
         return ()
 
 
@@ -275,8 +281,8 @@ class _Trajectory(Block):
     def signature(self) -> tuple[Any, ...]:
         return *super().signature, self.system.get_output_port().size()
 
-    def output(self, index: int, around: Around) -> Rows:
-        return [around.source(index, element) for element in range(self.system.get_output_port().size())]
+    def output(self, index: int, view: BlockView) -> Rows:
+        return [view.source(index, element) for element in range(self.system.get_output_port().size())]
 
 
 def _connected(rows: Rows | None) -> Rows:
@@ -287,12 +293,12 @@ def _connected(rows: Rows | None) -> Rows:
 
 _BLOCKS: dict[type, Callable[[Any], Block]] = {
     Adder: _Adder,
-    Broadcast: _Same,
+    Broadcast: _PassThroughBlock,
     ConstantVectorSource: _Constant,
     Demultiplexer: _Demultiplexer,
     Gain: _Gain,
     Multiplexer: _Multiplexer,
-    PassThrough: _Same,
+    PassThrough: _PassThroughBlock,
     TrajectorySource: _Trajectory,
     ZeroOrderHold: _Hold,
 }

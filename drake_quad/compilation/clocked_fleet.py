@@ -1,7 +1,7 @@
-"""A compiled fleet whose vehicles have clocks of their own.
+"""Compiled fleet in which every vehicle has its own clock.
 
-Drake's simulator has one time for all. Where one vehicle of a fleet begins anew while the others fly on, each needs a
-time of its own: its clock counts the ticks since it began, and says which reference and which random numbers it gets.
+Drake's simulator has one time for all vehicles. If vehicles of a fleet restart at different times, each needs its own
+time. The clock of a vehicle counts the ticks since its last restart, and selects its reference and random numbers.
 """
 
 import itertools
@@ -17,153 +17,153 @@ from drake_quad.framework.fleet_system import FleetSystem
 from drake_quad.framework.records import Layout, layout_of
 from drake_quad.signals import SIGNALS
 
-# First row and layout, by the name.
-_Places = dict[str, tuple[int, Layout]]
+# Index of the first row, and layout, by name.
+_LogRows = dict[str, tuple[int, Layout]]
 
 
-class Beginnings(NamedTuple):
-    """Vehicles at time zero.
+class InitialValues(NamedTuple):
+    """State, parameters and outputs of N vehicles at time zero.
 
     Attributes:
-        state: (N, rows).
-        parameters: (N, rows).
-        shown: (N, rows) of the ports that are shown.
+        state: (N, rows) state.
+        parameters: (N, rows) parameters.
+        outputs: (N, rows) values of the selected output ports.
     """
 
     state: np.ndarray
     parameters: np.ndarray
-    shown: np.ndarray
+    outputs: np.ndarray
 
 
-class Beginning:
-    """How simulations of a diagram begin, in machine code.
+class Initializer:
+    """Machine code that initializes simulations of a diagram.
 
     Args:
-        diagram: of systems that can be compiled, for any number of vehicles.
-        shown: names of its output ports.
+        diagram: diagram for any number of vehicles, all of whose systems can be compiled.
+        outputs: names of the selected output ports.
 
     Raises:
-        InputError: the diagram cannot be compiled so, and why.
+        InputError: if a system of the diagram cannot be compiled.
     """
 
-    def __init__(self, diagram: Diagram, *, shown: Sequence[str]) -> None:
+    def __init__(self, diagram: Diagram, *, outputs: Sequence[str]) -> None:
         self._program = program = _compilable(diagram)
-        look = program.look(tuple([program.topology.outputs[name] for name in shown]))
-        self._events = [event for event in (program.stage(None), look) if event is not None]
+        logging_event = program.logging_event(tuple([program.topology.outputs[name] for name in outputs]))
+        self._events = [event for event in (program.event_at(None), logging_event) if event is not None]
 
-    def of(self, context: Context) -> Beginnings:
-        """The vehicles of a context of the diagram, at time zero."""
+    def initial_values(self, context: Context) -> InitialValues:
+        """Return state, parameters and outputs at time zero, given a context of the diagram."""
         program, n = self._program, self._program.num_vehicles
         state, parameters = program.read(context)
         for event in self._events:
             table = program.table(event.shared, np.zeros((1, event.instants + 1)))
             log = np.empty((1, event.loop.num_logged, event.loop.padded(n)))
             event.loop.run(state, parameters, np.zeros(program.sizes.inputs * n), table, log, n)
-        return Beginnings(state.reshape(-1, n).T, parameters.reshape(-1, n).T, log[0, :, :n].T)
+        return InitialValues(state.reshape(-1, n).T, parameters.reshape(-1, n).T, log[0, :, :n].T)
 
 
 def _compilable(diagram: Diagram) -> Program:
     program = Program(diagram)
-    for path, system in program.others.items():
+    for path, system in program.uncompiled.items():
         raise InputError(
-            f"{path}, a {type(system).__name__}, cannot be compiled, so vehicles beside it have no clocks of their own"
+            f"{path}, a {type(system).__name__}, cannot be compiled, so vehicles of its diagram cannot have clocks"
         )
     return program
 
 
 class ClockedFleet:
-    """The vehicles of a diagram in machine code, tick after tick, each at its own time.
+    """Vehicles of a diagram in machine code, simulated tick by tick, each with its own clock.
 
-    A tick goes from before the discrete updates of an instant to before those of the next one: what the diagram's input
-    port holds meanwhile is seen by the first, and what is shown is what the next one will see.
+    A tick lasts from the discrete updates of one instant until before those of the next instant. The updates use the
+    value of the diagram's input port, and the outputs are those at the end of the tick.
 
     Args:
-        diagram: of systems that can be compiled, for any number of vehicles, with one input port.
-        tick: s; all that happens in the diagram must happen in each.
-        num_ticks: that a clock can count; at the last it stays.
-        shown: names of the diagram's output ports, each once.
-        judge: path of the system whose next discrete state is shown, too.
+        diagram: diagram for any number of vehicles with one input port, all of whose systems can be compiled.
+        tick: period of the ticks, s, of which all periods in the diagram must be divisors.
+        num_ticks: largest number of ticks of a clock, which stops there.
+        outputs: names of the selected output ports of the diagram, without duplicates.
+        monitor: path of a system whose next discrete state can be read, too.
 
     Attributes:
-        num_vehicles: N.
-        clocks: (N,) ticks that each vehicle has flown, int64.
+        num_vehicles: number N of vehicles.
+        clocks: (N,) number of ticks since the last restart of each vehicle, int64.
 
     Raises:
-        InputError: the diagram cannot be compiled so, and why.
+        InputError: if the diagram cannot be compiled with such ticks.
     """
 
-    def __init__(self, diagram: Diagram, *, tick: float, num_ticks: int, shown: Sequence[str], judge: str) -> None:
+    def __init__(self, diagram: Diagram, *, tick: float, num_ticks: int, outputs: Sequence[str], monitor: str) -> None:
         self._program = program = _compilable(diagram)
-        ports = tuple([program.topology.outputs[name] for name in shown])
+        ports = tuple([program.topology.outputs[name] for name in outputs])
         instants = program.instants_of(tick)
-        loop, shared = program.tick(instants, ports, judge)
-        self.num_vehicles, self._loop, self._last = program.num_vehicles, loop, num_ticks
+        loop, shared = program.tick_loop(instants, ports, monitor)
+        self.num_vehicles, self._loop, self._max_clock = program.num_vehicles, loop, num_ticks
         self._table = program.table(shared, program.times(0, instants, num_ticks + 1))
-        self._ports, self._judged = self._placed(shown, judge)
+        self._output_rows, self._state_rows = self._log_rows(outputs, monitor)
         self._all_clocks = loop.clocks.reshape(-1)
         self.clocks = self._all_clocks[: self.num_vehicles]
-        self._held = np.zeros((self._all_clocks.size, program.sizes.inputs))
+        self._inputs = np.zeros((self._all_clocks.size, program.sizes.inputs))
 
-    def place(self, vehicles: np.ndarray, begun: Beginnings) -> None:
-        """Lets vehicles begin anew.
+    def restart(self, vehicles: np.ndarray, initial: InitialValues) -> None:
+        """Restart k vehicles.
 
         Args:
-            vehicles: (k,) their numbers.
-            begun: (k, rows) how each of them begins.
+            vehicles: (k,) indices of the vehicles.
+            initial: initial values of the k vehicles.
         """
         loop = self._loop
         vectors, lanes = np.divmod(vehicles, loop.lanes)
         self.clocks[vehicles] = 0
-        loop.log[vectors, : begun.shown.shape[1], lanes] = begun.shown
-        loop.state[vectors, :, lanes] = begun.state
-        loop.parameters[vectors, :, lanes] = begun.parameters
+        loop.log[vectors, : initial.outputs.shape[1], lanes] = initial.outputs
+        loop.state[vectors, :, lanes] = initial.state
+        loop.parameters[vectors, :, lanes] = initial.parameters
         loop.prepare(np.unique(vectors).tolist())
 
     def advance(self, inputs: np.ndarray) -> None:
-        """Lets a tick pass.
+        """Simulate one tick.
 
         Args:
-            inputs: (N, rows) of the diagram's input port.
+            inputs: (N, rows) value of the diagram's input port.
         """
-        loop, rows = self._loop, self._held.shape[1]
-        self._held[: self.num_vehicles] = inputs
-        loop.inputs[...] = self._held.reshape(len(loop.state), loop.lanes, rows).transpose(0, 2, 1)
+        loop, rows = self._loop, self._inputs.shape[1]
+        self._inputs[: self.num_vehicles] = inputs
+        loop.inputs[...] = self._inputs.reshape(len(loop.state), loop.lanes, rows).transpose(0, 2, 1)
         loop.advance(self._table)
-        np.minimum(self._all_clocks + 1, self._last, out=self._all_clocks)
+        np.minimum(self._all_clocks + 1, self._max_clock, out=self._all_clocks)
 
     def columns(self, name: str) -> slice:
-        """Where among all that is shown a port stands, given its name."""
-        first, layout = self._ports[name]
+        """Return the columns of a selected output port, given its name, in the outputs of `InitialValues`."""
+        first, layout = self._output_rows[name]
         return slice(first, first + layout.num_rows)
 
-    def shown(self, name: str, dtype: Any = float) -> np.ndarray:
-        """(N, rows) what a port shows after a tick, given its name, as numbers of a kind."""
+    def outputs(self, name: str, dtype: Any = float) -> np.ndarray:
+        """Return the (N, rows) value of a selected output port after a tick, given its name, in a NumPy type."""
         rows = self._loop.log[:, self.columns(name)]
         return np.array(rows.transpose(0, 2, 1), dtype, order="C").reshape(-1, rows.shape[1])[: self.num_vehicles]
 
-    def record(self, name: str) -> Any:
-        """The same as a record of (N,) rows."""
-        return self._record(*self._ports[name])
+    def output_record(self, name: str) -> Any:
+        """Return the value of a selected output port after a tick, given its name, as a record of (N,) rows."""
+        return self._record(*self._output_rows[name])
 
-    def judged(self, name: str) -> Any:
-        """What a state of the judge will be, given its name, as a record of (N,) rows."""
-        return self._record(*self._judged[name])
+    def next_state(self, name: str) -> Any:
+        """Return the next value of a state group of the monitor, given its name, as a record of (N,) rows."""
+        return self._record(*self._state_rows[name])
 
     def _record(self, first: int, layout: Layout) -> Any:
         rows = self._loop.log[:, first : first + layout.num_rows].transpose(1, 0, 2)
         return layout.build([*np.array(rows, order="C").reshape(len(rows), -1)[:, : self.num_vehicles]])
 
-    def _placed(self, shown: Sequence[str], judge: str) -> tuple[_Places, _Places]:
-        """Where ports stand, and where the judge's states."""
+    def _log_rows(self, outputs: Sequence[str], monitor: str) -> tuple[_LogRows, _LogRows]:
+        """Return the rows of the selected ports and of the monitor's state groups in the log."""
         ports = []
-        for name in shown:
+        for name in outputs:
             kind, size = SIGNALS[name], self._program.diagram.GetOutputPort(name).size() // self.num_vehicles
             ports.append(layout_of(kind, None if hasattr(kind, "_fields") else (0.0,) * size))
-        system: FleetSystem = self._program.topology.leaves[judge]
+        system: FleetSystem = self._program.topology.leaves[monitor]
         written = {write.name for update in system.updates for write in update.computation.writes}
         groups = sorted(system.states.values(), key=lambda group: int(group.index or 0))
         states = {group.name: group.layout for group in groups if group.name in written}
         layouts = [*ports, *states.values()]
         firsts = itertools.accumulate((layout.num_rows for layout in layouts), initial=0)
-        places = [*zip(firsts, layouts, strict=False)]
-        return dict(zip(shown, places, strict=False)), dict(zip(states, places[len(shown) :], strict=True))
+        log_rows = [*zip(firsts, layouts, strict=False)]
+        return dict(zip(outputs, log_rows, strict=False)), dict(zip(states, log_rows[len(outputs) :], strict=True))

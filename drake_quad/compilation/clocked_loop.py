@@ -1,11 +1,11 @@
-"""Machine code of a tick for vehicles with clocks of their own.
+"""Machine code of a tick for vehicles with individual clocks.
 
-Vehicles lie in memory vector by vector, each with all of its rows, and stay there from tick to tick:
+All rows of a vector of vehicles are contiguous in memory, and remain there from tick to tick:
 
     rows    (vectors, rows, lanes)      [state of vehicles 0 to 7] [state of vehicles 8 to 15] ...
 
-The numbers that depend on the time alone stand in a table, a row a tick; each vehicle takes the row of its clock. What
-follows from parameters alone is computed when these change.
+A table has the numbers that depend on the time only, one row per tick, and each vehicle uses the row of its clock.
+Results that depend on parameters only are computed when the parameters change.
 """
 
 import copy
@@ -15,31 +15,31 @@ from typing import Any, Self
 
 import numpy as np
 
-from drake_quad.compilation.parts import EVENT, PREPARE, PartSizes, aligned, divided
+from drake_quad.compilation.parts import EVENT, PREPARE, PartSizes, aligned, split_listing
 from drake_quad.framework.drivers import Driver
 from drake_quad.framework.instructions import Rows, declarations
-from drake_quad.framework.machine_code import LANES, address
+from drake_quad.framework.machine_code import LANES, kernel_address
 from drake_quad.framework.symbols import Listing
 
 
 class ClockedLoop:
-    """Machine code that lets a tick pass.
+    """Machine code that simulates a tick.
 
     Args:
-        listing: of what happens from one tick to the next; its groups are `STATE`, `PARAMETERS` and `INPUTS`.
-        changes: symbols or numbers that the state will hold, by the row.
-        logged: symbols or numbers that are shown.
-        sizes: of the groups.
-        width: numbers of a row of the table.
-        num_vehicles: N.
+        listing: listing of a tick, with the groups `STATE`, `PARAMETERS` and `INPUTS`.
+        changes: symbols or numbers of the new state, by the index of the row; other rows do not change.
+        logged: symbols or numbers that are written to the log.
+        sizes: numbers of rows of the groups.
+        width: number of columns of the table.
+        num_vehicles: number N of vehicles.
 
     Attributes:
-        lanes: vehicles of a vector.
-        state: (vectors, rows, lanes), which changes.
-        parameters: (vectors, rows, lanes); `prepare` must follow a change.
-        inputs: (vectors, rows, lanes).
-        log: (vectors, rows, lanes), what is shown.
-        clocks: (vectors, lanes) int64, the row of the table that each vehicle takes.
+        lanes: number of vehicles in a vector.
+        state: (vectors, rows, lanes) state, which a tick changes.
+        parameters: (vectors, rows, lanes) parameters; `prepare` must be called after they change.
+        inputs: (vectors, rows, lanes) inputs.
+        log: (vectors, rows, lanes) logged values of the last tick.
+        clocks: (vectors, lanes) index of the row of the table that each vehicle uses, int64.
     """
 
     def __init__(
@@ -54,48 +54,48 @@ class ClockedLoop:
     ) -> None:
         self.lanes = lanes = 1 if num_vehicles == 1 else LANES
         width = max(1, width)
-        before, event = divided(listing, changes, logged)
-        rows = {**sizes._asdict(), "kept": len(before.stores), "log": len(logged)}
+        preparation, event = split_listing(listing, changes, logged)
+        rows = {**sizes._asdict(), "precomputed": len(preparation.stores), "log": len(logged)}
         shared = Rows("%shared", lanes)
         text = "\n".join(
             [
                 declarations(lanes),
-                before.written(PREPARE, lanes=lanes, log_stride=0, shared=shared),
-                event.written(EVENT, lanes=lanes, log_stride=lanes, shared=shared),
-                _taking(width, lanes),
+                preparation.llvm_function(PREPARE, lanes=lanes, log_stride=0, shared=shared),
+                event.llvm_function(EVENT, lanes=lanes, log_stride=lanes, shared=shared),
+                _take_function(width, lanes),
                 _driver(rows, lanes),
             ]
         )
         arguments: list[Any] = [ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, *[ctypes.py_object] * 8]
-        self._run: Callable[..., None] = ctypes.PYFUNCTYPE(None, *arguments)(address(text))
+        self._run: Callable[..., None] = ctypes.PYFUNCTYPE(None, *arguments)(kernel_address(text))
         self._counts, self._width = tuple(rows.values()), width
         self._allocate(num_vehicles)
 
-    def fresh(self, num_vehicles: int) -> Self:
-        """Return a loop with the same machine code for another number of vehicles, which stays 1 if it was."""
+    def with_num_vehicles(self, num_vehicles: int) -> Self:
+        """Return a loop with the same machine code for another number of vehicles; both numbers are 1, or neither."""
         result = copy.copy(self)
         result._allocate(num_vehicles)
         return result
 
     def _allocate(self, num_vehicles: int) -> None:
         vectors = -(-num_vehicles // self.lanes)
-        self.state, self.parameters, self.inputs, self._kept, self.log = (
+        self.state, self.parameters, self.inputs, self._precomputed, self.log = (
             _zeros(vectors, count, self.lanes) for count in self._counts
         )
         self.clocks = np.zeros((vectors, self.lanes), dtype=np.int64)
         self._shared = aligned(self._width * self.lanes)
-        self._arrays = self.state, self.parameters, self.inputs, self._kept, self.log, self.clocks, self._shared
+        self._arrays = self.state, self.parameters, self.inputs, self._precomputed, self.log, self.clocks, self._shared
 
     def prepare(self, vectors: Sequence[int]) -> None:
-        """Computes what follows from the parameters of some vectors, given their numbers."""
+        """Compute the results that depend on parameters only, for the vectors with these indices."""
         for vector in vectors:
             self._run(vector, 1, 1, *self._arrays, self._shared)
 
     def advance(self, table: np.ndarray) -> None:
-        """Lets a tick pass for all vehicles.
+        """Simulate one tick for all vehicles.
 
         Args:
-            table: (ticks, width).
+            table: (ticks, width) numbers that depend on the time only.
         """
         self._run(0, len(self.state), 0, *self._arrays, table)
 
@@ -106,8 +106,8 @@ def _zeros(vectors: int, rows: int, lanes: int) -> np.ndarray:
     return array
 
 
-def _taking(width: int, lanes: int) -> str:
-    """Return the function that copies the numbers of each vehicle of a vector from the row of its clock into rows."""
+def _take_function(width: int, lanes: int) -> str:
+    """Return the LLVM code of `take`, which copies for each vehicle of a vector the row of its clock from the table."""
     driver = Driver("internal void @take(ptr %shared, ptr %table, ptr %clocks) noinline")
     with driver.loop("lane", 0, lanes):
         driver.at("clock_at", "clocks", "%lane", "i64")
@@ -125,7 +125,7 @@ def _taking(width: int, lanes: int) -> str:
 
 
 def _driver(rows: Mapping[str, int], lanes: int) -> str:
-    """Return the function that Python calls, which prepares several vectors or lets a tick pass for them."""
+    """Return the LLVM code of the function that Python calls, which prepares several vectors or simulates a tick."""
     arrays = [f"{name}_rows" for name in rows]
     driver = Driver.of_arrays("i64 %begin, i64 %count, i64 %prepares", [*arrays, "clock_rows", "shared", "table"])
     driver.let("end", "add i64 %begin, %count")

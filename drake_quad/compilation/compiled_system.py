@@ -1,4 +1,4 @@
-"""A compiled diagram as a Drake system."""
+"""Drake system of the compiled part of a diagram."""
 
 import functools
 from collections.abc import Iterable, Sequence
@@ -22,31 +22,33 @@ _TABLE_EVENTS = 64
 
 
 class Log:
-    """What a compiled system has recorded since time zero: (ticks, rows, N) numbers, one array after another."""
+    """Recorded outputs of a compiled system since time zero: consecutive arrays of shape (ticks, rows, N)."""
 
     def __init__(self) -> None:
         self.parts: list[np.ndarray] = []
 
 
 class CompiledSystem(LeafSystem):
-    """What of a diagram has been compiled.
+    """Compiled systems of a diagram as one system.
 
-    Its discrete state is that of all compiled systems, row after row, its first numeric parameter all their parameters.
+    The discrete state contains the states of all compiled systems, row after row. The first numeric parameter contains
+    all their parameters.
 
     Args:
-        program: of the diagram.
-        ticks: that an event takes at once where nothing else looks in between; None for events at every instant, as in
-            the diagram.
-        tick: the time between two ticks, one of the periods, s; None for the time after which all happens again.
-        record: whether the diagram's output ports are recorded at every tick.
+        program: compiler of the diagram.
+        ticks: largest number of ticks that one event may simulate, if no other system uses the results in between; None
+            for an event at every instant at which the diagram has one.
+        tick: period of the ticks, s, which must be one of the diagram's periods; None for the least common multiple of
+            all periods.
+        record: True to record the diagram's output ports at every tick.
 
     Attributes:
-        program: of the diagram.
-        tick: the time between two ticks, s.
-        recorded: the ports that are recorded, by name.
+        program: compiler of the diagram.
+        tick: period of the ticks, s.
+        recorded: recorded output ports, by name.
 
     Raises:
-        InputError: nothing happens with the period of the ticks.
+        InputError: if the diagram has no event with the period of the ticks.
     """
 
     def __init__(self, program: Program, *, ticks: int | None, tick: float | None, record: bool) -> None:
@@ -60,44 +62,44 @@ class CompiledSystem(LeafSystem):
         self._end = self.DeclareNumericParameter(BasicVector([np.inf]))
         self._inputs = {
             source: self.DeclareVectorInputPort(input_name(program, source), rows * program.num_vehicles).get_index()
-            for source, (_, rows) in program.places.inputs.items()
+            for source, (_, rows) in program.row_ranges.inputs.items()
         }
         for name, port in program.topology.outputs.items():
-            self._show(name, port)
-        for path, system in program.others.items():
+            self._declare_output(name, port)
+        for path, system in program.uncompiled.items():
             for index, source in enumerate(program.topology.sources(path)):
                 if isinstance(source, Port) and source.path in program.blocks:
-                    self._show(f"{path}.{system.get_input_port(index).get_name()}", source)
+                    self._declare_output(f"{path}.{system.get_input_port(index).get_name()}", source)
         self.recorded = dict(program.topology.outputs) if record else {}
         self._log = self.DeclareAbstractParameter(AbstractValue.Make(Log())) if record else None
         self._tables: ThreadSafeCache[np.ndarray] = ThreadSafeCache(_MAX_TABLES)
-        # Between its own events, nothing may look at what takes several instants at once.
-        alone = not program.places.inputs
+        # An event may only span several instants if no other system uses the results of the instants in between.
+        is_alone = not program.row_ranges.inputs
         strides, ports = None, tuple(self.recorded.values())
-        if ticks is not None and (alone or not program.others_remember):
+        if ticks is not None and (is_alone or not program.uncompiled_have_state):
             strides = program.strides(ports, self._instants)
         if strides is None:
             self._declare_instants()
         else:
-            self._declare_strides(strides, ticks if len(strides) == 1 and alone and ticks is not None else 1)
-        self._first = program.stage(None)
+            self._declare_strides(strides, ticks if len(strides) == 1 and is_alone and ticks is not None else 1)
+        self._first = program.event_at(None)
         if self._first is not None:
-            self.DeclareInitializationDiscreteUpdateEvent(self._begin)
+            self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
 
     def read(self, context: Context, diagram_context: Context) -> None:
-        """Takes state and parameters of the compiled systems from a context of the diagram."""
+        """Copy state and parameters of the compiled systems from a context of the original diagram."""
         state, parameters = self.program.read(diagram_context)
         context.get_mutable_discrete_state(self._state).SetFromVector(state)
         context.get_mutable_numeric_parameter(self._parameters).SetFromVector(parameters)
 
     def write(self, context: Context, diagram_context: Context) -> None:
-        """Gives state and parameters of the compiled systems to a context of the diagram."""
+        """Copy state and parameters of the compiled systems to a context of the original diagram."""
         state = context.get_discrete_state(self._state).CopyToVector()
         parameters = context.get_numeric_parameter(self._parameters).CopyToVector()
         self.program.write(diagram_context, state, parameters)
 
     def set_end(self, context: Context, time: float) -> None:
-        """Lets nothing happen after a time (s), where an event takes several ticks."""
+        """Set the time (s) after which events that simulate several ticks change nothing."""
         context.get_mutable_numeric_parameter(self._end).SetFromVector([time])
 
     def get_state(self, context: Context, path: str, name: str) -> Any:
@@ -110,18 +112,18 @@ class CompiledSystem(LeafSystem):
         """
         group = entry(self._system(path).states, name, "group of the state")
         rows = self._rows(
-            context.get_discrete_state(self._state).value(), self.program.places.states[path, int(group.index)]
+            context.get_discrete_state(self._state).value(), self.program.row_ranges.states[path, int(group.index)]
         )
         return group.layout.build(rows)
 
     def get_parameter(self, context: Context, path: str, name: str) -> Any:
         """Return a copy of the record of a FleetSystem's parameter; arguments are those of `get_state`."""
         parameter = entry(self._system(path).parameters, name, "parameter")
-        place = self.program.places.parameters[path, int(parameter.index)]
-        return parameter.layout.build(self._rows(context.get_numeric_parameter(self._parameters).value(), place))
+        row_range = self.program.row_ranges.parameters[path, int(parameter.index)]
+        return parameter.layout.build(self._rows(context.get_numeric_parameter(self._parameters).value(), row_range))
 
     def log(self, context: Context) -> dict[str, np.ndarray]:
-        """The (ticks, rows · N) signals that were recorded since time zero, by name."""
+        """Return the (ticks, rows · N) signals that were recorded since time zero, by name."""
         parts = context.get_abstract_parameter(self._log).get_value().parts
         n = self.program.num_vehicles
         num_rows = sum(self.GetOutputPort(name).size() for name in self.recorded) // n
@@ -136,23 +138,25 @@ class CompiledSystem(LeafSystem):
     def _system(self, path: str) -> Any:
         system = self.program.topology.leaves.get(path)
         if not isinstance(system, FleetSystem) or path not in self.program.blocks:
-            raise KeyError(f"{path} is no compiled system, as {', '.join(self.program.blocks)} are")
+            raise KeyError(
+                f"{path} is not a compiled system; the compiled systems are {', '.join(self.program.blocks)}"
+            )
         return system
 
-    def _rows(self, numbers: np.ndarray, place: tuple[int, int]) -> Sequence[Any]:
+    def _rows(self, numbers: np.ndarray, row_range: tuple[int, int]) -> Sequence[Any]:
         n = self.program.num_vehicles
-        first, count = place
+        first, count = row_range
         part = numbers[first * n : (first + count) * n].copy()
         return part.tolist() if n == 1 else part.reshape(count, n)  # type: ignore[return-value]
 
     def _declare_instants(self) -> None:
-        """Declares events at every instant, as the diagram has them."""
+        """Declare events at every instant at which the diagram has one."""
         program, ports = self.program, tuple(self.recorded.values())
         discrete = [
-            program.stage(instant, () if instant % self._instants else ports) for instant in range(program.cycle)
+            program.event_at(instant, () if instant % self._instants else ports) for instant in range(program.cycle)
         ]
-        unrestricted = [program.stage(instant, (), True) for instant in range(program.cycle)]
-        starts = any(work.at_start for _, work in program.works(0, unrestricted=True))
+        unrestricted = [program.event_at(instant, (), True) for instant in range(program.cycle)]
+        starts = any(block_update.at_start for _, block_update in program.updates(0, unrestricted=True))
 
         def update(context: Context, values: Any) -> None:
             instant = round(context.get_time() / program.base)
@@ -172,7 +176,7 @@ class CompiledSystem(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(program.base, 0.0, update)
 
     def _declare_strides(self, events: Sequence[Event], ticks: int) -> None:
-        """Declares events that take several instants, or several ticks."""
+        """Declare events that simulate several instants, or several ticks."""
         instants = events[0].instants
         period = instants * self.program.base
 
@@ -190,18 +194,18 @@ class CompiledSystem(LeafSystem):
             begin = context.get_time() / (period * ticks)
             if abs(begin - round(begin)) > ROUNDING:
                 raise InputError(
-                    f"a simulation cannot begin at {context.get_time():g} s where an event takes {ticks} ticks at once,"
+                    f"a simulation cannot begin at {context.get_time():g} s if events simulate {ticks} ticks at once,"
                     f" since events are {period * ticks:g} s apart; compile the diagram with ticks=None"
                 )
 
         self.DeclareInitializationDiscreteUpdateEvent(check)
         self.DeclarePeriodicDiscreteUpdateEvent(period * ticks, 0.0, advance)
 
-    def _begin(self, context: Context, values: Any) -> None:
-        self._now(self._first, context, values.get_mutable_value(self._state))
+    def _initialize(self, context: Context, values: Any) -> None:
+        self._run_now(self._first, context, values.get_mutable_value(self._state))
 
     def _advance(self, event: Event, context: Context, state: np.ndarray, first: int, count: int) -> None:
-        """Lets events pass; `first` is the number of the first of them, counted from time zero."""
+        """Run `count` consecutive events; `first` is the number of the first one, counted from time zero."""
         log = self._run(event, context, state, self._table(event, first, count))
         if event.loop.num_logged:
             parts = context.get_abstract_parameter(self._log).get_value().parts
@@ -210,7 +214,7 @@ class CompiledSystem(LeafSystem):
             parts.append(log)
 
     def _table(self, event: Event, first: int, count: int) -> np.ndarray:
-        """Return the shared numbers of some events, from a cache for later flights, which is filled in large parts."""
+        """Return the shared numbers of some events; a cache for later flights is filled with many events at once."""
         begin, size = (first - first % _TABLE_EVENTS, _TABLE_EVENTS) if count == 1 else (first, count)
 
         def make() -> np.ndarray:
@@ -218,25 +222,25 @@ class CompiledSystem(LeafSystem):
 
         return self._tables.get((id(event), begin, size), make)[first - begin : first - begin + count]
 
-    def _now(self, event: Any, context: Context, state: np.ndarray) -> np.ndarray:
+    def _run_now(self, event: Any, context: Context, state: np.ndarray) -> np.ndarray:
         """Run one event at the context's time, and return its log."""
         shared = self._shared_at(event, context.get_time())[None]
         return self._run(event, context, state, shared)[0, :, : self.program.num_vehicles]
 
     def _run(self, event: Event, context: Context, state: np.ndarray, shared: np.ndarray) -> np.ndarray:
-        """Run events, given the numbers that all vehicles share at each, and return their logs."""
+        """Run events, given the (events, width) shared numbers, and return their logs."""
         n = self.program.num_vehicles
         log = np.empty((len(shared), event.loop.num_logged, event.loop.padded(n)))
         parameters = context.get_numeric_parameter(self._parameters).value()
-        event.loop.run(state, parameters, self._seen(event.inputs, context), shared, log, n)
+        event.loop.run(state, parameters, self._input_rows(event.inputs, context), shared, log, n)
         return log
 
-    def _seen(self, sources: Iterable[Port | ExportedPort], context: Context) -> np.ndarray:
-        """What comes from elsewhere; nothing sensible where it is not asked for."""
+    def _input_rows(self, sources: Iterable[Port | ExportedPort], context: Context) -> np.ndarray:
+        """Return the rows of all external inputs; those of inputs that are not among `sources` are uninitialized."""
         n, sizes = self.program.num_vehicles, self.program.sizes
         inputs = np.empty(sizes.inputs * n)
         for source in sources:
-            first, rows = self.program.places.inputs[source]
+            first, rows = self.program.row_ranges.inputs[source]
             vector = self.EvalVectorInput(context, self._inputs[source])
             if vector is None:
                 raise ValueError(f"the input port {input_name(self.program, source)} is not connected")
@@ -246,23 +250,25 @@ class CompiledSystem(LeafSystem):
             inputs[first * n : (first + rows) * n] = vector.value()
         return inputs
 
-    def _show(self, name: str, port: Port) -> None:
-        """Declares an output port that shows a leaf's."""
+    def _declare_output(self, name: str, port: Port) -> None:
+        """Declare an output port with the value of an output port of a leaf system."""
         size = self.program.topology.leaves[port.path].get_output_port(port.number).size()
-        look = functools.cache(lambda: self.program.look((port,)))  # only ports that are looked at are compiled
+        logging_event = functools.cache(
+            lambda: self.program.logging_event((port,))
+        )  # outputs are compiled at their first evaluation
 
         def calc(context: Context, output: BasicVector) -> None:
-            # The event does not write into the state.
+            # The event only logs the port and does not change the state.
             state = context.get_discrete_state(self._state).value()
-            output.SetFromVector(self._now(look(), context, state).ravel())
+            output.SetFromVector(self._run_now(logging_event(), context, state).ravel())
 
-        reached = self.program.reach(port)
+        sources = self.program.external_sources(port)
         tickets = {self.xd_ticket(), self.pn_ticket(), self.time_ticket()}
-        tickets |= {self.input_port_ticket(self._inputs[source]) for source in reached}
+        tickets |= {self.input_port_ticket(self._inputs[source]) for source in sources}
         self.DeclareVectorOutputPort(name, size, calc, tickets)
 
     def _shared_at(self, code: Event, time: float) -> np.ndarray:
-        """The shared numbers at a time; at an instant, from those that are kept."""
+        """Return the shared numbers at a time (s); those at instants are cached."""
         instant = round(time / self.program.base)
         if instant * self.program.base == time:
             return self._table(code, instant, 1)[0]
@@ -270,7 +276,7 @@ class CompiledSystem(LeafSystem):
 
 
 def input_name(program: Program, source: Port | ExportedPort) -> str:
-    """The name of the port of a compiled system for what comes from elsewhere."""
+    """Return the name of the compiled system's input port for an external source."""
     if isinstance(source, ExportedPort):
         return source.name
     port = program.topology.leaves[source.path].get_output_port(source.number)

@@ -1,11 +1,11 @@
-"""Machine code of whole events: what happens to one vector of vehicles after another, from event to event.
+"""Machine code that simulates several events for one vector of vehicles after another.
 
-The rows of a vector's vehicles are copied out of the fleet, so that they lie together in the processor's nearest cache
-while many events pass, and are copied back at the end:
+The rows of a vector of vehicles are copied out of the fleet to contiguous memory, which stays in the processor's
+fastest cache during all events, and are copied back at the end:
 
     fleet  ──gather──▶  rows of a vector's vehicles  ──event──▶──event──▶ ... ──scatter──▶  fleet
 
-What follows from parameters alone is computed before the first event and kept beside these rows.
+Results that depend on parameters only are computed before the first event and stored beside these rows.
 """
 
 import ctypes
@@ -14,26 +14,26 @@ from typing import Any
 
 import numpy as np
 
-from drake_quad.compilation.parts import EVENT, PREPARE, PartSizes, aligned, divided
-from drake_quad.framework.drivers import Driver, copying
+from drake_quad.compilation.parts import EVENT, PREPARE, PartSizes, aligned, split_listing
+from drake_quad.framework.drivers import Driver, copy_functions
 from drake_quad.framework.instructions import declarations
-from drake_quad.framework.machine_code import LANES, address
+from drake_quad.framework.machine_code import LANES, kernel_address
 from drake_quad.framework.symbols import Listing
 
 
 class Loop:
-    """Machine code that lets events pass.
+    """Machine code that simulates consecutive events.
 
     Args:
-        listing: of what happens from one event to the next; its groups are `STATE`, `PARAMETERS` and `INPUTS`.
-        changes: symbols or numbers that the state will hold, by the row.
-        logged: symbols or numbers that are written down at every event.
-        sizes: of the groups.
-        width: numbers that all vehicles share at an event.
-        lone: whether it is for a single vehicle.
+        listing: listing of an event, with the groups `STATE`, `PARAMETERS` and `INPUTS`.
+        changes: symbols or numbers of the new state, by the index of the row; other rows do not change.
+        logged: symbols or numbers that are written to the log at every event.
+        sizes: numbers of rows of the groups.
+        width: number of shared numbers of an event, which are the same for all vehicles.
+        single_vehicle: True for machine code that computes one vehicle only.
 
     Attributes:
-        num_logged: rows that are written down at every event.
+        num_logged: number of rows that are written to the log at every event.
     """
 
     def __init__(
@@ -44,26 +44,26 @@ class Loop:
         *,
         sizes: PartSizes,
         width: int,
-        lone: bool,
+        single_vehicle: bool,
     ) -> None:
-        self._lanes, self.num_logged = 1 if lone else LANES, len(logged)
-        before, event = divided(listing, changes, logged)
-        # The function runs under Python's lock, one call at a time.
-        self._scratch = aligned((sum(sizes) + len(before.stores)) * self._lanes)
+        self._lanes, self.num_logged = 1 if single_vehicle else LANES, len(logged)
+        preparation, event = split_listing(listing, changes, logged)
+        # Calls can share the memory, since the function holds Python's global lock while it runs.
+        self._scratch = aligned((sum(sizes) + len(preparation.stores)) * self._lanes)
         text = "\n".join(
             [
                 declarations(self._lanes),
-                copying(self._lanes),
-                before.written(PREPARE, lanes=self._lanes, log_stride=0, shared=""),
-                event.written(EVENT, lanes=self._lanes, log_stride="%padded", shared="%shared"),
+                copy_functions(self._lanes),
+                preparation.llvm_function(PREPARE, lanes=self._lanes, log_stride=0, shared=""),
+                event.llvm_function(EVENT, lanes=self._lanes, log_stride="%padded", shared="%shared"),
                 _driver(sizes, len(logged), max(1, width), self._lanes),
             ]
         )
         arguments: list[Any] = [ctypes.c_int64, ctypes.c_int64, *[ctypes.py_object] * 6]
-        self._run: Callable[..., None] = ctypes.PYFUNCTYPE(None, *arguments)(address(text))
+        self._run: Callable[..., None] = ctypes.PYFUNCTYPE(None, *arguments)(kernel_address(text))
 
     def padded(self, num_vehicles: int) -> int:
-        """The vehicles that a log has room for."""
+        """Return the number of vehicles of a log: the number of vehicles, rounded up to whole vectors."""
         return -(-num_vehicles // self._lanes) * self._lanes
 
     def run(
@@ -75,26 +75,26 @@ class Loop:
         log: np.ndarray,
         num_vehicles: int,
     ) -> None:
-        """Lets events pass.
+        """Simulate consecutive events.
 
         Args:
-            state: (rows · N,), which changes.
-            parameters: (rows · N,).
-            inputs: (rows · N,) at the first event; it does not change.
-            shared: (events, width).
-            log: (events, logged rows, N padded), which is written.
-            num_vehicles: N.
+            state: (rows · N,) state, which is overwritten.
+            parameters: (rows · N,) parameters.
+            inputs: (rows · N,) inputs, which are the same at all events.
+            shared: (events, width) numbers that all vehicles share.
+            log: (events, num_logged, padded N) log, which is overwritten.
+            num_vehicles: number N of vehicles.
         """
         self._run(num_vehicles, len(shared), state, parameters, inputs, shared, log, self._scratch)
 
 
 def _driver(sizes: PartSizes, num_logged: int, width: int, lanes: int) -> str:
-    """Return the function that Python calls."""
+    """Return the LLVM code of the function that Python calls."""
     copied = sizes._asdict()
     arrays = [f"{name}_rows" for name in (*copied, "shared", "log")]
     driver = Driver.of_arrays("i64 %n, i64 %events", [*arrays, "scratch"])
     row = 0
-    for name, count in {**copied, "kept": 0}.items():
+    for name, count in {**copied, "precomputed": 0}.items():
         driver.at(name, "scratch", row * lanes)
         row += count
     driver.let("up", f"add i64 %n, {lanes - 1}")

@@ -1,4 +1,4 @@
-"""What happens at an event, in two parts: what follows from parameters alone, and the rest, which reads that."""
+"""Split of the listing of an event: results that depend on parameters only are computed in advance."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -9,22 +9,23 @@ from drake_quad.compilation.trace import INPUTS, PARAMETERS, STATE
 from drake_quad.framework.instructions import Rows, Store, function
 from drake_quad.framework.symbols import LEAVES, Listing, Operation, Symbol, SymbolKind
 
-# Groups beside those of a trace: what is kept for later, and what is logged.
-KEPT, LOG = 3, 4
-# Bytes of a line of the processor's cache: rows begin with one.
+# Numbers of the groups of precomputed and of logged rows, after those of a trace.
+PRECOMPUTED = 3
+LOG = 4
+# Size of a line of the processor's cache, bytes. Arrays begin at a multiple of it.
 CACHE_LINE = 64
-# The functions of the two parts, with their arguments.
-PREPARE = "@prepare(ptr %parameters, ptr %kept)"
-EVENT = "@event(ptr %state, ptr %inputs, ptr %kept, ptr %shared, ptr %log, i64 %padded)"
+# Names and arguments of the LLVM functions of both parts.
+PREPARE = "@prepare(ptr %parameters, ptr %precomputed)"
+EVENT = "@event(ptr %state, ptr %inputs, ptr %precomputed, ptr %shared, ptr %log, i64 %padded)"
 
 
 class PartSizes(NamedTuple):
-    """How many rows there are.
+    """Numbers of rows of the groups of a listing.
 
     Attributes:
-        state: of the state.
-        parameters: of all parameters.
-        inputs: of what comes from elsewhere.
+        state: number of rows of the state.
+        parameters: number of rows of all parameters.
+        inputs: number of rows of the external inputs.
     """
 
     state: int
@@ -33,30 +34,30 @@ class PartSizes(NamedTuple):
 
 
 class Part(NamedTuple):
-    """A part of what happens.
+    """Part of an event.
 
     Attributes:
-        listing: of it.
-        stores: what is written where: group and row.
+        listing: operations of the part.
+        stores: results, each with the group and row that it is written to.
     """
 
     listing: Listing
     stores: list[tuple[tuple[int, int], Symbol]]
 
-    def written(self, head: str, *, lanes: int, log_stride: str | int, shared: str | Rows) -> str:
-        """The function that does it, in LLVM's language.
+    def llvm_function(self, head: str, *, lanes: int, log_stride: str | int, shared: str | Rows) -> str:
+        """Return the LLVM code of the part as a function.
 
         Args:
-            head: its name and arguments, `PREPARE` or `EVENT`.
-            lanes: vehicles of a vector.
-            log_stride: from a row of the log to the next, in numbers.
-            shared: the numbers that all vehicles share, as for `function`.
+            head: name and arguments of the function, `PREPARE` or `EVENT`.
+            lanes: number of vehicles in a vector.
+            log_stride: distance between consecutive rows of the log, in elements.
+            shared: shared numbers, as for `drake_quad.framework.instructions.function`.
         """
         groups = {
             STATE: Rows("%state", lanes),
             PARAMETERS: Rows("%parameters", lanes),
             INPUTS: Rows("%inputs", lanes),
-            KEPT: Rows("%kept", lanes),
+            PRECOMPUTED: Rows("%precomputed", lanes),
             LOG: Rows("%log", log_stride),
         }
         stores = [Store(groups[group], row, symbol) for (group, row), symbol in self.stores]
@@ -64,45 +65,45 @@ class Part(NamedTuple):
 
 
 def aligned(size: int) -> np.ndarray:
-    """An array of so many numbers that begins with a line of the cache."""
+    """Return an uninitialized array with `size` elements that begins at a line of the cache."""
     array = np.empty(size + CACHE_LINE // 8)
     first = -array.ctypes.data % CACHE_LINE // 8
     return array[first : first + size]
 
 
-def divided(listing: Listing, changes: Mapping[int, Any], logged: Sequence[Any]) -> tuple[Part, Part]:
-    """Split a listing into the part that depends on parameters only, whose results are kept, and the rest.
+def split_listing(listing: Listing, changes: Mapping[int, Any], logged: Sequence[Any]) -> tuple[Part, Part]:
+    """Split a listing into the part that depends on parameters only and the rest, which reads the results of that part.
 
     Args:
-        listing: of what happens from one event to the next; its groups are `STATE`, `PARAMETERS` and `INPUTS`.
-        changes: symbols or numbers that the state will hold, by the row.
-        logged: symbols or numbers that are written down.
+        listing: listing of an event, with the groups `STATE`, `PARAMETERS` and `INPUTS`.
+        changes: symbols or numbers of the new state, by the index of the row.
+        logged: symbols or numbers that are written to the log.
     """
     results = [*changes.values(), *logged]
     targets = [*((STATE, row) for row in changes), *((LOG, row) for row in range(len(logged)))]
     lines = [result.line if result.__class__ is Symbol else listing.constant(result).line for result in results]
-    fixed = _follow_from_parameters(listing)
-    before = _Copy(listing)
-    rest = _Rest(listing, fixed, before)
-    # In their order, so that nothing is asked for in depth.
-    for line in _needed(listing, lines):
+    fixed = _are_fixed(listing)
+    preparation = _Copy(listing)
+    rest = _RemainingPart(listing, fixed, preparation)
+    # In this order, the operands of each line have already been copied, which avoids deep recursion.
+    for line in _required_lines(listing, lines):
         if not fixed[line]:
             rest.symbol(line)
         elif listing.operations[line].name != "row":
-            before.symbol(line)
+            preparation.symbol(line)
     stores = list(zip(targets, map(rest.symbol, lines), strict=True))
-    kept = [((KEPT, row), symbol) for row, symbol in enumerate(rest.kept)]
-    return Part(before.listing, kept), Part(rest.listing, stores)
+    precomputed = [((PRECOMPUTED, row), symbol) for row, symbol in enumerate(rest.precomputed)]
+    return Part(preparation.listing, precomputed), Part(rest.listing, stores)
 
 
 class _Copy:
-    """A listing with lines of another one, each of which is copied when it is asked for first.
+    """Copy of the lines of a listing that are requested, and of their operands.
 
     Args:
-        source: the other listing.
+        source: listing that is copied.
 
     Attributes:
-        listing: the copy.
+        listing: listing of the copied lines.
     """
 
     def __init__(self, source: Listing) -> None:
@@ -123,51 +124,51 @@ class _Copy:
         return self.listing.add(operation.name, operands, operation.kind, operation.inside)
 
 
-class _Rest(_Copy):
-    """A copy that reads what follows from parameters, instead of computing it.
+class _RemainingPart(_Copy):
+    """Copy of a listing that reads results that depend on parameters only, instead of computing them.
 
     Args:
-        source: the other listing.
-        fixed: which of its lines follow from parameters.
-        before: copy in which these are computed.
+        source: listing that is copied.
+        fixed: for each line of the listing, True if it depends on parameters only.
+        preparation: copy that computes these lines.
 
     Attributes:
-        kept: what is read, symbols of `before`.
+        precomputed: symbols of `preparation` that are read.
     """
 
-    def __init__(self, source: Listing, fixed: Sequence[bool], before: _Copy) -> None:
+    def __init__(self, source: Listing, fixed: Sequence[bool], preparation: _Copy) -> None:
         super().__init__(source)
-        self.kept: list[Symbol] = []
-        self._fixed, self._before = fixed, before
+        self.precomputed: list[Symbol] = []
+        self._fixed, self._preparation = fixed, preparation
 
     def _copied(self, line: int, operation: Operation) -> Symbol:
-        # Truth values are quickly computed again.
+        # Comparisons are faster to repeat than to store.
         if self._fixed[line] and operation.name != "constant" and operation.kind is not SymbolKind.TRUTH:
-            self.kept.append(self._before.symbol(line))
-            return self.listing.row(KEPT, len(self.kept) - 1, operation.kind)
+            self.precomputed.append(self._preparation.symbol(line))
+            return self.listing.row(PRECOMPUTED, len(self.precomputed) - 1, operation.kind)
         return super()._copied(line, operation)
 
 
-def _follow_from_parameters(listing: Listing) -> list[bool]:
-    """Which lines of a listing do."""
-    follow: list[bool] = []
+def _are_fixed(listing: Listing) -> list[bool]:
+    """Return for each line of a listing whether it depends on parameters and constants only."""
+    fixed: list[bool] = []
     for operation in listing.operations:
         name, operands = operation.name, operation.operands
         if name in LEAVES:
-            follow.append(name == "constant" or (name == "row" and operands[0] == PARAMETERS))
+            fixed.append(name == "constant" or (name == "row" and operands[0] == PARAMETERS))
         else:
-            follow.append(all(follow[operand] for operand in operands))
-    return follow
+            fixed.append(all(fixed[operand] for operand in operands))
+    return fixed
 
 
-def _needed(listing: Listing, lines: Iterable[int]) -> list[int]:
-    """The lines of a listing that some lines need, those among them, in order."""
-    needed = [False] * len(listing.operations)
+def _required_lines(listing: Listing, lines: Iterable[int]) -> list[int]:
+    """Return the given lines of a listing and all lines on which they depend, in order."""
+    required = [False] * len(listing.operations)
     for line in lines:
-        needed[line] = True
-    for line in reversed(range(len(needed))):
+        required[line] = True
+    for line in reversed(range(len(required))):
         operation = listing.operations[line]
-        if needed[line] and operation.name not in LEAVES:
+        if required[line] and operation.name not in LEAVES:
             for operand in operation.operands:
-                needed[operand] = True
-    return [line for line, is_needed in enumerate(needed) if is_needed]
+                required[operand] = True
+    return [line for line, is_required in enumerate(required) if is_required]

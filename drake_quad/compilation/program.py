@@ -1,4 +1,4 @@
-"""What a compiled diagram does, and when."""
+"""Compiler of a diagram: the instants of its events, and the machine code of each event."""
 
 import functools
 import itertools
@@ -10,23 +10,23 @@ import numpy as np
 from pydrake.systems.framework import Context, Diagram
 
 from drake_quad.caching import ThreadSafeCache
-from drake_quad.compilation.blocks import Block, Work, block_of
+from drake_quad.compilation.blocks import Block, BlockUpdate, block_of
 from drake_quad.compilation.clocked_loop import ClockedLoop
 from drake_quad.compilation.loop import Loop
 from drake_quad.compilation.parts import PartSizes
 from drake_quad.compilation.shared_numbers import SharedNumbers
-from drake_quad.compilation.stand_in import remembers, system_of
+from drake_quad.compilation.stand_in import has_state, original_system
 from drake_quad.compilation.topology import ExportedPort, Port, Topology
-from drake_quad.compilation.trace import ROUNDING, Places, Trace
+from drake_quad.compilation.trace import ROUNDING, RowRanges, Trace
 from drake_quad.errors import InputError
 from drake_quad.framework.fleet_system import FleetSystem
 from drake_quad.process_settings import without_garbage_collection
 
-# Of instants until everything happens together again.
-_LONGEST_CYCLE = 64
-# Events of diagrams that are alike but for their numbers, and the size of their fleets, are made once.
-_MAX_MADE = 256
-_made: ThreadSafeCache[Any] = ThreadSafeCache(_MAX_MADE)
+# Largest number of instants in the least common multiple of all periods.
+_MAX_CYCLE = 64
+# Diagrams that differ only in their numbers and the sizes of their fleets share the machine code of their events.
+_MAX_CACHED_EVENTS = 256
+_event_cache: ThreadSafeCache[Any] = ThreadSafeCache(_MAX_CACHED_EVENTS)
 _Result = TypeVar("_Result")
 _Key = TypeVar("_Key")
 
@@ -35,10 +35,10 @@ class Event(NamedTuple):
     """Machine code of an event.
 
     Attributes:
-        loop: the machine code.
-        shared: the numbers that all vehicles share.
-        instants: that it takes, seen from its own.
-        inputs: at which it looks.
+        loop: machine code.
+        shared: numbers that all vehicles share.
+        instants: number of instants that the event simulates.
+        inputs: external inputs that the event reads.
     """
 
     loop: Loop
@@ -47,39 +47,39 @@ class Event(NamedTuple):
     inputs: frozenset[Port | ExportedPort]
 
 
-def _made_once(make: Callable[..., _Result]) -> Callable[..., _Result]:
-    """Return a method of `Program` whose results are shared by equivalent diagrams; its arguments can be hashed."""
+def _cached(make: Callable[..., _Result]) -> Callable[..., _Result]:
+    """Cache the results of a method of `Program` for all equivalent diagrams; its arguments must be hashable."""
 
     @functools.wraps(make)
     def shared(program: "Program", *arguments: Any) -> _Result:
-        def uncollected() -> _Result:
+        def make_without_collection() -> _Result:
             with without_garbage_collection():
                 return make(program, *arguments)
 
-        result: _Result = _made.get((program.signature, make.__name__, *arguments), uncollected)
+        result: _Result = _event_cache.get((program.signature, make.__name__, *arguments), make_without_collection)
         return result
 
     return shared
 
 
 class Program:
-    """A diagram, taken apart for the compiler.
+    """Compiler of a diagram.
 
     Args:
-        diagram: to be compiled.
+        diagram: diagram that is compiled.
 
     Attributes:
-        diagram: that was given.
-        topology: of it.
-        blocks: its leaf systems that can be compiled, by path.
-        places: of all numbers.
-        sizes: rows of the groups.
-        num_vehicles: N.
-        base: time between two instants, s.
-        cycle: instants until everything happens together again.
+        diagram: diagram that is compiled.
+        topology: leaf systems and connections of the diagram.
+        blocks: leaf systems that can be compiled, by path.
+        row_ranges: ranges of rows of all states, parameters and external inputs.
+        sizes: total numbers of rows of states, parameters and external inputs.
+        num_vehicles: number N of vehicles.
+        base: time between two instants, s, which is the shortest period.
+        cycle: number of instants in the least common multiple of all periods.
 
     Raises:
-        InputError: no system is a fleet's, or the periods do not fit together.
+        InputError: if the diagram has no system for a fleet, or has periods that are not multiples of the shortest one.
     """
 
     def __init__(self, diagram: Diagram) -> None:
@@ -89,50 +89,56 @@ class Program:
         self.blocks: dict[str, Block] = {path: block for path, block in blocks.items() if block is not None}
         fleets = {system.num_vehicles for system in leaves.values() if isinstance(system, FleetSystem)}
         if not fleets:
-            raise InputError(f"{diagram.get_name()} cannot be compiled: none of its systems is made for a fleet")
+            raise InputError(f"{diagram.get_name()} cannot be compiled: it contains no FleetSystem")
         if len(fleets) > 1:
             raise InputError(
-                f"{diagram.get_name()} cannot be compiled: its systems are made for {sorted(fleets)} vehicles"
+                f"{diagram.get_name()} cannot be compiled: its systems have different numbers of vehicles:"
+                f" {sorted(fleets)}"
             )
         (self.num_vehicles,) = fleets
-        self.places = self._places(diagram.CreateDefaultContext())
-        self.sizes = PartSizes(*(sum(rows for _, rows in places.values()) for places in self.places))
-        self.base, self.cycle = self._grid()
+        self.row_ranges = self._row_ranges(diagram.CreateDefaultContext())
+        self.sizes = PartSizes(*(sum(rows for _, rows in row_ranges.values()) for row_ranges in self.row_ranges))
+        self.base, self.cycle = self._instants()
 
     @property
-    def others(self) -> dict[str, Any]:
-        """The leaf systems that are not compiled, by path."""
+    def uncompiled(self) -> dict[str, Any]:
+        """Leaf systems that are not compiled, by path."""
         return {path: system for path, system in self.topology.leaves.items() if path not in self.blocks}
 
     @property
-    def others_remember(self) -> bool:
-        """Whether a system that is not compiled has a state of its own."""
-        return any(remembers(system_of(other)) for other in self.others.values())
+    def uncompiled_have_state(self) -> bool:
+        """True if a system that is not compiled has a state."""
+        return any(has_state(original_system(system)) for system in self.uncompiled.values())
 
-    def works(self, instant: int | None, *, unrestricted: bool = False) -> list[tuple[str, Work]]:
-        """What is done, and by whom: at an instant of the cycle, or when a simulation begins."""
+    def updates(self, instant: int | None, *, unrestricted: bool = False) -> list[tuple[str, BlockUpdate]]:
+        """Return all updates at an instant, each with the path of its block.
+
+        Args:
+            instant: number of the instant in the cycle; None for the start of a simulation.
+            unrestricted: True for the unrestricted updates, False for the discrete updates.
+        """
         return [
-            (path, work)
+            (path, update)
             for path, block in self.blocks.items()
-            for work in block.works
-            if work.unrestricted == unrestricted and self._is_due(work, instant)
+            for update in block.updates
+            if update.unrestricted == unrestricted and self._is_due(update, instant)
         ]
 
-    def reach(self, port: Port) -> set[Port | ExportedPort]:
-        """What from elsewhere a leaf's output port depends on at once."""
-        if port in self.places.inputs:
+    def external_sources(self, port: Port) -> set[Port | ExportedPort]:
+        """Return the external sources on which an output port of a leaf system depends by direct feedthrough."""
+        if port in self.row_ranges.inputs:
             return {port}
-        found: set[Port | ExportedPort] = set()
-        for index in self.blocks[port.path].passes(port.number):
+        sources: set[Port | ExportedPort] = set()
+        for index in self.blocks[port.path].feedthrough(port.number):
             source = self.topology.source(Port(port.path, index))
             if isinstance(source, Port):
-                found |= self.reach(source)
+                sources |= self.external_sources(source)
             elif source is not None:
-                found.add(source)
-        return found
+                sources.add(source)
+        return sources
 
     def read(self, context: Context) -> tuple[np.ndarray, np.ndarray]:
-        """The (rows · N,) state and parameters in a context of the diagram."""
+        """Return the (rows · N,) state and parameters in a context of the diagram."""
         n = self.num_vehicles
         state, parameters = np.empty(self.sizes.state * n), np.empty(self.sizes.parameters * n)
         for vector, numbers in self._vectors(context, state, parameters):
@@ -140,58 +146,67 @@ class Program:
         return state, parameters
 
     def write(self, context: Context, state: np.ndarray, parameters: np.ndarray) -> None:
-        """Puts (rows · N,) state and parameters into a context of the diagram."""
+        """Write (rows · N,) state and parameters to a context of the diagram."""
         for vector, numbers in self._vectors(context, state, parameters):
             vector.SetFromVector(numbers)
 
-    @_made_once
-    def stage(self, instant: int | None, recorded: tuple[Port, ...] = (), unrestricted: bool = False) -> Event | None:
-        """What is done at a single instant of the cycle, or when a simulation begins; None if it is nothing.
+    @_cached
+    def event_at(
+        self, instant: int | None, recorded: tuple[Port, ...] = (), unrestricted: bool = False
+    ) -> Event | None:
+        """Return the event of a single instant of the cycle, or of the start of a simulation; None if there is none.
 
         Args:
-            instant: None when a simulation begins.
-            recorded: ports that are logged before.
-            unrestricted: whether it is that of unrestricted updates.
+            instant: number of the instant in the cycle; None for the start of a simulation.
+            recorded: ports that are logged before the updates.
+            unrestricted: True for the event of the unrestricted updates, False for that of the discrete updates.
         """
-        works = self.works(instant, unrestricted=unrestricted)
+        updates = self.updates(instant, unrestricted=unrestricted)
         trace, shared = self._trace(1)
         logged = _rows(trace, recorded)
-        if not works and not logged:
+        if not updates and not logged:
             return None
-        trace.advance(works, first=not instant)
+        trace.advance(updates, first=not instant)
         return self._event(trace, shared, 1, logged)
 
-    @_made_once
-    def look(self, shown: tuple[Port, ...]) -> Event:
-        """Return the machine code that logs what ports show at an instant, and that changes nothing."""
+    @_cached
+    def logging_event(self, logged_ports: tuple[Port, ...]) -> Event:
+        """Return the event that logs the values of ports at an instant, and changes nothing."""
         trace, shared = self._trace(1)
-        return self._event(trace, shared, 1, _rows(trace, shown))
+        return self._event(trace, shared, 1, _rows(trace, logged_ports))
 
     def instants_of(self, period: float) -> int:
-        """How many instants a period (s) takes, of something that happens."""
+        """Return the number of instants in a period (s) of the diagram.
+
+        Raises:
+            InputError: if the cycle is not a multiple of the period.
+        """
         instants = round(period / self.base)
         if not instants or abs(period / self.base - instants) > ROUNDING or self.cycle % instants:
-            raise InputError(f"{self.diagram.get_name()} cannot be compiled: nothing happens in it every {period:g} s")
+            raise InputError(
+                f"{self.diagram.get_name()} cannot be compiled with ticks of {period:g} s, which do not fit its periods"
+            )
         return instants
 
-    @_made_once
-    def strides(self, recorded: tuple[Port, ...], longest: int) -> list[Event] | None:
-        """What is done in a cycle, from the discrete updates of an instant until those of a later one begin.
+    @_cached
+    def strides(self, recorded: tuple[Port, ...], max_instants: int) -> list[Event] | None:
+        """Return the events of a cycle, each of which simulates as many instants as possible.
 
-        There are several events where something from elsewhere is looked at more than once, or where they may not take
-        a whole cycle; None if that cannot be.
+        An event lasts from the discrete updates of an instant until before those of a later instant. A cycle has
+        several events if external inputs are read more than once, or if a single event would exceed `max_instants`
+        instants. The result is None if events cannot be joined at all.
 
         Args:
-            recorded: ports that are logged every `longest` instants, from the first on.
-            longest: instants that an event may take, of which a cycle is a multiple.
+            recorded: ports that are logged every `max_instants` instants, from the first instant on.
+            max_instants: largest number of instants of an event, of which the cycle is a multiple.
         """
-        if any(work.at_start for _, work in self.works(0, unrestricted=True)):
-            # Nothing but an event of their own can do them at time zero.
+        if any(update.at_start for _, update in self.updates(0, unrestricted=True)):
+            # Unrestricted updates at time zero require a separate event.
             return None
-        for instants in (each for each in range(longest, 0, -1) if longest % each == 0):
+        for instants in (each for each in range(max_instants, 0, -1) if max_instants % each == 0):
             events = []
             for first in range(0, self.cycle, instants):
-                event = self._stride(first, instants, () if first % longest else recorded)
+                event = self._stride(first, instants, () if first % max_instants else recorded)
                 if event is None:
                     break
                 events.append(event)
@@ -200,56 +215,63 @@ class Program:
         return None
 
     def _stride(self, first: int, instants: int, recorded: Iterable[Port]) -> Event | None:
-        """None if something from elsewhere would be looked at after the first instant, or in unrestricted updates."""
+        """Return an event of several instants; None if it would read external inputs after the first one."""
         trace, shared = self._trace(instants)
         logged = _rows(trace, recorded)
-        trace.advance(self.works(first), first=first == 0)
-        looked_at = frozenset(trace.inputs)
+        trace.advance(self.updates(first), first=first == 0)
+        used_inputs = frozenset(trace.inputs)
         trace.inputs.clear()
-        self._pass(trace, first, instants)
-        return None if trace.inputs else self._event(trace, shared, instants, logged)._replace(inputs=looked_at)
+        self._trace_until(trace, first, instants)
+        return None if trace.inputs else self._event(trace, shared, instants, logged)._replace(inputs=used_inputs)
 
-    def _pass(self, trace: Trace, first: int, instants: int) -> None:
-        """Goes on from after the discrete updates of an instant until those of a later one begin."""
+    def _trace_until(self, trace: Trace, first: int, instants: int) -> None:
+        """Trace from the end of the discrete updates of an instant until before those of a later instant."""
         for instant in range(first + 1, first + instants + 1):
-            trace.proceed()
-            trace.advance(self.works(instant % self.cycle, unrestricted=True))
+            trace.next_instant()
+            trace.advance(self.updates(instant % self.cycle, unrestricted=True))
             if instant < first + instants:
-                trace.advance(self.works(instant % self.cycle))
+                trace.advance(self.updates(instant % self.cycle))
 
-    def tick(self, instants: int, shown: tuple[Port, ...], judge: str) -> tuple[ClockedLoop, SharedNumbers]:
-        """What happens from one tick to the next, for vehicles with clocks of their own; and the table that it takes.
+    def tick_loop(
+        self, instants: int, logged_ports: tuple[Port, ...], monitor: str
+    ) -> tuple[ClockedLoop, SharedNumbers]:
+        """Return the machine code of a tick for vehicles with individual clocks, and the shared numbers of its table.
 
-        At its end is shown what ports hold, and then what the discrete updates of a system would make of its state:
-        row after row, in the order of its groups.
+        At the end of a tick, the log has the rows of the ports, followed by those of the next state of a system, in the
+        order of its state groups.
 
         Args:
-            instants: of a tick, which must be a whole cycle.
-            shown: ports.
-            judge: path of the system.
+            instants: number of instants in a tick, which must be a whole cycle.
+            logged_ports: output ports whose values are logged.
+            monitor: path of the system whose next state is logged.
 
         Raises:
-            InputError: not all that happens in the diagram happens in every tick.
+            InputError: if a period of the diagram is longer than a tick, or the diagram has an unrestricted update at
+                time zero.
         """
         name = self.diagram.get_name()
         if instants != self.cycle:
             raise InputError(
-                f"vehicles of {name} cannot have clocks of their own: something happens in it less often than every"
+                f"vehicles of {name} cannot have their own clocks: a period of the diagram is longer than a tick of"
                 f" {instants * self.base:g} s"
             )
-        if any(work.at_start for _, work in self.works(0, unrestricted=True)):
-            raise InputError(f"vehicles of {name} cannot have clocks of their own: it begins with an update of its own")
-        loop, shared = self._tick(instants, shown, judge)
-        return loop.fresh(self.num_vehicles), shared
+        if any(update.at_start for _, update in self.updates(0, unrestricted=True)):
+            raise InputError(
+                f"vehicles of {name} cannot have their own clocks: the diagram has an unrestricted update at time zero"
+            )
+        loop, shared = self._tick_loop(instants, logged_ports, monitor)
+        return loop.with_num_vehicles(self.num_vehicles), shared
 
-    @_made_once
-    def _tick(self, instants: int, shown: tuple[Port, ...], judge: str) -> tuple[ClockedLoop, SharedNumbers]:
+    @_cached
+    def _tick_loop(
+        self, instants: int, logged_ports: tuple[Port, ...], monitor: str
+    ) -> tuple[ClockedLoop, SharedNumbers]:
         trace, shared = self._trace(instants)
-        trace.advance(self.works(0), first=True)
-        self._pass(trace, 0, instants)
-        logged = _rows(trace, shown)
-        judged = trace.foreseen([(path, work) for path, work in self.works(0) if path == judge])
-        logged += [row for _, rows in sorted(judged.items()) for row in rows]
+        trace.advance(self.updates(0), first=True)
+        self._trace_until(trace, 0, instants)
+        logged = _rows(trace, logged_ports)
+        next_states = trace.updated_states([(path, update) for path, update in self.updates(0) if path == monitor])
+        logged += [row for _, rows in sorted(next_states.items()) for row in rows]
         loop = ClockedLoop(
             trace.listing,
             trace.changes(),
@@ -261,7 +283,7 @@ class Program:
         return loop, shared
 
     def times(self, first: int, instants: int, count: int) -> np.ndarray:
-        """The (count, instants + 1) times (s) of events of so many instants, from event `first` on."""
+        """Return the (count, instants + 1) times, s, of the instants of `count` events, from event `first` on."""
         begins = instants * (first + np.arange(count))
         times: np.ndarray = (begins[:, None] + np.arange(instants + 1)) * self.base
         return times
@@ -276,61 +298,69 @@ class Program:
             if path not in contexts:
                 contexts[path] = system.CreateDefaultContext()
             contexts[path].SetTime(time)
-            shown: np.ndarray = system.get_output_port(output).Eval(contexts[path])
-            return shown
+            value: np.ndarray = system.get_output_port(output).Eval(contexts[path])
+            return value
 
         return shared.table(times, values)
 
     @functools.cached_property
     def signature(self) -> tuple[Any, ...]:
-        """All that its machine code depends on."""
+        """Hashable key; diagrams with equal keys have equal machine code."""
         leaves = self.topology.leaves
         blocks = tuple(
             [(path, block.signature, tuple(self.topology.sources(path))) for path, block in self.blocks.items()]
         )
-        others = tuple([(path, tuple(self.topology.sources(path))) for path in leaves if path not in self.blocks])
+        uncompiled = tuple([(path, tuple(self.topology.sources(path))) for path in leaves if path not in self.blocks])
         outputs = tuple(self.topology.outputs.items())
-        places = tuple([tuple(each.items()) for each in self.places])
-        return blocks, others, outputs, places, self.num_vehicles == 1
+        row_ranges = tuple([tuple(each.items()) for each in self.row_ranges])
+        return blocks, uncompiled, outputs, row_ranges, self.num_vehicles == 1
 
     def _trace(self, instants: int) -> tuple[Trace, SharedNumbers]:
         shared = SharedNumbers()
-        trace = Trace(self.topology, self.blocks, self.places, base=self.base, instants=instants, shared=shared)
+        trace = Trace(self.topology, self.blocks, self.row_ranges, base=self.base, instants=instants, shared=shared)
         return trace, shared
 
     def _event(self, trace: Trace, shared: SharedNumbers, instants: int, logged: Sequence[Any]) -> Event:
         loop = Loop(
-            trace.listing, trace.changes(), logged, sizes=self.sizes, width=shared.width, lone=self.num_vehicles == 1
+            trace.listing,
+            trace.changes(),
+            logged,
+            sizes=self.sizes,
+            width=shared.width,
+            single_vehicle=self.num_vehicles == 1,
         )
         return Event(loop, shared, instants, frozenset(trace.inputs))
 
-    def _is_due(self, work: Work, instant: int | None) -> bool:
-        if instant is None or work.period is None:
-            return instant is None and work.period is None
-        return instant % round(work.period / self.base) == 0
+    def _is_due(self, update: BlockUpdate, instant: int | None) -> bool:
+        if instant is None or update.period is None:
+            return instant is None and update.period is None
+        return instant % round(update.period / self.base) == 0
 
-    def _grid(self) -> tuple[float, int]:
-        """The time between two instants, and the number of instants of a cycle."""
+    def _instants(self) -> tuple[float, int]:
+        """Return the time between two instants, s, and the number of instants in a cycle."""
         periods = [
-            (path, work.period)
+            (path, update.period)
             for path, block in self.blocks.items()
-            for work in block.works
-            if work.period is not None
+            for update in block.updates
+            if update.period is not None
         ]
         if not periods:
-            raise InputError(f"{self.diagram.get_name()} cannot be compiled: nothing happens in it")
+            raise InputError(f"{self.diagram.get_name()} cannot be compiled: it has no periodic events")
         base = min(period for _, period in periods)
         for path, period in periods:
             if abs(period / base - round(period / base)) > ROUNDING:
-                raise InputError(f"{path} cannot be compiled: its period, {period:g} s, is no multiple of {base:g} s")
+                raise InputError(
+                    f"{path} cannot be compiled: its period, {period:g} s, is not a multiple of {base:g} s"
+                )
         cycle = math.lcm(*(round(period / base) for _, period in periods))
-        if cycle > _LONGEST_CYCLE:
+        if cycle > _MAX_CYCLE:
             raise InputError(
-                f"{self.diagram.get_name()} cannot be compiled: its periods come together only every {cycle * base:g} s"
+                f"{self.diagram.get_name()} cannot be compiled: the least common multiple of its periods is too long,"
+                f" {cycle * base:g} s"
             )
         return base, cycle
 
-    def _places(self, context: Context) -> Places:
+    def _row_ranges(self, context: Context) -> RowRanges:
         states, parameters = (
             {
                 (path, index): self._num_rows(vector.size(), f"{name} {index} of {path}")
@@ -338,30 +368,30 @@ class Program:
             }
             for name in ("state", "parameters")
         )
-        inputs = {source: self._num_rows(size, _described(source)) for source, size in self._elsewhere().items()}
-        return Places(_in_turn(states), _in_turn(parameters), _in_turn(inputs))
+        inputs = {source: self._num_rows(size, _label(source)) for source, size in self._external_sizes().items()}
+        return RowRanges(_consecutive_ranges(states), _consecutive_ranges(parameters), _consecutive_ranges(inputs))
 
-    def _elsewhere(self) -> dict[Port | ExportedPort, int]:
-        """What comes from elsewhere, and its size."""
-        found: dict[Port | ExportedPort, int] = {}
+    def _external_sizes(self) -> dict[Port | ExportedPort, int]:
+        """Return the external sources of compiled systems and of the diagram's outputs, with their sizes."""
+        sizes: dict[Port | ExportedPort, int] = {}
         leaves = self.topology.leaves
         used = [source for path in self.blocks for source in self.topology.sources(path)]
         for source in [*used, *self.topology.outputs.values()]:
             if isinstance(source, ExportedPort):
-                found[source] = source.size
+                sizes[source] = source.size
             elif source is not None and source.path not in self.blocks:
-                found[source] = leaves[source.path].get_output_port(source.number).size()
-        return found
+                sizes[source] = leaves[source.path].get_output_port(source.number).size()
+        return sizes
 
-    def _num_rows(self, size: int, what: str) -> int:
+    def _num_rows(self, size: int, label: str) -> int:
         if size % self.num_vehicles:
             raise InputError(
-                f"{what} cannot be compiled: it has {size} elements, no multiple of {self.num_vehicles} vehicles"
+                f"{label} cannot be compiled: it has {size} elements, not a multiple of {self.num_vehicles} vehicles"
             )
         return size // self.num_vehicles
 
     def _groups(self, name: str, root: Context) -> Iterable[tuple[str, int, Any]]:
-        """The vectors in a context, with path and number."""
+        """Yield path, number and vector of each state group or numeric parameter of the compiled systems."""
         for path in self.blocks:
             context = self.topology.leaves[path].GetMyMutableContextFromRoot(root)
             if name == "state":
@@ -372,28 +402,28 @@ class Program:
                     yield path, index, context.get_mutable_numeric_parameter(index)
 
     def _vectors(self, context: Context, state: np.ndarray, parameters: np.ndarray) -> Iterable[tuple[Any, np.ndarray]]:
-        """The vectors in a context of the diagram, with their parts of state and parameters."""
-        for name, places, numbers in (
-            ("state", self.places.states, state),
-            ("parameters", self.places.parameters, parameters),
+        """Yield each vector of a context of the diagram, with its part of `state` or `parameters`."""
+        for name, row_ranges, numbers in (
+            ("state", self.row_ranges.states, state),
+            ("parameters", self.row_ranges.parameters, parameters),
         ):
             for path, index, vector in self._groups(name, context):
-                first, rows = places[path, index]
+                first, rows = row_ranges[path, index]
                 yield vector, numbers[first * self.num_vehicles : (first + rows) * self.num_vehicles]
 
 
-def _described(source: Port | ExportedPort) -> str:
+def _label(source: Port | ExportedPort) -> str:
     if isinstance(source, ExportedPort):
         return f"the input port {source.name}"
     return f"output {source.number} of {source.path}"
 
 
-def _in_turn(num_rows: Mapping[_Key, int]) -> dict[_Key, tuple[int, int]]:
-    """Return the first row and the number of rows of each of several groups that follow one another."""
+def _consecutive_ranges(num_rows: Mapping[_Key, int]) -> dict[_Key, tuple[int, int]]:
+    """Return the first row and the number of rows of each of several consecutive groups."""
     firsts = itertools.accumulate(num_rows.values(), initial=0)
     return {key: (first, count) for (key, count), first in zip(num_rows.items(), firsts)}
 
 
 def _rows(trace: Trace, ports: Iterable[Port]) -> list[Any]:
-    """Return the rows of several ports, one port after another."""
+    """Return the rows of several output ports, one port after another."""
     return [row for port in ports for row in trace.output(port)]

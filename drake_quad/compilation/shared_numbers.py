@@ -1,4 +1,4 @@
-"""Numbers that are the same for all vehicles at an instant: times, ticks of random streams, references."""
+"""Numbers that all vehicles share at an instant: times, ticks of random streams and references."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -9,12 +9,12 @@ from drake_quad.framework.formulas import TickOf
 
 
 class NumberSource(NamedTuple):
-    """An element of an output port that depends on the time alone.
+    """Element of an output port that depends on the time only.
 
     Attributes:
-        path: of the leaf system.
-        output: of its ports.
-        element: of the port.
+        path: path of the leaf system.
+        output: index of the output port.
+        element: index of the element.
     """
 
     path: str
@@ -23,65 +23,67 @@ class NumberSource(NamedTuple):
 
 
 class _Second(NamedTuple):
-    """Whether an instant is the second of a pair of ticks, as 1 or 0."""
+    """Number that is 1 if an instant is the second of a pair of ticks, and else 0."""
 
     ticks: TickOf
 
 
-# The time itself, the number of a pair of ticks, or an element of a source.
-_What = str | TickOf | _Second | NumberSource
-TIME_ITSELF = "time"
+# Kinds of shared numbers: the time, the number of a pair of ticks, the position in the pair, and an element of a port.
+_SharedNumber = str | TickOf | _Second | NumberSource
+TIME_NUMBER = "time"
 
 
 class SharedNumbers:
-    """A table of numbers: a row for each event, a column for each number that its instants need."""
+    """Columns of a table of shared numbers, with a row for each event and a column for each number of each instant."""
 
     def __init__(self) -> None:
-        self._columns: dict[tuple[int, _What], int] = {}
+        self._columns: dict[tuple[int, _SharedNumber], int] = {}
 
     @property
     def width(self) -> int:
-        """Numbers of a row."""
+        """Number of columns."""
         return len(self._columns)
 
-    def place(self, instant: int, what: _What) -> int:
-        """The column of a number, which is added unless it is there.
+    def column(self, instant: int, number: _SharedNumber) -> int:
+        """Return the index of the column of a number, which is added if there is none.
 
         Args:
-            instant: of the event, counted from its beginning.
-            what: the number is.
+            instant: instant, counted from the first one of the event.
+            number: kind of the number.
         """
-        return self._columns.setdefault((instant, what), len(self._columns))
+        return self._columns.setdefault((instant, number), len(self._columns))
 
     def second(self, instant: int, ticks: TickOf) -> int:
-        """The column that says whether an instant is the second of a pair of ticks."""
-        return self.place(instant, _Second(ticks))
+        """Return the index of the column that is 1 if an instant is the second of a pair of ticks, and else 0."""
+        return self.column(instant, _Second(ticks))
 
     def table(self, times: np.ndarray, values: Callable[[str, int, float], np.ndarray]) -> np.ndarray:
-        """The (events, width) numbers.
+        """Return the table, (events, width).
 
         Args:
-            times: (events, instants) of the instants, s.
-            values: of an output port at a time (s), given the path of the leaf system and the number of the port.
+            times: (events, instants) times of the instants, s.
+            values: function that returns the value of an output port, given the path of the leaf system, the index of
+                the port, and the time (s).
         """
         table = np.empty((len(times), max(1, self.width)))
-        made: dict[tuple[int, str, int], np.ndarray] = {}
-        for (instant, what), column in self._columns.items():
-            at = times[:, instant]
-            if isinstance(what, NumberSource):
-                key = instant, what.path, what.output
-                if key not in made:
-                    made[key] = np.array([values(what.path, what.output, time) for time in at.tolist()])
-                table[:, column] = made[key][:, what.element]
+        port_values: dict[tuple[int, str, int], np.ndarray] = {}
+        for (instant, number), column in self._columns.items():
+            event_times = times[:, instant]
+            if isinstance(number, NumberSource):
+                key = instant, number.path, number.output
+                if key not in port_values:
+                    port = number.path, number.output
+                    port_values[key] = np.array([values(*port, time) for time in event_times.tolist()])
+                table[:, column] = port_values[key][:, number.element]
             else:
-                table[:, column] = _at(what, at)
+                table[:, column] = _values_at(number, event_times)
         return table
 
 
-def _at(what: Any, times: np.ndarray) -> np.ndarray:
-    match what:
+def _values_at(number: Any, times: np.ndarray) -> np.ndarray:
+    match number:
         case TickOf():
-            return np.asarray(what.at(times).pair)  # type: ignore[arg-type]
+            return np.asarray(number.at(times).pair)  # type: ignore[arg-type]
         case _Second(ticks=ticks):
             return np.asarray(ticks.at(times).second, dtype=float)  # type: ignore[arg-type]
     return times

@@ -1,4 +1,4 @@
-"""Systems that are not compiled, seen from a diagram that is."""
+"""Stand-in for a system of another diagram, with the same ports."""
 
 from typing import Any
 
@@ -6,13 +6,17 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 
 class StandIn(LeafSystem):
-    """Shows the outputs of a system that belongs to another diagram, or is about to belong to one.
+    """Stand-in for a system that belongs to another diagram, or will be added to one.
 
-    Its ports are those of that system, which may depend on its inputs, on the time and on its default parameters, and
-    must remember nothing.
+    It has the ports of that system and computes its outputs by evaluating it. The outputs may depend on the inputs, the
+    time and the default parameters. The system must not have a state.
 
     Args:
-        system: that is shown.
+        system: system that is evaluated.
+
+    Attributes:
+        system: system that is evaluated.
+        random_inputs: properties of its input ports for random numbers, by name.
     """
 
     def __init__(self, system: Any) -> None:
@@ -21,11 +25,10 @@ class StandIn(LeafSystem):
         inputs = [system.get_input_port(index) for index in range(system.num_input_ports())]
         for port in inputs:
             self.DeclareVectorInputPort(port.get_name(), port.size())
-        # Random numbers come from elsewhere.
         self.random_inputs = getattr(system, "random_inputs", {})
         scratch = system.CreateDefaultContext()
 
-        def show(context: Context, output: BasicVector, index: int) -> None:
+        def calc(context: Context, output: BasicVector, index: int) -> None:
             scratch.SetTime(context.get_time())
             for port in inputs:
                 vector = self.EvalVectorInput(context, port.get_index())
@@ -36,17 +39,17 @@ class StandIn(LeafSystem):
         for index in range(system.num_output_ports()):
             port = system.get_output_port(index)
             self.DeclareVectorOutputPort(
-                port.get_name(), port.size(), lambda context, output, index=index: show(context, output, index)
+                port.get_name(), port.size(), lambda context, output, index=index: calc(context, output, index)
             )
 
 
-def system_of(system: Any) -> Any:
-    """The system that another stands in for, or itself."""
+def original_system(system: Any) -> Any:
+    """Return the system that a stand-in evaluates; other systems are returned as they are."""
     return system.system if isinstance(system, StandIn) else system
 
 
-def remembers(system: Any) -> bool:
-    """Whether a system has a state."""
+def has_state(system: Any) -> bool:
+    """Return whether a system has a state."""
     context = system.CreateDefaultContext()
-    # Drake does not count them all together where some are abstract: it ends the process.
+    # Drake's method for the total number of states ends the process if some are abstract.
     return bool(context.num_continuous_states() or context.num_discrete_state_groups() or context.num_abstract_states())

@@ -1,4 +1,4 @@
-"""What is in a built diagram, and what is connected with what, without the diagrams in between."""
+"""Leaf systems of a diagram and their connections, with nested diagrams flattened."""
 
 from typing import Any, NamedTuple
 
@@ -6,11 +6,11 @@ from pydrake.systems.framework import Diagram
 
 
 class Port(NamedTuple):
-    """A port of a leaf system.
+    """Port of a leaf system.
 
     Attributes:
-        path: of the system: the names on the way, joined by dots.
-        number: of the port among the system's input ports, or among its output ports.
+        path: path of the system: the names of its diagrams and its own name, joined by dots.
+        number: index of the port among the system's input ports or output ports.
     """
 
     path: str
@@ -18,11 +18,11 @@ class Port(NamedTuple):
 
 
 class ExportedPort(NamedTuple):
-    """A port of the diagram.
+    """Exported port of the diagram.
 
     Attributes:
-        name: of the port.
-        size: elements.
+        name: name of the port.
+        size: number of elements.
     """
 
     name: str
@@ -30,23 +30,22 @@ class ExportedPort(NamedTuple):
 
 
 class Topology:
-    """The leaf systems of a diagram and their connections.
+    """Leaf systems of a diagram and their connections.
 
     Args:
-        diagram: that is built.
+        diagram: diagram, which may contain diagrams.
 
     Attributes:
-        leaves: the leaf systems, by path.
-        outputs: the leaf's output port behind each output port of the diagram, by name.
+        leaves: leaf systems, by path.
+        outputs: exported output port of a leaf system, by the name of the diagram's output port.
     """
 
     def __init__(self, diagram: Diagram) -> None:
         self.leaves: dict[str, Any] = {}
         self._diagrams: dict[str, Diagram] = {"": diagram}
-        # What feeds an input port: an output port of a system or diagram beside it, or an input port of the diagram
-        # around it.
-        self._beside: dict[Port, Port] = {}
-        self._around: dict[Port, Port] = {}
+        # The source of an input port is an output port in the same diagram, or an input port of that diagram.
+        self._sibling_sources: dict[Port, Port] = {}
+        self._parent_sources: dict[Port, Port] = {}
         self._walk("", diagram)
         self.outputs = {}
         for number in range(diagram.num_output_ports()):
@@ -54,22 +53,21 @@ class Topology:
             self.outputs[name] = self._leaf_output(Port("", number))
 
     def source(self, port: Port) -> Port | ExportedPort | None:
-        """The leaf's output port, or the input port of the diagram, that feeds a leaf's input port; None if none does.
+        """Return the source of an input port of a leaf system: an output port, or an exported input port.
 
-        Args:
-            port: an input port of a leaf.
+        The result is None if the port is not connected.
         """
-        while port not in self._beside:
-            if port not in self._around:
+        while port not in self._sibling_sources:
+            if port not in self._parent_sources:
                 return None
-            port = self._around[port]
+            port = self._parent_sources[port]
             if port.path == "":
                 exported = self._diagrams[""].get_input_port(port.number)
                 return ExportedPort(exported.get_name(), exported.size())
-        return self._leaf_output(self._beside[port])
+        return self._leaf_output(self._sibling_sources[port])
 
     def sources(self, path: str) -> list[Port | ExportedPort | None]:
-        """What feeds each input port of a leaf."""
+        """Return the source of each input port of a leaf system, given its path."""
         return [self.source(Port(path, index)) for index in range(self.leaves[path].num_input_ports())]
 
     def _walk(self, path: str, diagram: Diagram) -> None:
@@ -82,11 +80,13 @@ class Topology:
             else:
                 self.leaves[inside] = system
         for (target, index), (source, output) in diagram.connection_map().items():
-            self._beside[Port(prefix + target.get_name(), int(index))] = Port(prefix + source.get_name(), int(output))
+            self._sibling_sources[Port(prefix + target.get_name(), int(index))] = Port(
+                prefix + source.get_name(), int(output)
+            )
         for number in range(diagram.num_input_ports()):
             port = diagram.get_input_port(number)
             for target, index in diagram.GetInputPortLocators(port.get_index()):
-                self._around[Port(prefix + target.get_name(), int(index))] = Port(path, number)
+                self._parent_sources[Port(prefix + target.get_name(), int(index))] = Port(path, number)
 
     def _leaf_output(self, port: Port) -> Port:
         while port.path in self._diagrams:

@@ -1,33 +1,32 @@
-"""The trace of a diagram: its formulas, run on symbols, one instant after another.
+"""Trace of a diagram, which executes its formulas on symbols, instant by instant.
 
-What a trace leaves in its listing is all that the diagram computes meanwhile, from its state at the beginning to its
-state at the end.
+The listing of a trace has all operations that the diagram performs between its state at the start and that at the end.
 """
 
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
-from drake_quad.compilation.shared_numbers import TIME_ITSELF, NumberSource, SharedNumbers
+from drake_quad.compilation.shared_numbers import TIME_NUMBER, NumberSource, SharedNumbers
 from drake_quad.compilation.topology import ExportedPort, Port, Topology
 from drake_quad.framework.elementary import untyped, where
 from drake_quad.framework.formulas import TIME, Tick, TickOf
 from drake_quad.framework.symbols import Listing, Symbol, SymbolKind
 
-# The rows of a port, of a state or of a parameter: symbols, or numbers.
+# Symbols or numbers of the rows of a port, state or parameter.
 Rows = list[Any]
-# The groups of a listing.
+# Numbers of the groups of a listing.
 STATE, PARAMETERS, INPUTS = range(3)
-# By which a quotient of two periods may differ from a whole number.
+# Largest allowed difference between the ratio of two periods and a whole number.
 ROUNDING = 1e-9
 
 
-class Places(NamedTuple):
-    """Where the numbers of a diagram lie: the first of their rows, and how many there are.
+class RowRanges(NamedTuple):
+    """First row and number of rows of each state group, parameter and external input of a diagram.
 
     Attributes:
-        states: by the path of the leaf system and the number of the group.
-        parameters: likewise.
-        inputs: by the output port of a system that is not compiled, or the port of the diagram.
+        states: ranges of state groups, by the path of the leaf system and the number of the group.
+        parameters: ranges of parameters, by the path of the leaf system and the index of the parameter.
+        inputs: ranges of external inputs, by the output port of an uncompiled system or the port of the diagram.
     """
 
     states: Mapping[tuple[str, int], tuple[int, int]]
@@ -36,110 +35,111 @@ class Places(NamedTuple):
 
 
 class Trace:
-    """What happens in a diagram, from an event on.
+    """Trace of the events of a diagram.
 
     Args:
-        topology: of the diagram.
-        blocks: its leaf systems that are compiled, as `Block`, by path.
-        places: of all numbers.
+        topology: leaf systems and connections of the diagram.
+        blocks: compiled leaf systems, as `Block`, by path.
+        row_ranges: ranges of rows of all states, parameters and external inputs.
         base: time between two instants, s.
-        instants: that an event takes.
-        shared: numbers that all vehicles share.
+        instants: number of instants of the event.
+        shared: numbers that all vehicles share, to which the trace adds those that it needs.
 
     Attributes:
-        listing: of all that has happened.
-        instant: of now, counted from the event's.
-        inputs: the places of `places.inputs` that have been looked at.
+        listing: operations so far.
+        instant: current instant, counted from the first one of the event.
+        inputs: external inputs that have been read.
     """
 
     def __init__(
         self,
         topology: Topology,
         blocks: Mapping[str, Any],
-        places: Places,
+        row_ranges: RowRanges,
         *,
         base: float,
         instants: int,
         shared: SharedNumbers,
     ) -> None:
         self.listing, self.instant, self.inputs = Listing(), 0, set[Port | ExportedPort]()
-        self._topology, self._blocks, self._places = topology, blocks, places
+        self._topology, self._blocks, self._row_ranges = topology, blocks, row_ranges
         self._base, self._instants, self._shared = base, instants, shared
         self._states: dict[tuple[str, int], Rows] = {}
         self._outputs: dict[Port, Rows] = {}
 
     def output(self, port: Port) -> Rows:
-        """The rows of a leaf's output port."""
-        if port in self._places.inputs:
+        """Return the rows of an output port of a leaf system."""
+        if port in self._row_ranges.inputs:
             return self._input(port)
         if port not in self._outputs:
-            self._outputs[port] = self._blocks[port.path].output(port.number, Around(self, port.path))
+            self._outputs[port] = self._blocks[port.path].output(port.number, BlockView(self, port.path))
         return self._outputs[port]
 
-    def advance(self, works: Iterable[tuple[str, Any]], *, first: bool = False) -> None:
-        """Lets blocks do some work, given their paths, all at once.
+    def advance(self, updates: Iterable[tuple[str, Any]], *, first: bool = False) -> None:
+        """Apply simultaneous updates of blocks.
 
         Args:
-            works: and who does them.
-            first: whether the time can be zero.
+            updates: updates, each with the path of its block.
+            first: True if the time can be zero.
         """
-        self._states |= self.foreseen(works, first=first)
+        self._states |= self.updated_states(updates, first=first)
         self._outputs.clear()
 
-    def foreseen(self, works: Iterable[tuple[str, Any]], *, first: bool = False) -> dict[tuple[str, int], Rows]:
-        """The rows that groups of the state would hold after some work, which is not done; as for `advance`."""
+    def updated_states(self, updates: Iterable[tuple[str, Any]], *, first: bool = False) -> dict[tuple[str, int], Rows]:
+        """Return the new rows of state groups without applying the updates; arguments are those of `advance`."""
         after: dict[tuple[str, int], Rows] = {}
-        for path, work in works:
-            for group, rows in work.compute(Around(self, path)).items():
-                if first and not work.at_start:
-                    begins, before = self.shared() == 0.0, self.state(path, group)
-                    rows = [where(untyped(begins), old, new) for old, new in zip(before, rows, strict=True)]
+        for path, update in updates:
+            for group, rows in update.compute(BlockView(self, path)).items():
+                if first and not update.at_start:
+                    is_start, previous = self.shared() == 0.0, self.state(path, group)
+                    rows = [where(untyped(is_start), old, new) for old, new in zip(previous, rows, strict=True)]
                 after[path, group] = rows
         return after
 
-    def proceed(self) -> None:
-        """Goes on to the next instant."""
+    def next_instant(self) -> None:
+        """Proceed to the next instant."""
         self.instant += 1
         self._outputs.clear()
 
     def changes(self) -> dict[int, Any]:
-        """What has changed of the state: the symbols or numbers, by the row."""
+        """Return the symbols or numbers of changed rows of the state, by the index of the row."""
         return {
-            self._places.states[key][0] + row: value
+            self._row_ranges.states[key][0] + row: value
             for key, rows in self._states.items()
             for row, value in enumerate(rows)
         }
 
-    def shared(self, what: str | NumberSource = TIME_ITSELF) -> Symbol:
-        """Return a number that all vehicles share at the instant: the time (s), or an element of a source."""
-        return self.listing.shared(self._shared.place(self.instant, what))
+    def shared(self, number: str | NumberSource = TIME_NUMBER) -> Symbol:
+        """Return a number that all vehicles share at the current instant: the time (s), or an element of a port."""
+        return self.listing.shared(self._shared.column(self.instant, number))
 
     def tick(self, ticks: TickOf) -> Tick:
-        """The tick at the instant.
+        """Return the tick at the current instant.
 
-        Where an event takes whole pairs of ticks it is known which tick of a pair this is, and both see the same.
+        If the event consists of whole pairs of ticks, the position in the pair is a constant, and both ticks of a pair
+        use the same number of the pair.
         """
         step = round(ticks.period / self._base)
         on_grid = step > 0 and abs(ticks.period / self._base - step) < ROUNDING
         if on_grid and self._instants % (2 * step) == 0 and self.instant % step == 0:
-            pair, place = divmod(self.instant // step, 2)
-            return Tick(untyped(self.listing.shared(self._shared.place(pair * 2 * step, ticks))), place == 1)
-        number = self.listing.shared(self._shared.place(self.instant, ticks))
+            pair, position = divmod(self.instant // step, 2)
+            return Tick(untyped(self.listing.shared(self._shared.column(pair * 2 * step, ticks))), position == 1)
+        number = self.listing.shared(self._shared.column(self.instant, ticks))
         second = self.listing.shared(self._shared.second(self.instant, ticks))
         return Tick(untyped(number), untyped(second == 1.0))
 
     def state(self, path: str, group: int) -> Rows:
-        """The rows of a group of a leaf's state, as it is by now."""
+        """Return the current rows of a state group of a leaf system."""
         if (path, group) not in self._states:
-            return self._rows(STATE, self._places.states[path, group])
+            return self._rows(STATE, self._row_ranges.states[path, group])
         return self._states[path, group]
 
     def parameter(self, path: str, index: int) -> Rows:
-        """The rows of a leaf's parameter."""
-        return self._rows(PARAMETERS, self._places.parameters[path, index])
+        """Return the rows of a parameter of a leaf system."""
+        return self._rows(PARAMETERS, self._row_ranges.parameters[path, index])
 
     def input(self, port: Port) -> Rows | None:
-        """The rows at a leaf's input port; None if nothing is connected."""
+        """Return the rows at an input port of a leaf system; None if the port is not connected."""
         source = self._topology.source(port)
         if source is None or isinstance(source, Port):
             return None if source is None else self.output(source)
@@ -147,35 +147,40 @@ class Trace:
 
     def _input(self, source: Port | ExportedPort) -> Rows:
         self.inputs.add(source)
-        return self._rows(INPUTS, self._places.inputs[source])
+        return self._rows(INPUTS, self._row_ranges.inputs[source])
 
-    def _rows(self, group: int, place: tuple[int, int]) -> Rows:
-        first, count = place
+    def _rows(self, group: int, row_range: tuple[int, int]) -> Rows:
+        first, count = row_range
         return [self.listing.row(group, row, SymbolKind.NUMBER) for row in range(first, first + count)]
 
 
-class Around(NamedTuple):
-    """View of a trace from the block with a path."""
+class BlockView(NamedTuple):
+    """View of a trace from a block.
+
+    Attributes:
+        trace: trace of the diagram.
+        path: path of the block.
+    """
 
     trace: Trace
     path: str
 
     def input(self, index: int) -> Rows | None:
-        """Return the rows at an input port; None if nothing is connected."""
+        """Return the rows at an input port of the block; None if the port is not connected."""
         return self.trace.input(Port(self.path, index))
 
     def state(self, group: int) -> Rows:
-        """Return the rows of a group of its state."""
+        """Return the current rows of a state group of the block."""
         return self.trace.state(self.path, group)
 
     def parameter(self, index: int) -> Rows:
-        """Return the rows of a parameter."""
+        """Return the rows of a parameter of the block."""
         return self.trace.parameter(self.path, index)
 
     def argument(self, read: Any) -> Any:
-        """Return the argument of a formula for `TIME` or a `TickOf`."""
+        """Return the value of the placeholder `TIME` or `TickOf` at the current instant."""
         return self.trace.shared() if read is TIME else self.trace.tick(read)
 
     def source(self, output: int, element: int) -> Any:
-        """Return an element of an output port that depends on the time alone."""
+        """Return an element of an output port of the block, which depends on the time only."""
         return self.trace.shared(NumberSource(self.path, output, element))

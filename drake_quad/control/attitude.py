@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any, NamedTuple
 
-from drake_quad.framework.elementary import wrapped
+from drake_quad.framework.elementary import wrap_angle
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.geometry.kinematics import torque_of
 from drake_quad.geometry.per_axis import PerAngle
@@ -50,7 +50,7 @@ def pd_angular_acceleration(
     p_r, q_r, r_r = rates
     roll = k_p.roll * (attitude.roll - measurement.roll) + k_d.roll * (p_r - measurement.p)
     pitch = k_p.pitch * (attitude.pitch - measurement.pitch) + k_d.pitch * (q_r - measurement.q)
-    yaw = k_p.yaw * wrapped(attitude.yaw - measurement.yaw) + k_d.yaw * (r_r - measurement.r)
+    yaw = k_p.yaw * wrap_angle(attitude.yaw - measurement.yaw) + k_d.yaw * (r_r - measurement.r)
     return AngularAcceleration(roll + acceleration.p, pitch + acceleration.q, yaw + acceleration.r)
 
 

@@ -9,7 +9,7 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
 from drake_quad.errors import InputError
 from drake_quad.evaluation.entries import Tree
-from drake_quad.files import write_whole
+from drake_quad.files import write_atomically
 
 
 def design_file(diagrams: Path, family: str) -> Path:
@@ -51,7 +51,7 @@ def write_designs(path: Path, designs: Mapping[str, Tree], *, said: Mapping[str,
     if head:
         tree.yaml_set_start_comment(head)
     yaml = _yaml()
-    return write_whole(path, lambda target: yaml.dump(tree, target))
+    return write_atomically(path, lambda target: yaml.dump(tree, target))
 
 
 def _yaml() -> Any:

@@ -1,4 +1,4 @@
-"""A fleet under Drake's simulator, in the diagram as it is wired or in a compiled one."""
+"""Simulation of a fleet by Drake's simulator, in an uncompiled (wired) or compiled diagram."""
 
 import math
 from abc import ABC, abstractmethod
@@ -12,15 +12,17 @@ from drake_quad.assembly.laboratory import jump_times
 from drake_quad.assembly.recorder import clear_recorder, read_recorder
 from drake_quad.assembly.tracking import build_fleet_diagram, reset_fleet
 from drake_quad.assembly.user_systems import UserSystems
-from drake_quad.compilation.compile_diagram import compile_diagram, compiled_part, or_stand_in
+from drake_quad.compilation.compile_diagram import as_compilable, compile_diagram, compiled_part
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import Batch
 
-# Time of flight between two checks for crashes, which are also the reports of progress, s.
+# Simulated time between two checks for crashes, after which progress is reported, too, s.
 _STRIDE = 1.0
-# The same interval in ticks of compiled diagrams. With many ticks in an event, Drake's overhead is negligible.
-_TICKS, _TICKS_ALONE = 100, 500
+# Number of ticks between two checks for crashes in compiled diagrams. One event simulates all of them, so that Drake's
+# overhead is negligible.
+_FLEET_TICKS = 100
+_SINGLE_VEHICLE_TICKS = 500
 
 
 class FleetSimulation(ABC):
@@ -59,28 +61,28 @@ class FleetSimulation(ABC):
         return read_metrics(*self._wired_now())
 
     def touched(self) -> np.ndarray:
-        """(N,) number of the obstacle that each vehicle crashed into, from 1 on; 0 if it touched none."""
+        """Return the (N,) numbers of the obstacles that the vehicles crashed into, from 1 on; 0 without a collision."""
         diagram, context = self._wired_now()
         monitor = diagram.GetSubsystemByName("monitor")
         return monitor.touched(monitor.GetMyContextFromRoot(context))
 
     @abstractmethod
     def _wired_now(self) -> tuple[Diagram, Context]:
-        """Return the diagram as it is wired, and a context of it with the state so far."""
+        """Return the uncompiled diagram, and a context of it with the current state."""
 
     @abstractmethod
     def recording(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """(ticks,) times in s, and the (ticks, rows · N) signals by name, if they were to be recorded."""
+        """Return the (ticks,) times, s, and the (ticks, rows · N) signals by name; only for `record=True`."""
 
 
 class WiredSimulation(FleetSimulation):
-    """A fleet in the diagram as it is wired.
+    """Simulation of a fleet in the uncompiled diagram.
 
     Args:
-        batch: that is flown.
-        plan: that is flown.
-        own: systems of the user's.
-        record: whether signals are recorded.
+        batch: samples that the fleet flies.
+        plan: plan that the fleet flies.
+        own: systems of the user.
+        record: True to record signals.
     """
 
     compiled = False
@@ -91,7 +93,7 @@ class WiredSimulation(FleetSimulation):
         super().__init__(self._diagram, _STRIDE, jump_times(batch))
 
     def reset(self, batch: Batch) -> None:
-        """As for every `FleetSimulation`."""
+        """Reset the fleet to the start of another batch of the same scenario and size."""
         self._jumps = jump_times(batch)
         context = self.simulator.get_mutable_context()
         reset_fleet(self._diagram, context, batch, self._plan, own=self._own)
@@ -103,39 +105,39 @@ class WiredSimulation(FleetSimulation):
         return self._diagram, self.simulator.get_context()
 
     def recording(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """As for every `FleetSimulation`."""
+        """Return the (ticks,) times, s, and the (ticks, rows · N) signals by name; only for `record=True`."""
         return read_recorder(self._diagram.GetSubsystemByName("recorder"), self.simulator.get_context())
 
 
 class CompiledSimulation(FleetSimulation):
-    """A fleet in a compiled diagram; arguments as for a `WiredSimulation`.
+    """Simulation of a fleet in a compiled diagram; arguments are those of `WiredSimulation`.
 
     Raises:
-        InputError: something of it cannot be compiled.
+        InputError: if the diagram cannot be compiled.
     """
 
     compiled = True
 
     def __init__(self, batch: Batch, plan: Plan, *, own: UserSystems, record: bool) -> None:
         self._plan = plan
-        self._own = UserSystems(**{name: or_stand_in(system) for name, system in own.given.items()})
-        # The compiled diagram takes its numbers from here, and gives its state back to be read.
+        self._own = UserSystems(**{name: as_compilable(system) for name, system in own.given.items()})
+        # Numbers of a batch are set in this diagram and copied to the compiled one. State is copied back to be read.
         self._wired = build_fleet_diagram(batch, plan, own=self._own)
         self._wired_context = self._wired.CreateDefaultContext()
-        ticks = _TICKS_ALONE if len(batch) == 1 else _TICKS
-        # A flight ends, and is recorded, by the ticks of the control, which are not always the longest.
+        ticks = _SINGLE_VEHICLE_TICKS if len(batch) == 1 else _FLEET_TICKS
+        # Flights end and are recorded at ticks of the controller, whose period is not always the longest one.
         tick = batch.scenario.laboratory.command_link.period
         self._diagram = compile_diagram(self._wired, ticks=ticks, tick=tick, record=record)
         self._compiled = compiled_part(self._diagram)
         super().__init__(self._diagram, ticks * self._compiled.tick)
 
     def fly(self, duration: float, *, progress: Callable[[float, float], None] | None = None) -> None:
-        """As for every `FleetSimulation`."""
+        """Simulate from time zero to a duration, or until every vehicle has crashed; see `FleetSimulation.fly`."""
         self._compiled.set_end(self._part_of(self.simulator.get_mutable_context()), duration)
         super().fly(duration, progress=progress)
 
     def reset(self, batch: Batch) -> None:
-        """As for every `FleetSimulation`."""
+        """Reset the fleet to the start of another batch of the same scenario and size."""
         context = self.simulator.get_mutable_context()
         self._diagram.SetDefaultContext(context)
         context.SetTime(0.0)
@@ -148,7 +150,7 @@ class CompiledSimulation(FleetSimulation):
         return self._wired, self._wired_context
 
     def recording(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """As for every `FleetSimulation`."""
+        """Return the (ticks,) times, s, and the (ticks, rows · N) signals by name; only for `record=True`."""
         signals = self._compiled.log(self._part_of(self.simulator.get_mutable_context()))
         num_ticks = len(next(iter(signals.values())))
         return self._compiled.tick * np.arange(num_ticks), signals
@@ -161,17 +163,17 @@ class CompiledSimulation(FleetSimulation):
 def simulate_fleet(
     batch: Batch, plan: Plan, *, own: UserSystems = UserSystems(), record: bool = False, compiled: bool
 ) -> FleetSimulation:
-    """Return a fleet under Drake's simulator.
+    """Return the simulation of a fleet.
 
     Args:
-        batch: that is flown.
-        plan: that is flown.
-        own: systems of the user's.
-        record: whether signals are recorded.
-        compiled: whether it is a compiled diagram.
+        batch: samples that the fleet flies.
+        plan: plan that the fleet flies.
+        own: systems of the user.
+        record: True to record signals.
+        compiled: True to compile the diagram.
 
     Raises:
-        InputError: something cannot be flown, or not be compiled.
+        InputError: if a system of the user does not fit the diagram, or the diagram cannot be compiled.
     """
     return (CompiledSimulation if compiled else WiredSimulation)(batch, plan, own=own, record=record)
 
@@ -207,6 +209,6 @@ def fly(
 
 
 def read_metrics(diagram: Diagram, context: Context) -> Metrics:
-    """Return the (N,) metrics of a tracking diagram's vehicles so far."""
+    """Return the (N,) metrics so far of the vehicles of a tracking diagram."""
     monitor = diagram.GetSubsystemByName("monitor")
     return monitor.metrics(monitor.GetMyContextFromRoot(context))

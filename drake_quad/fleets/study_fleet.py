@@ -1,4 +1,4 @@
-"""A fleet that flies the samples of a study, batch after batch, in one diagram."""
+"""Fleet that simulates the samples of a study, batch after batch, in one diagram."""
 
 from collections.abc import Callable, Sequence
 
@@ -16,7 +16,7 @@ from drake_quad.scenario.models import Scenario
 
 
 class StudyFleet:
-    """Fleet that flies samples of a scenario's study side by side, up to N at a time.
+    """Fleet that simulates samples of a scenario's study in parallel, up to N at a time.
 
     The diagram is built once; its context is reset for every batch of samples.
 
@@ -24,7 +24,7 @@ class StudyFleet:
         scenario: scenario, which may contain distributions.
         plan: plan that is flown, for example from `drake_quad.plan_route`.
         num_vehicles: number N of vehicles.
-        own: functions that make the user's systems for N vehicles.
+        own: functions that create the user's systems for N vehicles.
         compiled: True to compile the diagram to machine code.
 
     Raises:
@@ -42,8 +42,10 @@ class StudyFleet:
         compiled: bool = True,
     ) -> None:
         if scenario.vehicle.time_step == 0.0:
-            # An integrator chooses its steps by all vehicles of a fleet.
-            raise InputError("vehicle.time_step is 0; samples fly alike in any fleet only with a time step")
+            # An integrator selects its steps by the errors of all vehicles of a fleet.
+            raise InputError(
+                "vehicle.time_step is 0; it must be positive, so that a sample has the same flight in any fleet"
+            )
         check_fleet_fits(num_vehicles, "num_vehicles")
         self.scenario, self.num_vehicles = scenario, num_vehicles
         self._plan = plan
@@ -79,7 +81,7 @@ class StudyFleet:
     ) -> Metrics:
         """Fly a batch of n vehicles, from 1 to N of them, and return the (n,) metrics of each.
 
-        With fewer than N the last is flown several times: what a vehicle does depends on no other.
+        If the batch has fewer than N vehicles, its last one fills the fleet. Vehicles do not influence one another.
         """
         if not 0 < len(batch) <= self.num_vehicles:
             raise ValueError(f"a fleet of {self.num_vehicles} cannot fly {len(batch)} samples at once")
@@ -88,5 +90,5 @@ class StudyFleet:
         return Metrics(*(values[: len(batch)] for values in self._simulation.metrics()))
 
     def touched(self) -> np.ndarray:
-        """(N,) number of the obstacle that each vehicle last crashed into, from 1 on; 0 if it touched none."""
+        """Return the (N,) numbers of the obstacles of the last crashes, from 1 on; 0 without a collision."""
         return self._simulation.touched()

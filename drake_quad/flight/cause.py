@@ -29,22 +29,22 @@ def not_a_number(time: np.ndarray, signals: Mapping[str, np.ndarray], own: Mappi
         The sentence; None if all values are finite, or if the vehicle itself diverged.
     """
     finite = {name: np.isfinite(values).all(axis=1) for name, values in signals.items()}
-    ends = {name: int(np.argmin(ticks)) for name, ticks in finite.items() if not ticks.all()}
-    if not ends:
+    first_ticks = {name: int(np.argmin(ticks)) for name, ticks in finite.items() if not ticks.all()}
+    if not first_ticks:
         return None
-    first = min(ends.values())
+    first = min(first_ticks.values())
     order = [*_UPSTREAM_SIGNALS, *(name for name in signals if name not in _DOWNSTREAM_SIGNALS), *_DOWNSTREAM_SIGNALS]
-    name = next(each for each in order if ends.get(each) == first)
+    name = next(each for each in order if first_ticks.get(each) == first)
     if name in _VEHICLE_SIGNALS:
         return None
     values = signals[name][first]
     row = int(np.argmin(np.isfinite(values)))
     value = "nan" if math.isnan(values[row]) else "infinite"
-    whose = next((place for place in own if name in _signals_of(place)), None)
+    user_system = next((place for place in own if name in _signals_of(place)), None)
     row_name = row_names(name, len(values))[row]
-    place = f"{f'row {row_name}' if row_name.isdecimal() else row_name} of `{name}`"
-    said = f"{whose} returned {value} in {place}" if whose else f"{place} was {value}"
-    return f"{said} at {time[first]:.2f} s"
+    location = f"{f'row {row_name}' if row_name.isdecimal() else row_name} of `{name}`"
+    fault = f"{user_system} returned {value} in {location}" if user_system else f"{location} was {value}"
+    return f"{fault} at {time[first]:.2f} s"
 
 
 def _signals_of(place: str) -> tuple[str, ...]:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drake_quad.errors import InputError, listed
-from drake_quad.extras import needed
-from drake_quad.files import output_folder, read_arrays, read_table, write_table, write_whole
+from drake_quad.extras import import_extra
+from drake_quad.files import output_folder, read_arrays, read_table, write_atomically, write_table
 from drake_quad.flight.mission import plan_route
 from drake_quad.flight.remarks import flight_remarks
 from drake_quad.framework.records import layout_of
@@ -28,11 +28,15 @@ if TYPE_CHECKING:
 
 # Exceptions that a damaged file causes while it is read, or while its arrays are converted to a plan.
 _DAMAGE_ERRORS = (OSError, ValueError, KeyError, AttributeError, TypeError)
-ARRAYS, TABLE, SCENARIO, METRICS = "flight.npz", "flight.csv", "scenario.yaml", "metrics.csv"
+# Names of the files of a flight.
+ARRAYS = "flight.npz"
+TABLE = "flight.csv"
+SCENARIO = "scenario.yaml"
+METRICS = "metrics.csv"
 # Names of arrays in a flight's file that are not signals.
-_COMPILED = "compiled"
-_TOUCHED = "touched"
-_CAUSE = "cause"
+_COMPILED_KEY = "compiled"
+_TOUCHED_KEY = "touched"
+_CAUSE_KEY = "cause"
 _PLAN_PREFIX = "plan."
 
 
@@ -66,7 +70,7 @@ class Flight(Mapping[str, np.ndarray]):
     def __getitem__(self, name: str) -> np.ndarray:
         """Return the (ticks, rows) values of a signal."""
         if name not in self.signals:
-            raise KeyError(f"{name} is no signal of this flight, which has {', '.join(self.signals)}")
+            raise KeyError(f"{name} is not a signal of this flight, which has {', '.join(self.signals)}")
         return self.signals[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -77,17 +81,17 @@ class Flight(Mapping[str, np.ndarray]):
         """Return the number of signals."""
         return len(self.signals)
 
-    # Two flights are the same if they are one: arrays have no equality.
+    # Flights are compared by identity, since a comparison of arrays has no single truth value.
     __eq__ = object.__eq__
     __hash__ = object.__hash__
 
     def record(self, name: str) -> Any:
-        """A signal as the record of `drake_quad.signals`, of (ticks,) arrays: `record("state").roll` is the roll."""
+        """Return a signal as a record of (ticks,) arrays, as in `record("state").roll`; see `drake_quad.signals`."""
         rows = list(self[name].T)
         return layout_of(SIGNALS[name], rows).build(rows)
 
     def columns(self) -> dict[str, tuple[Quantity, np.ndarray]]:
-        """Every row of every signal as `signal.row`, with its quantity and its (ticks,) values."""
+        """Return the quantity and the (ticks,) values of each row of each signal, under the name `signal.row`."""
         return {
             f"{name}.{row}": (quantity, values[:, i])
             for name, values in self.signals.items()
@@ -97,16 +101,16 @@ class Flight(Mapping[str, np.ndarray]):
         }
 
     def to_frame(self) -> "pd.DataFrame":
-        """Return the flight as a table of pandas, with a row for each tick.
+        """Return the flight as a pandas DataFrame, with a row for each tick.
 
-        Its index is the `time` (s), its columns are the rows of the signals, as in `state.roll` and `error.x`.
-        `frame.attrs` has the `units` of the columns, the `frames` along whose axes they are (W, B, or "" for what has
-        no direction), and the `scenario`'s name.
+        The index is the `time` (s), and the columns are the rows of the signals, such as `state.roll` and `error.x`.
+        `frame.attrs` contains the `units` and coordinate `frames` of the columns (W, B, or "" for columns without a
+        direction), and the name of the `scenario`.
 
         Raises:
-            ImportError: pandas is not installed; the extra `tables` has it.
+            ImportError: if pandas is not installed; the extra `tables` installs it.
         """
-        pandas = needed("pandas", "tables")
+        pandas = import_extra("pandas", "tables")
         columns = self.columns()
         data = {name: values for name, (_, values) in columns.items()}
         frame = pandas.DataFrame(data, index=pandas.Index(self.time, name="time"))
@@ -121,18 +125,17 @@ class Flight(Mapping[str, np.ndarray]):
         """Return a one-line description."""
         end = self.crash or f"{self.time[-1]:.2f} s"
         end = end if self.cause is None else f"{end}, since {self.cause}"
-        how = ", compiled" if self.compiled else ""
-        return (
-            f"<Flight of {self.scenario.name}{how}: {end}, RMSE {self.metrics.rmse:.4g} m; {', '.join(self.signals)}>"
-        )
+        compiled = ", compiled" if self.compiled else ""
+        rmse = f"{self.metrics.rmse:.4g} m"
+        return f"<Flight of {self.scenario.name}{compiled}: {end}, RMSE {rmse}; {', '.join(self.signals)}>"
 
     @property
     def crash(self) -> str:
         """Text that describes the crash; empty if the vehicle did not crash."""
         if not self.metrics.crashed:
             return ""
-        into = "" if self.touched is None else f" into {self.touched}"
-        return f"crashed{into} at {self.metrics.crash_time:.2f} s"
+        obstacle = "" if self.touched is None else f" into {self.touched}"
+        return f"crashed{obstacle} at {self.metrics.crash_time:.2f} s"
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -158,20 +161,22 @@ class Flight(Mapping[str, np.ndarray]):
         """
         target = output_folder(Path(folder))
         if (target / SCENARIO).exists() and not (target / ARRAYS).exists():
-            raise InputError(f"{target / SCENARIO} would be overwritten, and is no flight's; choose another folder")
+            raise InputError(
+                f"{target / SCENARIO} does not belong to a flight and would be overwritten; choose another folder"
+            )
         names = {f"{name} ({quantity.unit})": values for name, (quantity, values) in self.columns().items()}
         metrics = {name: [value if math.isfinite(value) else ""] for name, value in self.metrics._asdict().items()}
 
         def save_arrays(path: Path) -> None:
-            arrays: dict[str, Any] = {"time": self.time, **self.signals, _COMPILED: np.array(self.compiled)}
-            words = {_TOUCHED: self.touched, _CAUSE: self.cause}
+            arrays: dict[str, Any] = {"time": self.time, **self.signals, _COMPILED_KEY: np.array(self.compiled)}
+            words = {_TOUCHED_KEY: self.touched, _CAUSE_KEY: self.cause}
             arrays |= {name: np.array(text, dtype=str) for name, text in words.items() if text is not None}
             np.savez_compressed(path, **(arrays | _arrays_of(self.plan)))
 
         return [
-            write_whole(target / ARRAYS, save_arrays),
+            write_atomically(target / ARRAYS, save_arrays),
             write_table(target / TABLE, {"time (s)": self.time, **names}, digits=9),
-            write_whole(target / SCENARIO, lambda path: save_scenario(self.scenario, path)),
+            write_atomically(target / SCENARIO, lambda path: save_scenario(self.scenario, path)),
             write_table(target / METRICS, metrics),
         ]
 
@@ -188,21 +193,25 @@ def read_flight(path: Path | str) -> Flight:
     path = Path(path)
     folder = path.parent if path.is_file() and path.name in (ARRAYS, TABLE, SCENARIO, METRICS) else path
     if not (folder / ARRAYS).is_file():
-        raise InputError(f"{path} is no flight, which has {ARRAYS}, {TABLE}, {SCENARIO} and {METRICS}")
+        raise InputError(
+            f"{path} is not the folder of a flight, which contains {ARRAYS}, {TABLE}, {SCENARIO} and {METRICS}"
+        )
     scenario = load_scenario(folder / SCENARIO)
     try:
         with (folder / ARRAYS).open("rb") as file:
             arrays = read_arrays(file)
         time = arrays.pop("time")
-        compiled = bool(arrays.pop(_COMPILED, False))
-        touched, cause = (str(arrays.pop(name)) if name in arrays else None for name in (_TOUCHED, _CAUSE))
-        planned = {name: arrays.pop(name) for name in [*arrays] if name.startswith(_PLAN_PREFIX)}
-        plan = _plan_of(planned) if planned else None
+        compiled = bool(arrays.pop(_COMPILED_KEY, False))
+        touched, cause = (str(arrays.pop(name)) if name in arrays else None for name in (_TOUCHED_KEY, _CAUSE_KEY))
+        plan_arrays = {name: arrays.pop(name) for name in [*arrays] if name.startswith(_PLAN_PREFIX)}
+        plan = _plan_of(plan_arrays) if plan_arrays else None
     except _DAMAGE_ERRORS:
         raise InputError(f"{folder / ARRAYS} cannot be read, or is not the file of a flight") from None
-    strange = [name for name, values in arrays.items() if name not in SIGNALS or values.shape[:1] != time.shape]
-    if strange:
-        raise InputError(f"{folder / ARRAYS} is not the file of a flight: {listed(strange)} is no signal of its length")
+    unexpected = [name for name, values in arrays.items() if name not in SIGNALS or values.shape[:1] != time.shape]
+    if unexpected:
+        raise InputError(
+            f"{folder / ARRAYS} is not the file of a flight: {listed(unexpected)} is not a signal of its length"
+        )
     metrics = _read_metrics(folder / METRICS)
     return Flight(scenario, plan or plan_route(scenario), time, arrays, metrics, compiled, touched, cause)
 

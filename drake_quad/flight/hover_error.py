@@ -24,7 +24,7 @@ from drake_quad.statistics.estimates import mean_interval, positive
 from drake_quad.statistics.interval import Interval
 
 SETTLING_TIME = 20.0
-"""Time from the start of a hover until its error counts, s: several time constants of the slowest shipped integral."""
+"""Time from the start of a hover until errors count, s: several time constants of the slowest shipped integral."""
 
 HOVER_TIME = 40.0
 """Duration of a hover, s."""
@@ -32,13 +32,13 @@ HOVER_TIME = 40.0
 _FLEET_SIZE = 64
 _MAX_HOVERS = 1024
 # Further hovers are simulated until half the width of each 95 % interval is below one of these two limits. The absolute
-# limit applies to axes whose error is nothing but rounding.
+# limit applies to axes with rounding errors only.
 _RELATIVE_PRECISION = 0.05
 _ABSOLUTE_PRECISION = 1e-7  # m
 # The default seed is fixed, so that a plan does not depend on the seed of a study.
 _SEED = 20_261_107
-# Number of points along the route at which the error is predicted if the wind depends on the place.
-_NUM_PLACES = 9
+# Number of points along the route at which the error is predicted if the wind depends on the position.
+_NUM_POINTS = 9
 
 
 class HoverError(NamedTuple):
@@ -72,30 +72,30 @@ def hover_error(scenario: Scenario, *, seed: int = _SEED) -> HoverError:
     Raises:
         InputError: if the scenario contains a distribution, or a hover crashes.
     """
-    hovering = _hover_to_fly(scenario, seed)
+    hovering = _hover_scenario(scenario, seed)
     fleet = StudyFleet(hovering, plan_in(hovering, None).plan, _FLEET_SIZE)
     squares = np.empty((4, 0))
     while True:
-        flown = squares.shape[1]
-        metrics = fleet.fly(range(flown, flown + _FLEET_SIZE))
+        num_flown = squares.shape[1]
+        metrics = fleet.fly(range(num_flown, num_flown + _FLEET_SIZE))
         _refuse_crashes(scenario, metrics)
         errors = metrics.rmse_x, metrics.rmse_y, metrics.rmse_z, metrics.rmse
         squares = np.concatenate([squares, np.square(errors)], axis=1)
-        found = [_root_of_mean(each) for each in squares]
-        if all(map(_is_precise, found)) or squares.shape[1] >= _MAX_HOVERS:
-            x, y, z, rms = found
+        intervals = [_root_of_mean(each) for each in squares]
+        if all(map(_is_precise, intervals)) or squares.shape[1] >= _MAX_HOVERS:
+            x, y, z, rms = intervals
             return HoverError(x, y, z, rms, squares.shape[1])
 
 
 def believed_tracking_error(scenario: Scenario) -> HoverError:
     """Return the `hover_error` of the nominal vehicle in a scenario's wind.
 
-    A planner can allow for this error, since it does not depend on the unknown true vehicle. If a wind
-    depends on the place, the result is the largest error of hovers along the route, which is planned without obstacles
-    for this purpose.
+    A planner can allow for this error, since it does not depend on the unknown true vehicle. If a wind depends on the
+    position, the result is the largest error of hovers along the route, which is planned without obstacles for this
+    purpose.
 
     Raises:
-        InputError: an error of `hover_error`, or a wind changes with time, and the error with it.
+        InputError: if `hover_error` raises it, or a wind, and with it the error, changes with time.
     """
     for number, source in enumerate(scenario.laboratory.wind):
         if source.depends_on_time:
@@ -104,16 +104,16 @@ def believed_tracking_error(scenario: Scenario) -> HoverError:
                 " only"
             )
     believed = with_believed_vehicle(scenario).model_copy(update={"space": None})
-    places = [np.array(HoverRoute(kind="hover").position)]
+    points = [np.array(HoverRoute(kind="hover").position)]
     if any(source.depends_on_place for source in scenario.laboratory.wind):
         path = plan_in(believed, None).plan.path
-        places = list(np.transpose(evaluate(path, np.linspace(path.times[0], path.times[-1], _NUM_PLACES))))
-    routes = [HoverRoute(kind="hover", position=tuple(place.tolist())) for place in places]
+        points = list(np.transpose(evaluate(path, np.linspace(path.times[0], path.times[-1], _NUM_POINTS))))
+    routes = [HoverRoute(kind="hover", position=tuple(point.tolist())) for point in points]
     errors = (hover_error(believed.model_copy(update={"route": route})) for route in routes)
     return max(errors, key=lambda error: error.rms.value)
 
 
-def _hover_to_fly(scenario: Scenario, seed: int) -> Scenario:
+def _hover_scenario(scenario: Scenario, seed: int) -> Scenario:
     """Return the scenario in hover, with a metric window from `SETTLING_TIME` on."""
     hovering = in_hover(scenario)
     # Fleets need a time step. The shortest period fits the grids of all ticks, and RK4 is accurate enough with it.

@@ -1,4 +1,4 @@
-"""Saving of the parameters that a network has learned in a flight."""
+"""Saving of the parameters of a network that learned in a flight."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ import numpy as np
 from ruamel.yaml import YAML
 
 from drake_quad.errors import InputError
-from drake_quad.files import output_folder, write_whole
+from drake_quad.files import output_folder, write_atomically
 from drake_quad.flight.flight import Flight
 from drake_quad.scenario.networks.learned import LearnedAxis, LearnedNetwork
 
@@ -14,7 +14,7 @@ from drake_quad.scenario.networks.learned import LearnedAxis, LearnedNetwork
 def save_network(flight: Flight, path: Path | str) -> Path:
     """Save the parameters of a flight's network at its last tick: the weights, and the sets if they learn.
 
-    A scenario with `control.network.learned: FILE` starts from them, with every vehicle of a fleet.
+    In a scenario with `control.network.learned: FILE`, the networks of all vehicles start from them.
 
     Args:
         flight: flight with a network.
@@ -28,7 +28,7 @@ def save_network(flight: Flight, path: Path | str) -> Path:
     """
     network = flight.scenario.control.network
     if network is None or "weights" not in flight.signals:
-        raise InputError("the flight has no network that could be saved")
+        raise InputError("the flight has no network to save")
     axes = sorted(network.axes)
     *_, last = flight["weights"]
     weights, antecedents = np.split(last, len(axes)), [None] * len(axes)
@@ -36,15 +36,18 @@ def save_network(flight: Flight, path: Path | str) -> Path:
         *_, last = flight["antecedents"]
         antecedents = np.split(last, len(axes))
     if not np.isfinite(np.concatenate(weights)).all():
-        raise InputError("what the network has learned is not finite")
-    known = {
+        raise InputError("the parameters of the network cannot be saved, since some are not finite")
+    learned_axes = {
         axis: LearnedAxis(weights=tuple(f.tolist()), antecedents=None if sets is None else tuple(sets.tolist()))
         for axis, f, sets in zip(axes, weights, antecedents, strict=True)
     }
     given = network.inputs.given
     learned = LearnedNetwork(
-        kind=network.kind, inputs=tuple(given), sets=tuple([len(sets.centres) for sets in given.values()]), **known
+        kind=network.kind,
+        inputs=tuple(given),
+        sets=tuple([len(sets.centres) for sets in given.values()]),
+        **learned_axes,
     )
     target = Path(path)
     output_folder(target.parent)
-    return write_whole(target, lambda file: YAML().dump(learned.model_dump(mode="json", exclude_none=True), file))
+    return write_atomically(target, lambda file: YAML().dump(learned.model_dump(mode="json", exclude_none=True), file))

@@ -1,4 +1,4 @@
-"""From a scenario to its plan and its diagrams: the closed loop, the laboratory without its control, the vehicle."""
+"""Plan and diagrams of a scenario: the closed loop, the laboratory without a controller, and the vehicle."""
 
 from typing import Any
 
@@ -24,8 +24,8 @@ from drake_quad.scenario.paths import distributions_in, refuse_distributions
 from drake_quad.scenario.routes.route import Planned
 from drake_quad.space.space import Space
 
-# Cache of the plans around obstacles, by the text of the scenario.
 _MAX_OBSTACLE_PLANS = 16
+# Cache of plans around obstacles, by the text of the scenario.
 _obstacle_plans: "ThreadSafeCache[Planned]" = ThreadSafeCache(_MAX_OBSTACLE_PLANS)
 
 
@@ -33,8 +33,8 @@ def plan_route(mission: Mission) -> Plan:
     """Return the plan for the route of a scenario, for the nominal vehicle.
 
     Raises:
-        InputError: if the route contains a distribution, no path or no rotors can meet its demands, or obstacles block
-            every way.
+        InputError: if the route contains a distribution, no path meets its conditions, the rotors cannot fly it, or
+            obstacles block every path.
     """
     return planned(mission).plan
 
@@ -47,13 +47,13 @@ def planned(mission: Mission) -> Planned:
     if mission.space is None:
         return plan_in(mission, None)
     # Besides the mission, the plan depends on the whole scenario only through the predicted tracking error.
-    depends = None if mission.space.tracking else set(Mission.model_fields)
+    key_fields = None if mission.space.tracking else set(Mission.model_fields)
 
     def make() -> Planned:
-        space = space_to_plan_in(mission)
+        space = planning_space(mission)
         return plan_in(mission, space)._replace(space=space)
 
-    return _obstacle_plans.get(mission.model_dump_json(include=depends), make)
+    return _obstacle_plans.get(mission.model_dump_json(include=key_fields), make)
 
 
 def build_tracking_diagram(
@@ -67,13 +67,13 @@ def build_tracking_diagram(
     record: bool = False,
     drake_random: bool = False,
 ) -> Diagram:
-    """Build the closed loop of a scenario, for vehicles that all fly the same.
+    """Build the closed loop of a scenario, for N vehicles with identical parameters.
 
     Each vehicle has the wind and noise of its own sample. The first sample is that of the scenario, or 0.
 
-    Its subsystems are `reference`, `control`, `laboratory`, `monitor` and, if asked for, `recorder`. Every signal of
-    the loop is exported under its name; what the control does not have is left out. The default context is hover at
-    the reference's first point.
+    The subsystems are `reference`, `control`, `laboratory`, `monitor` and, if requested, `recorder`. All signals of the
+    loop that the control has are exported under their names. The default context is hover at the first point of the
+    reference.
 
     Args:
         scenario: scenario without distributions.
@@ -105,10 +105,10 @@ def build_tracking_diagram(
 def build_laboratory_diagram(
     scenario: Scenario, num_vehicles: int = 1, *, plan: Plan | None = None, drake_random: bool = False
 ) -> Diagram:
-    """Build the laboratory of a scenario without its control: everything from a command to a measurement.
+    """Build the laboratory of a scenario without its controller: all systems from a command to a measurement.
 
-    The command goes over the command link to the rotors of the vehicle, which moves in the wind and is measured by
-    motion capture. Without a connection to `crashed` no vehicle crashes. The default context is hover at the first
+    The command link sends the command to the rotors of the vehicle, which moves in the wind. Motion capture measures
+    its state. If the port `crashed` is not connected, no vehicle crashes. The default context is hover at the first
     point of the plan. Wind and noise are those of the scenario's sample, as in `build_tracking_diagram`.
 
     Input ports, with k N numbers in a port of k rows for N vehicles, row after row:
@@ -136,7 +136,7 @@ def build_laboratory_diagram(
         drake_random: True to use Drake's random sources for wind and noise instead of those of the samples.
 
     Raises:
-        InputError: as `build_tracking_diagram`.
+        InputError: under the same conditions as in `build_tracking_diagram`.
     """
     batch = _identical_vehicles(scenario, num_vehicles)
     samples = None if drake_random else Samples(batch.seed, batch.samples)
@@ -144,7 +144,7 @@ def build_laboratory_diagram(
 
 
 def build_vehicle(scenario: Scenario, num_vehicles: int = 1, *, plan: Plan | None = None) -> FleetSystem:
-    """Build the vehicle of a scenario as it is, without cameras, link and allocation.
+    """Build the vehicle of a scenario alone, without cameras, command link and allocation.
 
     The system is a `Quadrotor`, which documents its ports: from `rotor_speed_command` (4 rows, rad/s) and `wind` (3
     rows, m/s; the air is still if the port is not connected) to `state` (12 rows, as in `build_laboratory_diagram`) and
@@ -159,16 +159,16 @@ def build_vehicle(scenario: Scenario, num_vehicles: int = 1, *, plan: Plan | Non
         plan: plan at whose first point the vehicles hover at time 0; that of the scenario's route if not given.
 
     Raises:
-        InputError: as `build_tracking_diagram`.
+        InputError: under the same conditions as in `build_tracking_diagram`.
     """
     return _recipes(_identical_vehicles(scenario, num_vehicles), plan)["vehicle"].build(num_vehicles)
 
 
 def _identical_vehicles(scenario: Scenario, num_vehicles: int) -> Batch:
-    """Return a batch of vehicles that differ in nothing but wind and noise.
+    """Return a batch of vehicles that differ in wind and noise only.
 
     Raises:
-        InputError: the scenario holds a distribution, or the fleet does not fit into memory.
+        InputError: if the scenario contains a distribution, or the fleet does not fit into memory.
     """
     check_fleet_fits(num_vehicles, "num_vehicles")
     refuse_distributions(distributions_in(scenario))
@@ -181,7 +181,7 @@ def _recipes(batch: Batch, plan: Plan | None) -> dict[str, Recipe]:
     return laboratory_recipes(batch, plan, flight_duration(batch.scenario, plan))
 
 
-def space_to_plan_in(mission: Mission) -> Space | None:
+def planning_space(mission: Mission) -> Space | None:
     """Return `space_of` with the tracking error that `space.tracking` multiplies; the error is predicted if needed.
 
     Raises:
@@ -190,7 +190,9 @@ def space_to_plan_in(mission: Mission) -> Space | None:
     if mission.space is None or not mission.space.tracking:
         return space_of(mission)
     if not isinstance(mission, Scenario):
-        raise InputError("space.tracking asks for a prediction, but without laboratory and control there is none")
+        raise InputError(
+            "space.tracking needs a predicted tracking error, which requires a scenario with laboratory and control"
+        )
     try:
         predicted = believed_tracking_error(mission)
     except InputError as error:

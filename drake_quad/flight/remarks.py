@@ -1,4 +1,4 @@
-"""Warnings about a scenario that a user should read before using the results of its flights."""
+"""Remarks on a scenario that a user should read before using the results of its flights."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -25,7 +25,7 @@ _MIN_RELATIVE_DIFFERENCE = 0.2
 # thrust from a rotor on one side, and 10 % less from one on the other side.
 _MIN_RELATIVE_OFFSET = 0.1
 _MIN_STANDARD_DEVIATIONS = 5.0
-# The rotors' speed limits are not compared: they depend on how the rotors are driven.
+# The speed limits of the rotors are not compared, since they differ between kinds of motors.
 _COMPARED_FIELDS = ("mass", "inertia.0", "inertia.1", "inertia.2", "thrust_factor", "drag_factor", "gravity")
 # Probability that a normal variable is more than one standard deviation below its mean.
 _LOWER_SIGMA_PROBABILITY = 0.5 * math.erfc(math.sqrt(0.5))
@@ -53,65 +53,65 @@ def unequal_conditions(scenarios: Mapping[str, Scenario]) -> list[str]:
         scenarios: scenarios by the names of their controllers.
     """
     (first, expected), *others = ((name, _conditions(scenario)) for name, scenario in scenarios.items())
-    found = []
+    remarks = []
     for name, conditions in others:
         paths = [path for path in {**expected, **conditions} if conditions.get(path) != expected.get(path)]
-        changes = [f"{path} {_shown(conditions.get(path))} (not {_shown(expected.get(path))})" for path in paths]
+        changes = [f"{path} {_format(conditions.get(path))} (not {_format(expected.get(path))})" for path in paths]
         if changes:
-            found.append(f"{name} does not fly under the same conditions as {first}: {listed(changes, 4)}")
-    return found
+            remarks.append(f"{name} does not fly under the same conditions as {first}: {listed(changes, 4)}")
+    return remarks
 
 
 def _conditions(scenario: Scenario) -> dict[str, Any]:
     return {path: value for path, value in leaves(scenario) if path.partition(".")[0] not in ("control", "nominal")}
 
 
-def _shown(value: Any) -> str:
+def _format(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else "none" if value is None else str(value)
 
 
 def _mixed_vehicles(scenario: Scenario) -> list[str]:
     """Return a remark if the flown vehicle differs strongly from the nominal one, which the controllers assume."""
-    found = [
+    differences = [
         f"{name} {_median(flown):.4g}{unit} (nominal {believed:.4g})"
         for name, believed, flown, unit in _airframes(scenario)
         if abs(_median(flown) - believed)
         > max(_MIN_RELATIVE_DIFFERENCE * believed, _MIN_STANDARD_DEVIATIONS * _deviation(flown))
     ]
-    found += _rotor_differences(scenario)
-    if not found:
+    differences += _rotor_differences(scenario)
+    if not differences:
         return []
     return [
-        f"`vehicle` differs strongly from `nominal`, for which its controllers compute: {', '.join(found)}; check that"
-        " both describe the same vehicle"
+        f"`vehicle` differs strongly from `nominal`, for which its controllers compute: {', '.join(differences)}; check"
+        " that both describe the same vehicle"
     ]
 
 
 def _rotor_differences(scenario: Scenario) -> list[str]:
-    """Return the differences in the places and directions of the rotors, and of the centre of mass among them."""
+    """Return the differences in the positions and directions of the rotors, and in the centre of mass."""
     vehicle, nominal = scenario.vehicle, scenario.nominal
     arm = arm_length_of(nominal)
-    found = [
+    differences = [
         f"centre_of_mass.{i} {_median(each):.4g} m (nominal 0)"
         for i, each in enumerate(vehicle.centre_of_mass)
         if abs(_median(each)) > max(_MIN_RELATIVE_OFFSET * arm, _MIN_STANDARD_DEVIATIONS * _deviation(each))
     ]
     if distributions_in(vehicle.layout):
-        return found
+        return differences
     if isinstance(vehicle.arm_length, Distribution):
         vehicle = vehicle.model_copy(update={"arm_length": _median(vehicle.arm_length)})
-    # The size of the vehicle is compared by itself, so places are compared as multiples of the arm length.
+    # The arm length is compared separately, so positions are compared as multiples of it.
     scale = arm / arm_length_of(vehicle)
     pairs = [*enumerate(zip(rotors_of(vehicle), rotors_of(nominal), strict=True), start=1)]
-    turned = [str(i) for i, (flown, believed) in pairs if flown.direction != believed.direction]
-    if turned:
-        found.append(f"direction of rotor {', '.join(turned)}")
+    reversed_rotors = [str(i) for i, (flown, believed) in pairs if flown.direction != believed.direction]
+    if reversed_rotors:
+        differences.append(f"direction of rotor {', '.join(reversed_rotors)}")
     for i, (flown, believed) in pairs:
         if math.hypot(scale * flown.x - believed.x, scale * flown.y - believed.y) > _MIN_RELATIVE_DIFFERENCE * arm:
-            places = (f"({rotor.x:.3g}, {rotor.y:.3g}) m" for rotor in (flown, believed))
-            found.append(f"rotor {i} at {next(places)} (nominal {next(places)})")
+            positions = (f"({rotor.x:.3g}, {rotor.y:.3g}) m" for rotor in (flown, believed))
+            differences.append(f"rotor {i} at {next(positions)} (nominal {next(positions)})")
             break
-    return found
+    return differences
 
 
 def _airframes(scenario: Scenario) -> Iterator[tuple[str, float, Any, str]]:

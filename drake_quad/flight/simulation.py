@@ -1,4 +1,4 @@
-"""Flying a scenario under Drake's simulator."""
+"""Simulation of flights of a scenario by Drake's simulator."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -20,11 +20,13 @@ from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in, refuse_distributions
 
-_ACCURACY, _MAX_STEP = 1e-8, 0.1
-# Shortest step for a continuous state, s. With such steps, a second of flight takes a quarter of a minute.
+# Target accuracy and largest step (s) of the integrator of a continuous state.
+_ACCURACY = 1e-8
+_MAX_STEP = 0.1
+# Shortest step for a continuous state, s. With such steps, simulating one second of a flight takes 15 seconds.
 _MIN_STEP = 1e-5
-# Part of Drake's message for an integration that needs shorter steps.
-_TOO_FAST = "smaller than minimum allowed"
+# Part of the message of Drake's error if the integration requires shorter steps.
+_STEP_ERROR = "smaller than minimum allowed"
 
 
 def simulate(
@@ -74,7 +76,7 @@ def simulate(
     batch = Batch(drawn, (sample or 0,), {})
     plan = plan or plan_route(drawn)
     end = flight_duration(drawn, plan)
-    # The last tick may be a little later than the end.
+    # The last tick may be up to one period after the end.
     if until is not None and not 0.0 < until < end + drawn.laboratory.command_link.period:
         raise InputError(f"until is {until}, but must be larger than 0 and at most the end of the flight, {end:g} s")
     own = UserSystems(position_controller, control, wind, policy)
@@ -82,7 +84,7 @@ def simulate(
         compiled = _is_compiled_by_default(drawn) and not own.given and prepare is None
     simulation = simulate_fleet(batch, plan, own=own, record=True, compiled=compiled)
     simulator = simulation.simulator
-    # For a vehicle with a continuous state; a stepping one does not use the integrator.
+    # The integrator simulates a continuous state. A vehicle with a time step does not use it.
     integrator = ResetIntegratorFromFlags(simulator, "runge_kutta5", _MAX_STEP)
     integrator.set_target_accuracy(_ACCURACY)
     integrator.set_requested_minimum_step_size(_MIN_STEP)
@@ -91,13 +93,13 @@ def simulate(
     try:
         simulation.fly(end if until is None else until, progress=progress)
     except RuntimeError as error:
-        if _TOO_FAST not in str(error):
+        if _STEP_ERROR not in str(error):
             raise
         time = simulator.get_context().get_time()
         raise InputError(
-            f"vehicle.time_step is 0, but from {time:.3g} s on something moves too fast for the integration of a"
-            f" continuous state, which would need steps shorter than {_MIN_STEP:g} s, as for roll and yaw at a pitch of"
-            " 90 degrees; set vehicle.time_step to a positive number"
+            f"vehicle.time_step is 0, but from {time:.3g} s on the continuous state changes too fast: its integration"
+            f" needs steps shorter than {_MIN_STEP:g} s, as near the singular pitch of 90 degrees;"
+            " set vehicle.time_step to a positive number"
         ) from None
     return _flights(batch, plan, simulation, own)[0]
 
@@ -110,7 +112,7 @@ def simulate_samples(
     plan: Plan | None = None,
     compiled: bool | None = None,
 ) -> list[Flight]:
-    """Fly samples of a study side by side and record all signals of each, like `simulate` for one sample.
+    """Simulate samples of a study in parallel and record all signals of each, like `simulate` for one sample.
 
     Args:
         scenario: scenario, which may contain distributions.
@@ -127,7 +129,7 @@ def simulate_samples(
 
 
 def simulate_batch(batch: Batch, *, plan: Plan | None = None, compiled: bool | None = None) -> list[Flight]:
-    """Fly a batch and record every signal of each vehicle, a few megabytes for half a minute of flight.
+    """Simulate a batch and record all signals of each vehicle: a few megabytes for half a minute of flight.
 
     Args:
         batch: batch of samples.
@@ -151,7 +153,7 @@ def _is_compiled_by_default(scenario: Scenario) -> bool:
 
 
 def _flights(batch: Batch, plan: Plan, simulation: FleetSimulation, own: UserSystems = UserSystems()) -> list[Flight]:
-    """Return the flights of a fleet's vehicles up to the present time."""
+    """Return the flights of a fleet's vehicles up to the current time of the simulation."""
     metrics, touched = simulation.metrics(), simulation.touched()
     time, signals = simulation.recording()
     space = batch.scenario.space
@@ -159,13 +161,16 @@ def _flights(batch: Batch, plan: Plan, simulation: FleetSimulation, own: UserSys
     rows = {name: values.reshape(len(time), -1, len(batch)) for name, values in signals.items()}
     flights = []
     for i in range(len(batch)):
-        mine = Metrics(*(float(value[i]) for value in metrics))
-        kept = time <= mine.crash_time
-        signals_of = {name: values[kept, :, i] for name, values in rows.items()}
-        cause = not_a_number(time[kept], signals_of, own.given) if mine.crashed else None
-        # Within the step into its crash a vehicle may have left all numbers behind.
-        kept &= np.all([np.isfinite(values[:, :, i]).all(axis=1) for values in rows.values()], axis=0)
-        shown = {name: values[kept, :, i] for name, values in rows.items()}
-        name = obstacles[touched[i]]
-        flights.append(Flight(batch.scenario_of(i), plan, time[kept], shown, mine, simulation.compiled, name, cause))
+        metrics_of_vehicle = Metrics(*(float(value[i]) for value in metrics))
+        ticks = time <= metrics_of_vehicle.crash_time
+        up_to_crash = {name: values[ticks, :, i] for name, values in rows.items()}
+        cause = not_a_number(time[ticks], up_to_crash, own.given) if metrics_of_vehicle.crashed else None
+        # Ticks with values that are NaN or infinite, as in the last step before a crash, are left out.
+        ticks &= np.all([np.isfinite(values[:, :, i]).all(axis=1) for values in rows.values()], axis=0)
+        recorded = {name: values[ticks, :, i] for name, values in rows.items()}
+        obstacle = obstacles[touched[i]]
+        flight = Flight(
+            batch.scenario_of(i), plan, time[ticks], recorded, metrics_of_vehicle, simulation.compiled, obstacle, cause
+        )
+        flights.append(flight)
     return flights

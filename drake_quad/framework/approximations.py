@@ -1,9 +1,11 @@
-"""The elementary functions of symbols, in arithmetic that processors do for many vehicles at once.
+"""Elementary functions of symbols, in vector arithmetic that computes several vehicles at once.
 
-They agree with those of a mathematical library within two units in the last place. Other than there, angles beyond a
-million are not a number, and what is smaller than 1e-307 may be zero. They reduce the argument; sine and
-cosine take the minimax approximations of S. L. Moshier, "Methods and Programs for Mathematical Functions", 1989, as
-in his Cephes library, the others Chebyshev fits that were made with mpmath.
+The results agree with those of a mathematical library within two units in the last place. There are two exceptions:
+sines and cosines of angles beyond a million radians are NaN, and results below 1e-307 may be zero.
+
+Each function reduces its argument to a small range and evaluates a polynomial. The polynomials of sine and cosine are
+the minimax approximations of S. L. Moshier, "Methods and Programs for Mathematical Functions", 1989, as in his Cephes
+library. All others are Chebyshev fits computed with mpmath.
 """
 
 import math
@@ -14,21 +16,28 @@ import numpy as np
 
 from drake_quad.framework.symbols import Symbol, SymbolKind, lifted, number, operation, truth
 
-# Added and taken away again, it rounds to a whole number, which then stands in the lowest bits.
-_ROUNDING = 1.5 * 2.0**52
-_EXPONENT_BITS, _BIAS = np.uint64(52), np.uint64(1023)
-_SMALLEST_NORMAL = 2.0**-1022
-_MANTISSA, _SIGN = np.uint64(2**52 - 1), np.uint64(1 << 63)
-_ONE_BIT, _SIGN_BIT, _BEFORE_SIGN_BIT = np.uint64(1), np.uint64(63), np.uint64(62)
-# The bits of 1 and of the square root of a half.
-_ONE, _ROOT_OF_HALF = np.uint64(1023 << 52), np.float64(math.sqrt(0.5)).view(np.uint64)
-# 2**52, in whose lowest bits stands what is added, and its bits.
-_WHOLE, _BITS_OF_WHOLE = 2.0**52, np.uint64(1075 << 52)
+# Adding this number rounds a float to a whole number, whose lowest bits are then the lowest bits of the sum.
+_ROUNDING_OFFSET = 1.5 * 2.0**52
+# Layout of a double: a sign bit, 11 bits of the biased exponent, and 52 bits of the mantissa.
+_EXPONENT_SHIFT = np.uint64(52)
+_EXPONENT_BIAS = np.uint64(1023)
+_MANTISSA_MASK = np.uint64(2**52 - 1)
+_SIGN_MASK = np.uint64(1 << 63)
+# Shifts that move the lowest bit, or the second lowest, to the sign bit.
+_SIGN_SHIFT = np.uint64(63)
+_BELOW_SIGN_SHIFT = np.uint64(62)
+_ONE_BIT = np.uint64(1)
+_MIN_NORMAL = 2.0**-1022
+_BITS_OF_ONE = np.uint64(1023 << 52)
+_BITS_OF_SQRT_HALF = np.float64(math.sqrt(0.5)).view(np.uint64)
+# The sum of 2**52 and a smaller whole number has that number in its lowest bits.
+_TWO_52 = 2.0**52
+_BITS_OF_TWO_52 = np.uint64(1075 << 52)
 
-# π/2 in two parts.
-_QUARTER = (1.5707963267948966, 6.123233995736766e-17)
-_LARGEST_ANGLE = 2.0**20
-_SINE = (
+# π/2 as a sum of two doubles.
+_HALF_PI_PARTS = (1.5707963267948966, 6.123233995736766e-17)
+_MAX_ANGLE = 2.0**20
+_SINE_COEFFICIENTS = (
     -1.66666666666666307295e-1,
     8.33333333332211858878e-3,
     -1.98412698295895385996e-4,
@@ -36,7 +45,7 @@ _SINE = (
     -2.50507477628578072866e-8,
     1.58962301576546568060e-10,
 )
-_COSINE = (
+_COSINE_COEFFICIENTS = (
     4.16666666666665929218e-2,
     -1.38888888888730564116e-3,
     2.48015872888517045348e-5,
@@ -44,10 +53,10 @@ _COSINE = (
     2.08757008419747316778e-9,
     -1.13585365213876817300e-11,
 )
-# ln 2 in two parts, the first of few digits.
-_LN_2 = (6.93145751953125e-1, 1.42860682030941723212e-6)
-# (exp r - 1 - r) / r² for |r| up to half of ln 2, within 1.3e-17 of exp r.
-_EXP = (
+# ln 2 as a sum of two doubles, the first of which has few digits.
+_LN_2_PARTS = (6.93145751953125e-1, 1.42860682030941723212e-6)
+# Polynomial of (exp r - 1 - r) / r² in r, for |r| <= ln 2 / 2. Its error in exp r is below 1.3e-17.
+_EXP_COEFFICIENTS = (
     0.5000000000000001,
     0.16666666666666669,
     0.04166666666662399,
@@ -59,10 +68,11 @@ _EXP = (
     2.7620138719733994e-07,
     2.5100424157005067e-08,
 )
-# Beyond them the power of two is that of infinity or zero.
-_LARGEST_EXPONENT, _LEAST_EXPONENT = 710.0, -709.1
-# (ln((1 + s) / (1 - s)) - 2 s) / s³ as a function of s², for (1 + s) / (1 - s) from √½ to √2, within 1e-17.
-_LOG = (
+# Outside of these arguments, the exponent of the result is that of infinity or zero.
+_MAX_EXP_ARGUMENT = 710.0
+_MIN_EXP_ARGUMENT = -709.1
+# Polynomial of (ln((1 + s) / (1 - s)) - 2 s) / s³ in s², for (1 + s) / (1 - s) from √½ to √2. Its error is below 1e-17.
+_LOG_COEFFICIENTS = (
     0.666666666666667,
     0.399999999998992,
     0.2857142862611452,
@@ -71,8 +81,8 @@ _LOG = (
     0.15331666676597175,
     0.146171283998073,
 )
-# (arctan t - t) / t³ as a function of t², for |t| up to the tangent of π/8, within 6e-18.
-_ARCTAN = (
+# Polynomial of (arctan t - t) / t³ in t², for |t| <= tan(π/8). Its error is below 6e-18.
+_ARCTAN_COEFFICIENTS = (
     -0.3333333333333333,
     0.199999999999955,
     -0.14285714284662226,
@@ -85,8 +95,8 @@ _ARCTAN = (
     0.03922560559586107,
     -0.019169476385361265,
 )
-# The same for |t| up to 1/8, within 1e-18.
-_SMALL_ARCTAN = (
+# Polynomial of (arctan t - t) / t³ in t², for |t| <= 1/8. Its error is below 1e-18.
+_SMALL_ARCTAN_COEFFICIENTS = (
     -0.33333333333333287,
     0.19999999999790477,
     -0.14285714129116034,
@@ -94,8 +104,8 @@ _SMALL_ARCTAN = (
     -0.09085599506798686,
     0.07387718384425714,
 )
-# (arcsin x - x) / x³ as a function of x², for |x| up to 1/2, within 6e-18 of arcsin x.
-_ARCSIN = (
+# Polynomial of (arcsin x - x) / x³ in x², for |x| <= 1/2. Its error in arcsin x is below 6e-18.
+_ARCSIN_COEFFICIENTS = (
     0.16666666666666669,
     0.07499999999998433,
     0.04464285714635543,
@@ -110,8 +120,8 @@ _ARCSIN = (
     -0.014851887071247204,
     0.028757851367421566,
 )
-# (tanh x - x) / x³ as a function of x², for |x| up to 5/8, within 5e-17 of tanh x.
-_TANH = (
+# Polynomial of (tanh x - x) / x³ in x², for |x| <= 5/8. Its error in tanh x is below 5e-17.
+_TANH_COEFFICIENTS = (
     -0.3333333333333332,
     0.13333333333326658,
     -0.05396825396139557,
@@ -124,7 +134,7 @@ _TANH = (
     7.959955735264808e-05,
     -1.724487449484433e-05,
 )
-_SMALL_OF_TANH = 0.625
+_MAX_SMALL_TANH_ARGUMENT = 0.625
 # Polynomial of (erf x - 2/√π x) / x³ in x², for |x| <= 1. Its error in erf x is below 8e-18.
 _ERF_COEFFICIENTS = (
     -0.37612638903183754,
@@ -160,98 +170,101 @@ _ERFC_COEFFICIENTS = (
     6.0857915906870915e-12,
 )
 _MAX_ERF_ARGUMENT = 6.0  # erf x is 1 in double precision for larger x
-_TAN_EIGHTH, _TAN_3_EIGHTHS = math.tan(math.pi / 8.0), math.tan(3.0 * math.pi / 8.0)
+_TAN_PI_8 = math.tan(math.pi / 8.0)
+_TAN_3_PI_8 = math.tan(3.0 * math.pi / 8.0)
 
 
 def select(mask: Symbol, x: Any, y: Any) -> Symbol:
-    """Return x where the mask is true, else y; a truth value is converted to a number if the other is a number."""
+    """Return x where the mask is true, else y; if only one of them is a truth value, it is converted to a number."""
     _, x, y = lifted(mask, x, y)
     if x.kind is not y.kind:
         x, y = number(x), number(y)
     return operation("select", truth(mask), x, y, kind=x.kind)
 
 
-def fused(x: Symbol, y: Any, z: Any) -> Symbol:
-    """X y + z, rounded once."""
+def multiply_add(x: Symbol, y: Any, z: Any) -> Symbol:
+    """Return x y + z, rounded once."""
     return operation("multiply_add", x, y, z)
 
 
 def polynomial(x: Symbol, coefficients: Sequence[float]) -> Symbol:
-    """Return the polynomial with at least four coefficients, that of the power 0 first.
+    """Evaluate a polynomial with at least four coefficients, in increasing order of powers.
 
-    Even and odd powers are summed apart, so that neither sum waits for the other.
+    Even and odd powers are summed separately, so that neither sum waits for the other.
     """
     z = x * x
-    return fused(x, polynomial_in_turn(z, coefficients[1::2]), polynomial_in_turn(z, coefficients[::2]))
+    return multiply_add(x, horner(z, coefficients[1::2]), horner(z, coefficients[::2]))
 
 
-def polynomial_in_turn(x: Symbol, coefficients: Sequence[float]) -> Symbol:
-    """Return the polynomial with at least two coefficients, by Horner's rule."""
-    *others, before, last = coefficients
-    result = fused(x, last, before)
-    for coefficient in reversed(others):
-        result = fused(x, result, coefficient)
+def horner(x: Symbol, coefficients: Sequence[float]) -> Symbol:
+    """Evaluate a polynomial with at least two coefficients, in increasing order of powers, by Horner's rule."""
+    *lower, second_last, last = coefficients
+    result = multiply_add(x, last, second_last)
+    for coefficient in reversed(lower):
+        result = multiply_add(x, result, coefficient)
     return result
 
 
 def _odd(x: Symbol, coefficients: Sequence[float]) -> Symbol:
-    """Return x + x³ p(x²) for a polynomial p with these coefficients, that of the power 0 first."""
+    """Return x + x³ p(x²), given the coefficients of the polynomial p in increasing order of powers."""
     z = x * x
-    return fused(x * z, polynomial(z, coefficients), x)
+    return multiply_add(x * z, polynomial(z, coefficients), x)
 
 
 def sqrt(x: Symbol) -> Symbol:
-    """Square root; not a number for a negative one."""
+    """Return the square root; NaN for a negative number."""
     return operation("square_root", x)
 
 
 def nearest(x: Symbol) -> Symbol:
-    """The nearest whole number, the even one of two."""
+    """Round to the nearest whole number, with ties to the even one."""
     return operation("nearest", x)
 
 
 def copysign(x: Any, y: Symbol) -> Symbol:
-    """The size of x with the sign of y."""
+    """Return the absolute value of x with the sign of y."""
     return operation("copy_sign", x, y, kind=SymbolKind.NUMBER)
 
 
 def sin_cos(x: Symbol) -> tuple[Symbol, Symbol]:
-    """Sine and cosine of an angle in radians."""
-    rounded = fused(x, 2.0 / math.pi, _ROUNDING)
-    quarters, bits = rounded - _ROUNDING, bits_of(rounded)
-    r = fused(quarters, -_QUARTER[1], fused(quarters, -_QUARTER[0], x))
-    r = select(abs(x) <= _LARGEST_ANGLE, r, math.nan)
+    """Return sine and cosine of an angle, rad."""
+    rounded = multiply_add(x, 2.0 / math.pi, _ROUNDING_OFFSET)
+    quadrant, bits = rounded - _ROUNDING_OFFSET, bits_of(rounded)
+    r = multiply_add(quadrant, -_HALF_PI_PARTS[1], multiply_add(quadrant, -_HALF_PI_PARTS[0], x))
+    r = select(abs(x) <= _MAX_ANGLE, r, math.nan)
     z = r * r
-    sine = fused(r * z, polynomial(z, _SINE), r)
-    cosine = fused(z * z, polynomial(z, _COSINE), fused(z, -0.5, 1.0))
-    odd = _is_negative(bits << _SIGN_BIT)
-    # Sines are negative in the third and fourth quarter, cosines in the second and third.
-    of_sine, of_cosine = bits << _BEFORE_SIGN_BIT, (bits + _ONE_BIT) << _BEFORE_SIGN_BIT
-    return _turned(select(odd, cosine, sine), of_sine), _turned(select(odd, sine, cosine), of_cosine)
+    sine = multiply_add(r * z, polynomial(z, _SINE_COEFFICIENTS), r)
+    cosine = multiply_add(z * z, polynomial(z, _COSINE_COEFFICIENTS), multiply_add(z, -0.5, 1.0))
+    odd = _is_negative(bits << _SIGN_SHIFT)
+    # Sines are negative in the third and fourth quadrant, cosines in the second and third.
+    sine_sign, cosine_sign = bits << _BELOW_SIGN_SHIFT, (bits + _ONE_BIT) << _BELOW_SIGN_SHIFT
+    return _negated_if_set(select(odd, cosine, sine), sine_sign), _negated_if_set(
+        select(odd, sine, cosine), cosine_sign
+    )
 
 
-def _turned(x: Symbol, sign: Symbol) -> Symbol:
-    """X with its sign changed where that bit of a word is set."""
-    return _number_of(bits_of(x) ^ (sign & _SIGN))
+def _negated_if_set(x: Symbol, sign: Symbol) -> Symbol:
+    """Return x, negated where the highest bit of a word is set."""
+    return _number_of(bits_of(x) ^ (sign & _SIGN_MASK))
 
 
 def exp(x: Symbol) -> Symbol:
-    """Exponential; infinite from 709.4 on."""
-    # So that what is not a number stays so.
-    clamped = select(x < _LEAST_EXPONENT, _LEAST_EXPONENT, x)
-    clamped = select(clamped > _LARGEST_EXPONENT, _LARGEST_EXPONENT, clamped)
-    rounded = fused(clamped, 1.0 / math.log(2.0), _ROUNDING)
-    twos = rounded - _ROUNDING
-    r = fused(twos, -_LN_2[1], fused(twos, -_LN_2[0], clamped))
-    mantissa = 1.0 + fused(r * r, polynomial(r, _EXP), r)
-    return mantissa * _number_of((bits_of(rounded) + _BIAS) << _EXPONENT_BITS)
+    """Return the exponential of x; it is infinite from x = 709.4 on."""
+    # These comparisons are false for NaN, so that NaN remains NaN.
+    clamped = select(x < _MIN_EXP_ARGUMENT, _MIN_EXP_ARGUMENT, x)
+    clamped = select(clamped > _MAX_EXP_ARGUMENT, _MAX_EXP_ARGUMENT, clamped)
+    rounded = multiply_add(clamped, 1.0 / math.log(2.0), _ROUNDING_OFFSET)
+    exponent = rounded - _ROUNDING_OFFSET
+    r = multiply_add(exponent, -_LN_2_PARTS[1], multiply_add(exponent, -_LN_2_PARTS[0], clamped))
+    mantissa = 1.0 + multiply_add(r * r, polynomial(r, _EXP_COEFFICIENTS), r)
+    return mantissa * _number_of((bits_of(rounded) + _EXPONENT_BIAS) << _EXPONENT_SHIFT)
 
 
 def tanh(x: Symbol) -> Symbol:
-    """Hyperbolic tangent."""
+    """Return the hyperbolic tangent of x."""
     size = abs(x)
     large = 1.0 - 2.0 / (exp(2.0 * size) + 1.0)
-    return select(size < _SMALL_OF_TANH, _odd(x, _TANH), copysign(large, x))
+    return select(size < _MAX_SMALL_TANH_ARGUMENT, _odd(x, _TANH_COEFFICIENTS), copysign(large, x))
 
 
 def erf(x: Symbol) -> Symbol:
@@ -259,87 +272,90 @@ def erf(x: Symbol) -> Symbol:
     size, z = abs(x), x * x
     clamped = select(size > _MAX_ERF_ARGUMENT, _MAX_ERF_ARGUMENT, size)
     large = 1.0 - exp(-(clamped * clamped)) * polynomial(14.4 / (clamped + 3.0) - 2.6, _ERFC_COEFFICIENTS)
-    small = fused(x, fused(z, polynomial(z, _ERF_COEFFICIENTS), _ERF_SLOPE_MINUS_ONE), x)
+    small = multiply_add(x, multiply_add(z, polynomial(z, _ERF_COEFFICIENTS), _ERF_SLOPE_MINUS_ONE), x)
     return select(size < 1.0, small, copysign(large, x))
 
 
 def log(x: Symbol, *, normal: bool) -> Symbol:
-    """Natural logarithm; quicker of what is known to be a positive, normal number."""
-    # With these bits added, the exponent is one more from the square root of a half on.
-    bits = bits_of(x) + (_ONE - _ROOT_OF_HALF)
-    f = _number_of((bits & _MANTISSA) + _ROOT_OF_HALF) - 1.0
-    # The exponent as a float: its bits in the lowest place of a number that rounds to a whole one.
-    exponent = _number_of((bits >> _EXPONENT_BITS) + np.float64(_ROUNDING).view(np.uint64)) - (_ROUNDING + 1023.0)
+    """Return the natural logarithm of x; it is faster with `normal`, for positive normal numbers."""
+    # This addition increments the exponent of numbers whose mantissa is at least √2. Reduced mantissas are then from √½
+    # to √2.
+    bits = bits_of(x) + (_BITS_OF_ONE - _BITS_OF_SQRT_HALF)
+    f = _number_of((bits & _MANTISSA_MASK) + _BITS_OF_SQRT_HALF) - 1.0
+    # The exponent is converted to a float by adding it to the bits of the rounding offset.
+    exponent = _number_of((bits >> _EXPONENT_SHIFT) + np.float64(_ROUNDING_OFFSET).view(np.uint64)) - (
+        _ROUNDING_OFFSET + 1023.0
+    )
     # 1 + f = (1 + s) / (1 - s), and 2 s = f - f²/2 + s f²/2.
     s = f / (2.0 + f)
     z, half = s * s, 0.5 * f * f
-    rest = fused(exponent, _LN_2[1], s * (half + z * polynomial(z, _LOG)))
-    result = fused(exponent, _LN_2[0], f - (half - rest))
+    rest = multiply_add(exponent, _LN_2_PARTS[1], s * (half + z * polynomial(z, _LOG_COEFFICIENTS)))
+    result = multiply_add(exponent, _LN_2_PARTS[0], f - (half - rest))
     if normal:
         return result
-    result = select(x >= _SMALLEST_NORMAL, result, select(x >= 0.0, -math.inf, math.nan))
+    result = select(x >= _MIN_NORMAL, result, select(x >= 0.0, -math.inf, math.nan))
     return select(x < math.inf, result, x)
 
 
-def log_of_1_plus(x: Symbol) -> Symbol:
-    """Natural logarithm of 1 + x, accurate for small x, which must not be negative."""
+def log1p(x: Symbol) -> Symbol:
+    """Return the natural logarithm of 1 + x for x >= 0; it is accurate for small x."""
     rounded = 1.0 + x
-    lost = rounded == 1.0
-    # What was lost in the sum is lost in the difference, too.
-    return select(lost, x, log(rounded, normal=False) * (x / select(lost, 1.0, rounded - 1.0)))
+    is_tiny = rounded == 1.0
+    # The quotient corrects the rounding error of the sum, which is also in the difference.
+    return select(is_tiny, x, log(rounded, normal=False) * (x / select(is_tiny, 1.0, rounded - 1.0)))
 
 
 def arctan(x: Symbol, *, small: bool) -> Symbol:
-    """Return the inverse tangent, rad; it is quicker if |x| is known to be at most 1/8: small."""
+    """Return the inverse tangent, rad; it is faster with `small`, for |x| up to 1/8."""
     if small:
-        return _odd(x, _SMALL_ARCTAN)
+        return _odd(x, _SMALL_ARCTAN_COEFFICIENTS)
     return copysign(_slope_angle(abs(x), 1.0), x)
 
 
 def arctan2(y: Any, x: Any) -> Symbol:
-    """Angle of the point (x, y), rad."""
+    """Return the angle of the point (x, y), rad."""
     y, x = lifted(y, x)
     angle = _slope_angle(abs(y), abs(x))
     return copysign(select(copysign(1.0, x) < 0.0, math.pi - angle, angle), y)
 
 
 def _slope_angle(rise: Symbol, run: Any) -> Symbol:
-    """The angle of a slope, rad; zero where neither is larger than zero."""
-    flat, steep = rise <= _TAN_EIGHTH * run, rise > _TAN_3_EIGHTHS * run
-    # With one division for the three ranges: the angle, the angle less π/4, or less π/2.
-    above = select(flat, rise, select(steep, -run, rise - run))
-    below = select(flat, run, select(steep, rise, rise + run))
-    t = above / select(below == 0.0, 1.0, below)
+    """Return the angle of a slope, rad, given a non-negative rise and run; zero if both are zero."""
+    flat, steep = rise <= _TAN_PI_8 * run, rise > _TAN_3_PI_8 * run
+    # A single division serves three ranges. It gives the tangent of the angle, or of the angle minus π/4 or π/2.
+    numerator = select(flat, rise, select(steep, -run, rise - run))
+    denominator = select(flat, run, select(steep, rise, rise + run))
+    t = numerator / select(denominator == 0.0, 1.0, denominator)
     z = t * t
-    base = select(flat, 0.0, select(steep, _QUARTER[0], 0.5 * _QUARTER[0]))
-    rest = select(flat, 0.0, select(steep, _QUARTER[1], 0.5 * _QUARTER[1]))
-    return base + (fused(t * z, polynomial(z, _ARCTAN), t) + rest)
+    base = select(flat, 0.0, select(steep, _HALF_PI_PARTS[0], 0.5 * _HALF_PI_PARTS[0]))
+    rest = select(flat, 0.0, select(steep, _HALF_PI_PARTS[1], 0.5 * _HALF_PI_PARTS[1]))
+    return base + (multiply_add(t * z, polynomial(z, _ARCTAN_COEFFICIENTS), t) + rest)
 
 
 def arcsin(x: Symbol, *, small: bool) -> Symbol:
-    """Return the inverse sine, rad, NaN outside [-1, 1]; it is quicker if |x| is known to be at most 1/2: small."""
+    """Return the inverse sine, rad, or NaN outside [-1, 1]; it is faster with `small`, for |x| up to 1/2."""
     if small:
-        return _odd(x, _ARCSIN)
+        return _odd(x, _ARCSIN_COEFFICIENTS)
     return arctan2(x, sqrt((1.0 - x) * (1.0 + x)))
 
 
-def wrapped(angle: Symbol) -> Symbol:
-    """The same angle in [-π, π], rad."""
+def wrap_angle(angle: Symbol) -> Symbol:
+    """Wrap an angle to [-π, π], rad."""
     return angle - math.tau * nearest(angle * (1.0 / math.tau))
 
 
 def float_of(word: Symbol) -> Symbol:
-    """The number that a word below 2**52 is."""
-    return _number_of(word | _BITS_OF_WHOLE) - _WHOLE
+    """Convert a 64-bit unsigned integer below 2**52 to a float."""
+    return _number_of(word | _BITS_OF_TWO_52) - _TWO_52
 
 
 def word_of(x: Symbol) -> Symbol:
-    """The word of a whole number from 0 on, below 2**52."""
-    return bits_of(x + _WHOLE) ^ _BITS_OF_WHOLE
+    """Convert a whole number from 0 to 2**52 - 1 to a 64-bit unsigned integer."""
+    return bits_of(x + _TWO_52) ^ _BITS_OF_TWO_52
 
 
 def bits_of(x: Symbol) -> Symbol:
-    """The bits of a number."""
+    """Return the bits of a float as a word."""
     return operation("bits_of", x, kind=SymbolKind.WORD)
 
 
@@ -348,5 +364,5 @@ def _number_of(bits: Symbol) -> Symbol:
 
 
 def _is_negative(bits: Symbol) -> Symbol:
-    """Whether the sign bit is set."""
+    """Return whether the sign bit is set."""
     return operation("sign_bit", bits, kind=SymbolKind.TRUTH)

@@ -1,4 +1,4 @@
-"""From one to many."""
+"""System that gives every vehicle of a fleet the same rows."""
 
 from pydrake.systems.framework import BasicVector, BasicVector_, Context
 
@@ -7,7 +7,7 @@ from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_sys
 
 @fleet_system(float, AutoDiffXd)
 class Broadcast(FleetSystem):
-    """Gives every vehicle of a fleet the same rows.
+    """Broadcast of the rows of one vehicle to every vehicle of a fleet.
 
     .. pydrake_system::
 
@@ -18,16 +18,16 @@ class Broadcast(FleetSystem):
         - fleet
 
     Args:
-        num_vehicles: N.
-        num_rows: k; `single` has k elements, `fleet` k rows of N.
+        num_vehicles: number N of vehicles.
+        num_rows: number k of rows; `single` has k elements, and `fleet` has k rows of N elements.
     """
 
     def declare(self, *, num_rows: int = 1) -> None:
-        """Declares the system."""
+        """Declare the ports."""
         self._num_rows = num_rows
         self._single = self.DeclareVectorInputPort("single", BasicVector_[self.scalar](num_rows)).get_index()
-        size, uses = num_rows * self.num_vehicles, {self.input_port_ticket(self._single)}
-        self.DeclareVectorOutputPort("fleet", BasicVector_[self.scalar](size), self._calc, uses)
+        size, prerequisites = num_rows * self.num_vehicles, {self.input_port_ticket(self._single)}
+        self.DeclareVectorOutputPort("fleet", BasicVector_[self.scalar](size), self._calc, prerequisites)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         rows = self.EvalVectorInput(context, self._single)

@@ -1,4 +1,4 @@
-"""On-disk cache of machine code and results, in a folder that only this user can write to.
+"""On-disk cache of machine code and computed results, in a folder that only this user can write to.
 
 Each file contains an object file or a pickled result, followed by a digest of the file's name and of its content. The
 digest detects files that are damaged or were renamed. It does not protect against other users. For that reason, the
@@ -15,12 +15,12 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
-from drake_quad.files import write_whole
+from drake_quad.files import write_atomically
 
 # A kernel takes 5 to 200 kB, so the cache holds thousands of them.
 MAX_BYTES = 256 * 2**20
 _DIGEST_SIZE = 32
-# The pattern matches the cache's files and its temporary files, so that pruning deletes no foreign file.
+# The pattern matches only files and temporary files of the cache, so that pruning deletes no other file.
 _CACHE_FILE_NAME = re.compile(r"\.?(kernel|result)_[0-9a-f]{32}(\.\d+)*\.(o|pickle)")
 # Opening must not follow a symbolic link or block on a FIFO. Windows has neither, but it needs the binary mode.
 _READ_FLAGS = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
@@ -28,9 +28,9 @@ _WRITE_FLAGS = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | getattr(os, "O_BINARY", 0
 
 
 def read(name: str) -> bytes | None:
-    """Return the cached content of a name; None if it does not exist or cannot be trusted."""
+    """Return the cached object file or result of a name; None if there is none or it cannot be trusted."""
     folder = cache_folder()
-    if folder is None or not _is_ours(folder):
+    if folder is None or not _is_trusted(folder):
         return None
     path = folder / _file_name(name)
     try:
@@ -41,16 +41,16 @@ def read(name: str) -> bytes | None:
             content = file.read()
     except OSError:
         return None
-    code, digest = content[:-_DIGEST_SIZE], content[-_DIGEST_SIZE:]
-    if not code or digest != _digest(name, code):
+    payload, digest = content[:-_DIGEST_SIZE], content[-_DIGEST_SIZE:]
+    if not payload or digest != _digest(name, payload):
         return None
     with suppress(OSError):
         os.utime(path)  # pruning deletes the least recently used files first
-    return code
+    return payload
 
 
-def write(name: str, code: bytes) -> None:
-    """Write an object file or a result to the cache; if writing fails, the next process makes it again.
+def write(name: str, payload: bytes) -> None:
+    """Write an object file or a result to the cache; if writing fails, the next process computes it again.
 
     One write in sixteen, selected by the last digit of the name, prunes the folder to `MAX_BYTES`.
     """
@@ -60,12 +60,12 @@ def write(name: str, code: bytes) -> None:
 
     def fill(path: Path) -> None:
         with os.fdopen(os.open(path, _WRITE_FLAGS, 0o600), "wb") as file:
-            file.write(code + _digest(name, code))
+            file.write(payload + _digest(name, payload))
 
     with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        if _is_ours(folder):
-            write_whole(folder / _file_name(name), fill)
+        if _is_trusted(folder):
+            write_atomically(folder / _file_name(name), fill)
             if name.endswith("0"):
                 prune(folder, MAX_BYTES)
 
@@ -73,7 +73,7 @@ def write(name: str, code: bytes) -> None:
 def prune(folder: Path, max_bytes: int) -> None:
     """Delete the least recently used files of the cache until the rest take no more than `max_bytes`.
 
-    Other processes may read, write and prune at the same time: a missing file only costs time.
+    Other processes may read, write and prune at the same time. If one of them misses a file, it only loses time.
     """
     files = []
     with os.scandir(folder) as entries:
@@ -102,7 +102,7 @@ def cache_folder() -> Path | None:
     named = os.environ.get("DRAKE_QUAD_CACHE")
     if named is not None:
         if named and not Path(named).is_absolute():
-            _remark(f"DRAKE_QUAD_CACHE is {named!r}, so machine code is not cached; set it to an absolute path")
+            _warn_once(f"DRAKE_QUAD_CACHE is {named!r}, so machine code is not cached; set it to an absolute path")
         return _absolute(named)
     try:
         home = _absolute(str(Path.home()))
@@ -124,18 +124,18 @@ def _absolute(path: str | None) -> Path | None:
     return Path(path) if path and Path(path).is_absolute() else None
 
 
-def _inside(caches: Path | None, home: Path | None, default: str, name: str) -> Path | None:
+def _inside(cache_home: Path | None, home: Path | None, default: str, name: str) -> Path | None:
     """Return the folder `name` in the user's cache directory, which by default is in the home directory."""
-    if caches is None and home is not None:
-        caches = home / default
-    return None if caches is None else caches / name
+    if cache_home is None and home is not None:
+        cache_home = home / default
+    return None if cache_home is None else cache_home / name
 
 
-def _digest(name: str, code: bytes) -> bytes:
-    return hashlib.sha256(f"{name}\0".encode() + code).digest()
+def _digest(name: str, payload: bytes) -> bytes:
+    return hashlib.sha256(f"{name}\0".encode() + payload).digest()
 
 
-def _is_ours(folder: Path) -> bool:
+def _is_trusted(folder: Path) -> bool:
     """Return whether a folder exists and is private; warn once if it exists but is not private."""
     try:
         status = folder.stat()
@@ -144,9 +144,9 @@ def _is_ours(folder: Path) -> bool:
     if not stat.S_ISDIR(status.st_mode):
         return False
     if not _is_private(status):
-        _remark(
+        _warn_once(
             f"{folder} belongs to another user or can be written by others, so machine code is not cached there; make"
-            " it private to you, or set DRAKE_QUAD_CACHE to another folder"
+            " it private, or set DRAKE_QUAD_CACHE to another folder"
         )
         return False
     return True
@@ -163,6 +163,6 @@ def _is_private(status: os.stat_result) -> bool:
 
 
 @functools.cache
-def _remark(sentence: str) -> None:
-    """Log a sentence once per process."""
+def _warn_once(sentence: str) -> None:
+    """Log a warning once per process."""
     logging.getLogger("drake_quad").warning(sentence)

@@ -1,9 +1,11 @@
-"""Functions that act alike on Python floats, NumPy arrays, AutoDiffXd, Expression and symbols.
+"""Elementary functions of Python floats, NumPy arrays, AutoDiffXd, Expression and symbols.
 
-A formula of this project is written once, on rows: one number a vehicle. A row is a float for one vehicle and an array
-for a fleet, an AutoDiffXd or Expression where Drake differentiates or simplifies, and a `Symbol` where machine code is
-made. NumPy alone would not do: on a Python float it takes several times as long as `math`, its maximum and minimum
-refuse an Expression, and it knows no symbols.
+A formula of this project is written once, on rows, which are one number per vehicle. A row is a float for one vehicle
+and an array for a fleet. It is an AutoDiffXd where Drake differentiates, an Expression where Drake computes
+symbolically, and a `Symbol` where a formula is compiled to machine code.
+
+NumPy's functions do not suffice. On a Python float they take several times as long as those of `math`, `np.maximum` and
+`np.minimum` reject an Expression, and none of them accepts a symbol.
 """
 
 import math
@@ -20,16 +22,16 @@ from drake_quad.framework.symbols import Matrix, Symbol, are_same, branched, lay
 from drake_quad.signals import Row
 
 _Rows = TypeVar("_Rows")
-_TRUTH = (bool, np.bool)
+_BOOLEANS = (bool, np.bool)
 
 
 def cos(x: Row) -> Row:
-    """Cosine of an angle in radians."""
+    """Return the cosine of an angle, rad."""
     return sin_cos(x)[1] if x.__class__ is not float else math.cos(x)
 
 
 def sin_cos(x: Row) -> tuple[Row, Row]:
-    """Sine and cosine of an angle in radians."""
+    """Return sine and cosine of an angle, rad."""
     if x.__class__ is float:
         return math.sin(x), math.cos(x)
     if x.__class__ is Symbol:
@@ -38,31 +40,28 @@ def sin_cos(x: Row) -> tuple[Row, Row]:
 
 
 def sqrt(x: Row) -> Row:
-    """Square root; NaN, not an error, for a negative float that came from a diverged vehicle."""
+    """Return the square root; NaN for a negative number, which a diverged vehicle can cause."""
     if x.__class__ is float:
         return math.sqrt(x) if x >= 0.0 else math.nan
     return untyped(approximations.sqrt(x)) if x.__class__ is Symbol else np.sqrt(x)
 
 
 def arctan(x: Row, *, small: bool = False) -> Row:
-    """Return the inverse tangent, rad; it is quicker if |x| is known to be at most 1/8: small."""
+    """Return the inverse tangent, rad; it is faster with `small`, for |x| up to 1/8."""
     if x.__class__ is float:
         return math.atan(x)
     return untyped(approximations.arctan(x, small=small)) if x.__class__ is Symbol else np.arctan(x)
 
 
 def arcsin(x: Row, *, small: bool = False) -> Row:
-    """Return the inverse sine, rad; it is quicker if |x| is known to be at most 1/2: small.
-
-    It is NaN, not an error, for a float outside [-1, 1].
-    """
+    """Return the inverse sine, rad, or NaN outside [-1, 1]; it is faster with `small`, for |x| up to 1/2."""
     if x.__class__ is float:
         return math.asin(x) if -1.0 <= x <= 1.0 else math.nan
     return untyped(approximations.arcsin(x, small=small)) if x.__class__ is Symbol else np.arcsin(x)
 
 
 def arctan2(y: Row, x: Row) -> Row:
-    """Angle of the point (x, y), rad. Not for Expression."""
+    """Return the angle of the point (x, y), rad; rows of Expression are not supported."""
     if x.__class__ is float and y.__class__ is float:
         return math.atan2(y, x)
     if x.__class__ is Symbol or y.__class__ is Symbol:
@@ -71,21 +70,21 @@ def arctan2(y: Row, x: Row) -> Row:
 
 
 def exp(x: Row) -> Row:
-    """Exponential."""
+    """Return the exponential of x."""
     if x.__class__ is float:
         return math.exp(x)
     return untyped(approximations.exp(x)) if x.__class__ is Symbol else np.exp(x)
 
 
 def tanh(x: Row) -> Row:
-    """Hyperbolic tangent."""
+    """Return the hyperbolic tangent of x."""
     if x.__class__ is float:
         return math.tanh(x)
     return untyped(approximations.tanh(x)) if x.__class__ is Symbol else np.tanh(x)
 
 
 def erf(x: Row) -> Row:
-    """Return the error function of x, which may be of any type but Expression."""
+    """Return the error function of x; rows of Expression are not supported."""
     if x.__class__ is float:
         return math.erf(x)
     if x.__class__ is Symbol:
@@ -96,27 +95,27 @@ def erf(x: Row) -> Row:
 
 
 def log(x: Row, *, normal: bool = False) -> Row:
-    """Natural logarithm; it is quicker where it is known that x is positive, finite and not below 1e-307: normal."""
+    """Return the natural logarithm of x; it is faster with `normal`, for finite x of at least 1e-307."""
     if x.__class__ is float:
         return math.log(x)
     return untyped(approximations.log(x, normal=normal)) if x.__class__ is Symbol else np.log(x)
 
 
-def log_of_1_plus(x: Row) -> Row:
-    """Natural logarithm of 1 + x, accurate for small x, which must not be negative."""
+def log1p(x: Row) -> Row:
+    """Return the natural logarithm of 1 + x for x >= 0; it is accurate for small x."""
     if x.__class__ is Symbol:
-        return untyped(approximations.log_of_1_plus(x))
+        return untyped(approximations.log1p(x))
     if x.__class__ is float or (isinstance(x, np.ndarray) and x.dtype == float):
         return np.log1p(x)
     if isinstance(x, np.ndarray):
-        return _of_one_type(_log_of_1_plus_of_objects(x))
+        return _of_one_type(_log1p_of_objects(x))
     rounded = 1.0 + x
-    # What was lost in the sum is lost in the difference, too.
+    # The quotient corrects the rounding error of the sum, which is also in the difference.
     return x if rounded == 1.0 else log(rounded) * (x / (rounded - 1.0))
 
 
 def maximum(x: Row, y: Row) -> Row:
-    """The larger of the two; y where x is NaN."""
+    """Return the larger of x and y; y where x is NaN."""
     if x.__class__ is float and y.__class__ is float:
         return x if x > y else y
     if x.__class__ is Symbol or y.__class__ is Symbol:
@@ -125,7 +124,7 @@ def maximum(x: Row, y: Row) -> Row:
 
 
 def minimum(x: Row, y: Row) -> Row:
-    """The smaller of the two; y where x is NaN."""
+    """Return the smaller of x and y; y where x is NaN."""
     if x.__class__ is float and y.__class__ is float:
         return x if x < y else y
     if x.__class__ is Symbol or y.__class__ is Symbol:
@@ -134,11 +133,11 @@ def minimum(x: Row, y: Row) -> Row:
 
 
 def where(mask: bool, x: _Rows, y: _Rows) -> _Rows:
-    """X, a row or a record, for the vehicles for which the mask is true, y for the others. Not for Expression.
+    """Return x for the vehicles for which the mask is true, and y for the others.
 
-    A part of a record that is None stays None.
+    Both are rows, or records of the same type; a field that is None stays None. Rows of Expression are not supported.
     """
-    if isinstance(mask, _TRUTH):
+    if isinstance(mask, _BOOLEANS):
         return x if mask else y
     if isinstance(x, tuple):
         rows = [where(mask, row, other) for row, other in zip(x, untyped(y), strict=True)]
@@ -151,21 +150,22 @@ def where(mask: bool, x: _Rows, y: _Rows) -> _Rows:
 
 
 def where_needed(mask: bool, formula: Callable[..., _Rows], arguments: Sequence[Row], otherwise: _Rows) -> _Rows:
-    """The same as `where(mask, formula(*arguments), otherwise)`, for a formula that costs much and is seldom needed.
+    """Return `where(mask, formula(*arguments), otherwise)`, and evaluate the formula only where it is needed.
 
-    It is computed for the vehicles for which the mask is true and not at all if there are none; by machine code, for
-    those beside them in a vector, too. Not for Expression.
+    Use it for an expensive formula that few vehicles need. The formula is evaluated for the vehicles for which the mask
+    is true. Machine code evaluates it for all vehicles of a vector if one of them needs it. Rows of Expression are not
+    supported.
 
     Args:
-        mask: for which vehicles it is needed.
-        formula: a function of rows that returns a row or a tuple of rows; the rows that it takes are its arguments.
-        arguments: rows.
-        otherwise: what the others get.
+        mask: truth value of each vehicle; true if the vehicle needs the formula.
+        formula: function of rows that returns a row or a tuple of rows. All rows that it uses must be arguments.
+        arguments: arguments of the formula.
+        otherwise: result of the other vehicles.
 
     Raises:
-        TypeError: machine code is made, and the formula takes rows that are not among its arguments.
+        TypeError: if the formula is compiled and uses rows that are not among its arguments.
     """
-    if isinstance(mask, _TRUTH):
+    if isinstance(mask, _BOOLEANS):
         return formula(*arguments) if mask else otherwise
     if mask.__class__ is Symbol:
         return where(mask, branched(untyped(mask), formula, arguments), otherwise)
@@ -176,12 +176,12 @@ def where_needed(mask: bool, formula: Callable[..., _Rows], arguments: Sequence[
 
 
 def identity(x: _Rows) -> _Rows:
-    """Return x."""
+    """Return x unchanged."""
     return x
 
 
 def total(rows: Sequence[Row]) -> Row:
-    """Return the sum of at least one row; there is no zero to begin with, which would be one more operation."""
+    """Return the sum of at least one row; it does not start from zero, which saves an operation."""
     first, *others = rows
     return sum(others, start=first)
 
@@ -192,29 +192,30 @@ def dot(first: Sequence[Row], second: Sequence[Row]) -> Row:
 
 
 def dense(matrix: Matrix, rows: Sequence[Row], activation: Callable[[Row], Row]) -> list[Row]:
-    """A layer of a network: for each row of a matrix, the activation of its bias plus its product with the rows.
+    """Return the outputs of a dense network layer: the activations of the matrix product plus the biases.
 
-    Sums are taken in the order of the columns. As machine code it is a loop, however large the matrix is.
+    The sums add the columns in order. Machine code computes them in a loop, so that its size does not depend on that of
+    the matrix.
 
     Args:
-        matrix: of constants.
-        rows: one a column.
-        activation: a function of a row.
+        matrix: constant weights and biases.
+        rows: inputs of the layer, one for each column of the matrix.
+        activation: activation function of a row.
     """
     symbol = next((row for row in rows if row.__class__ is Symbol), None)
     if symbol is not None:
         return untyped(layer(matrix, rows, activation))
-    found = []
+    outputs = []
     for bias, weights in matrix.biases_and_weights():
         total: Row = bias
         for weight, row in zip(weights, rows, strict=True):
             total = total + weight * row
-        found.append(activation(total))
-    return found
+        outputs.append(activation(total))
+    return outputs
 
 
 def _placed(mask: np.ndarray, some: Any, others: Any) -> Any:
-    """Rows of the vehicles for which a mask is true among those of the others."""
+    """Return rows that are `some` where the mask is true and `others` elsewhere; `some` has those vehicles only."""
     if isinstance(others, tuple):
         rows = [_placed(mask, row, other) for row, other in zip(some, others, strict=True)]
         return others._make(rows) if hasattr(others, "_make") else tuple(rows)
@@ -224,46 +225,46 @@ def _placed(mask: np.ndarray, some: Any, others: Any) -> Any:
     return _of_one_type(placed)
 
 
-def wrapped(angle: Row) -> Row:
-    """The same angle in [-π, π], rad. Not for Expression."""
+def wrap_angle(angle: Row) -> Row:
+    """Wrap an angle to [-π, π], rad; rows of Expression are not supported."""
     if angle.__class__ is float:
         return math.remainder(angle, math.tau) if math.isfinite(angle) else math.nan
     if angle.__class__ is Symbol:
-        return untyped(approximations.wrapped(angle))
-    return angle - math.tau * np.rint(plain(angle) / math.tau)
+        return untyped(approximations.wrap_angle(angle))
+    return angle - math.tau * np.rint(without_derivatives(angle) / math.tau)
 
 
 def nearest(x: Row) -> Row:
-    """The nearest whole number, without derivatives. Not for Expression."""
-    return untyped(approximations.nearest(x)) if x.__class__ is Symbol else np.rint(plain(x))
+    """Round to the nearest whole number, without derivatives; rows of Expression are not supported."""
+    return untyped(approximations.nearest(x)) if x.__class__ is Symbol else np.rint(without_derivatives(x))
 
 
 def word_of(x: Row) -> Any:
-    """The 64 bits of a whole number from 0 on, below 2**52, uint64: a symbol, or an array even for one vehicle."""
+    """Convert whole numbers from 0 to 2**52 - 1 to uint64: a symbol, or else an array, even for one vehicle."""
     if x.__class__ is Symbol:
         return approximations.word_of(untyped(x))
-    return np.atleast_1d(np.asarray(plain(x), dtype=float)).astype(np.uint64)
+    return np.atleast_1d(np.asarray(without_derivatives(x), dtype=float)).astype(np.uint64)
 
 
 def float_of(word: Any) -> Row:
-    """The number that 64 bits below 2**52 are."""
+    """Convert a uint64 below 2**52 to a float."""
     return untyped(approximations.float_of(word) if word.__class__ is Symbol else word.astype(float))
 
 
-def plain(x: Row) -> Row:
-    """The values of a row, without their derivatives. Not for Expression."""
+def without_derivatives(x: Row) -> Row:
+    """Return the values of a row without their derivatives; rows of Expression are not supported."""
     if isinstance(x, np.ndarray):
         return np.array([value.value() for value in x]) if x.dtype == object else x
     return x if isinstance(x, float | Symbol) else untyped(x).value()
 
 
 def untyped(x: Any) -> Any:
-    """The same; a type checker, for which a row is a float, shall not ask what it is here."""
+    """Return x as `Any`, so that a type checker does not take a row for a float."""
     return x
 
 
 def _of_one_type(x: Any) -> Any:
-    """The same without floats among objects: NumPy's functions take no mixture."""
+    """Convert floats in an array of objects to the type of the objects, since NumPy's functions reject mixtures."""
     if not (isinstance(x, np.ndarray) and x.dtype == object):
         return x
     kind = next((element.__class__ for element in x.flat if element.__class__ is not float), float)
@@ -286,6 +287,6 @@ def _erf_of_object(x: Any) -> Any:
 
 
 _erf_of_objects = np.frompyfunc(_erf_of_object, 1, 1)
-_log_of_1_plus_of_objects = np.frompyfunc(log_of_1_plus, 1, 1)
+_log1p_of_objects = np.frompyfunc(log1p, 1, 1)
 _maximum_of_objects = np.frompyfunc(symbolic.max, 2, 1)
 _minimum_of_objects = np.frompyfunc(symbolic.min, 2, 1)

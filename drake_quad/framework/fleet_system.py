@@ -1,21 +1,21 @@
-"""A LeafSystem that carries many vehicles, says what it computes, and converts its scalar type.
+"""LeafSystem for a fleet of vehicles, whose computations are declared as formulas.
 
-A port, parameter or state with k rows has k N elements, row after row (C order, shape (k, N)); for one vehicle that is
-the plain k-vector. What its rows mean is a record: `drake_quad.signals` has those of the ports.
+A port, parameter or state with k rows has k N elements for N vehicles, row after row (C order, shape (k, N)). For one
+vehicle, that is a plain k-vector. A record names the rows: `drake_quad.signals` defines the records of the ports.
 
-A system declares its ports, parameters and states, and what follows from which of them by which formula:
+A system declares its ports, parameters and states, and the formula that computes each output or update from them:
 
     measurement, reference = self.input("measurement"), self.input("reference")
     gains = self.parameter("gains", lambda gains: gains)
     self.output("acceleration_command", pd_law, measurement, reference, gains)
 
-Drake's callbacks follow from the declaration, for every scalar type, and so does the machine code that runs for plain
-numbers. A formula takes and returns records whose fields are rows, numbers for one vehicle and arrays for a fleet; it
-is made of arithmetic, comparisons and `drake_quad.framework.elementary`.
+Drake's callbacks for all scalar types, and the machine code for floats, are derived from the declaration. A formula
+takes and returns records whose fields are rows: numbers for one vehicle and arrays for a fleet. It consists of
+arithmetic, comparisons and functions of `drake_quad.framework.elementary`.
 
-`declare` is told structure, that is which ports and events there are, apart from `numbers`, which may differ from
-vehicle to vehicle. Parameters and states are recipes: functions of the numbers. `FleetSystem.reset` follows them once
-more, so that a diagram that is built flies again with other numbers.
+`declare` has two kinds of arguments. The structure determines the ports and events. `numbers` is a record of numbers
+that may differ from vehicle to vehicle. Each parameter and each initial state has a recipe, which computes it from the
+numbers. `FleetSystem.reset` evaluates the recipes again, so that a diagram can be simulated again with other numbers.
 """
 
 import inspect
@@ -57,13 +57,13 @@ __all__ = ["TIME", "AutoDiffXd", "Expression", "FleetSystem", "TickOf", "fleet_s
 
 @dataclass(frozen=True)
 class Input:
-    """An input port.
+    """Input port.
 
     Attributes:
-        name: of the port.
-        index: of the port.
-        layout: of what it holds.
-        absent: what a formula gets in its place where nothing is connected.
+        name: name of the port.
+        index: Drake's index of the port.
+        layout: layout of the rows.
+        absent: value that a formula gets if the port is not connected.
     """
 
     name: str
@@ -72,23 +72,23 @@ class Input:
     absent: Any
 
     def vector(self, system: "FleetSystem", context: Context) -> BasicVector:
-        """The BasicVector at the port; None if nothing is connected."""
+        """Return the BasicVector at the port; None if the port is not connected."""
         return system.EvalVectorInput(context, self.index)
 
     def ticket(self, system: "FleetSystem") -> Any:
-        """What Drake calls it when it asks what an output depends on."""
+        """Return Drake's dependency ticket of the port."""
         return system.input_port_ticket(self.index)
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A numeric parameter of the context.
+    """Numeric parameter of the context.
 
     Attributes:
-        name: in this system.
-        index: among the numeric parameters.
-        layout: of its rows.
-        recipe: from the system's numbers to the record.
+        name: name within the system.
+        index: Drake's index of the numeric parameter.
+        layout: layout of the rows.
+        recipe: function that computes the record from the numbers of the system.
     """
 
     name: str
@@ -97,27 +97,27 @@ class Parameter:
     recipe: Callable[[Any], Any]
 
     def vector(self, system: "FleetSystem", context: Context) -> BasicVector:
-        """Its BasicVector."""
+        """Return the BasicVector of the parameter."""
         return context.get_numeric_parameter(self.index)
 
     def mutable_vector(self, context: Context) -> BasicVector:
-        """Its BasicVector, to be written."""
+        """Return the mutable BasicVector of the parameter."""
         return context.get_mutable_numeric_parameter(self.index)
 
     def ticket(self, system: "FleetSystem") -> Any:
-        """What Drake calls it when it asks what an output depends on."""
+        """Return Drake's dependency ticket of the parameter."""
         return system.numeric_parameter_ticket(self.index)
 
 
 @dataclass(frozen=True)
 class StateGroup:
-    """A group of the discrete state, or the continuous state.
+    """Group of the discrete state, or the continuous state.
 
     Attributes:
-        name: in this system.
-        index: among the discrete groups; None for the continuous state.
-        layout: of its rows.
-        recipe: from the system's numbers to the record at the beginning.
+        name: name within the system.
+        index: Drake's index of the discrete group; None for the continuous state.
+        layout: layout of the rows.
+        recipe: function that computes the initial record from the numbers of the system.
     """
 
     name: str
@@ -126,19 +126,19 @@ class StateGroup:
     recipe: Callable[[Any], Any]
 
     def vector(self, system: "FleetSystem", context: Context) -> BasicVector:
-        """Its vector."""
+        """Return the vector of the group."""
         if self.index is None:
             return context.get_continuous_state_vector()
         return context.get_discrete_state(self.index)
 
     def mutable_vector(self, context: Context) -> BasicVector:
-        """Its vector, to be written."""
+        """Return the mutable vector of the group."""
         if self.index is None:
             return context.get_mutable_continuous_state_vector()
         return context.get_mutable_discrete_state(self.index)
 
     def ticket(self, system: "FleetSystem") -> Any:
-        """What Drake calls it when it asks what an output depends on."""
+        """Return Drake's dependency ticket of the state group."""
         return system.xc_ticket() if self.index is None else system.discrete_state_ticket(self.index)
 
 
@@ -146,13 +146,13 @@ _Read = Input | Parameter | StateGroup
 
 
 class Computation:
-    """What a system computes: by which formula, from what, and what it writes.
+    """Formula of a system with its arguments and results.
 
     Attributes:
-        formula: a function of records and constants.
-        reads: its arguments: ports, parameters, states, `TIME`, a `TickOf`, or constants.
+        formula: function of records and constants.
+        reads: arguments of the formula: ports, parameters, states, `TIME`, a `TickOf`, or constants.
         results: layouts of the results; `ABSENT` for a state that the system does not have.
-        writes: the states that it changes; none for an output.
+        writes: state groups that the results replace; empty for an output.
     """
 
     def __init__(self, formula: Callable[..., Any], reads: Sequence[Any], targets: Sequence[Any]) -> None:
@@ -160,14 +160,14 @@ class Computation:
         self.results = tuple([_layout_of_target(target) for target in targets])
         self.writes = tuple([target for target in targets if isinstance(target, StateGroup)])
         self._timed = any(read is TIME or isinstance(read, TickOf) for read in self.reads)
-        # What is read of what is written stands where it will be written.
+        # A state that is both read and written is read from the vector that it is written to.
         written = {write.index: place for place, write in enumerate(self.writes)}
         self._sources = [
             (read, written.get(read.index) if isinstance(read, StateGroup) else None)
             for read in self.reads
             if isinstance(read, _Read)
         ]
-        # By place among the sources, since this is looked up thousands of times a second.
+        # Sources are sorted by type in advance, since `run` is called thousands of times per second.
         reads_and_places = [(place, read) for place, (read, target) in enumerate(self._sources) if target is None]
         self._inputs = [(place, read.index) for place, read in reads_and_places if isinstance(read, Input)]
         self._parameters = [(place, read.index) for place, read in reads_and_places if isinstance(read, Parameter)]
@@ -176,14 +176,14 @@ class Computation:
         self._kernels: dict[tuple[Any, ...], Callable[..., None]] = {}
 
     def tickets(self, system: "FleetSystem") -> set[Any]:
-        """What the result depends on, as Drake asks for it."""
-        found = {read.ticket(system) for read, _ in self._sources}
+        """Return the dependency tickets of everything that the results depend on."""
+        tickets = {read.ticket(system) for read, _ in self._sources}
         if self._timed:
-            found.add(system.time_ticket())
-        return found or {system.nothing_ticket()}
+            tickets.add(system.time_ticket())
+        return tickets or {system.nothing_ticket()}
 
     def run(self, system: "FleetSystem", context: Context, vectors: Sequence[Any]) -> None:
-        """Computes the results and writes them into BasicVectors, which hold what was before if they are states."""
+        """Compute the results and write them to BasicVectors, which for states contain the previous values."""
         if system.scalar is not float or INTERPRETED:
             self.interpret(system, context, vectors)
             return
@@ -207,11 +207,11 @@ class Computation:
             sources[place] = targets[target]
         if absent:
             sources = [source for source in sources if source is not None]
-        run = self._kernels.get(absent) or self._made(absent, lone=system.num_vehicles == 1)
+        run = self._kernels.get(absent) or self._compiled(absent, single_vehicle=system.num_vehicles == 1)
         run(system.num_vehicles, context.get_time() if self._timed else 0.0, *targets, *sources)
 
     def interpret(self, system: "FleetSystem", context: Context, vectors: Sequence[Any]) -> None:
-        """The same without machine code."""
+        """Compute the results as `run` does, but without machine code."""
         sources: list[Any] = []
         absent: tuple[Any, ...] = ()
         for read, place in self._sources:
@@ -231,12 +231,13 @@ class Computation:
         for vector, elements in zip(vectors, results, strict=True):
             vector.SetFromVector(elements.astype(system.scalar))
 
-    def _made(self, absent: tuple[Any, ...], *, lone: bool) -> Callable[..., None]:
-        self._kernels[absent] = kernel(self.formula, self._arguments(absent), self.results, lone=lone)
+    def _compiled(self, absent: tuple[Any, ...], *, single_vehicle: bool) -> Callable[..., None]:
+        arguments = self._arguments(absent)
+        self._kernels[absent] = kernel(self.formula, arguments, self.results, single_vehicle=single_vehicle)
         return self._kernels[absent]
 
     def _arguments(self, absent: tuple[Any, ...]) -> tuple[Any, ...]:
-        """The arguments of the formula where nothing is connected to some input ports."""
+        """Return the arguments of the formula, given the indices of the input ports that are not connected."""
         arguments = []
         for read in self.reads:
             if isinstance(read, Input) and read.index in absent:
@@ -247,24 +248,24 @@ class Computation:
 
 
 class FleetSystem(_Base):
-    """What the systems of this project have in common; a subclass is made a Drake system by `fleet_system`.
+    """Base class of the systems of this project; the decorator `fleet_system` makes a subclass a Drake system.
 
-    A subclass defines `declare` in place of a constructor: it is called with the keyword arguments of the constructor
-    other than `num_vehicles`, and again with the same ones on the converted copy. If it has an argument `numbers`, that
-    is what the recipes of its parameters and states are functions of.
+    A subclass defines `declare` instead of a constructor. It is called with the keyword arguments of the constructor
+    other than `num_vehicles`, and again with the same arguments when Drake converts the system to another scalar type.
+    The argument `numbers`, if `declare` has one, is the argument of the recipes of parameters and states.
 
     Attributes:
-        scalar: float, AutoDiffXd or Expression.
-        num_vehicles: N.
-        structure: the arguments of the constructor, but for `num_vehicles` and `numbers`, where they were given.
-        parameters: the numeric parameters, by name.
-        states: the groups of the state, by name.
-        random_inputs: the input ports for random numbers, by name.
+        scalar: scalar type: float, AutoDiffXd or Expression.
+        num_vehicles: number N of vehicles.
+        structure: arguments that were given to the constructor, without `num_vehicles` and `numbers`.
+        parameters: numeric parameters, by name.
+        states: groups of the state, by name.
+        random_inputs: properties of the input ports for random numbers, by name.
         outputs: computations of the output ports, by name.
-        updates: what is computed at periodic events.
-        initializations: what is computed when a simulation begins.
-        packed: the layouts of the signals that the only output port packs, by name; empty if it packs none.
-        num_events: how many events were declared, by `update`, by `initialize` or by Drake's own methods.
+        updates: periodic updates of the discrete state.
+        initializations: computations at the start of a simulation.
+        packed: layouts of the signals that a packed output port contains, by name; empty without such a port.
+        num_events: number of declared events, including those declared by Drake's own methods.
     """
 
     scalar: type
@@ -273,7 +274,7 @@ class FleetSystem(_Base):
     _numbers: Any
 
     def begin(self) -> None:
-        """Makes room for what will be declared."""
+        """Initialize the attributes that the declarations fill."""
         self.parameters: dict[str, Parameter] = {}
         self.states: dict[str, StateGroup] = {}
         self.random_inputs: dict[str, RandomInput] = {}
@@ -285,7 +286,7 @@ class FleetSystem(_Base):
         self.num_events = 0
 
     def declare(self, *args: Any, **options: Any) -> None:
-        """Declares ports, state, parameters and events; every subclass has its own."""
+        """Declare ports, state, parameters and events; subclasses override this method."""
 
     def input(self, name: str, *, layout: Layout | None = None, absent: Any = None) -> Input:
         """Declare an input port.
@@ -296,19 +297,19 @@ class FleetSystem(_Base):
             absent: value that a formula gets if the port is not connected.
 
         Raises:
-            InputError: no layout is given, and there is no signal with this name.
+            InputError: if no layout is given and there is no signal with this name.
         """
         layout = layout or _layout_of_signal(name)
         return Input(name, self.DeclareVectorInputPort(name, self._model(layout)).get_index(), layout, absent)
 
     def random_input(self, name: str, kind: Any, distribution: RandomDistribution, *, period: float) -> Input:
-        """Declares an input port for random numbers, as Drake's RandomSource gives them.
+        """Declare an input port for random numbers, which Drake's RandomSource provides.
 
         Args:
-            name: of the port.
-            kind: of record that it holds.
-            distribution: of each of its rows.
-            period: after which the system takes new ones, s.
+            name: name of the port.
+            kind: type of the record at the port.
+            distribution: distribution of each row.
+            period: period after which the system uses new random numbers, s.
         """
         layout = layout_of(kind)
         index = self.DeclareVectorInputPort(name, self._model(layout), distribution).get_index()
@@ -316,7 +317,7 @@ class FleetSystem(_Base):
         return Input(name, index, layout, None)
 
     def parameter(self, name: str, recipe: Callable[[Any], Any]) -> Parameter:
-        """Declares a numeric parameter, given its record as a function of the system's numbers."""
+        """Declare a numeric parameter, given the function that computes its record from the numbers."""
         record = recipe(self._numbers)
         layout = layout_of(type(record), record)
         index = self.DeclareNumericParameter(self._vector(layout, record))
@@ -324,7 +325,7 @@ class FleetSystem(_Base):
         return self.parameters[name]
 
     def state(self, name: str, recipe: Callable[[Any], Any], *, layout: Layout | None = None) -> StateGroup:
-        """Declares a group of the discrete state, given its record at the beginning as a function of the numbers."""
+        """Declare a discrete state group, given the function that computes its initial record from the numbers."""
         record = recipe(self._numbers)
         layout = layout or layout_of(type(record), record)
         index = self.DeclareDiscreteState(self._vector(layout, record))
@@ -332,7 +333,7 @@ class FleetSystem(_Base):
         return self.states[name]
 
     def continuous_state(self, recipe: Callable[[Any], Any]) -> StateGroup:
-        """Declares the continuous state, given its record at the beginning as a function of the numbers."""
+        """Declare the continuous state, given the function that computes its initial record from the numbers."""
         record = recipe(self._numbers)
         layout = layout_of(type(record), record)
         self.DeclareContinuousState(self._vector(layout, record))
@@ -349,7 +350,7 @@ class FleetSystem(_Base):
             layout: layout of the port; that of the signal `name` in `drake_quad.signals` if not given.
 
         Raises:
-            InputError: no layout is given, and there is no signal with this name.
+            InputError: if no layout is given and there is no signal with this name.
         """
         layout = layout or _layout_of_signal(name)
         computation = Computation(formula, reads, [layout])
@@ -361,27 +362,27 @@ class FleetSystem(_Base):
         self.DeclareVectorOutputPort(name, self._model(layout), MethodType(calc, self), computation.tickets(self))
 
     def packed_output(self, name: str, kind: Any, formula: Callable[..., Any], *reads: Any) -> None:
-        """Declares an output port that packs several signals; `drake_quad.framework.wiring.split_output` unpacks them.
+        """Declare an output port that packs several signals, which `wiring.split_output` splits again.
 
         Args:
-            name: of the port.
-            kind: a record of signals, which are the ports that result; the formula returns one.
-            formula: which returns the record.
-            reads: the formula's arguments: ports, parameters, states, `TIME`, a `TickOf`, or constants.
+            name: name of the port.
+            kind: type of a record whose fields are the signals.
+            formula: function that returns a record of this type.
+            reads: arguments of the formula: ports, parameters, states, `TIME`, a `TickOf`, or constants.
         """
         layout = layout_of(kind)
         self.packed = dict(zip(kind._fields, layout.parts, strict=True))
         self.output(name, formula, *reads, layout=layout)
 
     def state_output(self, group: StateGroup) -> None:
-        """Declares an output port that shows a group of the discrete state, under its name."""
+        """Declare an output port for a group of the discrete state, with the name of the group."""
         self.outputs[group.name] = Computation(identity, [group], [group.layout])
         if self.num_vehicles == 1:
             self.DeclareStateOutputPort(group.name, group.index)
             return
 
         # DeclareStateOutputPort makes a virtual call for every element, which is slow for a fleet.
-        def show(system: FleetSystem, context: Context, output: BasicVector) -> None:
+        def copy_state(system: FleetSystem, context: Context, output: BasicVector) -> None:
             state = context.get_discrete_state(group.index)
             if system.scalar is float:
                 output.get_mutable_value()[:] = state.value()
@@ -389,7 +390,7 @@ class FleetSystem(_Base):
                 output.SetFrom(state)
 
         self.DeclareVectorOutputPort(
-            group.name, self._model(group.layout), MethodType(show, self), {group.ticket(self)}
+            group.name, self._model(group.layout), MethodType(copy_state, self), {group.ticket(self)}
         )
 
     def update(
@@ -401,17 +402,17 @@ class FleetSystem(_Base):
         unrestricted: bool = False,
         at_start: bool = True,
     ) -> None:
-        """Declares a periodic update of groups of the discrete state, at 0, h, 2h, ...
+        """Declare a periodic update of groups of the discrete state, at the times 0, h, 2h, ...
 
         Args:
-            period: h, s.
-            formula: which returns what they will hold: a record, or one after another if there are several.
-            reads: the formula's arguments: ports, parameters, states, `TIME`, a `TickOf`, or constants. Of the discrete
-                state it reads what it was before this instant.
-            writes: the groups that change; no other update may write them. None or an empty tuple stands for a group
-                that this system does not have; that part of the result is left out.
-            unrestricted: whether it is done before the discrete updates of that instant, which then see the result.
-            at_start: whether anything is done at time zero.
+            period: period h, s.
+            formula: function that returns the new value of the group, or a tuple with the new values of several groups.
+            reads: arguments of the formula: ports, parameters, states, `TIME`, a `TickOf`, or constants.
+                States have their values from before this instant.
+            writes: groups that are updated; no other update may write them. For None or an empty tuple, which stand
+                for a group that this system does not have, the corresponding result is ignored.
+            unrestricted: True for an update before all discrete updates of the same instant, which use its result.
+            at_start: True for an update at time zero, too.
         """
         computation = Computation(formula, reads, writes)
         self.updates.append(Update(period, computation, unrestricted, at_start))
@@ -426,43 +427,43 @@ class FleetSystem(_Base):
         event(period, 0.0, MethodType(write, self))
 
     def initialize(self, formula: Callable[..., Any], *reads: Any, writes: Sequence[Any]) -> None:
-        """Declares an update that is done when a simulation begins.
+        """Declare an update of groups of the discrete state at the start of a simulation.
 
         Args:
-            formula: which returns what the groups will hold.
-            reads: the formula's arguments: ports, parameters, states, `TIME`, a `TickOf`, or constants.
-            writes: the groups that change, as for `update`.
+            formula: function that returns the new values of the groups.
+            reads: arguments of the formula: ports, parameters, states, `TIME`, a `TickOf`, or constants.
+            writes: groups that are updated, as for `update`.
         """
         computation = Computation(formula, reads, writes)
         self.initializations.append(computation)
         indices = [group.index for group in computation.writes]
 
-        # Once in a flight: machine code would take longer to make.
+        # The formula runs once per simulation, so compiling it would take longer than interpreting it.
         def write(system: FleetSystem, context: Context, groups: Any) -> None:
             computation.interpret(system, context, [groups.get_mutable_vector(index) for index in indices])
 
         self.DeclareInitializationDiscreteUpdateEvent(MethodType(write, self))
 
     def derivative(self, formula: Callable[..., Any], *reads: Any) -> None:
-        """Declares the time derivative of the continuous state, which the formula returns."""
+        """Declare the formula that returns the time derivative of the continuous state."""
         self._derivative = Computation(formula, reads, [self.states["continuous"].layout])
 
     def DoCalcTimeDerivatives(self, context: Context, derivatives: Any) -> None:
-        """Drake's hook for a continuous state."""
+        """Compute the time derivatives of the continuous state; Drake calls this method."""
         if self._derivative is None:
             return
-        # The floating-point flags that arithmetic on objects leaves behind mean nothing.
+        # Floating-point flags that arithmetic on arrays of objects sets are meaningless.
         with np.errstate(all=None if self.scalar is float else "ignore"):
-            slope = BasicVector_[self.scalar](derivatives.size())
-            self._derivative.run(self, context, [slope])
-        derivatives.get_mutable_vector().SetFromVector(slope.CopyToVector())
+            rates = BasicVector_[self.scalar](derivatives.size())
+            self._derivative.run(self, context, [rates])
+        derivatives.get_mutable_vector().SetFromVector(rates.CopyToVector())
 
     def reset(self, context: Context, numbers: Any) -> None:
-        """Makes parameters and state of a context what they would be by default, had these been the numbers.
+        """Reset parameters and state of a context to the defaults of a system that is built with other numbers.
 
         Args:
-            context: of this system.
-            numbers: as at construction; each row may be an (N,) array.
+            context: context of this system.
+            numbers: record of numbers, as for the constructor; each row may be an (N,) array.
         """
         self.set_numbers(context, numbers)
         for part in self.states.values():
@@ -523,12 +524,12 @@ def _layout_of_signal(name: str) -> Layout:
 
 
 class RandomInput(NamedTuple):
-    """What an input port for random numbers asks for.
+    """Properties of an input port for random numbers.
 
     Attributes:
-        num_rows: for each vehicle.
-        distribution: of each row.
-        period: after which it takes new ones, s.
+        num_rows: number of random numbers for each vehicle.
+        distribution: distribution of each row.
+        period: period after which new random numbers are used, s.
     """
 
     num_rows: int
@@ -537,13 +538,13 @@ class RandomInput(NamedTuple):
 
 
 class Update(NamedTuple):
-    """A periodic update of the discrete state.
+    """Periodic update of the discrete state.
 
     Attributes:
-        period: s.
-        computation: what is computed, and what is written.
-        unrestricted: whether it is done before the discrete updates of its instant.
-        at_start: whether anything is done at time zero.
+        period: period of the update, s.
+        computation: formula with its arguments and the state groups that it updates.
+        unrestricted: True for an update before all discrete updates of the same instant.
+        at_start: True for an update at time zero, too.
     """
 
     period: float
@@ -552,8 +553,8 @@ class Update(NamedTuple):
     at_start: bool
 
 
-# Drake's methods that declare events which happen by themselves.
-_EVENTS = [
+# Drake's methods that declare events which a simulator triggers.
+_EVENT_METHODS = [
     f"Declare{when}{what}Event"
     for when in ("Initialization", "Periodic", "PerStep")
     for what in ("", "DiscreteUpdate", "Publish", "UnrestrictedUpdate")
@@ -561,10 +562,10 @@ _EVENTS = [
 
 
 def _counted(declare: Callable[..., None]) -> Callable[..., None]:
-    """A method of Drake's that declares an event, which is counted."""
+    """Wrap a method of Drake that declares an event, so that the event is counted."""
 
     def counted(self: FleetSystem, *args: Any, **options: Any) -> None:
-        """Declares an event as Drake's method does, and counts it.
+        """Declare an event as Drake's method does, and count it.
 
         :meta private:
         """
@@ -576,9 +577,9 @@ def _counted(declare: Callable[..., None]) -> Callable[..., None]:
 
 @contextmanager
 def _quick_templates() -> Iterator[None]:
-    """Spares Drake the search for the module in which a method is made a template.
+    """Skip Drake's search for the name of the module in which a template is instantiated.
 
-    For its name alone it reads the source of every caller: half of the time that it took to import this package.
+    The search reads the source of every caller and took half of the time of importing this package.
     """
     search = getattr(cpp_template, "_get_module_from_stack", None)
     if search is None:
@@ -600,9 +601,12 @@ def _constructor_signature(cls: type[FleetSystem]) -> inspect.Signature:
 
 
 def fleet_system(*scalars: type) -> Callable[[type[FleetSystem]], Any]:
-    """Makes a FleetSystem a Drake system for these scalar types, float first, that converts between them.
+    """Return a class decorator that makes a FleetSystem a Drake system, which converts between scalar types.
 
-    The class that results is the one for float; its attribute `template` holds the others.
+    The decorated class is that of the first scalar type, and its attribute `template` has those of all types.
+
+    Args:
+        scalars: supported scalar types, of which float must be the first.
     """
 
     def decorate(cls: type[FleetSystem]) -> Any:
@@ -631,7 +635,7 @@ def fleet_system(*scalars: type) -> Callable[[type[FleetSystem]], Any]:
                 def _construct_copy(self, other: Any, converter: Any = None) -> None:
                     Impl._construct(self, other.num_vehicles, converter=converter, **other._options)
 
-            for name in _EVENTS:
+            for name in _EVENT_METHODS:
                 setattr(Impl, name, _counted(getattr(LeafSystem_[T], name)))
             return Impl
 

@@ -1,7 +1,7 @@
-"""Formulas, applied to every vehicle.
+"""Execution of formulas for every vehicle of a fleet, as machine code or as plain Python.
 
-A formula is a plain function of records and constants. On numbers it runs as machine code, made of it once; on
-AutoDiffXd, Expression, and wherever the environment variable DRAKE_QUAD_INTERPRETED is set, it runs as it is written.
+A formula is a Python function of records and constants. For floats it is compiled to machine code once. Python executes
+it for AutoDiffXd and Expression, or if the environment variable DRAKE_QUAD_INTERPRETED is set.
 """
 
 import os
@@ -12,17 +12,17 @@ import numpy as np
 
 from drake_quad.caching import ThreadSafeCache
 from drake_quad.framework.elementary import nearest
-from drake_quad.framework.kernels import compiled
+from drake_quad.framework.kernels import compile_kernel
 from drake_quad.framework.records import ABSENT, Layout
 from drake_quad.framework.symbols import ALLOWED, Listing, Symbol, number
 from drake_quad.signals import Row
 
-# So that a debugger stops in formulas.
+# Without machine code, a debugger can stop in formulas.
 INTERPRETED = bool(os.environ.get("DRAKE_QUAD_INTERPRETED"))
 
 
 class _Time:
-    """Stands among the arguments of a formula for the time, s."""
+    """Placeholder for the time (s) among the arguments of a formula."""
 
     def __repr__(self) -> str:
         return "TIME"
@@ -32,11 +32,11 @@ TIME = _Time()
 
 
 class Tick(NamedTuple):
-    """Where an instant stands among ticks, which are counted in pairs.
+    """Number of a tick, as the number of a pair of ticks and the position in the pair.
 
     Attributes:
-        pair: which pair it belongs to, a whole number from 0 on.
-        second: whether it is the second of the pair.
+        pair: number of the pair, a whole number from 0 on.
+        second: True for the second tick of the pair.
     """
 
     pair: Row
@@ -44,16 +44,16 @@ class Tick(NamedTuple):
 
 
 class TickOf(NamedTuple):
-    """Stands among the arguments of a formula for the nearest `Tick` of a period.
+    """Placeholder for the tick nearest to the time, a `Tick`, among the arguments of a formula.
 
     Attributes:
-        period: s.
+        period: period of the ticks, s.
     """
 
     period: float
 
     def at(self, time: Row) -> Tick:
-        """The tick nearest to a time (s)."""
+        """Return the tick nearest to a time (s)."""
         number = nearest(time / self.period)
         pair = nearest(0.5 * number - 0.25)
         return Tick(pair, number > 2.0 * pair)
@@ -63,7 +63,7 @@ _kernels: ThreadSafeCache[Callable[..., None]] = ThreadSafeCache()
 
 
 def kernel(
-    formula: Callable[..., Any], arguments: tuple[Any, ...], results: tuple[Layout, ...], *, lone: bool
+    formula: Callable[..., Any], arguments: tuple[Any, ...], results: tuple[Layout, ...], *, single_vehicle: bool
 ) -> Callable[..., None]:
     """Return the machine code of a formula.
 
@@ -71,27 +71,27 @@ def kernel(
         formula: function to compile.
         arguments: kinds of its arguments: a `Layout` for a record that is read, `TIME`, a `TickOf`, or a constant.
         results: layouts of its results: that of a single record, or those of the parts of a tuple or record.
-        lone: True for code that computes a single vehicle.
+        single_vehicle: True for machine code that computes one vehicle only.
 
     Raises:
         TypeError: if the results do not fit the layouts, or the formula branches on a row.
     """
-    key = formula, tuple(map(told_apart, arguments)), results, lone
-    return _kernels.get(key, lambda: _made(formula, arguments, results, lone))
+    key = formula, tuple(map(hashable_key, arguments)), results, single_vehicle
+    return _kernels.get(key, lambda: _compile(formula, arguments, results, single_vehicle))
 
 
-def told_apart(constant: Any) -> tuple[Any, str]:
-    """A constant, told from those that are equal to it and yet others: -0.0 from 0.0, and 1 from 1.0."""
+def hashable_key(constant: Any) -> tuple[Any, str]:
+    """Return a key for a constant that distinguishes equal constants, such as -0.0 from 0.0 and 1 from 1.0."""
     try:
         hash(constant)
     except TypeError:
-        # What may change, such as a list, is like nothing else.
+        # A mutable object, such as a list, gets a key that differs from all others.
         return object(), ""
     return constant, repr(constant)
 
 
-def _made(
-    formula: Callable[..., Any], arguments: Sequence[Any], results: Sequence[Layout], lone: bool
+def _compile(
+    formula: Callable[..., Any], arguments: Sequence[Any], results: Sequence[Layout], single_vehicle: bool
 ) -> Callable[..., None]:
     """Compile a formula to machine code; arguments are those of `kernel`."""
     listing = Listing()
@@ -106,7 +106,7 @@ def _made(
             values.append(at_time(argument, listing.shared(0)))
     returned = traced(formula, values, results)
     targets = [layout.num_rows for layout in results if layout is not ABSENT]
-    return compiled(listing, returned, sources=sizes, targets=targets, lone=lone)
+    return compile_kernel(listing, returned, sources=sizes, targets=targets, single_vehicle=single_vehicle)
 
 
 def traced(formula: Callable[..., Any], values: Sequence[Any], results: Sequence[Layout]) -> list[Any]:
@@ -126,7 +126,7 @@ def traced(formula: Callable[..., Any], values: Sequence[Any], results: Sequence
     except (TypeError, AttributeError) as error:
         name = getattr(formula, "__name__", repr(formula))
         # Authors of formulas know rows, not symbols, so messages of Python and NumPy about a Symbol need a hint.
-        hint = f"; a Symbol is a row that is not known yet: {ALLOWED}" if "Symbol" in str(error) else ""
+        hint = f"; a Symbol is a row of a formula that is being traced: {ALLOWED}" if "Symbol" in str(error) else ""
         raise TypeError(f"formula {name}: {error}{hint}") from error
 
 
@@ -144,15 +144,15 @@ def interpret(
     num_vehicles: int,
     time: Any,
 ) -> list[np.ndarray]:
-    """Runs a formula as it is written, and returns the elements of each result.
+    """Execute a formula in Python, and return the elements of each result.
 
     Args:
-        formula: to apply.
-        arguments: that it takes: a `Layout` for a record that is read, `TIME`, a `TickOf`, or a constant.
-        sources: the elements of what is read, one array for each layout among the arguments.
-        results: layouts of what it returns: that of the only record, or those of the parts of a tuple or record.
-        num_vehicles: N.
-        time: s.
+        formula: function to execute.
+        arguments: kinds of its arguments: a `Layout` for a record that is read, `TIME`, a `TickOf`, or a constant.
+        sources: elements of the records that are read, one array for each layout among the arguments.
+        results: layouts of the results: that of a single record, or those of the parts of a tuple or record.
+        num_vehicles: number N of vehicles.
+        time: time, s.
     """
     read = iter(sources)
     values = []
@@ -169,22 +169,26 @@ def interpret(
 
 
 def at_time(argument: Any, time: Any) -> Any:
-    """What a formula gets at a time (s) for an argument that is no record."""
+    """Return the value at a time (s) of an argument that is `TIME`, a `TickOf` or a constant."""
     if argument is TIME:
         return time
     return argument.at(time) if isinstance(argument, TickOf) else argument
 
 
 def flattened(returned: Any, results: Sequence[Layout]) -> list[Any]:
-    """Return the rows of the results of a formula, one result after another, without absent results."""
+    """Return the rows of all results of a formula in order, without absent results.
+
+    Raises:
+        TypeError: if the results do not fit the layouts.
+    """
     parts = [returned] if len(results) == 1 else returned
     if not isinstance(parts, tuple | list) or len(parts) != len(results):
-        wanted = "one result is" if len(results) == 1 else f"{len(results)} results are"
-        raise TypeError(f"{wanted} wanted, not {returned!r}")
+        expected = "a single result" if len(results) == 1 else f"{len(results)} results"
+        raise TypeError(f"expected {expected}, but the formula returned {returned!r}")
     present = [(layout, part) for layout, part in zip(results, parts, strict=True) if layout is not ABSENT]
     return [row for layout, part in present for row in layout.flatten(part)]
 
 
 def packed(rows: Sequence[Any], num_vehicles: int) -> np.ndarray:
-    """Packs rows, each a number or an (N,) array, into one (rows · N,) vector."""
+    """Concatenate rows, each a number or an (N,) array, to one vector of num_rows · N elements."""
     return np.concatenate([np.broadcast_to(row, (num_vehicles,)) for row in rows])

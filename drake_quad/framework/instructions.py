@@ -1,22 +1,22 @@
-"""A listing, written as a function in LLVM's language.
+"""Conversion of a listing to a function in LLVM code.
 
-Each line of the listing becomes one instruction on a vector of vehicles, or on one for a lone vehicle:
+Each line of the listing becomes one instruction, which computes a vector of vehicles or a single vehicle:
 
     %v12 = load <8 x double>, ptr %v12_at, align 8
     %v13 = fmul <8 x double> %v12, %v7
     %v14 = fadd <8 x double> %v13, %v2
 
-Arithmetic is as the formula has it: no sum is taken in another order, and a product is rounded before it is added. So a
-vehicle flies the same alone and in a fleet, on any processor. The lines themselves are written in the order in which a
-processor does them soonest (`drake_quad.framework.scheduling`).
+The arithmetic is exactly that of the formula: sums are not reordered, and products are rounded before they are added.
+For that reason, the results of a vehicle are the same alone and in a fleet, on any processor. The order of the
+instructions is that of `drake_quad.framework.scheduling`.
 
-What is done only where it is needed is a function of its own, which is called if a vehicle of the vector needs it:
+A `Branch` becomes a separate function, which is called if at least one vehicle of the vector needs it:
 
     %v15_lanes = bitcast <8 x i1> %v15 to i8
     %v16_any = icmp ne i8 %v15_lanes, 0
     br i1 %v16_any, label %needed_16, label %beyond_16
 
-A layer of a network is a function, too, with a loop over blocks of its rows and one over its columns.
+A layer of a network becomes a function with a loop over blocks of its rows and a loop over its columns.
 """
 
 import functools
@@ -26,10 +26,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.framework.scheduling import scheduled
+from drake_quad.framework.scheduling import schedule
 from drake_quad.framework.symbols import LEAVES, Branch, Listing, Symbol, SymbolKind, SymbolLayer
 
-# What an operation is in LLVM's language, {t} being the type of its first operand and {r} that of the result.
+# LLVM instruction of each operation; {t} is the type of the first operand, {r} that of the result, and {s} the suffix
+# of intrinsic functions.
 INSTRUCTIONS = {
     "add": "fadd {t} {0}, {1}",
     "subtract": "fsub {t} {0}, {1}",
@@ -54,7 +55,7 @@ INSTRUCTIONS = {
     "word_of_truth": "zext {t} {0} to {r}",
     "truth_of_word": "trunc {t} {0} to {r}",
 }
-# Of words and truth values.
+# LLVM instructions of operations on words and truth values, where they differ from those on numbers.
 _BITWISE = {
     "add": "add {t} {0}, {1}",
     "multiply": "mul {t} {0}, {1}",
@@ -64,16 +65,17 @@ _BITWISE = {
     "left_shift": "shl {t} {0}, {1}",
     "right_shift": "lshr {t} {0}, {1}",
 }
-_ELEMENTS = {SymbolKind.NUMBER: "double", SymbolKind.TRUTH: "i1", SymbolKind.WORD: "i64"}
+_ELEMENT_TYPES = {SymbolKind.NUMBER: "double", SymbolKind.TRUTH: "i1", SymbolKind.WORD: "i64"}
+# LLVM intrinsics that the instructions call, with their numbers of arguments.
 _INTRINSICS = {"fabs": 1, "sqrt": 1, "rint": 1, "fma": 3, "copysign": 2}
 
 
 class Rows(NamedTuple):
-    """A group of rows in memory, as seen from the first vehicle of a vector.
+    """Group of rows in memory, starting at the first vehicle of a vector.
 
     Attributes:
-        pointer: to its first row, a name in LLVM's language.
-        stride: from a row to the next, in numbers: a name, or a whole number.
+        pointer: LLVM name of the pointer to the first row.
+        stride: distance between consecutive rows, in elements: an LLVM name, or a whole number.
     """
 
     pointer: str
@@ -81,12 +83,12 @@ class Rows(NamedTuple):
 
 
 class Store(NamedTuple):
-    """A row that is written.
+    """Assignment of a symbol to a row in memory.
 
     Attributes:
-        target: where.
-        place: in its group.
-        symbol: what.
+        target: group of the row.
+        place: index of the row in the group.
+        symbol: value that is stored.
     """
 
     target: Rows
@@ -95,7 +97,7 @@ class Store(NamedTuple):
 
 
 def declarations(lanes: int) -> str:
-    """What a module with functions for so many lanes must begin with."""
+    """Return the declarations at the beginning of an LLVM module whose functions compute `lanes` vehicles at a time."""
     number = _type(SymbolKind.NUMBER, lanes)
     return "\n".join(
         f"declare {number} @llvm.{name}.v{lanes}f64({', '.join([number] * count)})"
@@ -113,45 +115,46 @@ def function(
     lanes: int,
     overlapping: bool,
 ) -> str:
-    """The function that does what is listed for the vehicles of one vector.
+    """Return the LLVM code of a function that executes a listing for one vector of vehicles.
 
     Args:
-        head: the function's name with its arguments, and its attributes.
-        listing: what is computed.
-        stores: what is written.
-        sources: the groups of the listing.
-        shared: a pointer to the numbers that are the same for all vehicles; or rows, where each has numbers of its own.
-        lanes: vehicles of a vector.
-        overlapping: whether a row may be written that is read by another name. Then all rows are read before the first
-            is written; else a row is written as soon as it has been read and computed.
+        head: name of the function with its arguments and attributes.
+        listing: operations of the function.
+        stores: rows that are written.
+        sources: groups of rows that are read, by their number in the listing.
+        shared: name of the pointer to the shared numbers; or the rows of these numbers, if they differ between
+            vehicles.
+        lanes: number of vehicles in a vector.
+        overlapping: True if a row that is read may be written under another name. All rows are then read before the
+            first one is written. Otherwise a row is written as soon as its value is computed and its old value read.
     """
-    order = scheduled(listing)
+    order = schedule(listing)
     position = {line: k for k, line in enumerate(order)}
-    # Where each row is read last.
-    read: dict[tuple[str, int], int] = {}
+    # Position of the last operation that reads each row.
+    last_reads: dict[tuple[str, int], int] = {}
     for k, line in enumerate(order):
         operation = listing.operations[line]
         if operation.name == "row":
             group, place = operation.operands
-            read[sources[group].pointer, place] = k
-    last = max(read.values(), default=0)
+            last_reads[sources[group].pointer, place] = k
+    last = max(last_reads.values(), default=0)
     due: dict[int, list[tuple[int, Store]]] = defaultdict(list)
     for count, store in enumerate(stores):
-        free = last if overlapping else read.get((store.target.pointer, store.place), 0)
+        free = last if overlapping else last_reads.get((store.target.pointer, store.place), 0)
         due[max(position[store.symbol.line], free)].append((count, store))
     names: dict[int, str] = {}
     lines: list[str] = []
     calls = _Calls(head.split("(")[0], lanes)
     for k, number in enumerate(order):
         if listing.operations[number].inside is None:
-            names[number] = _written(lines, names, listing, number, sources, shared, lanes)
+            names[number] = _write_operation(lines, names, listing, number, sources, shared, lanes)
         else:
-            names[number] = calls.written(lines, names, listing, number)
+            names[number] = calls.append_call(lines, names, listing, number)
         for count, (target, place, symbol) in due.get(k, ()):
             pointer = f"%store_{count}"
             lines += _pointer(pointer, target, place)
             lines.append(f"store {_type(symbol.kind, lanes)} {names[symbol.line]}, ptr {pointer}, align 8")
-    # A processor is slow with vectors on the stack that do not begin where its registers would.
+    # Processors access vectors on the stack faster if their addresses are multiples of the register size.
     attributes = "" if lanes == 1 else f" alignstack({8 * lanes})"
     body = [*calls.memory(), *lines, "ret void"]
     return "\n".join(
@@ -159,19 +162,19 @@ def function(
     )
 
 
-# Rows of a layer that are summed side by side, so that no sum waits for the product before it.
-_BLOCK = 8
+# Number of rows of a layer that are summed in parallel, so that no sum waits for the previous product.
+_BLOCK_ROWS = 8
 
 
 class _Calls:
-    """What a function leaves to others: branches and layers.
+    """Functions for the branches and layers of a listing, and the calls of these functions.
 
     Args:
-        name: of the function.
-        lanes: vehicles of a vector.
+        name: name of the function that calls them.
+        lanes: number of vehicles in a vector.
 
     Attributes:
-        functions: the text of what is called.
+        functions: LLVM code of the called functions.
     """
 
     def __init__(self, name: str, lanes: int) -> None:
@@ -181,14 +184,14 @@ class _Calls:
         self._results: dict[tuple[Branch | SymbolLayer, tuple[int, ...]], int] = {}
 
     def memory(self) -> list[str]:
-        """The lines that make room for what is given to functions and for their results."""
+        """Return the lines that allocate memory for the arguments and results of calls."""
         if not self._called:
             return []
-        room = f"alloca [{self._rows * self._lanes} x double], align {8 * self._lanes}"
-        return [f"%given = {room}", f"%found = {room}"]
+        allocation = f"alloca [{self._rows * self._lanes} x double], align {8 * self._lanes}"
+        return [f"%given = {allocation}", f"%found = {allocation}"]
 
-    def written(self, lines: list[str], names: Mapping[int, str], listing: Listing, number: int) -> str:
-        """Writes the call that a line is a result of, unless it stands above; returns the name of the result."""
+    def append_call(self, lines: list[str], names: Mapping[int, str], listing: Listing, number: int) -> str:
+        """Append the call that computes a line, unless it has been appended already; return the name of the result."""
         operation = listing.operations[number]
         assert operation.inside is not None
         inside, place = operation.inside
@@ -212,33 +215,33 @@ class _Calls:
             f"br i1 %v{number}_any, label %needed_{number}, label %beyond_{number}",
             f"needed_{number}:",
         ]
-        self._give(lines, number, arguments)
-        # Cold, so that what is computed around the call stays in registers where it is not called.
+        self._store_arguments(lines, number, arguments)
+        # For a cold function, LLVM keeps other values in registers if the function is not called.
         lines += [
             f"call void {self._function_of(branch, 'noinline cold')}(ptr %given, ptr %found)",
             f"br label %beyond_{number}",
             f"beyond_{number}:",
         ]
-        self._take(lines, number, [branch.operations[line].kind for line in branch.results])
+        self._load_results(lines, number, [branch.operations[line].kind for line in branch.results])
 
     def _write_layer(
         self, lines: list[str], number: int, given: Sequence[tuple[str, SymbolKind]], layer: SymbolLayer
     ) -> None:
         rows, _ = layer.matrix.shape
-        self._give(lines, number, given)
-        lines.append(f"call void {self._layer(layer)}(ptr %given, ptr %found)")
-        self._take(lines, number, [SymbolKind.NUMBER] * rows)
-        # The last block is written whole.
-        self._rows = max(self._rows, rows + -rows % _BLOCK)
+        self._store_arguments(lines, number, given)
+        lines.append(f"call void {self._function_of_layer(layer)}(ptr %given, ptr %found)")
+        self._load_results(lines, number, [SymbolKind.NUMBER] * rows)
+        # The function writes all rows of the last block, even if the layer has fewer rows.
+        self._rows = max(self._rows, rows + -rows % _BLOCK_ROWS)
 
-    def _give(self, lines: list[str], number: int, arguments: Sequence[tuple[str, SymbolKind]]) -> None:
+    def _store_arguments(self, lines: list[str], number: int, arguments: Sequence[tuple[str, SymbolKind]]) -> None:
         for place, (name, kind) in enumerate(arguments):
             pointer = f"%v{number}_given_{place}"
             lines += _pointer(pointer, Rows("%given", self._lanes), place)
             lines.append(f"store {_type(kind, self._lanes)} {name}, ptr {pointer}, align 8")
         self._rows = max(self._rows, len(arguments))
 
-    def _take(self, lines: list[str], number: int, kinds: Sequence[SymbolKind]) -> None:
+    def _load_results(self, lines: list[str], number: int, kinds: Sequence[SymbolKind]) -> None:
         for place, kind in enumerate(kinds):
             pointer = f"%v{number}_found_{place}"
             lines += _pointer(pointer, Rows("%found", self._lanes), place)
@@ -246,22 +249,22 @@ class _Calls:
         self._rows = max(self._rows, len(kinds))
 
     def _function_of(self, branch: Branch, attributes: str) -> str:
-        """The name of the function that does what is in a branch."""
+        """Return the name of the function of a branch, which is generated at the first request."""
         if branch not in self._called:
             name = self._called[branch] = f"{self._name}_{len(self._called)}"
-            given, found, listing = Rows("%rows", self._lanes), Rows("%results", self._lanes), branch.listing
+            rows, results, listing = Rows("%rows", self._lanes), Rows("%results", self._lanes), branch.listing
             stores = [
-                Store(found, place, Symbol(listing, line, branch.operations[line].kind))
+                Store(results, place, Symbol(listing, line, branch.operations[line].kind))
                 for place, line in enumerate(branch.results)
             ]
             head = f"{name}(ptr %rows, ptr %results) {attributes}"
             self.functions.append(
-                function(head, listing, stores, {0: given}, shared="", lanes=self._lanes, overlapping=False)
+                function(head, listing, stores, {0: rows}, shared="", lanes=self._lanes, overlapping=False)
             )
         return self._called[branch]
 
-    def _layer(self, layer: SymbolLayer) -> str:
-        """The name of the function that a layer is."""
+    def _function_of_layer(self, layer: SymbolLayer) -> str:
+        """Return the name of the function of a layer, which is generated at the first request."""
         if layer not in self._called:
             activation = self._function_of(layer.activation, "alwaysinline")
             name = self._called[layer] = f"{self._name}_{len(self._called)}"
@@ -270,13 +273,13 @@ class _Calls:
 
 
 def _layer_function(name: str, layer: SymbolLayer, activation: str, lanes: int) -> str:
-    """The text of a layer: for each block of rows, bias by bias and then column by column of weights."""
+    """Return the LLVM code of a layer; its constants are, for each block of rows, the biases and then the columns."""
     rows, columns = layer.matrix.shape
-    type_, block = _type(SymbolKind.NUMBER, lanes), range(_BLOCK)
-    blocks = -(-rows // _BLOCK)
+    type_, block = _type(SymbolKind.NUMBER, lanes), range(_BLOCK_ROWS)
+    blocks = -(-rows // _BLOCK_ROWS)
     numbers = [[bias, *weights] for bias, weights in layer.matrix.biases_and_weights()]
-    numbers += [[0.0] * (columns + 1)] * (blocks * _BLOCK - rows)
-    in_order = [numbers[_BLOCK * b + j][i] for b in range(blocks) for i in range(columns + 1) for j in block]
+    numbers += [[0.0] * (columns + 1)] * (blocks * _BLOCK_ROWS - rows)
+    in_order = [numbers[_BLOCK_ROWS * b + j][i] for b in range(blocks) for i in range(columns + 1) for j in block]
     bits = np.array(in_order).view(np.uint64).tolist()
     constants = ", ".join(f"double 0x{each:016X}" for each in bits)
 
@@ -291,7 +294,7 @@ def _layer_function(name: str, layer: SymbolLayer, activation: str, lanes: int) 
             "  br label %block",
             "block:",
             "  %b = phi i64 [0, %entry], [%b1, %end]",
-            f"  %block_first = mul i64 %b, {(columns + 1) * _BLOCK}",
+            f"  %block_first = mul i64 %b, {(columns + 1) * _BLOCK_ROWS}",
             f"  %biases = getelementptr double, ptr {name}_numbers, i64 %block_first",
             *(line for j in block for line in spread(f"%bias{j}", "%biases", j)),
             "  br label %column",
@@ -302,7 +305,7 @@ def _layer_function(name: str, layer: SymbolLayer, activation: str, lanes: int) 
             "  %row_at = getelementptr double, ptr %rows, i64 %row_first",
             f"  %row = load {type_}, ptr %row_at, align 8",
             "  %i1 = add i64 %i, 1",
-            f"  %column_first = mul i64 %i1, {_BLOCK}",
+            f"  %column_first = mul i64 %i1, {_BLOCK_ROWS}",
             "  %weights = getelementptr double, ptr %biases, i64 %column_first",
             *(
                 line
@@ -316,7 +319,7 @@ def _layer_function(name: str, layer: SymbolLayer, activation: str, lanes: int) 
             f"  %more = icmp ult i64 %i1, {columns}",
             "  br i1 %more, label %column, label %end",
             "end:",
-            f"  %result_first = mul i64 %b, {_BLOCK * lanes}",
+            f"  %result_first = mul i64 %b, {_BLOCK_ROWS * lanes}",
             "  %results_here = getelementptr double, ptr %results, i64 %result_first",
             *(
                 line
@@ -339,10 +342,10 @@ def _layer_function(name: str, layer: SymbolLayer, activation: str, lanes: int) 
 
 @functools.cache
 def _type(kind: SymbolKind, lanes: int) -> str:
-    return f"<{lanes} x {_ELEMENTS[kind]}>"
+    return f"<{lanes} x {_ELEMENT_TYPES[kind]}>"
 
 
-def _written(
+def _write_operation(
     lines: list[str],
     names: Mapping[int, str],
     listing: Listing,
@@ -351,14 +354,14 @@ def _written(
     shared: str | Rows,
     lanes: int,
 ) -> str:
-    """Writes a line of a listing, and returns the name of its result or, of a constant, its text."""
+    """Append the instructions of a line of a listing; return the name of the result, or the text of a constant."""
     operation = listing.operations[number]
     kind, name = operation.kind, f"%v{number}"
     type_ = _type(kind, lanes)
     if operation.name == "constant":
         (bits,) = operation.operands
         text = f"0x{bits:016X}" if kind is SymbolKind.NUMBER else str(bits)
-        return f"<{', '.join([f'{_ELEMENTS[kind]} {text}'] * lanes)}>"
+        return f"<{', '.join([f'{_ELEMENT_TYPES[kind]} {text}'] * lanes)}>"
     if operation.name == "shared" and isinstance(shared, str):
         (place,) = operation.operands
         lines += _spread(name, shared, place, lanes)
@@ -377,13 +380,13 @@ def _written(
 
 @functools.cache
 def _template(name: str, first: SymbolKind, kind: SymbolKind, lanes: int) -> str:
-    """Return an instruction without its operands, given the kinds of the first of them and of the result."""
+    """Return the template of an instruction, given the kinds of its first operand and of its result."""
     templates = INSTRUCTIONS if first is SymbolKind.NUMBER or name not in _BITWISE else _BITWISE
     return templates[name].format("{0}", "{1}", "{2}", t=_type(first, lanes), r=_type(kind, lanes), s=f"v{lanes}f64")
 
 
 def _spread(result: str, pointer: str, place: int, lanes: int) -> list[str]:
-    """Return the lines that load a number, given the pointer to the first one and its place, for all lanes."""
+    """Return the lines that load the number at an index of an array, and copy it to all lanes."""
     type_ = _type(SymbolKind.NUMBER, lanes)
     return [
         f"{result}_at = getelementptr double, ptr {pointer}, i64 {place}",
@@ -394,7 +397,7 @@ def _spread(result: str, pointer: str, place: int, lanes: int) -> list[str]:
 
 
 def _pointer(name: str, rows: Rows, place: int) -> list[str]:
-    """The lines that find a row of a group."""
+    """Return the lines that compute the pointer to a row of a group."""
     if isinstance(rows.stride, int):
         return [f"{name} = getelementptr double, ptr {rows.pointer}, i64 {place * rows.stride}"]
     return [

@@ -1,7 +1,8 @@
-"""Kernels: machine code that applies a formula to every vehicle of a fleet, `LANES` at a time.
+"""Kernels: machine code that applies a formula to every vehicle of a fleet, `LANES` vehicles at a time.
 
-A group of k rows is an array of k N numbers, row after row, and a kernel finds row i of its vehicles from `first` on at
-`first + i N`. What is left of a fleet that is no multiple of `LANES` goes through the same instructions in a copy.
+A group of k rows is an array of k N numbers, row after row. Row i of the vehicles from `first` on begins at element
+`first + i N`. If N is not a multiple of `LANES`, the remaining vehicles are copied to a full vector, computed by the
+same instructions, and copied back.
 
     sources  ┌─────────────┐  load   %v12 = <8 x double>      store  ┌─────────────┐  targets
     (k N,)   │ row 0       │ ──────▶ %v13 = fmul %v12, %v7   ──────▶ │ row 0       │  (m N,)
@@ -13,38 +14,40 @@ import ctypes
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from drake_quad.framework.drivers import Driver, copying
+from drake_quad.framework.drivers import Driver, copy_functions
 from drake_quad.framework.instructions import Rows, Store, declarations, function
-from drake_quad.framework.machine_code import LANES, address
+from drake_quad.framework.machine_code import LANES, kernel_address
 from drake_quad.framework.symbols import Listing, Symbol
 
 
-def compiled(
-    listing: Listing, results: Sequence[Any], *, sources: Sequence[int], targets: Sequence[int], lone: bool
+def compile_kernel(
+    listing: Listing, results: Sequence[Any], *, sources: Sequence[int], targets: Sequence[int], single_vehicle: bool
 ) -> Callable[..., None]:
-    """Machine code that applies a formula to every vehicle.
+    """Return machine code that applies a formula to every vehicle.
 
     Args:
-        listing: of the formula; its groups are those that are read, and the number that all vehicles share is the time.
-        results: symbols or constants, the rows that are written, one group after another.
-        sources: rows of each group that is read.
-        targets: rows of each group that is written.
-        lone: whether it is for a single vehicle.
+        listing: listing of the formula. Its groups are the sources, and its only shared number is the time.
+        results: symbols or constants of the rows that are written, one target after another.
+        sources: number of rows of each source, a group that is read.
+        targets: number of rows of each target, a group that is written.
+        single_vehicle: True for machine code that computes one vehicle only.
 
     Returns:
-        A function of the number of vehicles, the time (s), and the arrays, targets first, all contiguous and of the
-        right size, which it does not check. A target may be a source, too.
+        Function of the number of vehicles, the time (s), and the arrays, targets first. The arrays must be contiguous
+        and of the right size, which is not checked. A target may also be a source.
     """
-    text = _module(listing, results, sources, targets, 1 if lone else LANES)
+    text = _module(listing, results, sources, targets, 1 if single_vehicle else LANES)
     arguments = [ctypes.py_object] * (len(targets) + len(sources))
-    run: Callable[..., None] = ctypes.PYFUNCTYPE(None, ctypes.c_int64, ctypes.c_double, *arguments)(address(text))
+    run: Callable[..., None] = ctypes.PYFUNCTYPE(None, ctypes.c_int64, ctypes.c_double, *arguments)(
+        kernel_address(text)
+    )
     return run
 
 
 def _module(
     listing: Listing, results: Sequence[Any], sources: Sequence[int], targets: Sequence[int], lanes: int
 ) -> str:
-    """The text of a kernel in LLVM's language."""
+    """Return the LLVM code of a kernel."""
     symbols = [result if result.__class__ is Symbol else listing.constant(result) for result in results]
     places = [(f"%target_{group}", place) for group, rows in enumerate(targets) for place in range(rows)]
     stores = [
@@ -58,7 +61,7 @@ def _module(
 
 
 def _driver(sources: Sequence[int], targets: Sequence[int], lanes: int) -> str:
-    """Return the function for Python: it works in place on whole vectors, and on copies of the other vehicles."""
+    """Return the LLVM code of the function that Python calls; it computes the last, incomplete vector in a copy."""
     sizes = {f"target_{i}": rows for i, rows in enumerate(targets)}
     sizes |= {f"source_{i}": rows for i, rows in enumerate(sources)}
     driver = Driver.of_arrays("i64 %n, double %now", [*sizes])
@@ -68,10 +71,12 @@ def _driver(sources: Sequence[int], targets: Sequence[int], lanes: int) -> str:
     def call(stride: str | int, suffix: str = "") -> None:
         driver.do(f"call void @block(i64 {stride}, ptr %time, {', '.join(f'ptr %{name}{suffix}' for name in sizes)})")
 
-    def copy(way: str, group: str) -> None:
+    def copy(function_name: str, prefix: str) -> None:
         for name, size in sizes.items():
-            if name.startswith(group):
-                driver.do(f"call void @{way}(ptr %{name}_copy, ptr %{name}_rest, i64 {size}, i64 %n, i64 %left)")
+            if name.startswith(prefix):
+                driver.do(
+                    f"call void @{function_name}(ptr %{name}_copy, ptr %{name}_rest, i64 {size}, i64 %n, i64 %left)"
+                )
 
     if lanes == 1:
         call(1)
@@ -91,4 +96,4 @@ def _driver(sources: Sequence[int], targets: Sequence[int], lanes: int) -> str:
         copy("gather", "source")
         call(lanes, "_copy")
         copy("scatter", "target")
-    return "\n".join([copying(lanes), driver.text()])
+    return "\n".join([copy_functions(lanes), driver.text()])

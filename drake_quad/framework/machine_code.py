@@ -1,7 +1,7 @@
 """Compilation of LLVM code to machine code in this process, with a cache in memory and on the disk.
 
-The key of the cache is derived from the LLVM code and the processor, so that cached machine code is never outdated when
-a formula changes.
+The key of the cache is a digest of the LLVM code, the processor and the compiler. If a formula changes, its LLVM code
+and therefore its key change, so that outdated machine code is never used.
 """
 
 import ctypes
@@ -15,23 +15,24 @@ import numpy as np
 from drake_quad.caching import ThreadSafeCache
 from drake_quad.framework import code_cache
 
-# So that LLVM leaves instructions in the order of `drake_quad.framework.scheduling`, since its own schedulers look less
-# far. These are options of the whole process.
-_AS_WRITTEN = ("-pre-RA-sched=source", "-enable-misched=false")
-# A NumPy array's pointer to its elements stands behind what all Python objects begin with (NumPy's C interface).
-POINTER = object.__basicsize__
+# These process-wide options keep instructions in the order of `drake_quad.framework.scheduling`. LLVM's own schedulers
+# look fewer instructions ahead.
+_SCHEDULING_OPTIONS = ("-pre-RA-sched=source", "-enable-misched=false")
+# In NumPy's C interface, the pointer to the elements of an array follows the header that all Python objects have.
+ELEMENTS_POINTER_OFFSET = object.__basicsize__
 # Instruction sets of this processor, in LLVM's notation.
 _FEATURES = str(llvm.get_host_cpu_features().flatten())
-# Registers for vectors, and vehicles in a vector: what the widest of them hold.
 _HAS_AVX512 = "+avx512f" in _FEATURES
+# Number of vector registers.
 REGISTERS = 32 if _HAS_AVX512 else 16
+# Number of vehicles that are computed at once, which is the number of doubles in a vector register.
 LANES = 8 if _HAS_AVX512 else 4
 
 
 def _check_pointer() -> None:
-    """Raises ImportError where NumPy's arrays are laid out in another way."""
+    """Raise ImportError if NumPy's arrays have another memory layout than machine code expects."""
     array = np.zeros(1)
-    if ctypes.c_void_p.from_address(id(array) + POINTER).value != array.ctypes.data:
+    if ctypes.c_void_p.from_address(id(array) + ELEMENTS_POINTER_OFFSET).value != array.ctypes.data:
         raise ImportError("machine code cannot find the elements of NumPy's arrays in this Python")
 
 
@@ -41,7 +42,7 @@ _check_pointer()
 def _target_machine() -> Any:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    for option in _AS_WRITTEN:
+    for option in _SCHEDULING_OPTIONS:
         llvm.set_option("drake_quad", option)
     target = llvm.Target.from_default_triple()
     return target.create_target_machine(cpu=llvm.get_host_cpu_name(), features=_FEATURES, opt=1, jit=True)
@@ -55,46 +56,49 @@ _ENGINE = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _MACHINE)
 _addresses: ThreadSafeCache[int] = ThreadSafeCache()
 
 
-def address(text: str) -> int:
-    """Return the address of the function `kernel` in an LLVM module, which is loaded from the disk or compiled.
+def kernel_address(text: str) -> int:
+    """Return the address of the function `kernel` in an LLVM module, given the LLVM code of the module.
 
-    The function is thread-safe, and it compiles and loads each module once.
+    The machine code is loaded from the disk if it is cached there, and compiled otherwise, once per process. This
+    function is thread-safe.
     """
     name = _name(text)
-    return _addresses.get(name, lambda: _made(name, text))
+    return _addresses.get(name, lambda: _load_or_compile(name, text))
 
 
 def _name(text: str) -> str:
     """Return the name of a module's file and function, a digest of everything that its machine code depends on."""
-    made_by = llvmlite.__version__, llvm.llvm_version_info, _MACHINE.triple, llvm.get_host_cpu_name()
-    identity = repr((*made_by, _FEATURES, _AS_WRITTEN, text))
+    compiler = llvmlite.__version__, llvm.llvm_version_info, _MACHINE.triple, llvm.get_host_cpu_name()
+    identity = repr((*compiler, _FEATURES, _SCHEDULING_OPTIONS, text))
     return f"kernel_{hashlib.sha256(identity.encode()).hexdigest()[:32]}"
 
 
-def _made(name: str, text: str) -> int:
-    kept = code_cache.read(name)
-    found = 0 if kept is None else _loaded(name, kept)
-    if not found:
-        code = _compiled(text.replace("@kernel(", f"@{name}("))
+def _load_or_compile(name: str, text: str) -> int:
+    """Return the address of a kernel, given the name of its file and the LLVM code of its module."""
+    cached = code_cache.read(name)
+    address = 0 if cached is None else _load(name, cached)
+    if not address:
+        code = _compile(text.replace("@kernel(", f"@{name}("))
         code_cache.write(name, code)
-        found = _loaded(name, code)
-    if not found:
+        address = _load(name, code)
+    if not address:
         raise RuntimeError(f"LLVM does not find {name}, which it has just compiled")
-    return found
+    return address
 
 
-def _loaded(name: str, code: bytes) -> int:
+def _load(name: str, code: bytes) -> int:
     """Load an object file and return the address of the function `name`; 0 if it has no such function."""
     _ENGINE.add_object_file(llvm.ObjectFileRef.from_data(code))
     _ENGINE.finalize_object()
     return int(_ENGINE.get_function_address(name))
 
 
-def _compiled(text: str) -> bytes:
+def _compile(text: str) -> bytes:
     """Compile an LLVM module to an object file.
 
-    LLVM's optimisation passes are not run. They take a third of the time and made no kernel faster, because the code is
-    already free of duplicate and unused instructions, and scheduled. A higher optimisation level did not help either.
+    LLVM's optimisation passes are not run. They take a third of the time, and made no kernel faster in measurements,
+    because the code is already scheduled and has no duplicate or unused instructions. A higher optimisation level did
+    not help either.
     """
     code: bytes = _MACHINE.emit_object(llvm.parse_assembly(text))
     return code

@@ -1,11 +1,11 @@
-"""How a record stands in the rows of a vector.
+"""Layout of records in the rows of a vector.
 
-A record is a NamedTuple whose fields are rows, other records, or tuples of either. Its rows are those of its fields,
-one after another, whatever they are nested in: a vehicle's mass, then its three moments of inertia, and so on.
+A record is a NamedTuple whose fields are rows, other records, or tuples of either. The rows of a record are those of
+its fields in order, at any depth of nesting: for example a vehicle's mass, then its three moments of inertia.
 
-The types of the fields say which records are inside. How many there are in a tuple of any length (`tuple[Row, ...]`)
-only a value can say, and the layout of such a record is that of a value. A field that may be None (`Record | None`) has
-rows only in the layout of a value in which it is not.
+The types of the fields determine the layout, with two exceptions that need an example of the record. Only a value has
+the length of a tuple of any length (`tuple[Row, ...]`), and shows whether an optional field (`Record | None`) is None,
+in which case it has no rows.
 """
 
 import functools
@@ -21,12 +21,12 @@ _Record = TypeVar("_Record", bound=tuple[Any, ...])
 
 
 class Layout(NamedTuple):
-    """Which rows a value is made of, and of what kind it is.
+    """Type of a value, with the layouts of its parts and the number of its rows.
 
     Attributes:
-        kind: a NamedTuple class, or `tuple`; `float` for a single row, `NoneType` for a part that is not there.
-        parts: of a record or tuple, one after another.
-        num_rows: of the value.
+        kind: a NamedTuple class, or `tuple`; `float` for a single row, and `NoneType` for None.
+        parts: layouts of the parts of a record or tuple, in order.
+        num_rows: total number of rows.
     """
 
     kind: type
@@ -34,20 +34,20 @@ class Layout(NamedTuple):
     num_rows: int
 
     def build(self, rows: Sequence[Any]) -> Any:
-        """The value of these rows.
+        """Return the value with these rows.
 
         Raises:
-            ValueError: there are too many or too few.
+            ValueError: if the number of rows is not that of the layout.
         """
         if len(rows) != self.num_rows:
             raise ValueError(f"{self} has {self.num_rows} rows, not {len(rows)}")
         return self._built(iter(rows))
 
     def flatten(self, value: Any) -> list[Any]:
-        """The rows of a value.
+        """Return the rows of a value.
 
         Raises:
-            TypeError: it is made of other parts.
+            TypeError: if the value does not have this layout.
         """
         rows: list[Any] = []
         self._flatten(value, rows)
@@ -55,14 +55,14 @@ class Layout(NamedTuple):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What the rows are called: the fields and places on the way, joined by dots; empty for a row alone."""
+        """Names of the rows: field names and indices, joined by dots; the name of a single row is empty."""
         steps = self.kind._fields if hasattr(self.kind, "_fields") else map(str, range(len(self.parts)))
         inside = [f"{step}.{name}".rstrip(".") for step, part in zip(steps, self.parts) for name in part.names]
         return tuple(inside) if self is not ROW else ("",)
 
     def __str__(self) -> str:
-        """The name of the type."""
-        return {float: "a row", NoneType: "nothing"}.get(self.kind, self.kind.__name__)
+        """Return the name of the type, for messages."""
+        return {float: "a row", NoneType: "None"}.get(self.kind, self.kind.__name__)
 
     def _built(self, rows: Iterator[Any]) -> Any:
         if self is ROW:
@@ -75,17 +75,17 @@ class Layout(NamedTuple):
     def _flatten(self, value: Any, rows: list[Any]) -> None:
         if self is ROW:
             if value is None or isinstance(value, _NO_ROWS):
-                raise TypeError(f"a number or a row is wanted, not {type(value).__name__}")
+                raise TypeError(f"expected a number or a row, not {type(value).__name__}")
             rows.append(value)
             return
         if (self is ABSENT) != (value is None):
-            raise TypeError(f"{self} is wanted, not {type(value).__name__}")
+            raise TypeError(f"expected {self}, not {type(value).__name__}")
         if value is None:
             return
         if hasattr(type(value), "_fields") and type(value) is not self.kind:
-            raise TypeError(f"{self} is wanted, not {type(value).__name__}")
+            raise TypeError(f"expected {self}, not {type(value).__name__}")
         if not isinstance(value, tuple | list) or len(value) != len(self.parts):
-            raise TypeError(f"{self} is made of {len(self.parts)} parts, which {value!r} has not")
+            raise TypeError(f"expected {self} with {len(self.parts)} parts, not {value!r}")
         for part, inside in zip(self.parts, value, strict=True):
             part._flatten(inside, rows)
 
@@ -97,19 +97,19 @@ ABSENT = Layout(NoneType, (), 0)
 
 
 def rows_layout(num_rows: int) -> Layout:
-    """The layout of so many rows without names."""
+    """Return the layout of a tuple of `num_rows` rows."""
     return Layout(tuple, (ROW,) * num_rows, num_rows)
 
 
 def layout_of(kind: Any, value: Any = None) -> Layout:
-    """The layout of a type of rows.
+    """Return the layout of a type of rows.
 
     Args:
-        kind: a row, a record, or a tuple of them, as an annotation says it.
-        value: an example; needed where there are tuples of any length.
+        kind: type of a row, a record, or a tuple of them, as in an annotation.
+        value: example of the type, which is required if the type contains tuples of any length.
 
     Raises:
-        TypeError: it is no such type, or an example is missing.
+        TypeError: if `kind` is another type, or an example is missing.
     """
     return _fixed(kind) if value is None else _like(kind, value)
 
@@ -134,14 +134,14 @@ def _like(kind: Any, value: Any) -> Layout:
         inside = get_args(kind)
         if len(inside) == 2 and inside[1] is Ellipsis:
             if value is None:
-                raise TypeError(f"how many parts {kind} has only a value can say")
+                raise TypeError(f"{kind} has no fixed number of parts, so its layout requires an example")
             inside = inside[:1] * len(value)
         return _joined(tuple, inside, value)
     if kind is tuple and value is not None:
         return _joined(tuple, [type(part) if isinstance(part, tuple) else Row for part in value], value)
     if isinstance(kind, type) and issubclass(kind, tuple) and hasattr(kind, "_fields"):
         return _joined(kind, _field_types(kind), value)
-    raise TypeError(f"{kind} is no type of rows")
+    raise TypeError(f"{kind} is not a type of rows, which are Row, records and tuples of them")
 
 
 def _joined(kind: type, types: Sequence[Any], value: Any) -> Layout:
@@ -159,7 +159,7 @@ def _field_types(kind: Any) -> tuple[Any, ...]:
 def record_like(kind: type[_Record], source: Any, **given: Any) -> _Record:
     """Return a record whose fields have the values of the attributes of the same names.
 
-    A tuple becomes the record that the type of the field names, and a model inside of the source is treated likewise.
+    If the type of a field is a record, a tuple or model in the source is converted to that record.
 
     Args:
         kind: type of the record.
@@ -167,7 +167,7 @@ def record_like(kind: type[_Record], source: Any, **given: Any) -> _Record:
         given: values of fields that the source does not have.
 
     Raises:
-        AttributeError: the source lacks a field that is not given.
+        AttributeError: if the source lacks a field that is not given.
     """
     names = kind._fields  # type: ignore[attr-defined]
     values = [given[name] if name in given else getattr(source, name) for name in names]
@@ -175,7 +175,7 @@ def record_like(kind: type[_Record], source: Any, **given: Any) -> _Record:
 
 
 def _nested(kind: Any, value: Any) -> Any:
-    """Return the value of a field, as the record that its type names if that is one."""
+    """Return the value of a field, converted to a record if the type of the field is one."""
     choices = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
     records = [choice for choice in choices if hasattr(choice, "_fields")]
     if len(records) != 1 or value is None or hasattr(value, "_fields"):
@@ -200,7 +200,9 @@ def check_signs(record: Any, path: str = "numbers") -> None:
             check_signs(value, f"{path}.{name}")
             continue
         numbers = np.asarray(value, dtype=float)
-        right = numbers > 0.0 if quantity.sign == "positive" else numbers >= 0.0
-        if not right.all():
-            least = "larger than 0" if quantity.sign == "positive" else "at least 0"
-            raise ValueError(f"{path}.{name} is {numbers[~right].flat[0]:g} {quantity.unit}, but must be {least}")
+        is_right = numbers > 0.0 if quantity.sign == "positive" else numbers >= 0.0
+        if not is_right.all():
+            condition = "larger than 0" if quantity.sign == "positive" else "at least 0"
+            raise ValueError(
+                f"{path}.{name} is {numbers[~is_right].flat[0]:g} {quantity.unit}, but must be {condition}"
+            )

@@ -1,7 +1,7 @@
-"""On-disk cache of results that take seconds, in the folder of `code_cache` and by the same rules.
+"""On-disk cache of results that take seconds to compute, in the folder of `code_cache`.
 
-A result is found again by a digest of its function, its arguments, and everything that computes it: the sources of this
-package, the libraries and the processor. So a result is never outdated when the package changes.
+The key of a result is a digest of the function, its arguments, the sources of this package, the versions of the
+libraries and the processor. After any change of these, the result is computed again.
 """
 
 import functools
@@ -23,28 +23,30 @@ _Arguments = ParamSpec("_Arguments")
 _Value = TypeVar("_Value")
 _PACKAGE = Path(__file__).parent.parent
 _LIBRARIES = ("drake", "numpy", "scipy")
-# Sources that are edited later may differ from what this process has loaded.
-_STARTED = time.time()
+# Sources that are edited after this time, s, may differ from the modules that this process has imported.
+_START_TIME = time.time()
 
 
-def kept(function: Callable[_Arguments, _Value], *arguments: _Arguments.args, **named: _Arguments.kwargs) -> _Value:
-    """Return what a pure function returns, from the disk if it has been called with equal arguments before.
+def cached_on_disk(
+    function: Callable[_Arguments, _Value], *arguments: _Arguments.args, **named: _Arguments.kwargs
+) -> _Value:
+    """Return the result of a pure function, from the disk if it has been computed with equal arguments before.
 
-    Exceptions are not kept. If the cache cannot be used, the function is called.
+    Exceptions are not cached. If the cache is not available, the function is called.
 
     Args:
-        function: function of this package whose result depends on nothing but its arguments.
-        arguments: its arguments, which can be pickled, as can the result.
-        named: its keyword arguments, likewise.
+        function: function of this package whose result can be pickled and depends on its arguments only.
+        arguments: positional arguments, which can be pickled.
+        named: keyword arguments, which can be pickled.
     """
     program = _program()
     if program is None:
         return function(*arguments, **named)
     identity = pickle.dumps((program, function.__module__, function.__qualname__, arguments, named))
     name = f"result_{hashlib.sha256(identity).hexdigest()[:32]}"
-    found = code_cache.read(name)
-    if found is not None:
-        value: _Value = pickle.loads(found)
+    cached = code_cache.read(name)
+    if cached is not None:
+        value: _Value = pickle.loads(cached)
         return value
     value = function(*arguments, **named)
     code_cache.write(name, pickle.dumps(value))
@@ -53,11 +55,11 @@ def kept(function: Callable[_Arguments, _Value], *arguments: _Arguments.args, **
 
 @functools.cache
 def _program() -> tuple[Any, ...] | None:
-    """Return everything besides arguments that results depend on; None if it is not known."""
+    """Return everything besides arguments that results depend on; None if it cannot be determined."""
     digest, sources = hashlib.sha256(), sorted(_PACKAGE.rglob("*.py"))
     with suppress(OSError):
-        # A package inside of an archive has no sources that could be read.
-        if not sources or max(source.stat().st_mtime for source in sources) > _STARTED:
+        # If the package is inside an archive, its sources cannot be read.
+        if not sources or max(source.stat().st_mtime for source in sources) > _START_TIME:
             return None
         for source in sources:
             digest.update(f"{source.relative_to(_PACKAGE)}\0".encode() + source.read_bytes())

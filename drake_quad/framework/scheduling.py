@@ -1,13 +1,14 @@
-"""The order in which the lines of a listing are written.
+"""List scheduling of the lines of a listing.
 
-A formula computes one thing from the one before, and the next formula begins where it ends. A processor that follows
-them would wait for most results, since it looks only some dozens of instructions ahead. So the order is that of a
-processor that looks much further: each line is written when what it takes is ready, the earliest of the formula first.
+Most lines of a formula use the result of the previous line. In this order, a processor would wait for most results,
+since it looks only some dozens of instructions ahead. The schedule is that of a processor that looks much further
+ahead: each line follows as soon as its operands are ready, and of several ready lines the earliest in the formula comes
+first.
 
-    formula  a b c d e f ...            a, b, c: each from the one before; d, e, f likewise
-    written  a d . b e . c f            no line waits for the one above it
+    formula   a b c d e f     a, b, c: each uses the previous one; the same holds for d, e, f
+    schedule  a d b e c f     each line uses a result that is two lines old
 
-It changes when something is computed, and nothing of what is computed.
+The schedule does not change any result.
 """
 
 from heapq import heappop, heappush
@@ -15,11 +16,11 @@ from heapq import heappop, heappush
 from drake_quad.framework.machine_code import REGISTERS
 from drake_quad.framework.symbols import LEAVES, Listing
 
-# Lines that are looked at, beginning with the first that is not written: fewer where registers are few, since more of
-# them wait meanwhile. With 32 registers a tick of 8,800 lines takes 4 % longer if it is 300, as long if it is 1,000.
-# With 16 it takes 2 % longer if it is 60, and 6 % if it is 400.
+# Number of lines among which the next one is selected, from the first unscheduled line on. A larger window needs more
+# registers. In measurements of a tick of 8,800 lines with 32 registers, a window of 300 was 4 % slower, and one of
+# 1,000 was as fast. With 16 registers, one of 60 was 2 % slower, and one of 400 was 6 % slower.
 _WINDOW = 600 if REGISTERS > 16 else 150
-# Lines that begin in a cycle.
+# Number of lines that start in the same cycle.
 _WIDTH = 3
 # Latencies in cycles on AMD's Zen 4 (A. Fog, "Instruction tables"); all other instructions have a latency of one cycle.
 # A number and its bits share a register. The result of a comparison goes to a mask register: if the schedule ignores
@@ -34,21 +35,21 @@ _LATENCY = {
 }
 
 
-def scheduled(listing: Listing) -> list[int]:
-    """The numbers of all lines, each after those that it takes; constants and rows before their first use."""
+def schedule(listing: Listing) -> list[int]:
+    """Return the numbers of all lines in the scheduled order, each line after its operands."""
     operations = listing.operations
     lines = [line for line, operation in enumerate(operations) if operation.name not in LEAVES]
     users: dict[int, list[int]] = {line: [] for line in lines}
-    missing, at = [0] * len(operations), [0] * len(operations)
+    num_missing, ready_cycle = [0] * len(operations), [0] * len(operations)
     for line in lines:
         for operand in {*operations[line].operands}:
             if operand in users:
                 users[operand].append(line)
-                missing[line] += 1
-    ready = [line for line in lines if not missing[line]]  # sorted, and so a heap
+                num_missing[line] += 1
+    ready = [line for line in lines if not num_missing[line]]  # sorted, and so a heap
     waiting: list[tuple[int, int]] = []
     order: list[int] = []
-    written = bytearray(len(operations))
+    is_scheduled = bytearray(len(operations))
     cycle, first = 0, 0
     while first < len(lines):
         while waiting and waiting[0][0] <= cycle:
@@ -57,30 +58,30 @@ def scheduled(listing: Listing) -> list[int]:
         while ready and room and ready[0] <= last:
             line = heappop(ready)
             order.append(line)
-            written[line] = True
+            is_scheduled[line] = True
             latency = _LATENCY.get(operations[line].name, 1)
             room -= latency > 0
             for user in users[line]:
-                missing[user] -= 1
-                if at[user] < cycle + latency:
-                    at[user] = cycle + latency
-                if not missing[user]:
-                    if at[user] > cycle:
-                        heappush(waiting, (at[user], user))
+                num_missing[user] -= 1
+                if ready_cycle[user] < cycle + latency:
+                    ready_cycle[user] = cycle + latency
+                if not num_missing[user]:
+                    if ready_cycle[user] > cycle:
+                        heappush(waiting, (ready_cycle[user], user))
                     else:
                         heappush(ready, user)
-        while first < len(lines) and written[lines[first]]:
+        while first < len(lines) and is_scheduled[lines[first]]:
             first += 1
         cycle += 1
     return _with_leaves(listing, order)
 
 
 def _with_leaves(listing: Listing, order: list[int]) -> list[int]:
-    """The same order with constants and rows: each before what takes it first, or at the end if nothing does."""
-    whole: dict[int, None] = {}
+    """Insert constants and rows into an order, each before the first line that uses it, and unused ones at the end."""
+    complete: dict[int, None] = {}
     for line in order:
         for operand in listing.operations[line].operands:
-            whole[operand] = None
-        whole[line] = None
-    whole.update(dict.fromkeys(range(len(listing.operations))))
-    return list(whole)
+            complete[operand] = None
+        complete[line] = None
+    complete.update(dict.fromkeys(range(len(listing.operations))))
+    return list(complete)

@@ -1,10 +1,13 @@
-"""Rows that are not known yet: a formula that is run on them writes itself down.
+"""Symbols for tracing formulas: executing a formula on symbols leaves a listing of its operations.
 
-A formula says what it computes in plain Python. Run once on symbols, it leaves a `Listing` of everything that it did,
-in order, from which machine code is made. What Python decides meanwhile, such as a loop over rules or an `if` on a
-constant, is decided once; a row can decide nothing, only select: `drake_quad.framework.elementary.where`. What costs
-much and is seldom needed is a listing of its own, a `Branch`: `drake_quad.framework.elementary.where_needed`. What
-would be thousands of lines that are alike is a loop, a `SymbolLayer`: `drake_quad.framework.elementary.dense`.
+A formula is plain Python. Executed on symbols instead of numbers, it records all its operations in a `Listing`, from
+which machine code is generated. Python's control flow, such as a loop over rules or an `if` on a constant, is executed
+during tracing. A formula cannot branch on a row, but `drake_quad.framework.elementary` has three replacements:
+
+- `where` selects one of two rows.
+- `where_needed` evaluates an expensive formula only where it is needed. It records the formula in a separate listing, a
+  `Branch`.
+- `dense` evaluates a layer of a network. It records a loop, a `SymbolLayer`, instead of thousands of similar lines.
 """
 
 import hashlib
@@ -17,7 +20,7 @@ import numpy as np
 
 
 class SymbolKind(IntEnum):
-    """What a symbol stands for: a floating-point number of 64 bits, true or false, or 64 bits."""
+    """Type of a symbol: double, truth value, or word of 64 bits."""
 
     NUMBER = 1
     TRUTH = 2
@@ -26,22 +29,21 @@ class SymbolKind(IntEnum):
 
 # Hint for authors of formulas, which ends error messages.
 ALLOWED = "compute with rows by arithmetic, comparisons and the functions of drake_quad.framework.elementary"
-# What takes nothing from other lines.
+# Operations without operands that are other lines.
 LEAVES = ("constant", "row", "shared")
 
 
 class Operation(NamedTuple):
-    """One line of a listing.
+    """Line of a listing.
 
     Attributes:
-        name: of what is done, a key of `INSTRUCTIONS` in `drake_quad.framework.instructions`; or "constant", "row",
-            "shared".
-        operands: numbers of the lines that it takes; of a constant its bits, of a row its group and place, of a number
-            that is shared its place.
-        kind: of the result.
-        inside: what a function of its own does with the operands, and which of its results this is: a branch, if the
-            first operand is true for any vehicle at hand, with the others; or a layer. None unless the operation is
-            called "branch" or "layer".
+        name: name of the operation: a key of `INSTRUCTIONS` in `drake_quad.framework.instructions`, or "constant",
+            "row", "shared", "branch" or "layer".
+        operands: numbers of the lines that are the operands. A constant has its bits instead, a row its group and its
+            index in the group, and a shared number its index.
+        kind: type of the result.
+        inside: branch or layer that computes this line, and the index of the line among its results; None for other
+            operations. The first operand of a branch is the mask of the vehicles that need it.
     """
 
     name: str
@@ -51,11 +53,11 @@ class Operation(NamedTuple):
 
 
 class Branch(NamedTuple):
-    """What is done only where it is needed.
+    """Part of a formula that is executed only if a vehicle needs it.
 
     Attributes:
-        operations: its lines, which take from elsewhere the rows of group 0 and nothing else.
-        results: numbers of the lines that it results in.
+        operations: lines of the branch; its arguments are the rows of group 0.
+        results: numbers of the lines that are the results.
     """
 
     operations: tuple[Operation, ...]
@@ -63,7 +65,7 @@ class Branch(NamedTuple):
 
     @property
     def listing(self) -> "Listing":
-        """Its lines."""
+        """Listing of the operations."""
         listing = Listing()
         for operation in self.operations:
             listing.add(*operation)
@@ -71,14 +73,14 @@ class Branch(NamedTuple):
 
 
 class Matrix:
-    """Constant numbers of a layer: weights by row and column, and the biases that are added.
+    """Constant weights and biases of a network layer.
 
     Args:
-        weights: (rows, columns).
-        biases: (rows,).
+        weights: (rows, columns) weights.
+        biases: (rows,) biases.
 
     Attributes:
-        shape: rows and columns.
+        shape: numbers of rows and columns of the weights.
     """
 
     __slots__ = ("_digest", "_numbers", "shape")
@@ -91,12 +93,12 @@ class Matrix:
 
     @property
     def num_rows(self) -> int:
-        """Rows of what it makes."""
+        """Number of outputs of the layer."""
         rows, _ = self.shape
         return rows
 
     def biases_and_weights(self) -> Iterator[tuple[float, list[float]]]:
-        """Bias and weights of each row."""
+        """Yield the bias and the weights of each row."""
         for bias, *weights in self._numbers.tolist():
             yield bias, weights
 
@@ -111,11 +113,11 @@ class Matrix:
 
 
 class SymbolLayer(NamedTuple):
-    """A matrix times rows, plus biases, and the activation of the sums.
+    """Network layer: a matrix product plus biases, followed by an activation function.
 
     Attributes:
-        matrix: of the layer.
-        activation: of a sum, the only row of group 0; with one result.
+        matrix: weights and biases of the layer.
+        activation: activation function of a single row, as a branch with one argument and one result.
     """
 
     matrix: Matrix
@@ -123,11 +125,11 @@ class SymbolLayer(NamedTuple):
 
 
 class Listing:
-    """What a formula did, line by line; what it did twice stands there once."""
+    """Operations of a traced formula, in order and without duplicates."""
 
     def __init__(self) -> None:
         self.operations: list[Operation] = []
-        # Numbers instead of symbols, which refer to their listing: without such circles it is freed at once.
+        # The values are line numbers. Symbols would refer to the listing, and such a cycle would delay its deletion.
         self._lines: dict[tuple[Any, ...], int] = {}
 
     def add(
@@ -137,29 +139,29 @@ class Listing:
         kind: SymbolKind,
         inside: tuple[Branch | SymbolLayer, int] | None = None,
     ) -> "Symbol":
-        """The symbol of a line, which is added unless it is there."""
+        """Add a line unless the listing has it, and return its symbol; arguments are those of `Operation`."""
         key = name, operands, kind, inside
         line = self._lines.get(key)
         if line is None:
             line = self._lines[key] = len(self.operations)
-            # This skips the constructor, which is in Python and takes as long as all else here.
+            # This skips the constructor, which is written in Python and takes half of the time of this function.
             self.operations.append(tuple.__new__(Operation, key))
         return Symbol(self, line, kind)
 
     def row(self, group: int, place: int, kind: SymbolKind = SymbolKind.NUMBER) -> "Symbol":
-        """The symbol of a row of a group that is read."""
+        """Return the symbol of a row, given the number of its group and its index in the group."""
         return self.add("row", (group, place), kind)
 
     def shared(self, place: int) -> "Symbol":
-        """The symbol of a number that is the same for all vehicles, given its place among those."""
+        """Return the symbol of a number that all vehicles share, given its index among these numbers."""
         return self.add("shared", (place,), SymbolKind.NUMBER)
 
     def constant(self, value: Any) -> "Symbol":
         """Return the symbol of a number, of a NumPy uint64 or of a truth value."""
-        if value.__class__ is float:  # most of them
+        if value.__class__ is float:  # the most frequent type
             return self.add("constant", _WORD.unpack(_FLOAT.pack(value)), SymbolKind.NUMBER)
         if isinstance(value, np.ndarray) and value.ndim:
-            raise TypeError(f"an array of shape {value.shape} stands where a number or a row is wanted; {ALLOWED}")
+            raise TypeError(f"expected a number or a row, not an array of shape {value.shape}; {ALLOWED}")
         if isinstance(value, bool | np.bool):
             return self.add("constant", (int(value),), SymbolKind.TRUTH)
         if isinstance(value, np.uint64):
@@ -171,15 +173,16 @@ _NUMBER = SymbolKind.NUMBER
 _TRUTH = SymbolKind.TRUTH
 _COMPARISONS = ("less", "less_equal", "greater", "greater_equal", "equal", "not_equal")
 _LOGICAL = ("bitwise_and", "bitwise_or", "bitwise_xor")
-# A number and the word with the same bits.
-_FLOAT, _WORD = struct.Struct("<d"), struct.Struct("<Q")
+# These convert a double to the word with the same bits.
+_FLOAT = struct.Struct("<d")
+_WORD = struct.Struct("<Q")
 
 
 def _binary(name: str) -> tuple[Callable[..., "Symbol"], Callable[..., "Symbol"]]:
-    """An operator of two operands, and the same with its operands the other way round."""
+    """Return the methods of a binary operator of `Symbol`, with normal and with reflected operands."""
     takes_numbers, kind = name not in _LOGICAL, _TRUTH if name in _COMPARISONS else _NUMBER
 
-    # Two numbers of one listing, as most operands are, need none of the checks of `operation`.
+    # Most operands are two numbers of one listing, which do not need the checks of `operation`.
     def operator(self: "Symbol", other: Any) -> "Symbol":
         if takes_numbers and self.kind is _NUMBER:
             listing = self.listing
@@ -237,17 +240,17 @@ class Symbol:
         """Compute arithmetic and comparisons with NumPy's scalars, and reject all other functions of NumPy."""
         name = function.__name__
         if name not in _UFUNCS or method != "__call__" or options:
-            raise TypeError(f"numpy.{name} does not take a row that is not known yet; {ALLOWED}")
+            raise TypeError(f"numpy.{name} does not accept a row of a formula that is being traced; {ALLOWED}")
         return operation(name, *inputs)
 
     def __float__(self) -> float:
-        raise TypeError(f"a row that is not known yet is not a float, as the functions of math take it; {ALLOWED}")
+        raise TypeError(f"the functions of math do not accept a row of a formula that is being traced; {ALLOWED}")
 
     def __bool__(self) -> bool:
-        raise TypeError("a formula cannot branch on a row, which differs from vehicle to vehicle: select with `where`")
+        raise TypeError("a formula cannot branch on a row, which differs from vehicle to vehicle; use `where` instead")
 
 
-# NumPy's names of the operations that a symbol can be an operand of.
+# Names of NumPy's functions that accept symbols.
 _UFUNCS = (
     *("add", "subtract", "multiply", "divide", "negative", "absolute", "left_shift", "right_shift"),
     *(*_COMPARISONS, *_LOGICAL),
@@ -273,7 +276,7 @@ def operation(name: str, *operands: Any, kind: SymbolKind | None = None) -> Symb
         kind = _TRUTH
     if name in _LOGICAL:
         if first.kind is _NUMBER or any(symbol.kind is not first.kind for symbol in symbols):
-            raise TypeError(f"`&`, `|` and `^` take comparisons, not numbers; {ALLOWED}")
+            raise TypeError(f"the operands of `&`, `|` and `^` must be comparisons, not numbers; {ALLOWED}")
     elif name != "select":
         for symbol in symbols:
             if symbol.kind is _TRUTH:
@@ -313,17 +316,17 @@ def truth(symbol: Symbol) -> Symbol:
 
 
 def lifted(*operands: Any) -> list[Symbol]:
-    """The operands, of which at least one is a symbol, as symbols.
+    """Convert operands to symbols; at least one of them must be a symbol.
 
     Raises:
-        TypeError: they are of several listings.
+        TypeError: if the symbols belong to different listings.
     """
     listing = next(operand.listing for operand in operands if operand.__class__ is Symbol)
     symbols = []
     for operand in operands:
         symbol = operand if operand.__class__ is Symbol else listing.constant(operand)
         if symbol.listing is not listing:
-            raise TypeError(_FOREIGN)
+            raise TypeError(_FOREIGN_SYMBOL)
         symbols.append(symbol)
     return symbols
 
@@ -335,50 +338,53 @@ def are_same(x: Any, y: Any) -> bool:
     return x is y
 
 
-_FOREIGN = "what is computed only where it is needed must take all its rows as arguments"
+_FOREIGN_SYMBOL = (
+    "the formula of `where_needed` or an activation uses a row that is not one of its arguments; add it to them"
+)
 
 
 def branched(mask: Symbol, formula: Callable[..., Any], arguments: Sequence[Any]) -> Any:
-    """What a formula makes of symbols and constants, a row or a tuple of them, if the mask is true for any vehicle.
+    """Return the results of a formula that is executed only if the mask is true for a vehicle of the vector.
 
-    For vehicles for which it is not true the result means nothing.
+    The results are a row or a tuple of rows. They are undefined for vehicles for which the mask is false.
 
     Raises:
-        TypeError: the formula takes symbols that are not among its arguments.
+        TypeError: if the formula uses symbols that are not among its arguments.
     """
-    inside, taken = Listing(), [argument for argument in arguments if argument.__class__ is Symbol]
-    rows = iter([inside.row(0, place, symbol.kind) for place, symbol in enumerate(taken)])
+    inside, inputs = Listing(), [argument for argument in arguments if argument.__class__ is Symbol]
+    rows = iter([inside.row(0, place, symbol.kind) for place, symbol in enumerate(inputs)])
     returned = formula(*[next(rows) if argument.__class__ is Symbol else argument for argument in arguments])
     parts = returned if isinstance(returned, tuple) else (returned,)
     symbols = [part for part in parts if part.__class__ is Symbol]
     branch = _branch(inside, symbols)
-    operands = tuple([symbol.line for symbol in lifted(truth(mask), *taken)])
+    operands = tuple([symbol.line for symbol in lifted(truth(mask), *inputs)])
     results = iter(
         [mask.listing.add("branch", operands, symbol.kind, (branch, place)) for place, symbol in enumerate(symbols)]
     )
-    found = [next(results) if part.__class__ is Symbol else part for part in parts]
+    values = [next(results) if part.__class__ is Symbol else part for part in parts]
     if not isinstance(returned, tuple):
-        return found[0]
-    return returned._make(found) if hasattr(returned, "_make") else tuple(found)
+        return values[0]
+    return returned._make(values) if hasattr(returned, "_make") else tuple(values)
 
 
 def _branch(inside: Listing, results: Sequence[Symbol]) -> Branch:
     if any(symbol.listing is not inside for symbol in results):
-        raise TypeError(_FOREIGN)
+        raise TypeError(_FOREIGN_SYMBOL)
     return Branch(tuple(inside.operations), tuple([symbol.line for symbol in results]))
 
 
 def layer(matrix: Matrix, rows: Sequence[Any], activation: Callable[[Any], Any]) -> list[Symbol]:
-    """The symbols of what a layer makes of rows, of which at least one is a symbol.
+    """Return the symbols of the outputs of a network layer, given its inputs, at least one of which is a symbol.
 
     Raises:
-        TypeError: the activation takes other symbols than the sum, or the rows are of several listings.
+        TypeError: if the activation uses symbols other than its argument, or the inputs belong to different listings.
     """
     inside = Listing()
     result = number(lifted(inside.row(0, 0), activation(inside.row(0, 0)))[1])
     symbols = [number(symbol) for symbol in lifted(*rows)]
-    found = SymbolLayer(matrix, _branch(inside, [result]))
+    symbol_layer = SymbolLayer(matrix, _branch(inside, [result]))
     operands = tuple([symbol.line for symbol in symbols])
     return [
-        symbols[0].listing.add("layer", operands, SymbolKind.NUMBER, (found, place)) for place in range(matrix.shape[0])
+        symbols[0].listing.add("layer", operands, SymbolKind.NUMBER, (symbol_layer, place))
+        for place in range(matrix.shape[0])
     ]

@@ -9,10 +9,10 @@ from pydrake.systems.primitives import Demultiplexer
 
 
 def split_output(builder: DiagramBuilder, name: str, system: Any) -> dict[str, Any]:
-    """Adds a system with a packed output under a name, takes the output apart and returns a port for each signal.
+    """Add a system with a packed output to a builder, split the output, and return a port for each signal.
 
-    Where several signals follow from one formula, a system computes them together: a call into Python costs far more
-    than Drake's Demultiplexer, which stands beside the system as `name` with `_parts` appended.
+    The system computes several signals with one formula, since a call of Python takes far longer than Drake's
+    Demultiplexer. The Demultiplexer is added beside the system under `name` with `_parts` appended.
     """
     builder.AddNamedSystem(name, system)
     sizes = [layout.num_rows * system.num_vehicles for layout in system.packed.values()]
@@ -35,15 +35,15 @@ def connect_inputs(
     sources: Mapping[str, Any] = MappingProxyType({}),
     exported: Container[str] = (),
 ) -> None:
-    """Connect input ports by their names; those that are connected already are left as they are.
+    """Connect input ports by their names; ports that are already connected do not change.
 
     Args:
         builder: builder with the systems.
         systems: systems whose input ports are connected.
         sources: output ports that feed the input ports of the same names.
-        exported: names of further input ports; those of one name become one input port of the diagram.
+        exported: names of input ports that are exported; ports of the same name become one input port of the diagram.
     """
-    found: set[str] = set()
+    exported_names: set[str] = set()
     for system in systems:
         for port in map(system.get_input_port, range(system.num_input_ports())):
             name = port.get_name()
@@ -51,24 +51,24 @@ def connect_inputs(
                 continue
             if name in sources:
                 builder.Connect(sources[name], port)
-            elif name in found:
+            elif name in exported_names:
                 builder.ConnectInput(name, port)
             elif name in exported:
                 builder.ExportInput(port, name)
-                found.add(name)
+                exported_names.add(name)
 
 
 def build(builder: DiagramBuilder, name: str) -> Diagram:
-    """Return the diagram of a builder, with a name."""
+    """Build a diagram and give it a name."""
     diagram = builder.Build()
     diagram.set_name(name)
     return diagram
 
 
 def subsystem(diagram: Any, path: Sequence[str]) -> Any:
-    """The system at the end of a path of names, such as `("laboratory", "vehicle")`; the diagram at the end of none.
+    """Return the system with a path of names, such as `("laboratory", "vehicle")`; the diagram for an empty path.
 
-    Scalar conversion keeps names, but not the order of systems.
+    Systems are identified by names because scalar conversion keeps names, but not the order of systems.
     """
     system: Any = diagram
     for name in path:

@@ -1,1 +1,1 @@
-"""Attitudes, axes and differential flatness."""
+"""Vectors, attitudes, kinematics and differential flatness."""

@@ -1,19 +1,20 @@
-"""Vectors, and the axes of the body in which they are taken apart."""
+"""Vectors, and the axes of the body in the world frame."""
 
 from typing import NamedTuple
 
 from drake_quad.framework.elementary import arctan2, sin_cos, sqrt
 from drake_quad.signals import Angle, Attitude, Row
 
-# A vector of no length must not make the derivative of the square root infinite; 1e-200 changes no float above 1e-92.
+# Added to a squared length, it keeps the derivative of the square root finite at zero. It is too small to change the
+# square of a length above 1e-92.
 TINY = 1e-200
-# Added to a cosine, it makes the yaw 0 and avoids 0 / 0 in derivatives at a pitch of ±90°. It is too small to change
-# any cosine above 1e-14.
+# Added to a cosine, it makes the yaw 0 and avoids 0 / 0 in derivatives at a pitch of ±90°. It is too small to change a
+# cosine above 1e-14.
 TINY_COSINE = 1e-30
 
 
 class Vector(NamedTuple):
-    """Three components along the axes of W or B."""
+    """Vector with components along the axes of W or B."""
 
     x: Row
     y: Row
@@ -34,7 +35,7 @@ class Tilt(NamedTuple):
         return cls(*sin_cos(roll), *sin_cos(pitch))
 
     def in_heading(self, vector: Vector) -> Vector:
-        """Return Ry(θ) Rx(φ) v, a vector in the heading frame (W rotated by the yaw) for its components in B."""
+        """Return Ry(θ) Rx(φ) v: transform a vector from B to the heading frame, which is W rotated by the yaw."""
         x, y, z = vector
         upright = self.sin_roll * y + self.cos_roll * z
         return Vector(
@@ -53,16 +54,22 @@ class BodyAxes(NamedTuple):
 
     @classmethod
     def of(cls, roll: Angle, pitch: Angle, yaw: Angle) -> "BodyAxes":
-        """Return the axes of a body of this attitude."""
+        """Return the axes of a body with a given roll, pitch and yaw, rad."""
         sin_roll, cos_roll = sin_cos(roll)
         sin_pitch, cos_pitch = sin_cos(pitch)
         sin_yaw, cos_yaw = sin_cos(yaw)
-        forward, aside = sin_pitch * cos_roll, sin_pitch * sin_roll
+        sin_pitch_cos_roll, sin_pitch_sin_roll = sin_pitch * cos_roll, sin_pitch * sin_roll
         return cls(
             Vector(cos_yaw * cos_pitch, sin_yaw * cos_pitch, -sin_pitch),
-            Vector(cos_yaw * aside - sin_yaw * cos_roll, sin_yaw * aside + cos_yaw * cos_roll, cos_pitch * sin_roll),
             Vector(
-                sin_yaw * sin_roll + cos_yaw * forward, sin_yaw * forward - cos_yaw * sin_roll, cos_pitch * cos_roll
+                cos_yaw * sin_pitch_sin_roll - sin_yaw * cos_roll,
+                sin_yaw * sin_pitch_sin_roll + cos_yaw * cos_roll,
+                cos_pitch * sin_roll,
+            ),
+            Vector(
+                sin_yaw * sin_roll + cos_yaw * sin_pitch_cos_roll,
+                sin_yaw * sin_pitch_cos_roll - cos_yaw * sin_roll,
+                cos_pitch * cos_roll,
             ),
         )
 
@@ -80,11 +87,11 @@ class BodyAxes(NamedTuple):
         )
 
     def in_body(self, vector: Vector) -> Vector:
-        """Return a vector in W, along the axes of B."""
+        """Transform a vector from W to B."""
         return Vector(dot(self.x, vector), dot(self.y, vector), dot(self.z, vector))
 
     def in_world(self, vector: Vector) -> Vector:
-        """Return a vector in B, along the axes of W."""
+        """Transform a vector from B to W."""
         x, y, z = vector
         return Vector._make(a * x + b * y + c * z for a, b, c in zip(*self, strict=True))
 
@@ -115,5 +122,5 @@ def cross(a: Vector, b: Vector) -> Vector:
 
 
 def length(a: Vector) -> Row:
-    """|a|, whose derivative is 0 where the vector is."""
+    """Return |a|, with the derivative 0 for the zero vector."""
     return sqrt(dot(a, a) + TINY)

@@ -1,4 +1,4 @@
-"""Differential flatness: attitude, body rates and angular accelerations that a path demands.
+"""Differential flatness: attitude, body rates and angular accelerations that a path requires.
 
 The thrust acts along z_B, so the specific thrust f = F z_B of a path (acceleration plus gravity) determines roll φ and
 pitch θ, eq (7). Its derivatives, jerk j and snap s, determine the rotation of the body, since ż_B is q x_B - p y_B:
@@ -32,12 +32,12 @@ EulerSequence = Literal["zyx", "zxy"]
 
 
 class HeadingVector(NamedTuple):
-    """A vector along the axes of the heading.
+    """Vector in the heading frame, which is W rotated by the yaw.
 
     Attributes:
-        forward: level, where the vehicle looks.
-        left: level.
-        up: along Z.
+        forward: component along the heading.
+        left: horizontal component to the left of the heading.
+        up: component along Z.
     """
 
     forward: Row
@@ -64,7 +64,7 @@ class ThrustTilt(NamedTuple):
 
 
 def tilt_of(specific_thrust: HeadingVector) -> ThrustTilt:
-    """Return the tilt under which the rotors give a specific thrust (m/s²), which may not be wholly sideways."""
+    """Return the tilt for a specific thrust (m/s²), which must not point exactly to the left or right."""
     forward, left, up = specific_thrust
     sagittal_squared = forward * forward + up * up
     sagittal, thrust = sqrt(sagittal_squared), sqrt(sagittal_squared + left * left)
@@ -72,17 +72,17 @@ def tilt_of(specific_thrust: HeadingVector) -> ThrustTilt:
 
 
 def attitude_of(tilt: ThrustTilt) -> tuple[Row, Row]:
-    """Roll and pitch, eq (7), rad; the pitch is beyond a quarter turn for a thrust that points down."""
+    """Return roll and pitch, eq (7), rad; the size of the pitch exceeds π/2 for a thrust that points down."""
     return arcsin(tilt.sin_roll), arctan2(tilt.sin_pitch, tilt.cos_pitch)
 
 
 def body_rates(tilt: ThrustTilt, jerk: HeadingVector, yaw_rate: Row) -> BodyRates:
-    """p, q and r.
+    """Return the body rates p, q and r, rad/s.
 
     Args:
-        tilt: of the body.
-        jerk: of the path, m/s³.
-        yaw_rate: rad/s.
+        tilt: tilt of the body.
+        jerk: jerk of the path, m/s³.
+        yaw_rate: rate of the yaw, rad/s.
     """
     x, y, _ = _in_body(tilt, jerk)
     q = x / tilt.thrust
@@ -92,31 +92,31 @@ def body_rates(tilt: ThrustTilt, jerk: HeadingVector, yaw_rate: Row) -> BodyRate
 def angular_accelerations(
     tilt: ThrustTilt, rates: BodyRates, jerk: HeadingVector, snap: HeadingVector, yaw_rate: Row, yaw_acceleration: Row
 ) -> AngularAcceleration:
-    """Return the rates of p, q and r.
+    """Return the time derivatives of p, q and r, rad/s².
 
     Args:
-        tilt: of the body.
-        rates: p, q and r for the same jerk and yaw rate.
-        jerk: of the path, m/s³.
-        snap: of the path, m/s⁴.
-        yaw_rate: rad/s.
-        yaw_acceleration: rad/s².
+        tilt: tilt of the body.
+        rates: body rates for the same jerk and yaw rate, rad/s.
+        jerk: jerk of the path, m/s³.
+        snap: snap of the path, m/s⁴.
+        yaw_rate: rate of the yaw, rad/s.
+        yaw_acceleration: second time derivative of the yaw, rad/s².
     """
     p, q, r = rates
     thrust, sin_roll, cos_roll, sin_pitch, cos_pitch = tilt
     x, y, _ = _in_body(tilt, snap)
-    _, _, growth = _in_body(tilt, jerk)
-    twice = 2.0 * growth
-    p_dot, q_dot = q * r - (y + twice * p) / thrust, (x - twice * q) / thrust - p * r
+    _, _, thrust_rate = _in_body(tilt, jerk)
+    coupling = 2.0 * thrust_rate
+    p_dot, q_dot = q * r - (y + coupling * p) / thrust, (x - coupling * q) / thrust - p * r
     roll_rate = p + yaw_rate * sin_pitch
     pitch_rate = (q - yaw_rate * cos_pitch * sin_roll) / cos_roll
     # This is the derivative of r cos φ = ψ̇ cos θ - q sin φ.
-    turning = yaw_acceleration * cos_pitch - yaw_rate * sin_pitch * pitch_rate - q_dot * sin_roll
-    return AngularAcceleration(p_dot, q_dot, (turning + (r * sin_roll - q * cos_roll) * roll_rate) / cos_roll)
+    derivative = yaw_acceleration * cos_pitch - yaw_rate * sin_pitch * pitch_rate - q_dot * sin_roll
+    return AngularAcceleration(p_dot, q_dot, (derivative + (r * sin_roll - q * cos_roll) * roll_rate) / cos_roll)
 
 
 def _in_body(tilt: ThrustTilt, vector: HeadingVector) -> tuple[Row, Row, Row]:
-    """Return the vector's parts along x_B, y_B and z_B."""
+    """Return the components of a vector along x_B, y_B and z_B."""
     forward, left, up = vector
     _, sin_roll, cos_roll, sin_pitch, cos_pitch = tilt
     upright = forward * sin_pitch + up * cos_pitch
@@ -128,7 +128,7 @@ def _in_body(tilt: ThrustTilt, vector: HeadingVector) -> tuple[Row, Row, Row]:
 
 
 def in_heading(vector: Vector | Acceleration | Jerk | Snap, sin_yaw: Row, cos_yaw: Row) -> HeadingVector:
-    """Turn a vector in W by minus the yaw."""
+    """Transform a vector from W to the heading frame."""
     x, y = vector.x, vector.y
     return HeadingVector(x * cos_yaw + y * sin_yaw, y * cos_yaw - x * sin_yaw, vector.z)
 
@@ -137,7 +137,7 @@ def attitude_from_quarter_turn(tilt: ThrustTilt, yaw: Row) -> Attitude:
     """Return roll, pitch and yaw (zyx) of a body whose yaw is given in the sequence zxy.
 
     Args:
-        tilt: roll and pitch (zyx) of the axes that are rotated by π/2 about z_B, at the yaw ψ + π/2.
+        tilt: roll and pitch (zyx) at the yaw ψ + π/2 of the axes that are rotated by π/2 about z_B.
         yaw: yaw ψ in the sequence zxy, rad.
     """
     _, sin_roll, cos_roll, sin_pitch, cos_pitch = tilt

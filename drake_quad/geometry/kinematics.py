@@ -1,4 +1,4 @@
-"""Relation of body rates and the rates of roll, pitch and yaw, eq (2), and Euler's equation of rotation."""
+"""Conversion between body rates and the rates of roll, pitch and yaw, eq (2), and Euler's equation of rotation."""
 
 from drake_quad.framework.elementary import sin_cos
 from drake_quad.signals import AngularAcceleration, Attitude, BodyRates, Row, Torque
@@ -16,21 +16,21 @@ def small_rotation(steps: Attitude, attitude: Attitude) -> BodyRates:
 
 
 def angular_acceleration(accelerations: Attitude, rates: Attitude, attitude: Attitude) -> AngularAcceleration:
-    """Return the rates of the body rates (rad/s²), which are the time derivative of eq (2).
+    """Return the angular acceleration along the axes of B (rad/s²), which is the time derivative of eq (2).
 
     Args:
         accelerations: second derivatives of roll, pitch and yaw, rad/s².
         rates: rates of roll, pitch and yaw, rad/s.
-        attitude: roll, pitch and yaw.
+        attitude: roll, pitch and yaw, rad.
     """
     sin_roll, cos_roll = sin_cos(attitude.roll)
     sin_pitch, cos_pitch = sin_cos(attitude.pitch)
-    turned, turning = small_rotation(accelerations, attitude), small_rotation(rates, attitude)
+    linear_part, body_rates = small_rotation(accelerations, attitude), small_rotation(rates, attitude)
     coupling = rates.pitch * rates.yaw
     return AngularAcceleration(
-        turned.p - cos_pitch * coupling,
-        turned.q + rates.roll * turning.r - sin_pitch * sin_roll * coupling,
-        turned.r - rates.roll * turning.q - sin_pitch * cos_roll * coupling,
+        linear_part.p - cos_pitch * coupling,
+        linear_part.q + rates.roll * body_rates.r - sin_pitch * sin_roll * coupling,
+        linear_part.r - rates.roll * body_rates.q - sin_pitch * cos_roll * coupling,
     )
 
 

@@ -1,4 +1,4 @@
-"""Numbers for each axis."""
+"""Records of one number for each axis, or for each angle."""
 
 from typing import Literal, NamedTuple
 
@@ -8,7 +8,7 @@ Axis = Literal["x", "y", "z"]
 
 
 class PerAxis(NamedTuple):
-    """A number for each axis of W."""
+    """Numbers for the axes of W, such as gains."""
 
     x: Row
     y: Row
@@ -16,7 +16,7 @@ class PerAxis(NamedTuple):
 
 
 class PerAngle(NamedTuple):
-    """A number for each angle."""
+    """Numbers for roll, pitch and yaw, such as gains."""
 
     roll: Row
     pitch: Row

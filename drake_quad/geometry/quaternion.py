@@ -48,7 +48,7 @@ class Quaternion(NamedTuple):
         return Quaternion(-(x * p + y * q + z * r), w * p + y * r - z * q, w * q + z * p - x * r, w * r + x * q - y * p)
 
     def turn_to(self, other: "Quaternion") -> "Quaternion":
-        """Return the quaternion of the rotation from this attitude to another one, along the axes of B."""
+        """Return the rotation from this attitude to another one as a quaternion, along the axes of B."""
         w, x, y, z = self
         return Quaternion(
             w * other.w + x * other.x + y * other.y + z * other.z,
@@ -59,12 +59,11 @@ class Quaternion(NamedTuple):
 
     def rotation_to(self, other: "Quaternion") -> Vector:
         """Return the rotation vector from this attitude to another one along the axes of B, at most π long, rad."""
-        cosine, *turned = self.turn_to(other)
-        turn = Vector(*turned)
-        sine = sqrt(turn.x * turn.x + turn.y * turn.y + turn.z * turn.z + TINY)
+        cosine, x, y, z = self.turn_to(other)
+        sine = sqrt(x * x + y * y + z * z + TINY)
         # A quaternion and its negative represent the same rotation; the shorter rotation vector is returned.
         factor = 2.0 / sine * where(cosine < 0.0, -arctan2(sine, -cosine), arctan2(sine, cosine))
-        return Vector(factor * turn.x, factor * turn.y, factor * turn.z)
+        return Vector(factor * x, factor * y, factor * z)
 
 
 NO_ROTATION = Quaternion(1.0, 0.0, 0.0, 0.0)

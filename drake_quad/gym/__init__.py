@@ -1,4 +1,4 @@
-"""Environments of Gymnasium: fleets in machine code that policies are trained on.
+"""Gymnasium environments for training policies on fleets that are simulated in machine code.
 
 import gymnasium
 import drake_quad.gym
@@ -6,11 +6,11 @@ import drake_quad.gym
 envs = gymnasium.make_vec("drake_quad/Track-v0", num_envs=64, scenario="laboratory:low_wind", action="rates")
 """
 
-from drake_quad.extras import needed
+from drake_quad.extras import import_extra
 
-gymnasium = needed("gymnasium", "gym")
+gymnasium = import_extra("gymnasium", "gym")
 
-from drake_quad.gym.env import QuadrotorEnv  # noqa: E402 - a sentence first if Gymnasium is missing
+from drake_quad.gym.env import QuadrotorEnv  # noqa: E402 - import_extra explains a missing Gymnasium first
 from drake_quad.gym.function_policy import FunctionPolicy  # noqa: E402
 from drake_quad.gym.rewards import TrackingReward, Transition, has_crashed  # noqa: E402
 from drake_quad.gym.saving import Layer, save_policy, torch_layers  # noqa: E402

@@ -1,4 +1,4 @@
-"""One vehicle as an environment of Gymnasium."""
+"""Gymnasium environment with one vehicle."""
 
 from pathlib import Path
 from typing import Any
@@ -16,16 +16,16 @@ from drake_quad.scenario.models import Scenario
 
 
 class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
-    """A vehicle in machine code, as a `QuadrotorVectorEnv` has many.
+    """Gymnasium environment with one vehicle, simulated in machine code; see `QuadrotorVectorEnv` for many.
 
     Args:
-        scenario: as for a `QuadrotorVectorEnv`.
-        overrides: likewise.
-        record: whether actions are kept, so that `flight` can show an episode.
-        options: further arguments of a `QuadrotorVectorEnv`, but for those of vectors.
+        scenario: scenario, or the file or name of one; see `QuadrotorVectorEnv`.
+        overrides: overrides for `load_scenario`.
+        record: True to record actions, so that `flight` can return an episode.
+        options: further arguments of `QuadrotorVectorEnv`, except `num_envs` and `autoreset_mode`.
 
     Raises:
-        InputError: something of it is wrong, or cannot be compiled.
+        InputError: if an argument is wrong, or the scenario cannot be compiled.
     """
 
     metadata: dict[str, Any] = {"render_modes": QuadrotorVectorEnv.metadata["render_modes"]}  # noqa: RUF012
@@ -48,24 +48,28 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     @property
     def scenario(self) -> Scenario:
-        """The task."""
+        """Scenario that defines the task."""
         return self._vector.scenario
 
     @property
     def plan(self) -> Plan:
-        """The plan that is flown."""
+        """Plan with the reference of the flights."""
         return self._vector.plan
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Begins the next episode, or with a seed that seed's first.
+        """Start the next episode, or the first episode of a seed.
+
+        Args:
+            seed: seed of the episodes from this one on; the current seed if not given.
+            options: ignored.
 
         Returns:
-            The (rows,) observation and no infos.
+            The observation (rows,) and an empty dictionary.
 
         Raises:
-            InputError: the seed is no whole number, negative or too large.
+            InputError: if the seed is not a whole number, negative or too large.
         """
         observation, infos = self._vector.reset(seed=None if seed is None else [seed])
         super().reset(seed=None if seed is None else int(seed))
@@ -75,7 +79,7 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """Simulate one tick; the action (rows,) and the results are those of Gymnasium.
 
         Raises:
-            InputError: an error of `QuadrotorVectorEnv.step`.
+            InputError: if `QuadrotorVectorEnv.step` raises it.
         """
         observation, rewards, terminations, truncations, infos = self._vector.step([action])
         info = {}
@@ -85,14 +89,14 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return observation[0], float(rewards[0]), bool(terminations[0]), bool(truncations[0]), info
 
     def render(self) -> Any:
-        """A frame, (height, width, 3) uint8; None without a render mode."""
+        """Return a frame, (height, width, 3) uint8; None without a render mode."""
         frames = self._vector.render()
         return None if frames is None else frames[0]
 
     def episode(self) -> Episode:
-        """Seed and sample of what is flown."""
+        """Return the seed and sample of the current episode."""
         return self._vector.episode()
 
     def flight(self) -> Flight:
-        """As of a `QuadrotorVectorEnv`."""
+        """Return the current episode, or the previous one directly after a reset; see `QuadrotorVectorEnv.flight`."""
         return self._vector.flight()

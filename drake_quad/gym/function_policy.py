@@ -1,4 +1,4 @@
-"""A policy in plain Python, such as a model of a library for learning, as a system."""
+"""System for a policy in plain Python, such as a model of a machine learning library."""
 
 from collections.abc import Callable
 from typing import Any
@@ -21,7 +21,7 @@ class FunctionPolicy(LeafSystem):
     Args:
         scenario: scenario with a control of kind `policy`, such as the `scenario` of an environment.
         function: function from (N, rows) observations, in single precision as in environments, to (N, rows) actions.
-        num_vehicles: N.
+        num_vehicles: number N of vehicles.
 
     Raises:
         InputError: if the control of the scenario is not a policy. During a flight: the actions have the wrong shape,
@@ -33,20 +33,20 @@ class FunctionPolicy(LeafSystem):
         super().__init__()
         rows = scenario.control.policy_rows()
         if not rows:
-            raise InputError(f"{scenario.name} has no place for a policy, whose control is of kind policy")
-        self._function, self._n = function, whole_number(num_vehicles, "num_vehicles", least=1)
+            raise InputError(f"the control of {scenario.name} must be of kind policy to use a policy")
+        self._function, self._n = function, whole_number(num_vehicles, "num_vehicles", minimum=1)
         self._rows = rows["action"]
         self.DeclareVectorInputPort("observation", rows["observation"] * self._n)
         self.DeclareVectorOutputPort("action", self._rows * self._n, self._act)
 
     def _act(self, context: Context, output: Any) -> None:
         observation = self.get_input_port().Eval(context).reshape(-1, self._n).T
-        found = self._function(single_precision(observation))
-        actions = real_numbers(found)
+        returned = self._function(single_precision(observation))
+        actions = real_numbers(returned)
         is_too_large = actions is not None and (np.abs(actions[np.isfinite(actions)]) > MAX_ACTION).any()
         if actions is None or actions.shape != (self._n, self._rows) or is_too_large:
             raise InputError(
                 f"the policy must return ({self._n}, {self._rows}) numbers of at most {MAX_ACTION:,.0f} in size, but"
-                f" returned {shown(found)} at {context.get_time():.2f} s"
+                f" returned {shown(returned)} at {context.get_time():.2f} s"
             )
         output.SetFromVector(actions.T.ravel())

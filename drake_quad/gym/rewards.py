@@ -1,4 +1,4 @@
-"""What a step is worth, and when a flight ends: functions of a transition."""
+"""Reward and termination functions of environments."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -11,18 +11,19 @@ from drake_quad.signals import Reference, State
 
 
 class Transition(NamedTuple):
-    """A step of all N vehicles. Rows are (N,) arrays.
+    """Step of all N vehicles; records have (N,) arrays as rows.
 
     Attributes:
-        observation: (N, rows) after the step.
-        action: (N, rows).
-        last_action: (N, rows) of the step before, or what is believed to hover if there was none.
-        state: of the vehicles, as they are.
-        reference: to follow.
-        time: of the flights, s.
-        crashed: whether a vehicle has crashed, into an obstacle or otherwise.
-        touched: number of the obstacle that it crashed into, from 1 on; 0 if it touched none.
-        signals: the further signals that were asked for, as records, by name.
+        observation: (N, rows) observations after the step.
+        action: (N, rows) actions of the step.
+        last_action: (N, rows) actions of the previous step; in the first step, the action with which the nominal
+            vehicle hovers.
+        state: true states after the step.
+        reference: references after the step.
+        time: (N,) times since the starts of the episodes, s.
+        crashed: (N,) truth values, true if the vehicle has crashed, into an obstacle or otherwise.
+        touched: (N,) numbers of the obstacles that the vehicles hit, from 1 on; 0 for none.
+        signals: requested further signals, as records, by name.
     """
 
     observation: np.ndarray
@@ -37,7 +38,7 @@ class Transition(NamedTuple):
 
     @property
     def position_error(self) -> np.ndarray:
-        """(N,) Euclidean distance from the reference, m."""
+        """(N,) distances from the references, m."""
         state, reference = self.state, self.reference
         x, y, z = reference.x - state.x, reference.y - state.y, reference.z - state.z
         with np.errstate(over="ignore", invalid="ignore"):  # the position of a crashed vehicle may be huge or NaN
@@ -45,32 +46,35 @@ class Transition(NamedTuple):
         return error
 
 
-# (N,) of a transition: what it is worth, and whether the flight ends.
 Reward = Callable[[Transition], np.ndarray]
+"""Function of a transition that returns (N,) rewards."""
+
 Termination = Callable[[Transition], np.ndarray]
+"""Function of a transition that returns (N,) truth values, true if the episode ends."""
 
 
 @dataclass(frozen=True)
 class TrackingReward:
-    """A reward for following the reference.
+    """Reward for following the reference.
 
         tracking exp(-|e| / length) - effort |a|² - variation |a - a'|² - crash - obstacle
 
-    with the position error e and the action a after a'. The last two are paid in each step after which a vehicle has
-    crashed: once, where a crash ends the flight. A crash into an obstacle costs both.
+    Here e is the position error, a is the action and a' is the previous action. The last two terms are subtracted in
+    each step after which the vehicle has crashed, which is a single step if a crash ends the episode. A crash into an
+    obstacle costs both.
 
     Attributes:
         tracking: reward of a step without error.
-        length: error at which that has fallen to 37 %, m.
-        effort: price of actions of size 1.
-        variation: price of their changes.
-        crash: price of a crash.
-        obstacle: price of touching an obstacle beside that.
+        length: error at which this reward has decreased to 37 %, m.
+        effort: cost of an action of size 1.
+        variation: cost of a change of the action of size 1.
+        crash: cost of a crash.
+        obstacle: additional cost of a crash into an obstacle.
 
-    The default prices are our choice; with them `scripts/train_policy.py` learns to fly within centimetres.
+    The default values are our choice. With them, `scripts/train_policy.py` learns to track within centimetres.
 
     Raises:
-        InputError: a number is not finite, or the length not positive.
+        InputError: if a number is not finite, or the length is not positive.
     """
 
     tracking: float = 1.0
@@ -81,7 +85,7 @@ class TrackingReward:
     obstacle: float = 0.0
 
     def __post_init__(self) -> None:
-        """Checks the numbers."""
+        """Check the numbers."""
         for name, value in vars(self).items():
             if not np.isfinite(value):
                 raise InputError(f"{name} is {value}, but must be a finite number")
@@ -89,7 +93,7 @@ class TrackingReward:
             raise InputError(f"length is {self.length}, but must be larger than 0")
 
     def __call__(self, step: Transition) -> np.ndarray:
-        """The (N,) rewards of a step."""
+        """Return the (N,) rewards of a step."""
         action = np.clip(step.action, -1.0, 1.0)
         change = action - np.clip(step.last_action, -1.0, 1.0)
         reward: np.ndarray = (
@@ -103,5 +107,5 @@ class TrackingReward:
 
 
 def has_crashed(step: Transition) -> np.ndarray:
-    """(N,) whether a flight has ended by a crash."""
+    """Return the (N,) truth values of a step that are true for vehicles that have crashed."""
     return step.crashed

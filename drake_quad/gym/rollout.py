@@ -1,4 +1,4 @@
-"""Episodes that are flown again under Drake's simulator, from the actions that were taken."""
+"""Recording of the actions of episodes, and replay of an episode by Drake's simulator."""
 
 from typing import Any
 
@@ -14,13 +14,13 @@ from drake_quad.reference.plan import Plan
 from drake_quad.scenario.models import Scenario
 
 
-class Tape:
-    """The actions of the episodes that vehicles fly, and of the last one of each that has ended.
+class ActionLog:
+    """Actions of the current episode of each vehicle, and of its last episode that has ended.
 
     Args:
-        num_vehicles: N.
-        num_ticks: of the longest episode.
-        num_actions: rows of an action.
+        num_vehicles: number N of vehicles.
+        num_ticks: number of ticks of the longest episode.
+        num_actions: number of rows of an action.
     """
 
     def __init__(self, num_vehicles: int, num_ticks: int, num_actions: int) -> None:
@@ -28,46 +28,43 @@ class Tape:
         self._ended: list[tuple[Episode, np.ndarray] | None] = [None] * num_vehicles
 
     def write(self, clocks: np.ndarray, actions: np.ndarray) -> None:
-        """Keeps actions (N, rows) at the ticks of (N,) clocks."""
+        """Record actions (N, rows) at the ticks of the (N,) clocks."""
         vehicles = np.flatnonzero(clocks < len(self._actions))
         self._actions[clocks[vehicles], vehicles] = actions[vehicles]
 
     def end(self, vehicles: np.ndarray, clocks: np.ndarray, episodes: list[Episode]) -> None:
-        """Ends the episodes of k vehicles."""
+        """Mark the episodes of some vehicles as ended; `clocks` are those of all N vehicles."""
         for vehicle, episode in zip(vehicles.tolist(), episodes, strict=True):
             self._ended[vehicle] = episode, self._actions[: clocks[vehicle], vehicle].copy()
 
     def actions(self, vehicle: int, clock: int, episode: Episode, *, ended_first: bool) -> tuple[Episode, np.ndarray]:
-        """An episode of a vehicle, and its (ticks, rows) actions.
+        """Return an episode of a vehicle, and its (ticks, rows) actions.
 
         Args:
-            vehicle: its number.
-            clock: ticks that it has flown.
-            episode: that it flies.
-            ended_first: whether the last one that has ended is preferred to the one that it flies.
+            vehicle: index of the vehicle.
+            clock: number of ticks since the start of the current episode.
+            episode: current episode.
+            ended_first: True to return the last episode that has ended, if there is one, instead of the current one.
 
         Raises:
-            InputError: it has not flown yet.
+            InputError: if the vehicle has not flown yet.
         """
-        ended, flown = self._ended[vehicle], (episode, self._actions[:clock, vehicle].copy())
+        ended, current = self._ended[vehicle], (episode, self._actions[:clock, vehicle].copy())
         if ended is not None and (ended_first or not clock):
             return ended
         if not clock:
             raise InputError(f"vehicle {vehicle} has not flown yet")
-        return flown
+        return current
 
 
-def fly_again(scenario: Scenario, plan: Plan, episode: Episode, actions: np.ndarray) -> Flight:
-    """Flies an episode under Drake's simulator.
+def replay_episode(scenario: Scenario, plan: Plan, episode: Episode, actions: np.ndarray) -> Flight:
+    """Simulate an episode by Drake's simulator, for as long as there are actions.
 
     Args:
-        scenario: of the environment.
-        plan: of the environment.
-        episode: to fly.
-        actions: (ticks, rows) of its ticks; the last one is held.
-
-    Returns:
-        The flight, as long as there are actions.
+        scenario: scenario of the environment.
+        plan: plan of the environment.
+        episode: episode to simulate.
+        actions: (ticks, rows) actions.
     """
     tick = scenario.laboratory.command_link.period
     return simulate(
@@ -81,16 +78,13 @@ def fly_again(scenario: Scenario, plan: Plan, episode: Episode, actions: np.ndar
 
 
 def action_source(actions: np.ndarray, tick: float) -> Any:
-    """A system that takes the actions of a flight.
+    """Return a `TrajectorySource` whose output is the action of each tick.
 
     Args:
-        actions: (ticks, rows) of one tick after another; the last one is held.
-        tick: of the control, s.
-
-    Returns:
-        A `TrajectorySource`, whose output are the rows.
+        actions: (ticks, rows) actions; the last one is held after its tick.
+        tick: control period, s.
     """
-    # In the middle between two ticks they change, so that each tick sees its own.
+    # Actions change halfway between two ticks, so that rounding errors of the time do not matter.
     breaks = (np.arange(len(actions) + 1) - 0.5) * tick
     values = np.vstack([actions, actions[-1:]]).T
     return TrajectorySource(PiecewisePolynomial.ZeroOrderHold(breaks, values))

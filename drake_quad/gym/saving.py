@@ -1,4 +1,4 @@
-"""A policy that was trained in an environment, as a controller for scenarios."""
+"""Saving of a trained policy as a controller for scenarios."""
 
 import re
 import tempfile
@@ -19,7 +19,7 @@ from drake_quad.scenario.files.loading import load_scenario
 from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.models import NAME, Scenario
 
-# Modules of PyTorch by the names that they have in a policy's file.
+# Names of activations in a policy's file, by the names of PyTorch's modules.
 _ACTIVATIONS: dict[str, Activation] = {
     "Tanh": "tanh",
     "ReLU": "relu",
@@ -30,9 +30,9 @@ _ACTIVATIONS: dict[str, Activation] = {
     "GELU": "gelu",
 }
 # Attribute of a PyTorch module that contains the parameter of its activation.
-_PARAMETERS = {"ELU": "alpha", "LeakyReLU": "negative_slope"}
-# Those that do nothing to an observation, or nothing when no one learns.
-_SILENT = ("Flatten", "Identity", "Dropout")
+_PARAMETER_ATTRIBUTES = {"ELU": "alpha", "LeakyReLU": "negative_slope"}
+# PyTorch modules that do not change a one-dimensional observation outside of training.
+_IDENTITY_MODULES = ("Flatten", "Identity", "Dropout")
 
 
 class Layer(NamedTuple):
@@ -60,22 +60,25 @@ def save_policy(
     scale: np.ndarray | None = None,
     limit: float | None = None,
 ) -> Path:
-    """Writes a network as a controller, which is laid over scenarios: `load_scenario(..., layers=[path])`.
+    """Write a network as a controller file, which `load_scenario(..., layers=[path])` combines with a scenario.
+
+    The input x of the first layer is computed from the observation o: x = min(max((o - offset) scale, -limit), limit).
 
     Args:
-        env: in which it was trained, and which says what it sees and does.
-        layers: of the network, from the observation on.
-        path: of a .yaml file, whose name is the controller's; the network's arrays are written beside it, as .npz.
-        offset: (rows,) that is taken from the observation, if any.
-        scale: (rows,) by which it is multiplied then, if any.
-        limit: to which it is held then, on both sides of zero, if any.
+        env: environment in which the network was trained, which defines observations and actions.
+        layers: layers of the network, starting at the observation.
+        path: path of the .yaml file, whose name is that of the controller. The arrays of the network are written to an
+            .npz file beside it.
+        offset: (rows,) offset; zero if not given.
+        scale: (rows,) scale; one if not given.
+        limit: limit; unlimited if not given.
 
     Returns:
         The path.
 
     Raises:
-        InputError: the files cannot be written, or the network is not one of this environment; what was there is
-            there still.
+        InputError: if the files cannot be written, or the network does not fit the environment. Existing files then do
+            not change.
     """
     given = {"offset": offset, "scale": scale, "limit": limit}
     arrays: dict[str, Any] = {name: np.asarray(each) for name, each in given.items() if each is not None}
@@ -84,22 +87,22 @@ def save_policy(
         arrays |= {f"weights_{k}": weights, f"biases_{k}": biases, f"activation_{k}": np.array(activation)}
         arrays |= {} if alpha is None else {f"alpha_{k}": np.array(alpha)}
 
-    scenario = task_in(env)
+    scenario = scenario_of_env(env)
     fields = scenario.control.model_dump(mode="json", exclude={"policy"})
     target = Path(path)
     if target.suffix != ".yaml" or not re.match(NAME, target.stem):
         raise InputError(f"a policy is written to a .yaml file with a name of letters and digits, not to {target}")
     output_folder(target.parent)
     try:
-        return _written(arrays, fields, scenario, target)
+        return _write_checked(arrays, fields, scenario, target)
     except OSError as error:
         raise InputError(
             f"the policy cannot be written to {target}: {(error.strerror or str(error)).lower()}"
         ) from None
 
 
-def _written(arrays: dict[str, Any], fields: dict[str, Any], scenario: Scenario, target: Path) -> Path:
-    """Writes a policy where it is tried first, and then to its place."""
+def _write_checked(arrays: dict[str, Any], fields: dict[str, Any], scenario: Scenario, target: Path) -> Path:
+    """Write a policy to a temporary folder, check that it can be loaded, and move it to its path."""
     with tempfile.TemporaryDirectory(dir=target.parent) as temporary:
         controller, task = Path(temporary) / target.name, Path(temporary) / "task.yml"
         network = controller.with_suffix(".npz")
@@ -109,8 +112,8 @@ def _written(arrays: dict[str, Any], fields: dict[str, Any], scenario: Scenario,
         try:
             load_scenario(task, layers=[controller])
         except InputError as error:
-            where = str(error).replace(temporary, str(target.parent))
-            raise InputError(f"the network cannot be flown: {where}") from None
+            reason = str(error).replace(temporary, str(target.parent))
+            raise InputError(f"the network cannot be saved: {reason}") from None
         network.replace(target.with_suffix(".npz"))
         return controller.replace(target)
 
@@ -136,16 +139,19 @@ def torch_layers(modules: Iterable[Any]) -> list[Layer]:
             activation = _ACTIVATIONS[name]
             if name == "GELU" and getattr(module, "approximate", "none") == "tanh":
                 activation = "gelu_tanh"
-            alpha = float(getattr(module, _PARAMETERS[name])) if name in _PARAMETERS else None
+            alpha = float(getattr(module, _PARAMETER_ATTRIBUTES[name])) if name in _PARAMETER_ATTRIBUTES else None
             layers[-1] = layers[-1]._replace(activation=activation, alpha=alpha)
-        elif name not in _SILENT:
-            raise InputError(f"the policy has a {name}, but can have Linear, and {', '.join(_ACTIVATIONS)} behind it")
+        elif name not in _IDENTITY_MODULES:
+            raise InputError(
+                f"a {name} module is not supported here; use Linear modules, each followed by at most one"
+                f" {' or '.join(_ACTIVATIONS)}"
+            )
     if not layers:
         raise InputError("the policy has no layers")
     return layers
 
 
-def acted(
+def evaluate_layers(
     layers: Sequence[Layer],
     observations: np.ndarray,
     *,
@@ -161,13 +167,13 @@ def acted(
     return np.clip(np.transpose(evaluate_network(network, [*observations.T], ()).output), -1.0, 1.0)
 
 
-def task_in(env: Any) -> Scenario:
-    """The scenario of an environment of ours, perhaps within wrappers of Gymnasium.
+def scenario_of_env(env: Any) -> Scenario:
+    """Return the scenario of an environment of this package, which may be inside wrappers of Gymnasium.
 
     Raises:
-        InputError: it is none of ours.
+        InputError: if the environment is not one of this package.
     """
     own = getattr(env, "unwrapped", env)
     if not isinstance(own, QuadrotorEnv | QuadrotorVectorEnv):
-        raise InputError(f"a {type(own).__name__} is no environment of drake_quad.gym")
+        raise InputError(f"env is a {type(own).__name__}, but must be an environment of drake_quad.gym")
     return own.scenario

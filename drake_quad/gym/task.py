@@ -1,4 +1,4 @@
-"""The task of an environment: a scenario with a place for actions, and what is seen of it."""
+"""Scenario of an environment, whose control is a policy that the environment replaces."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -37,7 +37,7 @@ def task_of(
     if not isinstance(scenario, Scenario):
         scenario = load_scenario(scenario, overrides)
     elif overrides:
-        raise InputError("overrides are of a scenario that is loaded by its name, not of one that is given")
+        raise InputError("overrides only apply to the file or name of a scenario, but a Scenario is given")
     control, autopilot = scenario.control, scenario.laboratory.autopilot
     fields = {"kind": "policy", "action": {"kind": "acceleration"}, **control.policy_fields()}
     attitude = fields.pop("attitude", None)
@@ -58,7 +58,7 @@ def task_of(
 
 
 def _designed_attitude(scenario: Scenario) -> dict[str, Any]:
-    """The attitude control of a scenario whose control has none of its own, as `drake-quad design` designs it."""
+    """Return the attitude control that `drake-quad design` designs for a scenario without one."""
     from drake_quad.design.cascade import design_cascade
 
     ones = {"k_p": [1.0, 1.0, 1.0], "k_d": [1.0, 1.0, 1.0]}

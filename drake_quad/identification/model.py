@@ -335,12 +335,12 @@ class LogModel:
         body, rotors, span, wind = (layout_of(kind) for kind in (State, RotorSpeed, Span, Wind))
         disturbance, force, attitude = (layout_of(kind) for kind in (Disturbance, SpecificForce, Attitude))
         inputs = body, rotors, command, attitude, wind, disturbance, span, self.layout, frame
-        self.step = kernel(step, inputs, (body, rotors), lone=False)
-        self.rotors_after = kernel(rotors_after, (rotors, command, span, self.layout), (rotors,), lone=False)
-        self.rotors_at_rest = kernel(rotors_at_rest, (command, span, self.layout), (rotors,), lone=False)
+        self.step = kernel(step, inputs, (body, rotors), single_vehicle=False)
+        self.rotors_after = kernel(rotors_after, (rotors, command, span, self.layout), (rotors,), single_vehicle=False)
+        self.rotors_at_rest = kernel(rotors_at_rest, (command, span, self.layout), (rotors,), single_vehicle=False)
         without_attitude = body, rotors, command, wind, disturbance, span, self.layout, frame
-        self.specific_force = kernel(specific_force, without_attitude, (force,), lone=False)
-        self.measured_attitude = kernel(measured_attitude, (attitude, attitude), (attitude,), lone=False)
+        self.specific_force = kernel(specific_force, without_attitude, (force,), single_vehicle=False)
+        self.measured_attitude = kernel(measured_attitude, (attitude, attitude), (attitude,), single_vehicle=False)
 
     @property
     def command_signal(self) -> str:

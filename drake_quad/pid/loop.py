@@ -10,7 +10,7 @@ nothing.
 
 from typing import NamedTuple
 
-from drake_quad.framework.elementary import maximum, minimum, wrapped
+from drake_quad.framework.elementary import maximum, minimum, wrap_angle
 from drake_quad.pid.filters import EMPTY_FILTER, FilterState, LowPass, filtered
 from drake_quad.signals import Row, Time
 
@@ -114,7 +114,7 @@ def differentiated(
     before = memory.measured
     assert before is not None
     change = measured - before.value
-    rate = before.known * (wrapped(change) if is_angle else change) / period
+    rate = before.known * (wrap_angle(change) if is_angle else change) / period
     delayed = memory.delayed
     if derivative.low_pass is not None:
         assert delayed is not None
@@ -145,7 +145,7 @@ def pid(
         is_angle: True if the signals are angles, so that differences are wrapped to [-π, π].
         integrates_first: True if the integral in the output includes the error of this tick.
     """
-    error = wrapped(setpoint - measured) if is_angle else setpoint - measured
+    error = wrap_angle(setpoint - measured) if is_angle else setpoint - measured
     output = k_p * error
     if terms is None:
         return output, memory

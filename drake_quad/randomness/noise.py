@@ -15,16 +15,16 @@ from drake_quad.framework.wiring import split_output
 from drake_quad.randomness.streams import Seeds, StreamKind, StreamState, random_numbers, stream_states
 from drake_quad.signals import Row
 
-# What input ports of exported random numbers are called, before the names of their streams.
-EXPORTED = "random."
+# Prefix of the names of exported input ports for random numbers, followed by the name of the stream.
+EXPORTED_PREFIX = "random."
 
 
 class Samples(NamedTuple):
-    """The samples of a study that the vehicles of a fleet fly.
+    """Samples of a study, one for each vehicle of a fleet.
 
     Attributes:
-        seed: of all samples, or of each.
-        numbers: one for each vehicle.
+        seed: seed of all samples, or a tuple with the seed of each sample.
+        numbers: index of the sample of each vehicle.
     """
 
     seed: Seeds
@@ -32,24 +32,26 @@ class Samples(NamedTuple):
 
 
 class Exported(NamedTuple):
-    """Stands for random numbers that are inputs of the diagram: all of a period at its beginning, tick by tick.
+    """Option to export random numbers as input ports of the diagram.
+
+    A port has all random numbers of a period, tick after tick, and is read at the start of the period.
 
     Attributes:
-        period: s, a multiple of the periods of all streams.
+        period: period, s, which is a multiple of the periods of all streams.
     """
 
     period: float
 
 
 class Stream(NamedTuple):
-    """Random numbers for one port.
+    """Stream of random numbers for one input port.
 
     Attributes:
-        name: which tells the stream from others of its kind.
-        kind: of random numbers.
-        num_rows: at each tick.
+        name: name of the stream, which is unique among the streams of its kind.
+        kind: purpose of the random numbers.
+        num_rows: number of random numbers at each tick.
         distribution: standard normal (kGaussian), or uniform from 0 to 1 (kUniform).
-        period: of the ticks, s.
+        period: period of the ticks, s.
     """
 
     name: str
@@ -62,13 +64,19 @@ class Stream(NamedTuple):
 def stream_numbers(
     states: tuple[StreamState, ...], kinds: Sequence[tuple[int, bool]], *ticks: Tick
 ) -> tuple[tuple[Row, ...], ...]:
-    """The numbers of some streams at a tick of each; by the number of its rows, and whether it is a normal one."""
+    """Return the random numbers of several streams.
+
+    Args:
+        states: initial states of the streams.
+        kinds: number of rows of each stream, and True for normal numbers or False for uniform ones.
+        ticks: tick of each stream.
+    """
     return tuple([random_numbers(state, tick, *kind) for state, kind, tick in zip(states, kinds, ticks, strict=True)])
 
 
 @fleet_system(float, AutoDiffXd)
 class NoiseSource(FleetSystem):
-    """The random numbers of some streams, tick by tick.
+    """Source of the random numbers of several streams, tick by tick.
 
     .. pydrake_system::
 
@@ -76,18 +84,18 @@ class NoiseSource(FleetSystem):
         output_ports:
         - random
 
-    The output packs the rows of all streams, under their names. What is out at a time stands at the nearest tick;
-    systems read at ticks. What stands at a tick depends on the seed, the sample, the stream and the tick alone. The
-    only parameter of the context is `streams`.
+    The output packs the rows of all streams, under their names. Its value at any time is that of the nearest tick,
+    since systems read it at ticks. The numbers of a tick depend on the seed, the sample, the stream and the tick only.
+    The only parameter of the context is `streams`.
 
     Args:
-        num_vehicles: N.
-        streams: one after another.
-        numbers: the samples that the vehicles fly.
+        num_vehicles: number N of vehicles.
+        streams: streams of the output, in order.
+        numbers: samples of the vehicles.
     """
 
     def declare(self, *, streams: Sequence[Stream], numbers: Samples) -> None:
-        """Declare the system."""
+        """Declare ports and parameters."""
 
         def states(samples: Samples) -> tuple[StreamState, ...]:
             seed, sample_numbers = samples
@@ -103,18 +111,18 @@ class NoiseSource(FleetSystem):
 
 
 def random_streams(systems: Mapping[str, Any], kind: StreamKind) -> dict[str, list[Stream]]:
-    """Return the streams for the random input ports of some systems, in the order of the ports; none for some systems.
+    """Return the streams for the random input ports of each system, in the order of the ports.
 
-    A stream is called after its system and port, so that its numbers do not change when other streams come or go.
+    The name of a stream is that of its system and port, so that its numbers do not depend on other streams.
 
     Args:
-        systems: by name; only a FleetSystem can have such ports.
-        kind: of the random numbers.
+        systems: systems by name; those that are not a FleetSystem have no such ports.
+        kind: purpose of the random numbers.
     """
     return {
         name: [
-            Stream(f"{name}.{port}", kind, asked.num_rows, asked.distribution, asked.period)
-            for port, asked in getattr(system, "random_inputs", {}).items()
+            Stream(f"{name}.{port}", kind, properties.num_rows, properties.distribution, properties.period)
+            for port, properties in getattr(system, "random_inputs", {}).items()
         ]
         for name, system in systems.items()
     }
@@ -123,7 +131,7 @@ def random_streams(systems: Mapping[str, Any], kind: StreamKind) -> dict[str, li
 def export_streams(
     builder: DiagramBuilder, systems: Mapping[str, Any], streams: Mapping[str, Sequence[Stream]]
 ) -> None:
-    """Make random input ports of systems input ports of the diagram, under the names of their streams.
+    """Export random input ports of systems as input ports of the diagram, under the names of their streams.
 
     Args:
         builder: builder with the systems.
@@ -138,13 +146,13 @@ def export_streams(
 def connect_noise(builder: DiagramBuilder, ports: Mapping[Stream, Any], samples: Samples) -> None:
     """Connect random input ports to noise sources, which are added to the builder.
 
-    A lone vehicle has one source, `noise`. For a fleet every port gets a source of its own: another call costs less
-    than to take many rows apart.
+    For a single vehicle, one source named `noise` serves all ports. For a fleet, every port has its own source, since
+    further calls cost less than splitting an output with many rows.
 
     Args:
-        builder: which has the ports' systems.
-        ports: for each stream.
-        samples: that the vehicles fly.
+        builder: builder with the systems of the ports.
+        ports: random input port of each stream.
+        samples: samples of the vehicles.
     """
     num_vehicles = len(samples.numbers)
     if num_vehicles > 1:
@@ -152,26 +160,26 @@ def connect_noise(builder: DiagramBuilder, ports: Mapping[Stream, Any], samples:
             source = NoiseSource(num_vehicles=num_vehicles, streams=[stream], numbers=samples)
             builder.Connect(builder.AddNamedSystem(f"noise_{stream.name}", source).get_output_port(), port)
     elif ports:
-        made = split_output(builder, "noise", NoiseSource(streams=list(ports), numbers=samples))
+        outputs = split_output(builder, "noise", NoiseSource(streams=list(ports), numbers=samples))
         for stream, port in ports.items():
-            builder.Connect(made[stream.name], port)
+            builder.Connect(outputs[stream.name], port)
 
 
-def of_this_tick(numbers: tuple[Row, ...], count: int, tick: Tick) -> tuple[Row, ...]:
+def numbers_of_tick(numbers: tuple[Row, ...], count: int, tick: Tick) -> tuple[Row, ...]:
     """Return the numbers for one tick out of the numbers for a period of `count` ticks."""
     num_rows = len(numbers) // count
-    number = 2.0 * tick.pair + where(tick.second, 1.0, 0.0)
-    place = number - count * nearest(number / count - 0.5 + 0.5 / count)
+    tick_number = 2.0 * tick.pair + where(tick.second, 1.0, 0.0)
+    index = tick_number - count * nearest(tick_number / count - 0.5 + 0.5 / count)
     rows = numbers[:num_rows]
     for k in range(1, count):
-        here = numbers[k * num_rows : (k + 1) * num_rows]
-        rows = tuple([where(place > k - 0.5, new, row) for new, row in zip(here, rows, strict=True)])
+        next_rows = numbers[k * num_rows : (k + 1) * num_rows]
+        rows = tuple([where(index > k - 0.5, new, row) for new, row in zip(next_rows, rows, strict=True)])
     return rows
 
 
 @fleet_system(float, AutoDiffXd)
 class TickByTick(FleetSystem):
-    """A stream whose numbers of a whole period come in at once.
+    """Converter of random numbers of a whole period to those of each tick.
 
     .. pydrake_system::
 
@@ -182,33 +190,33 @@ class TickByTick(FleetSystem):
         - random
 
     Args:
-        num_vehicles: N.
-        stream: that goes out.
-        period: of what comes in, s.
+        num_vehicles: number N of vehicles.
+        stream: stream of the output.
+        period: period of the input, s.
     """
 
     def declare(self, *, stream: Stream, period: float) -> None:
-        """Declare the system."""
+        """Declare the ports."""
         count = round(period / stream.period)
-        whole, one = (Layout(tuple, (ROW,) * rows, rows) for rows in (count * stream.num_rows, stream.num_rows))
-        numbers = self.input("numbers", layout=whole)
-        self.output("random", of_this_tick, numbers, count, TickOf(stream.period), layout=one)
+        of_period, of_tick = (Layout(tuple, (ROW,) * rows, rows) for rows in (count * stream.num_rows, stream.num_rows))
+        numbers = self.input("numbers", layout=of_period)
+        self.output("random", numbers_of_tick, numbers, count, TickOf(stream.period), layout=of_tick)
 
 
 def export_noise(builder: DiagramBuilder, ports: Mapping[Stream, Any], exported: Exported, num_vehicles: int) -> None:
-    """Make the numbers of random input ports input ports of the diagram, called `random.` and after their streams."""
+    """Export random input ports as input ports of the diagram, named by `random.` and the name of the stream."""
     for stream, port in ports.items():
         system = TickByTick(num_vehicles=num_vehicles, stream=stream, period=exported.period)
         builder.Connect(builder.AddNamedSystem(f"random_{stream.name}", system).get_output_port(), port)
-        builder.ExportInput(system.get_input_port(), f"{EXPORTED}{stream.name}")
+        builder.ExportInput(system.get_input_port(), f"{EXPORTED_PREFIX}{stream.name}")
 
 
 def connect_random_sources(builder: DiagramBuilder, ports: Mapping[Stream, Any]) -> None:
     """Connect random input ports to Drake's random sources, which are added to the builder.
 
     Args:
-        builder: which has the ports' systems.
-        ports: for each stream.
+        builder: builder with the systems of the ports.
+        ports: random input port of each stream.
     """
     for stream, port in ports.items():
         source = RandomSource(stream.distribution, port.size(), stream.period)

@@ -1,66 +1,70 @@
-"""NumPy's SeedSequence for many children at once.
+"""NumPy's SeedSequence for arrays of samples.
 
-`numpy.random.SeedSequence(entropy, spawn_key=(sample, kind))` for thousands of samples took 12 µs each, which counts
-beside flights of three milliseconds. This is its algorithm, which is M. E. O'Neill's seed_seq_fe ("Developing a
-seed_seq alternative", 2015), on arrays; a test compares the two.
+Simulating a flight takes three milliseconds, so 12 µs for each `numpy.random.SeedSequence` would be noticeable. This
+module implements the algorithm of SeedSequence, which is M. E. O'Neill's seed_seq_fe ("Developing a seed_seq
+alternative", 2015), on arrays. A test compares both.
 """
 
 from typing import Any
 
 import numpy as np
 
-_INIT_A, _MULT_A = 0x43B0D7E5, 0x931E8875
-_INIT_B, _MULT_B = 0x8B51F9DD, 0x58F38DED
-_MIX_L, _MIX_R = np.uint32(0xCA01F9DD), np.uint32(0x4973F715)
-_SHIFT = np.uint32(16)
-_POOL = 4
-_MASK = 0xFFFFFFFF
+# Constants of seed_seq_fe, with the names of NumPy's implementation.
+_INIT_A = 0x43B0D7E5
+_MULT_A = 0x931E8875
+_INIT_B = 0x8B51F9DD
+_MULT_B = 0x58F38DED
+_MIX_MULT_L = np.uint32(0xCA01F9DD)
+_MIX_MULT_R = np.uint32(0x4973F715)
+_XSHIFT = np.uint32(16)
+_POOL_SIZE = 4
+_MASK_32 = 0xFFFFFFFF
 
 
 class _Hash:
-    """Scrambles words with a constant that moves on with each."""
+    """Hash function of 32-bit words, whose constant changes with every call."""
 
     def __init__(self, constant: int, factor: int) -> None:
         self._constant, self._factor = constant, factor
 
     def __call__(self, words: np.ndarray) -> np.ndarray:
         words = words ^ np.uint32(self._constant)
-        self._constant = self._constant * self._factor & _MASK
+        self._constant = self._constant * self._factor & _MASK_32
         words = words * np.uint32(self._constant)
-        return words ^ (words >> _SHIFT)
+        return words ^ (words >> _XSHIFT)
 
 
 def child_words(entropy: int | np.ndarray, samples: np.ndarray, kind: int) -> np.ndarray:
     """Return the (n,) first 64 bits of `SeedSequence(entropy, spawn_key=(sample, kind))` for each sample.
 
     Args:
-        entropy: at least 0; or (n,) numbers below 2⁶³, one for each sample.
-        samples: (n,) numbers from 0 to 2³² - 1.
-        kind: a number from 0 to 2³² - 1.
+        entropy: entropy, at least 0, or (n,) numbers below 2⁶³, one for each sample.
+        samples: (n,) indices of samples, from 0 to 2³² - 1.
+        kind: kind of random numbers, from 0 to 2³² - 1.
     """
     words = [np.broadcast_to(word, len(samples)).astype(np.uint32) for word in _words(entropy)]
     words += [samples.astype(np.uint32), np.full(len(samples), kind, dtype=np.uint32)]
-    scramble = _Hash(_INIT_A, _MULT_A)
-    pool = [scramble(word) for word in words[:_POOL]]
-    for source in range(_POOL):
-        for target in range(_POOL):
+    hash_a = _Hash(_INIT_A, _MULT_A)
+    pool = [hash_a(word) for word in words[:_POOL_SIZE]]
+    for source in range(_POOL_SIZE):
+        for target in range(_POOL_SIZE):
             if source != target:
-                pool[target] = _mixed(pool[target], scramble(pool[source]))
-    for word in words[_POOL:]:
-        pool = [_mixed(each, scramble(word)) for each in pool]
-    finish = _Hash(_INIT_B, _MULT_B)
-    low, high = (finish(each).astype(np.uint64) for each in pool[:2])
+                pool[target] = _mix(pool[target], hash_a(pool[source]))
+    for word in words[_POOL_SIZE:]:
+        pool = [_mix(each, hash_a(word)) for each in pool]
+    hash_b = _Hash(_INIT_B, _MULT_B)
+    low, high = (hash_b(each).astype(np.uint64) for each in pool[:2])
     return low | (high << np.uint64(32))
 
 
 def _words(entropy: int | np.ndarray) -> list[Any]:
-    """Return the 32-bit words of a number, or of each, the lowest first, and zeros up to the size of the pool."""
-    words = [entropy & _MASK]
+    """Return the 32-bit words of a number or of an array of numbers, lowest first, padded with zeros."""
+    words = [entropy & _MASK_32]
     while np.any(entropy := entropy >> 32):
-        words.append(entropy & _MASK)
-    return words + [0] * (_POOL - len(words))
+        words.append(entropy & _MASK_32)
+    return words + [0] * (_POOL_SIZE - len(words))
 
 
-def _mixed(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    result: np.ndarray = _MIX_L * x - _MIX_R * y
-    return result ^ (result >> _SHIFT)
+def _mix(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    result: np.ndarray = _MIX_MULT_L * x - _MIX_MULT_R * y
+    return result ^ (result >> _XSHIFT)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from drake_quad.errors import InputError
-from drake_quad.extras import needed
+from drake_quad.extras import import_extra
 from drake_quad.files import write_table
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import PolynomialPath, knots, refined
@@ -94,7 +94,7 @@ def minsnap_trajectory(plan: Plan) -> Any:
     Raises:
         ImportError: if minsnap-trajectories, which the extra `minsnap` contains, is not installed.
     """
-    minsnap, path = needed("minsnap_trajectories", "minsnap"), plan.path
+    minsnap, path = import_extra("minsnap_trajectories", "minsnap"), plan.path
     scale = path.durations[:, np.newaxis, np.newaxis] ** -np.arange(path.coefficients.shape[1])[:, np.newaxis]
     return minsnap.PiecewisePolynomialTrajectory(path.times, path.durations, path.coefficients * scale)
 
@@ -107,7 +107,7 @@ def minsnap_waypoints(plan: Plan) -> list[Any]:
     Raises:
         ImportError: if minsnap-trajectories, which the extra `minsnap` contains, is not installed.
     """
-    minsnap = needed("minsnap_trajectories", "minsnap")
+    minsnap = import_extra("minsnap_trajectories", "minsnap")
     return [
         minsnap.Waypoint(float(time), *derivatives)
         for time, derivatives in zip(plan.path.times, knots(plan.path, 4), strict=True)

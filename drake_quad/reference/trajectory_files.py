@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drake_quad.files import output_folder, write_table, write_whole
+from drake_quad.files import output_folder, write_atomically, write_table
 from drake_quad.reference.pieces import save_pieces
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, hermite_path, knots
@@ -57,7 +57,7 @@ def save_plan(plan: Plan, folder: Path | str, *, name: str, period: float = 0.02
 
     return [
         write_table(target / "trajectory.csv", dict(zip(_COLUMNS, table, strict=True)), digits=9),
-        write_whole(target / "trajectory.yaml", write_yaml),
+        write_atomically(target / "trajectory.yaml", write_yaml),
         save_pieces(plan, target / _PIECES_FILE),
     ]
 

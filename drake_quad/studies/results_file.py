@@ -14,7 +14,7 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 
 from drake_quad.errors import InputError
-from drake_quad.files import write_whole
+from drake_quad.files import write_atomically
 
 try:
     import fcntl
@@ -157,7 +157,7 @@ def write_results(path: Path, form: Format, rows: np.ndarray) -> Path:
     def write(target: Path) -> None:
         target.write_bytes(form.header + form.text(rows))
 
-    return write_whole(path, write)
+    return write_atomically(path, write)
 
 
 def _lock(file: BinaryIO, path: Path) -> None:

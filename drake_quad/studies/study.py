@@ -12,8 +12,8 @@ from ruamel.yaml.error import YAMLError
 
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError, listed
-from drake_quad.extras import needed
-from drake_quad.files import read_table, write_whole
+from drake_quad.extras import import_extra
+from drake_quad.files import read_table, write_atomically
 from drake_quad.flight.remarks import flight_remarks
 from drake_quad.laboratory.metrics import UNITS, Metrics
 from drake_quad.scenario.batch import Batch
@@ -130,7 +130,7 @@ class Study:
         Raises:
             ImportError: pandas is not installed; the extra `tables` has it.
         """
-        pandas = needed("pandas", "tables")
+        pandas = import_extra("pandas", "tables")
         columns = {**self.parameters, **self.metrics._asdict(), "crashed": self.metrics.crashed}
         columns["crash_time"] = np.where(self.metrics.crashed, self.metrics.crash_time, np.nan)
         if self.touched is not None:
@@ -156,9 +156,9 @@ class Study:
             ImportError: pandas or pyarrow is not installed; the extra `tables` has them.
             OSError: the file cannot be written.
         """
-        needed("pyarrow", "tables")
+        import_extra("pyarrow", "tables")
         frame = self.to_frame()
-        return write_whole(Path(path), lambda target: frame.to_parquet(target, engine="pyarrow"))
+        return write_atomically(Path(path), lambda target: frame.to_parquet(target, engine="pyarrow"))
 
 
 def columns_of(scenario: Scenario) -> list[str]:

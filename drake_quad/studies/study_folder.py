@@ -9,7 +9,7 @@ import numpy as np
 
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError
-from drake_quad.files import output_folder, write_table, write_whole
+from drake_quad.files import output_folder, write_atomically, write_table
 from drake_quad.scenario.files.loading import load_scenario
 from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.models import Scenario
@@ -147,8 +147,8 @@ def open_study(
         record = _gone_on_with(folder, scenario, record, resume=resume)
     else:
         _check_vacant(folder, scenario)
-        write_whole(folder / SCENARIO, lambda path: save_scenario(scenario, path))
-        write_whole(folder / STUDY, record.write)
+        write_atomically(folder / SCENARIO, lambda path: save_scenario(scenario, path))
+        write_atomically(folder / STUDY, record.write)
     with open_results(folder / RESULTS, form) as (file, whole):
         found = fitting(scenario, whole)
         if len(found.rows) and found.rows[:, 0].max() >= num_samples:
@@ -156,7 +156,7 @@ def open_study(
                 f"{folder / RESULTS} holds sample {found.rows[:, 0].max():.0f} already, but the study is to have only"
                 f" {num_samples} samples"
             )
-        write_whole(folder / STUDY, record.write)
+        write_atomically(folder / STUDY, record.write)
         (folder / PARQUET).unlink(missing_ok=True)  # of a study that had fewer rows
         rows = StudyRows(scenario, num_samples, duration, found=found, file=file)
         yield rows

@@ -12,7 +12,7 @@ attitude includes them. Translation follows the same equations as for a `Quadrot
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from drake_quad.framework.elementary import wrapped
+from drake_quad.framework.elementary import wrap_angle
 from drake_quad.framework.fleet_system import TIME, AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.geometry.axes import BodyAxes
 from drake_quad.geometry.kinematics import angular_acceleration, small_rotation
@@ -188,7 +188,7 @@ def body_slope(
         body_accelerations.v_z,
         _angle_acceleration(target.roll - body.roll, body.roll_rate, frequency.roll, damping.roll),
         _angle_acceleration(target.pitch - body.pitch, body.pitch_rate, frequency.pitch, damping.pitch),
-        _angle_acceleration(wrapped(target.yaw - body.yaw), body.yaw_rate, frequency.yaw, damping.yaw),
+        _angle_acceleration(wrap_angle(target.yaw - body.yaw), body.yaw_rate, frequency.yaw, damping.yaw),
     )
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from drake_quad.files import write_whole
+from drake_quad.files import write_atomically
 
 # Matplotlib takes half a second to load, which whoever wants only a colour, or a `Vector`, does not wait for.
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ def save_figures(figures: Mapping[str, "Figure"], folder: Path, *, vector: Vecto
     files = []
     for name, figure in figures.items():
         with styled():
-            files.append(write_whole(folder / f"{name}.png", figure.savefig))
+            files.append(write_atomically(folder / f"{name}.png", figure.savefig))
         if vector is not None:
             files.append(save_vector(figure, folder / f"{name}.{vector}", vector))
     return files
@@ -101,4 +101,4 @@ def save_figures(figures: Mapping[str, "Figure"], folder: Path, *, vector: Vecto
 def save_vector(figure: "Figure", path: Path, kind: Vector) -> Path:
     """Writes a figure as PDF or SVG, with the same bytes each time, and returns the path."""
     with styled():
-        return write_whole(path, lambda target: figure.savefig(target, format=kind, metadata=_UNDATED[kind]))
+        return write_atomically(path, lambda target: figure.savefig(target, format=kind, metadata=_UNDATED[kind]))

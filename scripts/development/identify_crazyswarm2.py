@@ -20,7 +20,7 @@ import scipy
 from drake_quad import InputError
 from drake_quad.command_line.options import bare_parser
 from drake_quad.command_line.output import print_columns, print_files
-from drake_quad.files import output_folder, write_whole
+from drake_quad.files import output_folder, write_atomically
 from drake_quad.identification.flown_again.estimator import VelocityEstimate, linear_drag, velocity_estimate
 from drake_quad.identification.identify import identify
 from drake_quad.identification.logs.reading import read_log
@@ -92,7 +92,7 @@ def main() -> None:
     def write(path: Path) -> None:
         path.write_text(before + _BEGINNING_OF_VEHICLES + _HEAD + "".join(parts), encoding="utf-8")
 
-    print_files([write_whole(arguments.output, write)])
+    print_files([write_atomically(arguments.output, write)])
 
 
 def vehicle(

@@ -18,7 +18,7 @@ from drake_quad.command_line.options import bare_parser
 from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.design.firmware.crazyflie import MAX_THRUST
 from drake_quad.errors import InputError, shown
-from drake_quad.files import write_whole
+from drake_quad.files import write_atomically
 from drake_quad.identification.flown_again.flown_part import flown_part
 from drake_quad.identification.identify import identify
 from drake_quad.identification.logs.attitudes import rotations
@@ -106,7 +106,7 @@ def main() -> None:
     def write(path: Path) -> None:
         path.write_text(text, encoding="utf-8")
 
-    print_files([write_whole(arguments.output, write)])
+    print_files([write_atomically(arguments.output, write)])
 
 
 def with_commands(record: FlightRecord) -> FlightRecord:

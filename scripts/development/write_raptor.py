@@ -15,8 +15,8 @@ import numpy as np
 
 from drake_quad.command_line.options import bare_parser
 from drake_quad.command_line.output import print_files
-from drake_quad.extras import needed
-from drake_quad.files import output_folder, write_whole
+from drake_quad.extras import import_extra
+from drake_quad.files import output_folder, write_atomically
 
 # Position error, rotation, velocity error, body rates, last action.
 _SCALE = np.repeat([-1.0, 1.0, -1.0, 1.0, 1.0], [3, 9, 3, 3, 4])
@@ -26,8 +26,8 @@ def main() -> None:
     options = bare_parser(__doc__, "python scripts/development/write_raptor.py --output diagrams/policies")
     options.add_argument("--output", default="out/policies", help="folder to write to (default out/policies)")
     folder = output_folder(Path(options.parse_args().output))
-    arrays = network_of(needed("foundation_policy", "test").Raptor())
-    print_files([write_whole(folder / "raptor.npz", lambda path: np.savez(path, **arrays))])
+    arrays = network_of(import_extra("foundation_policy", "test").Raptor())
+    print_files([write_atomically(folder / "raptor.npz", lambda path: np.savez(path, **arrays))])
 
 
 def network_of(raptor: Any) -> dict[str, Any]:

@@ -546,7 +546,7 @@ def test_the_command_for_a_worst_sample_flies_it_again(run, tmp_path):
     command = re.search(r"drake-quad (\S+) (\S+) --sample (\d+)", result.stdout)
     again = run(command[1], command[2], "--sample", command[3], "--output", tmp_path)
     assert again.returncode == 2
-    assert "scenario.yaml would be overwritten, and is no flight's" in again.stderr
+    assert "scenario.yaml does not belong to a flight and would be overwritten" in again.stderr
     assert run(command[1], command[2], "--sample", command[3], "--output", tmp_path / "flight").returncode == 0
     with (tmp_path / "results.csv").open() as file:
         row = next(row for row in csv.DictReader(file) if row["sample"] == command[3])

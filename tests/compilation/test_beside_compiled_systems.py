@@ -1,4 +1,4 @@
-"""Systems that are not compiled fly beside those that are, as they do in a diagram as it is wired."""
+"""Tests of uncompiled systems beside compiled ones, by comparison with the uncompiled diagram."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from pydrake.systems.primitives import Adder, DiscreteTimeDelay, FirstOrderLowPa
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate
 from drake_quad.assembly.user_systems import UserSystems
-from drake_quad.compilation.compile_diagram import compile_diagram, compiled_part, or_stand_in
+from drake_quad.compilation.compile_diagram import as_compilable, compile_diagram, compiled_part
 from drake_quad.compilation.stand_in import StandIn
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
 from drake_quad.fleets.study_fleet import StudyFleet
@@ -22,7 +22,7 @@ from drake_quad.signals import Wind
 
 @pytest.fixture(scope="module")
 def scenario(diagrams):
-    """Half a second of the figure eight, in a steady wind."""
+    """Return half a second of the figure eight in a steady wind."""
     wind = "laboratory.wind=[{kind: steady, velocity: [1.0, -0.5, 0.2]}]"
     return load_scenario(diagrams / "figure_eight.yaml", ["duration=0.5", "vehicle.linear_drag=0.2", wind])
 
@@ -33,7 +33,7 @@ def plan(scenario):
 
 
 class Own(LeafSystem):
-    """A PD for N vehicles, as a user writes it."""
+    """PD for N vehicles, written by a user in plain Python."""
 
     def __init__(self, num_vehicles=1):
         super().__init__()
@@ -43,7 +43,7 @@ class Own(LeafSystem):
         self.DeclareVectorOutputPort("acceleration_command", 3 * num_vehicles, self._show)
 
     def error(self, context):
-        """Of the position, (3 N,)."""
+        """Return the position error, (3 N,)."""
         return (
             self._reference.Eval(context)[: 3 * self._num_vehicles]
             - self._measurement.Eval(context)[: 3 * self._num_vehicles]
@@ -58,7 +58,7 @@ class Own(LeafSystem):
 
 
 class Integrates(Own):
-    """With an integral that grows with a period (s)."""
+    """PD with an integral that is updated with a period, s."""
 
     def __init__(self, num_vehicles=1, period=0.02):
         super().__init__(num_vehicles)
@@ -75,7 +75,7 @@ class Integrates(Own):
 
 
 class Lags(Own):
-    """With a filter in continuous time."""
+    """PD with a filter in continuous time."""
 
     def __init__(self, num_vehicles=1):
         super().__init__(num_vehicles)
@@ -90,7 +90,7 @@ class Lags(Own):
 
 
 class Counts(Own):
-    """With an abstract state, which its unrestricted updates change."""
+    """PD with an abstract state, which unrestricted updates change."""
 
     def __init__(self, num_vehicles=1):
         super().__init__(num_vehicles)
@@ -115,7 +115,7 @@ def every_5_ms(num_vehicles=1):
 
 
 def two_in_series(make_second):
-    """A diagram of a PD and what its command goes through."""
+    """Return a function that builds a diagram of a PD in series with another system."""
 
     def make(num_vehicles=1):
         builder = DiagramBuilder()
@@ -136,7 +136,7 @@ with_a_delay = two_in_series(lambda size: DiscreteTimeDelay(0.01, 2, size))
 
 
 class Cascade(LeafSystem):
-    """A whole control for N vehicles that hover somewhere; an integral in continuous time if asked for."""
+    """Cascade for N hovering vehicles, with an optional integral in continuous time."""
 
     def __init__(self, num_vehicles=1, *, integrates=False):
         super().__init__()
@@ -168,7 +168,7 @@ def integrating_cascade(num_vehicles=1):
 
 
 class Breeze(LeafSystem):
-    """A wind for N vehicles: of the time and the place, and of what it remembers if it has a period (s)."""
+    """Wind for N vehicles that depends on time and position, and with a period (s) also on a state."""
 
     def __init__(self, num_vehicles=1, period=None):
         super().__init__()
@@ -189,7 +189,7 @@ class Breeze(LeafSystem):
         output.SetFromVector(wind + (context.get_discrete_state(self._memory).value() if self._remembers else 0.0))
 
 
-def remembering_breeze(num_vehicles=1):
+def breeze_with_state(num_vehicles=1):
     return Breeze(num_vehicles, 0.02)
 
 
@@ -206,7 +206,7 @@ OWN = {
         with_a_delay,
     ],
     "control": [Cascade, integrating_cascade],
-    "wind": [Breeze, remembering_breeze],
+    "wind": [Breeze, breeze_with_state],
 }
 each = pytest.mark.parametrize(
     ("place", "make"),
@@ -217,7 +217,7 @@ each = pytest.mark.parametrize(
 
 @pytest.mark.slow
 @each
-def test_a_system_of_the_user_s_flies_as_wired(scenario, plan, place, make):
+def test_a_flight_with_a_users_system_is_the_same_compiled_and_uncompiled(scenario, plan, place, make):
     flights = [simulate(scenario, plan=plan, compiled=compiled, **{place: make()}) for compiled in (True, False)]
     assert_flights_alike(*flights)
     assert not np.allclose(flights[0]["wrench"], simulate(scenario, plan=plan)["wrench"], rtol=1e-3)
@@ -225,8 +225,8 @@ def test_a_system_of_the_user_s_flies_as_wired(scenario, plan, place, make):
 
 @pytest.mark.slow
 @each
-def test_a_fleet_flies_with_a_system_of_the_user_s_as_wired(scenario, plan, place, make):
-    """Also when it flies a second time."""
+def test_a_fleet_with_a_users_system_flies_the_same_compiled_and_uncompiled(scenario, plan, place, make):
+    """The second flight of the fleet is the same, too."""
     own = UserSystems(**{place: make})
     fleets = [StudyFleet(scenario, plan, 5, own=own, compiled=compiled) for compiled in (True, False)]
     for samples in (range(5), [7, 8]):
@@ -234,8 +234,8 @@ def test_a_fleet_flies_with_a_system_of_the_user_s_as_wired(scenario, plan, plac
 
 
 @pytest.mark.slow
-def test_a_system_without_memory_is_shown_in_a_diagram_that_is_built(scenario, plan):
-    """It belongs to that diagram, and both can be flown."""
+def test_a_stateless_system_can_have_a_stand_in_in_a_built_diagram(scenario, plan):
+    """The system belongs to the built diagram, and both diagrams can be simulated."""
     wired = build_tracking_diagram(scenario, position_controller=Own(), wind=Breeze(), plan=plan)
     compiled = compile_diagram(wired)
     shown = [system for system in compiled.GetSystems() if isinstance(system, StandIn)]
@@ -250,7 +250,7 @@ def test_a_system_without_memory_is_shown_in_a_diagram_that_is_built(scenario, p
 
 
 @pytest.mark.parametrize("make", [Integrates, Lags, with_a_filter])
-def test_a_system_that_remembers_is_not_shown_in_a_diagram_that_is_built(scenario, plan, make):
+def test_a_system_with_a_state_cannot_have_a_stand_in_in_a_built_diagram(scenario, plan, make):
     wired = build_tracking_diagram(scenario, position_controller=make(), plan=plan)
     with pytest.raises(
         InputError, match=r"^control\.position.*, a \w+, cannot be compiled: only .*a state of its own$"
@@ -259,28 +259,28 @@ def test_a_system_that_remembers_is_not_shown_in_a_diagram_that_is_built(scenari
 
 
 @pytest.mark.slow
-def test_what_can_be_compiled_needs_no_stand_in(scenario, plan):
-    """In the compiled diagram it is part of the compiled system."""
+def test_a_system_that_can_be_compiled_needs_no_stand_in(scenario, plan):
+    """It is part of the compiled system."""
     gains = PdGains(PerAxis(2.0, 2.0, 6.0), PerAxis(2.0, 2.0, 3.5))
     pd = build_position_controller(ProportionalDerivative(numbers=gains))
-    assert or_stand_in(pd) is pd
+    assert as_compilable(pd) is pd
     compiled = compile_diagram(build_tracking_diagram(scenario, position_controller=pd, plan=plan), ticks=10)
     assert list(compiled.GetSystems()) == [compiled_part(compiled)]
 
 
 @pytest.mark.slow
-def test_what_cannot_be_compiled_is_itself_again_in_the_compiled_diagram(scenario, plan):
-    """One system in it that cannot be is enough."""
+def test_a_compiled_diagram_contains_the_system_of_a_stand_in(scenario, plan):
+    """A diagram gets a stand-in if one of its systems cannot be compiled."""
     for make in (Own, with_a_filter):
         own = make()
-        shown = or_stand_in(own)
+        shown = as_compilable(own)
         assert isinstance(shown, StandIn)
         compiled = compile_diagram(build_tracking_diagram(scenario, position_controller=shown, plan=plan), ticks=10)
         assert own in list(compiled.GetSystems())
 
 
-def test_a_stand_in_shows_what_its_system_shows():
-    """For inputs that change, at any time."""
+def test_a_stand_in_has_the_outputs_of_its_system():
+    """The inputs change, and the outputs are compared at several times."""
     own = Own(2)
     shown = StandIn(own)
     contexts = [system.CreateDefaultContext() for system in (own, shown)]
@@ -297,7 +297,7 @@ def test_a_stand_in_shows_what_its_system_shows():
 
 
 class Scales(LeafSystem):
-    """Two rows in, two rows out, times the time."""
+    """System with two rows of output: the input times the time."""
 
     def __init__(self, size):
         super().__init__()
@@ -309,8 +309,8 @@ class Scales(LeafSystem):
         self.DeclareVectorOutputPort("scaled", size, show)
 
 
-def hand_in_hand():
-    """Of a compiled hold and systems that are not, each of which sees others, the hold and inputs of the diagram."""
+def mixed_diagram():
+    """Return a diagram of a hold and uncompiled systems, connected to each other and to inputs of the diagram."""
     builder = DiagramBuilder()
     n = 2
     hold = builder.AddNamedSystem("hold", ZeroOrderHold(0.02, 3 * n))
@@ -335,8 +335,8 @@ def hand_in_hand():
 
 
 @pytest.mark.parametrize("ticks", [None, 3])
-def test_systems_that_are_not_compiled_see_each_other_and_inputs_of_the_diagram(ticks):
-    diagrams = [hand_in_hand(), compile_diagram(hand_in_hand(), ticks=ticks)]
+def test_uncompiled_systems_can_be_connected_to_each_other_and_to_inputs_of_the_diagram(ticks):
+    diagrams = [mixed_diagram(), compile_diagram(mixed_diagram(), ticks=ticks)]
     simulators = [Simulator(diagram) for diagram in diagrams]
     for diagram, simulator in zip(diagrams, simulators, strict=True):
         assert [diagram.get_input_port(i).get_name() for i in range(3)] == ["v", "u", "w"]
@@ -350,8 +350,8 @@ def test_systems_that_are_not_compiled_see_each_other_and_inputs_of_the_diagram(
             assert_alike(found, expected, f"{name} at {time} s")
 
 
-def test_an_input_that_is_needed_and_not_there_is_named():
-    compiled = compile_diagram(hand_in_hand())
+def test_a_missing_input_is_named():
+    compiled = compile_diagram(mixed_diagram())
     context = compiled.CreateDefaultContext()
     for name in "uv":
         compiled.GetInputPort(name).FixValue(context, np.zeros(6))

@@ -1,4 +1,4 @@
-"""Drake's own systems, and what a FleetSystem can declare, compiled: they hold and compute what they do wired."""
+"""Tests of all declarations and of Drake's own systems in compiled diagrams, by comparison with uncompiled ones."""
 
 import re
 from typing import NamedTuple
@@ -45,38 +45,38 @@ def counted(memory, seen, by, time, tick):
     return Pair(memory.a + by * seen.a + time, seen.b + tick.pair + where(tick.second, 0.5, 0.0))
 
 
-def begun(memory, by, time):
+def initial(memory, by, time):
     return Pair(memory.a + exp(by), memory.b + time + 1.0)
 
 
-def mixed(memory, seen, by):
+def updated_pair(memory, seen, by):
     return Pair(memory.a - seen.b, by * memory.b)
 
 
-def later(steps, memory):
+def after_tick(steps, memory):
     return Pair(steps.a + 1.0, steps.b + memory.a)
 
 
 @fleet_system(float)
 class Counter(FleetSystem):
-    """Everything that can be declared, with a memory of its input's rows."""
+    """System with every kind of declaration, whose state contains rows of its input."""
 
     def declare(self, *, period=0.02, step=0.01, at_start=False, tick=0.02, numbers=0.25):
         seen = self.input("seen", layout=PAIR, absent=Pair(0.1, 0.2))
         by = self.parameter("by", lambda by: Pair(by, 2.0 * by))
         memory = self.state("memory", lambda by: Pair(by, 1.0))
         steps = self.state("steps", lambda _: Pair(0.0, 0.5))
-        self.initialize(lambda memory, by, time: begun(memory, by.a, time), memory, by, TIME, writes=[memory])
+        self.initialize(lambda memory, by, time: initial(memory, by.a, time), memory, by, TIME, writes=[memory])
         reads = memory, seen, by, TIME, TickOf(tick)
         self.update(period, lambda m, seen, by, *at: counted(m, seen, by.b, *at), *reads, writes=[memory])
-        self.update(step, later, steps, memory, writes=[steps], unrestricted=True, at_start=at_start)
-        self.output("mixed", lambda m, s, by: mixed(m, s, by.a), memory, seen, by, layout=PAIR)
+        self.update(step, after_tick, steps, memory, writes=[steps], unrestricted=True, at_start=at_start)
+        self.output("mixed", lambda m, s, by: updated_pair(m, s, by.a), memory, seen, by, layout=PAIR)
         self.state_output(memory)
         self.state_output(steps)
 
 
-def wired_and_compiled(connect, **options):
-    """A diagram that a function makes of a builder, as it is wired and compiled."""
+def uncompiled_and_compiled(connect, **options):
+    """Return the signals of an uncompiled and of a compiled diagram, given a function that fills a builder."""
     builder = DiagramBuilder()
     for name, port in connect(builder).items():
         builder.ExportOutput(port, name)
@@ -100,7 +100,7 @@ def assert_same_ports(wired, compiled, times=(0.0, 0.007, 0.01, 0.02, 0.033, 0.0
 
 
 def counters(builder, n, **structure):
-    """Two counters that see each other, the second by a hold; exported."""
+    """Connect two counters in a loop with a hold, and return the exported ports."""
     one = builder.AddNamedSystem("one", Counter(num_vehicles=n, **structure))
     two = builder.AddNamedSystem("two", Counter(num_vehicles=n, numbers=0.5 + np.arange(n) if n > 1 else 0.7))
     hold = builder.AddNamedSystem("hold", ZeroOrderHold(0.04, 2 * n))
@@ -119,17 +119,19 @@ STRUCTURES = [{}, {"at_start": True}, {"period": 0.03, "tick": 0.03}, {"step": 0
 
 @pytest.mark.parametrize("structure", STRUCTURES)
 @pytest.mark.parametrize("n", [1, 3])
-def test_all_that_can_be_declared_is_compiled(n, structure):
-    """Ticks, the time, initial updates, unrestricted ones that do or do not begin at zero."""
-    assert_same_ports(*wired_and_compiled(lambda builder: counters(builder, n, **structure)))
+def test_every_kind_of_declaration_can_be_compiled(n, structure):
+    """The systems have ticks, the time, initial updates, and unrestricted updates with and without time zero."""
+    assert_same_ports(*uncompiled_and_compiled(lambda builder: counters(builder, n, **structure)))
 
 
 @pytest.mark.parametrize("structure", STRUCTURES)
-def test_ticks_at_once_are_those_that_come_one_by_one(structure):
-    """Also where an unrestricted update is done at time zero, before anything else."""
+def test_events_of_several_ticks_give_the_results_of_single_ticks(structure):
+    """Some structures have an unrestricted update at time zero, before all other updates."""
     logs = []
     for ticks in (None, 5):
-        _, compiled = wired_and_compiled(lambda builder: counters(builder, 3, **structure), ticks=ticks, record=True)
+        _, compiled = uncompiled_and_compiled(
+            lambda builder: counters(builder, 3, **structure), ticks=ticks, record=True
+        )
         simulator = Simulator(compiled)
         part = compiled_part(compiled)
         simulator.AdvanceTo(10.5 * part.tick)
@@ -140,16 +142,16 @@ def test_ticks_at_once_are_those_that_come_one_by_one(structure):
 
 
 @pytest.mark.parametrize("tick", [0.005, 0.015, 0.01, 0.04])
-def test_ticks_may_be_of_any_period(tick):
-    """Also of one that nothing else has, shorter or longer."""
-    assert_same_ports(*wired_and_compiled(lambda builder: counters(builder, 2, tick=tick)))
+def test_ticks_can_have_any_period(tick):
+    """The period differs from that of all events, and is shorter or longer."""
+    assert_same_ports(*uncompiled_and_compiled(lambda builder: counters(builder, 2, tick=tick)))
 
 
 TRAJECTORY = PiecewisePolynomial.FirstOrderHold([0.0, 0.05, 0.1], [[0.0, 1.0, 0.5], [2.0, 1.0, 3.0]])
 
 
-def natives(builder, n):
-    """Every one of Drake's own systems that is known, around a counter."""
+def drake_systems(builder, n):
+    """Connect all supported systems of Drake to a counter."""
     counter = builder.AddNamedSystem("counter", Counter(num_vehicles=n))
     memory, steps = counter.GetOutputPort("memory"), counter.GetOutputPort("steps")
     constant = builder.AddNamedSystem("constant", ConstantVectorSource(np.arange(2.0 * n) - 1.0))
@@ -181,15 +183,15 @@ def natives(builder, n):
 
 
 @pytest.mark.parametrize("n", [1, 3])
-def test_drake_s_own_systems_are_compiled(n):
-    wired, compiled = wired_and_compiled(lambda builder: natives(builder, n))
+def test_drakes_own_systems_are_compiled(n):
+    wired, compiled = uncompiled_and_compiled(lambda builder: drake_systems(builder, n))
     assert list(compiled.GetSystems()) == [compiled_part(compiled)]
     assert_same_ports(wired, compiled)
 
 
 def refused(connect):
     with pytest.raises(InputError) as caught:
-        wired_and_compiled(connect, record=True)
+        uncompiled_and_compiled(connect, record=True)
     return str(caught.value)
 
 
@@ -203,7 +205,7 @@ def test_a_gain_that_differs_from_vehicle_to_vehicle_is_refused():
     assert refused(connect) == "gain cannot be compiled: its gain differs from vehicle to vehicle"
 
 
-def test_a_hold_that_begins_later_is_refused():
+def test_a_hold_with_an_offset_is_refused():
     def connect(builder):
         counter = builder.AddNamedSystem("counter", Counter())
         hold = builder.AddNamedSystem("hold", ZeroOrderHold(0.02, 2, 0.005))
@@ -213,18 +215,18 @@ def test_a_hold_that_begins_later_is_refused():
     assert refused(connect).startswith("hold, a ZeroOrderHold, cannot be compiled: ")
 
 
-def test_a_vehicle_that_is_taken_out_of_its_fleet_is_refused():
+def test_an_output_with_some_vehicles_only_is_refused():
     def connect(builder):
         counter = builder.AddNamedSystem("counter", Counter(num_vehicles=2))
         parts = builder.AddNamedSystem("parts", Demultiplexer(4, 1))
         builder.Connect(counter.GetOutputPort("memory"), parts.get_input_port())
         return {"first": parts.get_output_port(0)}
 
-    assert refused(connect) == "parts cannot be compiled: it takes the vehicles of a fleet apart"
+    assert refused(connect) == "parts cannot be compiled: an output has only some vehicles of the fleet"
 
 
-class Speaks(LeafSystem):
-    """Of its ports one holds a vector, and one a text."""
+class HasTextPort(LeafSystem):
+    """System with a vector-valued port and a port for text."""
 
     def __init__(self):
         super().__init__()
@@ -232,18 +234,20 @@ class Speaks(LeafSystem):
         self.DeclareAbstractOutputPort("text", lambda: AbstractValue.Make(""), lambda context, output: None)
 
 
-@pytest.mark.parametrize("make", [lambda: ConstantValueSource(AbstractValue.Make("")), Speaks], ids=["all", "some"])
-def test_what_holds_no_vector_is_refused(make):
+@pytest.mark.parametrize(
+    "make", [lambda: ConstantValueSource(AbstractValue.Make("")), HasTextPort], ids=["all", "some"]
+)
+def test_a_port_that_is_not_vector_valued_is_refused(make):
     def connect(builder):
         builder.AddNamedSystem("counter", Counter())
         return {"text": builder.AddNamedSystem("text", make()).get_output_port(0)}
 
-    assert re.match(r"text, a \w+, cannot be compiled, nor stand beside compiled systems: ", refused(connect))
+    assert re.match(r"text, a \w+, cannot be compiled or combined with compiled systems: ", refused(connect))
 
 
 @fleet_system(float)
 class Publishes(FleetSystem):
-    """It has a state that changes in an event of Drake's own."""
+    """System whose state changes in an event that is declared by a method of Drake."""
 
     def declare(self, when):
         self.memory = self.state("memory", lambda _: Pair(1.0, 2.0))
@@ -256,18 +260,18 @@ class Publishes(FleetSystem):
             self.DeclareInitializationDiscreteUpdateEvent(self.change)
 
     def change(self, context, values):
-        """Adds one."""
+        """Add one to the state."""
         values.get_mutable_vector(0).SetFromVector(context.get_discrete_state(0).CopyToVector() + 1.0)
 
 
 @pytest.mark.parametrize("when", ["Periodic", "PerStep", "Initialization"])
-def test_what_declares_an_event_by_a_method_of_drake_s_is_refused(when):
+def test_a_system_with_an_event_of_drakes_own_methods_is_refused(when):
     def connect(builder):
         builder.AddNamedSystem("counter", Counter())
         return {"memory": builder.AddNamedSystem("own", Publishes(when=when)).get_output_port()}
 
     assert refused(connect).startswith(
-        "own, a Publishes, cannot be compiled: it declares ports, states or events by Drake's own methods; and it "
+        "own, a Publishes, cannot be compiled: it declares ports, states or events by Drake's own methods. It "
     )
 
 
@@ -280,7 +284,7 @@ def test_what_declares_an_event_by_a_method_of_drake_s_is_refused(when):
     ],
     ids=["input", "parameter", "output"],
 )
-def test_what_is_not_made_for_the_fleet_is_refused(make, what):
+def test_a_system_for_another_number_of_vehicles_is_refused(make, what):
     def connect(builder):
         builder.AddNamedSystem("counter", Counter(num_vehicles=2))
         passed = builder.AddNamedSystem("passed", PassThrough(3))
@@ -291,15 +295,15 @@ def test_what_is_not_made_for_the_fleet_is_refused(make, what):
             builder.Connect(port, passed.get_input_port())
         return {"passed": passed.get_output_port()}
 
-    assert refused(connect) == f"{what} cannot be compiled: it has 3 elements, no multiple of 2 vehicles"
+    assert refused(connect) == f"{what} cannot be compiled: it has 3 elements, not a multiple of 2 vehicles"
 
 
-def test_a_diagram_in_which_nothing_happens_is_refused():
+def test_a_diagram_without_periodic_events_is_refused():
     def connect(builder):
         wind = builder.AddNamedSystem("steady", SteadyWind(numbers=Wind(1.0, 2.0, 3.0)))
         return {"wind": wind.get_output_port()}
 
-    assert refused(connect) == "small cannot be compiled: nothing happens in it"
+    assert refused(connect) == "small cannot be compiled: it has no periodic events"
 
 
 def test_fleets_of_several_sizes_or_none_are_refused():
@@ -312,15 +316,15 @@ def test_fleets_of_several_sizes_or_none_are_refused():
     def none(builder):
         return {"value": builder.AddNamedSystem("constant", ConstantVectorSource([1.0])).get_output_port()}
 
-    assert refused(two) == "small cannot be compiled: its systems are made for [2, 3] vehicles"
-    assert refused(none) == "small cannot be compiled: none of its systems is made for a fleet"
+    assert refused(two) == "small cannot be compiled: its systems have different numbers of vehicles: [2, 3]"
+    assert refused(none) == "small cannot be compiled: it contains no FleetSystem"
 
 
 @pytest.mark.parametrize(
     ("period", "sentence"),
     [
-        (0.015, "hold cannot be compiled: its period, 0.015 s, is no multiple of 0.01 s"),
-        (0.67, "small cannot be compiled: its periods come together only every 1.34 s"),
+        (0.015, "hold cannot be compiled: its period, 0.015 s, is not a multiple of 0.01 s"),
+        (0.67, "small cannot be compiled: the least common multiple of its periods is too long, 1.34 s"),
     ],
 )
 def test_periods_that_do_not_fit_together_are_refused(period, sentence):
@@ -333,6 +337,8 @@ def test_periods_that_do_not_fit_together_are_refused(period, sentence):
     assert refused(connect) == sentence
 
 
-def test_a_tick_that_nothing_has_is_refused():
-    with pytest.raises(InputError, match=r"^small cannot be compiled: nothing happens in it every 0.03 s$"):
-        wired_and_compiled(lambda builder: counters(builder, 1), tick=0.03)
+def test_a_tick_that_does_not_fit_the_periods_is_refused():
+    with pytest.raises(
+        InputError, match=r"^small cannot be compiled with ticks of 0.03 s, which do not fit its periods$"
+    ):
+        uncompiled_and_compiled(lambda builder: counters(builder, 1), tick=0.03)

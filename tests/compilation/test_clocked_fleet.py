@@ -1,4 +1,4 @@
-"""Fleets whose vehicles begin anew, each at its own time, beside flights under Drake's simulator."""
+"""Tests of fleets whose vehicles restart at different times, by comparison with Drake's simulator."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from pydrake.systems.framework import LeafSystem
 from drake_quad import load_scenario
 from drake_quad.assembly.tracking import build_fleet_diagram
 from drake_quad.assembly.user_systems import UserSystems
-from drake_quad.compilation.clocked_fleet import Beginning, ClockedFleet
+from drake_quad.compilation.clocked_fleet import ClockedFleet, Initializer
 from drake_quad.errors import InputError
 from drake_quad.flight.mission import plan_route
 from drake_quad.flight.simulation import simulate
@@ -15,7 +15,7 @@ from drake_quad.framework.machine_code import LANES
 from drake_quad.gym.task import task_of
 from drake_quad.scenario.batch import Batch
 
-SHOWN = ("state", "measurement", "reference")
+OUTPUTS = ("state", "measurement", "reference")
 
 
 @pytest.fixture
@@ -23,80 +23,80 @@ def windy(diagrams):
     return load_scenario(diagrams / "robustness.yaml", {"duration": 2.0})
 
 
-def placed(fleet, diagram, vehicles):
-    """Vehicles of the fleet that begin as the first ones of a diagram."""
-    begun = Beginning(diagram, shown=SHOWN).of(diagram.CreateDefaultContext())
-    fleet.place(np.array(vehicles), type(begun)._make(rows[: len(vehicles)] for rows in begun))
+def restart_vehicles(fleet, diagram, vehicles):
+    """Restart vehicles of the fleet with the initial values of the first vehicles of a diagram."""
+    initial = Initializer(diagram, outputs=OUTPUTS).initial_values(diagram.CreateDefaultContext())
+    fleet.restart(np.array(vehicles), type(initial)._make(rows[: len(vehicles)] for rows in initial))
 
 
-def test_vehicles_that_began_at_different_times_fly_as_they_would_alone(windy):
-    """With the scenario's own control, in wind and noise; some begin again while others fly on."""
+def test_vehicles_that_start_at_different_times_fly_as_alone(windy):
+    """The scenario has wind and noise, and some vehicles restart while others continue."""
     n, plan = LANES + 3, plan_route(windy)
     diagrams = [build_fleet_diagram(Batch.draw(windy, range(first, first + n)), plan) for first in (0, 40)]
-    fleet = ClockedFleet(diagrams[0], tick=0.02, num_ticks=60, shown=SHOWN, judge="monitor")
-    placed(fleet, diagrams[0], range(n))
-    late = [1, LANES, n - 1]
+    fleet = ClockedFleet(diagrams[0], tick=0.02, num_ticks=60, outputs=OUTPUTS, monitor="monitor")
+    restart_vehicles(fleet, diagrams[0], range(n))
+    restarted = [1, LANES, n - 1]
     none = np.zeros((n, 0))
-    shown = {name: [] for name in SHOWN}
+    shown = {name: [] for name in OUTPUTS}
     for tick in range(45):
         if tick == 17:
-            placed(fleet, diagrams[1], late)
+            restart_vehicles(fleet, diagrams[1], restarted)
         fleet.advance(none)
-        for name in SHOWN:
-            shown[name].append(fleet.shown(name))
-    assert fleet.clocks[late].tolist() == [28] * 3
+        for name in OUTPUTS:
+            shown[name].append(fleet.outputs(name))
+    assert fleet.clocks[restarted].tolist() == [28] * 3
     assert fleet.clocks[0] == 45
     for vehicle, sample, first, last in [(0, 0, 0, 45), (LANES + 1, LANES + 1, 0, 45), (1, 1, 0, 17)] + [
-        (each, 40 + k, 17, 45) for k, each in enumerate(late)
+        (each, 40 + k, 17, 45) for k, each in enumerate(restarted)
     ]:
         flight = simulate(windy, sample=sample, until=2.0, compiled=False)
-        for name in SHOWN:
+        for name in OUTPUTS:
             found = np.array([rows[vehicle] for rows in shown[name][first:last]])
             np.testing.assert_allclose(found, flight[name][1 : 1 + last - first], rtol=0.0, atol=1e-9)
 
 
-def test_what_the_judge_will_know_is_what_it_knows_a_tick_later(windy):
+def test_the_next_state_of_the_monitor_is_its_state_a_tick_later(windy):
     n, plan = 3, plan_route(windy)
     diagram = build_fleet_diagram(Batch.draw(windy, range(n)), plan)
-    fleet = ClockedFleet(diagram, tick=0.02, num_ticks=60, shown=SHOWN, judge="monitor")
-    placed(fleet, diagram, range(n))
+    fleet = ClockedFleet(diagram, tick=0.02, num_ticks=60, outputs=OUTPUTS, monitor="monitor")
+    restart_vehicles(fleet, diagram, range(n))
     for _ in range(25):
         fleet.advance(np.zeros((n, 0)))
-    sums = fleet.judged("sums")
+    sums = fleet.next_state("sums")
     for vehicle in range(n):
         metrics = simulate(windy, sample=vehicle, until=0.5, compiled=False).metrics
         np.testing.assert_allclose(np.sqrt(sums.error.x[vehicle] / 26), metrics.rmse_x, rtol=1e-9)
-    assert sums.ticks.tolist() == [26.0] * n  # the first and the last among them
-    assert fleet.judged("crash_time").crash_time.tolist() == [np.inf] * n
+    assert sums.ticks.tolist() == [26.0] * n  # including the first and the last vehicle
+    assert fleet.next_state("crash_time").crash_time.tolist() == [np.inf] * n
 
 
 def test_a_clock_stays_at_its_last_tick(windy):
     diagram = build_fleet_diagram(Batch.draw(windy, range(2)), plan_route(windy))
-    fleet = ClockedFleet(diagram, tick=0.02, num_ticks=3, shown=SHOWN, judge="monitor")
-    placed(fleet, diagram, range(2))
+    fleet = ClockedFleet(diagram, tick=0.02, num_ticks=3, outputs=OUTPUTS, monitor="monitor")
+    restart_vehicles(fleet, diagram, range(2))
     for _ in range(5):
         fleet.advance(np.zeros((2, 0)))
     assert fleet.clocks.tolist() == [3, 3]
-    np.testing.assert_allclose(fleet.shown("reference")[0], plan_route(windy).reference().value(0.08).ravel()[:11])
+    np.testing.assert_allclose(fleet.outputs("reference")[0], plan_route(windy).reference().value(0.08).ravel()[:11])
 
 
 class Still(LeafSystem):
-    """A wind in plain Python."""
+    """Wind in plain Python."""
 
     def __init__(self):
         super().__init__()
         self.DeclareVectorOutputPort("wind", 6, lambda context, output: output.SetZero())
 
 
-def test_what_cannot_have_clocks_of_its_own_is_refused(windy):
+def test_diagrams_whose_vehicles_cannot_have_clocks_are_refused(windy):
     def fleet_of(scenario, **own):
         diagram = build_fleet_diagram(Batch.draw(scenario, range(2)), plan_route(scenario), own=UserSystems(**own))
-        return ClockedFleet(diagram, tick=0.02, num_ticks=3, shown=SHOWN, judge="monitor")
+        return ClockedFleet(diagram, tick=0.02, num_ticks=3, outputs=OUTPUTS, monitor="monitor")
 
-    with pytest.raises(InputError, match="laboratory.wind.own.source, a Still, cannot be compiled, so vehicles beside"):
+    with pytest.raises(InputError, match="laboratory.wind.own.source, a Still, cannot be compiled, so vehicles of"):
         fleet_of(windy, wind=Still())
     slow = load_scenario("figure_eight", {"laboratory.motion_capture.period": 0.04})
-    with pytest.raises(InputError, match="less often than every 0.02 s"):
+    with pytest.raises(InputError, match="a period of the diagram is longer than a tick of 0.02 s"):
         fleet_of(slow)
     task = task_of("figure_eight")
     with pytest.raises(InputError, match="control.policy of figure_eight is missing; give the file of a network"):

@@ -1,4 +1,4 @@
-"""Machine code of ticks for vehicles with clocks of their own, made of listings by hand."""
+"""Tests of the machine code of ticks for vehicles with individual clocks, with listings written by hand."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from drake_quad.framework.symbols import Listing
 
 
 def loop_of(n):
-    """x' = x + h (exp(p) x + u), and what is shown is the sum of old x and a number of the table."""
+    """Return the loop of x' = x + h (exp(p) x + u), which logs the sum of the old x and a number of the table."""
     listing = Listing()
     x, p, u = listing.row(STATE, 1), listing.row(PARAMETERS, 0), listing.row(INPUTS, 0)
     step, shown = listing.shared(2), listing.shared(0)
@@ -25,14 +25,14 @@ def by_vehicle(rows, n):
 
 
 def fill(rows, values):
-    """Rows of (N, rows) values, the last one's in the lanes that are left."""
+    """Write (N, rows) values to rows, with those of the last vehicle in the unused lanes."""
     vectors, _, lanes = rows.shape
     padded = np.concatenate([values, np.tile(values[-1:], (vectors * lanes - len(values), 1))])
     rows[...] = padded.reshape(vectors, lanes, -1).transpose(0, 2, 1)
 
 
 @pytest.mark.parametrize("n", [1, 3, LANES, 2 * LANES + 3])
-def test_every_vehicle_takes_the_row_of_its_clock(n):
+def test_every_vehicle_uses_the_row_of_its_clock(n):
     rng = np.random.default_rng(n)
     state, parameters, inputs = rng.normal(size=(n, 2)), rng.normal(size=(n, 1)), rng.normal(size=(n, 1))
     table, clocks = rng.uniform(0.1, 0.5, (9, 3)), rng.integers(0, 6, n)
@@ -54,7 +54,7 @@ def test_every_vehicle_takes_the_row_of_its_clock(n):
         np.testing.assert_allclose(by_vehicle(loop.state, n), state, rtol=1e-13)
 
 
-def test_what_follows_from_parameters_is_computed_where_it_is_prepared():
+def test_results_that_depend_on_parameters_only_are_computed_by_prepare():
     n = 2 * LANES
     loop = loop_of(n)
     fill(loop.state, np.ones((n, 2)))

@@ -1,4 +1,4 @@
-"""A compiled diagram is, at any time, what its diagram is."""
+"""Tests that a compiled diagram has the same state and outputs as the original one at any time."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ from drake_quad.laboratory.wind.wind import build_wind
 
 @pytest.fixture(scope="module")
 def figure_eight(diagrams):
-    """The figure eight and its plan."""
+    """Return the figure eight and its plan."""
     scenario = load_scenario(diagrams / "figure_eight.yaml")
     return scenario, plan_route(scenario)
 
@@ -31,18 +31,18 @@ def wired(figure_eight):
 
 @pytest.fixture(scope="module")
 def compiled(wired):
-    """With events at every instant."""
+    """Return the compiled diagram with events at every instant."""
     return compile_diagram(wired)
 
 
 @pytest.fixture(scope="module")
 def strided(wired):
-    """Ten ticks at a time, recorded."""
+    """Return the compiled diagram with events of ten ticks and a record."""
     return compile_diagram(wired, ticks=10, record=True)
 
 
 def part_of(simulator):
-    """The compiled system of a simulator's diagram, and its context."""
+    """Return the compiled system of a simulator's diagram, and its context."""
     system = compiled_part(simulator.get_system())
     return system, system.GetMyMutableContextFromRoot(simulator.get_mutable_context())
 
@@ -57,8 +57,8 @@ def names_of(diagram):
     return inputs, [diagram.get_output_port(i).get_name() for i in range(diagram.num_output_ports())]
 
 
-def assert_alike_at(wired, compiled, context):
-    """That two simulators are in the same state and show the same; `context` is one of the wired diagram, to use."""
+def assert_equal_at(wired, compiled, context):
+    """Assert that two simulators have equal states and outputs; `context` is a scratch context of the original."""
     diagram = wired.get_system()
     system, part = part_of(compiled)
     context.SetTime(wired.get_context().get_time())
@@ -88,14 +88,14 @@ def test_state_and_ports_are_those_of_the_diagram_at_and_between_all_instants(as
     for step in range(25):
         for simulator in simulators:
             simulator.AdvanceTo(0.005 * step)
-        assert_alike_at(*simulators, context)
+        assert_equal_at(*simulators, context)
     for simulator in simulators:
         simulator.AdvancePendingEvents()
-    assert_alike_at(*simulators, context)
+    assert_equal_at(*simulators, context)
 
 
-def in_a_bigger_diagram(laboratory):
-    """A laboratory with N = 2 that is told wrenches and crashes, beside Drake's own systems that look at it."""
+def larger_diagram(laboratory):
+    """Return a diagram of a laboratory for two vehicles with wrench and crash inputs, and of systems of Drake."""
     builder = DiagramBuilder()
     builder.AddNamedSystem("laboratory", laboratory)
     heavy = np.repeat([0.5, 0.01, 0.02, 0.005], 2)
@@ -118,11 +118,11 @@ def make_of(builder):
 
 
 @pytest.mark.slow
-def test_a_compiled_diagram_has_its_place_in_a_bigger_one():
-    """It is told and shows the same, also in its initial wind; two make no other."""
+def test_a_compiled_diagram_can_replace_a_subsystem_of_a_larger_one():
+    """The logs of both diagrams are equal, also those of the initial wind."""
     logs = []
     for laboratory in (make_of(build_laboratory)(), compile_diagram(make_of(build_laboratory)())):
-        diagram = in_a_bigger_diagram(laboratory)
+        diagram = larger_diagram(laboratory)
         simulator = Simulator(diagram)
         simulator.AdvanceTo(0.3)
         sinks = {system.get_name(): system for system in diagram.GetSystems() if isinstance(system, VectorLogSink)}
@@ -135,7 +135,7 @@ def test_a_compiled_diagram_has_its_place_in_a_bigger_one():
 
 @pytest.mark.slow
 def test_inputs_are_exported_as_in_the_diagram():
-    """In the same order and of the same sizes, whatever is looked at first."""
+    """Order and sizes of the ports do not depend on which input is used first."""
     for function in (build_laboratory, build_wind):
         diagram = make_of(function)()
         compiled = compile_diagram(diagram)
@@ -144,7 +144,7 @@ def test_inputs_are_exported_as_in_the_diagram():
             assert compiled.get_input_port(number).size() == diagram.get_input_port(number).size()
 
 
-def test_state_and_parameters_are_taken_from_and_given_to_a_context_of_the_diagram(wired, compiled):
+def test_state_and_parameters_are_copied_from_and_to_a_context_of_the_diagram(wired, compiled):
     system = compiled_part(compiled)
     contexts = [wired.CreateDefaultContext() for _ in range(2)]
     part = system.CreateDefaultContext()
@@ -167,8 +167,8 @@ def test_state_and_parameters_are_taken_from_and_given_to_a_context_of_the_diagr
 
 
 @pytest.mark.slow
-def test_it_goes_on_from_any_state_and_with_any_parameters(wired, compiled):
-    """Those that were read, a vehicle that moves and is heavier in the pull of gentler gains."""
+def test_a_simulation_can_continue_from_any_state_with_any_parameters(wired, compiled):
+    """The vehicle moves and is heavier, and the gains are lower."""
     simulators = [Simulator(wired), Simulator(compiled)]
     context = simulators[0].get_mutable_context()
     vehicle, pd = (subsystem(wired, path) for path in (("laboratory", "vehicle"), ("control", "position", "pd")))
@@ -181,7 +181,7 @@ def test_it_goes_on_from_any_state_and_with_any_parameters(wired, compiled):
     for time in (0.0, 0.1, 0.203):
         for simulator in simulators:
             simulator.AdvanceTo(time)
-        assert_alike_at(*simulators, wired.CreateDefaultContext())
+        assert_equal_at(*simulators, wired.CreateDefaultContext())
     assert system.get_state(part, "laboratory.vehicle", "state").y > 0.02
 
 
@@ -206,17 +206,19 @@ def test_a_record_is_a_copy(compiled):
 
 
 @pytest.mark.parametrize("path", ["laboratory.nobody", "reference.trajectory", "laboratory"])
-def test_records_of_what_is_no_compiled_system_are_refused(compiled, path):
+def test_records_of_systems_that_are_not_compiled_are_refused(compiled, path):
     system = compiled_part(compiled)
     context = system.CreateDefaultContext()
     for ask in (system.get_state, system.get_parameter):
-        with pytest.raises(KeyError, match=f"{path} is no compiled system, as .*laboratory.vehicle.* are"):
+        with pytest.raises(
+            KeyError, match=f"{path} is not a compiled system; the compiled systems are .*laboratory.vehicle"
+        ):
             ask(context, path, "state")
 
 
 @pytest.mark.slow
-def test_a_monitor_sees_the_flight_as_it_is_wired(wired, compiled):
-    """At the same times, and ends it at the same."""
+def test_a_monitor_of_drake_sees_the_same_flight(wired, compiled):
+    """The monitor is called at the same times, and ends the simulation at the same time."""
     seen = []
     for diagram in (wired, compiled):
         simulator = Simulator(diagram)
@@ -238,8 +240,8 @@ def test_a_monitor_sees_the_flight_as_it_is_wired(wired, compiled):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("last", [0.0, 0.1, 0.2, 0.21])
-def test_nothing_happens_after_the_end(strided, last):
-    """What begins no later than that is done, whole ticks at a time."""
+def test_no_event_starts_after_the_end(strided, last):
+    """Events that start at the end or before are simulated with whole ticks."""
     simulators = [Simulator(strided) for _ in range(2)]
     system, part = part_of(simulators[0])
     system.set_end(part, last)
@@ -255,14 +257,14 @@ def test_nothing_happens_after_the_end(strided, last):
         np.testing.assert_array_equal(values, logs[1][name][:ticks])
 
 
-def test_before_the_first_tick_nothing_is_recorded(strided):
+def test_nothing_is_recorded_before_the_first_tick(strided):
     system, context = part_of(Simulator(strided))
     assert {name: values.shape for name, values in system.log(context).items()} == {
         name: (0, strided.GetOutputPort(name).size()) for name in names_of(strided)[1]
     }
 
 
-def test_a_simulation_does_not_begin_between_events_that_take_several_ticks(strided):
+def test_a_simulation_cannot_begin_between_events_of_several_ticks(strided):
     simulator = Simulator(strided)
     simulator.get_mutable_context().SetTime(0.1)
     with pytest.raises(InputError, match=r"cannot begin at 0.1 s .* 10 ticks at once, .* 0.2 s apart"):
@@ -272,8 +274,8 @@ def test_a_simulation_does_not_begin_between_events_that_take_several_ticks(stri
 
 
 @pytest.mark.slow
-def test_ticks_are_recorded_as_discrete_updates_see_them(wired, strided, compiled):
-    """Whether an event takes one or ten; the first at time zero."""
+def test_the_record_has_the_values_before_the_discrete_updates(wired, strided, compiled):
+    """The record is the same for events of one and ten ticks, and starts at time zero."""
     often = compile_diagram(wired, record=True)
     logs = []
     for diagram in (strided, often):
@@ -286,15 +288,15 @@ def test_ticks_are_recorded_as_discrete_updates_see_them(wired, strided, compile
     for name, values in logs[1].items():
         assert len(values) == 20
         np.testing.assert_array_equal(logs[0][name], values)
-    # Between two ticks it shows what it was at the first of them, but where the vehicle has moved on.
+    # Between two ticks, outputs are those of the first tick, except those of the vehicle, which moves.
     simulator = Simulator(wired)
     simulator.AdvanceTo(0.3)
     assert_alike(logs[1]["wrench"][15], wired.GetOutputPort("wrench").Eval(simulator.get_context()))
 
 
 @pytest.mark.slow
-def test_contexts_of_one_compiled_diagram_are_apart(strided):
-    """Each flight has a record of its own; a clone goes on by itself."""
+def test_contexts_of_one_compiled_diagram_are_independent(strided):
+    """Each simulation has its own record, and a cloned context continues independently."""
     simulators = [Simulator(strided) for _ in range(2)]
     for simulator, time in zip(simulators, (0.19, 0.39), strict=True):
         simulator.AdvanceTo(time)
@@ -308,23 +310,23 @@ REFUSED = [
     (
         ("vehicle.time_step=0",),
         {},
-        r"^laboratory.vehicle, a Quadrotor, cannot be compiled: its state is continuous; and ",
+        r"^laboratory.vehicle, a Quadrotor, cannot be compiled: its state is continuous. ",
     ),
     (
         (),
         {"record": True},
-        r"^recorder.log, a VectorLogSink\w*, cannot be compiled: it has no output, and what it does",
+        r"^recorder.log, a VectorLogSink\w*, cannot be compiled: it has no output, and its effect",
     ),
     (
         ("laboratory.motion_capture.position_noise=0.001",),
         {"drake_random": True},
-        r"^laboratory.random_motion_capture.camera_noise, a RandomSource\w*, cannot be compiled: only .* its own$",
+        r"^laboratory.random_motion_capture.camera_noise, a RandomSource\w*, cannot be compiled: only .* of its own$",
     ),
 ]
 
 
 @pytest.mark.parametrize(("overrides", "options", "sentence"), REFUSED)
-def test_what_cannot_be_compiled_is_named_in_a_sentence(diagrams, figure_eight, overrides, options, sentence):
+def test_systems_that_cannot_be_compiled_are_named(diagrams, figure_eight, overrides, options, sentence):
     scenario = load_scenario(diagrams / "figure_eight.yaml", overrides)
     wired = build_tracking_diagram(scenario, plan=figure_eight[1], **options)
     with pytest.raises(InputError, match=sentence):

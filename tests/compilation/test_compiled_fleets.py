@@ -1,4 +1,4 @@
-"""Fleets of any size, batch after batch, in one compiled diagram."""
+"""Tests of fleets of different sizes and of consecutive batches in one compiled diagram."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ from drake_quad.signals import Acceleration, State
 
 @pytest.fixture(scope="module")
 def study(diagrams):
-    """A fifth of a second of the study of robustness."""
+    """Return a fifth of a second of the study of robustness."""
     return load_scenario(diagrams / "robustness.yaml", ["duration=0.2"])
 
 
@@ -28,7 +28,7 @@ def plan(study):
 
 @pytest.fixture(scope="module")
 def wired(study, plan):
-    """The metrics of a thousand samples, in a diagram as it is wired."""
+    """Return the metrics of a thousand samples in the uncompiled diagram."""
     return StudyFleet(study, plan, 1000, compiled=False).fly(range(1000))
 
 
@@ -38,7 +38,7 @@ def part(metrics, samples):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("n", [1, 7, 8, 9, 1000])
-def test_a_fleet_of_any_size_flies_as_wired(study, plan, wired, n):
+def test_a_fleet_of_any_size_has_the_metrics_of_the_uncompiled_diagram(study, plan, wired, n):
     samples = range(1000 - n, 1000)
     found = StudyFleet(study, plan, n).fly(samples)
     assert_metrics_alike(found, part(wired, samples))
@@ -46,12 +46,12 @@ def test_a_fleet_of_any_size_flies_as_wired(study, plan, wired, n):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("n", [1, 9, 40])
-def test_a_recorded_fleet_of_any_size_flies_as_wired(study, plan, n):
+def test_a_recorded_fleet_of_any_size_has_the_signals_of_the_uncompiled_diagram(study, plan, n):
     assert_flown_alike(Batch.draw(study, range(3, 3 + n)), plan=plan)
 
 
 @pytest.mark.slow
-def test_a_vehicle_of_a_compiled_fleet_flies_as_it_does_alone_to_the_bit(study, plan):
+def test_a_vehicle_of_a_compiled_fleet_flies_as_alone_to_the_bit(study, plan):
     fleet = simulate_samples(study, range(9), plan=plan, compiled=True)
     for sample in (0, 8):
         alone = simulate(study, sample=sample, plan=plan, compiled=True)
@@ -61,8 +61,8 @@ def test_a_vehicle_of_a_compiled_fleet_flies_as_it_does_alone_to_the_bit(study, 
 
 
 @pytest.mark.slow
-def test_nothing_of_a_batch_is_left_in_the_next_one(study, plan, wired):
-    """Nor of another duration, nor of a batch that had fewer samples than there are vehicles."""
+def test_a_batch_does_not_affect_the_next_one(study, plan, wired):
+    """The batches differ in duration, and some have fewer samples than the fleet has vehicles."""
     fleet = StudyFleet(study, plan, 9)
     first = fleet.fly(range(9))
     assert_metrics_alike(first, part(wired, range(9)))
@@ -75,8 +75,8 @@ def test_nothing_of_a_batch_is_left_in_the_next_one(study, plan, wired):
 
 
 @pytest.mark.slow
-def test_a_recorded_fleet_that_is_reset_has_recorded_nothing_yet(study, plan):
-    """Another flight of the same batch leaves the same record, and no more."""
+def test_a_reset_deletes_the_record(study, plan):
+    """A second flight of the same batch has exactly the same record."""
     batch = Batch.draw(study, range(9))
     simulation = simulate_fleet(batch, plan, record=True, compiled=True)
     records = []
@@ -94,7 +94,7 @@ def test_a_recorded_fleet_that_is_reset_has_recorded_nothing_yet(study, plan):
 @pytest.mark.slow
 @pytest.mark.parametrize("duration", [0.02, 0.14, 2.0, 2.02])
 def test_a_flight_ends_at_its_last_tick(diagrams, duration):
-    """However many ticks an event takes, which are a hundred in a fleet."""
+    """The last tick does not depend on the number of ticks of an event, which is a hundred for a fleet."""
     study = load_scenario(diagrams / "figure_eight.yaml", [f"duration={duration}"])
     flights = assert_flown_alike(Batch.draw(study, [0, 1]))
     assert [flight.time[-1] for flight in flights] == [duration, duration]
@@ -102,8 +102,8 @@ def test_a_flight_ends_at_its_last_tick(diagrams, duration):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("n", [1, 2])
-def test_cameras_that_are_slower_than_the_control_leave_its_ticks_as_they_are(diagrams, n):
-    """It ends, and is recorded, between two frames as well."""
+def test_slower_cameras_do_not_change_the_ticks_of_the_control(diagrams, n):
+    """The flight can end, and is recorded, between two frames."""
     study = load_scenario(
         diagrams / "figure_eight.yaml", ["duration=0.42", "laboratory.motion_capture.period=0.08", "metrics.start=0.1"]
     )
@@ -113,7 +113,7 @@ def test_cameras_that_are_slower_than_the_control_leave_its_ticks_as_they_are(di
 
 @pytest.mark.slow
 def test_a_flight_ends_when_the_last_vehicle_has_crashed(diagrams):
-    """It is looked at after each stride, which is longer in compiled diagrams: the metrics are those of the crash."""
+    """Compiled diagrams check for crashes less often, but the metrics are those at the crash."""
     mass = "vehicle.mass={uniform: {min: 0.66, max: 0.67}}"
     study = load_scenario(diagrams / "figure_eight.yaml", ["duration=5", "crash.position_error=0.03", mass])
     flown = []
@@ -125,7 +125,7 @@ def test_a_flight_ends_when_the_last_vehicle_has_crashed(diagrams):
 
 
 def command(held, reference, measurement):
-    """A PD on what is measured now and at the last tick of one's own."""
+    """Return the command of a PD that uses the current and the previous measurement."""
     return Acceleration(
         2.0 * (reference.x - held.x) + 2.5 * (reference.v_x - measurement.v_x),
         2.0 * (reference.y - held.y) + 2.5 * (reference.v_y - measurement.v_y),
@@ -135,7 +135,7 @@ def command(held, reference, measurement):
 
 @fleet_system(float)
 class Slow(FleetSystem):
-    """A position controller with a period of its own."""
+    """Position controller with its own period."""
 
     def declare(self, *, period):
         measurement, reference = self.input("measurement"), self.input("reference")
@@ -146,8 +146,8 @@ class Slow(FleetSystem):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("period", [0.03, 0.04])
-def test_a_controller_that_is_compiled_may_have_a_period_of_its_own(diagrams, period):
-    """The flight still ends, and is recorded, at the ticks of the control."""
+def test_a_compiled_controller_can_have_its_own_period(diagrams, period):
+    """The flight ends, and is recorded, at the ticks of the control."""
     study = load_scenario(diagrams / "figure_eight.yaml", ["duration=0.26"])
     flights = [
         simulate(study, position_controller=Slow(period=period), compiled=compiled) for compiled in (True, False)
@@ -158,7 +158,7 @@ def test_a_controller_that_is_compiled_may_have_a_period_of_its_own(diagrams, pe
 
 def test_a_controller_whose_period_does_not_fit_is_refused(diagrams):
     study = load_scenario(diagrams / "hover.yaml")
-    with pytest.raises(InputError, match=r"^\S+ cannot be compiled: its period, 0.015 s, is no multiple of 0.01 s$"):
+    with pytest.raises(InputError, match=r"^\S+ cannot be compiled: its period, 0.015 s, is not a multiple of 0.01 s$"):
         simulate(study, position_controller=Slow(period=0.015), compiled=True)
 
 

@@ -1,4 +1,4 @@
-"""Every scenario flies compiled as it does wired."""
+"""Tests that flights are the same in compiled and uncompiled diagrams, for all scenarios."""
 
 import os
 from pathlib import Path
@@ -19,14 +19,14 @@ from drake_quad.scenario.batch import Batch
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[2]
-# Machine code is made for each structure; each is flown with several sets of numbers. `make fuzz` asks for more.
+# Each structure is compiled once and flown with several sets of numbers. `make fuzz` sets a larger number of cases.
 CASES = os.environ.get("FUZZ_CASES")
 NUMBERS, AT_ONCE = 8, 8
 STRUCTURES = int(CASES) // 100 if CASES else AT_ONCE
 
 
 def specs():
-    """Every scenario in `diagrams`, and those that show what symmetry hides."""
+    """Return all scenarios in `diagrams`, and asymmetric ones, which reveal errors that symmetry hides."""
     for path in sorted((ROOT / "diagrams").glob("*.yaml")):
         yield from (f"{path}:{name}" for name in YAML(typ="safe").load(path))
     yield from (
@@ -40,7 +40,7 @@ def structures_in(batch, plan):
     return {(name, each.system, repr(sorted(each.structure.items()))) for name, each in recipes.items()}
 
 
-def test_every_structure_in_the_shipped_scenarios_flies_as_wired():
+def test_every_structure_in_the_shipped_scenarios_flies_the_same_compiled():
     """Scenarios with the same systems compile to the same code, so a set of them that has every system is flown.
 
     The obstacles are left out, since flights around them are compared below and their plans take seconds.
@@ -59,7 +59,7 @@ def test_every_structure_in_the_shipped_scenarios_flies_as_wired():
 
 
 @pytest.mark.parametrize("number", range(STRUCTURES))
-def test_random_scenarios_fly_as_wired(number, tmp_path):
+def test_random_scenarios_fly_the_same_compiled(number, tmp_path):
     rng = np.random.default_rng([number, 1])
     structure = structures(np.random.default_rng(number // AT_ONCE), AT_ONCE)[number % AT_ONCE]
     scenario = scenario_of(structure, rng, tmp_path, duration=0.7)
@@ -77,7 +77,7 @@ OBSTACLES = {
 }
 
 
-def test_fleets_touch_obstacles_compiled_as_they_do_wired_and_alone():
+def test_fleets_hit_the_same_obstacles_compiled_uncompiled_and_alone():
     scenario = load_scenario(f"{ROOT}/diagrams/robustness.yaml", {"space": {"obstacles": OBSTACLES}, "duration": 12.0})
     fleet = assert_flown_alike(Batch.draw(scenario, range(8)))
     touched = [flight.touched for flight in fleet]

@@ -1,4 +1,4 @@
-"""Machine code of events, made of listings by hand."""
+"""Tests of the machine code of events, with listings written by hand."""
 
 import itertools
 
@@ -16,14 +16,21 @@ from drake_quad.framework.symbols import Listing
 NUM_VEHICLES = [1, 3, LANES, LANES + 3]
 
 
-def run(listing, changes, logged, *, state, parameters=(), inputs=(), shared, width=None, lone=False):
-    """State and log after events, of (rows, N) groups and (events, width) shared numbers."""
+def run(listing, changes, logged, *, state, parameters=(), inputs=(), shared, width=None, single_vehicle=False):
+    """Return state and log after events, given (rows, N) groups and (events, width) shared numbers."""
     state = np.array(state, dtype=float)
     n = state.shape[1]
     parameters, inputs = (np.array(rows, dtype=float).reshape(-1, n) for rows in (parameters, inputs))
     shared = np.array(shared, dtype=float)
     sizes = PartSizes(len(state), len(parameters), len(inputs))
-    loop = Loop(listing, changes, logged, sizes=sizes, width=shared.shape[1] if width is None else width, lone=lone)
+    loop = Loop(
+        listing,
+        changes,
+        logged,
+        sizes=sizes,
+        width=shared.shape[1] if width is None else width,
+        single_vehicle=single_vehicle,
+    )
     flat, log = state.ravel(), np.full((len(shared), loop.num_logged, loop.padded(n)), np.nan)
     loop.run(flat, parameters.ravel(), inputs.ravel(), shared, log, n)
     return flat.reshape(-1, n), log[:, :, :n]
@@ -33,9 +40,9 @@ def rows_of(listing, group, count):
     return [listing.row(group, place) for place in range(count)]
 
 
-@pytest.mark.parametrize(("n", "lone"), [(1, True), *((n, False) for n in NUM_VEHICLES)])
-def test_events_follow_each_other_for_every_vehicle(n, lone):
-    """Each reads what the one before has left, and numbers of its own; what it logs is from before."""
+@pytest.mark.parametrize(("n", "single_vehicle"), [(1, True), *((n, False) for n in NUM_VEHICLES)])
+def test_consecutive_events_are_simulated_for_every_vehicle(n, single_vehicle):
+    """Each event reads the state after the previous one and its own shared numbers, and logs the old state."""
     listing = Listing()
     x, v = rows_of(listing, STATE, 2)
     ((stiffness,), (push,), step) = rows_of(listing, PARAMETERS, 1), rows_of(listing, INPUTS, 1), listing.shared(1)
@@ -44,7 +51,14 @@ def test_events_follow_each_other_for_every_vehicle(n, lone):
     state, parameters, inputs = rng.normal(size=(2, n)), rng.normal(size=(1, n)), rng.normal(size=(1, n))
     shared = rng.uniform(0.1, 0.2, (5, 2))
     found, log = run(
-        listing, changes, [x * v, 7.0, x], state=state, parameters=parameters, inputs=inputs, shared=shared, lone=lone
+        listing,
+        changes,
+        [x * v, 7.0, x],
+        state=state,
+        parameters=parameters,
+        inputs=inputs,
+        shared=shared,
+        single_vehicle=single_vehicle,
     )
     for event, (_, h) in enumerate(shared):
         a, b = state
@@ -54,11 +68,11 @@ def test_events_follow_each_other_for_every_vehicle(n, lone):
 
 
 @pytest.mark.parametrize("n", NUM_VEHICLES)
-def test_nothing_but_the_rows_that_change_is_written(n):
-    """Not beyond the fleet either, nor by no events at all."""
+def test_only_rows_that_change_are_written(n):
+    """Memory beyond the fleet does not change, and without events nothing changes."""
     listing = Listing()
     (x, *_) = rows_of(listing, STATE, 3)
-    loop = Loop(listing, {1: x + 1.0}, [], sizes=PartSizes(3, 0, 0), width=0, lone=False)
+    loop = Loop(listing, {1: x + 1.0}, [], sizes=PartSizes(3, 0, 0), width=0, single_vehicle=False)
     for events in (0, 1):
         state = np.arange(3.0 * n + 5.0)
         none = np.empty(0)
@@ -69,8 +83,8 @@ def test_nothing_but_the_rows_that_change_is_written(n):
         np.testing.assert_array_equal(state, expected)
 
 
-def test_rows_begin_with_a_line_of_the_cache():
-    """For each of many, since some do by chance."""
+def test_aligned_arrays_begin_at_a_cache_line():
+    """Many arrays are tested, since some are aligned by chance."""
     for size in range(1, 40):
         array = parts.aligned(size)
         assert array.size == size
@@ -80,8 +94,8 @@ def test_rows_begin_with_a_line_of_the_cache():
 def test_a_log_has_room_for_whole_vectors():
     listing = Listing()
     loops = [
-        Loop(listing, {}, [listing.row(STATE, 0)], sizes=PartSizes(1, 0, 0), width=0, lone=lone)
-        for lone in (True, False)
+        Loop(listing, {}, [listing.row(STATE, 0)], sizes=PartSizes(1, 0, 0), width=0, single_vehicle=single_vehicle)
+        for single_vehicle in (True, False)
     ]
     assert loops[0].padded(1) == 1
     assert [loops[1].padded(n) for n in (1, LANES, LANES + 1)] == [LANES, LANES, 2 * LANES]
@@ -89,7 +103,7 @@ def test_a_log_has_room_for_whole_vectors():
 
 
 def tangled():
-    """A listing in which everything is needed again much later: numbers, truth values, words, parameters."""
+    """Return a listing whose numbers, truth values, words and parameters are used again much later."""
     listing = Listing()
     state, parameters = rows_of(listing, STATE, 6), rows_of(listing, PARAMETERS, 3)
     (push,) = rows_of(listing, INPUTS, 1)
@@ -109,7 +123,7 @@ def tangled():
 
 @pytest.mark.parametrize("n", [1, LANES + 1])
 @pytest.mark.parametrize("window", [2, 7, 40, 10_000])
-def test_no_order_of_the_lines_changes_a_bit(monkeypatch, window, n):
+def test_the_order_of_lines_does_not_change_a_bit(monkeypatch, window, n):
     rng = np.random.default_rng(3)
     numbers = {
         "state": rng.uniform(-9.0, 9.0, (6, n)),
@@ -127,8 +141,8 @@ def test_no_order_of_the_lines_changes_a_bit(monkeypatch, window, n):
 
 
 @pytest.mark.parametrize("order", list(itertools.permutations(range(4)))[::3], ids=str)
-def test_rows_that_move_from_place_to_place_are_not_overwritten_before(order):
-    """A delay line: the first row is computed late, the others move up, and one goes round, in any order."""
+def test_shifted_rows_are_read_before_they_are_overwritten(order):
+    """In a delay line, the first row is computed late, and the others are shifted, in any order of the lines."""
     listing = Listing()
     rows = rows_of(listing, STATE, 4)
     fresh = rows[0]
@@ -151,8 +165,8 @@ def test_rows_that_move_from_place_to_place_are_not_overwritten_before(order):
 
 
 @pytest.mark.parametrize("targets", list(itertools.permutations(range(3))), ids=str)
-def test_rows_that_are_exchanged_are(targets):
-    """Beside others that are computed from them, early and late."""
+def test_rows_can_be_exchanged(targets):
+    """Other rows are computed from them, before and after the exchange."""
     listing = Listing()
     rows = rows_of(listing, STATE, 4)
     early, late = rows[0] * 2.0, rows[1] + rows[2]
@@ -168,44 +182,44 @@ def names_of(listing):
     return [operation.name for operation in listing.operations]
 
 
-def test_what_follows_from_parameters_alone_is_computed_before():
+def test_results_that_depend_on_parameters_only_are_computed_in_advance():
     listing = Listing()
     (x,), (k, c) = rows_of(listing, STATE, 1), rows_of(listing, PARAMETERS, 2)
     decay = elementary.sqrt(k * c + 1.0)
     results = [decay * x, elementary.where(k > c, x, -x), k]
-    before, (event, stores) = parts.divided(listing, {}, results)
-    assert {"square_root", "multiply"} <= set(names_of(before.listing))
+    preparation, (event, stores) = parts.split_listing(listing, {}, results)
+    assert {"square_root", "multiply"} <= set(names_of(preparation.listing))
     assert "square_root" not in names_of(event)
     assert all(operation.operands[0] != PARAMETERS for operation in event.operations if operation.name == "row")
     assert len(stores) == 3
     assert all(symbol.listing is event for _, symbol in stores)
-    # In rows of their own, one after another.
-    assert [target for target, _ in before.stores] == [(3, row) for row in range(len(before.stores))]
+    # The results are stored in consecutive rows.
+    assert [target for target, _ in preparation.stores] == [(3, row) for row in range(len(preparation.stores))]
 
 
-def test_what_nothing_needs_is_left_out():
+def test_unused_operations_are_omitted():
     listing = Listing()
     x, k = listing.row(STATE, 0), listing.row(PARAMETERS, 0)
     elementary.exp(x + k)
     elementary.exp(k)
-    before, (event, _) = parts.divided(listing, {}, [x + 1.0])
-    assert before.stores == []
+    preparation, (event, _) = parts.split_listing(listing, {}, [x + 1.0])
+    assert preparation.stores == []
     assert sorted(names_of(event)) == ["add", "constant", "row"]
 
 
-def test_a_long_chain_of_operations_is_not_followed_in_depth():
-    """Neither of what follows from parameters alone nor of the rest."""
+def test_a_long_chain_of_operations_does_not_recurse():
+    """This holds for results that depend on parameters only, and for the rest."""
     listing = Listing()
     x, k = listing.row(STATE, 0), listing.row(PARAMETERS, 0)
     for _ in range(3000):
         x, k = x + 1.0, k + 1.0
-    before, (event, _) = parts.divided(listing, {}, [x + k])
-    assert (len(before.listing.operations), len(event.operations)) == (3002, 3004)
+    preparation, (event, _) = parts.split_listing(listing, {}, [x + k])
+    assert (len(preparation.listing.operations), len(event.operations)) == (3002, 3004)
 
 
-@pytest.mark.parametrize(("n", "lone"), [(1, True), *((n, False) for n in NUM_VEHICLES)])
-def test_what_is_needed_now_and_then_is_computed_event_by_event(n, lone):
-    """From parameters alone, too, which is before the first event; and twice in an event."""
+@pytest.mark.parametrize(("n", "single_vehicle"), [(1, True), *((n, False) for n in NUM_VEHICLES)])
+def test_branches_are_evaluated_at_every_event(n, single_vehicle):
+    """A branch can depend on parameters only, in which case it is evaluated in advance, and occur twice in an event."""
 
     def root(x, y):
         return elementary.sqrt(x * x + y), y
@@ -219,7 +233,15 @@ def test_what_is_needed_now_and_then_is_computed_event_by_event(n, lone):
     state, parameters = rng.normal(size=(2, n)), rng.normal(size=(2, n))
     changes = {0: 0.5 * second - listing.shared(0), 1: fixed - first}
     shared = rng.uniform(0.5, 1.0, (6, 1))
-    found, log = run(listing, changes, [given, fixed], state=state, parameters=parameters, shared=shared, lone=lone)
+    found, log = run(
+        listing,
+        changes,
+        [given, fixed],
+        state=state,
+        parameters=parameters,
+        shared=shared,
+        single_vehicle=single_vehicle,
+    )
     constant = np.where(parameters[0] > 0.0, np.sqrt(parameters[0] * parameters[0] + 2.0), parameters[1])
     for event, (h,) in enumerate(shared):
         x, v = state

@@ -1,4 +1,4 @@
-"""Events are made once for diagrams that are alike, and anew for those that are not."""
+"""Tests that equivalent diagrams share the machine code of their events, and others do not."""
 
 import numpy as np
 import pytest
@@ -30,13 +30,13 @@ def shrunk(x, by, constant, seen):
     return (x[0] - by[0] * constant - seen,)
 
 
-def turned_over(x, constant):
+def swapped(x, constant):
     return constant / (1.0 + x[0] * x[0])
 
 
 @fleet_system(float)
-class Grows(FleetSystem):
-    """A row that changes by a formula, with a constant, at a period."""
+class Growing(FleetSystem):
+    """System with a row that a formula with a constant updates periodically."""
 
     def declare(
         self, *, formula=shrunk, constant=2.0, absent=0.0, period=0.01, unrestricted=False, at_start=True, numbers=1.0
@@ -46,13 +46,13 @@ class Grows(FleetSystem):
         x = self.state("x", lambda number: (0.5 * number,))
         reads = x, by, constant, seen
         self.update(period, formula, *reads, writes=[x], unrestricted=unrestricted, at_start=at_start)
-        self.output("turned", turned_over, x, constant, layout=ROW)
+        self.output("turned", swapped, x, constant, layout=ROW)
         self.state_output(x)
 
 
 def diagram_of(n=1, *, hold=0.02, gain=3.0, connected=True, value=4.0, name="small", **structure):
     builder = DiagramBuilder()
-    grows = builder.AddNamedSystem("grows", Grows(num_vehicles=n, **structure))
+    grows = builder.AddNamedSystem("grows", Growing(num_vehicles=n, **structure))
     held = builder.AddNamedSystem("hold", ZeroOrderHold(hold, n))
     factor = builder.AddNamedSystem("gain", Gain(gain, n))
     constant = builder.AddNamedSystem("constant", ConstantVectorSource(np.full(n, value)))
@@ -67,9 +67,9 @@ def diagram_of(n=1, *, hold=0.02, gain=3.0, connected=True, value=4.0, name="sma
 
 
 @pytest.fixture
-def made(monkeypatch):
-    """The loops that are made from now on; before, none had been."""
-    monkeypatch.setattr(program, "_made", ThreadSafeCache())
+def new_loops(monkeypatch):
+    """Return the list of loops that are created from now on, starting with an empty cache."""
+    monkeypatch.setattr(program, "_event_cache", ThreadSafeCache())
     loops, make = [], program.Loop
 
     def count(*args, **options):
@@ -81,7 +81,7 @@ def made(monkeypatch):
 
 
 def flown(diagram, **options):
-    """The state after a while."""
+    """Return the state after some time."""
     compiled = compile_diagram(diagram, **options)
     simulator = Simulator(compiled)
     simulator.AdvanceTo(0.055)
@@ -94,19 +94,19 @@ def wired(diagram):
     return [diagram.GetOutputPort(name).Eval(simulator.get_context()) for name in ("x", "turned")]
 
 
-def test_diagrams_that_differ_by_their_numbers_have_the_same_events(made):
-    """In parameters, the initial state and the name."""
+def test_diagrams_that_differ_only_in_numbers_share_events(new_loops):
+    """The diagrams differ in parameters, initial state and name."""
     first = flown(diagram_of())
-    count = len(made)
+    count = len(new_loops)
     assert count > 0
     other = diagram_of(numbers=0.7, value=-1.0, name="other")
     np.testing.assert_allclose(flown(other), wired(other), rtol=1e-12)
-    assert len(made) == count
+    assert len(new_loops) == count
     assert not np.array_equal(flown(other), first)
 
 
-def test_fleets_of_any_size_have_the_same_events(made):
-    """Through a multiplexer and back, with a reference that all share."""
+def test_fleets_of_different_sizes_share_events(new_loops):
+    """The diagram has a multiplexer, a demultiplexer, and a reference that all vehicles share."""
 
     def fleet(n):
         builder = DiagramBuilder()
@@ -114,7 +114,7 @@ def test_fleets_of_any_size_have_the_same_events(made):
         source = builder.AddNamedSystem("source", TrajectorySource(reference))
         parts = builder.AddNamedSystem("parts", Demultiplexer([1, 2]))
         shared = builder.AddNamedSystem("shared", Broadcast(n, num_rows=1))
-        grows = builder.AddNamedSystem("grows", Grows(num_vehicles=n))
+        grows = builder.AddNamedSystem("grows", Growing(num_vehicles=n))
         together = builder.AddNamedSystem("together", Multiplexer([n, n]))
         apart = builder.AddNamedSystem("apart", Demultiplexer([n, n]))
         factor = builder.AddNamedSystem("factor", Gain(0.5, n))
@@ -134,10 +134,10 @@ def test_fleets_of_any_size_have_the_same_events(made):
     counts = []
     for n in (3, 2, 17):
         np.testing.assert_allclose(flown(fleet(n)), wired(fleet(n)), rtol=1e-12)
-        counts.append(len(made))
+        counts.append(len(new_loops))
     assert counts == counts[:1] * 3
     flown(fleet(1))
-    assert len(made) > counts[0]
+    assert len(new_loops) > counts[0]
 
 
 DIFFERENT = [
@@ -156,22 +156,22 @@ DIFFERENT = [
 
 
 @pytest.mark.parametrize("difference", DIFFERENT, ids=" ".join)
-def test_diagrams_that_differ_in_what_they_do_have_events_of_their_own(made, difference):
+def test_diagrams_with_different_computations_have_different_events(new_loops, difference):
     before = {"constant": 0.0} if difference.get("constant") == 0.0 else {}
     flown(diagram_of(**before))
-    count = len(made)
+    count = len(new_loops)
     other = diagram_of(**difference)
     found = flown(other)
-    assert len(made) > count
+    assert len(new_loops) > count
     np.testing.assert_allclose(found, wired(other), rtol=1e-12)
     np.testing.assert_array_equal(np.signbit(found), np.signbit(wired(other)))
 
 
 @pytest.mark.parametrize("first", [1, 2])
-def test_rows_that_are_split_in_other_places_are_others(first):
-    """Of diagrams that are alike but for that."""
+def test_diagrams_that_split_rows_differently_have_different_events(first):
+    """The diagrams differ only in the sizes of the split outputs."""
     builder = DiagramBuilder()
-    grows = builder.AddNamedSystem("grows", Grows())
+    grows = builder.AddNamedSystem("grows", Growing())
     numbers = builder.AddNamedSystem("numbers", ConstantVectorSource([1.0, 2.0, 3.0]))
     parts = builder.AddNamedSystem("parts", Demultiplexer([first, 3 - first]))
     builder.Connect(numbers.get_output_port(), parts.get_input_port())
@@ -183,8 +183,8 @@ def test_rows_that_are_split_in_other_places_are_others(first):
 
 
 @fleet_system(float)
-class Begins(FleetSystem):
-    """With a list of numbers by which it begins."""
+class WithInitialNumbers(FleetSystem):
+    """System with a list of numbers as initial state."""
 
     def declare(self, *, by):
         x = self.state("x", lambda _: (1.0,))
@@ -202,8 +202,8 @@ def total(x, by, seen):
 
 
 @fleet_system(float)
-class Chooses(FleetSystem):
-    """Two ports, two parameters and two states that differ only in their numbers, of which one each is used."""
+class Selecting(FleetSystem):
+    """System with two ports, two parameters and two states, of which one each is used."""
 
     def declare(self, *, seen="one", by="one", read="one", written="one"):
         inputs = {name: self.input(f"seen_{name}", layout=ROW) for name in ("one", "two")}
@@ -222,7 +222,7 @@ def test_each_row_has_its_own_gain():
     """The two diagrams differ only in the gain of the second row."""
     for second in (5.0, 7.0):
         builder = DiagramBuilder()
-        grows = builder.AddNamedSystem("grows", Grows())
+        grows = builder.AddNamedSystem("grows", Growing())
         numbers = builder.AddNamedSystem("numbers", ConstantVectorSource([1.0, 2.0]))
         gain = builder.AddNamedSystem("gain", Gain([3.0, second]))
         builder.Connect(numbers.get_output_port(), gain.get_input_port())
@@ -233,11 +233,11 @@ def test_each_row_has_its_own_gain():
         np.testing.assert_array_equal(found, [3.0, 2.0 * second])
 
 
-def test_what_is_taken_of_what_is_alike_makes_other_events():
+def test_diagrams_that_use_other_equal_ports_have_different_events():
     """Each number shows which port, parameter or state it comes from."""
     for choice in ({}, *({name: "two"} for name in ("seen", "by", "read", "written"))):
         builder = DiagramBuilder()
-        chooses = builder.AddNamedSystem("chooses", Chooses(**choice))
+        chooses = builder.AddNamedSystem("chooses", Selecting(**choice))
         for name, number in (("one", 100.0), ("two", 200.0)):
             constant = builder.AddNamedSystem(name, ConstantVectorSource([number]))
             builder.Connect(constant.get_output_port(), chooses.GetInputPort(f"seen_{name}"))
@@ -253,10 +253,10 @@ def test_what_is_taken_of_what_is_alike_makes_other_events():
         assert shown[0] == shown[1], choice
 
 
-def test_lists_among_constants_are_taken_as_they_are():
+def test_mutable_constants_are_never_shared():
     for by in ([1.0, 2.0], [5.0]):
         builder = DiagramBuilder()
-        builder.ExportOutput(builder.AddNamedSystem("begins", Begins(by=by)).GetOutputPort("x"), "x")
+        builder.ExportOutput(builder.AddNamedSystem("begins", WithInitialNumbers(by=by)).GetOutputPort("x"), "x")
         diagram = builder.Build()
         for each in (diagram, compile_diagram(diagram)):
             simulator = Simulator(each)
@@ -264,26 +264,26 @@ def test_lists_among_constants_are_taken_as_they_are():
             assert each.GetOutputPort("x").Eval(simulator.get_context()) == [4.0 * (1.0 + sum(by))]
 
 
-def test_what_is_recorded_and_how_much_at_once_make_other_events_too(made):
+def test_events_differ_by_recorded_ports_and_number_of_ticks(new_loops):
     counts = []
     for options in ({}, {"record": True}, {"ticks": 3}, {"ticks": 3, "record": True}, {"ticks": 3, "tick": 0.01}):
         compile_diagram(diagram_of(), **options)
-        counts.append(len(made))
+        counts.append(len(new_loops))
     assert counts == sorted(set(counts))
     for options in ({"ticks": 5, "record": True}, {"record": True}):
         compile_diagram(diagram_of(), **options)
-    assert len(made) == counts[-1]
+    assert len(new_loops) == counts[-1]
 
 
-def test_events_that_are_made_anew_when_too_many_are_kept_do_the_same(made, monkeypatch):
-    monkeypatch.setattr(program, "_made", ThreadSafeCache(2))
+def test_events_that_were_dropped_from_the_cache_are_compiled_again(new_loops, monkeypatch):
+    monkeypatch.setattr(program, "_event_cache", ThreadSafeCache(2))
     diagram = diagram_of()
     first = flown(diagram)
-    assert len(program._made) <= 2
+    assert len(program._event_cache) <= 2
     np.testing.assert_array_equal(flown(diagram), first)
 
 
-def test_tables_that_are_made_anew_when_too_many_are_kept_say_the_same(monkeypatch):
+def test_tables_that_were_dropped_from_the_cache_are_computed_again(monkeypatch):
     diagram = diagram_of()
     logs = []
     for most in (256, 1):

@@ -1,9 +1,9 @@
-"""The table of what all vehicles share."""
+"""Tests of the table of shared numbers."""
 
 import numpy as np
 import pytest
 
-from drake_quad.compilation.shared_numbers import TIME_ITSELF, NumberSource, SharedNumbers
+from drake_quad.compilation.shared_numbers import TIME_NUMBER, NumberSource, SharedNumbers
 from drake_quad.framework.formulas import TickOf
 
 
@@ -11,19 +11,19 @@ def nothing(path, output, time):
     raise AssertionError(path)
 
 
-def test_what_is_asked_for_twice_has_one_column():
+def test_a_number_that_is_requested_twice_has_one_column():
     shared = SharedNumbers()
     ticks = TickOf(0.02)
     places = [
-        shared.place(0, TIME_ITSELF),
-        shared.place(1, TIME_ITSELF),
-        shared.place(0, ticks),
+        shared.column(0, TIME_NUMBER),
+        shared.column(1, TIME_NUMBER),
+        shared.column(0, ticks),
         shared.second(0, ticks),
-        shared.place(0, TickOf(0.04)),
+        shared.column(0, TickOf(0.04)),
     ]
     assert places == [0, 1, 2, 3, 4]
-    assert shared.place(1, TIME_ITSELF) == 1
-    assert shared.place(0, TickOf(0.02)) == 2
+    assert shared.column(1, TIME_NUMBER) == 1
+    assert shared.column(0, TickOf(0.02)) == 2
     assert shared.second(0, TickOf(0.02)) == 3
     assert shared.width == 5
 
@@ -31,7 +31,7 @@ def test_what_is_asked_for_twice_has_one_column():
 def test_times_and_ticks_are_those_of_each_event_and_instant():
     shared = SharedNumbers()
     ticks = TickOf(0.02)
-    columns = [shared.place(1, TIME_ITSELF), shared.place(0, ticks), shared.second(0, ticks), shared.second(1, ticks)]
+    columns = [shared.column(1, TIME_NUMBER), shared.column(0, ticks), shared.second(0, ticks), shared.second(1, ticks)]
     assert columns == [0, 1, 2, 3]
     times = np.array([[0.0, 0.02], [0.06, 0.08], [0.08, 0.1]])
     np.testing.assert_array_equal(
@@ -39,11 +39,11 @@ def test_times_and_ticks_are_those_of_each_event_and_instant():
     )
 
 
-def test_a_source_is_asked_once_for_all_its_elements():
+def test_a_source_is_evaluated_once_for_all_its_elements():
     shared = SharedNumbers()
     for element in (2, 0):
-        shared.place(1, NumberSource("reference", 0, element))
-    shared.place(0, NumberSource("reference", 0, 1))
+        shared.column(1, NumberSource("reference", 0, element))
+    shared.column(0, NumberSource("reference", 0, 1))
     asked = []
 
     def values(path, output, time):
@@ -56,5 +56,5 @@ def test_a_source_is_asked_once_for_all_its_elements():
 
 
 @pytest.mark.parametrize("events", [0, 2])
-def test_a_table_of_nothing_still_has_a_row_for_each_event(events):
+def test_a_table_without_numbers_has_a_row_for_each_event(events):
     assert SharedNumbers().table(np.zeros((events, 1)), nothing).shape == (events, 1)

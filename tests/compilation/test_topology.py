@@ -1,4 +1,4 @@
-"""What is connected with what, through diagrams in diagrams."""
+"""Tests of connections through nested diagrams."""
 
 import pytest
 from pydrake.systems.framework import DiagramBuilder
@@ -13,7 +13,7 @@ def named(builder, name, system):
 
 @pytest.fixture(scope="module")
 def topology():
-    """A gain in a diagram in a diagram, and an adder beside it.
+    """Return the topology of a gain in two nested diagrams, and an adder beside them.
 
     u ──┬──▶ outer( inner( gain ) ──▶ twice ) ──┐
         └──────────────────────────────▶ adder ◀┘ ◀── constant
@@ -40,11 +40,11 @@ def topology():
     return Topology(whole.Build())
 
 
-def test_leaves_have_the_names_on_the_way(topology):
+def test_the_path_of_a_leaf_has_the_names_of_its_diagrams(topology):
     assert list(topology.leaves) == ["outer.inner.gain", "outer.twice", "adder", "constant"]
 
 
-def test_an_input_is_traced_to_the_leaf_or_the_port_of_the_diagram_that_feeds_it(topology):
+def test_the_source_of_an_input_is_a_leaf_output_or_a_port_of_the_diagram(topology):
     u = ExportedPort("u", 3)
     assert topology.sources("outer.inner.gain") == [u]
     assert topology.sources("outer.twice") == [Port("outer.inner.gain", 0)]
@@ -52,5 +52,5 @@ def test_an_input_is_traced_to_the_leaf_or_the_port_of_the_diagram_that_feeds_it
     assert topology.sources("constant") == []
 
 
-def test_an_output_is_that_of_a_leaf(topology):
+def test_the_source_of_an_exported_output_is_a_leaf_output(topology):
     assert topology.outputs == {"sum": Port("adder", 0), "once": Port("outer.inner.gain", 0)}

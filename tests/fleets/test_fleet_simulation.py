@@ -1,4 +1,4 @@
-"""Fleets under Drake's simulator: when they end, what they record, and what is left after a reset."""
+"""Tests of simulations of fleets: their end, records and resets."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from drake_quad.scenario.batch import Batch
 
 @pytest.fixture(scope="module")
 def scenario(diagrams):
-    """Hover in turbulence with one rotor that slows down after a while."""
+    """Return a hover in turbulence in which a rotor fails partly after some time."""
     overrides = [
         "route.duration=20",
         "laboratory.wind=[{kind: dryden, level: light}]",
@@ -20,8 +20,8 @@ def scenario(diagrams):
     return load_scenario(diagrams / "hover.yaml", overrides)
 
 
-def begun(scenario, samples, compiled, factors=None):
-    """The simulation of some samples, whose rotors keep given shares of their speed."""
+def simulation_of(scenario, samples, compiled, factors=None):
+    """Return the simulation of some samples, whose failed rotors keep the given fractions of their speed."""
     batch = Batch.draw(scenario, samples)
     if factors is not None:
         batch = batch.with_varying({"vehicle.rotor_failure.speed_factor": np.array(factors)})
@@ -30,9 +30,9 @@ def begun(scenario, samples, compiled, factors=None):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("compiled", [False, True])
-def test_a_fleet_that_is_reset_flies_as_one_that_is_new(scenario, compiled):
-    """Compiled, the first wind is made by other code, which may round its last bit differently."""
-    first, simulation = begun(scenario, [3, 5], compiled)
+def test_a_fleet_that_is_reset_flies_as_a_new_one(scenario, compiled):
+    """In a compiled diagram, different code computes the initial wind, whose last bit may differ."""
+    first, simulation = simulation_of(scenario, [3, 5], compiled)
     flown = []
     for batch in (first, Batch.draw(scenario, [8, 1]), first):
         simulation.reset(batch)
@@ -52,12 +52,12 @@ def test_a_fleet_that_is_reset_flies_as_one_that_is_new(scenario, compiled):
 
 
 def test_a_continuous_fleet_that_is_reset_stops_where_its_new_rotors_fail(diagrams):
-    """Before and after the failure its steps are as those of a fleet that is new, to the last bit."""
+    """Before and after the failure, its steps are those of a new fleet to the last bit."""
     failure = "{rotor: 2, time: {uniform: {min: 0.05, max: 0.25}}, speed_factor: 0.5}"
     overrides = ["vehicle.time_step=0", "crash.tilt=null", f"vehicle.rotor_failure={failure}"]
     continuous = load_scenario(diagrams / "hover.yaml", overrides)
-    _, simulation = begun(continuous, [0], False)
-    batch, new = begun(continuous, [1], False)
+    _, simulation = simulation_of(continuous, [0], False)
+    batch, new = simulation_of(continuous, [1], False)
     simulation.reset(batch)
     for fleet in (simulation, new):
         fleet.fly(0.3)
@@ -68,7 +68,7 @@ def test_a_continuous_fleet_that_is_reset_stops_where_its_new_rotors_fail(diagra
 @pytest.mark.parametrize("compiled", [False, True])
 def test_a_fleet_ends_when_all_have_crashed(scenario, compiled):
     told = []
-    _, simulation = begun(scenario, [0, 1], compiled, [0.0, 0.5])
+    _, simulation = simulation_of(scenario, [0, 1], compiled, [0.0, 0.5])
     simulation.fly(20.0, progress=lambda *now: told.append(now))
     crash_times = simulation.metrics().crash_time
     assert crash_times.max() < 3.0
@@ -81,10 +81,10 @@ def test_a_fleet_ends_when_all_have_crashed(scenario, compiled):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("compiled", [False, True])
-def test_a_fleet_flies_on_as_long_as_one_has_not_crashed(scenario, compiled):
-    """To the duration and no further, also if that is no multiple of what is flown between two checks."""
+def test_a_fleet_flies_until_its_end_if_one_vehicle_has_not_crashed(scenario, compiled):
+    """It ends at the duration, even if that is not a multiple of the interval between checks for crashes."""
     told = []
-    _, simulation = begun(scenario, [0, 1], compiled, [0.0, 0.99])
+    _, simulation = simulation_of(scenario, [0, 1], compiled, [0.0, 0.99])
     simulation.fly(5.5, progress=lambda time, _: told.append(time))
     assert told[-1] == simulation.simulator.get_context().get_time() == 5.5
     np.testing.assert_array_equal(np.isfinite(simulation.metrics().crash_time), [True, False])
@@ -99,5 +99,5 @@ def test_a_fleet_flies_on_as_long_as_one_has_not_crashed(scenario, compiled):
 
 
 @pytest.mark.slow
-def test_what_is_simulated_says_whether_it_is_compiled(scenario):
-    assert [begun(scenario, [0], compiled)[1].compiled for compiled in (False, True)] == [False, True]
+def test_a_simulation_tells_whether_it_is_compiled(scenario):
+    assert [simulation_of(scenario, [0], compiled)[1].compiled for compiled in (False, True)] == [False, True]

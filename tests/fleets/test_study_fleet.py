@@ -1,4 +1,4 @@
-"""Samples put into a fleet that is there fly as in one that is built for them."""
+"""Tests that samples fly in a reused fleet as in a fleet that is built for them."""
 
 import resource
 from pathlib import Path
@@ -22,7 +22,7 @@ from drake_quad.scenario.batch import Batch
 
 @pytest.fixture(scope="module")
 def scenario(diagrams):
-    """Half a second of the study of robustness, with overrides and perhaps another of the paper's controllers."""
+    """Return a function that loads half a second of the study of robustness, with overrides and a controller."""
 
     def load(*overrides, controller=None):
         paper = diagrams / "controllers" / "paper.yaml"
@@ -33,7 +33,7 @@ def scenario(diagrams):
 
 
 def flown(study, batch):
-    """The metrics of a fleet that is built for a batch, and never reset."""
+    """Return the metrics of a fleet that is built for a batch and never reset."""
     diagram = build_fleet_diagram(batch, plan_route(study))
     simulator = Simulator(diagram)
     fly(simulator, study.duration)
@@ -74,18 +74,18 @@ ESTIMATORS = [
         *((overrides, None) for overrides in ESTIMATORS),
     ],
 )
-def test_other_samples_fly_as_in_a_fleet_of_their_own(scenario, overrides, controller):
-    """With every kind of system and every number that may differ, also when they come second.
+def test_a_second_batch_flies_as_in_a_fleet_of_its_own(scenario, overrides, controller):
+    """The scenarios have every kind of system and vary every number that may differ between samples.
 
-    As wired, bit for bit. Compiled, the first frame of the cameras and the first wind are made by other code, which
-    rounds the last bit of some samples differently.
+    The uncompiled results are equal bit for bit. In a compiled diagram, different code computes the first frame and
+    wind, and rounds the last bit of some samples differently.
     """
     study = scenario(*overrides, controller=controller)
     wired, compiled = (
         StudyFleet(study, plan_route(study), 3, compiled=False),
         StudyFleet(study, plan_route(study), 3),
     )
-    # Compiled by default, and without a record, which nobody reads.
+    # The fleet is compiled by default, and does not record signals.
     for fleet, is_compiled in ((wired, False), (compiled, True)):
         assert fleet._simulation.compiled == is_compiled
         assert not fleet._simulation._diagram.HasSubsystemNamed("recorder")
@@ -97,8 +97,8 @@ def test_other_samples_fly_as_in_a_fleet_of_their_own(scenario, overrides, contr
             np.testing.assert_allclose(found, wanted, rtol=1e-12)
 
 
-def test_what_is_made_to_vary_flies_as_in_a_fleet_of_its_own(scenario):
-    """Numbers that were not drawn: gains, an item of a list, a whole number of ticks."""
+def test_overridden_numbers_fly_as_in_a_fleet_of_their_own(scenario):
+    """The numbers are gains, an item of a list, and a whole number of ticks."""
     study = scenario("laboratory.command_link.delay_ticks={choice: [0, 2]}", controller="pd_t2fnn")
     varying = {
         "laboratory.command_link.delay_ticks": np.array([2.0, 0.0, 1.0]),
@@ -111,11 +111,11 @@ def test_what_is_made_to_vary_flies_as_in_a_fleet_of_its_own(scenario):
     metrics = fleet.fly_batch(varied)
     for found, expected in zip(metrics, flown(study, varied), strict=True):
         np.testing.assert_array_equal(found, expected)
-    # Each as the scenario that is its own.
+    # Each vehicle flies as in a scenario with its numbers.
     for i in range(3):
         alone = simulate(varied.scenario_of(i), compiled=False).metrics
         np.testing.assert_allclose([float(value[i]) for value in metrics], alone, rtol=1e-9)
-    # And nothing of it is left.
+    # The next batch is not affected.
     for found, expected in zip(fleet.fly_batch(drawn), flown(study, drawn), strict=True):
         np.testing.assert_array_equal(found, expected)
 
@@ -135,8 +135,8 @@ BEYOND = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("path", BEYOND)
-def test_what_the_scenario_has_none_of_can_be_made_to_vary_where_the_diagram_is_built_for_it(diagrams, path):
-    """And is refused in a diagram that was built without it: nothing is left out in silence."""
+def test_optional_parts_can_vary_only_if_the_diagram_was_built_with_them(diagrams, path):
+    """A diagram that was built without the part refuses the numbers, rather than ignoring them."""
     calm = "laboratory.wind=[{kind: steady, velocity: [0.0, 0.0, 0.0]}]"
     ideal = load_scenario(diagrams / "figure_eight.yaml", ["duration=2", "vehicle.linear_drag=0.2", calm])
     varied = Batch.draw(ideal, [0, 0, 0]).with_varying({path: np.array(BEYOND[path])})
@@ -149,7 +149,7 @@ def test_what_the_scenario_has_none_of_can_be_made_to_vary_where_the_diagram_is_
 
 
 def test_a_context_that_is_reset_is_the_default_one_of_the_fleet_of_its_batch(scenario):
-    """Every parameter, state and random number; also those that do not show in the metrics."""
+    """All parameters, states and random numbers are compared, also those that do not affect metrics."""
     study = scenario(*NETWORK)
     plan = plan_route(study)
     first, second = Batch.draw(study, range(4)), Batch.draw(study, [9, 8, 7, 6])
@@ -167,8 +167,8 @@ def test_a_context_that_is_reset_is_the_default_one_of_the_fleet_of_its_batch(sc
         np.testing.assert_array_equal(found, expected)
 
 
-def test_a_flown_context_is_reset_to_the_beginning(scenario):
-    """Time, states and what a user's system remembers: nothing of the flight before is left."""
+def test_a_context_is_completely_reset_after_a_flight(scenario):
+    """Time, states and the state of a user's system are those of a new fleet."""
     study = scenario(*NETWORK)
     plan, batch = plan_route(study), Batch.draw(study, range(2))
     own = UserSystems(position_controller=stiff).build(2)
@@ -189,7 +189,7 @@ def test_a_flown_context_is_reset_to_the_beginning(scenario):
 
 
 @pytest.mark.slow
-def test_the_size_of_a_fleet_does_not_matter(scenario):
+def test_metrics_do_not_depend_on_the_size_of_the_fleet(scenario):
     study = scenario()
     whole = StudyFleet(study, plan_route(study), 70).fly(range(70))
     for size in (1, 7, 64):
@@ -201,8 +201,8 @@ def test_the_size_of_a_fleet_does_not_matter(scenario):
 
 
 @pytest.mark.slow
-def test_a_batch_without_an_error_that_others_have_is_flown_in_the_same_diagram(scenario):
-    """What a distribution can make zero, or as long as a delay can get, is there in every batch."""
+def test_batches_with_and_without_an_effect_fly_in_the_same_diagram(scenario):
+    """Effects that a distribution can make zero, and queues for the longest delay, are part of every diagram."""
     study = scenario(
         "laboratory.motion_capture.latency_frames={choice: [0, 2]}",
         "laboratory.command_link.delay_ticks={choice: [0, 2]}",
@@ -215,12 +215,12 @@ def test_a_batch_without_an_error_that_others_have_is_flown_in_the_same_diagram(
 
 
 def stiff(num_vehicles):
-    """A position controller of a user's."""
+    """Return a user's position controller."""
     gains = PdGains(PerAxis(2.0, 2.0, 6.0), PerAxis(2.0, 2.0, 3.5))
     return build_position_controller(ProportionalDerivative(num_vehicles=num_vehicles, numbers=gains))
 
 
-def test_a_fleet_flies_with_a_controller_of_the_user_s_own(scenario):
+def test_a_fleet_can_fly_with_a_users_controller(scenario):
     study = scenario()
     fleet = StudyFleet(study, plan_route(study), 2, own=UserSystems(position_controller=stiff))
     for sample in (0, 5):
@@ -236,20 +236,20 @@ def test_too_many_samples_or_none_are_refused(scenario):
 
 
 @pytest.mark.parametrize("override", ["route.radius={uniform: {min: 1.2, max: 1.4}}", "vehicle.time_step=0"])
-def test_what_would_make_samples_depend_on_each_other_is_refused(scenario, override):
+def test_a_route_with_a_distribution_and_a_continuous_state_are_refused(scenario, override):
     with pytest.raises(InputError, match=override.partition("=")[0]):
         StudyFleet(scenario(override), plan_route(scenario(override)), 2)
 
 
-def test_a_recorded_fleet_flies_one_route_too(scenario):
+def test_a_recorded_fleet_refuses_a_route_with_a_distribution(scenario):
     with pytest.raises(InputError, match="route.radius is a distribution"):
         simulate_samples(scenario("route.radius={uniform: {min: 1.2, max: 1.4}}"), [0, 1])
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="needs Linux's /proc")
-def test_batch_after_batch_takes_no_more_memory(scenario):
-    """A diagram that was built for each, or a context, would be megabytes a time."""
+def test_further_batches_take_no_more_memory(scenario):
+    """A diagram or context for every batch would take megabytes each time."""
 
     def resident():
         return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()

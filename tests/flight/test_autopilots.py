@@ -1,4 +1,4 @@
-"""Autopilots in whole flights: wired and compiled, alone and in fleets, and behind controllers of the user's own."""
+"""Tests of autopilots in flights: uncompiled and compiled, alone and in fleets, and with users' controllers."""
 
 import numpy as np
 import pytest
@@ -50,8 +50,8 @@ def scenario(diagrams):
 
 @pytest.mark.slow
 @kinds
-def test_a_fleet_flies_compiled_as_wired_and_each_of_it_as_alone(scenario, kind):
-    """To the bit, each with numbers, noise and delay of its own."""
+def test_a_fleet_flies_the_same_compiled_uncompiled_and_alone(scenario, kind):
+    """The flights are equal to the bit, and each vehicle has its own numbers, noise and delay."""
     flights = assert_flown_alike(Batch.draw(scenario(kind, "duration=1"), range(3)))
     assert len({flight.metrics.rmse for flight in flights}) == 3
     for sample in (1, 2):
@@ -62,7 +62,7 @@ def test_a_fleet_flies_compiled_as_wired_and_each_of_it_as_alone(scenario, kind)
 
 @pytest.mark.slow
 @kinds
-def test_batch_after_batch_is_flown_as_if_it_were_the_first(scenario, kind):
+def test_a_later_batch_flies_like_a_first_one(scenario, kind):
     study = scenario(kind, "duration=0.5")
     plan = plan_route(study)
     fleet = StudyFleet(study, plan, 4)
@@ -73,8 +73,8 @@ def test_batch_after_batch_is_flown_as_if_it_were_the_first(scenario, kind):
 
 
 @kinds
-def test_a_flight_begins_in_hover_at_any_heading(scenario, kind):
-    """Nothing moves before the first packet: its own target, too, has the heading in which the vehicle hovers."""
+def test_a_flight_starts_in_hover_at_any_heading(scenario, kind):
+    """Nothing moves before the first packet, since the initial target has the heading of the hovering vehicle."""
     still = ["vehicle.mass=0.68", "laboratory.wind=[]", "laboratory.command_link.delay_ticks=3"]
     route = "route={kind: hover, position: [1, 2, 1], yaw: 2.5, duration: 0.05}"
     bias = {"attitude": "laboratory.autopilot={gyroscope_bias: [0, 0, 0], gyroscope_noise: 0, attitude_noise: 0}"}
@@ -85,8 +85,8 @@ def test_a_flight_begins_in_hover_at_any_heading(scenario, kind):
 
 @pytest.mark.slow
 @kinds
-def test_a_continuous_vehicle_flies_alike(scenario, kind):
-    """As far as the step of the other is short: a tenth of a millimetre."""
+def test_a_continuous_vehicle_has_the_same_flight(scenario, kind):
+    """The tolerance of 0.1 mm covers the discretization error of the vehicle with a time step."""
     ends = []
     for time_step in (0.0025, 0.0):
         flight = simulate(
@@ -97,22 +97,22 @@ def test_a_continuous_vehicle_flies_alike(scenario, kind):
     np.testing.assert_allclose(*ends, atol=1e-4)
 
 
-def held(measurement: State, reference: Reference) -> AttitudeTarget:
-    """A law for height alone, at a lean of 0.1 rad."""
+def height_law(measurement: State, reference: Reference) -> AttitudeTarget:
+    """Return the command of a height controller with a constant pitch of 0.1 rad."""
     thrust = 6.6708 + 4.0 * (reference.z - measurement.z) - 2.5 * measurement.v_z
     return AttitudeTarget(thrust, 0.0, 0.1, reference.yaw, 0.0, 0.0, 0.0)
 
 
 @fleet_system(float)
 class HeightOnly(FleetSystem):
-    """A control of the user's own."""
+    """User's control as a FleetSystem."""
 
     def declare(self) -> None:
-        self.output("attitude_target", held, self.input("measurement"), self.input("reference"))
+        self.output("attitude_target", height_law, self.input("measurement"), self.input("reference"))
 
 
 class PlainHeightOnly(LeafSystem):
-    """The same, without anything of this project."""
+    """User's control as a plain LeafSystem of Drake."""
 
     def __init__(self):
         super().__init__()
@@ -124,13 +124,13 @@ class PlainHeightOnly(LeafSystem):
 
     def command(self, context, output):
         measurement, reference = (port.Eval(context) for port in self.ports)
-        output.SetFromVector(held(State(*measurement), Reference(*reference)))
+        output.SetFromVector(height_law(State(*measurement), Reference(*reference)))
 
 
 @pytest.mark.slow
 @kinds
-def test_a_control_of_ones_own_tells_the_autopilot_what_to_do(scenario, kind):
-    """It leans as it is told, and flies off along x; compiled, or beside what is compiled, alike."""
+def test_a_users_control_can_command_the_autopilot(scenario, kind):
+    """The vehicle pitches and flies along x, with the compiled FleetSystem and with the uncompiled LeafSystem."""
     study = scenario(kind, "duration=1", "laboratory.wind=[]", "vehicle.mass=0.68")
     flights = [
         simulate(study, sample=1, control=made(), compiled=compiled)
@@ -143,7 +143,7 @@ def test_a_control_of_ones_own_tells_the_autopilot_what_to_do(scenario, kind):
     assert state.x[-1] - state.x[0] > 0.2
 
 
-def test_a_control_must_have_what_its_autopilot_takes(scenario):
+def test_a_control_without_the_output_for_its_autopilot_is_refused(scenario):
     class Wrenches(LeafSystem):
         def __init__(self, name, size):
             super().__init__()
@@ -158,7 +158,7 @@ def test_a_control_must_have_what_its_autopilot_takes(scenario):
             simulate(study, sample=0, control=control)
 
 
-def test_signals_are_exported_from_where_they_are_made(diagrams):
+def test_signals_are_exported_from_the_subsystems_that_compute_them(diagrams):
     diagram = build_tracking_diagram(load_scenario(diagrams / "onboard.yaml"))
     names = {diagram.get_output_port(i).get_name() for i in range(diagram.num_output_ports())}
     assert {"attitude_target", "wrench", "attitude_command"} <= names
@@ -170,8 +170,8 @@ def test_signals_are_exported_from_where_they_are_made(diagrams):
 
 
 @pytest.mark.slow
-def test_on_board_attitude_control_flies_the_figure_eight_better(diagrams):
-    """Not a tick and a lag behind the ground, a PD may have gains that leave a quarter of the error."""
+def test_attitude_control_on_board_reduces_the_error_in_the_figure_eight(diagrams):
+    """Without the delay of the link and the rotors' lag on the ground, higher PD gains leave a quarter of the error."""
     soft = load_scenario(diagrams / "laboratory.yaml:nominal", layers=[diagrams / "gains" / "laboratory.yaml"])
     ground = simulate(soft, compiled=True)
     board = simulate(load_scenario(diagrams / "onboard.yaml"), compiled=True)

@@ -1,4 +1,4 @@
-"""Estimators of the disturbance in the whole loop: what is left of steady wind, by closed forms."""
+"""Tests of disturbance estimators in the closed loop, by closed forms of the error in steady wind."""
 
 import math
 
@@ -20,7 +20,7 @@ AWAY = [
 
 @pytest.fixture(scope="module")
 def settled(diagrams):
-    """Where the laboratory's loop comes to rest in wind with a heavier vehicle: error, disturbance and command."""
+    """Return error, disturbance and command at rest, with a heavier vehicle in wind."""
 
     def settle(position):
         scenario = load_scenario(diagrams / "laboratory.yaml:nominal", [*AWAY, f"control.position={position}"])
@@ -38,8 +38,8 @@ def settled(diagrams):
 
 
 @pytest.mark.slow
-def test_indi_leaves_no_error_in_steady_wind_and_l1_what_its_decay_leaves(settled):
-    """A disturbance is at rest what the command makes up for. A PD asks for its error: u = k_P e."""
+def test_indi_has_no_error_in_steady_wind_and_l1_the_error_of_its_decay(settled):
+    """At rest, the command compensates the disturbance, and the PD contributes u = k_P e."""
     aside, none, command = settled(f"{{kind: pd, {PD}}}")
     assert none is None
     assert np.abs(aside).min() > 0.01
@@ -53,7 +53,7 @@ def test_indi_leaves_no_error_in_steady_wind_and_l1_what_its_decay_leaves(settle
 
 
 @pytest.mark.slow
-def test_a_kalman_filter_leaves_less_the_longer_it_expects_a_disturbance_to_last(settled):
+def test_a_kalman_filter_has_less_error_the_longer_its_time_constant_of_disturbances(settled):
     numbers = "position_noise: 0.001, deviation: [0.3, 0.3, 0.3]"
 
     def left(T):
@@ -69,8 +69,8 @@ def test_a_kalman_filter_leaves_less_the_longer_it_expects_a_disturbance_to_last
 
 
 @pytest.mark.slow
-def test_no_more_is_taken_away_than_the_limit(settled):
-    """What is beyond it is left to the PD."""
+def test_the_compensated_disturbance_is_limited(settled):
+    """The PD has to compensate the rest of the disturbance."""
     numbers = f"{PD}, {RESPONSE}, bandwidth: [2.0, 2.2, 3.0], disturbance_limit: 0.05"
     error, disturbance, command = settled(f"{{kind: indi, {numbers}}}")
     np.testing.assert_allclose(np.abs(disturbance), 0.05)

@@ -35,14 +35,14 @@ def test_rows_of_a_signal_have_names(flight):
 
 
 def test_rows_of_a_network_are_numbered(asymmetric):
-    """Those of the weights for each rule, those of the trace of the covariance for each axis."""
+    """Weights have a row for each rule, and traces of the covariance have one for each axis."""
     flight = simulate(asymmetric("pd_t2fnn", "duration=1.1"))
     weights, traces = flight.record("weights"), flight.record("covariance_trace")
     assert (len(weights), len(traces)) == (36, 3)
     np.testing.assert_array_equal(weights[13], flight["weights"][:, 13])
 
 
-def test_saved_files_hold_the_flight(flight, tmp_path):
+def test_saved_files_contain_the_flight(flight, tmp_path):
     arrays, table, scenario, metrics = flight.save(tmp_path / "deep" / "folder")
     with np.load(arrays) as loaded:
         np.testing.assert_array_equal(loaded["time"], flight.time)
@@ -65,21 +65,21 @@ def test_saved_files_hold_the_flight(flight, tmp_path):
     assert sorted(path.name for path in arrays.parent.iterdir()) == names
 
 
-def test_a_saved_scenario_flies_the_same_again(flight, tmp_path):
+def test_a_saved_scenario_repeats_the_flight(flight, tmp_path):
     again = simulate(load_scenario(flight.save(tmp_path)[2]))
     np.testing.assert_array_equal(again["state"], flight["state"])
 
 
-def test_a_folder_that_cannot_be_written(flight, tmp_path):
+def test_a_folder_that_cannot_be_written_is_refused(flight, tmp_path):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(InputError, match="output folder .*file cannot be written"):
         flight.save(tmp_path / "file")
 
 
-def test_a_scenario_that_is_no_flight_s_is_not_overwritten(flight, tmp_path):
+def test_a_scenario_that_does_not_belong_to_a_flight_is_not_overwritten(flight, tmp_path):
     path = tmp_path / "scenario.yaml"
     path.write_text("mine: {extends: hover}")
-    with pytest.raises(InputError, match=r"scenario\.yaml would be overwritten, and is no flight's"):
+    with pytest.raises(InputError, match=r"scenario\.yaml does not belong to a flight and would be overwritten"):
         flight.save(tmp_path)
     assert [*tmp_path.iterdir()] == [path]
     assert path.read_text() == "mine: {extends: hover}"
@@ -134,7 +134,7 @@ def everything(diagrams):
 
 
 def final_positions(scenario, samples, seed):
-    """(3, N) where the vehicles of a fleet are at the end."""
+    """Return the (3, N) final positions of the vehicles of a fleet, m."""
     diagram = build_fleet_diagram(Batch.draw(scenario, samples, seed=seed), plan_route(scenario))
     simulator = Simulator(diagram)
     fly(simulator, 6.0)
@@ -152,29 +152,29 @@ def test_the_same_sample_is_the_same_flight_bit_for_bit(everything):
 
 
 @pytest.mark.slow
-def test_a_sample_flies_the_same_in_any_fleet_and_at_any_place(everything):
-    """1e-9 m at the end."""
+def test_a_sample_flies_the_same_in_any_fleet_and_at_any_index(everything):
+    """The final positions agree to 1e-9 m."""
     alone = simulate(everything, seed=3, sample=7, compiled=False)["state"][-1, :3]
     for samples, place in (([7, 2], 0), (range(12), 7), ([40, 7, 1], 1)):
         found = final_positions(everything, samples, seed=3)[:, place]
         np.testing.assert_allclose(found, alone, rtol=0.0, atol=1e-9)
 
 
-def test_vehicles_that_all_fly_the_same_have_wind_and_noise_of_their_own(diagrams):
-    """Those of the scenario's sample, of the next one, and so on."""
+def test_identical_vehicles_have_individual_wind_and_noise(diagrams):
+    """The vehicles have the wind and noise of the scenario's sample and of the following ones."""
     scenario = load_scenario(diagrams / "outdoor.yaml", ["duration=1", "sample=3"])
     diagram = build_tracking_diagram(scenario, 3)
     alone = [simulate(scenario, sample=sample, compiled=False)["wind"][-1] for sample in (3, 4, 5)]
     assert np.ptp(alone, axis=0).min() > 1e-3
-    # What is recorded at the last tick blew until then.
+    # The wind at a tick is that of the interval before the tick.
     simulator = Simulator(diagram)
     simulator.AdvanceTo(1.0)
     wind = diagram.GetOutputPort("wind").Eval(simulator.get_context()).reshape(3, 3)
     np.testing.assert_allclose(wind, np.transpose(alone), atol=1e-9)
 
 
-def test_a_recorded_fleet_is_its_flights(everything):
-    """With the scenario that each flew: its own numbers, and the number of its sample."""
+def test_a_recorded_fleet_has_the_flights_of_its_samples(everything):
+    """Each flight has a scenario with its own numbers and the index of its sample."""
     flights = simulate_samples(everything, [40, 7], seed=3)
     alone = simulate(everything, seed=3, sample=7, compiled=False)
     assert [flight.scenario.sample for flight in flights] == [40, 7]
@@ -185,12 +185,12 @@ def test_a_recorded_fleet_is_its_flights(everything):
 
 
 @pytest.mark.slow
-def test_another_distribution_leaves_wind_and_noise_as_they_are(everything, diagrams):
+def test_wind_and_noise_do_not_depend_on_other_distributions(everything, diagrams):
     fixed = draw_sample(everything, 5)
     other = fixed.model_copy(update={"vehicle": fixed.vehicle.model_copy(update={"mass": 0.75})})
     a, b = simulate(fixed), simulate(other)
     assert np.abs(a["state"] - b["state"]).max() > 1e-3
-    # The noise is what the cameras add to the state; without filters and dropouts it can be told.
+    # Without filters and dropouts, the noise is the difference of measurement and state.
     overrides = ["duration=2", f"laboratory.wind=[{DRYDEN}]", "laboratory.motion_capture.derivative_bandwidth=null"]
     masses = ("0.68", "{uniform: {min: 0.6, max: 0.8}}")
     scenarios = [
@@ -204,7 +204,7 @@ def test_another_distribution_leaves_wind_and_noise_as_they_are(everything, diag
     assert np.abs(noise[0]).min() > 1e-6
 
 
-def test_more_wind_leaves_the_turbulence_as_it_is(diagrams):
+def test_turbulence_does_not_depend_on_other_winds(diagrams):
     winds = []
     for sources in (f"[{DRYDEN}]", f"[{GUST}, {DRYDEN}]"):
         winds.append(
@@ -213,7 +213,7 @@ def test_more_wind_leaves_the_turbulence_as_it_is(diagrams):
     np.testing.assert_allclose(winds[1][:90], winds[0][:90], atol=1e-12)
 
 
-def test_a_flown_sample_is_saved_so_that_it_flies_again(everything, tmp_path):
+def test_a_saved_sample_repeats_its_flight(everything, tmp_path):
     flight = simulate(everything, seed=3, sample=7)
     again = simulate(load_scenario(flight.save(tmp_path)[2]))
     np.testing.assert_array_equal(again["state"], flight["state"])
@@ -226,7 +226,7 @@ def test_a_flown_sample_is_saved_so_that_it_flies_again(everything, tmp_path):
         "laboratory.wind=[{kind: gust, velocity: [60, 0, 0], start: 3, rise_time: 0.2}]",
     ],
 )
-def test_trouble_ends_in_a_crash_with_finite_metrics(diagrams, trouble):
+def test_failures_and_strong_gusts_end_in_a_crash_with_finite_metrics(diagrams, trouble):
     flight = simulate(load_scenario(diagrams / "laboratory.yaml:nominal", [trouble]))
     assert 3.0 < flight.metrics.crash_time < 8.0
     assert all(np.isfinite(value) for value in flight.metrics[:-1])
@@ -235,7 +235,7 @@ def test_trouble_ends_in_a_crash_with_finite_metrics(diagrams, trouble):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("unpainted")
-def test_a_vehicle_that_diverged_is_still_drawn(diagrams, tmp_path):
+def test_a_flight_that_diverged_can_be_drawn(diagrams, tmp_path):
     flight = simulate(load_scenario(diagrams / "outdoor.yaml", ["duration=1"]))
     flight["state"][-1] = np.nan
     assert (tmp_path / "wind.png") in save_plots(flight, tmp_path)
@@ -243,10 +243,10 @@ def test_a_vehicle_that_diverged_is_still_drawn(diagrams, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("layout", ["{kind: x}", "{kind: h, length: 0.2, width: 0.3, rotor_1_turns: anticlockwise}"])
-def test_other_layouts_fly_as_the_plus_does_where_the_rotors_have_room(diagrams, layout):
-    """With the shipped gains: only that thrust is no linear function of what lags tells them apart.
+def test_other_layouts_fly_as_the_plus_if_rotors_do_not_saturate(diagrams, layout):
+    """The small differences are due to the lag of the rotor speeds, of which thrust is not a linear function.
 
-    And a vehicle that is not of the layout that is believed does not fly so.
+    A vehicle whose layout differs from the nominal one has a larger error.
     """
     plus, other, mistaken = (
         simulate(load_scenario(diagrams / "figure_eight.yaml", ["duration=6", *overrides]), compiled=True)
@@ -258,8 +258,8 @@ def test_other_layouts_fly_as_the_plus_does_where_the_rotors_have_room(diagrams,
     assert mistaken.metrics.rmse > 1.5 * plus.metrics.rmse
 
 
-def test_the_controller_believes_the_nominal_numbers(diagrams):
-    """A heavier vehicle hangs Δm g / (m k_P) lower: nobody has told the controller."""
+def test_the_controller_uses_the_nominal_numbers(diagrams):
+    """A vehicle that is heavier by Δm hovers Δm g / (m k_P) lower, since the controller does not know its mass."""
     scenario = load_scenario(diagrams / "hover.yaml", ["route.duration=20", "vehicle.mass=0.75"])
     height = simulate(scenario).record("state").z[-1]
     believed = load_scenario(diagrams / "hover.yaml", ["route.duration=20", "nominal.mass=0.75"])
@@ -270,18 +270,18 @@ def test_the_controller_believes_the_nominal_numbers(diagrams):
     assert 1.0 - height == pytest.approx((0.75 / 0.68 - 1.0) * 9.81 / k_p, rel=0.01)
 
 
-def test_a_flight_shows_itself_in_a_line_and_says_what_signals_it_has(diagrams):
+def test_the_repr_of_a_flight_is_one_line_with_its_signals(diagrams):
     scenario = load_scenario(diagrams / "hover.yaml", ["duration=1"])
     for compiled, how in ((False, ""), (True, ", compiled")):
         flight = simulate(scenario, compiled=compiled)
         line = rf"<Flight of hover{how}: 1\.00 s, RMSE \S+ m; reference, .*wind, crashed>"
         assert re.fullmatch(line, repr(flight))
-    with pytest.raises(KeyError, match="weights is no signal of this flight, which has reference, "):
+    with pytest.raises(KeyError, match="weights is not a signal of this flight, which has reference, "):
         flight["weights"]
 
 
-def test_wind_of_the_user_s_is_sampled_whatever_system_makes_it(diagrams):
-    """A formula of the place, as a LeafSystem and as a FleetSystem without states, blows alike."""
+def test_a_users_wind_is_sampled_whatever_system_it_is(diagrams):
+    """A wind that depends on the position is the same as a LeafSystem and as a FleetSystem without states."""
     scenario = load_scenario(diagrams / "figure_eight.yaml", ["duration=2", "vehicle.linear_drag=0.3"])
 
     class Leaf(LeafSystem):
@@ -306,7 +306,7 @@ def test_wind_of_the_user_s_is_sampled_whatever_system_makes_it(diagrams):
 
 @pytest.mark.slow
 def test_forces_on_a_continuous_state_jump_at_the_exact_instant(diagrams):
-    """A rotor that fails between two ticks coasts from then on, and a vehicle that drops its load stops sinking."""
+    """A rotor fails between two ticks, and a vehicle drops its load between two ticks."""
     instant = 0.287654321
     still = ["vehicle.time_step=0", "duration=0.4", "crash.tilt=null"]
     failing = load_scenario(diagrams / "hover.yaml", [*still, f"vehicle.rotor_failure={{rotor: 2, time: {instant}}}"])

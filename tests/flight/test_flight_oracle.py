@@ -1,4 +1,4 @@
-"""Whole flights against an implementation of their own, in `tests/oracle`: from the equations, in plain NumPy."""
+"""Tests of flights by comparison with an independent implementation in plain NumPy, in `tests/oracle`."""
 
 import functools
 from typing import get_args
@@ -23,7 +23,7 @@ RESPONDING = [
     "laboratory.autopilot={kind: response, natural_frequency: [6.8, 6.4, 3.1], damping: [0.5, 0.7, 1.1]}",
 ]
 PRIORITIES = get_args(Priority)
-# The two whole flights, and short ones for what they leave out.
+# There are two long flights, and short ones for everything that these do not cover.
 PD = "k_p: [1.3, 1.0, 5.0], k_d: [1.5, 1.3, 3.2]"
 FLIGHTS = {
     "pid": ("pid", []),
@@ -251,17 +251,17 @@ FLIGHTS = {
 
 @pytest.fixture(scope="module")
 def flown(asymmetric):
-    """A flight by its name in `FLIGHTS`; each is flown once."""
+    """Return a function that returns a flight by its name in `FLIGHTS`; each is simulated once."""
 
-    def fly_it(name):
+    def fly_named(name):
         scenario, overrides = FLIGHTS[name]
         return simulate(asymmetric(scenario, *overrides))
 
-    return functools.cache(fly_it)
+    return functools.cache(fly_named)
 
 
-def assert_same(flight, signals, metrics):
-    """1e-9 in the units of each signal, and of each metric."""
+def assert_equal_flights(flight, signals, metrics):
+    """Assert that signals and metrics agree to 1e-9 in their units."""
     assert flight.signals.keys() - {"crashed"} == signals.keys()
     for name, values in signals.items():
         np.testing.assert_allclose(flight[name], values, rtol=0.0, atol=1e-9, err_msg=name)
@@ -273,14 +273,14 @@ def assert_same(flight, signals, metrics):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FLIGHTS)
-def test_a_flight_is_what_its_equations_make_it(flown, name):
+def test_a_flight_equals_an_independent_implementation(flown, name):
     flight = flown(name)
     assert flight.metrics.crashed == (name in ("a crash", "an obstacle"))
     assert flight.touched == ("near" if name == "an obstacle" else None)
-    if name == "a crash":  # not without what it has sunk
+    if name == "a crash":  # the horizontal error alone is too small for a crash
         reference, state = flight.record("reference"), flight.record("state")
         assert np.hypot(reference.x[-1] - state.x[-1], reference.y[-1] - state.y[-1]) < 1.1
-    assert_same(flight, *fly(flight.scenario, flight.plan))
+    assert_equal_flights(flight, *fly(flight.scenario, flight.plan))
 
 
 DRAWN = [
@@ -304,23 +304,23 @@ DRAWN = [
 
 
 @pytest.mark.slow
-def test_each_flight_of_a_fleet_is_what_its_equations_make_it(asymmetric):
-    """With numbers, delays, wind and noise of its own."""
+def test_each_flight_of_a_fleet_equals_an_independent_implementation(asymmetric):
+    """Each vehicle has its own numbers, delays, wind and noise."""
     flights = simulate_samples(asymmetric("pd_t2fnn", *DRAWN), [5, 0, 9])
     masses = {flight.scenario.vehicle.mass for flight in flights}
     delays = {flight.scenario.laboratory.command_link.delay_ticks for flight in flights}
     assert (len(masses), len(delays)) == (3, 2)
     for flight in flights:
-        assert_same(flight, *fly(flight.scenario, flight.plan))
+        assert_equal_flights(flight, *fly(flight.scenario, flight.plan))
 
 
 @pytest.mark.parametrize("name", ["pid", "pd_t2fnn"])
-def test_the_whole_flights_go_both_ways_on_all_axes_and_meet_their_limits(flown, name):
-    """Or else an error might not show."""
+def test_the_long_flights_have_both_signs_on_all_axes_and_reach_their_limits(flown, name):
+    """Otherwise the comparison could miss errors."""
     flight = flown(name)
     steady = {"state": {"x", "y", "z"}, "wrench": {"thrust"}}
     if name == "pd_t2fnn":
-        steady["state"].add("yaw")  # along the path of the figure eight it goes on and on
+        steady["state"].add("yaw")  # the yaw grows along the path of the figure eight
     for signal in ("error", "error_rate", "acceleration_command", "wind", *steady):
         for row, values in flight.record(signal)._asdict().items():
             if row not in steady.get(signal, ()):
@@ -344,7 +344,7 @@ def test_the_whole_flights_go_both_ways_on_all_axes_and_meet_their_limits(flown,
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in FLIGHTS if "too weak" in name])
-def test_rotors_that_are_too_weak_give_up_all_parts_of_the_wrench(flown, name):
+def test_weak_rotors_reduce_all_parts_of_the_wrench(flown, name):
     given_up = flown(name)["shortfall"] != 0.0
     assert given_up.any(axis=0).all()
     assert not given_up.all(axis=0).any()
@@ -352,7 +352,7 @@ def test_rotors_that_are_too_weak_give_up_all_parts_of_the_wrench(flown, name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("priority", PRIORITIES)
-def test_rotors_that_are_too_weak_reach_both_speed_limits(flown, priority):
+def test_weak_rotors_reach_both_speed_limits(flown, priority):
     flight = flown(f"rotors that are too weak for all parts of the wrench, {priority} first")
     command = flight["rotor_speed_command"]
     vehicle = flight.scenario.vehicle

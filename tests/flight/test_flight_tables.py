@@ -1,4 +1,4 @@
-"""Flights as mappings, as tables, and read back."""
+"""Tests of flights as mappings and tables, and of saving and reading them."""
 
 import pickle
 import sys
@@ -52,14 +52,14 @@ def test_a_frame_has_a_row_for_each_tick_and_a_column_for_each_row_of_a_signal(f
     assert [*units.values()] == [each.unit for name in flight for each in quantities(name, flight[name].shape[1])]
 
 
-def test_pandas_that_is_missing_is_named_with_its_extra(flight, monkeypatch):
+def test_missing_pandas_is_named_with_its_extra(flight, monkeypatch):
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(ImportError, match=r"^pandas is not installed; .*'drake_quad\[tables\]'"):
         flight.to_frame()
 
 
 @pytest.mark.parametrize("file", ["", "flight.npz", "flight.csv", "scenario.yaml", "metrics.csv"])
-def test_a_flight_is_read_back_as_it_was(flight, folder, file):
+def test_a_saved_flight_is_read_back_unchanged(flight, folder, file):
     again = read_flight(folder / file)
     assert (again.scenario, again.metrics, again.compiled) == (flight.scenario, flight.metrics, True)
     np.testing.assert_array_equal(again.time, flight.time)
@@ -83,8 +83,8 @@ def test_a_flight_that_crashed_is_read_back(diagrams, tmp_path):
     assert flight.metrics.crashed
 
 
-def test_a_flight_without_its_plan_is_planned_again(flight, folder, tmp_path):
-    """As they were written before."""
+def test_the_route_of_a_flight_without_a_plan_is_planned_again(flight, folder, tmp_path):
+    """Earlier versions wrote no plan."""
     flight.save(tmp_path)
     with np.load(folder / "flight.npz") as loaded:
         np.savez(tmp_path / "flight.npz", **{name: loaded[name] for name in ("time", *flight)})
@@ -93,8 +93,8 @@ def test_a_flight_without_its_plan_is_planned_again(flight, folder, tmp_path):
     assert not again.compiled
 
 
-def test_what_is_no_flight_is_refused(flight, tmp_path):
-    with pytest.raises(InputError, match="is no flight, which has flight.npz"):
+def test_folders_without_a_flight_and_damaged_files_are_refused(flight, tmp_path):
+    with pytest.raises(InputError, match="is not the folder of a flight, which contains flight.npz"):
         read_flight(tmp_path)
     flight.save(tmp_path)
     arrays = {"time": flight.time, **flight.signals}
@@ -117,8 +117,8 @@ def test_what_is_no_flight_is_refused(flight, tmp_path):
     assert isinstance(flight.scenario, Scenario)
 
 
-def test_a_plan_of_the_user_s_is_read_back(diagrams, tmp_path):
-    """Which is not that of the scenario's route."""
+def test_a_users_plan_is_read_back(diagrams, tmp_path):
+    """The plan differs from that of the scenario's route."""
     plan = Plan.hover([1.0, 2.0, 3.0], duration=0.5, yaw=0.4)
     simulate(load_scenario(diagrams / "hover.yaml", {"duration": 0.5}), plan=plan).save(tmp_path)
     again = read_flight(tmp_path).plan

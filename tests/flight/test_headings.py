@@ -1,7 +1,7 @@
-"""Flights at other headings: a flight that is rotated about Z together with its reference is the same flight.
+"""Tests of the symmetry of flights: a rotation of the reference about Z rotates the flight.
 
-In an ideal laboratory only gravity has a direction. A controller that follows the reference yaw therefore flies alike
-at every heading.
+In an ideal laboratory only gravity has a direction. A controller that follows the reference yaw therefore has the same
+flight at every heading.
 """
 
 import numpy as np
@@ -45,19 +45,19 @@ def shipped_controllers():
     return [name for name in found if name.startswith(laboratory) or not name.startswith((designed, "controllers/lee"))]
 
 
-def kinds_in(value):
-    """Return what a part of a control is made of: its names, its kinds and what is given, but no numbers."""
+def structure_of(value):
+    """Return the structure of a part of a control: the names of its fields and its kinds, without numbers."""
     if isinstance(value, dict):
-        return tuple((name, kinds_in(each)) for name, each in value.items())
+        return tuple((name, structure_of(each)) for name, each in value.items())
     return value if isinstance(value, str) else value is not None
 
 
 def features_of(controller):
-    """Return the parts of a controller without their numbers, and which parts are together."""
+    """Return the structures of the parts of a controller, and the combination of parts."""
     scenario, layers, overrides = base_of(controller)
     scenario = load_scenario(scenario, overrides, layers=[*layers, controller])
     control, autopilot = scenario.control.model_dump(), scenario.laboratory.autopilot.kind
-    parts = {(name, kinds_in(value)) for name, value in control.items()}
+    parts = {(name, structure_of(value)) for name, value in control.items()}
     position = control.get("position") or {}
     return parts | {(autopilot, control.get("kind"), position.get("kind"), control.get("network") is None)}
 
@@ -90,8 +90,8 @@ def turned(states, angle):
 
 
 @pytest.mark.slow
-def test_shipped_controllers_fly_alike_at_the_opposite_heading():
-    """The rotation is half a turn because gains on X and Y may differ and networks act on each axis separately.
+def test_shipped_controllers_have_the_same_flight_at_the_opposite_heading():
+    """The rotation is by π because gains on X and Y may differ, and networks act on each axis separately.
 
     Controllers that differ only in their numbers are flown once.
     """
@@ -115,7 +115,7 @@ def test_shipped_controllers_fly_alike_at_the_opposite_heading():
         "gains/onboard",
     ],
 )
-def test_a_controller_with_equal_gains_on_x_and_y_flies_alike_at_every_heading(controller):
+def test_a_controller_with_equal_gains_on_x_and_y_has_the_same_flight_at_every_heading(controller):
     expected = flown(controller, 0.0)
     for angle in (-1.0, 12.0):
         np.testing.assert_allclose(flown(controller, angle), turned(expected, angle), rtol=0.0, atol=1e-9)

@@ -1,4 +1,4 @@
-"""The position error that is predicted in hover, compared with other flights and with the linear model."""
+"""Tests of the predicted position error in hover, by comparison with other flights and the linear model."""
 
 from pathlib import Path
 
@@ -135,7 +135,7 @@ def test_the_hover_error_without_noise_is_the_offset_in_steady_wind():
 
 @pytest.fixture
 def stubbed(monkeypatch):
-    """Return a function that replaces hovers by errors, given the axis and the (n,) samples; it returns the samples."""
+    """Return a function that replaces the simulated errors by a function of axis and (n,) samples."""
 
     def install(error):
         flown = []
@@ -159,7 +159,7 @@ def stubbed(monkeypatch):
 
 @pytest.mark.parametrize("spread", [0.1, 0.6, 0.9])
 def test_hovers_are_simulated_until_half_of_every_interval_is_a_twentieth_of_the_error(stubbed, spread):
-    """The square of the error along Z scatters by a share of its mean, which the interval shows divided by 2 √n."""
+    """The squared error along Z scatters by a fraction of its mean, so its relative half-width is ∝ 1 / (2 √n)."""
 
     def error(axis, samples):
         return np.sqrt(1.0 + np.where(samples % 2, spread, -spread) * (axis == "z"))
@@ -172,12 +172,12 @@ def test_hovers_are_simulated_until_half_of_every_interval_is_a_twentieth_of_the
 
 
 @pytest.mark.parametrize(("size", "hovers"), [(1e-8, 64), (1e-5, 1024)])
-def test_an_axis_whose_error_is_nothing_but_rounding_needs_no_more_hovers(stubbed, size, hovers):
+def test_an_axis_with_rounding_errors_only_needs_no_further_hovers(stubbed, size, hovers):
     stubbed(lambda axis, samples: np.where(samples % 64 == 0, 8.0, 0.0) * (size if axis == "y" else 0.0))
     assert hover_error(load_scenario("hover")).num_hovers == hovers
 
 
-def test_hovers_stand_at_nine_places_from_the_start_to_the_end_of_a_route_in_a_wind_of_places(monkeypatch):
+def test_hovers_are_at_nine_points_of_the_route_if_the_wind_depends_on_the_position(monkeypatch):
     hovered = []
 
     def at(scenario):
@@ -205,7 +205,7 @@ def test_crashing_hovers_are_refused():
 
 
 @pytest.mark.slow
-def test_the_believed_error_is_that_of_the_nominal_vehicle_in_the_strongest_jets():
+def test_the_believed_error_is_that_of_the_nominal_vehicle_in_the_strongest_wind():
     def error(*overrides):
         return believed_tracking_error(load_scenario("laboratory:low_wind", overrides, layers=layer)).rms
 
@@ -214,7 +214,7 @@ def test_the_believed_error_is_that_of_the_nominal_vehicle_in_the_strongest_jets
     assert error("vehicle.mass={uniform: {min: 0.6, max: 0.7}}", "vehicle.centre_of_mass=[0.01, 0.0]") == predicted
     still = error("laboratory.wind=[]")
     assert still.high < 0.4 * predicted.value
-    # The jets of the fans are hardly felt at (0, 0, 1).
+    # The jets of the fans hardly reach (0, 0, 1).
     hover = hover_error(load_scenario("laboratory:low_wind", layers=layer)).rms
     assert hover.high < 0.9 * predicted.value
 
@@ -235,6 +235,6 @@ def test_the_believed_error_is_that_of_the_nominal_vehicle_in_the_strongest_jets
         ),
     ],
 )
-def test_what_cannot_be_predicted_is_refused(name, overrides, message):
+def test_scenarios_whose_error_cannot_be_predicted_are_refused(name, overrides, message):
     with pytest.raises(InputError, match=message):
         believed_tracking_error(load_scenario(name, overrides))

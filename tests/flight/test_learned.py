@@ -1,4 +1,4 @@
-"""Networks that are saved after a flight, and flown again."""
+"""Tests of saving learned networks, and of flights with saved networks."""
 
 import dataclasses
 
@@ -22,8 +22,8 @@ def flown(asymmetric, *overrides):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("adaptive", [[], [ADAPTIVE]])
-def test_a_network_begins_with_what_another_flight_ended_with(asymmetric, tmp_path, adaptive):
-    """Axis by axis, to the bit, and with it every vehicle of a fleet; a saved scenario holds it."""
+def test_a_network_starts_with_the_final_parameters_of_another_flight(asymmetric, tmp_path, adaptive):
+    """Each axis and each vehicle of a fleet starts with the exact numbers, which a saved scenario contains."""
     first = flown(asymmetric, *adaptive)
     file = save_network(first, tmp_path / "deeper" / "learned.yaml")
     again = asymmetric("pd_t2fnn", *SHORT, *adaptive, f"control.network.learned={file}")
@@ -37,8 +37,8 @@ def test_a_network_begins_with_what_another_flight_ended_with(asymmetric, tmp_pa
 
 
 @pytest.mark.slow
-def test_sets_that_were_learned_fire_on_each_axis_where_they_learn_no_more(asymmetric, tmp_path):
-    """The correction at the first tick of a flight whose weights alone may learn is that of one whose sets may, too."""
+def test_learned_sets_are_used_if_only_the_weights_learn_further(asymmetric, tmp_path):
+    """The first corrections are the same whether or not the sets learn further."""
     file = save_network(flown(asymmetric, ADAPTIVE), tmp_path / "learned.yaml")
     known = f"control.network.learned={file}"
     fixed, free = (flown(asymmetric, known, *more) for more in ([], [ADAPTIVE]))
@@ -47,7 +47,7 @@ def test_sets_that_were_learned_fire_on_each_axis_where_they_learn_no_more(asymm
     assert "antecedents" not in fixed.signals
 
 
-def test_with_a_rate_of_zero_what_was_learned_before_stays(asymmetric, tmp_path):
+def test_a_rate_of_zero_keeps_the_learned_parameters(asymmetric, tmp_path):
     known = learned_file(tmp_path, FITTING + ON_AXES)
     learning = "control.network.learning={kind: gradient, signal: feedback, rate: 0}"
     flight = flown(asymmetric, learning, f"control.network.learned={known}", "duration=0.3")
@@ -89,18 +89,18 @@ ON_AXES = "".join(f"{axis}: {{weights: {[0.25] * 12}}}\n" for axis in "xyz")
         (FITTING + ON_AXES + "colour: red", "colour is unknown"),
     ],
 )
-def test_a_file_that_does_not_fit_gets_one_sentence(asymmetric, tmp_path, text, words):
+def test_a_file_that_does_not_fit_the_network_is_refused(asymmetric, tmp_path, text, words):
     with pytest.raises(InputError, match=words) as caught:
         asymmetric("pd_t2fnn", f"control.network.learned={learned_file(tmp_path, text)}")
     assert "\n" not in str(caught.value)
 
 
-def test_a_file_that_is_missing_is_named(asymmetric):
+def test_a_missing_file_is_named(asymmetric):
     with pytest.raises(InputError, match=r"control.network.learned names nowhere\.yaml, which does not exist"):
         asymmetric("pd_t2fnn", "control.network.learned=nowhere.yaml")
 
 
-def test_a_file_is_looked_for_beside_the_one_that_names_it(root, tmp_path):
+def test_a_relative_file_name_is_relative_to_the_scenario_file(root, tmp_path):
     learned_file(tmp_path, FITTING + ON_AXES)
     path = tmp_path / "mine.yaml"
     path.write_text(
@@ -116,14 +116,16 @@ def test_a_network_that_diverged_is_not_saved(asymmetric, tmp_path):
         weights = flight["weights"].copy()
         weights[-1, 4] = value
         diverged = dataclasses.replace(flight, signals={**flight.signals, "weights": weights})
-        with pytest.raises(InputError, match="what the network has learned is not finite"):
+        with pytest.raises(
+            InputError, match="the parameters of the network cannot be saved, since some are not finite"
+        ):
             save_network(diverged, tmp_path / "learned.yaml")
     assert not [*tmp_path.iterdir()]
 
 
 @pytest.mark.slow
-def test_a_flight_without_a_network_has_none_to_save(asymmetric, tmp_path):
-    """It has none either where a system of the user's stands in for the network of its scenario."""
+def test_saving_a_flight_without_a_network_is_refused(asymmetric, tmp_path):
+    """A flight in which a user's system replaces the network has no network, either."""
     short = ("duration=0.1", "metrics.start=0")
     gains = PdGains(PerAxis(2.0, 2.0, 6.0), PerAxis(2.0, 2.0, 3.5))
     own = build_position_controller(ProportionalDerivative(num_vehicles=1, numbers=gains))
@@ -137,14 +139,14 @@ def test_a_flight_without_a_network_has_none_to_save(asymmetric, tmp_path):
 
 
 @pytest.mark.slow
-def test_what_each_axis_has_learned_is_saved_whatever_order_the_axes_are_given_in(asymmetric, tmp_path):
+def test_parameters_are_saved_per_axis_in_any_order_of_the_axes(asymmetric, tmp_path):
     axes = ["control.network.axes=[z, x]", "duration=0.3"]
     first = flown(asymmetric, *axes)
     file = save_network(first, tmp_path / "learned.yaml")
     again = flown(asymmetric, *axes, f"control.network.learned={file}")
     x, z = np.split(first["weights"][-1], 2)
     assert not np.array_equal(x, z)
-    # The file holds what has been learned and nothing else.
+    # The file contains the learned parameters only.
     saved = YAML(typ="safe").load(file)
     assert saved.keys() == {"kind", "inputs", "sets", "x", "z"}
     assert saved["x"] == {"weights": x.tolist()}

@@ -1,4 +1,4 @@
-"""Flights under linear-quadratic-Gaussian control: what shipped designs promise, and networks around them."""
+"""Tests of flights with linear-quadratic-Gaussian control: claims of shipped designs, and networks."""
 
 from pathlib import Path
 
@@ -58,14 +58,14 @@ def test_a_design_for_one_laboratory_has_less_error_there_than_one_for_nine():
 
 
 @pytest.mark.slow
-def test_the_shipped_controller_stands_frames_that_are_50_ms_late():
+def test_the_shipped_controller_tolerates_frames_that_are_50_ms_late():
     late = "laboratory.motion_capture.latency_frames=5", "duration=8"
     assert mean_rmse(scenario_of("laboratory.yaml:low_wind", *late)) < 0.06
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("spec", ["outdoor.yaml", "neural_fly.yaml:wind_8"])
-def test_designs_for_families_keep_the_limit_of_the_protocol_and_fly(spec):
+def test_designs_for_families_fly_within_the_limit_of_the_protocol(spec):
     family = spec.partition(".")[0]
     scenario = load_scenario(f"{DIAGRAMS}/{spec}", layers=[f"{DIAGRAMS}/controllers/designed/{family}.yaml:lqg"])
     assert LoopLimit().shares_met(middle_of(scenario)).min() >= 1.0
@@ -81,15 +81,15 @@ FEWER_PHASES = f"control.network.inputs.phase={{centres: {PHASES.tolist()}, widt
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("controller", "override"), [("lqg_map", FEWER_PLACES), ("lqg_schedule", FEWER_PHASES)])
-def test_what_is_learned_in_a_lap_lowers_the_error_of_the_next_by_a_tenth(controller, override):
-    """Learned over the place or over the phase of the lap; a network with fewer sets compiles faster."""
+def test_learning_in_a_lap_reduces_the_error_of_the_next_by_a_tenth(controller, override):
+    """The network learns over the position or the phase of the lap. It has fewer sets, to compile faster."""
     laps = "route.laps=2", "metrics={first_lap: 2}", override
     learned = mean_rmse(scenario_of(HIGH_WIND, *laps, controller=controller))
     assert learned < 0.9 * mean_rmse(scenario_of(HIGH_WIND, *laps, "control.network=null", controller=controller))
 
 
-def test_a_network_around_it_closes_no_algebraic_loop():
-    """`error`, `error_rate` and `pd` are known before the correction that may follow from them."""
+def test_a_network_around_the_regulator_causes_no_algebraic_loop():
+    """`error`, `error_rate` and `pd` are computed before the correction, which can depend on them."""
     scenario = scenario_of("laboratory.yaml:nominal")
     recipe = control_recipes(Batch.draw(scenario, [0]), plan_route(scenario))["regulator"]
     system = LinearQuadraticGaussian(**recipe.structure | {"takes_correction": True}, numbers=recipe.numbers)
@@ -106,8 +106,8 @@ def test_a_network_around_it_closes_no_algebraic_loop():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("taken", "learned"), [(0.6, 0.6), (0.5, 0.2)])
-def test_of_a_disturbance_that_a_network_knows_the_filter_finds_the_rest(taken, learned):
-    """A steady wind along x and y pushes by c / m of itself; what is known of it now counts, not what is taken away."""
+def test_the_filter_estimates_the_disturbance_that_the_network_has_not_learned(taken, learned):
+    """The acceleration by a steady wind v is c v / m. The filter subtracts the learned part, not the correction."""
     wind = np.array([1.5, -2.5, 0.0])
     scenario = scenario_of(
         "laboratory.yaml:nominal",
@@ -130,15 +130,15 @@ def test_of_a_disturbance_that_a_network_knows_the_filter_finds_the_rest(taken, 
         builder.ExportOutput(regulator.GetOutputPort(name), name)
     flight = simulate(scenario, control=builder.Build())
     np.testing.assert_allclose(flight["disturbance"][-1], (1.0 - learned) * push, atol=0.03)
-    # To stand still takes the same command, whoever says so.
+    # The total command at rest does not depend on its split.
     np.testing.assert_allclose(flight["acceleration_command"][-1], -push, atol=0.03)
     if taken == learned:
         np.testing.assert_allclose(flight["state"][-1, :3], [0.0, 0.0, 1.0], atol=0.006)
 
 
 @pytest.mark.slow
-def test_a_network_of_the_language_stands_around_it():
-    """It looks at the estimate, learns from the feedback, and flies compiled as wired."""
+def test_a_network_can_be_combined_with_the_regulator():
+    """The network uses the estimate, learns from the feedback, and flies the same compiled and uncompiled."""
     network = (
         "control.network={kind: type_2, axes: [x, y], inputs: {error: {scale: 20}, z: {scale: 2}}, lead: 0.1,"
         " learning: {kind: gradient, signal: feedback, rate: 2}}"
@@ -150,7 +150,7 @@ def test_a_network_of_the_language_stands_around_it():
     np.testing.assert_allclose(compiled["state"], wired["state"], atol=1e-9)
 
 
-def test_it_has_no_place_for_a_position_controller():
+def test_a_position_controller_cannot_replace_the_regulator():
     gains = PdGains(PerAxis(1.0, 1.0, 1.0), PerAxis(1.0, 1.0, 1.0))
     own = build_position_controller(ProportionalDerivative(numbers=gains))
     with pytest.raises(

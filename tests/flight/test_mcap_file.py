@@ -1,4 +1,4 @@
-"""Flights as MCAP, read back by the format's own reader."""
+"""Tests of the MCAP export, with the reader of the mcap library."""
 
 import dataclasses
 import json
@@ -17,7 +17,7 @@ from drake_quad import InputError, load_scenario, simulate
 from drake_quad.flight.formats.mcap_file import messages_of, save_mcap
 from drake_quad.visualization.style import BLUE, GREEN, ORANGE, PURPLE, VERMILION
 
-# What must be there in messages of Foxglove's, by its SDK's schemas/jsonschema at ca8a1ce.
+# Required fields of Foxglove's messages, from schemas/jsonschema of its SDK at commit ca8a1ce.
 REQUIRED = {
     "foxglove.FrameTransform": {"timestamp", "parent_frame_id", "child_frame_id", "translation", "rotation"},
     "foxglove.PoseInFrame": {"timestamp", "frame_id", "pose"},
@@ -34,7 +34,7 @@ LINE = {"type", "pose", "thickness", "scale_invariant", "points", "color", "colo
 
 @pytest.fixture(scope="module")
 def flights(diagrams):
-    """One to its end; one with a network, on the asymmetric vehicle's airframe, that crashes."""
+    """Return a complete flight, and one with a network and an asymmetric airframe that crashes."""
     turned = {"duration": 1.0, "route.yaw": 0.4}
     failing = {"duration": 2, "vehicle.rotor_failure": {"rotor": 2, "time": 0.2}}
     return {
@@ -50,7 +50,7 @@ def path(flights, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def messages(path):
-    """Times (ns) and contents of all messages, by topic, and the schema of each topic."""
+    """Return times (ns) and contents of all messages by topic, and the schema of each topic."""
     found, schemas, times = {}, {}, []
     with path.open("rb") as stream:
         for schema, channel, message in make_reader(stream, validate_crcs=True).iter_messages(log_time_order=False):
@@ -63,7 +63,7 @@ def messages(path):
     return found, schemas
 
 
-def test_there_is_a_topic_for_each_signal_and_for_what_is_seen(messages, flights):
+def test_there_is_a_topic_for_each_signal_and_each_display(messages, flights):
     found, _ = messages
     for name, flight in flights.items():
         topics = {f"/{name}/{each}" for each in ("tf", "reference", *(f"signals/{signal}" for signal in flight))}
@@ -72,7 +72,7 @@ def test_there_is_a_topic_for_each_signal_and_for_what_is_seen(messages, flights
     assert "/whole/log" not in found
 
 
-def test_every_message_keeps_to_its_schema_and_foxglove_s_have_all_that_they_must(messages):
+def test_messages_match_their_schemas_and_have_the_fields_that_foxglove_requires(messages):
     found, schemas = messages
     for topic, (name, schema) in schemas.items():
         validator = jsonschema.Draft202012Validator(schema)
@@ -88,14 +88,14 @@ def test_every_message_keeps_to_its_schema_and_foxglove_s_have_all_that_they_mus
 
 
 def titles_of(schema, field=""):
-    """Pairs of the name of a field and the title of its schema, of all objects in a schema."""
+    """Return the name and the title of all fields that are objects, at any depth of a schema."""
     if schema["type"] == "array":
         return titles_of(schema["items"], field)
     inside = [pair for name, part in schema.get("properties", {}).items() for pair in titles_of(part, name)]
     return [(field, schema["title"]), *inside] if "title" in schema else inside
 
 
-def test_parts_of_foxglove_s_schemas_have_the_titles_of_its_own(messages):
+def test_parts_of_foxglove_schemas_have_their_titles(messages):
     _, schemas = messages
     found = {pair for _, schema in schemas.values() for pair in titles_of(schema) if pair[0]}
     assert found == {
@@ -115,7 +115,7 @@ def test_parts_of_foxglove_s_schemas_have_the_titles_of_its_own(messages):
     }
 
 
-def test_signals_are_there_by_the_names_of_their_rows(messages, flights):
+def test_signals_are_written_with_the_names_of_their_rows(messages, flights):
     found, schemas = messages
     for name, flight in flights.items():
         state = flight.record("state")
@@ -129,8 +129,8 @@ def test_signals_are_there_by_the_names_of_their_rows(messages, flights):
     assert schemas["/whole/signals/wrench"][0] == "drake_quad.wrench"
 
 
-def test_frames_are_where_the_vehicle_and_its_reference_are(messages, flights):
-    """Drake's quaternion, up to its sign."""
+def test_frames_have_the_poses_of_the_vehicle_and_its_reference(messages, flights):
+    """The expected quaternion is that of Drake, up to its sign."""
     found, _ = messages
     for name, flight in flights.items():
         for tick in (0, len(flight.time) // 2, len(flight.time) - 1):
@@ -166,8 +166,8 @@ def test_the_scene_has_rotors_in_the_body_and_lines_in_the_world(messages, fligh
     assert len({entity["id"] for entity in scene["entities"]}) == 3
 
 
-def test_what_is_drawn_is_there_for_ever_and_reaches_from_the_middle_to_the_rotors(messages, flights):
-    """Foxglove draws a box about its middle. Type 0 is a strip of lines; a width that does not scale is in pixels."""
+def test_shapes_are_permanent_and_reach_from_the_centre_to_the_rotors(messages, flights):
+    """Foxglove centres a box at its position. Line type 0 is LINE_STRIP, with a scale-invariant width in pixels."""
     found, _ = messages
     colors = {}
     for name in flights:
@@ -186,7 +186,7 @@ def test_what_is_drawn_is_there_for_ever_and_reaches_from_the_middle_to_the_roto
             assert (turn["x"], turn["y"], size["y"]) == (0.0, 0.0, size["z"])
             assert disc["pose"]["orientation"] == {"w": 1.0, "x": 0.0, "y": 0.0, "z": 0.0}
             assert disc["size"]["x"] == disc["size"]["y"] > disc["size"]["z"] > 0.0
-            # Discs of neighbours do not touch, and arms are slender.
+            # Neighbouring discs do not overlap, and arms are thin.
             assert size["y"] < 0.25 * size["x"]
             assert size["y"] < disc["size"]["x"] < math.sqrt(2.0) * size["x"]
             assert disc["bottom_scale"] == disc["top_scale"] == 1.0
@@ -205,8 +205,8 @@ def test_what_is_drawn_is_there_for_ever_and_reaches_from_the_middle_to_the_roto
     assert colors["whole"] != colors["failing"]
 
 
-def test_flights_have_colors_of_their_own(flights):
-    """Those of the plots, as shares of red, green and blue, which repeat after five flights."""
+def test_flights_have_different_colors(flights):
+    """The colours are those of the plots, as fractions of red, green and blue, and repeat after five flights."""
     colors = []
     for number in range(6):
         scene = next(messages_of("whole", flights["whole"], number))
@@ -222,11 +222,11 @@ def test_a_crash_is_logged_as_an_error(messages, flights):
     crash_time = flights["failing"].metrics.crash_time
     assert math.isclose(time, 1e9 * crash_time, abs_tol=1.0)
     assert (content["level"], content["message"]) == (4, f"failing crashed at {crash_time:.2f} s")
-    # No line of any file has logged it.
+    # The message does not refer to a source file.
     assert (content["name"], content["file"], content["line"]) == ("failing", "", 0)
 
 
-def test_the_scenario_is_attached_to_be_flown_again(path, flights, tmp_path):
+def test_the_attached_scenario_repeats_the_flight(path, flights, tmp_path):
     with path.open("rb") as stream:
         reader = make_reader(stream)
         attached = {each.name: each.data for each in reader.iter_attachments()}
@@ -237,14 +237,14 @@ def test_the_scenario_is_attached_to_be_flown_again(path, flights, tmp_path):
     assert float(metrics["whole/metrics"]["rmse"]) == pytest.approx(flights["whole"].metrics.rmse, rel=1e-11)
 
 
-def test_one_flight_stands_under_the_name_of_its_scenario(flights, tmp_path):
+def test_a_single_flight_has_the_name_of_its_scenario(flights, tmp_path):
     path = save_mcap(flights["whole"], tmp_path / "one.mcap")
     with path.open("rb") as stream:
         topics = {channel.topic.split("/")[1] for channel in make_reader(stream).get_summary().channels.values()}
     assert topics == {"figure_eight"}
 
 
-def test_no_flight_and_no_library_are_said(flights, tmp_path, monkeypatch):
+def test_a_missing_flight_and_a_missing_library_are_reported(flights, tmp_path, monkeypatch):
     with pytest.raises(InputError, match="there is no flight to write"):
         save_mcap({}, tmp_path / "none.mcap")
     for module in ("mcap", "mcap.writer"):
@@ -254,7 +254,7 @@ def test_no_flight_and_no_library_are_said(flights, tmp_path, monkeypatch):
     assert not [*tmp_path.iterdir()]
 
 
-def test_a_number_that_json_does_not_have_is_null_and_no_frame_of_the_vehicle(flights, tmp_path):
+def test_non_finite_numbers_are_null(flights, tmp_path):
     flight = flights["whole"]
 
     def broken(signal):

@@ -1,4 +1,4 @@
-"""The laboratory and the vehicle of a scenario, put into diagrams of plain Drake."""
+"""Tests of the laboratory and the vehicle of a scenario as parts of plain Drake diagrams."""
 
 import re
 
@@ -21,7 +21,7 @@ from drake_quad.signals import Reference, State, Wrench
 
 
 class Cascade(LeafSystem):
-    """A PD cascade in plain Python, for small angles."""
+    """PD cascade for small angles in plain Python."""
 
     def __init__(self, num_vehicles=1):
         super().__init__()
@@ -46,8 +46,8 @@ class Cascade(LeafSystem):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("num_vehicles", [1, 3])
-def test_a_loop_that_is_closed_by_hand_flies_like_the_tracking_diagram(num_vehicles):
-    """With the same wind, noise and losses, to the bit."""
+def test_a_loop_closed_by_hand_has_the_flight_of_the_tracking_diagram(num_vehicles):
+    """Wind, noise and lost packets are the same, and the flights are equal to the bit."""
     scenario = load_scenario("laboratory:low_wind", ["sample=5", "seed=7"])
     builder = DiagramBuilder()
     reference = builder.AddSystem(build_reference(plan_route(scenario), num_vehicles=num_vehicles))
@@ -75,7 +75,7 @@ def test_a_loop_that_is_closed_by_hand_flies_like_the_tracking_diagram(num_vehic
         ("hover", ["vehicle.slung_load={mass: 0.05, length: 0.5}"], "swing"),
     ],
 )
-def test_the_docstring_of_the_laboratory_has_its_ports_and_their_rows(name, overrides, distinct):
+def test_the_docstring_of_the_laboratory_lists_its_ports_and_rows(name, overrides, distinct):
     text = build_laboratory_diagram.__doc__
     rows = {}
     for names, number in re.findall(r"(`[^()]+) \((\d+)\s+rows?[):,]", text):
@@ -88,7 +88,7 @@ def test_the_docstring_of_the_laboratory_has_its_ports_and_their_rows(name, over
     assert distinct in sizes
 
 
-def test_the_vehicle_of_a_scenario_obeys_newton_and_hovers_where_its_route_begins():
+def test_the_vehicle_of_a_scenario_obeys_newton_and_hovers_at_the_start_of_its_route():
     scenario = load_scenario(
         "hover", ["vehicle.time_step=0", "vehicle.mass=0.8", "nominal.mass=0.7", "route.position=[1, 2, 3]"]
     )

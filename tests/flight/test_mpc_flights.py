@@ -1,4 +1,4 @@
-"""Flights under model predictive control: as the regulator's where no limit is near, and within limits where one is."""
+"""Tests of flights with model predictive control, with and without active limits."""
 
 from pathlib import Path
 
@@ -21,14 +21,14 @@ def load(controller, *overrides, wind="nominal"):
 
 
 def as_lqg(scenario):
-    """The same with the regulator alone."""
+    """Return the scenario with the regulator instead of model predictive control."""
     flown = load(f"{LQG}:lqg_low_wind").control.model_copy(update={"max_thrust": scenario.control.max_thrust})
     return scenario.model_copy(update={"control": flown})
 
 
 @pytest.mark.slow
-def test_where_no_limit_is_near_it_is_the_regulator():
-    """In the fans' wind, for a flight to the first half of the eight; the shipped design is that of the LQG."""
+def test_far_from_limits_it_equals_the_regulator():
+    """The flight is the first half of the eight in the wind of the fans, with the shipped LQG design."""
     mpc = load(f"{MPC}:mpc", "duration=8", wind="high_wind")
     found, expected = (simulate(each, compiled=True) for each in (mpc, as_lqg(mpc)))
     assert np.abs(expected["disturbance"]).max() > 0.3
@@ -37,8 +37,8 @@ def test_where_no_limit_is_near_it_is_the_regulator():
 
 
 @pytest.mark.slow
-def test_it_keeps_to_a_floor_that_the_regulator_breaks():
-    """Since it sees that the thrust will not do for what the reference asks, it begins to rise earlier."""
+def test_it_stays_above_a_floor_that_the_regulator_violates():
+    """It predicts that the thrust is too small to follow the reference, and starts to climb earlier."""
     mpc = load(f"{MPC}:mpc_short_of_thrust", "duration=8")
     found, regulator = (simulate(each, compiled=True) for each in (mpc, as_lqg(mpc)))
     assert regulator.record("state").z.min() < 1.085
@@ -50,8 +50,8 @@ def test_it_keeps_to_a_floor_that_the_regulator_breaks():
 
 
 @pytest.mark.slow
-def test_compiled_is_as_wired_and_a_fleet_as_each_alone():
-    """Where limits bind, in noise."""
+def test_flights_are_the_same_compiled_uncompiled_and_in_a_fleet():
+    """The limits are active, and there is noise."""
     scenario = load(f"{MPC}:mpc_short_of_thrust", *SHORT)
     together = assert_flown_alike(Batch.draw(scenario, [4, 7]))
     for sample, flight in zip((4, 7), together, strict=True):
@@ -61,8 +61,8 @@ def test_compiled_is_as_wired_and_a_fleet_as_each_alone():
 
 
 @pytest.mark.slow
-def test_behind_an_autopilot_the_tilt_of_commands_is_kept(monkeypatch):
-    """A corridor that it leaves at once, with the network's correction on top."""
+def test_commands_to_an_autopilot_keep_the_tilt_limit(monkeypatch):
+    """The vehicle leaves the corridor immediately, and the correction of a network is added."""
     network = (
         "control.network={kind: type_2, axes: [x, y], inputs: {error: {scale: 20}, disturbance: {scale: 2}},"
         " learning: {kind: gradient, signal: feedback, rate: 2}}"

@@ -1,4 +1,4 @@
-"""Policies as controllers: beside others of the same law, and a published one beside its package and simulator."""
+"""Tests of policies as controllers, by comparison with equal laws, and with a published policy's package."""
 
 import csv
 
@@ -15,11 +15,11 @@ from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.files.loading import with_fields
 
-K_P, K_D, MOST = np.array([1.2, 0.9, 4.0]), np.array([1.5, 1.3, 3.1]), np.array([4.0, 5.0, 6.0])
+K_P, K_D, LIMIT = np.array([1.2, 0.9, 4.0]), np.array([1.5, 1.3, 3.1]), np.array([4.0, 5.0, 6.0])
 
 
 def with_policy(scenario, arrays, folder, **control):
-    """A scenario under a network of these arrays."""
+    """Return a scenario whose policy is the network of these arrays."""
     np.savez(folder / "net.npz", **arrays)
     fields = {"kind": "policy", "policy": str(folder / "net.npz"), **control}
     names = ("attitude", "thrust_vectoring")
@@ -33,7 +33,7 @@ def with_policy(scenario, arrays, folder, **control):
 
 @pytest.fixture
 def pd(diagrams):
-    """A PD of the tracking error, in wind and noise."""
+    """Return a scenario with a PD, wind and noise."""
     scenario = load_scenario(
         diagrams / "laboratory.yaml:low_wind", {"duration": 4.0, "vehicle.mass": 0.7}, layers=["gains/laboratory"]
     )
@@ -42,12 +42,12 @@ def pd(diagrams):
     return with_fields(scenario, {"control": fields})
 
 
-def test_a_network_that_is_a_pd_flies_as_the_pd_does(pd, tmp_path):
-    """Through the same cascade, in the same wind and noise."""
-    weights = np.hstack([np.diag(K_P / MOST), np.diag(K_D / MOST)])
+def test_a_network_with_the_gains_of_a_pd_flies_as_the_pd(pd, tmp_path):
+    """Cascade, wind and noise are the same."""
+    weights = np.hstack([np.diag(K_P / LIMIT), np.diag(K_D / LIMIT)])
     arrays = {"weights_0": weights, "biases_0": np.zeros(3)}
     seen = {"signals": ["position_error", "velocity_error"]}
-    policy = with_policy(pd, arrays, tmp_path, action={"kind": "acceleration", "most": MOST}, observation=seen)
+    policy = with_policy(pd, arrays, tmp_path, action={"kind": "acceleration", "most": LIMIT}, observation=seen)
     flown, expected = simulate(policy), simulate(pd)
     for name in ("state", "wrench", "acceleration_command", "attitude_command"):
         np.testing.assert_allclose(flown[name], expected[name], rtol=0.0, atol=1e-9)
@@ -55,8 +55,8 @@ def test_a_network_that_is_a_pd_flies_as_the_pd_does(pd, tmp_path):
 
 
 @pytest.mark.parametrize("action", ["attitude", "rates", "rotor_speeds", "acceleration"])
-def test_a_policy_flies_compiled_and_in_fleets_as_it_is_wired(action, tmp_path, diagrams):
-    """A network with memory and history, on the bad day of robustness.yaml."""
+def test_a_policy_flies_the_same_compiled_uncompiled_and_in_fleets(action, tmp_path, diagrams):
+    """The network has memory and history, and flies in the conditions of robustness.yaml."""
     rng = np.random.default_rng(4)
     rows = 3 if action == "acceleration" else 4
     seen = {
@@ -92,20 +92,20 @@ def test_a_policy_flies_compiled_and_in_fleets_as_it_is_wired(action, tmp_path, 
 
 
 @pytest.mark.parametrize("vehicle", ["paper", "crazyflie", "racer"])
-def test_actions_of_rotor_speeds_are_the_speeds_that_rotors_are_told(vehicle, diagrams):
+def test_actions_of_rotor_speeds_are_the_commanded_speeds(vehicle, diagrams):
     scenario = load_scenario("hover", {"duration": 0.4}, layers=[f"vehicles/{vehicle}"])
     task = task_of(scenario, action={"kind": "rotor_speeds", "order": [3, 1, 4, 2]})
     actions = np.random.default_rng(2).uniform(-0.9, 0.9, (20, 4))
     flight = simulate(task, policy=action_source(actions, 0.02))
     low, high = scenario.nominal.min_rotor_speed, scenario.nominal.max_rotor_speed
     speeds = low + 0.5 * (actions[:, np.argsort([2, 0, 3, 1])] + 1.0) * (high - low)
-    # At a tick the recorder sees what the link sent out at the one before, which had been sent a tick before that.
+    # The recorder logs the output of the link at the previous tick, and the link delays commands by one tick.
     told = flight["rotor_speed_command"][2:]
     assert len(told) > 5
     np.testing.assert_allclose(told, speeds[: len(told)], rtol=1e-9)
 
 
-def test_body_rates_are_reached_on_board_whatever_the_attitude(diagrams):
+def test_body_rates_are_tracked_on_board_at_any_attitude(diagrams):
     task = task_of(load_scenario("onboard", {"duration": 0.6}), action="rates")
     actions = np.tile([0.0, 0.1, -0.05, 0.2], (30, 1))
     flight = simulate(task, policy=action_source(actions, 0.02))
@@ -113,13 +113,13 @@ def test_body_rates_are_reached_on_board_whatever_the_attitude(diagrams):
     wanted = actions[0, 1:] * [6.0, 6.0, 3.0]
     np.testing.assert_allclose([state.p[-1], state.q[-1], state.r[-1]], wanted, atol=0.08)
     assert abs(state.roll[-1]) > 0.2
-    # Told attitudes, the same autopilot heeds them.
+    # The same autopilot can also track attitudes.
     level = task_of(load_scenario("onboard", {"duration": 0.6}), action="attitude")
     lean = simulate(level, policy=action_source(actions, 0.02)).record("state")
     np.testing.assert_allclose([lean.roll[-1], lean.pitch[-1]], [0.06, -0.03], atol=0.02)
 
 
-def test_body_rates_are_reached_from_the_ground():
+def test_body_rates_are_tracked_from_the_ground():
     task = task_of(load_scenario("hover", {"duration": 1.0}), action="rates")
     actions = np.tile([0.0, 0.1, -0.05, 0.2], (50, 1))
     state = simulate(task, policy=action_source(actions, 0.02)).record("state")
@@ -131,8 +131,8 @@ def raptor():
     return load_scenario("figure_eight", layers=["controllers/raptor:raptor"]).control.policy.network()
 
 
-def test_the_foundation_policy_does_what_its_package_does(raptor):
-    """On the example that the package brings, whose positions and velocities are the negative of our errors."""
+def test_the_foundation_policy_has_the_actions_of_its_package(raptor):
+    """The example is that of the package, whose positions and velocities are our negative errors."""
     package = pytest.importorskip("foundation_policy")
     policy = package.Raptor()
     policy.reset()
@@ -144,8 +144,8 @@ def test_the_foundation_policy_does_what_its_package_does(raptor):
         np.testing.assert_allclose(step.output, policy.evaluate_step(inputs[None])[0], rtol=1e-5, atol=1e-5)
 
 
-def test_the_foundation_policy_flies_as_in_the_simulator_that_it_was_trained_in(root):
-    """The recorded flight of tests/data/raptor: back from an offset, of a vehicle with a Crazyflie's numbers."""
+def test_the_foundation_policy_has_the_flight_of_its_training_simulator(root):
+    """The recorded flight in tests/data/raptor is the return of a Crazyflie from an offset."""
     with (root / "tests/data/raptor/l2f.csv").open(encoding="utf-8") as file:
         expected = np.array([[float(cell) for cell in row.values()] for row in csv.DictReader(file)])
     vehicle = {
@@ -170,7 +170,7 @@ def test_the_foundation_policy_flies_as_in_the_simulator_that_it_was_trained_in(
     flight = simulate(scenario, plan=Plan.hover([0.0, 0.0, 0.0], duration=3.0), prepare=prepare, until=2.9)
     ours = flight["state"][::10]
     assert len(ours) == len(expected) == 30
-    # Its simulator computes in single precision, and the table has seven digits.
+    # The training simulator uses single precision, and the table has seven digits.
     np.testing.assert_allclose(ours[:, :3], expected[:, 1:4], atol=2e-6)
     np.testing.assert_allclose(ours[:, 6:9], expected[:, 13:16], atol=5e-6)
     np.testing.assert_allclose(ours[:, 9:12], expected[:, 16:19], atol=5e-5)
@@ -221,7 +221,7 @@ def test_the_foundation_policy_follows_a_yaw_along_the_path(layers):
     assert abs(off[-1]) < MAX_YAW_OFFSET
 
 
-def test_a_policy_of_the_user_s_own_needs_a_place():
+def test_a_users_policy_needs_a_control_of_kind_policy():
     with pytest.raises(InputError, match="a policy can only be given for a scenario with control of kind policy"):
         simulate(load_scenario("hover"), policy=action_source(np.zeros((2, 3)), 0.02))
     task = task_of("hover")
@@ -231,8 +231,8 @@ def test_a_policy_of_the_user_s_own_needs_a_place():
         simulate(task)
 
 
-def test_a_policy_in_plain_python_flies_as_a_network_does(tmp_path):
-    """A user's system from `observation` to `action`, alone; beside compiled systems, too."""
+def test_a_policy_in_plain_python_flies_as_a_network(tmp_path):
+    """The user's system computes `action` from `observation`, in uncompiled and compiled diagrams."""
 
     class Lean(LeafSystem):
         def __init__(self):

@@ -1,4 +1,4 @@
-"""Flights in PX4's names, read back by the identification's own mapping of PX4's logs."""
+"""Tests of the PX4 table, which is read back as a PX4 log."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from drake_quad.identification.logs.reading import read_log
 
 @pytest.fixture(scope="module")
 def flight(diagrams):
-    """With noise, wind, turns and a board that is told attitude and rates."""
+    """Return a flight with noise, wind, turns, and an autopilot with commands of attitude and rates."""
     overrides = {
         "duration": 3.0,
         "route": {"heading": "along_path", "yaw": 0.4},
@@ -25,7 +25,7 @@ def record(flight, tmp_path_factory):
     return read_log(save_px4_table(flight, tmp_path_factory.mktemp("px4") / "flight.csv"))
 
 
-def test_the_signals_that_are_read_back_are_the_same(flight, record):
+def test_signals_are_read_back_unchanged(flight, record):
     measured, reference = flight["measurement"], flight["reference"]
     np.testing.assert_allclose(record.time, flight.time, rtol=0.0, atol=1e-12)
     for name, expected in {
@@ -50,8 +50,8 @@ def test_the_signals_that_are_read_back_are_the_same(flight, record):
     assert any("the mapping is px4" in remark for remark in record.remarks)
 
 
-def test_names_and_axes_are_px4_s(flight):
-    """Down is positive, the nose's turn to the right is, and time is in whole microseconds."""
+def test_names_and_axes_are_those_of_px4(flight):
+    """Down and yaw to the right are positive, and times are whole microseconds."""
     columns, state = px4_columns(flight), flight.record("state")
     assert columns["timestamp"].dtype == np.int64
     np.testing.assert_array_equal(columns["timestamp"][:3], [0, 20_000, 40_000])
@@ -69,7 +69,7 @@ def test_names_and_axes_are_px4_s(flight):
     np.testing.assert_allclose(rpm, flight.record("rotor_speed").rotor_3, rtol=1e-12)
 
 
-def test_throttles_are_there_where_the_motors_are_told_them(diagrams, flight, tmp_path):
+def test_throttles_are_written_if_they_are_the_commands_of_the_motors(diagrams, flight, tmp_path):
     assert not any(name.startswith("actuator_motors") for name in px4_columns(flight))
     told = simulate(
         load_scenario(diagrams / "neural_fly.yaml:still", {"duration": 0.5, "metrics.start": 0}), compiled=True

@@ -1,4 +1,4 @@
-"""Flights of a real quadrotor in wind, predicted from what was identified of it, but not from its positions."""
+"""Tests of predicted flights of a real quadrotor in wind, whose identification did not use its positions."""
 
 import math
 import re
@@ -34,7 +34,7 @@ def row_of_page(root, name):
 
 
 @pytest.mark.slow
-def test_the_vehicle_of_neural_fly_flies_here_as_it_flew_there(diagrams, root):
+def test_simulated_errors_of_neural_fly_agree_with_the_flown_ones(diagrams, root):
     """Measured positions agree to 20 % with the flown ones in all winds, and match the page of real flights."""
     found = {name: predicted(diagrams, name) for name in FLOWN}
     assert found == pytest.approx(FLOWN, rel=0.2)
@@ -46,7 +46,7 @@ def test_the_vehicle_of_neural_fly_flies_here_as_it_flew_there(diagrams, root):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["still", "wind_4", "wind_8", "wind_12"])
-def test_with_drag_from_all_sides_and_the_thrust_that_is_believed_it_does_not(diagrams, name):
+def test_with_isotropic_drag_and_the_nominal_thrust_errors_disagree(diagrams, name):
     isotropic = [
         "vehicle.body_drag=null",
         "vehicle.rotor_aerodynamics=null",
@@ -78,7 +78,7 @@ def test_the_error_depends_on_the_phase_of_the_wind(diagrams):
 
 
 @pytest.mark.slow
-def test_the_amplitude_and_phase_of_the_wind_are_found_in_a_log(root, diagrams, tmp_path, monkeypatch):
+def test_the_amplitude_and_phase_of_the_wind_are_identified_from_a_log(root, diagrams, tmp_path, monkeypatch):
     """The result does not depend on the phase of the path at the start of the log."""
     monkeypatch.syspath_prepend(root / "tests" / "identification")
     from neural_fly_flight import write_flight

@@ -1,4 +1,4 @@
-"""Flights of a vehicle whose rotors cannot give the commanded thrust."""
+"""Tests of flights of a vehicle whose rotors cannot exert the commanded thrust."""
 
 from typing import get_args
 
@@ -11,7 +11,7 @@ from drake_quad.vehicle.allocation import Priority
 
 
 def overloaded(priority):
-    """Return the flight of a vehicle that weighs more than twice what is believed, with its load 0.5 mm off centre.
+    """Return the flight of a vehicle with more than twice its nominal weight, and its load 0.5 mm off centre.
 
     To hold its position, its controller commands the largest permitted thrust, which is more than the rotors can give.
     """
@@ -51,7 +51,7 @@ def test_an_overloaded_vehicle_tips_over_if_thrust_has_priority():
 @pytest.mark.slow
 @pytest.mark.parametrize("layout", ["x", "rotors"])
 @pytest.mark.parametrize("priority", get_args(Priority))
-def test_vehicles_saturate_alike_in_a_compiled_fleet_and_alone(layout, priority):
+def test_saturation_is_the_same_in_a_compiled_fleet_and_alone(layout, priority):
     """At some instants only part of the vehicles in a vector register saturate."""
     rotors = [
         {"position": [0.14, -0.11, 0.02], "turns": "clockwise"},

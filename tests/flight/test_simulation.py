@@ -1,4 +1,4 @@
-"""Simulation of one vehicle: samples, early ends and errors."""
+"""Tests of the simulation of one vehicle: samples, early ends and errors."""
 
 import numpy as np
 import pytest
@@ -8,8 +8,8 @@ from drake_quad import InputError, load_scenario, simulate
 
 
 @pytest.mark.parametrize("compiled", [False, True])
-def test_progress_is_told_to_the_end(diagrams, compiled):
-    """Every second; a compiled diagram takes hundreds of ticks at once, so it says something less often."""
+def test_progress_is_reported_until_the_end(diagrams, compiled):
+    """Progress is reported every second, and less often by a compiled diagram with hundreds of ticks per event."""
     told, scenario = [], load_scenario(diagrams / "hover.yaml", ["duration=2.5"])
     simulate(scenario, compiled=compiled, progress=lambda *now: told.append(now))
     times = [1.0, 2.0, 2.5]
@@ -18,7 +18,7 @@ def test_progress_is_told_to_the_end(diagrams, compiled):
 
 @pytest.mark.slow
 def test_a_scenario_flies_its_own_sample_and_seed_unless_others_are_given(diagrams):
-    """Turbulence tells samples apart."""
+    """Samples differ in their turbulence."""
     wind = "laboratory.wind=[{kind: dryden, level: light}]"
 
     def wind_of(*overrides, **arguments):
@@ -33,7 +33,7 @@ def test_a_scenario_flies_its_own_sample_and_seed_unless_others_are_given(diagra
     assert np.abs(wind_of(seed=5) - wind_of(seed=6)).max() > 1e-3
 
 
-def test_a_flight_that_is_stopped_has_the_same_ticks_up_to_then(diagrams):
+def test_a_flight_that_stops_early_has_the_same_ticks_until_then(diagrams):
     scenario = load_scenario(diagrams / "hover.yaml", ["duration=0.2"])
     whole, part = simulate(scenario), simulate(scenario, until=0.1)
     np.testing.assert_array_equal(part.time, whole.time[:6])
@@ -44,7 +44,7 @@ def test_a_flight_that_is_stopped_has_the_same_ticks_up_to_then(diagrams):
             simulate(scenario, until=until)
 
 
-def test_an_error_in_a_system_of_the_user_s_is_not_hidden(diagrams):
+def test_an_error_in_a_users_system_is_not_hidden(diagrams):
     class Failing(LeafSystem):
         def __init__(self):
             super().__init__()
@@ -66,7 +66,7 @@ def test_distributions_need_a_sample(diagrams):
 
 @pytest.mark.slow
 def test_a_continuous_state_is_exact_to_a_tenth_of_a_nanometre(diagrams):
-    """Compared with Runge and Kutta's steps of less than a millisecond."""
+    """The expected state is that of Runge-Kutta steps of less than a millisecond."""
     continuous, fine = (
         simulate(load_scenario(diagrams / "figure_eight.yaml", ["duration=1", "metrics.start=0", step]))["state"]
         for step in ("vehicle.time_step=0", "vehicle.time_step=0.000625")

@@ -1,4 +1,4 @@
-"""Machine code is loaded from the disk only if this user wrote it there, whole and under its own name."""
+"""Tests that only complete files of this user, with the right name, are loaded from the cache of machine code."""
 
 import ctypes
 import os
@@ -19,8 +19,8 @@ CODE = bytes(range(200))
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """Return the folder of the cache, which does not exist yet; remarks are logged anew."""
-    code_cache._remark.cache_clear()
+    """Return the folder of the cache, which does not exist yet, and reset the warnings that are logged once."""
+    code_cache._warn_once.cache_clear()
     monkeypatch.setenv("DRAKE_QUAD_CACHE", str(tmp_path / "cache"))
     return tmp_path / "cache"
 
@@ -80,7 +80,7 @@ def test_files_and_folders_of_another_user_are_not_used(file, monkeypatch):
     code_cache.write(OTHER_NAME, CODE)
     assert [*file.parent.iterdir()] == [file]
     # A file may belong to another user although the folder does not.
-    monkeypatch.setattr(code_cache, "_is_ours", lambda folder: True)
+    monkeypatch.setattr(code_cache, "_is_trusted", lambda folder: True)
     assert code_cache.read(NAME) is None
 
 
@@ -101,7 +101,7 @@ def replace_with_fifo(file, _):
 
 
 def replace_with_open_fifo(file, _):
-    """Replace a file with a FIFO that is held open by a writer who writes nothing."""
+    """Replace a file with a FIFO that a writer keeps open without writing."""
     replace_with_fifo(file, _)
     return os.fdopen(os.open(file, os.O_RDWR), "rb")
 
@@ -137,8 +137,8 @@ def test_a_folder_that_is_a_file_is_not_used(folder):
     ],
 )
 def test_a_relative_path_names_no_folder(variables, expected, monkeypatch, caplog):
-    """The log says so if the variable is that of the cache itself."""
-    code_cache._remark.cache_clear()
+    """A warning is logged if the variable is DRAKE_QUAD_CACHE."""
+    code_cache._warn_once.cache_clear()
     monkeypatch.setattr("sys.platform", "linux")
     for name in ("DRAKE_QUAD_CACHE", "XDG_CACHE_HOME"):
         monkeypatch.delenv(name, raising=False)
@@ -194,17 +194,17 @@ def module(number):
 
 
 def called(text):
-    return ctypes.CFUNCTYPE(ctypes.c_int64)(machine_code.address(text))()
+    return ctypes.CFUNCTYPE(ctypes.c_int64)(machine_code.kernel_address(text))()
 
 
 def test_an_object_file_without_the_function_is_not_called(folder, monkeypatch):
     """The digest is valid, and LLVM returns address 0 for the function."""
     text = module(4_711)
-    code_cache.write(machine_code._name(text), machine_code._compiled(module(1).replace("@kernel(", "@another(")))
+    code_cache.write(machine_code._name(text), machine_code._compile(module(1).replace("@kernel(", "@another(")))
     assert called(text) == 4_711
     # The module that was compiled instead is cached.
     monkeypatch.setattr(machine_code, "_addresses", ThreadSafeCache())
-    monkeypatch.setattr(machine_code, "_compiled", None)
+    monkeypatch.setattr(machine_code, "_compile", None)
     assert called(text) == 4_711
 
 

@@ -1,22 +1,22 @@
-"""Functions of counted loops do what they say, also where a loop has nothing to do."""
+"""Tests of the LLVM code of loops, conditions and copies."""
 
 import ctypes
 
 import numpy as np
 import pytest
 
-from drake_quad.framework.drivers import Driver, copying
-from drake_quad.framework.machine_code import LANES, address
+from drake_quad.framework.drivers import Driver, copy_functions
+from drake_quad.framework.machine_code import LANES, kernel_address
 
 
 def called(text, *arguments):
     types = [ctypes.py_object if isinstance(each, np.ndarray) else ctypes.c_int64 for each in arguments]
-    ctypes.PYFUNCTYPE(None, *types)(address(text))(*arguments)
+    ctypes.PYFUNCTYPE(None, *types)(kernel_address(text))(*arguments)
 
 
 @pytest.mark.parametrize(("begin", "end", "step"), [(0, 5, 1), (0, 5, 2), (2, 9, 3), (3, 3, 1), (4, 3, 1), (0, 0, 8)])
-def test_nested_loops_and_conditions_visit_what_ranges_of_python_visit(begin, end, step):
-    """The inner loop ends at the outer counter, and the condition leaves out the diagonal."""
+def test_nested_loops_and_conditions_count_as_python_does(begin, end, step):
+    """The inner loop ends at the counter of the outer one, and the condition skips the diagonal."""
     driver = Driver.of_arrays("i64 %begin, i64 %end", ["count", "sum"])
     with driver.loop("i", "%begin", "%end", step):
         with driver.loop("j", 0, "%i"):
@@ -37,15 +37,15 @@ def test_nested_loops_and_conditions_visit_what_ranges_of_python_visit(begin, en
 
 @pytest.mark.parametrize("vehicles", [1, LANES - 1, LANES, LANES + 1, 2 * LANES + 3])
 @pytest.mark.parametrize("rows", [0, 1, 3])
-def test_vectors_are_copied_out_of_a_fleet_and_back(vehicles, rows):
-    """What lies behind the last vehicle repeats it in the copy, and does not come back."""
+def test_gather_and_scatter_copy_the_rows_of_a_fleet(vehicles, rows):
+    """Lanes after the last vehicle repeat it in the copy, and are not copied back."""
     driver = Driver.of_arrays("i64 %n, i64 %first", ["fleet", "copy", "other"])
     driver.let("left", "sub i64 %n, %first")
     driver.at("there", "fleet", "%first")
     driver.at("back", "other", "%first")
     driver.do(f"call void @gather(ptr %copy, ptr %there, i64 {rows}, i64 %n, i64 %left)")
     driver.do(f"call void @scatter(ptr %copy, ptr %back, i64 {rows}, i64 %n, i64 %left)")
-    text = "\n".join([copying(LANES), driver.text()])
+    text = "\n".join([copy_functions(LANES), driver.text()])
     fleet = np.arange(1.0, rows * vehicles + 1.0).reshape(rows, vehicles)
     other = np.zeros_like(fleet)
     for first in range(0, vehicles, LANES):

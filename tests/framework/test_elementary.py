@@ -8,14 +8,14 @@ from pydrake.symbolic import Expression, Variable
 
 from drake_quad.framework import elementary
 
-# Arithmetic on Expression leaves floating-point flags behind that mean nothing.
+# Arithmetic on Expression sets floating-point flags, which are meaningless.
 pytestmark = pytest.mark.filterwarnings("ignore:invalid value encountered")
 
 FUNCTIONS = [elementary.cos, elementary.sqrt, elementary.arcsin, elementary.arctan, elementary.exp, elementary.tanh]
 
 
 @pytest.mark.parametrize("function", FUNCTIONS, ids=lambda f: f.__name__)
-def test_acts_alike_on_all_scalars(function):
+def test_functions_agree_on_all_scalar_types(function):
     x, variable = 0.3, Variable("x")
     expected = function(x)
     assert isinstance(expected, float)
@@ -26,15 +26,15 @@ def test_acts_alike_on_all_scalars(function):
     assert function(Expression(variable)).Evaluate({variable: x}) == pytest.approx(expected, rel=1e-15)
 
 
-def test_the_logarithm_of_1_plus_a_little_is_accurate_and_has_derivatives():
-    """Of vehicles side by side, too, of which one may learn nothing any more: there the logarithm is the number."""
+def test_log1p_is_accurate_and_has_derivatives():
+    """Numbers and arrays, with and without derivatives, agree; for tiny x, log(1 + x) = x."""
     numbers = [0.3, 1e-9, 1e-20, 0.0]
     expected = np.log1p(numbers)
-    assert [elementary.log_of_1_plus(x) for x in numbers] == pytest.approx(expected, rel=1e-15)
-    np.testing.assert_allclose(elementary.log_of_1_plus(np.array(numbers)), expected, rtol=1e-15)
+    assert [elementary.log1p(x) for x in numbers] == pytest.approx(expected, rel=1e-15)
+    np.testing.assert_allclose(elementary.log1p(np.array(numbers)), expected, rtol=1e-15)
     with_derivatives = [AutoDiffXd(x, [1.0]) for x in numbers]
-    alone = [elementary.log_of_1_plus(x) for x in with_derivatives]
-    beside = elementary.log_of_1_plus(np.array(with_derivatives))
+    alone = [elementary.log1p(x) for x in with_derivatives]
+    beside = elementary.log1p(np.array(with_derivatives))
     for found in (alone, beside):
         np.testing.assert_allclose([each.value() for each in found], expected, rtol=1e-15)
     for one, other, x in zip(alone, beside, numbers, strict=True):
@@ -56,7 +56,7 @@ def test_the_error_function_has_the_right_derivatives():
 
 
 @pytest.mark.parametrize(("function", "expected"), [(elementary.maximum, 2.0), (elementary.minimum, 1.0)])
-def test_maximum_and_minimum(function, expected):
+def test_maximum_and_minimum_of_all_scalar_types(function, expected):
     variable = Variable("x")
     assert function(1.0, 2.0) == function(2.0, 1.0) == expected
     np.testing.assert_array_equal(function(np.array([1.0, 2.0]), np.array([2.0, 1.0])), expected)
@@ -65,27 +65,27 @@ def test_maximum_and_minimum(function, expected):
     for value, other in ((1.0, 2.0), (2.0, 1.0)):
         assert function(Expression(variable), other).Evaluate({variable: value}) == expected
         assert function(np.array([Expression(variable)]), other)[0].Evaluate({variable: value}) == expected
-    # A number replaces what is none.
+    # A number is preferred to NaN.
     assert function(math.nan, 1.5) == 1.5
     np.testing.assert_array_equal(function(np.array([math.nan]), 1.5), 1.5)
 
 
 @pytest.mark.parametrize("angle", [-10.0, -3.2, -1.0, 0.0, 2.0, 3.2, 100.0])
-def test_wrapped_angles(angle):
+def test_wrapped_angles_are_within_pi_and_keep_derivatives(angle):
     expected = math.atan2(math.sin(angle), math.cos(angle))
     for value in (
-        elementary.wrapped(angle),
-        elementary.wrapped(np.array([angle, angle]))[1],
-        elementary.wrapped(AutoDiffXd(angle, [1.0])).value(),
-        elementary.wrapped(np.array([AutoDiffXd(angle, [1.0])]))[0].value(),
+        elementary.wrap_angle(angle),
+        elementary.wrap_angle(np.array([angle, angle]))[1],
+        elementary.wrap_angle(AutoDiffXd(angle, [1.0])).value(),
+        elementary.wrap_angle(np.array([AutoDiffXd(angle, [1.0])]))[0].value(),
     ):
         assert value == pytest.approx(expected, abs=1e-12)
-    assert elementary.wrapped(AutoDiffXd(angle, [1.0])).derivatives()[0] == 1.0
+    assert elementary.wrap_angle(AutoDiffXd(angle, [1.0])).derivatives()[0] == 1.0
 
 
 @pytest.mark.parametrize("number", [-2.6, -0.4, 0.0, 1.4, 7.5])
 def test_the_nearest_whole_number_has_no_derivatives(number):
-    """It is that of its own nearest whole number, of whichever type this is."""
+    """The result is its own nearest whole number, for every scalar type."""
     expected = float(round(number))
     for value in (number, np.float64(number), AutoDiffXd(number, [1.0])):
         assert elementary.nearest(value) == elementary.nearest(elementary.nearest(value)) == expected
@@ -93,23 +93,23 @@ def test_the_nearest_whole_number_has_no_derivatives(number):
         np.testing.assert_array_equal(elementary.nearest(array), [expected, 0.0])
 
 
-def test_masks():
+def test_where_selects_by_a_mask():
     assert elementary.where(True, 1.0, 2.0) == 1.0
     mask = np.array([True, False])
     np.testing.assert_array_equal(elementary.where(mask, 1.0, 2.0), [1.0, 2.0])
-    # Several rows, numbers for all vehicles among them.
+    # A record can mix rows and numbers that are the same for all vehicles.
     rows = elementary.where(mask, (1.0, 2.0, 3.0), (np.array([4.0, 5.0]), 6.0, np.array([7.0, 8.0])))
     np.testing.assert_array_equal(rows, [[1.0, 5.0], [2.0, 6.0], [3.0, 8.0]])
 
 
-def test_a_float_outside_the_domain_is_nan_and_no_error():
+def test_a_float_outside_the_domain_gives_nan():
     assert math.isnan(elementary.sqrt(-1.0))
     assert math.isnan(elementary.arcsin(1.1))
     assert math.isnan(elementary.sqrt(math.nan))
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-300, 0.3, -1.5, math.pi / 2, math.pi, -math.pi, 7.0, -1e5])
-def test_sine_and_cosine_together(angle):
+def test_sin_cos_is_sine_and_cosine(angle):
     expected = math.sin(angle), math.cos(angle)
     assert elementary.sin_cos(angle) == expected
     np.testing.assert_allclose(np.array(elementary.sin_cos(np.full(3, angle)))[:, 0], expected, rtol=0.0, atol=4e-16)
@@ -119,8 +119,8 @@ def test_sine_and_cosine_together(angle):
 
 
 @pytest.mark.parametrize("number", [0.0, 1.0, 2.0**32 + 1.0, 2.0**52 - 1.0])
-def test_a_word_holds_the_whole_number_that_it_is_made_of(number):
-    """Of whichever type, without derivatives, and back again."""
+def test_conversion_to_a_word_and_back_is_exact(number):
+    """The conversion accepts every scalar type and drops derivatives."""
     for value in (number, np.array([number]), AutoDiffXd(number, [1.0]), np.array([AutoDiffXd(number, [1.0])])):
         word = elementary.word_of(value)
         assert word.dtype == np.uint64
@@ -130,7 +130,7 @@ def test_a_word_holds_the_whole_number_that_it_is_made_of(number):
     assert words.tolist() == [int(number), 3]
 
 
-def test_what_is_seldom_needed_is_computed_for_those_who_need_it_alone():
+def test_where_needed_evaluates_the_formula_only_for_vehicles_that_need_it():
     asked = []
 
     def inverse(x):
@@ -145,12 +145,12 @@ def test_what_is_seldom_needed_is_computed_for_those_who_need_it_alone():
     assert elementary.where_needed(False, inverse, (0.0,), (1.0, 2.0)) == (1.0, 2.0)
     assert elementary.where_needed(True, inverse, (4.0,), (1.0, 2.0)) == (0.25, 4.0)
     assert asked == [2, 1]
-    # What is the same for all stays so.
+    # A result that is the same for all vehicles remains a number.
     shifted = elementary.where_needed(x > 0.0, lambda x, y: x + y, (x, 1.0), 0.0)
     np.testing.assert_array_equal(shifted, [0.0, 3.0, 5.0, 0.0])
 
 
-def test_what_is_seldom_needed_has_derivatives():
+def test_where_needed_has_derivatives():
     x = np.array([AutoDiffXd(value, [1.0]) for value in (1.0, 3.0)])
     found = elementary.where_needed(x > 2.0, lambda x: x * x, (x,), 5.0)
     assert [each.value() for each in found] == [5.0, 9.0]

@@ -1,4 +1,4 @@
-"""Systems that say what they compute."""
+"""Tests of systems that declare their computations as formulas."""
 
 import math
 from typing import NamedTuple
@@ -51,7 +51,7 @@ def doubled(total):
 
 @fleet_system(float, AutoDiffXd, Expression)
 class Example(FleetSystem):
-    """A law that is memoryless, and a sum."""
+    """System with a memoryless law and a sum of inputs."""
 
     def declare(self, *, period=0.5, unrestricted=False, at_start=True, numbers=Numbers()):
         error, wind = self.input("error"), self.input("wind")
@@ -64,7 +64,7 @@ class Example(FleetSystem):
 
 @fleet_system(float, AutoDiffXd)
 class Packed(FleetSystem):
-    """The same with its signals in one port."""
+    """System with the signals of `Example` in one packed output."""
 
     def declare(self, *, numbers=Gains()):
         gains = self.parameter("gains", lambda gains: gains)
@@ -73,7 +73,7 @@ class Packed(FleetSystem):
 
 @fleet_system(float, AutoDiffXd)
 class Falling(FleetSystem):
-    """A continuous state."""
+    """System with a continuous state."""
 
     def declare(self, *, numbers=Numbers()):
         place = self.continuous_state(lambda numbers: PositionError(numbers.start, 1.0, 2.0))
@@ -102,7 +102,7 @@ def test_outputs_follow_from_the_formula(n):
 
 
 @pytest.mark.parametrize("n", [1, 4])
-def test_other_scalar_types_run_the_formula_as_it_is_written(n):
+def test_other_scalar_types_execute_the_formula_in_python(n):
     system = Example(num_vehicles=n, numbers=Numbers(Gains(np.arange(1.0, n + 1.0) if n > 1 else 1.5)))
     context = system.CreateDefaultContext()
     error = np.arange(3.0 * n)
@@ -125,13 +125,13 @@ def test_other_scalar_types_run_the_formula_as_it_is_written(n):
 
 
 @pytest.mark.parametrize("n", [1, 3])
-def test_updates_read_what_was_before_and_the_time(n):
+def test_updates_read_the_previous_state_and_the_time(n):
     system = Example(num_vehicles=n, numbers=Numbers(start=5.0))
     simulator = Simulator(system)
     context = simulator.get_mutable_context()
     system.GetInputPort("error").FixValue(context, np.ones(3 * n))
     simulator.AdvanceTo(0.75)
-    # At 0 and at 0.5: twice an error of one, and ten times the time.
+    # The updates at 0 s and 0.5 s add an error of one each, and ten times the time.
     total = system.get_state(context, "total")
     np.testing.assert_allclose(total.x, 5.0 + 2.0 + 5.0)
     np.testing.assert_allclose(total.z, 2.0 + 5.0)
@@ -139,7 +139,7 @@ def test_updates_read_what_was_before_and_the_time(n):
 
 
 @pytest.mark.parametrize("unrestricted", [False, True])
-def test_an_update_may_leave_out_time_zero(unrestricted):
+def test_an_update_can_skip_time_zero(unrestricted):
     system = Example(at_start=False, unrestricted=unrestricted)
     simulator = Simulator(system)
     system.GetInputPort("error").FixValue(simulator.get_mutable_context(), np.ones(3))
@@ -149,7 +149,7 @@ def test_an_update_may_leave_out_time_zero(unrestricted):
     assert system.get_state(simulator.get_context(), "total").y == 6.0
 
 
-def test_a_continuous_state_moves_by_its_derivative():
+def test_a_continuous_state_is_the_integral_of_its_derivative():
     for n in (1, 2):
         system = Falling(num_vehicles=n, numbers=Numbers(Gains(k_p=0.5), start=3.0))
         simulator = Simulator(system)
@@ -161,7 +161,7 @@ def test_a_continuous_state_moves_by_its_derivative():
         np.testing.assert_array_equal(system.GetOutputPort("error").Eval(simulator.get_context())[:n], found.x)
 
 
-def test_a_packed_output_is_taken_apart_into_its_signals():
+def test_a_packed_output_is_split_into_its_signals():
     builder = DiagramBuilder()
     system = Packed(num_vehicles=2)
     ports = split_output(builder, "packed", system)
@@ -177,7 +177,7 @@ def test_a_packed_output_is_taken_apart_into_its_signals():
 
 
 @pytest.mark.parametrize("n", [1, 3])
-def test_reset_follows_the_recipes_once_more(n):
+def test_reset_evaluates_the_recipes_again(n):
     rows = np.arange(1.0, n + 1.0) if n > 1 else 1.0
     numbers = Numbers(Gains(k_p=rows, offset=Acceleration(0.1, 0.2, 0.3)), start=-rows)
     fresh, used = Example(num_vehicles=n, numbers=numbers), Example(num_vehicles=n)
@@ -193,7 +193,7 @@ def test_reset_follows_the_recipes_once_more(n):
     )
 
 
-def test_outputs_depend_on_what_their_formula_reads_and_on_nothing_else():
+def test_outputs_depend_only_on_the_arguments_of_their_formula():
     system = Example()
     inputs, outputs = range(system.num_input_ports()), range(system.num_output_ports())
     feedthrough = {(i, o) for i in inputs for o in outputs if system.HasDirectFeedthrough(i, o)}
@@ -201,7 +201,7 @@ def test_outputs_depend_on_what_their_formula_reads_and_on_nothing_else():
     assert feedthrough == {(0, pd), (1, pd)}
 
 
-def test_random_inputs_say_what_they_need():
+def test_random_inputs_have_a_distribution_and_a_period():
     @fleet_system(float)
     class Gambling(FleetSystem):
         def declare(self):
@@ -213,7 +213,7 @@ def test_random_inputs_say_what_they_need():
 
 
 @pytest.mark.parametrize("n", [1, 3])
-def test_an_output_that_reads_the_time_moves_with_it(n):
+def test_an_output_that_reads_the_time_changes_with_it(n):
     @fleet_system(float, AutoDiffXd)
     class Clock(FleetSystem):
         def declare(self):
@@ -229,7 +229,7 @@ def test_an_output_that_reads_the_time_moves_with_it(n):
 
 @fleet_system(float, AutoDiffXd, Expression)
 class Held(FleetSystem):
-    """A state that the output shows."""
+    """System with an output for its state."""
 
     def declare(self, *, numbers=Numbers()):
         self.state_output(self.state("error", lambda numbers: PositionError(numbers.start, 1.0, -2.0)))
@@ -237,7 +237,7 @@ class Held(FleetSystem):
 
 @pytest.mark.parametrize("n", [1, 3])
 @pytest.mark.parametrize("scalar", [float, AutoDiffXd, Expression])
-def test_the_output_of_a_state_shows_all_of_it(n, scalar):
+def test_a_state_output_has_all_rows_of_the_state(n, scalar):
     system = Held(num_vehicles=n, numbers=Numbers(start=0.5))
     system = system if scalar is float else system.ToScalarType[scalar]()
     found = system.get_output_port().Eval(system.CreateDefaultContext())
@@ -245,7 +245,7 @@ def test_the_output_of_a_state_shows_all_of_it(n, scalar):
     assert values == [0.5] * n + [1.0] * n + [-2.0] * n
 
 
-def test_a_class_is_that_for_floats_and_has_those_for_other_scalars_in_its_template():
+def test_the_template_of_a_class_has_the_classes_for_all_scalar_types():
     assert Example.__name__ == Example.__qualname__ == "Example"
     assert Example.template[float] is Example
     made = Example.template[AutoDiffXd](num_vehicles=2)
@@ -253,5 +253,5 @@ def test_a_class_is_that_for_floats_and_has_those_for_other_scalars_in_its_templ
     assert made.CreateDefaultContext().get_discrete_state(0).size() == 6
 
 
-def test_drake_looks_for_the_modules_of_other_templates_as_before():
+def test_drake_finds_the_modules_of_other_templates():
     assert cpp_template._get_module_from_stack.__module__ == "pydrake.common.cpp_template"

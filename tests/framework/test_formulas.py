@@ -1,4 +1,4 @@
-"""Ticks among the arguments of a formula."""
+"""Tests of the execution of formulas, and of ticks among their arguments."""
 
 from typing import NamedTuple
 
@@ -16,7 +16,7 @@ PERIODS = [0.02, 0.01, 0.1, 1.0 / 3.0, 7.0, 1e-4]
 
 @pytest.mark.parametrize("period", PERIODS)
 def test_ticks_are_counted_in_pairs(period):
-    """At the times at which Drake's events are, and as well a little before and after."""
+    """The times are those of Drake's events, and times slightly before and after them."""
     ticks = TickOf(period)
     for number in [*range(9), 1001, 123_456]:
         for time in (number * period, (number + 0.3) * period, (number - 0.3) * period):
@@ -32,20 +32,20 @@ def test_ticks_have_no_derivatives():
     assert tick == Tick(1.0, True)
 
 
-def test_ticks_of_a_time_are_found_where_they_stand_among_arguments():
+def test_placeholders_are_replaced_by_the_tick_and_the_time():
     assert at_time(TickOf(0.5), 1.5) == Tick(1.0, True)
     assert at_time(TIME, 1.5) == 1.5
     assert at_time("x", 1.5) == "x"
 
 
 @pytest.mark.parametrize(("one", "other"), [(0.0, -0.0), (-0.0, 0.0)])
-def test_machine_code_tells_constants_apart_that_are_equal(one, other):
+def test_machine_code_distinguishes_zero_from_minus_zero(one, other):
     def scaled(x, zero):
         return x * zero
 
     for zero in (one, other):
         found = np.empty(9)
-        kernel(scaled, (ROW, zero), (ROW,), lone=False)(9, 0.0, found, np.ones(9))
+        kernel(scaled, (ROW, zero), (ROW,), single_vehicle=False)(9, 0.0, found, np.ones(9))
         np.testing.assert_array_equal(np.signbit(found), np.signbit(zero))
 
 
@@ -54,9 +54,9 @@ def counted(x, tick, by):
 
 
 @pytest.mark.parametrize("n", [1, 11])
-def test_machine_code_gets_the_tick_that_a_formula_in_python_gets(n):
+def test_machine_code_and_python_get_the_same_tick(n):
     arguments, x = (ROW, TickOf(0.02), 0.5), np.arange(float(n))
-    run = kernel(counted, arguments, (ROW,), lone=n == 1)
+    run = kernel(counted, arguments, (ROW,), single_vehicle=n == 1)
     for number in (0, 1, 2, 3, 50, 51):
         found = np.empty(n)
         run(n, 0.02 * number, found, x)
@@ -74,7 +74,7 @@ class Parts(NamedTuple):
     two: Row
 
 
-def test_results_that_are_absent_are_left_out():
+def test_absent_results_are_omitted():
     def parts(x):
         return Parts(x, None, 2.0 * x)
 
@@ -82,7 +82,7 @@ def test_results_that_are_absent_are_left_out():
     np.testing.assert_array_equal(found, [[1.0, 3.0], [2.0, 6.0]])
 
 
-def test_nothing_is_selected_from_nothing():
+def test_where_keeps_parts_that_are_none():
     assert where(np.array([True, False]), Parts(1.0, None, 2.0), Parts(3.0, None, 4.0)).nothing is None
 
 
@@ -111,7 +111,7 @@ def test_nothing_is_selected_from_nothing():
 def test_comparisons_are_numbers_in_machine_code_as_in_python(formula, n):
     x = np.linspace(-1.0, 3.0, n) if n > 1 else np.array([0.5])
     found = np.full(n, np.nan)
-    kernel(formula, (ROW,), (ROW,), lone=n == 1)(n, 0.0, found, x)
+    kernel(formula, (ROW,), (ROW,), single_vehicle=n == 1)(n, 0.0, found, x)
     (expected,) = interpret(formula, (ROW,), [x], (ROW,), n, 0.0)
     np.testing.assert_array_equal(found, np.asarray(expected, dtype=float))
 
@@ -121,10 +121,10 @@ def test_comparisons_are_numbers_in_machine_code_as_in_python(formula, n):
     [
         (lambda x: (x > 0.0) + (x < 2.0), r"comparisons cannot be added.*use where\(comparison, 1.0, 0.0\)"),
         (lambda x: -(x > 0.0), r"comparisons cannot be added.*use where\(comparison, 1.0, 0.0\)"),
-        (lambda x: x & (x > 0.0), "take comparisons, not numbers"),
-        (lambda x: (x > 0.0) | x, "take comparisons, not numbers"),
+        (lambda x: x & (x > 0.0), "must be comparisons, not numbers"),
+        (lambda x: (x > 0.0) | x, "must be comparisons, not numbers"),
     ],
 )
-def test_operations_on_comparisons_that_are_ambiguous_end_in_a_sentence(formula, words):
+def test_ambiguous_operations_on_comparisons_are_refused(formula, words):
     with pytest.raises(TypeError, match=words):
-        kernel(formula, (ROW,), (ROW,), lone=True)
+        kernel(formula, (ROW,), (ROW,), single_vehicle=True)

@@ -1,4 +1,4 @@
-"""Layers of a network: a loop in machine code, and sums row by row everywhere else."""
+"""Tests of network layers, which are a loop in machine code and sums of rows elsewhere."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ def squared(x):
     return x * x
 
 
-def plain(x):
+def identity_of(x):
     return x
 
 
@@ -31,8 +31,8 @@ def numbers_of(matrix):
 
 @pytest.mark.parametrize("n", [1, 3, 8, 19])
 @pytest.mark.parametrize(("outputs", "inputs"), [(1, 1), (7, 3), (8, 5), (9, 24), (33, 2)])
-def test_machine_code_sums_as_python_does(outputs, inputs, n):
-    """To the last bit, for rows that fill a block of the loop and for those that do not."""
+def test_machine_code_sums_in_the_order_of_python(outputs, inputs, n):
+    """The sums agree to the last bit, whether or not the rows fill a block of the loop."""
     matrix = matrix_of(outputs, inputs)
 
     def formula(rows):
@@ -40,15 +40,15 @@ def test_machine_code_sums_as_python_does(outputs, inputs, n):
 
     rows = np.random.default_rng(n).normal(size=(inputs, n))
     found = np.empty(outputs * n)
-    kernel(formula, (rows_layout(inputs),), (rows_layout(outputs),), lone=n == 1)(n, 0.0, found, rows.ravel())
+    kernel(formula, (rows_layout(inputs),), (rows_layout(outputs),), single_vehicle=n == 1)(n, 0.0, found, rows.ravel())
     expected = np.array([formula(column.tolist()) for column in rows.T]).T
     np.testing.assert_array_equal(found.reshape(outputs, n), expected)
     weights, biases = numbers_of(matrix)
     np.testing.assert_allclose(expected, (weights @ rows + biases[:, None]) ** 2, rtol=1e-12, atol=1e-14)
 
 
-def test_layers_follow_each_other_and_are_needed_only_where_something_needs_them():
-    """With one matrix for two layers, a row that is a constant, and a layer inside a branch."""
+def test_layers_can_follow_each_other_and_be_inside_a_branch():
+    """The example has two layers with one matrix, a constant row, and a layer inside a branch."""
     first, second = matrix_of(5, 3), matrix_of(4, 5)
 
     def inner(x, y):
@@ -57,13 +57,13 @@ def test_layers_follow_each_other_and_are_needed_only_where_something_needs_them
     def formula(rows):
         hidden = dense(first, [rows[0], 0.5, rows[1]], elementary.tanh)
         again = dense(first, [rows[1], rows[0], hidden[4]], elementary.tanh)
-        out = dense(second, again, plain)
+        out = dense(second, again, identity_of)
         some = elementary.where_needed(rows[0] > 0.0, inner, (out[0], out[2]), (7.0, -7.0))
         return (*out, *some)
 
     rows = np.random.default_rng(1).normal(size=(2, 21))
     found = np.empty(6 * 21)
-    kernel(formula, (rows_layout(2),), (rows_layout(6),), lone=False)(21, 0.0, found, rows.ravel())
+    kernel(formula, (rows_layout(2),), (rows_layout(6),), single_vehicle=False)(21, 0.0, found, rows.ravel())
     expected = np.array([formula(column.tolist()) for column in rows.T]).T
     np.testing.assert_allclose(found.reshape(6, 21), expected, rtol=1e-14)
     assert {*(expected[4] == 7.0).tolist()} == {True, False}
@@ -74,7 +74,7 @@ def test_derivatives_are_those_of_the_matrix():
     weights, _ = numbers_of(matrix)
     rows = [AutoDiffXd(0.3, [1.0, 0.0]), AutoDiffXd(-0.2, [0.0, 1.0])]
     found = dense(matrix, rows, elementary.tanh)
-    values = np.array([each.value() for each in dense(matrix, rows, plain)])
+    values = np.array([each.value() for each in dense(matrix, rows, identity_of)])
     slopes = np.array([each.derivatives() for each in found])
     np.testing.assert_allclose(slopes, (1.0 - np.tanh(values) ** 2)[:, None] * weights, rtol=1e-13)
 
@@ -96,9 +96,9 @@ def test_the_numbers_of_a_matrix_cannot_be_changed():
         matrix._numbers[0, 0] = 1.0
 
 
-def test_an_activation_takes_nothing_but_the_sum():
+def test_an_activation_that_uses_other_rows_is_refused():
     def formula(rows):
         return tuple(dense(matrix_of(2, 2), rows, lambda x: x + rows[0]))
 
-    with pytest.raises(TypeError, match="must take all its rows"):
-        kernel(formula, (rows_layout(2),), (rows_layout(2),), lone=True)
+    with pytest.raises(TypeError, match="uses a row that is not one of its arguments"):
+        kernel(formula, (rows_layout(2),), (rows_layout(2),), single_vehicle=True)

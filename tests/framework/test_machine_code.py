@@ -1,4 +1,4 @@
-"""Machine code against Python."""
+"""Tests of machine code by comparison with Python."""
 
 import math
 import os
@@ -21,19 +21,19 @@ from drake_quad.signals import Row
 
 
 def run_on_arrays(formula: Callable[..., Row], sources: list[np.ndarray]) -> np.ndarray:
-    """What the machine code of a formula of rows makes of (n,) arrays."""
+    """Return the result of the machine code of a formula for (n,) arrays."""
     result = np.empty_like(sources[0])
-    kernel(formula, (ROW,) * len(sources), (ROW,), lone=False)(result.size, 0.0, result, *sources)
+    kernel(formula, (ROW,) * len(sources), (ROW,), single_vehicle=False)(result.size, 0.0, result, *sources)
     return result
 
 
 def machine(formula: Callable[..., Row], *arguments: float) -> float:
-    """What the machine code of a formula of rows makes of numbers."""
+    """Return the result of the machine code of a formula for numbers."""
     return float(run_on_arrays(formula, [np.array([argument]) for argument in arguments])[0])
 
 
 def ulps(found: float, expected: float) -> float:
-    """How many units in the last place two numbers differ by."""
+    """Return the difference of two numbers in units in the last place."""
     return abs(found - expected) / np.spacing(abs(expected))
 
 
@@ -70,7 +70,7 @@ FUNCTIONS = [
     (elementary.tanh, math.tanh, WIDE | st.floats(-0.7, 0.7)),
     (elementary.erf, math.erf, WIDE | st.floats(-7.0, 7.0) | st.floats(-1.1, 1.1)),
     (elementary.log, math.log, POSITIVE),
-    (elementary.log_of_1_plus, math.log1p, POSITIVE | st.floats(1e-300, 1e-8)),
+    (elementary.log1p, math.log1p, POSITIVE | st.floats(1e-300, 1e-8)),
     (elementary.arctan, math.atan, WIDE | st.floats(-1e30, 1e30)),
     (elementary.arcsin, math.asin, st.floats(-1.0, 1.0)),
     (small_arctan, math.atan, st.floats(-0.125, 0.125)),
@@ -87,7 +87,7 @@ def test_a_function_is_within_two_units_in_the_last_place(function, expected, nu
     def check(x):
         x = smallest_normal(x)
         wanted = expected(x)
-        # Where a sine crosses zero, what the angle is known to counts, not the last place of nearly nothing.
+        # Near a zero of the sine, the rounding error of the angle limits the accuracy.
         assert ulps(machine(function, x), wanted) <= 2.0 or abs(machine(function, x) - wanted) < 1e-16 * abs(x)
 
     check()
@@ -96,14 +96,14 @@ def test_a_function_is_within_two_units_in_the_last_place(function, expected, nu
 @pytest.mark.slow
 @settings(max_examples=400, deadline=None)
 @given(WIDE, WIDE)
-def test_functions_of_two(x, y):
+def test_functions_of_two_arguments_are_accurate(x, y):
     x, y = smallest_normal(x), smallest_normal(y)
     assert ulps(machine(elementary.arctan2, y, x), math.atan2(y, x)) <= 2.0 or (x, y) == (0.0, 0.0)
     assert machine(elementary.maximum, x, y) == max(x, y)
     assert machine(elementary.minimum, x, y) == min(x, y)
-    difference = math.remainder(machine(elementary.wrapped, x) - x, math.tau)
+    difference = math.remainder(machine(elementary.wrap_angle, x) - x, math.tau)
     assert difference == pytest.approx(0.0, abs=2e-13)
-    assert abs(machine(elementary.wrapped, x)) <= math.pi + 1e-15
+    assert abs(machine(elementary.wrap_angle, x)) <= math.pi + 1e-15
     assert machine(elementary.nearest, x) == round(x)
 
 
@@ -112,13 +112,13 @@ WHOLE = st.integers(0, 2**52 - 1) | st.integers(0, 9)
 
 @settings(max_examples=50, deadline=None)
 @given(WHOLE, WHOLE)
-def test_words_are_whole_numbers_and_back(x, y):
-    """What is made of them is what integers of 64 bits make."""
+def test_arithmetic_of_words_is_that_of_64_bit_integers(x, y):
+    """Sums, products, shifts and bitwise operations of words are those of integers modulo 2**64."""
     assert machine(there_and_back, float(x)) == x
     assert machine(lower_half, float(x), float(y)) == (x + y) % 2**26
 
 
-def test_special_values():
+def test_special_values_have_defined_results():
     inf, nan = math.inf, math.nan
     for x in (inf, -inf, nan, 2e6):
         assert math.isnan(machine(sine, x))
@@ -143,7 +143,7 @@ def test_special_values():
     assert math.isnan(machine(elementary.log, -1.0))
     assert machine(elementary.arctan, inf) == math.pi / 2
     assert math.isnan(machine(elementary.sqrt, -1.0))
-    # The second number replaces what is none, and zeros have signs.
+    # The second argument replaces NaN, and zeros have signs.
     assert machine(elementary.maximum, nan, 1.0) == machine(elementary.minimum, nan, 1.0) == 1.0
     assert math.isnan(machine(elementary.maximum, 1.0, nan))
     for y in (0.0, -0.0):
@@ -168,8 +168,8 @@ BINARY = (
 )
 
 
-def grown(inside):
-    """Expressions that are made of others."""
+def expressions_of(inside):
+    """Return the strategy for expressions that contain others."""
     one = st.tuples(st.sampled_from(UNARY), inside).map(lambda pair: pair[0].format(pair[1]))
     two = st.tuples(st.sampled_from(BINARY), inside, inside).map(lambda triple: triple[0].format(*triple[1:]))
     return one | two
@@ -177,13 +177,13 @@ def grown(inside):
 
 @pytest.mark.slow
 @settings(max_examples=60, deadline=None)
-@given(st.recursive(LEAVES, grown, max_leaves=12), st.integers(0, 2**32 - 1))
+@given(st.recursive(LEAVES, expressions_of, max_leaves=12), st.integers(0, 2**32 - 1))
 def test_random_expressions_agree_with_numpy(text, seed):
     formula = eval(f"lambda x, y: {text}", vars(elementary).copy())
     x, y = np.random.default_rng(seed).uniform(-5.0, 5.0, (2, LANES + 3))
     expected = np.broadcast_to(formula(x, y), x.shape)
     found = run_on_arrays(formula, [x, y])
-    # A mask that rounding turns is no disagreement.
+    # A mask that differs because of rounding errors is not an error.
     assert np.isclose(found, expected, rtol=1e-9, atol=1e-9).sum() >= len(x) - 1
 
 
@@ -205,13 +205,13 @@ def turned(place: Place, angle: tuple[Row], scale: tuple[Row], time: Row, offset
 
 
 @pytest.mark.parametrize("n", [1, 2, LANES - 1, LANES, LANES + 1, 3 * LANES + 5])
-def test_every_vehicle_of_a_fleet_gets_what_it_gets_alone_to_the_bit(n):
+def test_a_vehicle_has_the_same_results_in_a_fleet_and_alone_to_the_bit(n):
     rng = np.random.default_rng(n)
     place, angle, scale = rng.normal(size=2 * n), rng.normal(size=n), rng.normal(size=n)
     one = layout_of(tuple[Row])
     arguments = (layout_of(Place), one, one, TIME, 0.25)
-    fleet = kernel(turned, arguments, (layout_of(Place), one), lone=n == 1)
-    alone = kernel(turned, arguments, (layout_of(Place), one), lone=True)
+    fleet = kernel(turned, arguments, (layout_of(Place), one), single_vehicle=n == 1)
+    alone = kernel(turned, arguments, (layout_of(Place), one), single_vehicle=True)
     moved, later = np.empty(2 * n), np.empty(n)
     fleet(n, 3.0, moved, later, place, angle, scale)
     for i in range(n):
@@ -224,17 +224,19 @@ def test_every_vehicle_of_a_fleet_gets_what_it_gets_alone_to_the_bit(n):
 
 
 @pytest.mark.parametrize("n", [1, LANES + 3])
-def test_what_is_read_may_be_written_over(n):
+def test_a_target_may_be_a_source(n):
     values = np.arange(2.0 * n)
-    swap = kernel(lambda place: Place(place.y, place.x), (layout_of(Place),), (layout_of(Place),), lone=n == 1)
+    swap = kernel(
+        lambda place: Place(place.y, place.x), (layout_of(Place),), (layout_of(Place),), single_vehicle=n == 1
+    )
     swap(n, 0.0, values, values)
     np.testing.assert_array_equal(values, [*range(n, 2 * n), *range(n)])
 
 
-def test_nothing_beyond_the_fleet_is_written():
+def test_memory_beyond_the_fleet_is_not_written():
     n = LANES + 3
     values = np.arange(float(2 * LANES))
-    run = kernel(lambda x: x + 1.0, (ROW,), (ROW,), lone=False)
+    run = kernel(lambda x: x + 1.0, (ROW,), (ROW,), single_vehicle=False)
     run(n, 0.0, values, values)
     np.testing.assert_array_equal(values, [*np.arange(1.0, n + 1.0), *np.arange(n, 2.0 * LANES)])
 
@@ -244,23 +246,23 @@ def test_a_product_is_rounded_before_it_is_added():
     assert machine(lambda x, y, z: x * y + z, x, y, z) == x * y + z == 0.0
 
 
-def test_a_branch_on_a_row_is_refused_in_a_sentence():
+def test_a_branch_on_a_row_is_refused():
     def branching(x: Row) -> Row:
         return x if x > 0.0 else -x
 
-    with pytest.raises(TypeError, match=r"formula branching: a formula cannot branch on a row, .* select with `where`"):
+    with pytest.raises(TypeError, match=r"formula branching: a formula cannot branch on a row, .* use `where` instead"):
         machine(branching, 1.0)
 
 
 @pytest.mark.parametrize(
     ("formula", "words"),
     [
-        (lambda x: np.sin(x), "numpy.sin does not take a row that is not known yet"),
-        (lambda x: np.maximum(x, 0.0), "numpy.maximum does not take a row"),
-        (lambda x: np.linalg.norm([x, x]), "numpy.sqrt does not take a row"),
+        (lambda x: np.sin(x), "numpy.sin does not accept a row of a formula that is being traced"),
+        (lambda x: np.maximum(x, 0.0), "numpy.maximum does not accept a row"),
+        (lambda x: np.linalg.norm([x, x]), "numpy.sqrt does not accept a row"),
         (lambda x: np.sin(np.array([x, x])), "no callable sin method; a Symbol is a row"),
-        (lambda x: math.sin(x), "a row that is not known yet is not a float"),
-        (lambda x: np.array([1.0, 2.0]) * x, r"an array of shape \(2,\) stands where a number or a row is wanted"),
+        (lambda x: math.sin(x), "the functions of math do not accept a row"),
+        (lambda x: np.array([1.0, 2.0]) * x, r"expected a number or a row, not an array of shape \(2,\)"),
         (lambda x: x**2, "'Symbol' and 'int'; a Symbol is a row"),
         (lambda x: x.clip(0.0, 1.0), "has no attribute 'clip'; a Symbol is a row"),
     ],
@@ -304,7 +306,7 @@ def seldom_polar(x: Row, y: Row, bound: Row) -> Polar:
 
 
 def nested(x: Row, y: Row, bound: Row) -> Row:
-    """Twice the same branch with other rows, one in another, and what follows from it."""
+    """Use a branch twice with different rows, once inside another branch, and compute with its results."""
 
     def inside(x: Row, y: Row) -> Row:
         length, slope = elementary.where_needed(y > 0.0, polar, (x, y), (x, 0.5))
@@ -319,15 +321,15 @@ MASKED = [np.zeros(3 * LANES + 5, bool), np.ones(3 * LANES + 5, bool), np.arange
 
 @pytest.mark.parametrize("needed", MASKED, ids=("none", "all", "some"))
 @pytest.mark.parametrize("n", [1, LANES - 1, LANES, 3 * LANES + 5])
-@pytest.mark.parametrize("lone", [True, False])
-def test_what_is_computed_where_needed_is_what_where_selects_to_the_bit(needed, n, lone):
+@pytest.mark.parametrize("single_vehicle", [True, False])
+def test_where_needed_equals_where_to_the_bit(needed, n, single_vehicle):
     rng = np.random.default_rng(n)
     x, y = rng.uniform(0.5, 2.0, (2, n))
     bound = np.where(needed[:n], x - 0.1, x + 0.1)
     expected = elementary.where(x > bound, polar(x, y), Polar(y, -1.0))
     np.testing.assert_array_equal(seldom_polar(x, y, bound), expected)
-    run = kernel(seldom_polar, (ROW, ROW, ROW), (layout_of(Polar),), lone=lone)
-    if not lone:
+    run = kernel(seldom_polar, (ROW, ROW, ROW), (layout_of(Polar),), single_vehicle=single_vehicle)
+    if not single_vehicle:
         found = np.full((2, n), np.nan)
         run(n, 0.0, found, x, y, bound)
         np.testing.assert_array_equal(found, expected)
@@ -339,7 +341,7 @@ def test_what_is_computed_where_needed_is_what_where_selects_to_the_bit(needed, 
 
 
 @pytest.mark.parametrize("n", [1, LANES, 3 * LANES + 5])
-def test_what_is_needed_may_need_something_itself(n):
+def test_branches_can_be_nested(n):
     rng = np.random.default_rng(n)
     rows = [*rng.normal(size=(3, n))]
     expected = nested(*rows)
@@ -347,7 +349,7 @@ def test_what_is_needed_may_need_something_itself(n):
     np.testing.assert_array_equal([nested(*each) for each in np.transpose(rows).tolist()], expected)
 
 
-def test_one_mask_serves_several_rows():
+def test_where_needed_can_return_several_rows():
     def formula(x: Row, y: Row) -> Row:
         mask = x > 0.0
         return elementary.where_needed(mask, polar, (x, y), Polar(y, x)).slope - (
@@ -358,7 +360,7 @@ def test_one_mask_serves_several_rows():
     np.testing.assert_array_equal(run_on_arrays(formula, rows), formula(*rows))
 
 
-def test_truths_and_words_are_taken_and_given_where_needed():
+def test_branches_accept_and_return_truth_values_and_words():
     def inside(word: Any, truth: bool, x: Row) -> tuple[Any, bool]:
         return word + elementary.word_of(abs(x)), truth & (x > 2.0)
 
@@ -373,7 +375,7 @@ def test_truths_and_words_are_taken_and_given_where_needed():
     np.testing.assert_array_equal(formula(x, y), expected)
 
 
-def test_a_choice_between_one_row_and_itself_is_the_row():
+def test_where_of_a_row_and_itself_is_the_row():
     listing = Listing()
     x = listing.row(0, 0)
     assert elementary.where(x > 0.0, x, listing.row(0, 0)).line == x.line
@@ -381,18 +383,18 @@ def test_a_choice_between_one_row_and_itself_is_the_row():
     assert [operation.name for operation in listing.operations].count("select") == 1
 
 
-def test_what_is_needed_is_apart_from_what_is_always_done():
+def test_branches_are_separate_functions_that_are_shared():
     listing = Listing()
     x, y, bound = (listing.row(0, place) for place in range(3))
     results = [*seldom_polar(x, y, bound), *seldom_polar(y, x, bound)]
     assert {operation.name for operation in listing.operations} == {"row", "constant", "greater", "branch", "select"}
     text = kernels._module(listing, results, [3], [4], LANES)
-    # One function is called for both.
+    # Both calls use the same function.
     assert text.count("fdiv") == text.count("define internal void @block_0(") == 1
     assert text.count("call void @block_0(") == 2
 
 
-def test_what_is_known_when_machine_code_is_made_is_no_branch():
+def test_a_constant_mask_needs_no_branch():
     listing = Listing()
     x = listing.row(0, 0)
     taken = []
@@ -407,13 +409,13 @@ def test_what_is_known_when_machine_code_is_made_is_no_branch():
     assert "branch" not in {operation.name for operation in listing.operations}
     elementary.where_needed(x > 0.0, doubled, (x, 2.0), 7.0)
     assert taken == [2.0, 2.0, 2.0]
-    # A number that is the same for all needs no function.
+    # A formula whose result is a constant needs no function.
     results = [elementary.where_needed(x > 0.0, lambda: 3.0, (), x)]
     assert machine(lambda x: elementary.where_needed(x > 0.0, lambda: 3.0, (), x), 1.0) == 3.0
     assert results[0].listing is listing
 
 
-def test_rows_that_are_no_arguments_of_what_is_needed_are_refused():
+def test_a_branch_that_uses_rows_that_are_not_arguments_is_refused():
     def summed(x: Row, y: Row) -> Row:
         return elementary.where_needed(x > 0.0, lambda x: x + y, (x,), 0.0)
 
@@ -421,20 +423,20 @@ def test_rows_that_are_no_arguments_of_what_is_needed_are_refused():
         return elementary.where_needed(x > 0.0, lambda x: y, (x,), 0.0)
 
     for formula in (summed, passed):
-        with pytest.raises(TypeError, match="must take all its rows as arguments"):
+        with pytest.raises(TypeError, match="uses a row that is not one of its arguments"):
             machine(formula, 1.0, 2.0)
 
 
-def test_a_formula_that_returns_something_else_is_refused():
+def test_a_formula_with_results_of_another_layout_is_refused():
     def placed(x: Row) -> Place:
         return Place(x, x)
 
-    with pytest.raises(TypeError, match="formula placed: Turned is wanted, not Place"):
-        kernel(placed, (ROW,), (layout_of(Turned),), lone=True)
-    with pytest.raises(TypeError, match="formula placed: a number or a row is wanted, not Place"):
-        kernel(placed, (ROW,), (ROW,), lone=True)
-    with pytest.raises(TypeError, match="formula placed: 3 results are wanted"):
-        kernel(placed, (ROW,), (ROW, ROW, ROW), lone=True)
+    with pytest.raises(TypeError, match="formula placed: expected Turned, not Place"):
+        kernel(placed, (ROW,), (layout_of(Turned),), single_vehicle=True)
+    with pytest.raises(TypeError, match="formula placed: expected a number or a row, not Place"):
+        kernel(placed, (ROW,), (ROW,), single_vehicle=True)
+    with pytest.raises(TypeError, match="formula placed: expected 3 results"):
+        kernel(placed, (ROW,), (ROW, ROW, ROW), single_vehicle=True)
 
 
 PROGRAM = """
@@ -445,10 +447,10 @@ from drake_quad.framework.records import ROW
 import user_formula
 
 compiled = []
-compile_text = machine_code._compiled
-machine_code._compiled = lambda text: (compiled.append(text), compile_text(text))[1]
+compile_text = machine_code._compile
+machine_code._compile = lambda text: (compiled.append(text), compile_text(text))[1]
 result = np.empty(1)
-kernel(user_formula.doubled_drag, (ROW,), (ROW,), lone=True)(1, 0.0, result, np.array([3.0]))
+kernel(user_formula.doubled_drag, (ROW,), (ROW,), single_vehicle=True)(1, 0.0, result, np.array([3.0]))
 print(float(result[0]), len(compiled))
 """
 
@@ -467,10 +469,10 @@ def run(folder, cache):
 
 
 @pytest.mark.slow
-def test_machine_code_is_kept_and_made_anew_when_a_module_that_it_uses_changes(tmp_path):
+def test_machine_code_is_cached_and_recompiled_when_a_module_that_it_uses_changes(tmp_path):
     cache = tmp_path / "cache"
     (tmp_path / "user_drag.py").write_text("def drag(x):\n    return 0.5 * x\n")
-    # By attribute, and in a closure: there is no telling from the function's own names.
+    # The formula uses the module by attribute and in a closure, so that its own names do not change.
     (tmp_path / "user_formula.py").write_text(
         "import user_drag\n\ndef twice(f):\n    return lambda x: 2.0 * f(x)\n\n"
         "doubled_drag = twice(lambda x: user_drag.drag(x))\n"
@@ -483,7 +485,7 @@ def test_machine_code_is_kept_and_made_anew_when_a_module_that_it_uses_changes(t
 
 
 @pytest.mark.slow
-def test_machine_code_that_is_damaged_is_made_anew(tmp_path):
+def test_damaged_machine_code_is_recompiled(tmp_path):
     (tmp_path / "user_formula.py").write_text("def doubled_drag(x):\n    return 2.0 * x\n")
     cache = tmp_path / "cache"
     assert run(tmp_path, cache) == (6.0, 1)
@@ -496,7 +498,7 @@ def test_machine_code_that_is_damaged_is_made_anew(tmp_path):
 
 
 @pytest.mark.slow
-def test_without_a_place_on_the_disk_it_is_made_every_time(tmp_path):
+def test_without_a_cache_folder_every_process_compiles(tmp_path):
     (tmp_path / "user_formula.py").write_text("def doubled_drag(x):\n    return 2.0 * x\n")
     (tmp_path / "file").write_text("")
     for cache in ("", tmp_path / "file" / "cache"):

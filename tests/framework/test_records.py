@@ -22,7 +22,7 @@ class Line(NamedTuple):
 LINE = Line(1.0, (Point(2.0, 3.0), Point(4.0, 5.0)), (Point(6.0, 7.0),), Point(8.0, 9.0))
 
 
-def test_rows_stand_one_after_another_whatever_they_are_nested_in():
+def test_rows_of_nested_records_are_consecutive():
     layout = layout_of(Line, LINE)
     assert layout.num_rows == 9
     assert layout.flatten(LINE) == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0]
@@ -41,31 +41,31 @@ def test_rows_stand_one_after_another_whatever_they_are_nested_in():
     )
 
 
-class Perhaps(NamedTuple):
+class WithOptionalPart(NamedTuple):
     first: Row
     point: Point | None = None
     last: Annotated[Row, "m"] | None = None
 
 
 def test_parts_that_are_none_have_no_rows():
-    whole, bare = Perhaps(1.0, Point(2.0, 3.0), 4.0), Perhaps(1.0)
+    whole, bare = WithOptionalPart(1.0, Point(2.0, 3.0), 4.0), WithOptionalPart(1.0)
     for value, names in ((whole, ("first", "point.x", "point.y", "last")), (bare, ("first",))):
-        layout = layout_of(Perhaps, value)
+        layout = layout_of(WithOptionalPart, value)
         assert layout.names == names
         assert layout.build(layout.flatten(value)) == value
-    assert layout_of(Perhaps) == layout_of(Perhaps, bare)
-    assert layout_of(Perhaps, bare) != layout_of(Perhaps, whole)
+    assert layout_of(WithOptionalPart) == layout_of(WithOptionalPart, bare)
+    assert layout_of(WithOptionalPart, bare) != layout_of(WithOptionalPart, whole)
 
 
-def test_a_part_that_is_none_where_one_is_wanted_is_refused_and_the_other_way_round():
-    whole, bare = Perhaps(1.0, Point(2.0, 3.0)), Perhaps(1.0)
-    with pytest.raises(TypeError, match="nothing is wanted, not Point"):
-        layout_of(Perhaps, bare).flatten(whole)
-    with pytest.raises(TypeError, match="Point is wanted, not NoneType"):
-        layout_of(Perhaps, whole).flatten(bare)
+def test_a_part_that_is_unexpectedly_none_or_not_none_is_refused():
+    whole, bare = WithOptionalPart(1.0, Point(2.0, 3.0)), WithOptionalPart(1.0)
+    with pytest.raises(TypeError, match="expected None, not Point"):
+        layout_of(WithOptionalPart, bare).flatten(whole)
+    with pytest.raises(TypeError, match="expected Point, not NoneType"):
+        layout_of(WithOptionalPart, whole).flatten(bare)
 
 
-def test_layouts_of_types_that_say_all():
+def test_types_of_fixed_length_determine_their_layout():
     assert layout_of(State).num_rows == 12
     assert layout_of(State).names == State._fields
     assert layout_of(Row) is layout_of(Annotated[Row, "s"]) is ROW
@@ -75,33 +75,33 @@ def test_layouts_of_types_that_say_all():
     assert layout_of(Point) == layout_of(Point, Point(1.0, 2.0))
 
 
-def test_plain_tuples_become_the_records_that_their_fields_say():
+def test_plain_tuples_become_records_of_the_types_of_the_fields():
     layout = layout_of(Line, Line(1.0, ((2.0, 3.0), (4.0, 5.0)), ()))
     assert layout.build(range(7)).ends == (Point(1, 2), Point(3, 4))
 
 
 @pytest.mark.parametrize("kind", [int, str, Any])
-def test_what_is_no_type_of_rows_is_refused(kind):
-    with pytest.raises(TypeError, match="is no type of rows"):
+def test_other_types_than_rows_are_refused(kind):
+    with pytest.raises(TypeError, match="is not a type of rows"):
         layout_of(kind)
 
 
 @pytest.mark.parametrize("kind", [tuple[int, ...], tuple[Row, ...]])
-def test_how_many_parts_there_are_must_be_known(kind):
-    with pytest.raises(TypeError, match="how many parts tuple.* has only a value can say"):
+def test_a_tuple_of_any_length_requires_an_example(kind):
+    with pytest.raises(TypeError, match="tuple.* has no fixed number of parts, so its layout requires an example"):
         layout_of(kind)
 
 
-def test_what_is_made_of_other_parts_is_refused():
+def test_values_of_another_layout_are_refused():
     layout = layout_of(Line, LINE)
     with pytest.raises(ValueError, match="Line has 9 rows, not 8"):
         layout.build(range(8))
-    with pytest.raises(TypeError, match="Line is made of 4 parts"):
+    with pytest.raises(TypeError, match="expected Line with 4 parts"):
         layout.flatten((1.0, 2.0))
-    with pytest.raises(TypeError, match="Point is wanted, not State"):
+    with pytest.raises(TypeError, match="expected Point, not State"):
         layout.flatten(LINE._replace(style=State(*range(12))))
     for value in (Point(), None, "1.0", 1j, [1.0], {}):
-        with pytest.raises(TypeError, match=f"a number or a row is wanted, not {type(value).__name__}"):
+        with pytest.raises(TypeError, match=f"expected a number or a row, not {type(value).__name__}"):
             layout.flatten(LINE._replace(width=value))
 
 

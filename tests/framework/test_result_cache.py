@@ -1,4 +1,4 @@
-"""Results are kept on the disk for calls with equal arguments, by the same program."""
+"""Tests of the cache of results on the disk."""
 
 import os
 import shutil
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from drake_quad.framework import code_cache, result_cache
-from drake_quad.framework.result_cache import _program, kept
+from drake_quad.framework.result_cache import _program, cached_on_disk
 
 CALLS = []
 
@@ -36,56 +36,56 @@ def folder(tmp_path, monkeypatch):
 
 def test_a_result_is_computed_once():
     for _ in range(2):
-        np.testing.assert_array_equal(kept(square, np.arange(3.0), shift=1.0), [1.0, 2.0, 5.0])
+        np.testing.assert_array_equal(cached_on_disk(square, np.arange(3.0), shift=1.0), [1.0, 2.0, 5.0])
     assert len(CALLS) == 1
 
 
-def test_other_arguments_functions_and_programs_have_results_of_their_own(monkeypatch):
+def test_results_differ_by_arguments_function_and_program(monkeypatch):
     values = np.arange(3.0)
-    assert kept(square, values)[2] == 4.0
-    assert kept(square, values + 1.0)[2] == 9.0
-    assert kept(square, values, shift=1.0)[2] == 5.0
-    assert kept(cube, values)[2] == 8.0
+    assert cached_on_disk(square, values)[2] == 4.0
+    assert cached_on_disk(square, values + 1.0)[2] == 9.0
+    assert cached_on_disk(square, values, shift=1.0)[2] == 5.0
+    assert cached_on_disk(cube, values)[2] == 8.0
     monkeypatch.setattr(result_cache, "_program", lambda: "another program")
-    assert kept(square, values)[2] == 4.0
+    assert cached_on_disk(square, values)[2] == 4.0
     assert len(CALLS) == 5
 
 
-def test_errors_are_not_kept():
+def test_errors_are_not_cached():
     for _ in range(2):
         with pytest.raises(ValueError, match="negative"):
-            kept(square, np.array([-1.0]))
+            cached_on_disk(square, np.array([-1.0]))
     assert len(CALLS) == 2
 
 
-def test_a_result_that_others_could_have_written_is_computed_anew(folder):
-    kept(square, np.arange(3.0))
+def test_a_result_that_others_could_have_written_is_computed_again(folder):
+    cached_on_disk(square, np.arange(3.0))
     (file,) = folder.iterdir()
     assert oct(file.stat().st_mode & 0o777) == "0o600"
     file.chmod(0o666)
-    kept(square, np.arange(3.0))
+    cached_on_disk(square, np.arange(3.0))
     assert len(CALLS) == 2
 
 
 def test_a_damaged_result_is_never_unpickled(folder):
-    kept(square, np.arange(3.0))
+    cached_on_disk(square, np.arange(3.0))
     (file,) = folder.iterdir()
     content = bytearray(file.read_bytes())
     content[10] ^= 1
     file.write_bytes(content)
-    np.testing.assert_array_equal(kept(square, np.arange(3.0)), [0.0, 1.0, 4.0])
+    np.testing.assert_array_equal(cached_on_disk(square, np.arange(3.0)), [0.0, 1.0, 4.0])
     assert len(CALLS) == 2
 
 
 def test_old_results_are_pruned_like_machine_code(folder):
-    kept(square, np.arange(3.0))
+    cached_on_disk(square, np.arange(3.0))
     code_cache.prune(folder, 0)
     assert [*folder.iterdir()] == []
 
 
 @pytest.fixture
 def package(tmp_path, monkeypatch):
-    """Return a copy of a part of the package that stands for the whole."""
+    """Return a copy of some files of the package, which represents the package."""
     copy = tmp_path / "package"
     shutil.copytree(result_cache._PACKAGE / "framework", copy, ignore=shutil.ignore_patterns("__pycache__"))
     monkeypatch.setattr(result_cache, "_PACKAGE", copy)
@@ -96,7 +96,7 @@ def program():
     return _program.__wrapped__()
 
 
-def test_a_program_is_known_by_its_sources(package):
+def test_a_program_is_identified_by_its_sources(package):
     before = program()
     assert before == program()
     source = package / "symbols.py"
@@ -106,20 +106,20 @@ def test_a_program_is_known_by_its_sources(package):
     assert program() not in (before, None)
 
 
-def test_nothing_is_kept_by_a_process_whose_sources_were_edited_since_it_started(package):
+def test_a_process_whose_sources_were_edited_after_its_start_caches_nothing(package):
     later = time.time() + 10.0
     os.utime(package / "symbols.py", (later, later))
     assert program() is None
 
 
-def test_a_program_without_sources_is_not_known(tmp_path, monkeypatch):
+def test_a_program_without_sources_is_not_identified(tmp_path, monkeypatch):
     monkeypatch.setattr(result_cache, "_PACKAGE", tmp_path / "archive.zip" / "drake_quad")
     assert program() is None
 
 
-def test_a_program_that_is_not_known_keeps_nothing(monkeypatch, folder):
+def test_a_program_that_is_not_identified_caches_nothing(monkeypatch, folder):
     monkeypatch.setattr(result_cache, "_program", lambda: None)
     for _ in range(2):
-        kept(square, np.arange(3.0))
+        cached_on_disk(square, np.arange(3.0))
     assert len(CALLS) == 2
     assert not folder.exists()

@@ -1,16 +1,16 @@
-"""The order in which lines are written."""
+"""Tests of the scheduling of lines."""
 
 import random
 
 import pytest
 
 from drake_quad.framework import scheduling
-from drake_quad.framework.scheduling import scheduled
+from drake_quad.framework.scheduling import schedule
 from drake_quad.framework.symbols import LEAVES, Listing
 
 
 def chains(count, length):
-    """Chains of sums, one after another in the listing, that know nothing of each other."""
+    """Return a listing of independent chains of sums, one chain after another."""
     listing = Listing()
     for chain in range(count):
         x = listing.row(0, chain)
@@ -20,14 +20,14 @@ def chains(count, length):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_every_line_stands_once_after_those_that_it_takes(seed):
+def test_every_line_occurs_once_and_after_its_operands(seed):
     numbers = random.Random(seed)
     listing = Listing()
     values = [listing.row(0, place) for place in range(4)]
     for _ in range(300):
         x, y = numbers.choice(values), numbers.choice(values)
         values.append(numbers.choice([x + y, x * y, x / 3.0, x - y, abs(x), y]))
-    order = scheduled(listing)
+    order = schedule(listing)
     position = {line: k for k, line in enumerate(order)}
     assert sorted(order) == list(range(len(listing.operations)))
     for line, operation in enumerate(listing.operations):
@@ -35,9 +35,9 @@ def test_every_line_stands_once_after_those_that_it_takes(seed):
             assert all(position[operand] < position[line] for operand in operation.operands)
 
 
-def test_chains_are_interleaved_so_that_no_line_waits_for_the_one_before():
+def test_chains_are_interleaved_so_that_no_line_waits_for_the_previous_one():
     listing = chains(18, 5)
-    order = [line for line in scheduled(listing) if listing.operations[line].name == "add"]
+    order = [line for line in schedule(listing) if listing.operations[line].name == "add"]
     position = {line: k for k, line in enumerate(order)}
     gaps = [
         position[line] - position[operand]
@@ -48,23 +48,23 @@ def test_chains_are_interleaved_so_that_no_line_waits_for_the_one_before():
     assert min(gaps) >= scheduling._LATENCY["add"] * scheduling._WIDTH
 
 
-def test_no_more_chains_begin_than_a_processor_can_go_on_with():
-    """As many as there are lines until the first may go on; then that one does."""
+def test_no_more_chains_start_than_the_latency_requires():
+    """As many chains start as lines fit into the latency of the first one, which then continues."""
     listing = chains(30, 2)
     sums = [line for line, operation in enumerate(listing.operations) if operation.name == "add"]
     begins, ends = sums[::2], sums[1::2]
-    order = [line for line in scheduled(listing) if line in sums]
+    order = [line for line in schedule(listing) if line in sums]
     count = scheduling._LATENCY["add"] * scheduling._WIDTH
     assert order[: 2 * count] == begins[:count] + ends[:count]
 
 
-def test_no_line_is_written_that_is_further_on_than_the_window(monkeypatch):
-    """The order is that of the listing where the window is of one line, and near it where it is of a few."""
+def test_no_line_beyond_the_window_is_scheduled(monkeypatch):
+    """A window of one line keeps the order of the listing, and a small window stays close to it."""
     listing = chains(12, 5)
     sums = [line for line, operation in enumerate(listing.operations) if operation.name == "add"]
     for window in (1, 10):
         monkeypatch.setattr(scheduling, "_WINDOW", window)
-        order = [line for line in scheduled(listing) if line in sums]
+        order = [line for line in schedule(listing) if line in sums]
         missing = list(sums)
         for line in order:
             assert missing.index(line) <= window - 1
@@ -72,15 +72,15 @@ def test_no_line_is_written_that_is_further_on_than_the_window(monkeypatch):
         assert (order == sums) == (window == 1)
 
 
-def test_rows_stand_before_their_first_use_and_unused_ones_at_the_end():
+def test_rows_precede_their_first_use_and_unused_rows_are_last():
     listing = Listing()
     a, b, unused = (listing.row(0, place) for place in range(3))
     total = (a + 1.0) * b
-    order = scheduled(listing)
+    order = schedule(listing)
     assert order[-1] == unused.line
     assert order[-2] == total.line
     assert order[-3] == b.line
 
 
-def test_nothing_is_written_of_an_empty_listing():
-    assert scheduled(Listing()) == []
+def test_the_schedule_of_an_empty_listing_is_empty():
+    assert schedule(Listing()) == []

@@ -1,4 +1,4 @@
-"""Vectors, axes and quaternions, against SciPy's rotations."""
+"""Tests of vectors, axes and quaternions by comparison with SciPy's rotations."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def quaternion(turned):
     return Quaternion(w, x, y, z)
 
 
-def test_vectors_are_added_and_multiplied_as_numpy_does_it():
+def test_vector_operations_agree_with_numpy():
     np.testing.assert_allclose(plus(A, B), np.add(A, B), rtol=1e-15)
     np.testing.assert_allclose(times(-3.0, A), np.multiply(-3.0, A), rtol=1e-15)
     np.testing.assert_allclose(dot(A, B), np.dot(A, B), rtol=1e-15)

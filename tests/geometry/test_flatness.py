@@ -1,4 +1,4 @@
-"""Attitude and its derivatives from a path's, against Drake's rotations and against differences."""
+"""Tests of attitudes from paths and of their derivatives, by Drake's rotations and finite differences."""
 
 import math
 
@@ -33,15 +33,15 @@ def tilt_at(thrust, yaw):
 
 
 @given(vectors, angles, st.sampled_from([1.0, -1.0]))
-def test_the_thrust_lies_along_the_body_s_axis(acceleration, yaw, up):
-    """At any yaw, and upside down: f = F z_B, with Drake's rotation matrix."""
+def test_the_thrust_points_along_the_z_axis_of_the_body(acceleration, yaw, up):
+    """The equation is f = F z_B with Drake's rotation matrix, at any yaw, also upside down."""
     thrust = up * (acceleration + G)
     tilt = tilt_at(thrust, yaw)
     z_B = RollPitchYaw(*attitude_of(tilt), yaw).ToRotationMatrix().matrix()[:, 2]
     np.testing.assert_allclose(tilt.thrust * z_B, thrust, atol=1e-12)
 
 
-def test_is_eq_7_at_zero_yaw():
+def test_attitude_is_eq_7_at_zero_yaw():
     u_x, u_y, u_z = 1.2, -0.7, 0.5
     mass = 0.68
     tilt = tilt_of(HeadingVector(u_x, u_y, u_z + 9.81))
@@ -52,9 +52,11 @@ def test_is_eq_7_at_zero_yaw():
 
 
 @given(vectors, vectors, vectors, angles, rates, rates)
-def test_rates_and_accelerations_are_derivatives(acceleration, jerk, snap, yaw, yaw_rate, yaw_acceleration):
+def test_rates_and_accelerations_are_derivatives_of_the_attitude(
+    acceleration, jerk, snap, yaw, yaw_rate, yaw_acceleration
+):
     def motion(time):
-        """Roll, pitch and yaw; p, q, r; and their rates, as they follow from the path at a time."""
+        """Return attitude, body rates and angular accelerations from the path at a time."""
         thrust = acceleration + G + jerk * time + 0.5 * snap * time**2
         heading = yaw + yaw_rate * time + 0.5 * yaw_acceleration * time**2
         turning = yaw_rate + yaw_acceleration * time

@@ -1,4 +1,4 @@
-"""Defaults and seeds of environments, and the episode that counts as the last ended one."""
+"""Tests of defaults and seeds of environments, and of the last ended episode."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ def hover(**options):
     return QuadrotorVectorEnv("hover", {"duration": 0.2}, **options)
 
 
-def test_an_environment_has_one_vehicle_and_keeps_no_actions_by_default():
+def test_an_environment_has_one_vehicle_and_records_no_actions_by_default():
     envs = hover()
     assert envs.num_envs == 1
     envs.reset(seed=0)
@@ -20,7 +20,7 @@ def test_an_environment_has_one_vehicle_and_keeps_no_actions_by_default():
         envs.flight()
 
 
-def test_more_vehicles_than_fit_into_memory_are_refused_at_once():
+def test_more_vehicles_than_fit_into_memory_are_refused_immediately():
     with pytest.raises(InputError, match="num_envs is"):
         hover(num_envs=10**12)
 
@@ -41,7 +41,7 @@ def test_a_seed_also_seeds_the_generator_of_the_environment():
     assert envs.np_random.random() == drawn
 
 
-def test_options_without_a_mask_begin_all_vehicles_anew():
+def test_options_without_a_mask_reset_all_vehicles():
     envs = hover(num_envs=2)
     envs.reset(seed=1, options={})
     envs.reset(options={"reset_mask": None})
@@ -51,7 +51,7 @@ def test_options_without_a_mask_begin_all_vehicles_anew():
 
 
 @pytest.mark.parametrize("ticks", [1, 2])
-def test_the_last_ended_episode_is_one_that_was_flown(ticks):
+def test_an_episode_without_a_tick_is_not_the_last_ended_one(ticks):
     """A reset ends an episode after one tick, but not an episode without any."""
     envs = hover(num_envs=2, record=True)
     envs.reset(seed=3)

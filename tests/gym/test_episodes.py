@@ -1,4 +1,4 @@
-"""The episodes that an environment prepares."""
+"""Tests of the initial values of episodes."""
 
 import math
 
@@ -12,28 +12,28 @@ from drake_quad.gym.task import task_of
 
 
 @pytest.mark.parametrize(("n", "most"), [(1, 32), (500, 4096), (4097, 2 * 4097)])
-def test_the_memory_of_prepared_episodes_is_bounded(n, most):
-    """Each vehicle has room for its episode and the next one, and only a small fleet has room for more."""
+def test_the_number_of_episodes_in_memory_is_bounded(n, most):
+    """There is memory for the current and the next episode of each vehicle, and for more in small fleets only."""
     scenario = task_of("hover")
-    episodes = Episodes(scenario, plan_route(scenario), n, shown=("state",))
+    episodes = Episodes(scenario, plan_route(scenario), n, outputs=("state",))
     for rows in episodes._ready:
         assert 2 * n <= math.prod(rows.shape[:2]) <= most
 
 
 @pytest.mark.slow
-def test_a_vehicle_that_is_ahead_of_another_begins_its_own_next_episode(monkeypatch):
-    """Its episodes are made ready when it needs them, although the other still has some."""
+def test_a_vehicle_with_more_resets_than_others_gets_its_own_next_episode(monkeypatch):
+    """Its episodes are computed when it needs them, although other vehicles still have some."""
     scenario = task_of("robustness")
     plan = plan_route(scenario)
 
     def parameters(*vehicles):
-        episodes = Episodes(scenario, plan, 2, shown=("state",))
+        episodes = Episodes(scenario, plan, 2, outputs=("state",))
         for each in vehicles:
             found = episodes.begin(np.array(each)).parameters
         return found
 
-    # All are ready from the start.
+    # All of them are computed at the start.
     expected = parameters([0, 1], [0], [0, 1])
-    monkeypatch.setattr(module, "_MOST_READY", 2)
+    monkeypatch.setattr(module, "_MAX_EPISODES_AHEAD", 2)
     np.testing.assert_array_equal(parameters([0, 1], [0], [0, 1]), expected)
     assert not np.array_equal(parameters([0, 1]), expected)

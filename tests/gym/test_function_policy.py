@@ -1,4 +1,4 @@
-"""Policies in plain Python."""
+"""Tests of policies in plain Python."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def made(num_vehicles):
     return FunctionPolicy(task(), act, num_vehicles)
 
 
-def test_a_function_flies_alone_and_in_studies_as_the_environment_does():
+def test_a_function_gives_the_same_flights_in_environments_and_studies():
     scenario = task()
     envs = QuadrotorVectorEnv(scenario, num_envs=3)
     seen, _ = envs.reset(seed=0)
@@ -47,14 +47,14 @@ def test_a_function_flies_alone_and_in_studies_as_the_environment_does():
     ],
     ids=["rows", "flat", "a", "rows of nan", "complex", "text", "huge"],
 )
-def test_what_is_no_action_is_refused(found):
+def test_wrong_actions_are_refused(found):
     scenario = task()
     with pytest.raises(
         InputError,
         match=r"the policy must return \(1, 3\) numbers of at most 1,000,000 in size, but returned .* at 0.00",
     ):
         simulate(scenario, policy=FunctionPolicy(scenario, lambda _: found))
-    with pytest.raises(InputError, match="hover has no place for a policy"):
+    with pytest.raises(InputError, match="hover must be of kind policy"):
         FunctionPolicy(load_scenario("hover"), act)
 
 

@@ -1,4 +1,4 @@
-"""The reward of an environment whose user gives none."""
+"""Tests of the default reward of environments."""
 
 import numpy as np
 import pytest
@@ -18,14 +18,14 @@ def step(error=0.0, action=0.0, last_action=0.0, crashed=False, touched=0):
 
 
 def test_errors_of_decimetres_and_crashes_dominate_the_default_reward():
-    """Prices of full actions are small beside the reward of 1 for exact tracking, and no crash is worth it."""
+    """Costs of full actions are small compared with the reward of 1 for exact tracking, and a crash costs more."""
     reward = TrackingReward()
     assert reward(step()) == 1.0
     assert reward(step(error=0.3)) == pytest.approx(np.exp(-1.0))
     assert reward(step(action=1.0, last_action=1.0)) == pytest.approx(1.0 - 4 * 0.01)
     assert reward(step(action=0.0, last_action=1.0)) == pytest.approx(1.0 - 4 * 0.05)
     assert reward(step(crashed=True)) == pytest.approx(-9.0)
-    # An obstacle has a price of its own only if the user gives one.
+    # By default, a crash into an obstacle has no additional cost.
     assert reward(step(crashed=True, touched=1)) == pytest.approx(-9.0)
     assert TrackingReward(obstacle=2.0)(step(crashed=True, touched=1)) == pytest.approx(-11.0)
     assert has_crashed(step(crashed=True)).tolist() == [True]

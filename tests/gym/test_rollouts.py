@@ -1,4 +1,4 @@
-"""Episodes that are flown again, and frames."""
+"""Tests of replayed episodes and of frames."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from drake_quad.visualization.frames import Camera
 from drake_quad.visualization.replay.page import save_replay
 
 
-def test_the_last_episode_is_flown_again_with_all_of_its_signals(tmp_path):
+def test_the_last_episode_is_replayed_with_all_signals(tmp_path):
     env = QuadrotorEnv("laboratory:low_wind", {"crash.position_error": 0.3}, action="attitude")
     for seed in (4, 5):
         env.reset(seed=seed)
@@ -28,14 +28,14 @@ def test_the_last_episode_is_flown_again_with_all_of_its_signals(tmp_path):
     np.testing.assert_allclose(flight["observation"][1:], seen, rtol=1e-6, atol=1e-6)
     page = save_replay({"a rollout": flight}, tmp_path / "replay.html")
     assert "a rollout" in page.read_text(encoding="utf-8")
-    # The one that is flown now, as soon as it is.
+    # After its first tick, the current episode is returned.
     env.reset()
     assert env.flight().metrics.rmse == flight.metrics.rmse
     env.step(np.zeros(4))
     assert len(env.flight().time) == 2
 
 
-def test_an_episode_that_is_cut_off_by_a_reset_has_ended():
+def test_a_reset_ends_an_episode():
     envs = QuadrotorVectorEnv("hover", {"duration": 0.2}, num_envs=2, record=True)
     envs.reset(seed=0)
     for _ in range(3):
@@ -45,12 +45,12 @@ def test_an_episode_that_is_cut_off_by_a_reset_has_ended():
     assert [len(envs.flight(i).time) for i in range(2)] == [5, 4]
     for _ in range(8):
         envs.step(np.zeros((2, 3)))
-    # The first one has flown to its end, of ten ticks, and the second not yet again.
+    # The first vehicle has ended its episode of ten ticks, and the second has not flown since its reset.
     assert [len(envs.flight(i).time) for i in range(2)] == [11, 4]
     assert [envs.episode(i).sample for i in range(2)] == [1, 1]
 
 
-def test_an_episode_that_has_not_ended_is_flown_again_as_far_as_it_is():
+def test_the_current_episode_is_replayed_up_to_its_current_tick():
     envs = QuadrotorVectorEnv("hover", num_envs=3, record=True)
     envs.reset(seed=0)
     for _ in range(10):
@@ -58,10 +58,10 @@ def test_an_episode_that_has_not_ended_is_flown_again_as_far_as_it_is():
     flight = envs.flight(2)
     assert flight.time[-1] == pytest.approx(0.2)
     assert flight.scenario.seed == 2
-    np.testing.assert_allclose(flight["state"][-1], envs._fleet.shown("state")[2], atol=1e-12)
+    np.testing.assert_allclose(flight["state"][-1], envs._fleet.outputs("state")[2], atol=1e-12)
 
 
-def test_a_whole_episode_is_flown_again_to_its_last_tick():
+def test_a_complete_episode_is_replayed_to_its_last_tick():
     kept = []
     env = QuadrotorEnv("hover", {"duration": 0.2}, reward=lambda step: kept.append(step.state) or step.time)
     env.reset(seed=0)
@@ -73,7 +73,7 @@ def test_a_whole_episode_is_flown_again_to_its_last_tick():
     np.testing.assert_allclose(env.flight()["action"][:10, 2], 0.05 * np.arange(10))
 
 
-def test_frames_show_the_vehicle_where_it_is():
+def test_frames_show_the_vehicle_at_its_position():
     overrides = {"space.obstacles.pillar": {"kind": "cylinder", "centre": [1.5, 0, 1], "radius": 0.2, "height": 2}}
     envs = QuadrotorVectorEnv("figure_eight", overrides, num_envs=2, render_mode="rgb_array")
     assert QuadrotorVectorEnv("hover").render() is None
@@ -86,7 +86,7 @@ def test_frames_show_the_vehicle_where_it_is():
     hanging, climbing = envs.render()
     changed = (hanging != climbing).any(axis=2)
     assert 50 < changed.sum() < 5000
-    # The one that climbs is drawn higher: where its rotors are, the other frame is grey or white.
+    # The climbing vehicle is drawn higher: at the position of its rotors, the other frame is grey or white.
     blue = [frame[..., 2].astype(int) - frame[..., 0] > 60 for frame in (hanging, climbing)]
     low, high = (np.argwhere(where)[:, 0].mean() for where in blue)
     assert high < low - 10
@@ -102,7 +102,7 @@ def test_the_front_is_red_and_small_vehicles_are_drawn_larger(vehicle):
     (frame,) = camera.frames(State(*rows), Reference(*np.full((11, 1), 99.0)))
 
     def pixels(color):
-        """Where a colour is, in pixels from the left and from the bottom."""
+        """Return the positions of a colour, in pixels from the left and from the bottom."""
         rgb = 255.0 * np.array(to_rgb(color))
         up, across = np.nonzero(np.abs(frame - rgb).max(axis=2) < 30.0)
         return across, len(frame) - up
@@ -114,7 +114,7 @@ def test_the_front_is_red_and_small_vehicles_are_drawn_larger(vehicle):
     middle, ahead = projected(place), projected(place + 0.1 * np.array([np.cos(yaw), np.sin(yaw), 0.0]))
     towards = np.mean(pixels("tab:red"), axis=1) - middle
     assert towards @ (ahead - middle) / np.linalg.norm(towards) / np.linalg.norm(ahead - middle) > 0.8
-    # The rotors of either stand as far apart as 4 % of the scene, on both sides of the middle, at least.
+    # The rotors of both vehicles are at least 4 % of the scene apart, on both sides of the centre.
     across, _ = pixels("tab:blue")
     assert np.ptp(across) > 20
 

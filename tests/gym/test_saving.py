@@ -1,4 +1,4 @@
-"""Policies that are saved, as controllers for scenarios."""
+"""Tests of policies that are saved as controllers."""
 
 from types import SimpleNamespace
 
@@ -8,11 +8,11 @@ import pytest
 
 from drake_quad import InputError, load_scenario, simulate
 from drake_quad.gym import Layer, QuadrotorVectorEnv, save_policy, torch_layers
-from drake_quad.gym.saving import acted
+from drake_quad.gym.saving import evaluate_layers
 
 
-def test_a_network_is_saved_as_a_controller_that_does_what_it_did(tmp_path):
-    """A linear policy, flown in the environment and as the controller of a scenario."""
+def test_a_saved_network_gives_the_same_flight_as_a_controller(tmp_path):
+    """A linear policy is flown in the environment, and as the controller of a scenario."""
     envs = QuadrotorVectorEnv("figure_eight", {"duration": 3.0}, num_envs=1)
     rng = np.random.default_rng(0)
     size = envs.single_observation_space.shape[0]
@@ -29,7 +29,7 @@ def test_a_network_is_saved_as_a_controller_that_does_what_it_did(tmp_path):
     np.testing.assert_allclose(flight.metrics.rmse, infos["flight"]["rmse"][0], rtol=1e-4)
     assert flight.metrics.rmse < 0.3
     before = path.with_suffix(".npz").read_bytes()
-    with pytest.raises(InputError, match="cannot be flown: .*layers.0.inputs is 23, but must be 24") as wrong:
+    with pytest.raises(InputError, match="cannot be saved: .*layers.0.inputs is 23, but must be 24") as wrong:
         save_policy(envs, [Layer(gains[:, 1:], np.zeros(3))], tmp_path / "mine" / "linear.yaml")
     assert str(path.parent) in str(wrong.value)
     assert path.with_suffix(".npz").read_bytes() == before
@@ -42,11 +42,11 @@ def test_a_policy_for_an_autopilot_is_saved(action, tmp_path):
     rows, size = env.action_space.shape[0], env.observation_space.shape[0]
     path = save_policy(env, [Layer(np.zeros((rows, size)), np.zeros(rows))], tmp_path / "mine.yaml")
     assert load_scenario("onboard", layers=[path]).control.action.kind == action
-    with pytest.raises(InputError, match="a dict is no environment of drake_quad.gym"):
+    with pytest.raises(InputError, match="env is a dict, but must be an environment of drake_quad.gym"):
         save_policy({}, [], tmp_path / "mine.yaml")
 
 
-def test_what_a_policy_does_not_say_is_not_taken_from_what_it_is_laid_over(tmp_path):
+def test_missing_fields_of_a_policy_are_not_taken_from_the_scenario(tmp_path):
     """raptor_plus lets rotors stop; a policy that was trained with idling ones does not."""
     env = QuadrotorVectorEnv("figure_eight", action="rotor_speeds", observation={"signals": ["velocity"]})
     path = save_policy(env, [Layer(np.zeros((4, 3)), np.zeros(4))], tmp_path / "mine.yaml")
@@ -55,8 +55,8 @@ def test_what_a_policy_does_not_say_is_not_taken_from_what_it_is_laid_over(tmp_p
     assert over.control.action.least is None
 
 
-def test_a_policy_is_written_to_a_file_of_its_name(tmp_path):
-    """The name under which `drake-quad compare` has it."""
+def test_the_name_of_a_controller_is_that_of_its_file(tmp_path):
+    """`drake-quad compare` uses this name."""
     env = QuadrotorVectorEnv("figure_eight", observation={"signals": ["velocity"]})
     layer = Layer(np.zeros((3, 3)), np.zeros(3))
     for name in ("one", "task"):
@@ -68,7 +68,7 @@ def test_a_policy_is_written_to_a_file_of_its_name(tmp_path):
             save_policy(env, [layer], wrong)
 
 
-def test_what_cannot_be_written_is_said(tmp_path, monkeypatch):
+def test_errors_of_writing_are_reported(tmp_path, monkeypatch):
     env = QuadrotorVectorEnv("figure_eight", observation={"signals": ["velocity"]})
 
     def full(*_, **__):
@@ -85,7 +85,7 @@ def module(name, **attributes):
 
 
 def numbers(array):
-    """What of a tensor is looked at."""
+    """Return a stand-in for a tensor with the methods that are used."""
     return SimpleNamespace(detach=lambda: SimpleNamespace(cpu=lambda: SimpleNamespace(numpy=lambda: np.array(array))))
 
 
@@ -105,7 +105,7 @@ def test_parameters_of_activations_are_read_from_pytorch(given, activation, alph
 
 
 def test_layers_of_pytorch_are_read_by_their_names():
-    """Stand-ins for its modules; where Stable-Baselines3 is installed, its own tests have real ones."""
+    """The modules are stand-ins. If Stable-Baselines3 is installed, its tests use real modules."""
     rng = np.random.default_rng(1)
     w, b, v = rng.normal(size=(5, 4)), rng.normal(size=5), rng.normal(size=(2, 5))
     given = [
@@ -120,11 +120,16 @@ def test_layers_of_pytorch_are_read_by_their_names():
     offset, scale = rng.normal(size=4), rng.uniform(0.5, 2.0, 4)
     x = np.clip((seen - offset) * scale, -1.2, 1.2) @ w.T + b
     expected = np.tanh(np.where(x > 0.0, x, np.expm1(np.minimum(x, 0.0))) @ v.T)
-    np.testing.assert_allclose(acted(layers, seen, offset=offset, scale=scale, limit=1.2), expected, rtol=1e-12)
+    np.testing.assert_allclose(
+        evaluate_layers(layers, seen, offset=offset, scale=scale, limit=1.2), expected, rtol=1e-12
+    )
     for wrong, words in [
-        ([*given, module("Mish")], "the policy has a Mish, but can have Linear, and Tanh"),
-        ([*given, module("Tanh")], "the policy has a Tanh"),
-        ([module("Tanh")], "the policy has a Tanh"),
+        (
+            [*given, module("Mish")],
+            "a Mish module is not supported here; use Linear modules, each followed by at most one Tanh",
+        ),
+        ([*given, module("Tanh")], "a Tanh module is not supported here"),
+        ([module("Tanh")], "a Tanh module is not supported here"),
         ([], "the policy has no layers"),
     ]:
         with pytest.raises(InputError, match=words):

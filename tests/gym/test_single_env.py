@@ -1,4 +1,4 @@
-"""An environment of one vehicle is a vector of one, without the dimension of the vehicles."""
+"""Tests of the environment with one vehicle, by comparison with the vector environment."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from drake_quad.reference.plan import Plan
 
 
 @pytest.mark.slow
-def test_one_vehicle_is_a_vector_of_one():
+def test_a_single_environment_equals_a_vector_environment_with_one_vehicle():
     task = {"duration": 0.1}
     alone = QuadrotorEnv("hover", task, render_mode="rgb_array")
     vector = QuadrotorVectorEnv("hover", task, num_envs=1, render_mode="rgb_array")

@@ -1,4 +1,4 @@
-"""Training by Stable-Baselines3, where it is installed: pip install 'drake_quad[learn]'."""
+"""Tests of training with Stable-Baselines3, if it is installed: pip install 'drake_quad[learn]'."""
 
 import re
 import subprocess
@@ -19,7 +19,7 @@ StableVectorEnv, save_trained = (
     for name in ("StableVectorEnv", "save_trained")
 )
 
-# PyTorch warns of what is its own.
+# PyTorch emits warnings about its own code.
 pytestmark = pytest.mark.filterwarnings("ignore")
 
 
@@ -28,7 +28,7 @@ def envs_of(n=6, **options):
     return QuadrotorVectorEnv("laboratory:low_wind", {"duration": 1.0}, num_envs=n, action="rates", **options)
 
 
-def test_it_flies_as_the_environment_does():
+def test_the_adapter_gives_the_same_flights_as_the_environment():
     ours, theirs = envs_of(), StableVectorEnv(envs_of())
     theirs.seed(4)
     seen, _ = ours.reset(seed=4)
@@ -52,7 +52,7 @@ def test_it_flies_as_the_environment_does():
 
 
 @pytest.mark.parametrize("activation", ["Tanh", "ReLU"])
-def test_a_trained_policy_does_as_a_controller_what_it_did_for_its_model(activation, tmp_path):
+def test_a_saved_policy_gives_the_actions_of_its_model(activation, tmp_path):
     torch = pytest.importorskip("torch")
     envs = (
         wrappers.VecNormalize(wrappers.VecMonitor(StableVectorEnv(envs_of(8))))
@@ -81,7 +81,7 @@ def flown_with(policy):
 
 
 def agrees(model, flight):
-    """Whether a controller does what its model does for the same observations."""
+    """Return whether a controller has the actions of its model for the same observations."""
     seen, normal = flight["observation"].astype(np.float32), model.get_vec_normalize_env()
     expected, _ = model.predict(seen if normal is None else normal.normalize_obs(seen), deterministic=True)
     return np.allclose(flight["action"].clip(-1.0, 1.0), expected, atol=1e-4)
@@ -93,7 +93,7 @@ def some(envs, **options):
     return model.learn(2 * 16 * envs.num_envs)
 
 
-def test_wrappers_that_change_nothing_are_looked_through(tmp_path):
+def test_transparent_wrappers_are_accepted(tmp_path):
     inside = wrappers.VecMonitor(wrappers.VecNormalize(StableVectorEnv(envs_of(8))))
     unseen = wrappers.VecNormalize(StableVectorEnv(envs_of(8)), norm_obs=False)
     alone = wrappers.DummyVecEnv([lambda: gymnasium.make("drake_quad/Track-v0", scenario="laboratory:low_wind")])
@@ -120,7 +120,7 @@ def test_a_squashed_policy_is_saved_with_its_tanh(tmp_path):
     assert agrees(model, flown_with(save_trained(model, tmp_path / "mine.yaml")))
 
 
-def test_what_would_be_saved_otherwise_than_it_was_trained_is_refused(tmp_path):
+def test_policies_that_would_act_differently_are_refused(tmp_path):
     torch = pytest.importorskip("torch")
     extractors = pytest.importorskip("stable_baselines3.common.torch_layers")
 
@@ -136,13 +136,19 @@ def test_what_would_be_saved_otherwise_than_it_was_trained_is_refused(tmp_path):
     closed.env = None
     rescaled = gymnasium.wrappers.RescaleAction(QuadrotorEnv("hover"), np.float32(-2.0), np.float32(2.0))
     for make, words in [
-        (lambda: some(ours, policy_kwargs={"features_extractor_class": Halved}), "does more than its layers"),
-        (lambda: some(ours, policy_kwargs={"activation_fn": Longer}), "the policy has a Longer, but can have Linear"),
-        (lambda: some(wrappers.VecFrameStack(ours, 2)), "stands in a VecFrameStack, which is not known here"),
-        (lambda: some(wrappers.VecNormalize(wrappers.VecNormalize(ours))), "in two VecNormalize, but can stand in one"),
-        (lambda: some(wrappers.DummyVecEnv([lambda: rescaled])), "stands in a RescaleAction, which is not known here"),
+        (lambda: some(ours, policy_kwargs={"features_extractor_class": Halved}), "not those of its dense layers alone"),
+        (lambda: some(ours, policy_kwargs={"activation_fn": Longer}), "a Longer module is not supported here"),
+        (lambda: some(wrappers.VecFrameStack(ours, 2)), "inside a VecFrameStack, which is not supported"),
+        (
+            lambda: some(wrappers.VecNormalize(wrappers.VecNormalize(ours))),
+            "inside two VecNormalize that normalise observations",
+        ),
+        (lambda: some(wrappers.DummyVecEnv([lambda: rescaled])), "inside a RescaleAction, which is not supported"),
         (lambda: closed, "the model has no environment"),
-        (lambda: stable_baselines3.PPO("MlpPolicy", "Pendulum-v1", device="cpu"), "is no environment of drake_quad"),
+        (
+            lambda: stable_baselines3.PPO("MlpPolicy", "Pendulum-v1", device="cpu"),
+            "must be an environment of drake_quad",
+        ),
     ]:
         with pytest.raises(InputError, match=words):
             save_trained(make(), tmp_path / "mine.yaml")

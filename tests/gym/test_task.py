@@ -1,4 +1,4 @@
-"""The scenario that an environment makes of a given scenario."""
+"""Tests of the scenario of an environment."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def test_a_missing_attitude_control_is_designed_as_the_attitude_loop_of_any_casc
         assert task_of(scenario, action=action).control.attitude is None
 
 
-def test_numbers_of_an_action_may_be_arrays_and_what_is_wrong_is_told():
+def test_numbers_of_an_action_can_be_arrays_and_errors_are_reported():
     attitude = load_scenario("figure_eight").control.attitude
     found = task_of("figure_eight", action={"kind": "rates", "max_rates": np.array([5.0, 4.0, 3.0])}).control
     assert (found.action.max_rates, found.attitude) == ((5.0, 4.0, 3.0), attitude)

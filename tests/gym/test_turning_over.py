@@ -1,4 +1,4 @@
-"""Environments whose vehicles may turn over."""
+"""Tests of environments whose vehicles can turn over."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The vector environment: what Gymnasium asks of it, and what its vehicles fly."""
+"""Tests of the vector environment: the interface of Gymnasium, and the flights of its vehicles."""
 
 import copy
 import itertools
@@ -16,7 +16,7 @@ from drake_quad.gym import QuadrotorEnv, QuadrotorVectorEnv, TrackingReward
 from drake_quad.gym.rollout import action_source
 from drake_quad.laboratory.metrics import Metrics
 
-# What every vehicle sees and does differs, and many crash soon.
+# Observations and actions differ between vehicles, and many vehicles crash soon.
 TASK = {
     "scenario": "robustness",
     "overrides": {"duration": 1.5, "control": load_scenario("laboratory:low_wind").control},
@@ -39,7 +39,7 @@ def random_actions(envs, seed, steps, size=0.5):
 
 
 def rollout(envs, actions, seed):
-    """All that comes out of an environment."""
+    """Return all results of a rollout."""
     seen, infos = envs.reset(seed=seed)
     steps = [(seen, infos)]
     for action in actions:
@@ -52,7 +52,7 @@ def columns(steps, place):
 
 
 @pytest.mark.parametrize("action", ACTIONS)
-def test_a_vehicle_flies_as_alone_under_drake_s_simulator(action):
+def test_a_vehicle_flies_as_alone_in_drakes_simulator(action):
     """Every vehicle of a vector, in every episode: state, reference and observation at every tick, to 1e-9."""
     seen = {"signals": ["position_error", "velocity_error", "rotation", "body_rates", "action", "wind"], "history": 2}
     kept = []
@@ -64,7 +64,7 @@ def test_a_vehicle_flies_as_alone_under_drake_s_simulator(action):
     over = [columns(steps[1:], place) for place in (2, 3)]
     ended = over[0] | over[1]
     episodes = 0
-    for vehicle in (0, 4, 8):  # of the first and the last vector of the processor's
+    for vehicle in (0, 4, 8):  # vehicles of the first and the last vector register
         first, sample = 0, 0
         for last in [*np.flatnonzero(ended[:, vehicle]), len(actions) - 1]:
             flown = actions[first : last + 1, vehicle]
@@ -93,14 +93,14 @@ def test_a_vehicle_flies_as_alone_under_drake_s_simulator(action):
                 for field in info.keys() & {*Metrics._fields}:
                     np.testing.assert_allclose(info[field][vehicle], getattr(flight.metrics, field), rtol=1e-9)
                 episodes += 1
-            # The step after the last one is that of the new beginning.
+            # The step after the last one of an episode resets the vehicle.
             first, sample = last + 2, sample + 1
     assert episodes > 3
-    # By accelerations alone nothing crashes so soon.
+    # With accelerations as actions, no vehicle crashes this early.
     assert over[0][:, [0, 4, 8]].any() == (action != "acceleration")
 
 
-def test_a_rollout_is_reproducible_from_its_seed_and_what_a_vehicle_flies_depends_on_no_other():
+def test_a_rollout_is_reproducible_and_vehicles_are_independent():
     envs = envs_of(12)
     actions = random_actions(envs, 0, 120)
     one, again = (rollout(each, actions, seed=5) for each in (envs, envs_of(12)))
@@ -114,7 +114,7 @@ def test_a_rollout_is_reproducible_from_its_seed_and_what_a_vehicle_flies_depend
     assert not np.array_equal(one[60][0], other[60][0])
 
 
-def test_seeds_may_be_given_one_by_one_and_some_vehicles_may_begin_anew():
+def test_vehicles_can_have_individual_seeds_and_resets():
     envs = envs_of(4, autoreset_mode=AutoresetMode.DISABLED)
     whole, _ = envs.reset(seed=[7, 8, 20, 21])
     np.testing.assert_array_equal(whole[:2], envs_of(2).reset(seed=7)[0])
@@ -129,12 +129,12 @@ def test_seeds_may_be_given_one_by_one_and_some_vehicles_may_begin_anew():
     assert [envs.episode(i) for i in range(4)] == [(7, 0), (8, 0), (20, 0), (21, 1)]
     after, *_ = envs.step(np.zeros((4, 4)))
     assert (after != seen).any(axis=1).all()
-    # Without a seed all go on with their next episodes.
+    # Without a seed, all vehicles start their next episodes.
     envs.reset()
     assert [envs.episode(i).sample for i in range(4)] == [1, 1, 1, 2]
 
 
-def test_episodes_without_a_seed_begin_with_one_of_chance():
+def test_episodes_without_a_seed_get_a_random_one():
     one, other = (envs_of(2).reset()[0] for _ in range(2))
     assert not np.array_equal(one, other)
     alone, beside = (QuadrotorEnv("robustness") for _ in range(2))
@@ -144,14 +144,14 @@ def test_episodes_without_a_seed_begin_with_one_of_chance():
     seeds = [envs.episode(i).seed for i in range(3)]
     assert seeds[1] == 5
     assert len(set(seeds)) == 3
-    # Random seeds have so wide a range that the same seed is hardly ever drawn twice.
+    # The range of random seeds is so large that equal seeds are very unlikely.
     drawn_seeds = set()
     for _ in range(12):
         envs.has_begun = False
         envs.reset()
         drawn_seeds.add(envs.episode(0).seed)
     assert len(drawn_seeds) == 12
-    # A generator that was seeded before gives the same chance.
+    # A generator with the same seed gives the same random seeds.
     again = envs_of(3)
     again.np_random = np.random.default_rng(3)
     other = envs_of(3)
@@ -160,8 +160,8 @@ def test_episodes_without_a_seed_begin_with_one_of_chance():
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
-def test_vehicles_begin_anew_when_gymnasium_wants_it(mode):
-    """The same episodes in both modes: what is seen first and last of each, and what they are worth."""
+def test_vehicles_are_reset_as_the_autoreset_mode_demands(mode):
+    """Both modes have the same episodes, with the same first and last observations and the same rewards."""
     n = 3
     envs, apart = envs_of(n, autoreset_mode=mode), [envs_of(1, autoreset_mode=AutoresetMode.DISABLED) for _ in range(n)]
     actions = random_actions(envs, 2, 160)
@@ -204,8 +204,8 @@ def test_vehicles_begin_anew_when_gymnasium_wants_it(mode):
     assert cuts
 
 
-def test_episodes_go_on_for_as_long_as_one_likes():
-    """Sample after sample, far beyond those that are made ready at once."""
+def test_the_number_of_episodes_is_unlimited():
+    """There are many more samples than are computed at once."""
     scenario = load_scenario("robustness", {"duration": 0.04})
     envs = QuadrotorVectorEnv(scenario, num_envs=2, autoreset_mode=AutoresetMode.SAME_STEP)
     seen = [envs.reset(seed=3)[0]]
@@ -221,7 +221,7 @@ def test_episodes_go_on_for_as_long_as_one_likes():
         assert envs.episode(vehicle) == (3 + vehicle, 100)
 
 
-def test_a_flight_is_cut_off_at_its_end_and_goes_no_further():
+def test_a_flight_is_truncated_at_its_end():
     envs = QuadrotorVectorEnv("hover", {"duration": 0.1}, num_envs=2, autoreset_mode=AutoresetMode.DISABLED)
     envs.reset(seed=0)
     ends = [envs.step(np.zeros((2, 3)))[2:4] for _ in range(7)]
@@ -256,7 +256,7 @@ def test_an_environment_keeps_attitude_control_and_the_limits_of_thrust_vectorin
     assert QuadrotorVectorEnv(scenario, action="rotor_speeds").scenario.control.attitude is None
 
 
-def test_gymnasium_s_own_checks_pass():
+def test_gymnasiums_own_checks_pass():
     with pytest.warns(UserWarning, match="infinity|spec"):
         check_env(QuadrotorEnv("robustness", TASK["overrides"], action="rates", render_mode="rgb_array"))
     check_environments_match(*(QuadrotorEnv(action=action) for action in ("rates", "rates")), 40)
@@ -281,7 +281,7 @@ def test_environments_are_registered_and_wrapped():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("action", [{"kind": "acceleration", "frame": "reference_heading"}, "attitude", "rates"])
-def test_observed_along_the_reference_heading_every_heading_is_the_same_task(action):
+def test_with_observations_along_the_heading_the_task_does_not_depend_on_the_heading(action):
     """A policy that learns at one heading finds the same observations and rewards at another heading."""
     seen = {"signals": ["position_error", "velocity_error", "rotation", "body_rates", "action"]}
     steps = []
@@ -300,7 +300,7 @@ def test_observed_along_the_reference_heading_every_heading_is_the_same_task(act
         np.testing.assert_allclose(other, one, rtol=0.0, atol=1e-6)
 
 
-def test_spaces_are_those_of_the_scenario():
+def test_spaces_have_the_sizes_of_the_scenario():
     envs = envs_of(3, action={"kind": "acceleration", "most": [3, 3, 3]}, observation={"history": 4})
     assert envs.single_observation_space.shape == (4 * (3 + 3 + 9 + 3 + 3 + 3),)
     assert envs.action_space.shape == (3, 3)
@@ -308,12 +308,12 @@ def test_spaces_are_those_of_the_scenario():
     seen, *_ = rollout(envs, random_actions(envs, 0, 1), 0)[1]
     assert seen.dtype == np.float32
     assert envs.observation_space.contains(seen)
-    # A policy's scenario is an environment with what it sees and does.
+    # The environment of a scenario with a policy has the observations and actions of the policy.
     raptor = load_scenario("figure_eight", layers=["controllers/raptor:raptor_plus"])
     assert QuadrotorVectorEnv(raptor).single_observation_space.shape == (22,)
 
 
-def test_what_a_step_is_worth_and_when_it_ends_may_be_a_function():
+def test_reward_and_termination_can_be_functions():
     def far(step):
         return step.position_error > 0.5
 
@@ -328,29 +328,29 @@ def test_what_a_step_is_worth_and_when_it_ends_may_be_a_function():
     distances = []
     for action in random_actions(envs, 1, 70):
         _, rewards, terminations, *_ = envs.step(action)
-        state, reference = envs._fleet.record("state"), envs._fleet.record("reference")
+        state, reference = envs._fleet.output_record("state"), envs._fleet.output_record("reference")
         distances.append(np.linalg.norm(np.subtract(reference[:3], state[:3]), axis=0))
-        np.testing.assert_allclose(rewards, -envs._fleet.record("wind").x)
+        np.testing.assert_allclose(rewards, -envs._fleet.output_record("wind").x)
         np.testing.assert_array_equal(terminations, distances[-1] > 0.5)
     assert (np.array(distances) > 0.5).any()
 
 
 @pytest.mark.parametrize("name", ["wind", "rotor_speed", "measurement"])
-def test_environments_of_one_structure_have_the_signals_that_each_asks_for(name):
+def test_each_environment_has_the_signals_that_it_requests(name):
     kept = []
     envs = envs_of(2, signals=[name], reward=lambda step: kept.append(step.signals) or np.zeros(2))
     envs.reset(seed=0)
     envs.step(np.zeros((2, 4)))
     (signals,) = kept
     assert [*signals] == [name]
-    np.testing.assert_array_equal(signals[name], envs._fleet.record(name))
+    np.testing.assert_array_equal(signals[name], envs._fleet.output_record(name))
     flight = simulate(envs.scenario, seed=0, sample=0, policy=action_source(np.zeros((1, 4)), 0.02), until=0.02)
     np.testing.assert_allclose(np.array(signals[name])[:, 0], flight[name][1], rtol=0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("n", [1, 8, 9])
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
-def test_a_transition_stays_what_it_was(n, mode):
+def test_later_steps_do_not_change_a_transition(n, mode):
     kept, copies = [], []
 
     def reward(step):
@@ -367,7 +367,7 @@ def test_a_transition_stays_what_it_was(n, mode):
 
 
 @pytest.mark.parametrize("mask", [None, [False, True, True]])
-def test_a_reset_forgets_whose_episode_was_over(mask):
+def test_a_reset_clears_the_ended_episodes(mask):
     envs = envs_of(3, action="rotor_speeds")
     options = None if mask is None else {"reset_mask": np.array(mask)}
     envs.reset(seed=4)
@@ -387,8 +387,8 @@ def test_a_reset_forgets_whose_episode_was_over(mask):
     assert [envs.episode(i).sample for i in range(3)] == [0 if new[i] else begun[i] + 1 for i in range(3)]
 
 
-def test_before_its_first_action_a_vehicle_has_hovered():
-    """With the thrust of its weight, between half of it and 1.75 times."""
+def test_the_last_action_before_the_first_step_is_that_of_hover():
+    """The thrust of hover is the weight, and actions range from half of it to 1.75 times."""
     kept = []
     action = {"kind": "attitude", "min_thrust": 0.5, "max_thrust": 1.75}
     envs = envs_of(2, action=action, reward=lambda step: kept.append(step.last_action) or np.zeros(2))
@@ -399,7 +399,7 @@ def test_before_its_first_action_a_vehicle_has_hovered():
     np.testing.assert_allclose(kept, [[[-0.2, 0.0, 0.0, 0.0]] * 2, [[0.1] * 4, [-0.2, 0.0, 0.0, 0.0]]])
 
 
-def test_the_reward_is_what_it_says():
+def test_the_tracking_reward_is_its_formula():
     reward = TrackingReward(tracking=2.0, length=0.5, effort=0.1, variation=0.2, crash=7.0, obstacle=3.0)
     kept = []
     aside, ball = ({"kind": "sphere", "centre": [x, 0, -0.5], "radius": 0.2} for x in (9, 0))
@@ -435,26 +435,29 @@ def test_the_reward_is_what_it_says():
         (lambda: envs_of(2, render_mode="human"), "render_mode is 'human', but must be None or one of"),
         (lambda: envs_of(2, action="magic"), "control.action.kind is 'magic', but must be one of"),
         (lambda: envs_of(2, observation={"history": 0}), "control.observation.history is 0"),
-        (lambda: envs_of(2, signals=["swing"]), "'swing' is no signal of this scenario, which has reference, "),
+        (lambda: envs_of(2, signals=["swing"]), "'swing' is not a signal of this scenario, which has reference, "),
         (lambda: QuadrotorVectorEnv("nowhere"), "nowhere"),
         (
             lambda: QuadrotorVectorEnv(load_scenario("hover"), {"duration": 1}),
-            "overrides are of a scenario that is loaded",
+            "overrides only apply to the file or name of a scenario",
         ),
         (
             lambda: QuadrotorVectorEnv("hover", {"laboratory.motion_capture.period": 0.04}),
-            "less often than every 0.02 s",
+            "a period of the diagram is longer than a tick of 0.02 s",
         ),
         (lambda: envs_of(2).step(np.zeros((2, 4))), "must be reset before its first step"),
         (lambda: rollout(envs_of(2), [np.zeros((2, 3))], 0), r"the shape \(2, 3\), but must have \(2, 4\)"),
         (lambda: rollout(envs_of(2), [np.full((2, 4), [[0.0], [np.nan]])], 0), "that of vehicle 1 is .nan, nan"),
         (lambda: envs_of(2).reset(seed=-1), "seed is -1, but must be from 0 to 9223372036854775805"),
         (lambda: envs_of(2).reset(seed=[1, 2, 3]), "3 seeds are given, but there are 2 vehicles"),
-        (lambda: envs_of(2).reset(seed=0, options={"reset_mask": np.array([True, False])}), "all must begin once"),
+        (
+            lambda: envs_of(2).reset(seed=0, options={"reset_mask": np.array([True, False])}),
+            "must be true for all vehicles at the first reset",
+        ),
         (lambda: envs_of(2).reset(seed=0, options={"reset_mask": [1, 0]}), "reset_mask must be 2 truth values"),
         (lambda: flown_with(reward=lambda step: step.observation), r"reward must return 2 numbers, but returned array"),
         (lambda: flown_with(reward=lambda step: None), "reward must return 2 numbers, but returned None"),
-        (lambda: flown_with(reward=lambda step: [0.0, np.nan]), "finite numbers, but returned nan of vehicle 1"),
+        (lambda: flown_with(reward=lambda step: [0.0, np.nan]), "finite numbers, but returned nan for vehicle 1"),
         (lambda: flown_with(terminates=lambda step: False), "terminates must return 2 numbers, but returned False"),
         (lambda: envs_of(2, signals=["wind", "wind"]), "signals has wind twice"),
         (lambda: envs_of(2.5), "num_envs is 2.5, but must be a whole number, at least 1"),
@@ -497,6 +500,6 @@ def test_the_reward_is_what_it_says():
         (lambda: QuadrotorEnv("hover").flight(), "vehicle 0 has not flown yet"),
     ],
 )
-def test_what_is_wrong_is_said_in_a_sentence(make, words):
+def test_errors_are_reported_in_a_sentence(make, words):
     with pytest.raises(InputError, match=words):
         make()

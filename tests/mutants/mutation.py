@@ -67,7 +67,7 @@ _COUNTERPARTS = {
 }
 # Functions for which one of their arguments can stand.
 _CLAMPS = {"minimum", "maximum", "min", "max"}
-_TRANSFORMS = {"abs", "sqrt", "wrapped", "floor", "ceil", "round", "rint", "clip", "sorted", "cumsum"}
+_TRANSFORMS = {"abs", "sqrt", "wrap_angle", "floor", "ceil", "round", "rint", "clip", "sorted", "cumsum"}
 # Their arguments may change places.
 _SYMMETRIC = {
     *_CLAMPS, "hypot", "plus", "judge", "isinstance", "getattr", "setattr", "cast", "partial", "suppress", "TypeVar",

@@ -178,7 +178,7 @@ def test_a_way_through_the_shipped_forest_is_found():
 def test_a_share_of_the_tracking_error_needs_a_control(room):
     scenario = room("space.tracking=3")
     mission = Mission(**{name: getattr(scenario, name) for name in Mission.model_fields})
-    with pytest.raises(InputError, match="space.tracking asks for a prediction"):
+    with pytest.raises(InputError, match="space.tracking needs a predicted tracking error"):
         plan_route(mission)
     gust = "laboratory.wind=[{kind: gust, speed: 1.0, heading: 0.0, start: 1.0, rise_time: 0.5}]"
     with pytest.raises(InputError, match=r"space\.tracking: laboratory\.wind\.0 is a gust"):

@@ -8,7 +8,7 @@ from pydrake.systems.primitives import LogVectorOutput
 
 from drake_quad.laboratory.wind.dryden import DrydenTurbulence, Turbulence, TurbulenceNumbers
 from drake_quad.randomness.noise import (
-    EXPORTED,
+    EXPORTED_PREFIX,
     Exported,
     NoiseSource,
     Samples,
@@ -23,23 +23,23 @@ from drake_quad.randomness.streams import StreamKind
 GAUSSIAN, UNIFORM = RandomDistribution.kGaussian, RandomDistribution.kUniform
 
 
-class Shown:
-    """A source of one stream."""
+class SourceOfOneStream:
+    """Noise source with a single stream, and its context."""
 
     def __init__(self, stream, samples):
         self.source = NoiseSource(num_vehicles=len(samples.numbers), streams=[stream], numbers=samples)
 
     def at(self, time):
-        """The (rows · N,) numbers at a time."""
-        return shown(self.source, time)
+        """Return the (rows · N,) numbers at a time, s."""
+        return source_numbers(self.source, time)
 
 
 def numbers_of(samples, rows=3, distribution=GAUSSIAN, period=0.01, name="n"):
-    return Shown(Stream(name, StreamKind.NOISE, rows, distribution, period), Samples(5, samples))
+    return SourceOfOneStream(Stream(name, StreamKind.NOISE, rows, distribution, period), Samples(5, samples))
 
 
-def shown(source, time, context=None):
-    """The (rows · N,) numbers that a source shows at a time."""
+def source_numbers(source, time, context=None):
+    """Return the (rows · N,) numbers of a source at a time, s."""
     context = context or source.CreateDefaultContext()
     context.SetTime(time)
     return source.get_output_port().Eval(context)
@@ -47,7 +47,7 @@ def shown(source, time, context=None):
 
 @pytest.mark.parametrize("distribution", [GAUSSIAN, UNIFORM])
 @pytest.mark.parametrize("rows", [1, 2, 5, 6])
-def test_what_stands_at_a_tick_depends_on_the_tick_and_the_sample_alone(distribution, rows):
+def test_the_numbers_of_a_tick_depend_only_on_the_tick_and_the_sample(distribution, rows):
     times = [0.01 * tick for tick in (0, 1, 2, 3, 700, 701, 5000, 4)]
     crowd = numbers_of(range(3000), rows, distribution)
     one = numbers_of([2999], rows, distribution)
@@ -60,17 +60,17 @@ def test_what_stands_at_a_tick_depends_on_the_tick_and_the_sample_alone(distribu
 
 
 @pytest.mark.parametrize("kind", [StreamKind.WIND, StreamKind.NOISE])
-def test_a_stream_is_what_the_oracle_makes_number_by_number(kind):
-    """SplitMix64 and Box and Muller, with Python's whole numbers."""
+def test_a_stream_equals_an_independent_implementation(kind):
+    """The implementation uses Python's integers for SplitMix64, and the method of Box and Muller."""
     name = "motion_capture.camera_noise"
     expected = oracle.randomness.Stream(5, 12, int(kind), name, 3)
     for distribution, numbers in ((GAUSSIAN, expected.normal), (UNIFORM, expected.uniform)):
-        found = Shown(Stream(name, kind, 3, distribution, 0.01), Samples(5, [12]))
+        found = SourceOfOneStream(Stream(name, kind, 3, distribution, 0.01), Samples(5, [12]))
         for tick in (0, 1, 2, 3, 682, 683, 5001):
             np.testing.assert_allclose(found.at(0.01 * tick), numbers(tick), rtol=1e-14)
 
 
-def test_streams_are_the_same_beside_others_in_a_source():
+def test_a_stream_does_not_depend_on_others_in_the_same_source():
     streams = [
         Stream("a", StreamKind.NOISE, 3, GAUSSIAN, 0.01),
         Stream("b", StreamKind.WIND, 1, UNIFORM, 0.01),
@@ -79,11 +79,11 @@ def test_streams_are_the_same_beside_others_in_a_source():
     samples = Samples(5, [4, 1])
     together = NoiseSource(num_vehicles=2, streams=streams, numbers=samples)
     for time in (0.0, 0.01, 7.0, 50.01):
-        apart = [Shown(stream, samples).at(time) for stream in streams]
-        np.testing.assert_array_equal(shown(together, time), np.concatenate(apart))
+        apart = [SourceOfOneStream(stream, samples).at(time) for stream in streams]
+        np.testing.assert_array_equal(source_numbers(together, time), np.concatenate(apart))
 
 
-def test_no_number_stands_twice():
+def test_no_number_is_repeated():
     stream = numbers_of([0, 1], rows=3)
     numbers = np.concatenate([stream.at(0.01 * tick) for tick in range(3000)])
     assert np.unique(numbers.reshape(-1, 6), axis=0).shape == (3000, 6)
@@ -93,7 +93,7 @@ def test_no_number_stands_twice():
 def test_a_source_has_streams_of_several_periods():
     samples = Samples(5, [0])
     streams = Stream("n", StreamKind.NOISE, 2, GAUSSIAN, 0.01), Stream("slow", StreamKind.NOISE, 1, UNIFORM, 0.02)
-    fast, slow = (Shown(stream, samples) for stream in streams)
+    fast, slow = (SourceOfOneStream(stream, samples) for stream in streams)
     builder = DiagramBuilder()
     source = builder.AddNamedSystem("noise", NoiseSource(streams=streams, numbers=samples))
     log = LogVectorOutput(source.get_output_port(), builder, publish_period=0.01)
@@ -102,26 +102,26 @@ def test_a_source_has_streams_of_several_periods():
     found = log.FindLog(simulator.get_context()).data()
     for tick in range(100):
         np.testing.assert_array_equal(found[:2, tick], fast.at(0.01 * tick))
-    # Between two ticks of the slower stream the nearest one counts.
+    # Between two ticks of the slower stream, its output is that of the nearest one.
     np.testing.assert_array_equal(found[2, 0:100:4], [slow.at(0.04 * i)[0] for i in range(25)])
 
 
-def test_a_context_with_other_samples_shows_their_numbers():
-    """And no other context, and not the source itself, does."""
+def test_a_context_that_is_reset_to_other_samples_has_their_numbers():
+    """Other contexts and the source itself do not change."""
     streams = [Stream("a", StreamKind.NOISE, 3, GAUSSIAN, 0.01), Stream("b", StreamKind.WIND, 1, UNIFORM, 0.02)]
     first, second = Samples(5, [4, 1]), Samples(6, [2, 9])
     source, other = (NoiseSource(num_vehicles=2, streams=streams, numbers=samples) for samples in (first, second))
     untouched, context = source.CreateDefaultContext(), source.CreateDefaultContext()
-    before = shown(source, 0.5, untouched)
+    before = source_numbers(source, 0.5, untouched)
     source.reset(context, second)
-    np.testing.assert_array_equal(shown(source, 0.5, context), shown(other, 0.5))
-    assert (shown(source, 0.5, context) != before).all()
+    np.testing.assert_array_equal(source_numbers(source, 0.5, context), source_numbers(other, 0.5))
+    assert (source_numbers(source, 0.5, context) != before).all()
     for its_context in (untouched, source.CreateDefaultContext()):
-        np.testing.assert_array_equal(shown(source, 0.5, its_context), before)
+        np.testing.assert_array_equal(source_numbers(source, 0.5, its_context), before)
 
 
 def turbulent_builder(num_vehicles):
-    """A builder with two sources of turbulence, and their random ports by stream."""
+    """Return a builder with two sources of turbulence, and their random ports by stream."""
     turbulence = Turbulence.at_low_altitude(height=10.0, wind_at_20_feet=15.0, airspeed=5.0)
     builder = DiagramBuilder()
     sources = {
@@ -134,7 +134,7 @@ def turbulent_builder(num_vehicles):
     return builder, {streams[name][0]: source.GetInputPort("turbulence_noise") for name, source in sources.items()}
 
 
-def test_streams_are_called_after_system_and_port():
+def test_the_name_of_a_stream_is_that_of_its_system_and_port():
     _, ports = turbulent_builder(1)
     name = "turbulence_noise"
     assert [*ports] == [Stream(f"{system}.{name}", StreamKind.WIND, 5, GAUSSIAN, 0.02) for system in "ab"]
@@ -144,8 +144,8 @@ def test_streams_are_called_after_system_and_port():
     ("samples", "sources"),
     [([3], {"noise", "noise_parts"}), ([3, 4], {"noise_a.turbulence_noise", "noise_b.turbulence_noise"})],
 )
-def test_a_lone_vehicle_has_one_source_and_a_fleet_one_for_each_port(samples, sources):
-    """And every port gets the numbers of its own stream."""
+def test_a_single_vehicle_has_one_source_and_a_fleet_one_for_each_port(samples, sources):
+    """Every port gets the numbers of its own stream."""
     builder, ports = turbulent_builder(len(samples))
     connect_noise(builder, ports, Samples(7, tuple(samples)))
     diagram = builder.Build()
@@ -154,10 +154,10 @@ def test_a_lone_vehicle_has_one_source_and_a_fleet_one_for_each_port(samples, so
     context.SetTime(0.08)
     for stream, port in ports.items():
         found = port.Eval(port.get_system().GetMyContextFromRoot(context))
-        np.testing.assert_array_equal(found, Shown(stream, Samples(7, samples)).at(0.08))
+        np.testing.assert_array_equal(found, SourceOfOneStream(stream, Samples(7, samples)).at(0.08))
 
 
-def test_drake_s_random_sources_feed_the_ports_in_their_place():
+def test_drakes_random_sources_can_replace_the_streams():
     builder, ports = turbulent_builder(2)
     connect_random_sources(builder, ports)
     diagram = builder.Build()
@@ -171,7 +171,7 @@ def test_drake_s_random_sources_feed_the_ports_in_their_place():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("num_vehicles", [1, 2])
-def test_exported_numbers_of_a_period_are_those_of_its_ticks_one_after_another(num_vehicles):
+def test_exported_numbers_of_a_period_are_those_of_its_ticks_in_order(num_vehicles):
     """A period of 60 ms has three ticks of the turbulence, with five numbers each for every vehicle."""
     builder, ports = turbulent_builder(num_vehicles)
     export_noise(builder, ports, Exported(0.06), num_vehicles)
@@ -179,7 +179,7 @@ def test_exported_numbers_of_a_period_are_those_of_its_ticks_one_after_another(n
     context = diagram.CreateDefaultContext()
     given = np.random.default_rng(2).normal(size=(2, 3, 5 * num_vehicles))
     for stream, numbers in zip(ports, given, strict=True):
-        diagram.GetInputPort(EXPORTED + stream.name).FixValue(context, numbers.ravel())
+        diagram.GetInputPort(EXPORTED_PREFIX + stream.name).FixValue(context, numbers.ravel())
     for tick in range(9):
         context.SetTime(0.02 * tick)
         for port, numbers in zip(ports.values(), given, strict=True):

@@ -1,4 +1,4 @@
-"""Random numbers: those of SplitMix64, distributed as they should be, and independent of everything else."""
+"""Tests of random numbers: their values, distributions and independence."""
 
 import numpy as np
 import pytest
@@ -9,11 +9,11 @@ from drake_quad.framework.records import layout_of
 from drake_quad.randomness.streams import (
     StreamKind,
     StreamState,
-    mixed,
-    moved,
     normal_pair,
     parameter_numbers,
     random_numbers,
+    splitmix64,
+    state_of_number,
     stream_states,
     uniform_number,
 )
@@ -21,10 +21,10 @@ from drake_quad.signals import Row
 
 
 def numbers_of(states, ticks, *, normal):
-    """The (ticks, N) numbers of streams of one row, by machine code."""
+    """Return the (ticks, N) numbers of streams of one row, computed by machine code."""
     halves = np.concatenate(StreamState.of(states))
     arguments = layout_of(StreamState), TickOf(1.0), 1, normal
-    run = kernel(random_numbers, arguments, (layout_of(tuple[Row]),), lone=False)
+    run = kernel(random_numbers, arguments, (layout_of(tuple[Row]),), single_vehicle=False)
     numbers = np.empty((len(ticks), states.size))
     for tick, row in zip(ticks, numbers, strict=True):
         run(states.size, float(tick), row, halves)
@@ -32,12 +32,12 @@ def numbers_of(states, ticks, *, normal):
 
 
 def normal_pairs(states, count):
-    """The (2, count, N) normal numbers of the first words."""
+    """Return the (2, count, N) normal numbers of the first words."""
     return numbers_of(states, range(2 * count), normal=True).reshape(count, 2, -1).swapaxes(0, 1)
 
 
 def test_numbers_are_those_of_splitmix64():
-    """The published sequence of the seed 1234567."""
+    """The expected sequence is the published one for the seed 1234567."""
     expected = [
         6457827717110365317,
         3203168211198807973,
@@ -46,9 +46,9 @@ def test_numbers_are_those_of_splitmix64():
         16408922859458223821,
     ]
     state = np.array([1234567], dtype=np.uint64)
-    states = np.concatenate([moved(state, float(number)) for number in range(5)])
-    assert mixed(states).tolist() == expected
-    # In machine code as in NumPy, and as by hand: 52 bits for a uniform number, 32 for each of a pair.
+    states = np.concatenate([state_of_number(state, float(number)) for number in range(5)])
+    assert splitmix64(states).tolist() == expected
+    # Machine code and NumPy agree with a direct computation: 52 bits for a uniform number, 32 for each normal number.
     uniform, (first, second) = numbers_of(state, range(5), normal=False)[:, 0], normal_pairs(state, 5)[:, :, 0]
     np.testing.assert_array_equal(uniform, uniform_number(states))
     np.testing.assert_array_equal(uniform, [((w >> 12) + 0.5) / 2**52 for w in expected])
@@ -59,8 +59,8 @@ def test_numbers_are_those_of_splitmix64():
     np.testing.assert_array_equal(numbers_of(state, [9, 6], normal=True)[:, 0], [second[4], first[3]])
 
 
-def unmixed(word):
-    """The state that is mixed to a word, both 64 bits: SplitMix64's steps backwards, with whole numbers."""
+def inverse_splitmix64(word):
+    """Return the state whose SplitMix64 hash is a word, by inverting the steps with Python's integers."""
     for shift, factor in ((31, 0x94D049BB133111EB), (27, 0xBF58476D1CE4E5B9), (30, 1)):
         shifted = word
         for _ in range(64 // shift):
@@ -69,12 +69,11 @@ def unmixed(word):
     return word
 
 
-def test_mixing_is_one_to_one():
-    """It can be undone."""
+def test_the_hash_of_splitmix64_is_invertible():
     states = np.random.default_rng(0).integers(0, 2**64, 2000, dtype=np.uint64)
-    assert [unmixed(word) for word in mixed(states).tolist()] == states.tolist()
+    assert [inverse_splitmix64(word) for word in splitmix64(states).tolist()] == states.tolist()
     states = np.arange(200_000, dtype=np.uint64)
-    assert np.unique(mixed(states)).size == states.size
+    assert np.unique(splitmix64(states)).size == states.size
 
 
 @pytest.fixture(scope="module")
@@ -100,11 +99,11 @@ def test_uniform_numbers_are_uniform(states):
 
 
 @pytest.mark.parametrize("word", [0, 2**64 - 1])
-def test_extreme_words_make_numbers_like_others(word):
-    """As they are written, and in machine code, where the first number of a stream is mixed from its next state."""
-    state = np.array([unmixed(word)], dtype=np.uint64)
-    assert mixed(state) == word
-    before = state - moved(np.zeros(1, dtype=np.uint64), 0.0)
+def test_extreme_words_give_finite_numbers(word):
+    """The numbers are computed from the state itself, and by machine code as the first number of a stream."""
+    state = np.array([inverse_splitmix64(word)], dtype=np.uint64)
+    assert splitmix64(state) == word
+    before = state - state_of_number(np.zeros(1, dtype=np.uint64), 0.0)
     for number in (uniform_number(state), numbers_of(before, [0], normal=False)):
         assert 0.0 < number < 1.0
     for pair in (normal_pair(state), normal_pairs(before, 1)):
@@ -112,7 +111,7 @@ def test_extreme_words_make_numbers_like_others(word):
 
 
 @pytest.mark.slow
-def test_neighbours_in_time_in_the_fleet_and_in_a_pair_are_independent(states):
+def test_neighbours_in_time_in_a_fleet_and_in_a_pair_are_independent(states):
     numbers = normal_pairs(states, 2000)
     limit = 4.5 / np.sqrt(numbers[0].size)
     for a, b in (
@@ -127,7 +126,7 @@ def test_neighbours_in_time_in_the_fleet_and_in_a_pair_are_independent(states):
         assert abs(np.corrcoef(a.ravel(), b.ravel())[0, 1]) < limit
 
 
-def test_a_sample_has_its_numbers_wherever_it_is():
+def test_the_numbers_of_a_sample_do_not_depend_on_its_position():
     many = stream_states(3, range(50), StreamKind.WIND, "fans.jet_noise")
     np.testing.assert_array_equal(stream_states(3, [41, 7], StreamKind.WIND, "fans.jet_noise"), many[[41, 7]])
     mass = parameter_numbers(3, range(1000), "vehicle.mass")

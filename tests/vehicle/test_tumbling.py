@@ -150,7 +150,9 @@ def test_a_rotation_over_a_step_is_reproduced_by_the_angles_at_its_end(largest):
     after = rotations(begin) * steps
     rows = [*begin.T, *np.roll(steps.as_quat(), 1, axis=1).T]
     compiled = np.empty((3, len(begin)))
-    kernel(turned, (ROW,) * 7, (layout_of(Attitude),), lone=False)(len(begin), 0.0, compiled, *map(np.array, rows))
+    kernel(turned, (ROW,) * 7, (layout_of(Attitude),), single_vehicle=False)(
+        len(begin), 0.0, compiled, *map(np.array, rows)
+    )
     by_floats = np.array([turned(*vehicle) for vehicle in np.transpose(rows).tolist()])
     for angles in (by_floats, np.transpose(turned(*rows)), compiled.T):
         np.testing.assert_allclose(rotations(angles).as_matrix(), after.as_matrix(), rtol=0.0, atol=3e-15)

@@ -19,7 +19,7 @@ import math
 from collections.abc import Iterator
 from typing import NamedTuple, Protocol
 
-from drake_quad.framework.elementary import dot, log_of_1_plus, maximum, total, where
+from drake_quad.framework.elementary import dot, log1p, maximum, total, where
 from drake_quad.signals import Number, Row
 
 Rows = tuple[Row, ...]
@@ -91,7 +91,7 @@ class CovarianceLaw(NamedTuple):
         reduced = tuple(
             [memory_ij - factor * information[i] * information[j] for (i, j), memory_ij in covariance.items()]
         )
-        step = self.gain * signal * log_of_1_plus(period * variance) / variance
+        step = self.gain * signal * log1p(period * variance) / variance
         after = tuple([f - step * g for f, g in zip(weights, information, strict=True)])
         relative_decrease = maximum(1.0 - trace(reduced) / (size * self.initial_covariance), 0.0)
         growth = 1.0 / (1.0 - (1.0 - self.forgetting) * relative_decrease)

@@ -26,7 +26,7 @@ from collections.abc import Sequence
 from typing import Annotated, Any, NamedTuple
 
 from drake_quad.control.lqg.design import AxisLoop
-from drake_quad.framework.elementary import dot, maximum, minimum, sin_cos, sqrt, where, wrapped
+from drake_quad.framework.elementary import dot, maximum, minimum, sin_cos, sqrt, where, wrap_angle
 from drake_quad.geometry.flatness import ThrustTilt, angular_accelerations, attitude_of, body_rates, in_heading, tilt_of
 from drake_quad.signals import (
     Acceleration,
@@ -368,7 +368,7 @@ def wrench_for(
     heading_snap = in_heading(Jerk(output.command.x, output.command.y, snap.z), sin_yaw, cos_yaw)
     rates = body_rates(tilt, heading_jerk, reference.yaw_rate)
     angular_acceleration = angular_accelerations(tilt, rates, heading_jerk, heading_snap, reference.yaw_rate, snap.yaw)
-    yaw = torques.yaw_k_p * wrapped(reference.yaw - measurement.yaw)
+    yaw = torques.yaw_k_p * wrap_angle(reference.yaw - measurement.yaw)
     yaw = yaw + torques.yaw_k_d * (reference.yaw_rate - measurement.r)
     return Wrench(
         _thrust(output, estimate, numbers.thrust),

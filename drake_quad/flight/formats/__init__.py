@@ -1,4 +1,4 @@
-"""Formats in which flights are written for other programs."""
+"""File formats of flights for other programs."""
 
 from drake_quad.scenario.unions import import_members
 

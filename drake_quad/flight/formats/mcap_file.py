@@ -1,18 +1,18 @@
-"""Flights as MCAP, the container of robots' logs, in messages that Foxglove shows without being told anything.
+"""Export of flights as MCAP, a container format for logs of robots, in messages that Foxglove displays by default.
 
-Messages are JSON, their schemas JSON Schema. For each flight, under its name:
+The messages are JSON, and the schemas are JSON Schema. Each flight has these topics under its name:
 
-| topic | schema | what |
+| topic | schema | content |
 |---|---|---|
-| `/NAME/tf` | `foxglove.FrameTransform` | from `world`, which is W, to `NAME/body`, which is B |
-| `/NAME/reference` | `foxglove.PoseInFrame` | where the vehicle shall be, and look |
-| `/NAME/scene` | `foxglove.SceneUpdate` | the vehicle, its reference and its path, once |
-| `/NAME/log` | `foxglove.Log` | a crash, if there is one |
-| `/NAME/signals/SIGNAL` | `drake_quad.SIGNAL` | every signal at every tick, its rows by their names |
+| `/NAME/tf` | `foxglove.FrameTransform` | transform from `world`, which is W, to `NAME/body`, which is B |
+| `/NAME/reference` | `foxglove.PoseInFrame` | desired position and yaw of the vehicle |
+| `/NAME/scene` | `foxglove.SceneUpdate` | shapes of the vehicle, the reference and the path; a single message |
+| `/NAME/log` | `foxglove.Log` | crash, if there is one |
+| `/NAME/signals/SIGNAL` | `drake_quad.SIGNAL` | signal at every tick, with the names of its rows |
 
-Times are those of the flight: it begins at 0. The scenario is attached as YAML, to be flown again. The schemas called
-foxglove have the names and types of those of the Foxglove SDK (github.com/foxglove/foxglove-sdk, schemas/jsonschema),
-with what is used of them.
+The time of a message is that of the flight, which starts at 0. The scenario is attached as YAML, so that it can be
+simulated again. The foxglove schemas have the names and types of the Foxglove SDK (github.com/foxglove/foxglove-sdk,
+schemas/jsonschema), reduced to the parts that are used.
 """
 
 import heapq
@@ -26,8 +26,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drake_quad.errors import InputError
-from drake_quad.extras import needed
-from drake_quad.files import write_whole
+from drake_quad.extras import import_extra
+from drake_quad.files import write_atomically
 from drake_quad.flight.flight import Flight
 from drake_quad.flight.formats.flight_format import FORMATS, FlightFormat
 from drake_quad.geometry.quaternion import Quaternion
@@ -37,22 +37,26 @@ from drake_quad.signals import SIGNALS, Reference, State, quantities, row_names
 
 _NANOSECONDS = 10**9
 _WORLD = "world"
-# Of what is drawn: arms and rotors over the distance of the rotors from the middle, lines in pixels.
-_ARM_WIDTH, _ROTOR_WIDTH, _ROTOR_HEIGHT, _LINE_WIDTH = 0.08, 0.9, 0.06, 2.0
-# Foxglove's numbers for a line through points one after another, and for an error.
-_LINE_STRIP, _ERROR = 0, 4
-# Colours of vehicles and their paths, one after another, and of the reference: those of the plots (Okabe and Ito).
+# Sizes of drawn arms and rotors, relative to the distance of the rotors from the centre.
+_ARM_WIDTH = 0.08
+_ROTOR_WIDTH = 0.9
+_ROTOR_HEIGHT = 0.06
+_LINE_WIDTH = 2.0  # pixels
+# Foxglove's numbers of the line type LINE_STRIP and of the log level ERROR.
+_LINE_STRIP = 0
+_ERROR = 4
+# Colours of the vehicles and their paths, in order; the plots have the same ones (Okabe and Ito).
 _COLORS = ((0.0, 0.45, 0.70), (0.84, 0.37, 0.0), (0.0, 0.62, 0.45), (0.80, 0.47, 0.65), (0.90, 0.62, 0.0))
 _REFERENCE_COLOR = (0.5, 0.5, 0.5)
 
 
 class Message(NamedTuple):
-    """A message of a file.
+    """Message of an MCAP file.
 
     Attributes:
-        time: ns.
-        topic: that it is of.
-        data: that is written as JSON.
+        time: time of the flight, ns.
+        topic: name of the topic.
+        data: content, which is written as JSON.
     """
 
     time: int
@@ -64,15 +68,15 @@ def save_mcap(flights: Flight | Mapping[str, Flight], path: Path | str) -> Path:
     """Write flights as one MCAP file, and return its path.
 
     Args:
-        flights: by the names under which they stand, or one, which stands under its scenario's.
-        path: of the file.
+        flights: flights by the names in the file; or a single flight, whose name is that of its scenario.
+        path: path of the file.
 
     Raises:
-        InputError: there is no flight.
-        ImportError: mcap is not installed; the extra `mcap` has it.
-        OSError: the file cannot be written.
+        InputError: if there is no flight.
+        ImportError: if mcap is not installed; the extra `mcap` installs it.
+        OSError: if the file cannot be written.
     """
-    writer = needed("mcap.writer", "mcap").Writer
+    writer = import_extra("mcap.writer", "mcap").Writer
     named = {flights.scenario.name: flights} if isinstance(flights, Flight) else flights
     if not named:
         raise InputError("there is no flight to write")
@@ -102,11 +106,11 @@ def save_mcap(flights: Flight | Mapping[str, Flight], path: Path | str) -> Path:
                 file.add_metadata(f"{name}/metrics", metrics)
             file.finish()
 
-    return write_whole(Path(path), write)
+    return write_atomically(Path(path), write)
 
 
 def topics_of(name: str, flight: Flight) -> dict[str, dict[str, Any]]:
-    """Return the schemas of a flight's topics."""
+    """Return the schemas of the topics of a flight, by the names of the topics."""
     topics = {
         f"/{name}/tf": FRAME_TRANSFORM,
         f"/{name}/reference": POSE_IN_FRAME,
@@ -128,8 +132,8 @@ def messages_of(name: str, flight: Flight, number: int) -> Iterator[Message]:
     state, reference = flight.record("state"), flight.record("reference")
     level: Any = np.zeros(len(times))
     poses = np.column_stack([state.x, state.y, state.z, *Quaternion.of(state.roll, state.pitch, state.yaw)]).tolist()
-    wanted = [reference.x, reference.y, reference.z, *Quaternion.of(level, level, reference.yaw)]
-    wanted_poses = np.column_stack(wanted).tolist()
+    desired = [reference.x, reference.y, reference.z, *Quaternion.of(level, level, reference.yaw)]
+    desired_poses = np.column_stack(desired).tolist()
     signals = {signal: (_keys(signal, flight), values.tolist()) for signal, values in flight.items()}
     if times:
         yield Message(times[0], f"/{name}/scene", _scene(name, flight, _stamp(times[0]), number))
@@ -139,65 +143,70 @@ def messages_of(name: str, flight: Flight, number: int) -> Iterator[Message]:
         transform = {"timestamp": stamp, "parent_frame_id": _WORLD, "child_frame_id": f"{name}/body"}
         transform |= {"translation": pose["position"], "rotation": pose["orientation"]}
         yield Message(time, f"/{name}/tf", transform)
-        there = {"timestamp": stamp, "frame_id": _WORLD, "pose": _pose(wanted_poses[tick])}
-        yield Message(time, f"/{name}/reference", there)
+        target = {"timestamp": stamp, "frame_id": _WORLD, "pose": _pose(desired_poses[tick])}
+        yield Message(time, f"/{name}/reference", target)
         for signal, (keys, values) in signals.items():
             row = [value if math.isfinite(value) else None for value in values[tick]]
             fields = dict(zip(keys, row, strict=True)) if keys else {"values": row}
             yield Message(time, f"/{name}/signals/{signal}", {"timestamp": stamp, **fields})
     if flight.metrics.crashed:
         time = max(round(_NANOSECONDS * flight.metrics.crash_time), times[-1] if times else 0)
-        words = f"{name} {flight.crash}" + (f": {flight.cause}" if flight.cause else "")
-        line = {"level": _ERROR, "message": words, "name": name, "file": "", "line": 0}
+        text = f"{name} {flight.crash}" + (f": {flight.cause}" if flight.cause else "")
+        line = {"level": _ERROR, "message": text, "name": name, "file": "", "line": 0}
         yield Message(time, f"/{name}/log", {"timestamp": _stamp(time), **line})
 
 
 def _keys(signal: str, flight: Flight) -> list[str]:
-    """Return the names of the rows of a signal; none where they are numbered only."""
+    """Return the names of the rows of a signal; an empty list if the rows are only numbered."""
     return row_names(signal, flight[signal].shape[1]) if hasattr(SIGNALS[signal], "_fields") else []
 
 
 def _scene(name: str, flight: Flight, stamp: dict[str, int], number: int) -> dict[str, Any]:
-    """Return the vehicle, in its own frame, and the lines of reference and path."""
+    """Return the shapes of the vehicle, in its own frame, and the lines of reference and path, in W."""
     rotors = rotors_of(flight.scenario.vehicle)
-    places = [np.array([rotor.x, rotor.y, rotor.z]) for rotor in rotors]
+    positions = [np.array([rotor.x, rotor.y, rotor.z]) for rotor in rotors]
     size = max(math.hypot(rotor.x, rotor.y) for rotor in rotors)
     color = _COLORS[number % len(_COLORS)]
-    still = {"frame_locked": True, "metadata": [], "lifetime": {"sec": 0, "nsec": 0}, "timestamp": stamp}
+    common = {"frame_locked": True, "metadata": [], "lifetime": {"sec": 0, "nsec": 0}, "timestamp": stamp}
     disc, bar = _ROTOR_WIDTH * size, _ARM_WIDTH * size
     discs = [
         {
-            "pose": _pose([*place.tolist(), 1.0, 0.0, 0.0, 0.0]),
+            "pose": _pose([*position.tolist(), 1.0, 0.0, 0.0, 0.0]),
             "size": {"x": disc, "y": disc, "z": _ROTOR_HEIGHT * size},
             "bottom_scale": 1.0,
             "top_scale": 1.0,
             "color": _color(color, 0.6),
         }
-        for place in places
+        for position in positions
     ]
     arms = [
         {
-            "pose": _pose([*(place / 2).tolist(), *_turn_about_z(math.atan2(place[1], place[0]))]),
-            "size": {"x": float(np.linalg.norm(place)), "y": bar, "z": bar},
+            "pose": _pose([*(position / 2).tolist(), *_rotation_about_z(math.atan2(position[1], position[0]))]),
+            "size": {"x": float(np.linalg.norm(position)), "y": bar, "z": bar},
             "color": _color(_REFERENCE_COLOR if i else color),
         }
-        for i, place in enumerate(places)
+        for i, position in enumerate(positions)
     ]
-    vehicle = {**still, "frame_id": f"{name}/body", "id": f"{name}/vehicle", **_primitives(cylinders=discs, cubes=arms)}
+    vehicle = {
+        **common,
+        "frame_id": f"{name}/body",
+        "id": f"{name}/vehicle",
+        **_primitives(cylinders=discs, cubes=arms),
+    }
     lines = {
         f"{name}/reference": (_points(flight.record("reference")), _color(_REFERENCE_COLOR)),
         f"{name}/path": (_points(flight.record("state")), _color(color)),
     }
-    drawn = [
-        {**still, "frame_id": _WORLD, "id": identity, **_primitives(lines=[_line(points, shade)])}
-        for identity, (points, shade) in lines.items()
+    line_entities = [
+        {**common, "frame_id": _WORLD, "id": identity, **_primitives(lines=[_line(points, color_of_line)])}
+        for identity, (points, color_of_line) in lines.items()
     ]
-    return {"deletions": [], "entities": [vehicle, *drawn]}
+    return {"deletions": [], "entities": [vehicle, *line_entities]}
 
 
-def _points(places: State | Reference) -> np.ndarray:
-    """Return the (ticks, 3) places, m."""
-    return np.column_stack([places.x, places.y, places.z])
+def _points(record: State | Reference) -> np.ndarray:
+    """Return the (ticks, 3) positions of a state or reference, m."""
+    return np.column_stack([record.x, record.y, record.z])
 
 
 def _primitives(**given: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
@@ -224,7 +233,7 @@ def _pose(numbers: list[float]) -> dict[str, dict[str, float]]:
     return {"position": {"x": x, "y": y, "z": z}, "orientation": dict(zip("wxyz", turn, strict=True))}
 
 
-def _turn_about_z(angle: float) -> list[float]:
+def _rotation_about_z(angle: float) -> list[float]:
     return [math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2)]
 
 
@@ -255,15 +264,17 @@ def _numbers(title: str, names: str) -> dict[str, Any]:
     return _object(title, dict.fromkeys(names, _NUMBER))
 
 
-_NUMBER, _INTEGER, _TEXT, _TRUTH = ({"type": kind} for kind in ("number", "integer", "string", "boolean"))
+_NUMBER, _INTEGER, _TEXT, _BOOLEAN = ({"type": kind} for kind in ("number", "integer", "string", "boolean"))
 _TIME, _DURATION = (_object(title, {"sec": _INTEGER, "nsec": _INTEGER}) for title in ("time", "duration"))
-_VECTOR, _POINT = _numbers("foxglove.Vector3", "xyz"), _numbers("foxglove.Point3", "xyz")
-_ORIENTATION, _SHADE = _numbers("foxglove.Quaternion", "xyzw"), _numbers("foxglove.Color", "rgba")
-_POSE = _object("foxglove.Pose", {"position": _VECTOR, "orientation": _ORIENTATION})
-_CUBE = _object("foxglove.CubePrimitive", {"pose": _POSE, "size": _VECTOR, "color": _SHADE})
+_VECTOR = _numbers("foxglove.Vector3", "xyz")
+_POINT = _numbers("foxglove.Point3", "xyz")
+_QUATERNION = _numbers("foxglove.Quaternion", "xyzw")
+_RGBA = _numbers("foxglove.Color", "rgba")
+_POSE = _object("foxglove.Pose", {"position": _VECTOR, "orientation": _QUATERNION})
+_CUBE = _object("foxglove.CubePrimitive", {"pose": _POSE, "size": _VECTOR, "color": _RGBA})
 _CYLINDER = _object(
     "foxglove.CylinderPrimitive",
-    {"pose": _POSE, "size": _VECTOR, "bottom_scale": _NUMBER, "top_scale": _NUMBER, "color": _SHADE},
+    {"pose": _POSE, "size": _VECTOR, "bottom_scale": _NUMBER, "top_scale": _NUMBER, "color": _RGBA},
 )
 _LINE = _object(
     "foxglove.LinePrimitive",
@@ -271,10 +282,10 @@ _LINE = _object(
         "type": _INTEGER,
         "pose": _POSE,
         "thickness": _NUMBER,
-        "scale_invariant": _TRUTH,
+        "scale_invariant": _BOOLEAN,
         "points": _list(_POINT),
-        "color": _SHADE,
-        "colors": _list(_SHADE),
+        "color": _RGBA,
+        "colors": _list(_RGBA),
         "indices": _list(_INTEGER),
     },
 )
@@ -285,7 +296,7 @@ _ENTITY = _object(
         "frame_id": _TEXT,
         "id": _TEXT,
         "lifetime": _DURATION,
-        "frame_locked": _TRUTH,
+        "frame_locked": _BOOLEAN,
         "metadata": _list(_object("foxglove.KeyValuePair", {"key": _TEXT, "value": _TEXT})),
         "cubes": _list(_CUBE),
         "cylinders": _list(_CYLINDER),
@@ -302,7 +313,7 @@ FRAME_TRANSFORM = _object(
         "parent_frame_id": _TEXT,
         "child_frame_id": _TEXT,
         "translation": _VECTOR,
-        "rotation": _ORIENTATION,
+        "rotation": _QUATERNION,
     },
 )
 POSE_IN_FRAME = _object("foxglove.PoseInFrame", {"timestamp": _TIME, "frame_id": _TEXT, "pose": _POSE})

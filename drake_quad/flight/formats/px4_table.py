@@ -1,11 +1,11 @@
-"""A flight as a table with the names that PX4's ULog gives its topics.
+"""Export of a flight as a table with the names of topics in PX4's ULog.
 
-The names are those of docs.px4.io, "uORB message reference", as in `vehicle_local_position.x`; units are PX4's, and its
-axes: world NED, body FRD. Half a turn about x makes W NED and B FRD: our X is north, our Y is west. A quad-x of PX4
-counts its rotors front right, back left, front left, back right: ours are 1, 3, 4 and 2.
-`timestamp` is in whole microseconds.
+The names are those of docs.px4.io, "uORB message reference", as in `vehicle_local_position.x`. The units and axes are
+those of PX4: NED for the world and FRD for the body. A rotation by π about x converts W to NED and B to FRD, so that X
+points north and Y west. PX4 numbers the rotors of a quad-x in the order front right, back left, front left, back right,
+which are our rotors 1, 3, 4 and 2. The unit of `timestamp` is one microsecond.
 
-| topic | of the flight |
+| topic | signal of the flight |
 |---|---|
 | `vehicle_local_position`, `vehicle_attitude`, `vehicle_angular_velocity` | `measurement` |
 | the first two with `_groundtruth`, `vehicle_angular_velocity_groundtruth` | `state` |
@@ -16,7 +16,7 @@ counts its rotors front right, back left, front left, back right: ours are 1, 3,
 | `actuator_motors` | `throttle_command` |
 | `wind` | `wind` |
 
-What a flight has not, the table has not.
+The table omits topics whose signal the flight does not have.
 """
 
 import math
@@ -30,10 +30,10 @@ from drake_quad.flight.flight import Flight
 from drake_quad.flight.formats.flight_format import FORMATS, FlightFormat
 from drake_quad.geometry.quaternion import Quaternion
 
-# By which the rows of a vector are multiplied that is turned by half a turn about x.
-_HALF_TURN = (1.0, -1.0, -1.0)
-# Of our rotors, from 0 on, in PX4's order.
-_ROTORS = (0, 2, 3, 1)
+# Factors of x, y and z under a rotation by π about x.
+_AXIS_SIGNS = (1.0, -1.0, -1.0)
+# Indices of our rotors in the order of PX4.
+_PX4_ROTOR_ORDER = (0, 2, 3, 1)
 _RPM = 60.0 / (2.0 * math.pi)
 _MICROSECONDS = 1e6
 
@@ -41,63 +41,66 @@ _Columns = dict[str, np.ndarray]
 
 
 def px4_columns(flight: Flight) -> _Columns:
-    """Return the columns (ticks,) of the table by name."""
+    """Return the (ticks,) columns of the table by name."""
     columns: _Columns = {"timestamp": np.round(_MICROSECONDS * flight.time).astype(np.int64)}
     for name, suffix in (("measurement", ""), ("state", "_groundtruth")):
-        columns |= _motion(flight, name, suffix)
+        columns |= _motion_columns(flight, name, suffix)
     reference = flight.record("reference")
-    columns |= _turned("trajectory_setpoint.position[{}]", "012", reference.x, reference.y, reference.z)
-    columns |= _turned("trajectory_setpoint.velocity[{}]", "012", reference.v_x, reference.v_y, reference.v_z)
-    columns |= _turned("trajectory_setpoint.acceleration[{}]", "012", reference.a_x, reference.a_y, reference.a_z)
+    columns |= _vector_columns("trajectory_setpoint.position[{}]", "012", reference.x, reference.y, reference.z)
+    columns |= _vector_columns("trajectory_setpoint.velocity[{}]", "012", reference.v_x, reference.v_y, reference.v_z)
+    columns |= _vector_columns(
+        "trajectory_setpoint.acceleration[{}]", "012", reference.a_x, reference.a_y, reference.a_z
+    )
     # PX4 defines the yaw of TrajectorySetpoint between -π and π.
     yaw = np.arctan2(-np.sin(reference.yaw), np.cos(reference.yaw))
     columns |= {"trajectory_setpoint.yaw": yaw, "trajectory_setpoint.yawspeed": -reference.yaw_rate}
     for name in ("attitude_target", "attitude_command"):
         if name in flight:
             command = flight.record(name)
-            columns |= _attitude("vehicle_attitude_setpoint.q_d", command.roll, command.pitch, command.yaw)
+            columns |= _attitude_columns("vehicle_attitude_setpoint.q_d", command.roll, command.pitch, command.yaw)
     for name in ("attitude_target", "body_rate_command"):
         if name in flight:
             rates = flight.record(name)
-            columns |= _turned("vehicle_rates_setpoint.{}", ("roll", "pitch", "yaw"), rates.p, rates.q, rates.r)
-    speeds = [_RPM * flight["rotor_speed"][:, rotor] for rotor in _ROTORS]
+            columns |= _vector_columns("vehicle_rates_setpoint.{}", ("roll", "pitch", "yaw"), rates.p, rates.q, rates.r)
+    speeds = [_RPM * flight["rotor_speed"][:, rotor] for rotor in _PX4_ROTOR_ORDER]
     columns |= {f"esc_status.esc[{i}].esc_rpm": speed for i, speed in enumerate(speeds)}
     if "throttle_command" in flight:
-        throttles = [flight["throttle_command"][:, rotor] for rotor in _ROTORS]
+        throttles = [flight["throttle_command"][:, rotor] for rotor in _PX4_ROTOR_ORDER]
         columns |= {f"actuator_motors.control[{i}]": throttle for i, throttle in enumerate(throttles)}
     wind = flight.record("wind")
     return columns | {"wind.windspeed_north": wind.x, "wind.windspeed_east": -wind.y}
 
 
 def save_px4_table(flight: Flight, path: Path | str) -> Path:
-    """Write the table as CSV, and return its path; `drake_quad.identification.logs` reads it as it reads a ULog.
+    """Write the table as a CSV file, which `drake_quad.identification.logs` reads like a ULog, and return its path.
 
     Raises:
-        OSError: the file cannot be written.
+        OSError: if the file cannot be written.
     """
     return write_table(Path(path), px4_columns(flight))
 
 
-def _motion(flight: Flight, name: str, suffix: str) -> _Columns:
+def _motion_columns(flight: Flight, name: str, suffix: str) -> _Columns:
     state = flight.record(name)
     position = f"vehicle_local_position{suffix}."
     return {
-        **_turned(position + "{}", "xyz", state.x, state.y, state.z),
-        **_turned(position + "v{}", "xyz", state.v_x, state.v_y, state.v_z),
-        **_attitude(f"vehicle_attitude{suffix}.q", state.roll, state.pitch, state.yaw),
-        **_turned(f"vehicle_angular_velocity{suffix}." + "xyz[{}]", "012", state.p, state.q, state.r),
+        **_vector_columns(position + "{}", "xyz", state.x, state.y, state.z),
+        **_vector_columns(position + "v{}", "xyz", state.v_x, state.v_y, state.v_z),
+        **_attitude_columns(f"vehicle_attitude{suffix}.q", state.roll, state.pitch, state.yaw),
+        **_vector_columns(f"vehicle_angular_velocity{suffix}." + "xyz[{}]", "012", state.p, state.q, state.r),
     }
 
 
-def _turned(pattern: str, rows: str | tuple[str, ...], *vector: np.ndarray) -> _Columns:
-    """Return the columns of a vector of W in NED, or of B in FRD."""
-    return {pattern.format(row): sign * part for row, sign, part in zip(rows, _HALF_TURN, vector, strict=True)}
+def _vector_columns(pattern: str, rows: str | tuple[str, ...], *vector: np.ndarray) -> _Columns:
+    """Return the columns of a vector, converted from W to NED or from B to FRD."""
+    return {pattern.format(row): sign * part for row, sign, part in zip(rows, _AXIS_SIGNS, vector, strict=True)}
 
 
-def _attitude(name: str, *angles: Any) -> _Columns:
-    """Return the columns of a quaternion from FRD to NED, for roll, pitch and yaw."""
-    turn: Any = Quaternion.of(*angles)
-    return {f"{name}[{i}]": part for i, part in enumerate((turn.w, turn.x, -turn.y, -turn.z))}
+def _attitude_columns(name: str, *angles: Any) -> _Columns:
+    """Return the columns of the quaternion of the rotation from FRD to NED, for given roll, pitch and yaw, rad."""
+    rotation: Any = Quaternion.of(*angles)
+    parts = rotation.w, rotation.x, -rotation.y, -rotation.z
+    return {f"{name}[{i}]": part for i, part in enumerate(parts)}
 
 
 FORMATS.append(

@@ -1,10 +1,10 @@
-"""Training by Stable-Baselines3: a vector environment as it wants one, and its policies as controllers."""
+"""Vector environment for Stable-Baselines3, and saving of its policies as controllers."""
 
-from drake_quad.extras import needed
+from drake_quad.extras import import_extra
 
-needed("stable_baselines3", "learn")
+import_extra("stable_baselines3", "learn")
 
-from drake_quad.gym.stable_baselines3.saving import save_trained  # noqa: E402 - a sentence first if it is missing
+from drake_quad.gym.stable_baselines3.saving import save_trained  # noqa: E402 - import_extra explains a missing library first
 from drake_quad.gym.stable_baselines3.vector_env import StableVectorEnv  # noqa: E402
 
 __all__ = ["StableVectorEnv", "save_trained"]

@@ -1,4 +1,4 @@
-"""Policies of Stable-Baselines3 as controllers."""
+"""Saving of a policy of Stable-Baselines3 as a controller."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,54 +12,56 @@ from stable_baselines3.sac.policies import SACPolicy
 from stable_baselines3.td3.policies import TD3Policy
 
 from drake_quad.errors import InputError
-from drake_quad.gym.saving import Layer, acted, save_policy, torch_layers
+from drake_quad.gym.saving import Layer, evaluate_layers, save_policy, torch_layers
 from drake_quad.gym.stable_baselines3.vector_env import StableVectorEnv
 
-# What stands around an environment and changes neither what is seen nor what is done.
-_CHANGE_NOTHING = (VecMonitor, VecCheckNan)
-_OF_GYMNASIUM = (Monitor.__name__, "TimeLimit", "OrderEnforcing", "PassiveEnvChecker")
-# How many observations are tried, and how far actions of single precision may be from each other.
-_TRIED, _ACCURACY = 64, 1e-3
+# Wrappers of vector environments and of single environments that change neither observations nor actions.
+_TRANSPARENT_VECTOR_WRAPPERS = (VecMonitor, VecCheckNan)
+_TRANSPARENT_WRAPPERS = (Monitor.__name__, "TimeLimit", "OrderEnforcing", "PassiveEnvChecker")
+# Number of random observations for which the saved network is compared with the model.
+_NUM_OBSERVATIONS = 64
+# Tolerance on actions, which the model computes in single precision.
+_TOLERANCE = 1e-3
 
 
 def save_trained(model: Any, path: Path | str) -> Path:
-    """Writes the mean of a model's policy as a controller, see `save_policy`.
+    """Write the mean action of a model's policy as a controller file, see `save_policy`.
 
     Args:
-        model: with an `MlpPolicy`, of PPO, A2C, SAC, TD3 or DDPG, and its environment: a `StableVectorEnv`, or
-            environments of ours in a `DummyVecEnv`, perhaps within a `VecNormalize`.
-        path: as for `save_policy`.
+        model: model of PPO, A2C, SAC, TD3 or DDPG with an `MlpPolicy`. Its environment must be a `StableVectorEnv`, or
+            a `DummyVecEnv` with environments of this package, and may be inside a `VecNormalize`.
+        path: path of the .yaml file, see `save_policy`.
 
     Raises:
-        InputError: the environment is none of ours, something around it or in the policy is not known here, or as
-            `save_policy`.
+        InputError: if the environment is not one of this package, the policy or a wrapper is of an unsupported kind, or
+            `save_policy` raises the error.
     """
     envs = model.get_env()
     if envs is None:
-        raise InputError("the model has no environment, which says what its policy sees; load it with env=...")
+        raise InputError("the model has no environment, which defines its observations; load the model with env=...")
     normalizer, env = _unwrapped(envs)
-    layers, prepared = _layers_of(model.policy), _prepared(normalizer)
+    layers, normalization = _layers_of(model.policy), _normalization(normalizer)
     size = layers[0].weights.shape[1]
-    seen = np.random.default_rng(0).normal(size=(_TRIED, size))
+    observations = np.random.default_rng(0).normal(size=(_NUM_OBSERVATIONS, size))
     if normalizer is not None:
-        seen = normalizer.obs_rms.mean + seen * np.sqrt(normalizer.obs_rms.var)
-    shown = seen if normalizer is None else normalizer.normalize_obs(seen)
-    expected, _ = model.predict(np.asarray(shown, dtype=np.float32), deterministic=True)
-    if not np.allclose(acted(layers, seen, **prepared), expected, rtol=0.0, atol=_ACCURACY):
-        raise InputError("the policy does more than its layers of neurons, so it cannot be saved")
-    return save_policy(env, layers, path, **prepared)
+        observations = normalizer.obs_rms.mean + observations * np.sqrt(normalizer.obs_rms.var)
+    inputs = observations if normalizer is None else normalizer.normalize_obs(observations)
+    expected, _ = model.predict(np.asarray(inputs, dtype=np.float32), deterministic=True)
+    if not np.allclose(evaluate_layers(layers, observations, **normalization), expected, rtol=0.0, atol=_TOLERANCE):
+        raise InputError("the policy cannot be saved: its actions are not those of its dense layers alone")
+    return save_policy(env, layers, path, **normalization)
 
 
 def _unwrapped(envs: Any) -> tuple[Any, Any]:
-    """The `VecNormalize`, if one normalises observations, and the environment of ours."""
+    """Return the `VecNormalize` that normalises observations, or None, and the environment of this package."""
     normalizer = None
     while isinstance(envs, VecEnvWrapper):
         if isinstance(envs, VecNormalize) and envs.norm_obs:
             if normalizer is not None:
-                raise InputError("the environment stands in two VecNormalize, but can stand in one")
+                raise InputError("the environment is inside two VecNormalize that normalise observations; use only one")
             normalizer = envs
-        elif not isinstance(envs, (*_CHANGE_NOTHING, VecNormalize)):
-            raise InputError(f"the environment stands in a {type(envs).__name__}, which is not known here")
+        elif not isinstance(envs, (*_TRANSPARENT_VECTOR_WRAPPERS, VecNormalize)):
+            raise InputError(f"the environment is inside a {type(envs).__name__}, which is not supported")
         envs = envs.venv
     if isinstance(envs, StableVectorEnv):
         return normalizer, envs.envs
@@ -67,23 +69,23 @@ def _unwrapped(envs: Any) -> tuple[Any, Any]:
         raise InputError(f"the environment is a {type(envs).__name__}, but must be a StableVectorEnv or a DummyVecEnv")
     env = envs.envs[0]
     while env is not env.unwrapped:
-        if type(env).__name__ not in _OF_GYMNASIUM:
-            raise InputError(f"the environment stands in a {type(env).__name__}, which is not known here")
+        if type(env).__name__ not in _TRANSPARENT_WRAPPERS:
+            raise InputError(f"the environment is inside a {type(env).__name__}, which is not supported")
         env = env.env
     return normalizer, env
 
 
-def _prepared(normalizer: Any) -> dict[str, Any]:
-    """What is done to observations before the layers, as arguments of `save_policy`."""
+def _normalization(normalizer: Any) -> dict[str, Any]:
+    """Return the normalisation of observations, as arguments of `save_policy`."""
     if normalizer is None:
         return {}
-    known = normalizer.obs_rms
-    scale = 1.0 / np.sqrt(known.var + normalizer.epsilon)
-    return {"offset": known.mean, "scale": scale, "limit": normalizer.clip_obs}
+    statistics = normalizer.obs_rms
+    scale = 1.0 / np.sqrt(statistics.var + normalizer.epsilon)
+    return {"offset": statistics.mean, "scale": scale, "limit": normalizer.clip_obs}
 
 
 def _layers_of(policy: Any) -> Sequence[Layer]:
-    """The layers of a policy's mean."""
+    """Return the layers of the network that computes a policy's mean action."""
     match policy:
         case ActorCriticPolicy():
             layers, squashed = torch_layers([*policy.mlp_extractor.policy_net, policy.action_net]), policy.squash_output

@@ -14,7 +14,7 @@ from typing import IO, Any, NamedTuple
 import numpy as np
 
 from drake_quad.errors import InputError, shortened
-from drake_quad.extras import needed
+from drake_quad.extras import import_extra
 from drake_quad.scenario.files.marked_tree import Mark
 from drake_quad.scenario.files.reading import opened
 
@@ -86,7 +86,7 @@ class LogFile(NamedTuple):
             InputError: if the library is not installed.
         """
         try:
-            return needed(module, extra)
+            return import_extra(module, extra)
         except ImportError as error:
             raise InputError(f"{self.mark}: cannot be read: {error}") from None
 

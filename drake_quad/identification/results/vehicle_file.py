@@ -26,7 +26,7 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.representer import RoundTripRepresenter
 
 from drake_quad.errors import InputError, shown
-from drake_quad.files import output_folder, write_whole
+from drake_quad.files import output_folder, write_atomically
 from drake_quad.identification.results.estimates import (
     CONFIDENCE,
     Estimates,
@@ -112,7 +112,7 @@ def write_vehicle(
             reason = str(error).replace(str(target), str(path))
             raise InputError(f"the vehicle cannot be written: {reason}") from None
 
-    return write_whole(path, write)
+    return write_atomically(path, write)
 
 
 def _relative(base: str | Path, folder: Path) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 
 from drake_quad.control.policy.network import GELU_CUBE, WITH_ALPHA
 from drake_quad.errors import InputWarning, listed, shortened, shown
-from drake_quad.extras import needed
+from drake_quad.extras import import_extra
 from drake_quad.scenario.policies.layers import Layers, UnreadableError
 from drake_quad.scenario.policies.trained_network import TrainedNetwork
 
@@ -98,7 +98,7 @@ def network_of_onnx(data: bytes, file: str, output: str | None = None) -> tuple[
             has unsupported nodes.
         ImportError: if the library onnx is not installed.
     """
-    onnx = needed("onnx", "onnx")
+    onnx = import_extra("onnx", "onnx")
     try:
         model = onnx.load_from_string(data)
     except Exception:  # the parser raises exceptions of several types of its own
@@ -157,7 +157,7 @@ class _Graph:
     """
 
     def __init__(self, model: Any, output: str | None) -> None:
-        self._onnx, self._opsets, graph = needed("onnx", "onnx"), model.opset_import, model.graph
+        self._onnx, self._opsets, graph = import_extra("onnx", "onnx"), model.opset_import, model.graph
         self._constants = {each.name: self._array(each) for each in graph.initializer}
         self._producers = {name: node for node in graph.node for name in node.output if name}
         self._inputs = [each.name for each in graph.input if each.name not in self._constants]

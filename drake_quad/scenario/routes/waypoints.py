@@ -8,7 +8,7 @@ from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from drake_quad.errors import InputError
-from drake_quad.framework.result_cache import kept
+from drake_quad.framework.result_cache import cached_on_disk
 from drake_quad.reference.laps import LapDurations, path_of_laps
 from drake_quad.reference.minimum_snap import rest_at_ends
 from drake_quad.reference.path_problem import PathProblem
@@ -293,7 +293,7 @@ class WaypointRoute(MovingRoute):
                 f"the path comes to {approach}, nearer than the clearance of {space.clearance:.3g} m; give"
                 " space.bounds, the box in which to plan a way around the obstacles"
             )
-        path, way = kept(plan_around, space, space.bounds, problem, timing)
+        path, way = cached_on_disk(plan_around, space, space.bounds, problem, timing)
         approach = nearest_approach(path, space)
         if approach is not None and approach.distance < space.clearance:
             raise RuntimeError(f"a path planned with a clearance of {space.clearance:g} m comes to {approach}")

@@ -67,7 +67,7 @@ def test_compiled_activations_and_their_derivatives_are_correct(activation):
         return evaluate_network(network, [row], ()).output[0]
 
     found = np.empty_like(x)
-    kernel(formula, (ROW,), (ROW,), lone=False)(len(x), 0.0, found, x)
+    kernel(formula, (ROW,), (ROW,), single_vehicle=False)(len(x), 0.0, found, x)
     np.testing.assert_allclose(found, formula(x), rtol=1e-13, atol=1e-15)
     step = 1e-5
     slopes = [(formula(AutoDiffXd(each, [1.0])) + AutoDiffXd(0.0, [0.0])).derivatives()[0] for each in x.tolist()]
