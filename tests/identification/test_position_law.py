@@ -200,7 +200,7 @@ def test_integrals_of_roll_and_pitch_are_those_along_the_heading(vehicle):
 
 
 def test_rounding_does_not_move_the_delay(vehicle):
-    """Signals are rounded to 1 cm and 1 cm/s. Without smoothing, the delay along Z would be 4.5 ms, a fifth of a period."""
+    """Signals are rounded to 1 cm and 1 cm/s. Without smoothing, the delay along Z would be 4.5 ms."""
     record = flown(vehicle, delay=0.0, filter_time=0.0, noise=0.0)
     rounded = replace(
         record,
