@@ -116,9 +116,10 @@ def unexcited(logs: PreparedLogs, parameters: Sequence[Parameter], fitted: Predi
     """
     found = {}
     for parameter in parameters:
-        if parameter.name.startswith("autopilot."):
-            axis = int(parameter.name[-2])
-            noise = fitted.noise.measured[logs.outputs.index(Output("attitude", axis))]
+        output = Output("attitude", int(parameter.name[-2])) if parameter.name.startswith("autopilot.") else None
+        if output is not None and output in logs.outputs:
+            axis = output.column
+            noise = fitted.noise.measured[logs.outputs.index(output)]
             commands = [
                 record.of("attitude_command")[usable, axis]
                 for record, usable in zip(logs.records, logs.flying, strict=True)

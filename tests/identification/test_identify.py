@@ -283,6 +283,8 @@ def test_the_response_of_an_angle_whose_command_is_below_the_noise_is_held_with_
     found = identifiability.unexcited(logs, parameters, SimpleNamespace(noise=noise))
     assert set(found) == {"autopilot.damping[1]", "autopilot.damping[2]"}
     assert found["autopilot.damping[1]"].startswith("the command of pitch varies by 0 rad, less than the noise")
+    rates = SimpleNamespace(**{**vars(logs), "outputs": [Output("body_rates", 0)]})
+    assert identifiability.unexcited(rates, parameters, SimpleNamespace(noise=noise)) == {}
 
 
 def test_drag_is_compared_with_the_force_along_its_own_axis(rotors):

@@ -10,15 +10,20 @@ from ruamel.yaml import YAML
 
 from drake_quad import load_scenario, load_undesigned, read_log
 from drake_quad.command_line.identify_controller import write_controller
+from drake_quad.control.pid_cascade.acceleration import _limited_force
+from drake_quad.control.pid_cascade.numbers import AccelerationNumbers, CascadeNumbers, CascadeRules, PidLoopGains
 from drake_quad.errors import InputError
 from drake_quad.flight.simulation import simulate_samples
+from drake_quad.geometry.axes import Vector
 from drake_quad.identification.known_flights import wandering
 from drake_quad.identification.logs.attitudes import rotations
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import STATE_ROWS
-from drake_quad.identification.position_law.commands import FORMS, at_limit, commanded
+from drake_quad.identification.position_law.commands import FORMS, at_limit, commanded, in_heading, unproduced
 from drake_quad.identification.position_law.control import control_layer
 from drake_quad.identification.position_law.law import AxisLaw, PositionLaw, identify_position_law
+from drake_quad.identification.position_law.pieces import prepared_pieces
+from drake_quad.identification.position_law.regression import Shape, _bias_of_rules, excited_terms, searched
 from drake_quad.identification.result import Spread
 
 PERIOD, SAMPLES, GRAVITY = 0.02, 750, 9.81
@@ -138,7 +143,120 @@ def test_each_form_gives_back_the_output_of_the_law(vehicle):
     assert made.keys() == set(FORMS)
     for form, (command, thrust) in made.items():
         record = FlightRecord("made", np.arange(2.0), attitude=measured, attitude_command=command)
-        np.testing.assert_allclose(commanded(record, thrust, form, GRAVITY), output, atol=1e-12, err_msg=form)
+        expected = in_heading(record, output) if form == "tilt" else output
+        np.testing.assert_allclose(commanded(record, thrust, form, GRAVITY), expected, atol=1e-12, err_msg=form)
+
+
+def test_axes_of_the_heading_are_forward_left_and_up():
+    record = FlightRecord("made", np.arange(2.0), attitude=np.array([[0.3, 0.2, 0.0], [0.0, 0.0, 0.5 * np.pi]]))
+    turned = in_heading(record, np.array([[1.0, 2.0, 3.0], [1.0, 2.0, 3.0]]))
+    np.testing.assert_allclose(turned, [[1.0, 2.0, 3.0], [2.0, -1.0, 3.0]], atol=1e-12)
+
+
+@pytest.mark.parametrize("climb", [-4.0, -0.5, 0.0, 2.0])
+def test_the_output_that_is_not_produced_is_what_px4_takes_from_its_integral(climb):
+    """The velocity error that it integrates is smaller by 2 / k_p of that."""
+    gain, mass = 3.0, 0.7
+    limits = AccelerationNumbers(1.0, 12.0, 3.0, 3.0, 10.0, 0.0, 100.0, 0.0)
+    gains = PidLoopGains(Vector(gain, gain, 4.0))
+    numbers = CascadeNumbers(gains, gains, 0.0, mass, GRAVITY, limits)
+    output, error = np.array([[1.5, -0.8, climb]]), np.array([0.2, -0.1, 0.3])
+    _, integrated = _limited_force(Vector(*output[0]), Vector(*error), numbers, CascadeRules())
+    taken = gain / 2.0 * (error - np.array(integrated))
+    np.testing.assert_allclose(unproduced(output, "decoupled", GRAVITY)[0], taken, atol=1e-12)
+    assert not unproduced(output, "acceleration", GRAVITY).any()
+
+
+def regression_of(record, vehicle, form, axis):
+    """Return the gains of least squares by name, and R², at no delay."""
+    pieces = prepared_pieces(record, vehicle, [])[0][form]
+    fit = searched(pieces, (axis,), excited_terms(pieces, (axis,)), [Shape()], ())
+    return dict(zip(fit.terms, fit.gains.tolist(), strict=True)), fit.explained
+
+
+def test_integrals_of_roll_and_pitch_are_those_along_the_heading(vehicle):
+    """The vehicle turns by more than a full circle."""
+    time = PERIOD * np.arange(SAMPLES)
+    reference, error = waves(time, 0.6, 0.9), waves(time + 5.0, 0.15, 2.6)
+    position, velocity = reference[0] - error[0], reference[1] - error[1]
+    heading = FlightRecord("made", time, attitude=np.column_stack([0.0 * time, 0.0 * time, 0.5 * time]))
+    along, moving = in_heading(heading, error[0]), in_heading(heading, velocity)
+    sums = scipy.integrate.cumulative_simpson(np.stack([along, moving]), x=time, axis=1, initial=0.0)
+    output = 0.4 * along - 0.3 * moving + 0.08 * sums[0] - 0.06 * sums[1]
+    record = replace(
+        heading,
+        position=position,
+        velocity=velocity,
+        attitude_command=np.column_stack([-output[:, 1], output[:, 0], 0.0 * time]),
+        thrust_command=vehicle.nominal.mass * (GRAVITY + output[:, 2]),
+        reference_position=reference[0],
+        reference_velocity=reference[1],
+    )
+    for axis in range(3):
+        gains, explained = regression_of(record, vehicle, "tilt", axis)
+        assert explained > 0.99999
+        for name, true in (("position", 0.4), ("velocity", 0.3), ("integral", 0.08), ("displacement", 0.06)):
+            assert gains[name] == pytest.approx(true, rel=0.01), name
+
+
+def test_the_integral_of_px4_is_found_although_its_anti_windup_acts(vehicle):
+    """Tilt does not change where the vehicle accelerates downwards, so less is produced than is asked for."""
+    time = PERIOD * np.arange(SAMPLES)
+    (reference, v_r, a_r), error = waves(time, 0.6, 1.6), waves(time + 5.0, 0.15, 2.6)
+    output, integral = np.zeros((SAMPLES, 3)), np.zeros(3)
+    for i in range(SAMPLES):
+        velocity_error = 1.2 * error[0][i] + error[1][i]
+        output[i] = 3.0 * velocity_error + a_r[i] + integral
+        missing = output[i] * [1.0, 1.0, 0.0] * max(0.0, -output[i, 2] / GRAVITY)
+        integral = integral + PERIOD * 0.6 * (velocity_error - 2.0 / 3.0 * missing)
+    attitude = attitude_along(np.column_stack([output[:, :2], np.full(SAMPLES, GRAVITY)]), 0.0 * time)
+    record = FlightRecord(
+        "made",
+        time,
+        position=reference - error[0],
+        velocity=v_r - error[1],
+        attitude_command=attitude,
+        thrust_command=vehicle.nominal.mass * (GRAVITY + output[:, 2]) / np.cos(attitude[:, :2]).prod(axis=1),
+        reference_position=reference,
+        reference_velocity=v_r,
+        reference_acceleration=a_r,
+    )
+    for axis in range(3):
+        gains, explained = regression_of(record, vehicle, "decoupled", axis)
+        assert explained > 0.99999
+        assert gains["integral"] == pytest.approx(0.72, rel=0.03)  # sums over samples differ from integrals
+
+
+def test_rounding_does_not_move_the_delay(vehicle):
+    """Signals are rounded to 1 cm and 1 cm/s. Without smoothing, the delay along Z would be 4.5 ms."""
+    record = flown(vehicle, delay=0.0, filter_time=0.0, noise=0.0)
+    rounded = replace(
+        record,
+        **{name: np.round(getattr(record, name), 2) for name in ("position", "velocity", "reference_velocity")},
+        attitude_command=np.round(record.attitude_command, 3),
+    )
+    pieces = prepared_pieces(rounded, vehicle, [])[0]["acceleration"]
+    for axis in range(3):
+        fit = searched(pieces, (axis,), excited_terms(pieces, (axis,)), [Shape()], ("delay",))
+        assert abs(fit.shape.delay) < 0.1 * PERIOD
+
+
+def test_the_rule_of_integration_matters_by_half_a_period_of_the_integral():
+    """A cascade with gains 2 and 3, of whose integral of the velocity error the gain is 0.9."""
+    cascade = {"position": 6.9, "velocity": 3.0, "reference_velocity": 3.0, "integral": 1.8}
+    bounds = _bias_of_rules(cascade, 0.02)
+    assert bounds == pytest.approx({"position": 0.018, "velocity": 0.009, "reference_velocity": 0.009})
+    # No cascade has the gains of this PID, which has no integral of the velocity error.
+    assert _bias_of_rules({"position": 1.0, "velocity": 1.0, "integral": 1.0}, 0.02)["velocity"] == 0.0
+
+
+def test_too_few_samples_and_a_reference_of_jumps_are_refused_in_a_sentence(vehicle):
+    record = flown(vehicle)
+    slow = replace(record, time=40.0 * record.time).part(slice(50))
+    jumping = replace(record, reference_position=RNG.normal(size=(SAMPLES, 3)))
+    for log in (slow, jumping):
+        with pytest.raises(InputError, match="has no stretch of 2 s and 60 samples in the air"):
+            identify_position_law([log], vehicle)
 
 
 def test_samples_at_a_limit_are_told_from_a_smooth_maximum():
@@ -262,6 +380,10 @@ TILT = (
     "control={kind: pid_cascade, position: {k_p: [1.2, 1.2, 1.5]}, velocity: {k_p: [0.3, 0.3, 4.0],"
     " k_i: [0.06, 0.06, 1.0]}, velocity_feed_forward: 0.0, command: {kind: tilt}}"
 )
+PX4 = (
+    "control={kind: pid_cascade, position: {k_p: [1.2, 1.2, 1.5]}, velocity: {k_p: [3.0, 3.0, 4.0],"
+    " k_i: [0.6, 0.6, 1.0]}, velocity_feed_forward: 1.0, command: {kind: acceleration}}"
+)
 ON_BOARD = (
     "laboratory.autopilot={kind: attitude, k_attitude: [8.0, 8.0, 3.0], k_rate: [25.0, 25.0, 8.0]}",
     "vehicle.time_step=0.0025",
@@ -272,6 +394,7 @@ ON_BOARD = (
 @pytest.mark.parametrize(
     ("overrides", "form", "true"),
     [
+        ((*ON_BOARD, PX4), "decoupled", {"position": 7.0, "velocity": 4.0, "integral": 1.5, "reference_velocity": 4.0}),
         ((PID,), "heading", {"position": 6.0, "velocity": 4.0, "integral": 2.0}),
         ((*ON_BOARD, TILT), "tilt", {"position": 6.0, "velocity": 4.0, "integral": 1.5, "displacement": 1.0}),
     ],

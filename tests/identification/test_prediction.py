@@ -337,6 +337,14 @@ def test_errors_are_distances_and_the_angle_between_two_attitudes():
     np.testing.assert_allclose(level["climb"][0], np.abs(predicted[0][8] - log.velocity[starts + 5, 2]))
 
 
+def test_a_log_with_too_few_samples_for_the_horizons_is_refused(scenario):
+    slow = replace(moving([0.0, 0.0, 0.1]), time=0.15 * np.arange(600))
+    with pytest.raises(
+        InputError, match=r"has a sample every 0.15 s, which is too few to predict it over 0.1, 0.2, 0.5"
+    ):
+        predict(slow, {"right": scenario})
+
+
 @pytest.mark.parametrize(("period", "samples"), [(0.005, 11), (0.01, 6), (0.012, 5), (0.02, 4), (0.05, 4)])
 def test_motion_at_a_start_is_that_of_fifty_milliseconds_or_four_samples(scenario, monkeypatch, period, samples):
     """Both ends of the fifty milliseconds are samples."""

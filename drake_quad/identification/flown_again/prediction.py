@@ -180,12 +180,17 @@ def predict(
     measured = [name for name in STATE_ROWS if getattr(record, name) is not None]
     level = "attitude" not in measured and "body_rates" not in measured
     past = max(_MIN_PAST, round(_PAST / record.period) + 1)
+    steps = [round(horizon / record.period) for horizon in horizons]
+    if min(np.diff([0, *steps])) < 1:
+        raise InputError(
+            f"the log {shown(record.name)} has a sample every {record.period:.2g} s, which is too few to predict it"
+            f" over {', '.join(f'{horizon:g}' for horizon in horizons)} s"
+        )
     starts = _starts(record, past, horizons, share)
     if not len(starts):
         raise InputError(
             f"the log {shown(record.name)} has no airborne stretch of {_SETTLE + min(horizons):.2g} s to predict"
         )
-    steps = [round(horizon / record.period) for horizon in horizons]
     motion = _Motion.at(record, measured, starts, past)
     reached = np.stack([_reached(record, starts, step) for step in steps])
     times = [record.time[np.minimum(starts + step, len(record.time) - 1)] - record.time[starts] for step in steps]

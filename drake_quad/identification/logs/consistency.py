@@ -447,7 +447,7 @@ def _shift(pair: _Pair, step: float, excited: np.ndarray) -> Iterator[str]:
     """Yield a sentence if one side of a pair lags the other by the same time in all parts of the log."""
     most = round(_MAX_SHIFT / step)
     expected, measured = (side[:, excited] for side in pair.clipped())
-    if not excited.any() or len(expected) < 2 * most + _NUM_PARTS * _MIN_WINDOWS // 2:
+    if most < 1 or not excited.any() or len(expected) < 2 * most + _NUM_PARTS * _MIN_WINDOWS // 2:
         return
     errors = np.array(
         [

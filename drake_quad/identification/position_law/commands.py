@@ -9,7 +9,8 @@ Controllers turn the output of their position law into attitude and thrust in di
     projected       as in acceleration, with T = F · z the component of the force along the measured thrust axis z,
                     as in geometric control:  u = (T / m) / (z_d · z) z_d - g Z
     tilt            roll and pitch are outputs of the law themselves, as in the Crazyflie's firmware: along the heading
-                    u is the pitch and minus the roll in rad, and along Z u = T / m - g
+                    u is the pitch and minus the roll in rad, and along Z u = T / m - g. The integrals are those along
+                    the heading, too
 
 The attitude is the exact rotation by roll, pitch and yaw.
 """
@@ -66,7 +67,7 @@ def specific_thrust(record: FlightRecord, scenario: Scenario, usable: np.ndarray
 
 
 def commanded(record: FlightRecord, thrust: np.ndarray, form: Form, gravity: float) -> np.ndarray:
-    """Return the output (n, 3) of the position law in W, in m/s²; with tilt in rad along X and Y.
+    """Return the output (n, 3) of the position law in W, in m/s²; with `tilt` along the heading, in rad along X and Y.
 
     Args:
         record: record with attitude_command, or with attitude in its place.
@@ -76,13 +77,10 @@ def commanded(record: FlightRecord, thrust: np.ndarray, form: Form, gravity: flo
     """
     attitude = record.attitude if record.attitude_command is None else record.attitude_command
     assert attitude is not None
-    yaw = attitude[:, 2] if record.attitude is None else record.attitude[:, 2]
     if form == "tilt":
-        forward, left = attitude[:, 1], -attitude[:, 0]
-        x, y = np.cos(yaw) * forward - np.sin(yaw) * left, np.sin(yaw) * forward + np.cos(yaw) * left
-        return np.column_stack([x, y, thrust - gravity])
+        return np.column_stack([attitude[:, 1], -attitude[:, 0], thrust - gravity])
     if form == "heading":
-        attitude = np.column_stack([attitude[:, :2], yaw])
+        attitude = np.column_stack([attitude[:, :2], _yaw(record)])
     axis = rotations(attitude).apply([0.0, 0.0, 1.0])
     if form == "decoupled":
         level = gravity * axis[:, :2] / np.maximum(axis[:, 2:], _MIN_ALIGNMENT)
@@ -92,6 +90,32 @@ def commanded(record: FlightRecord, thrust: np.ndarray, form: Form, gravity: flo
         measured = rotations(record.attitude).apply([0.0, 0.0, 1.0])
         size = thrust / np.maximum(np.sum(axis * measured, axis=1), _MIN_ALIGNMENT)
     return np.asarray(size[:, None] * axis - [0.0, 0.0, gravity])
+
+
+def _yaw(record: FlightRecord) -> np.ndarray:
+    """Return the measured yaw (n,), or the commanded one if no attitude is logged."""
+    attitude = record.attitude_command if record.attitude is None else record.attitude
+    assert attitude is not None
+    return attitude[:, 2]
+
+
+def in_heading(record: FlightRecord, values: np.ndarray) -> np.ndarray:
+    """Return vectors (n, 3) in W along the axes of the heading: forward, left and up."""
+    cosine, sine = np.cos(_yaw(record)), np.sin(_yaw(record))
+    x, y, z = values.T
+    return np.column_stack([cosine * x + sine * y, cosine * y - sine * x, z])
+
+
+def unproduced(output: np.ndarray, form: Form, gravity: float) -> np.ndarray:
+    """Return the horizontal part (n, 3) of the output of a law that its thrust does not produce.
+
+    If the vertical acceleration u_z is negative, the tilt of the form `decoupled` produces (1 + u_z / g) of the
+    horizontal output. PX4 takes this for saturation, and subtracts 2 / k_v of the rest from the velocity error that it
+    integrates (`PositionControl.cpp` of PX4 1.15). Other forms produce all.
+    """
+    level = np.array([1.0, 1.0, 0.0])
+    share = np.clip(-output[:, 2:] / gravity, 0.0, 1.0) if form == "decoupled" else 0.0
+    return np.asarray(share * level * output)
 
 
 def at_limit(record: FlightRecord, thrust: np.ndarray, usable: np.ndarray) -> np.ndarray:

@@ -15,6 +15,12 @@ of the integral with the gain k_i' K_i. Filter, limit and this term are part of 
 prefers them (`drake_quad.identification.position_law.regression`). The intervals are those of the jackknife over blocks
 (`drake_quad.identification.evidence`), to which the bias is added that errors of the logged measurements can cause.
 
+The term k_x p stands for an integral of the velocity, so p in it is the integral of the logged velocity, without the
+noise of the logged position. In the form `tilt`, axes and integrals are those of the heading: X is forward, and Y is to
+the left. In the form `decoupled`, the law has two more terms, which are no result: that of a position whose noise is
+integrated by the position loop only, and that of the anti-windup of PX4
+(`drake_quad.identification.position_law.pieces.Piece`).
+
 The logged signals should be those that the controller used. If they differ by an error, the gains are too small: with
 one regressor by the share 1 - R² of the variance that is not explained (W. A. Fuller, "Measurement Error Models", 1987,
 section 1.1). Axes with 1 - R² above 5 % are therefore not identified.
@@ -31,6 +37,7 @@ from drake_quad.identification.position_law.commands import FORMS, Form
 from drake_quad.identification.position_law.pieces import Piece, prepared_pieces
 from drake_quad.identification.position_law.regression import (
     ESSENTIAL,
+    NUISANCES,
     OF_REFERENCE,
     TYPICAL_DELAY,
     Fit,
@@ -58,7 +65,7 @@ class AxisLaw:
     """Law of one axis, or of X and Y if they are alike.
 
     Attributes:
-        axes: axes that have this law.
+        axes: axes that have this law; those of the heading in the form `tilt`.
         gains: estimate of each identified parameter by name: position, velocity, reference_velocity,
             reference_acceleration, integral, displacement (k_x), double_integral, delay, filter_time and error_limit.
         explained: R², share of the variance of the command that the law explains.
@@ -172,6 +179,7 @@ def _spreads(pieces: Sequence[Piece], axes: tuple[int, ...], fit: Fit, form: For
     return {
         name: Spread(values[name], float(reach / quantile(freedom)), units[name], float(freedom))
         for name, reach, freedom in zip(values, reaches, freedoms, strict=True)
+        if name not in NUISANCES
     }
 
 

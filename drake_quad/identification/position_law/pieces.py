@@ -8,7 +8,15 @@ import scipy
 
 from drake_quad.errors import InputError, shown
 from drake_quad.identification.logs.record import FlightRecord
-from drake_quad.identification.position_law.commands import FORMS, Form, at_limit, commanded, specific_thrust
+from drake_quad.identification.position_law.commands import (
+    FORMS,
+    Form,
+    at_limit,
+    commanded,
+    in_heading,
+    specific_thrust,
+    unproduced,
+)
 from drake_quad.identification.prepared_logs import MAX_DELAY, MIN_BLOCKS
 from drake_quad.identification.windows import airborne
 from drake_quad.identification.windows import pieces as piece_numbers
@@ -16,9 +24,11 @@ from drake_quad.scenario.models import Scenario
 
 MIN_REFERENCE_SPEED = 0.01  # m/s, standard deviation of a reference that moves
 _MIN_REFERENCE_RANGE = 0.02  # m, of a reference that moves
-_BLOCK = 2.0  # s, several times the memory of filters and quantisation
+_SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0  # weights of adjacent samples, binomial
 _MIN_PIECE = 2.0  # s, shortest stretch of flight with a constant of its own
-_SMOOTHING = 0.1  # s, of parabolas through the reference for its derivatives
+_MIN_SAMPLES = 60  # of such a stretch, several for each parameter
+_BLOCK = 2.0  # s, several times the memory of filters and quantisation
+_SLOPE_WINDOW = 0.1  # s, of parabolas through the reference for its derivatives
 _MAX_REFERENCE_ACCELERATION = 50.0  # m/s², 5 g; a reference with more jumps
 
 
@@ -29,20 +39,27 @@ class Piece(NamedTuple):
         time: (m,), s.
         command: (m, 3) output of the law.
         error: (m, 3) p_r - p, m.
-        position: (m, 3), m.
         velocity: (m, 3), m/s.
         reference_velocity: (m, 3), m/s.
         reference_acceleration: (m, 3), m/s².
+        travel: (m, 3) integral of the velocity, m.
+        deviation: (m, 3) position error minus the integral of the velocity error, m. A controller that integrates the
+            velocity error does not integrate the noise of the position that this difference contains. It is zero in
+            forms that do not tell that the controller integrates the velocity error.
+        unwinding: (m, 3) integral of the output that the thrust does not produce (`unproduced` in
+            `drake_quad.identification.position_law.commands`), m/s.
         counted: (m,) mask of the samples that are compared.
     """
 
     time: np.ndarray
     command: np.ndarray
     error: np.ndarray
-    position: np.ndarray
     velocity: np.ndarray
     reference_velocity: np.ndarray
     reference_acceleration: np.ndarray
+    travel: np.ndarray
+    deviation: np.ndarray
+    unwinding: np.ndarray
     counted: np.ndarray
 
 
@@ -67,24 +84,33 @@ def prepared_pieces(
     limited = at_limit(record, thrust, usable)
     counted = usable & ~limited
     number = piece_numbers(record)
+    least = max(_MIN_PIECE / record.period, _MIN_SAMPLES)
     found: dict[Form, list[Piece]] = {form: [] for form in FORMS}
     for each in range(number.max() + 1):
         here = number == each
-        if counted[here].sum() * record.period < _MIN_PIECE:
+        if counted[here].sum() < least:
             continue
-        piece = _piece(record.part(here), reference[here] - position[here], counted[here])
+        part = record.part(here)
+        signals, compared = _signals(part, reference[here] - position[here], counted[here])
+        if compared.sum() < least:
+            continue
         for form in FORMS:
-            command = commanded(record.part(here), thrust[here], form, float(scenario.nominal.gravity))
-            found[form].append(piece._replace(command=command))
+            found[form].append(_piece(part, thrust[here], form, float(scenario.nominal.gravity), signals, compared))
     if not found["tilt"]:
-        raise InputError(f"the log {shown(record.name)} has no stretch of {_MIN_PIECE:g} s in the air without a gap")
+        raise InputError(
+            f"the log {shown(record.name)} has no stretch of {_MIN_PIECE:g} s and {_MIN_SAMPLES} samples in the air"
+            " without a gap, a limited command or a jump of the reference"
+        )
     return found, limited[usable]
 
 
-def _piece(record: FlightRecord, error: np.ndarray, counted: np.ndarray) -> Piece:
-    """Return a piece without its command; derivatives that are not logged are those of smoothed signals."""
+def _signals(record: FlightRecord, error: np.ndarray, counted: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
+    """Return error, velocity, and velocity and acceleration of the reference (m, 3), and the mask of compared samples.
+
+    Derivatives that are not logged are those of smoothed signals.
+    """
     reference, position = record.of("reference_position"), record.of("position")
-    window = 2 * max(2, round(0.5 * _SMOOTHING / record.period)) + 1
+    window = 2 * max(2, round(0.5 * _SLOPE_WINDOW / record.period)) + 1
 
     def slope(values: np.ndarray, order: int = 1) -> np.ndarray:
         """Return a derivative of parabolas through the values."""
@@ -103,9 +129,44 @@ def _piece(record: FlightRecord, error: np.ndarray, counted: np.ndarray) -> Piec
     jumps = np.abs(slope(reference, 2)).max(axis=1) > _MAX_REFERENCE_ACCELERATION
     near = np.convolve(jumps, np.ones(1 + round(MAX_DELAY / record.period)))[: len(jumps)] > 0.5
     late = record.time >= record.time[0] + MAX_DELAY
-    early = record.time <= record.time[-1] - record.period
-    compared = counted & late & early & ~near
-    return Piece(record.time, error, error, position, velocity, reference_velocity, acceleration, compared)
+    whole = np.convolve(counted & late & ~near, np.ones(len(_SMOOTHING)), "same") > len(_SMOOTHING) - 0.5
+    return [error, velocity, reference_velocity, acceleration], whole
+
+
+def _piece(
+    record: FlightRecord,
+    thrust: np.ndarray,
+    form: Form,
+    gravity: float,
+    signals: Sequence[np.ndarray],
+    compared: np.ndarray,
+) -> Piece:
+    """Return a piece in the axes of the law, with smoothed signals."""
+    output = commanded(record, thrust, form, gravity)
+    if form == "tilt":
+        signals = [in_heading(record, each) for each in signals]
+    missing = unproduced(output, form, gravity)
+    # A delay between two samples needs interpolation, which reduces white noise such as that of rounding, most in the
+    # middle. Without smoothing this noise draws the delay away from whole periods, and with it the velocity gains.
+    command, error, velocity, reference_velocity, acceleration, missing = (
+        scipy.ndimage.convolve1d(each, _SMOOTHING, axis=0, mode="nearest") for each in (output, *signals, missing)
+    )
+
+    def integral(values: np.ndarray) -> np.ndarray:
+        return np.asarray(scipy.integrate.cumulative_trapezoid(values, record.time, axis=0, initial=0.0))
+
+    return Piece(
+        record.time,
+        command,
+        error,
+        velocity,
+        reference_velocity,
+        acceleration,
+        integral(velocity),
+        error - integral(reference_velocity - velocity) if form == "decoupled" else np.zeros_like(error),
+        integral(missing),
+        compared,
+    )
 
 
 def block_numbers(pieces: Sequence[Piece]) -> np.ndarray:

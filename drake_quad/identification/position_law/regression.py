@@ -6,7 +6,7 @@ Inverse Problems 19, R1, 2003). Each stretch of flight has a constant and a slop
 at an unknown value, and a constant error of the logged position makes it a ramp.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import NamedTuple
 
@@ -22,6 +22,8 @@ ESSENTIAL = ("position", "velocity")
 """Terms without which there is no position law."""
 OF_REFERENCE = ("reference_velocity", "reference_acceleration", "displacement")
 """Terms that need a reference that moves."""
+NUISANCES = ("deviation", "unwinding")
+"""Terms of some forms, which are no result: see `drake_quad.identification.position_law.pieces.Piece`."""
 TYPICAL_DELAY = 0.05  # s
 
 # Critical value of χ² with one degree of freedom at 99.9 %: more than a dozen comparisons are made for a log.
@@ -94,7 +96,8 @@ def excited_terms(pieces: Sequence[Piece], axes: tuple[int, ...]) -> tuple[str, 
     """Return the terms that the flight excites on some axes."""
     speeds = np.concatenate([piece.reference_velocity[piece.counted][:, axes] for piece in pieces])
     moves = np.std(speeds) >= MIN_REFERENCE_SPEED
-    return (*ESSENTIAL, *(OF_REFERENCE if moves else ()), "integral")
+    of_form = (name for name in NUISANCES if any(getattr(piece, name)[:, axes].any() for piece in pieces))
+    return (*ESSENTIAL, *(OF_REFERENCE if moves else ()), "integral", *of_form)
 
 
 def searched(
@@ -173,8 +176,10 @@ def _columns(piece: Piece, axis: int, terms: Sequence[str], shape: Shape) -> np.
         "reference_velocity": piece.reference_velocity[:, axis],
         "reference_acceleration": piece.reference_acceleration[:, axis],
         "integral": once,
-        "displacement": -piece.position[:, axis],
+        "displacement": -piece.travel[:, axis],
         "double_integral": twice,
+        "deviation": piece.deviation[:, axis],
+        "unwinding": -piece.unwinding[:, axis],
     }
     return np.column_stack([columns[name] for name in terms])
 
@@ -213,9 +218,9 @@ def uncertainty(pieces: Sequence[Piece], axes: tuple[int, ...], fit: Fit) -> tup
     """Return the half-widths of the 95 % intervals of all parameters and their degrees of freedom.
 
     The half-width is that of the jackknife, plus the largest bias that errors of the logged position or of the logged
-    velocity can cause, which is n σ² M_ij / θ_j with the variance σ² of what is not explained and M = (Jᵀ J)⁻¹.
-    The rule by which the controller integrates is not known either, which is worth half a period times the integral
-    gain.
+    velocity can cause, and that of `_bias_of_rules`. Errors with the variance s² of a signal with the gain θ bias the
+    parameters by n s² |θ| |M d| / σ². Here d marks the regressors that contain the signal, M is the covariance of the
+    parameters and σ² the variance of what is not explained. The errors explain no more than σ², so s² ≤ σ² / θ².
     """
     regressors, _ = _regression(pieces, axes, fit.terms, fit.shape)
     slopes = [regressors]
@@ -232,10 +237,28 @@ def uncertainty(pieces: Sequence[Piece], axes: tuple[int, ...], fit: Fit) -> tup
     information = sums_over_blocks(derivatives[:, :, None] * derivatives[:, None, :] / variance, blocks)
     scores = sums_over_blocks(derivatives * fit.left[:, None] / variance, blocks)
     covariance, freedom, model = jackknife(information, scores)
-    measured = [fit.terms.index(name) for name in ESSENTIAL]
-    bias = len(fit.left) * np.abs(model[:, measured] / fit.gains[measured]).max(axis=1)
-    half = 0.5 * float(np.median(np.diff(pieces[0].time)))
-    for name, integral in (("position", "integral"), ("velocity", "displacement")):
-        if integral in fit.terms:
-            bias[fit.terms.index(name)] += half * abs(fit.gains[fit.terms.index(integral)])
+    named = dict(zip(fit.terms, fit.gains.tolist(), strict=True))
+    bias = np.zeros(len(model))
+    for marked in (("position", "deviation"), ("velocity",)):
+        moves = sum(model[:, place] for place, name in enumerate(fit.terms) if name in marked)
+        bias = np.maximum(bias, len(fit.left) * np.abs(moves / sum(named.get(name, 0.0) for name in marked)))
+    for name, bound in _bias_of_rules(named, float(np.median(np.diff(pieces[0].time)))).items():
+        bias[fit.terms.index(name)] += bound
     return quantile(freedom) * np.sqrt(np.diag(covariance)) + bias, freedom
+
+
+def _bias_of_rules(gains: Mapping[str, float], period: float) -> dict[str, float]:
+    """Return the largest bias of some gains that the rule by which the controller integrates can cause.
+
+    A sum over samples differs from the trapezoidal rule by half a period times the last sample. In a PID this is an
+    error of the position gain. In a cascade, which is the same law, it is also one of the velocity gains: the gain k_i'
+    of the integral of the velocity error is that of the displacement, or k_i / K with the larger root of
+    k K² - k_p K + k_i = 0 (see `drake_quad.identification.position_law.law`).
+    """
+    position, velocity = (abs(gains[name]) for name in ESSENTIAL)
+    integral, of_velocity = (abs(gains.get(name, 0.0)) for name in ("integral", "displacement"))
+    discriminant = position**2 - 4.0 * velocity * integral
+    if discriminant > 0.0:
+        of_velocity = max(of_velocity, 2.0 * velocity * integral / (position + np.sqrt(discriminant)))
+    bounds = {"position": integral, "velocity": of_velocity, "reference_velocity": of_velocity}
+    return {name: 0.5 * period * bound for name, bound in bounds.items() if name in gains}
