@@ -31,7 +31,7 @@ def polynomials(time):
 def record_of(time=TIME, **changed):
     """Return a log with polynomials as its position and reference, and commands that never stay at an extreme."""
     reference, velocity, _ = polynomials(time)
-    angles = 0.2 * np.sin(np.outer(time, [3.0, 4.0, 5.0]) + [0.0, 1.0, 2.0])
+    angles = 0.2 * np.sin(np.outer(time, [3.0, 4.0, 5.0]) + np.arange(3.0))
     signals = {
         "position": -0.5 * reference,
         "velocity": -0.5 * velocity,
@@ -66,7 +66,7 @@ def test_pieces_have_the_signals_of_the_log_and_the_command_of_each_form(vehicle
 
 
 def test_derivatives_that_are_not_logged_are_those_of_parabolas(vehicle):
-    reference, velocity, acceleration = polynomials(TIME)
+    _, velocity, acceleration = polynomials(TIME)
     found, _ = prepared_pieces(record_of(velocity=None, reference_velocity=None), vehicle, [])
     (piece,) = found["acceleration"]
     np.testing.assert_allclose(piece.velocity, -0.5 * velocity, atol=1e-9)
@@ -163,7 +163,9 @@ def test_a_measured_attitude_stands_for_a_command_that_is_not_logged(vehicle):
     record, remarks = record_of(), []
     found, _ = prepared_pieces(replace(record, attitude_command=None), vehicle, remarks)
     thrust = record.thrust_command / vehicle.nominal.mass
-    expected = thrust[:, None] * rotations(record.attitude).apply([0.0, 0.0, 1.0]) - [0.0, 0.0, vehicle.nominal.gravity]
+    expected = thrust[:, None] * rotations(record.attitude).apply([0.0, 0.0, 1.0]) - np.array(
+        [0.0, 0.0, vehicle.nominal.gravity]
+    )
     for form in ("acceleration", "heading", "projected"):
         np.testing.assert_allclose(found[form][0].command, expected, err_msg=form)
     assert remarks[0] == (
@@ -282,7 +284,7 @@ def test_blocks_of_two_seconds_have_equal_numbers_of_counted_samples(vehicle, se
     time = PERIOD * np.arange(1200)
     (piece,) = prepared_pieces(record_of(time), vehicle, [])[0]["acceleration"]
     count = round(seconds / PERIOD / 4)
-    pieces = [piece._replace(counted=np.arange(1200) < (count if i else count)) for i in range(4)]
+    pieces = [piece._replace(counted=np.arange(1200) < count)] * 4
     numbers = block_numbers(pieces)
     assert len(numbers) == 4 * count
     assert numbers[0] == 0

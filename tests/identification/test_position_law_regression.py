@@ -55,7 +55,7 @@ def columns_at(time, shape):
     }
 
 
-def flown(terms=BASIC, shape=Shape(), *, noise=0.0, begin=0.0, seconds=8.0, settle=1.0):  # noqa: B008
+def flown(terms=BASIC, shape=Shape(), *, noise=0.0, begin=0.0, seconds=8.0, settle=1.0):
     """Return a stretch of flight under the law, in which the first second is not counted."""
     random = np.random.default_rng(round(begin))
     time = begin + PERIOD * np.arange(round(seconds / PERIOD))
@@ -66,7 +66,7 @@ def flown(terms=BASIC, shape=Shape(), *, noise=0.0, begin=0.0, seconds=8.0, sett
     now = columns_at(time, Shape())
     # A constant is added, as that of an integral that begins at an unknown value.
     return Piece(
-        time, command + [1.0, -2.0, 9.0], error, position, -now["velocity"], now["reference_velocity"],
+        time, command + np.array([1.0, -2.0, 9.0]), error, position, -now["velocity"], now["reference_velocity"],
         now["reference_acceleration"], time >= begin + settle,
     )  # fmt: skip
 
