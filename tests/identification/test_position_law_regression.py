@@ -103,6 +103,19 @@ def test_the_search_begins_at_the_best_start():
     assert searched(pieces, (0,), BASIC[:4], starts, ("error_limit",)).shape.error_limit == pytest.approx(0.2, abs=1e-3)
 
 
+@pytest.mark.parametrize("delay", [0.0, 0.03, 0.09, 0.15])
+def test_the_delay_of_signals_that_hardly_resemble_themselves_later_is_found(delay):
+    """The sum of squares of noise has a narrow minimum, so the search begins at delays that are 15 ms apart."""
+    (piece, _) = noisy_pieces(300)
+    late = regression._columns(piece, 0, BASIC, Shape()) @ [GAINS[name] for name in BASIC]
+    command = np.interp(piece.time - delay, piece.time, late)
+    counted = piece.counted & (piece.time >= 0.15)
+    found = regression._simplest([piece._replace(command=np.tile(command[:, None], 3), counted=counted)], (0,))
+    assert found.shape.delay == pytest.approx(delay, abs=2e-4)
+    np.testing.assert_allclose(found.gains, [GAINS[name] for name in BASIC], rtol=0.02)
+    assert (found.terms, found.free) == (BASIC, ("delay",))
+
+
 @pytest.mark.parametrize(("delay", "expected"), [(0.3, 0.15), (-0.05, -PERIOD)])
 def test_a_delay_is_within_one_sample_before_and_0_15_s(delay, expected):
     pieces = [flown(shape=Shape(delay))]
@@ -115,7 +128,7 @@ def test_a_filter_has_a_time_constant_of_half_a_second_at_most():
     assert found.shape.filter_time == pytest.approx(0.5, abs=2e-4)
 
 
-def noisy_pieces():
+def noisy_pieces(samples=60):
     """Return two stretches whose signals are unrelated noise, with some samples that are not counted."""
     random = np.random.default_rng(3)
     return [
@@ -124,7 +137,7 @@ def noisy_pieces():
             *random.normal(size=(6, count, 3)),
             random.uniform(size=count) < 0.8,
         )
-        for begin, count in ((0.0, 60), (5.0, 45))
+        for begin, count in ((0.0, samples), (5.0, 45))
     ]
 
 
