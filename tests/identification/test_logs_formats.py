@@ -22,7 +22,7 @@ from written_logs import (
 
 from drake_quad import InputError
 from drake_quad.identification.logs.formats.log_format import FORMATS
-from drake_quad.identification.logs.formats.ros import _Decoder
+from drake_quad.identification.logs.formats.ros import _Decoder, _Rows, _tables
 from drake_quad.identification.logs.mapping import load_mapping, shipped_mappings
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.source import LogFile
@@ -294,6 +294,55 @@ def test_messages_of_ros_are_decoded_by_the_definitions_of_the_bag_or_else_by_th
         for spelt in (kind, "geometry_msgs/Vector3"):
             found = decoder(data, spelt)
             assert [getattr(found, name) for name in names] == [1.0, 2.0, 3.0]
+
+
+def rows_of(kind, *times, behind=None):
+    """Return messages with a number each at times in ns, with stamps that are `behind` ns before them."""
+    rows = _Rows(kind, ["x"])
+    for time in times:
+        stamp = 0 if behind is None else time - behind
+        rows.append({"header": {"stamp": {"sec": stamp // 10**9, "nanosec": stamp % 10**9}}, "x": time}, time)
+    return rows
+
+
+def test_the_topic_with_most_messages_stands_for_its_type_and_the_first_of_two_with_as_many():
+    start = 5 * 10**9
+    topics = {
+        "/few": rows_of("sort/One", start + 3, start + 4),
+        "/many": rows_of("sort/One", *range(start + 3, start + 6)),
+        "/as_many": rows_of("sort/One", *range(start + 1, start + 4)),
+        "/other": rows_of("sort/Other", start + 2),
+    }
+    content = _tables(topics, ("ros", None), [], [])
+    assert [table.name for table in content.tables] == [*topics]
+    of_types = {
+        name: table.name for table in content.tables for name in table.columns if not name.startswith(table.name)
+    }
+    assert of_types == {"sort/One.x": "/many", "sort/Other.x": "/other"}
+    assert content.remarks == ["of 3 topics of type sort/One the one with most messages is read: /many"]
+    # The clock begins with the first message of all topics.
+    for table, first in zip(content.tables, (2, 2, 0, 1), strict=True):
+        np.testing.assert_allclose(table.time, 1e-9 * (first + np.arange(len(table.time))))
+
+
+@pytest.mark.parametrize(
+    ("behind", "used"), [(9 * 10**8, True), (-9 * 10**8, True), (11 * 10**8, False), (-11 * 10**8, False), (None, None)]
+)
+def test_stamps_of_headers_are_used_if_their_clock_is_that_of_the_recording(behind, used):
+    start = 5 * 10**12
+    rows = rows_of("sort/One", *(start + 10**8 * i for i in range(5)), behind=behind)
+    table, remarks = rows.table("/topic", start, of_its_type=False)
+    np.testing.assert_allclose(table.time, 0.1 * np.arange(5))
+    if used:
+        np.testing.assert_allclose(table.sampled, 0.1 * np.arange(5) - 1e-9 * behind, atol=1e-9)
+        assert remarks == []
+    else:
+        assert table.sampled is None
+        assert remarks == [
+            f"/topic: the stamps of the headers are {1e-9 * each:g} s before the times of recording, which are used"
+            " instead"
+            for each in ([] if used is None else [behind])
+        ]
 
 
 @pytest.mark.slow
