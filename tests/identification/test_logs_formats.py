@@ -4,6 +4,7 @@ import io
 import json
 import lzma
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ from written_logs import (
 
 from drake_quad import InputError
 from drake_quad.identification.logs.formats.log_format import FORMATS
-from drake_quad.identification.logs.formats.ros import _Decoder, _Rows, _tables
+from drake_quad.identification.logs.formats.ros import _content, _Decoder, _Message, _Rows, _tables
 from drake_quad.identification.logs.mapping import load_mapping, shipped_mappings
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.source import LogFile
@@ -343,6 +344,51 @@ def test_stamps_of_headers_are_used_if_their_clock_is_that_of_the_recording(behi
             " instead"
             for each in ([] if used is None else [behind])
         ]
+
+
+def content_of(*messages, error=None):
+    """Return the content of a bag with messages, pairs of a topic and a number, before an error.
+
+    A message without a number cannot be decoded.
+    """
+
+    def decoding(number):
+        if number is None:
+            raise RuntimeError("damaged")
+        return {"x": number}
+
+    def read_one_by_one():
+        for time, (topic, number) in enumerate(messages):
+            yield _Message(topic, "sort/One", 1 + time, lambda number=number: decoding(number))
+        if error is not None:
+            raise error
+
+    mapping = SimpleNamespace(names={"/a.x", "/b.x"})
+    log = SimpleNamespace(mark="the log", remarks=["a remark"])
+    return _content(log, ("mine", mapping), "a bag", read_one_by_one())
+
+
+def test_a_damaged_bag_is_read_as_far_as_it_can_be():
+    found = content_of(("/a", 1.0), ("/a", None), ("/c", 2.0), ("/b", None), ("/b", 7.0), ("/a", 3.0))
+    (table,) = found.tables
+    np.testing.assert_array_equal(table.columns["/a.x"], [1.0, 3.0])
+    # A topic whose first message cannot be decoded is left out.
+    assert found.remarks == ["a remark", "the messages of /b cannot be decoded"]
+    assert found.names == ["/b", "/c"]
+    error = ValueError(" no\n chunk ")
+    found = content_of(("/a", 1.0), error=error)
+    assert found.remarks[1:] == ["the log is cut or damaged; it is read until this error: no chunk"]
+    for messages in ((), (("/c", 1.0),), (("/a", None),)):
+        with pytest.raises(InputError, match="^the log: is a bag that cannot be read: no chunk$"):
+            content_of(*messages, error=error)
+    with pytest.raises(InputError, match="that cannot be read: EOFError$"):
+        content_of(error=EOFError())
+    with pytest.raises(InputError, match="^refused$"):
+        content_of(error=InputError("refused"))
+    with pytest.raises(InputError, match="without any topic that the mapping mine knows; its topics are /b, /c"):
+        content_of(("/c", 1.0), ("/b", None))
+    with pytest.raises(InputError, match="its topics are none$"):
+        content_of()
 
 
 @pytest.mark.slow
