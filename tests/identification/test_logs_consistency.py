@@ -149,6 +149,22 @@ def test_two_signals_disagree_by_nothing_if_they_are_equal_and_by_two_if_they_ar
         assert pair._replace(threshold=0.5 * threshold).excited(factor=2.0)[0] == excited
 
 
+def test_accelerations_follow_from_positions_if_no_velocity_is_logged():
+    clean = flight(0.0)
+    both = _on_grid({name: clean[name] for name in ("position", "velocity")}, TIME)
+    np.testing.assert_array_equal(both.velocity, both.signals["velocity"])
+    alone = _on_grid({"position": clean["position"]}, TIME)
+    np.testing.assert_allclose(alone.velocity[1:-1], both.velocity[1:-1], atol=1e-3)
+    assert _on_grid({"attitude": clean["attitude"]}, TIME).velocity is None
+    # So does a wrong sign of the specific force, and a vehicle at rest has no acceleration that shows it.
+    signals = {"position": clean["position"], "attitude": clean["attitude"], "specific_force": clean["specific_force"]}
+    assert list(contradictions(signals, TIME)) == []
+    (remark,) = contradictions(signals | {"specific_force": clean["specific_force"] * [-1.0, 1.0, 1.0]}, TIME)
+    assert remark.endswith("the sign of specific_force looks wrong in x")
+    assert alone.is_moving
+    assert not _on_grid({"position": 0.01 * clean["position"]}, TIME).is_moving
+
+
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 @pytest.mark.parametrize("delay", [0.0, 0.1, 0.3, 0.4])
 def test_a_command_is_compared_with_what_follows_it_by_up_to_half_a_second(delay, sign):
