@@ -10,6 +10,8 @@ from written_logs import DATA
 
 from drake_quad.identification.logs.attitudes import rotations
 from drake_quad.identification.logs.consistency import (
+    _is_other_frame,
+    _lowest,
     _on_grid,
     _Pair,
     _pairs,
@@ -428,3 +430,26 @@ def test_the_shipped_flights_have_no_contradiction(path):
     record = read_log(path)
     assert list(contradictions(dict(record.signals()), record.time)) == []
     assert not any("looks as if" in each or "looks wrong" in each or "contradicts" in each for each in record.remarks)
+
+
+@pytest.mark.parametrize("place", [1.6, 2.0, 3.3, 4.4])
+def test_the_lowest_point_of_a_parabola_is_between_its_samples(place):
+    assert _lowest(7.0 * (np.arange(6.0) - place) ** 2 + 2.0) == pytest.approx(place)
+
+
+@pytest.mark.parametrize("errors", [[1.0, 2.0, 3.0], [3.0, 2.0, 1.0], [2.0, 2.0, 2.0]])
+def test_a_lowest_value_at_an_end_is_no_minimum(errors):
+    assert _lowest(np.array(errors)) is None
+
+
+@pytest.mark.parametrize(
+    ("parts", "share", "other"), [(6, 0.1, True), (5, 0.1, False), (8, 0.74, True), (8, 0.76, False)]
+)
+def test_another_frame_is_one_that_agrees_better_in_six_of_eight_parts_and_leaves_three_quarters(parts, share, other):
+    """In the other parts it is a little worse."""
+    signal = np.tile([1.0, -1.0], 400)[:, None]
+    pair = _Pair("velocity", "it", signal, 1.5 * signal, 0.1, ("x",))
+    # The squares of errors are multiplied by the share.
+    factors = np.repeat(np.where(np.arange(8) < parts, np.sqrt(share), 1.01), 100)[:, None]
+    turned = pair._replace(measured=signal * (1.0 + 0.5 * factors))
+    assert _is_other_frame(pair, turned) == other
