@@ -167,6 +167,18 @@ def test_accelerations_follow_from_positions_if_no_velocity_is_logged():
     assert not _on_grid({"position": 0.01 * clean["position"]}, TIME).is_moving
 
 
+def test_a_velocity_that_hardly_varies_shows_no_acceleration():
+    """Estimators that do not run log a constant velocity, beside an attitude and a specific force that vary."""
+    clean = flight()
+    for velocity in (np.full((len(TIME), 3), 0.3), 0.04 * clean["velocity"] / np.std(clean["velocity"], axis=0)):
+        signals = {name: clean[name] for name in ("attitude", "specific_force")} | {"velocity": velocity}
+        grid = _on_grid(signals, TIME)
+        assert not grid.is_moving
+        compared = [pair.other for pair in _pairs(grid) if pair is not None]
+        assert compared == ["gravity"]
+        assert list(contradictions(signals, TIME)) == []
+
+
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 @pytest.mark.parametrize("delay", [0.0, 0.1, 0.3, 0.4])
 def test_a_command_is_compared_with_what_follows_it_by_up_to_half_a_second(delay, sign):
