@@ -177,6 +177,7 @@ def test_a_velocity_that_hardly_varies_shows_no_acceleration():
         compared = [pair.other for pair in _pairs(grid) if pair is not None]
         assert compared == ["gravity"]
         assert list(contradictions(signals, TIME)) == []
+    assert _on_grid({"velocity": 0.06 * clean["velocity"] / np.std(clean["velocity"], axis=0)}, TIME).is_moving
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
@@ -319,6 +320,24 @@ def test_shifts_of_25_to_300_milliseconds_are_reported(shift):
     for count, enough in ((259, False), (260, True)) if abs(shift) < 20 else ():
         short = pair._replace(expected=pair.expected[:count], measured=pair.measured[:count])
         assert len(list(_shift(short, PERIOD, np.array([True])))) == (enough and bool(remarks))
+
+
+@pytest.mark.parametrize(("sigmas", "reported"), [(3.7, False), (4.3, True)])
+def test_a_shift_is_reported_if_it_exceeds_25_milliseconds_by_four_standard_errors(sigmas, reported):
+    """In eight parts, the shift is 100 ms plus and minus a scatter d, whose mean has a standard error of d / √7."""
+    scatter = math.sqrt(7.0) * 0.075 / sigmas
+    time = PERIOD * np.arange(-200.0, 4260.0)
+    # The shifts change by a line at the ends of the parts, and these are 5 s long.
+    begins = 0.3 + 5.0 * np.arange(9)
+    shifts = 0.1 + scatter * np.where(np.arange(8) % 2, 1.0, -1.0)
+    shift = np.interp(time, np.sort([*(begins[:-1] + 0.3), *(begins[1:] - 0.3)]), np.repeat(shifts, 2))
+
+    def signal(at):
+        return sum(np.sin(rate * at + rate) for rate in (4.9, 7.1, 10.4))[200:, None]
+
+    pair = _Pair("velocity", "it", signal(time)[:4060], signal(time - shift)[:4060], 0.1, ("x",))
+    remarks = list(_shift(pair, PERIOD, np.array([True])))
+    assert bool(remarks) == reported
 
 
 def test_a_thrust_along_the_body_pushes_by_the_tangent_of_its_tilt():
