@@ -76,6 +76,8 @@ def test_an_integral_that_may_be_zero_is_left_out(integral, kind):
         ((2.4, 0.61), "tracking_error", 1.0),
         ((2.4, 0.59), None, 0.8),
         ((-0.16, 1e-3), None, 0.0),
+        # An interval that contains both is that of a share of 0.
+        ((1.6, 1.7), "measurement", 0.0),
     ],
 )
 @pytest.mark.parametrize("sign", [1.0, -1.0])
