@@ -259,7 +259,7 @@ def test_a_time_shift_is_measured(name, other, shift):
     assert ("behind" if shift > 0.0 else "ahead of") + f" the derivative of {other}" in remark
 
 
-@pytest.mark.parametrize(("amplitude", "seen"), [(0.15, False), (0.4, True), (1.5, True)])
+@pytest.mark.parametrize(("amplitude", "seen"), [(0.15, False), (0.26, True), (0.4, True), (1.5, True)])
 def test_a_vertical_force_that_is_shifted_is_seen_in_small_motions(amplitude, seen):
     """The weight counts in a comparison of sizes, but not in one of times."""
     random = np.random.default_rng(2)

@@ -39,6 +39,12 @@ def test_a_pd_has_the_gains_of_each_axis_to_five_digits():
     }
 
 
+def test_a_law_without_a_limit_of_the_error_has_no_sample_at_it():
+    for axis in law_of(PD, PD, PD).axes:
+        assert axis.at_error_limit == 0.0
+        assert axis.gain("error_limit") == 0.0
+
+
 def test_a_pid_has_an_integral_on_the_axes_that_have_one():
     control = control_of(PD, PD | {"integral": 2.0}, PD | {"integral": -0.0001})
     assert control["position"]["kind"] == "pid"
