@@ -251,6 +251,25 @@ def test_a_step_to_where_the_model_diverges_is_not_taken(monkeypatch: pytest.Mon
     assert 0.5 < found.values[0] < 1.2
 
 
+@pytest.mark.parametrize("finite", [True, False], ids=["errors too large", "one slope not finite"])
+def test_a_search_that_begins_where_the_model_diverges_stays_there(finite: bool) -> None:
+    start = np.array([0.3, 0.2])
+
+    class Diverging(LinearPredictor):
+        def errors(self, parameters: np.ndarray, *_: object) -> tuple[np.ndarray, np.ndarray]:
+            found, states = super().errors(parameters)
+            if finite:
+                return 1e200 * np.sign(found), states
+            found[:, :, parameters[:, 1] > start[1]] = np.inf
+            return found, states
+
+    random = np.random.default_rng(1)
+    predictor = Diverging(random.normal(size=(50, 4, 2)), random.normal(size=(50, 4)))
+    parameters = linear_parameters({"mass": (0.5, 10.0), "linear_drag": (0.5, 10.0)})
+    found = fitting._least_squares(predictor, parameters, start, predictor.gains(start, NO_NOISE), NO_NOISE)  # type: ignore[arg-type]
+    np.testing.assert_allclose(found, start)
+
+
 class DriftingPredictor(LinearPredictor):
     """Predictor of a mean that changes whenever the windows are continued."""
 

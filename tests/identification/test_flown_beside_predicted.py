@@ -140,6 +140,23 @@ def test_a_crash_is_an_infinite_error():
 def test_the_typical_sample_is_that_of_the_median_error():
     errors = np.ones((5, 2, 3)) * np.array([5.0, 1.0, 4.0, 2.0, 3.0])[:, None, None]
     assert comparison_of(np.zeros((2, 3)), errors).typical_sample() == 4
+    # Of an even number, it is the smaller one in the middle.
+    assert comparison_of(np.zeros((2, 3)), errors[:4]).typical_sample() == 3
+    assert comparison_of(np.zeros((2, 3)), errors[:1]).typical_sample() == 0
+    # The errors of all axes together count, and the first of equal samples.
+    sideways = errors * [1.0, 0.0, 0.0]
+    np.testing.assert_array_equal(comparison_of(np.zeros((2, 3)), sideways[[2, 2, 0, 1]]).typical_sample(), 0)
+
+
+def test_metrics_of_a_prediction_cover_the_whole_log(scenario, flown):
+    window = scenario.metrics.model_copy(update={"start": 1.0, "first_lap": 1, "end": 2.0})
+    given = scenario.model_copy(update={"metrics": window, "duration": 3.0})
+    reference = logged_reference(flown, rest=REST)
+    for start in (REST, -1.5):
+        found = on_route(given, reference._replace(start=start))
+        assert (found.metrics.start, found.metrics.first_lap, found.metrics.end) == (max(start, 0.0), None, None)
+        assert found.duration is None
+        assert found.route is reference.route
 
 
 def test_flown_and_predicted_fly_side_by_side_by_the_clock_of_the_log(uncertain, flown):
@@ -154,6 +171,14 @@ def test_flown_and_predicted_fly_side_by_side_by_the_clock_of_the_log(uncertain,
     flight = simulate(found.scenario, sample=found.typical_sample(), compiled=True)
     np.testing.assert_array_equal(predicted["state"], flight["measurement"][flight.time >= REST])
     np.testing.assert_allclose(log["reference"][:, :3], flown.reference_position[: len(log.time)], atol=1e-3)
+    np.testing.assert_allclose(log["reference"][:, 3:6], flown.reference_velocity[: len(log.time)], atol=1e-2)
+    # Rotor speeds that are not logged are those of the prediction at the same time.
+    speeds = np.array([np.interp(log.time + REST, flight.time, speed) for speed in flight["rotor_speed"].T]).T
+    np.testing.assert_allclose(log["rotor_speed"], speeds)
+    assert log["wind"].shape == (len(log.time), 3)
+    assert not log["wind"].any()
+    assert log.metrics.crash_time == math.inf
+    assert np.isnan(log.metrics.rmse)
 
 
 def test_states_that_are_not_logged_are_shown_at_rest_and_level(uncertain, flown):

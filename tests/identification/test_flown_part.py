@@ -55,6 +55,35 @@ def test_a_vehicle_that_never_flies_is_refused(height):
         flown_part(record_of(height))
 
 
+def test_two_samples_are_the_shortest_flight():
+    """Among samples that are exactly a quarter of a metre above the ground, which do not count."""
+    height = np.where((TIME > 2.0) & (TIME < 6.0), 0.55, 0.3)
+    for count in (1, 2):
+        height[300 : 300 + count] = 0.56
+        if count == 2:
+            assert flown_part(record_of(height, height)) == FlownPart(300, 302, 200)
+        else:
+            with pytest.raises(InputError, match="does not fly"):
+                flown_part(record_of(height, height))
+
+
+@pytest.mark.parametrize("share", [0.49, 0.51])
+def test_rotors_idle_below_half_of_the_median_command_without_the_samples_in_which_they_stand(share):
+    """The rotors stand for most of this log."""
+    command = np.where((TIME > 1.0) & (TIME < 5.0), 0.6, 0.0)
+    command[[0, -1]] = share * 0.6
+    part = flown_part(record_of(command=command))
+    assert (part == FlownPart(0, 1000, None)) == (share > 0.5)
+
+
+def test_a_vehicle_has_lifted_off_three_millimetres_above_the_ground():
+    height = HEIGHT.copy()
+    height[150:200] = 0.3029
+    assert flown_part(record_of(height)).lift_off >= 199
+    height[150:201] = 0.3031
+    assert flown_part(record_of(height)).lift_off == 149
+
+
 @pytest.fixture(scope="module")
 def take_off(diagrams):
     """A scenario, and the log of its flight from the ground by setpoints, with a second on the ground before it."""

@@ -90,6 +90,13 @@ def test_noise_is_told_of_what_is_far_from_take_off_and_landing_only():
     np.testing.assert_allclose(noise.in_flight, [1e-3, 2e-3, 3e-3], rtol=0.1)
 
 
+def test_noise_is_the_size_of_third_differences_whose_variance_is_the_sum_of_squared_binomials():
+    """Values of alternating sign have third differences of eight times their size."""
+    values = 1e-3 * np.outer(np.where(np.arange(400) % 2, 1.0, -1.0), [1.0, 2.0, 3.0])
+    (noise,) = white_noise(FlightRecord("log", 0.01 * np.arange(400), position=values))
+    np.testing.assert_allclose(noise.in_flight, 8e-3 / np.sqrt(1 + 9 + 9 + 1) * np.array([1.0, 2.0, 3.0]))
+
+
 def test_noise_is_not_told_across_a_gap_nor_by_few_samples():
     """Differences of third order need four samples in a row."""
     random = np.random.default_rng(3)

@@ -92,7 +92,13 @@ def test_identified_values_are_paired_with_the_true_ones(diagrams, monkeypatch):
             deviations = np.array([1e-6, 1e-4, 0.1])
             degrees_of_freedom = np.array([9.0, 8.0, 3.0])
 
-    monkeypatch.setattr(known_flights, "identify", lambda *_, **__: Found())
+    asked = []
+
+    def identify(records, believed, **options):
+        asked.append((records, believed, options))
+        return Found()
+
+    monkeypatch.setattr(known_flights, "identify", identify)
     found = check_batch(Task("wind", diagrams, ["duration=0.3"], [4, 7]))
     assert list(found) == [4, 7]
     own = KNOWN["wind"].flown(diagrams, ["duration=0.3"])
@@ -106,6 +112,24 @@ def test_identified_values_are_paired_with_the_true_ones(diagrams, monkeypatch):
         assert delay == Checked(known_flights.DELAY, pytest.approx(0.01 * (1 + frames) - 0.02), 0.01, 0.002, 9.0)
     first, second = (rows[0].true for rows in found.values())
     assert first != second
+    # Each flight is identified on its own and as a whole, from the vehicle of the data sheet.
+    for (record,), believed, options in asked:
+        assert record.time[-1] == pytest.approx(0.3, abs=0.021)
+        assert believed == KNOWN["wind"].begun_with(diagrams)
+        assert options == {"held_out_share": 0.0}
+
+
+def test_the_log_that_is_identified_has_the_rows_of_its_condition(diagrams, monkeypatch):
+    """Of a slow log, every fifth sample is one."""
+    logs = []
+
+    def identify(records, *_, **__):
+        logs.extend(records)
+        raise InputError("no")
+
+    monkeypatch.setattr(known_flights, "identify", identify)
+    check_batch(Task("slow_log", diagrams, ["duration=0.1"], [4]))
+    assert logs[0].period == pytest.approx(0.01)
 
 
 def test_a_flight_whose_log_is_refused_has_no_rows(diagrams, monkeypatch):

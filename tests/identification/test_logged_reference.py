@@ -209,3 +209,106 @@ def test_a_value_that_is_held_for_a_short_while_counts_once_in_its_middle():
     # A velocity that changes beside a position that does not makes another sample.
     sent, place, speed = reference._sent(time[:3], [np.zeros((3, 1)), np.array([[0.0], [0.0], [1.0]])])
     np.testing.assert_allclose(np.column_stack([sent, place[:, 0], speed[:, 0]]), [(0.005, 0, 0), (0.02, 0, 1)])
+
+
+def test_a_setpoint_is_held_until_the_next_one_and_samples_of_one_time_count_once():
+    """Times of the log that differ by less than a control period have one setpoint, the earlier one."""
+    time = np.array([0.0, 0.1, 0.2, 0.20001, 0.3, 0.5, 0.9])
+    height = np.array([1.0, 1.0, 2.0, 2.5, 2.5, 4.0, 4.0])
+    position = np.column_stack([np.zeros(7), np.zeros(7), height])
+    found = reference._held(FlightRecord("a", time, reference_position=position), 2.0, None)
+    rows = np.array(found.route.setpoints)
+    np.testing.assert_allclose(rows[:, [0, 3]], [[0.0, 1.0], [2.2, 2.0], [2.5, 4.0]])
+    assert found.route.last_hold == pytest.approx(0.4)
+    assert (found.start, found.jump) == (2.0, pytest.approx(0.5))
+    # A last setpoint that has just been sent is held for a moment.
+    short = FlightRecord("a", time[:6], reference_position=position[:6], reference_yaw=np.array([0, 0, 3, 3, -3, -3.0]))
+    found = reference._held(short, 2.0, None)
+    assert 0.0 < found.route.last_hold < 1e-3
+    np.testing.assert_allclose(np.array(found.route.setpoints)[:, 4], [0.0, 3.0, 2.0 * np.pi - 3.0, 2.0 * np.pi - 3.0])
+
+
+def test_setpoints_from_a_lift_off_on_begin_at_once_with_the_yaw_of_the_reference():
+    time = 0.1 * np.arange(10)
+    position = np.column_stack([np.arange(10.0), np.zeros(10), np.ones(10)])
+    record = FlightRecord(
+        "a", time, position=np.full((10, 3), 0.2), reference_position=position, reference_yaw=0.1 * np.arange(10.0)
+    )
+    found = reference._held(record, 5.0, 4)
+    rows = np.array(found.route.setpoints)
+    np.testing.assert_allclose(rows[0], [0.0, 0.2, 0.2, 0.2, 0.4])
+    np.testing.assert_allclose(rows[1:, 1], np.arange(4.0, 10.0))
+    np.testing.assert_allclose(rows[1:, 4], 0.1 * np.arange(4.0, 10.0))
+    np.testing.assert_allclose(np.diff(rows[1:, 0]), 0.1)
+    assert 0.0 < rows[1, 0] < 1e-3
+    assert found.start == pytest.approx(rows[1, 0] - 0.4)
+
+
+def test_a_route_says_how_many_pieces_it_has_and_how_near_it_is():
+    found = logged_reference(logged(PATH))
+    pieces = len(found.route.knots) - 1
+    assert str(found) == f"{pieces} pieces of degree 7, within {1e3 * found.deviation:.2f} mm of the log's"
+    assert (found.start, found.jump, found.route.knots[0].time) == (0.0, None, 0.0)
+
+
+@pytest.mark.parametrize(("end", "pieces"), [(0.3, 1), (0.5, 1), (0.51, 2), (1.01, 3)])
+def test_knots_are_no_farther_apart_than_given(end, pieces):
+    time = np.linspace(0.0, end, 50)
+    found = reference._fitted(time, [np.sin(time)[:, None]], end=end, spacing=0.5, orders=4)
+    np.testing.assert_allclose(found.times, np.linspace(0.0, end, pieces + 1))
+    np.testing.assert_allclose(evaluate(found, time)[0], np.sin(time), atol=1e-5)
+
+
+def test_yaw_knots_are_those_of_the_whole_route():
+    record = logged(PATH)
+    for rest in (0.0, 2.0):
+        first, last = reference._yaw_knots(record, rest)
+        assert (first.time, last.time) == (0.0, pytest.approx(record.time[-1] + rest))
+    yaw = np.sin(record.time)
+    turning = replace(record, reference_yaw=yaw)
+    for rest in (0.0, 2.0):
+        knots = reference._yaw_knots(turning, rest)
+        assert knots[0].time == 0.0
+        moving = knots[1:] if rest else knots
+        np.testing.assert_allclose(
+            [knot.yaw for knot in moving], np.sin([knot.time - rest for knot in moving]), atol=1e-3
+        )
+        rates = [knot.yaw_rate for knot in moving]
+        np.testing.assert_allclose(rates, np.cos([knot.time - rest for knot in moving]), atol=0.02)
+        assert moving[-1].time == pytest.approx(record.time[-1] + rest)
+
+
+def test_the_run_up_to_a_velocity_takes_half_of_the_rest_at_a_constant_acceleration():
+    first = reference.Knot(time=0.0, position=(1.0, 2.0, 3.0), velocity=(0.4, 0.0, -0.8))
+    begin, away = reference._approach(first, 3.0)
+    assert (begin.time, away.time) == (0.0, 1.5)
+    np.testing.assert_allclose([begin.position, away.position], [[0.7, 2.0, 3.6]] * 2)
+    np.testing.assert_array_equal([begin.velocity, away.velocity], np.zeros((2, 3)))
+
+
+@pytest.mark.parametrize("rest", [0.0, 1.0])
+def test_a_reference_at_rest_is_told_by_two_equal_samples_without_velocity(monkeypatch, rest):
+    """A velocity beside them means a reference on its way."""
+    asked = []
+    fitted = reference._fitted
+
+    def noted(*arguments, at_rest=False, **options):
+        asked.append(at_rest)
+        return fitted(*arguments, at_rest=at_rest, **options)
+
+    monkeypatch.setattr(reference, "_fitted", noted)
+    time = np.linspace(0.0, 1.0, 101)
+    still = np.tile([0.0, 0.0, 1.0], (101, 1))
+    slow, cross = still.copy(), np.zeros((101, 3))
+    slow[1:, 0] += 1e-4
+    cross[0, 1] = 1e-4
+    for position, velocity, at_rest in (
+        (still, None, True),
+        (still, np.zeros((101, 3)), True),
+        (slow, None, False),
+        (slow, np.zeros((101, 3)), False),
+        (still, cross, False),
+    ):
+        logged_reference(FlightRecord("a", time, reference_position=position, reference_velocity=velocity), rest=rest)
+        assert asked == [at_rest]
+        asked.clear()

@@ -10,6 +10,8 @@ from written_logs import DATA
 
 from drake_quad.identification.logs.attitudes import rotations
 from drake_quad.identification.logs.consistency import (
+    _is_other_frame,
+    _lowest,
     _on_grid,
     _Pair,
     _pairs,
@@ -149,6 +151,35 @@ def test_two_signals_disagree_by_nothing_if_they_are_equal_and_by_two_if_they_ar
         assert pair._replace(threshold=0.5 * threshold).excited(factor=2.0)[0] == excited
 
 
+def test_accelerations_follow_from_positions_if_no_velocity_is_logged():
+    clean = flight(0.0)
+    both = _on_grid({name: clean[name] for name in ("position", "velocity")}, TIME)
+    np.testing.assert_array_equal(both.velocity, both.signals["velocity"])
+    alone = _on_grid({"position": clean["position"]}, TIME)
+    np.testing.assert_allclose(alone.velocity[1:-1], both.velocity[1:-1], atol=1e-3)
+    assert _on_grid({"attitude": clean["attitude"]}, TIME).velocity is None
+    # So does a wrong sign of the specific force, and a vehicle at rest has no acceleration that shows it.
+    signals = {"position": clean["position"], "attitude": clean["attitude"], "specific_force": clean["specific_force"]}
+    assert list(contradictions(signals, TIME)) == []
+    (remark,) = contradictions(signals | {"specific_force": clean["specific_force"] * [-1.0, 1.0, 1.0]}, TIME)
+    assert remark.endswith("the sign of specific_force looks wrong in x")
+    assert alone.is_moving
+    assert not _on_grid({"position": 0.01 * clean["position"]}, TIME).is_moving
+
+
+def test_a_velocity_that_hardly_varies_shows_no_acceleration():
+    """Estimators that do not run log a constant velocity, beside an attitude and a specific force that vary."""
+    clean = flight()
+    for velocity in (np.full((len(TIME), 3), 0.3), 0.04 * clean["velocity"] / np.std(clean["velocity"], axis=0)):
+        signals = {name: clean[name] for name in ("attitude", "specific_force")} | {"velocity": velocity}
+        grid = _on_grid(signals, TIME)
+        assert not grid.is_moving
+        compared = [pair.other for pair in _pairs(grid) if pair is not None]
+        assert compared == ["gravity"]
+        assert list(contradictions(signals, TIME)) == []
+    assert _on_grid({"velocity": 0.06 * clean["velocity"] / np.std(clean["velocity"], axis=0)}, TIME).is_moving
+
+
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 @pytest.mark.parametrize("delay", [0.0, 0.1, 0.3, 0.4])
 def test_a_command_is_compared_with_what_follows_it_by_up_to_half_a_second(delay, sign):
@@ -228,7 +259,7 @@ def test_a_time_shift_is_measured(name, other, shift):
     assert ("behind" if shift > 0.0 else "ahead of") + f" the derivative of {other}" in remark
 
 
-@pytest.mark.parametrize(("amplitude", "seen"), [(0.15, False), (0.4, True), (1.5, True)])
+@pytest.mark.parametrize(("amplitude", "seen"), [(0.15, False), (0.26, True), (0.4, True), (1.5, True)])
 def test_a_vertical_force_that_is_shifted_is_seen_in_small_motions(amplitude, seen):
     """The weight counts in a comparison of sizes, but not in one of times."""
     random = np.random.default_rng(2)
@@ -289,6 +320,24 @@ def test_shifts_of_25_to_300_milliseconds_are_reported(shift):
     for count, enough in ((259, False), (260, True)) if abs(shift) < 20 else ():
         short = pair._replace(expected=pair.expected[:count], measured=pair.measured[:count])
         assert len(list(_shift(short, PERIOD, np.array([True])))) == (enough and bool(remarks))
+
+
+@pytest.mark.parametrize(("sigmas", "reported"), [(3.7, False), (4.3, True)])
+def test_a_shift_is_reported_if_it_exceeds_25_milliseconds_by_four_standard_errors(sigmas, reported):
+    """In eight parts, the shift is 100 ms plus and minus a scatter d, whose mean has a standard error of d / √7."""
+    scatter = math.sqrt(7.0) * 0.075 / sigmas
+    time = PERIOD * np.arange(-200.0, 4260.0)
+    # The shifts change by a line at the ends of the parts, and these are 5 s long.
+    begins = 0.3 + 5.0 * np.arange(9)
+    shifts = 0.1 + scatter * np.where(np.arange(8) % 2, 1.0, -1.0)
+    shift = np.interp(time, np.sort([*(begins[:-1] + 0.3), *(begins[1:] - 0.3)]), np.repeat(shifts, 2))
+
+    def signal(at):
+        return sum(np.sin(rate * at + rate) for rate in (4.9, 7.1, 10.4))[200:, None]
+
+    pair = _Pair("velocity", "it", signal(time)[:4060], signal(time - shift)[:4060], 0.1, ("x",))
+    remarks = list(_shift(pair, PERIOD, np.array([True])))
+    assert bool(remarks) == reported
 
 
 def test_a_thrust_along_the_body_pushes_by_the_tangent_of_its_tilt():
@@ -412,3 +461,26 @@ def test_the_shipped_flights_have_no_contradiction(path):
     record = read_log(path)
     assert list(contradictions(dict(record.signals()), record.time)) == []
     assert not any("looks as if" in each or "looks wrong" in each or "contradicts" in each for each in record.remarks)
+
+
+@pytest.mark.parametrize("place", [1.6, 2.0, 3.3, 4.4])
+def test_the_lowest_point_of_a_parabola_is_between_its_samples(place):
+    assert _lowest(7.0 * (np.arange(6.0) - place) ** 2 + 2.0) == pytest.approx(place)
+
+
+@pytest.mark.parametrize("errors", [[1.0, 2.0, 3.0], [3.0, 2.0, 1.0], [2.0, 2.0, 2.0]])
+def test_a_lowest_value_at_an_end_is_no_minimum(errors):
+    assert _lowest(np.array(errors)) is None
+
+
+@pytest.mark.parametrize(
+    ("parts", "share", "other"), [(6, 0.1, True), (5, 0.1, False), (8, 0.74, True), (8, 0.76, False)]
+)
+def test_another_frame_is_one_that_agrees_better_in_six_of_eight_parts_and_leaves_three_quarters(parts, share, other):
+    """In the other parts it is a little worse."""
+    signal = np.tile([1.0, -1.0], 400)[:, None]
+    pair = _Pair("velocity", "it", signal, 1.5 * signal, 0.1, ("x",))
+    # The squares of errors are multiplied by the share.
+    factors = np.repeat(np.where(np.arange(8) < parts, np.sqrt(share), 1.01), 100)[:, None]
+    turned = pair._replace(measured=signal * (1.0 + 0.5 * factors))
+    assert _is_other_frame(pair, turned) == other

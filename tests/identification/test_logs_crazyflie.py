@@ -80,6 +80,14 @@ def test_a_packed_attitude_is_unpacked(written):
     assert said(record, "body_rates is left out: stateEstimateZ.rateRoll, stateEstimateZ.rateYaw are not logged")
 
 
+def test_the_largest_part_of_a_packed_attitude_is_exact(written):
+    """A part of 1/√2 has all nine bits."""
+    angles = np.array([[0.5 * np.pi, 0.0, 0.0], [-0.5 * np.pi, 0.0, 0.0], [0.0, 0.0, 0.5 * np.pi], [0.0, 0.0, 0.0]])
+    records = [(1, i * 4000, (packed(quaternion_of(*each)),)) for i, each in enumerate(angles)]
+    record = read_log(written(crazyflie_log([(1, "fixedFrequency", [("stateEstimateZ.quat", "I")])], records)))
+    np.testing.assert_allclose(record.attitude, angles, atol=1e-7)
+
+
 def test_interleaved_events_are_put_on_the_clock_of_the_fastest(written):
     """What is measured moves along a line here, so that lines between samples are exact; commands hold."""
     kinds = [(3, "fast", GYRO), (9, "slow", [(f"stateEstimate.{a}", "d") for a in "xyz"]), (4, "never", ACC)]

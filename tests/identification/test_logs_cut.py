@@ -4,6 +4,7 @@ import lzma
 import random
 import struct
 import zlib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from written_logs import DATA, crazyflie_log, message, ulog
 
 from drake_quad import InputError
 from drake_quad.identification.logs.reading import read_log
+from drake_quad.identification.logs.source import LogFile
 
 FILL_BYTES = [b"\0", b"\xff"]
 NUM_SAMPLES = 40
@@ -178,3 +180,25 @@ def test_the_wrong_checksum_of_a_damaged_log_is_not_a_lost_record(read):
 def test_a_binary_file_of_another_kind_is_refused(read, data):
     with pytest.raises(InputError, match="is none of the logs that can be read: ArduPilot's .*, PX4's ULog, or CSV"):
         read(data)
+
+
+@pytest.mark.parametrize(
+    ("data", "written"),
+    [(b"flight", 6), (b"log\0\0\0", 3), (b"log\xff\xff", 3), (b"log\0\xff", 4), (b"loggg", 5), (b"\0\0", 0), (b"", 0)],
+)
+def test_zeros_and_bytes_of_255_at_the_end_of_a_file_were_not_written(data, written):
+    """Any other byte that is repeated there is part of the log."""
+    assert LogFile(Path("log"), data, ()).written == written
+
+
+@pytest.mark.parametrize(
+    ("rest", "sentence"),
+    [
+        (b"\0", "the last byte is not read: all zeros, as after a loss of power"),
+        (b"\xff\xff", "the last 2 bytes are not read: all 0xff, as after a loss of power"),
+        (b"\0\xff", "the last 2 bytes are not read: no message"),
+        (b"a" * 1500, "the last 1,500 bytes are not read: no message"),
+    ],
+)
+def test_bytes_that_are_not_read_are_counted_and_explained(rest, sentence):
+    assert LogFile(Path("log"), b"log" + rest, ()).unread(3, "no message") == sentence

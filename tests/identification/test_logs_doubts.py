@@ -95,6 +95,19 @@ def test_a_jump_stands_out_of_noise_by_eight_times():
         assert bool(list(jumps(time, jumping))) == said
 
 
+@pytest.mark.parametrize(("ratio", "said"), [(7.9, False), (8.1, True)])
+def test_noise_explains_steps_of_eight_times_its_own(ratio, said):
+    """A place that goes to and fro by 2 cm has steps that differ from their neighbours by 4 cm."""
+    time, place = path()
+    place[:, 0] = 0.02 * (np.arange(len(time)) % 2)
+    # This step differs from its neighbours by its own 2 cm, their 2 cm, and what is added.
+    place[201:, 0] += (ratio - 1.0) * 0.04
+    found = list(jumps(time, place))
+    assert bool(found) == said
+    if said:
+        assert found[0].startswith("position jumps once, at most by 0.32 m at 2.01 s:")
+
+
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_few_places_do_not_jump(count):
     """A jump has a step on both sides."""

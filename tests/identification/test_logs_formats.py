@@ -4,6 +4,7 @@ import io
 import json
 import lzma
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ from written_logs import (
 
 from drake_quad import InputError
 from drake_quad.identification.logs.formats.log_format import FORMATS
-from drake_quad.identification.logs.formats.ros import _Decoder
+from drake_quad.identification.logs.formats.ros import _content, _Decoder, _Message, _Rows, _tables
 from drake_quad.identification.logs.mapping import load_mapping, shipped_mappings
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.source import LogFile
@@ -294,6 +295,100 @@ def test_messages_of_ros_are_decoded_by_the_definitions_of_the_bag_or_else_by_th
         for spelt in (kind, "geometry_msgs/Vector3"):
             found = decoder(data, spelt)
             assert [getattr(found, name) for name in names] == [1.0, 2.0, 3.0]
+
+
+def rows_of(kind, *times, behind=None):
+    """Return messages with a number each at times in ns, with stamps that are `behind` ns before them."""
+    rows = _Rows(kind, ["x"])
+    for time in times:
+        stamp = 0 if behind is None else time - behind
+        rows.append({"header": {"stamp": {"sec": stamp // 10**9, "nanosec": stamp % 10**9}}, "x": time}, time)
+    return rows
+
+
+def test_the_topic_with_most_messages_stands_for_its_type_and_the_first_of_two_with_as_many():
+    start = 5 * 10**9
+    topics = {
+        "/few": rows_of("sort/One", start + 3, start + 4),
+        "/many": rows_of("sort/One", *range(start + 3, start + 6)),
+        "/as_many": rows_of("sort/One", *range(start + 1, start + 4)),
+        "/other": rows_of("sort/Other", start + 2),
+    }
+    content = _tables(topics, ("ros", None), [], [])
+    assert [table.name for table in content.tables] == [*topics]
+    of_types = {
+        name: table.name for table in content.tables for name in table.columns if not name.startswith(table.name)
+    }
+    assert of_types == {"sort/One.x": "/many", "sort/Other.x": "/other"}
+    assert content.remarks == ["of 3 topics of type sort/One the one with most messages is read: /many"]
+    # The clock begins with the first message of all topics.
+    for table, first in zip(content.tables, (2, 2, 0, 1), strict=True):
+        np.testing.assert_allclose(table.time, 1e-9 * (first + np.arange(len(table.time))))
+
+
+@pytest.mark.parametrize(
+    ("behind", "used"), [(9 * 10**8, True), (-9 * 10**8, True), (11 * 10**8, False), (-11 * 10**8, False), (None, None)]
+)
+def test_stamps_of_headers_are_used_if_their_clock_is_that_of_the_recording(behind, used):
+    start = 5 * 10**12
+    rows = rows_of("sort/One", *(start + 10**8 * i for i in range(5)), behind=behind)
+    table, remarks = rows.table("/topic", start, of_its_type=False)
+    np.testing.assert_allclose(table.time, 0.1 * np.arange(5))
+    if used:
+        np.testing.assert_allclose(table.sampled, 0.1 * np.arange(5) - 1e-9 * behind, atol=1e-9)
+        assert remarks == []
+    else:
+        assert table.sampled is None
+        assert remarks == [
+            f"/topic: the stamps of the headers are {1e-9 * each:g} s before the times of recording, which are used"
+            " instead"
+            for each in ([] if used is None else [behind])
+        ]
+
+
+def content_of(*messages, error=None):
+    """Return the content of a bag with messages, pairs of a topic and a number, before an error.
+
+    A message without a number cannot be decoded.
+    """
+
+    def decoding(number):
+        if number is None:
+            raise RuntimeError("damaged")
+        return {"x": number}
+
+    def read_one_by_one():
+        for time, (topic, number) in enumerate(messages):
+            yield _Message(topic, "sort/One", 1 + time, lambda number=number: decoding(number))
+        if error is not None:
+            raise error
+
+    mapping = SimpleNamespace(names={"/a.x", "/b.x"})
+    log = SimpleNamespace(mark="the log", remarks=["a remark"])
+    return _content(log, ("mine", mapping), "a bag", read_one_by_one())
+
+
+def test_a_damaged_bag_is_read_as_far_as_it_can_be():
+    found = content_of(("/a", 1.0), ("/a", None), ("/c", 2.0), ("/b", None), ("/b", 7.0), ("/a", 3.0))
+    (table,) = found.tables
+    np.testing.assert_array_equal(table.columns["/a.x"], [1.0, 3.0])
+    # A topic whose first message cannot be decoded is left out.
+    assert found.remarks == ["a remark", "the messages of /b cannot be decoded"]
+    assert found.names == ["/b", "/c"]
+    error = ValueError(" no\n chunk ")
+    found = content_of(("/a", 1.0), error=error)
+    assert found.remarks[1:] == ["the log is cut or damaged; it is read until this error: no chunk"]
+    for messages in ((), (("/c", 1.0),), (("/a", None),)):
+        with pytest.raises(InputError, match="^the log: is a bag that cannot be read: no chunk$"):
+            content_of(*messages, error=error)
+    with pytest.raises(InputError, match="that cannot be read: EOFError$"):
+        content_of(error=EOFError())
+    with pytest.raises(InputError, match="^refused$"):
+        content_of(error=InputError("refused"))
+    with pytest.raises(InputError, match="without any topic that the mapping mine knows; its topics are /b, /c"):
+        content_of(("/c", 1.0), ("/b", None))
+    with pytest.raises(InputError, match="its topics are none$"):
+        content_of()
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """PX4's ULog: numbers known in NED and FRD come back in our frames, on one clock."""
 
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,8 +10,9 @@ import pyulog
 from written_logs import DATA, message, quaternion_of, ulog
 
 from drake_quad import InputError
-from drake_quad.identification.logs.formats.ulog import _dropouts
+from drake_quad.identification.logs.formats.ulog import _chain_of, _dropouts
 from drake_quad.identification.logs.reading import read_log
+from drake_quad.identification.logs.source import LogFile
 from drake_quad.identification.windows import pieces
 
 LOCAL = [("float", name) for name in ("x", "y", "z", "vx", "vy", "vz")]
@@ -404,3 +406,31 @@ def test_a_log_that_is_cut_is_reported(read, bytes_left):
     last = 3 + 2 + 8 + 8 + 12
     assert not said(read(whole), "the log is cut")
     assert said(read(whole[: len(whole) - last + bytes_left]), "no whole message, so the log is cut")
+
+
+HEADER_AND_TWO_MESSAGES = b"ULog".ljust(16, b"\1") + message(b"F", b"12345") + message(b"D", b"1234567")
+END = 16 + 8 + 10
+
+
+@pytest.mark.parametrize(
+    ("rest", "end", "goes_on", "words"),
+    [
+        (b"", END, False, ""),
+        *((message(b"D", b"123456789")[:count], END, False, "no whole message") for count in (1, 2, 3, 4, 11)),
+        (message(b"D", b"123456789"), END + 12, False, ""),
+        (bytes(3), END, False, "all zeros"),
+        (bytes(40), END, False, "all zeros"),
+        (b"\xff" * 40, END, False, "all 0xff"),
+        # The end of a message that reaches into zeros may be missing, unless nothing follows it.
+        (message(b"D", b"12\0\0"), END + 7, False, ""),
+        (message(b"D", b"12\0\0") + bytes(5), END, False, "no whole message"),
+        (message(b"D", b"12\0\x01") + bytes(5), END + 7, False, "all zeros"),
+        # Messages of an unknown kind are damage, after which there may be others.
+        (message(b"Z", b"12345"), END, True, "damaged from byte 34 on"),
+        (message(b"Z", b"12345") + message(b"D", b"12345") + bytes(9), END, True, "damaged from byte 34 on"),
+    ],
+)
+def test_messages_of_a_log_are_contiguous_until_it_is_cut_or_damaged(rest, end, goes_on, words):
+    chain = _chain_of(LogFile(Path("log.ulg"), HEADER_AND_TWO_MESSAGES + rest, ()))
+    assert (chain.end, chain.goes_on) == (end, goes_on)
+    assert [words in each for each in chain.remarks] == ([True] if words else [])

@@ -181,6 +181,10 @@ def test_priors_of_drag_grow_with_the_mass_and_those_of_places_with_the_arm(
         assert other[name].scale == pytest.approx(3.0 * found[name].scale)
         # The centre of mass is between the rotors.
         assert found[name].scale < 0.5 * arm_length_of(full.vehicle)
+    # With or without an accelerometer, the prior is the same.
+    without = found_in(full, POSE)
+    for name in (*CENTRE, *PRESSURE, "body_drag.linear[1]", "rotor_aerodynamics.climb"):
+        assert without[name].scale == found[name].scale
     # A drag that is known to be large is as uncertain as it is large.
     assert found["body_drag.linear[0]"].scale == other["body_drag.linear[0]"].scale == 0.5
     mass, gravity = full.vehicle.mass, full.vehicle.gravity

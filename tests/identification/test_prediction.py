@@ -293,6 +293,20 @@ def test_starts_are_a_tenth_of_a_second_apart_where_the_filter_settles_and_the_s
     np.testing.assert_array_equal(late, [start for start in prediction._starts(log, 6, (0.2,), 1.0) if start >= 300])
 
 
+def test_a_yaw_that_passes_half_a_turn_goes_on_at_its_rate():
+    time = 0.01 * np.arange(100)
+    yaw = 3.0 + 0.5 * time + 0.2 * time**2
+    attitude = np.column_stack([0.3 * time, -0.2 * time, (yaw + np.pi) % (2.0 * np.pi) - np.pi])
+    starts = np.arange(10, 100)
+    log = FlightRecord("turning", time, attitude=attitude)
+    motion = prediction._Motion.at(log, ["attitude"], starts, 6)
+    # The attitude is unwrapped before the parabola, and its rates are those of the body.
+    np.testing.assert_allclose(motion.state[3:5], attitude[starts, :2].T, atol=1e-9)
+    turns = (motion.state[5] - yaw[starts]) / (2.0 * np.pi)
+    np.testing.assert_allclose(turns, np.round(turns), atol=1e-9)
+    assert np.all(np.linalg.norm(motion.state[9:], axis=0) < 2.0)
+
+
 def test_a_flight_reaches_a_horizon_if_it_goes_on_without_a_gap_in_the_air():
     log = moving([0.0, 0.0, 0.1], seconds=10.0)
     landed = np.where((log.time >= 5.0) & (log.time < 9.0), 0.0, 200.0)

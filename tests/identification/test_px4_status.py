@@ -136,7 +136,7 @@ def test_failsafes_faults_and_dead_reckoning_are_told_by_their_times():
 def test_a_log_ends_in_flight_if_it_is_armed_and_not_landed(armed, landed, ends):
     said = remarks(
         vehicle_status={"arming_state": np.array([1, 2, armed])},
-        vehicle_land_detected={"landed": np.array([1, landed])},
+        vehicle_land_detected={"landed": np.array([1, 1 - landed, landed])},
     )
     assert (said == ["the log ends in flight"]) == ends
     assert remarks(vehicle_status={"arming_state": np.array([armed])}) == []

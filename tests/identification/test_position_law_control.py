@@ -1,0 +1,215 @@
+"""Controls of the scenario language that fly an identified position law."""
+
+import numpy as np
+import pytest
+
+from drake_quad.identification.position_law.control import control_layer
+from drake_quad.identification.position_law.law import AxisLaw, PositionLaw
+from drake_quad.identification.result import Spread
+from drake_quad.identification.results.estimates import quantile
+
+PD = {"position": 4.0, "velocity": 3.0, "reference_velocity": 3.0, "reference_acceleration": 1.0}
+
+
+def law_of(*axes, form="acceleration", reach=1e-3):
+    """Return a law from the gains of X, Y and Z; a gain may be a pair of a value and the half-width of its interval."""
+    found = []
+    for name, gains in zip("xyz", axes, strict=True):
+        pairs = {key: value if isinstance(value, tuple) else (value, reach) for key, value in gains.items()}
+        spreads = {key: Spread(value, wide / quantile(9.0), "", 9.0) for key, (value, wide) in pairs.items()}
+        found.append(AxisLaw((name,), spreads, 0.999))
+    # The order of the axes does not matter.
+    return PositionLaw(tuple(found[::-1]), form, 0.0)
+
+
+def control_of(*axes, **options):
+    return control_layer(law_of(*(axes if len(axes) == 3 else axes * 3), **options))["control"]
+
+
+def test_a_pd_has_the_gains_of_each_axis_to_five_digits():
+    control = control_of(*(PD | {"position": 4.0 + i, "velocity": 3.0 - 0.0123456789 * i} for i in range(3)))
+    assert control == {
+        "position": {
+            "kind": "pd",
+            "k_p": [4.0, 5.0, 6.0],
+            "k_d": [3.0, 2.9877, 2.9753],
+            "derivative": "tracking_error",
+            "feed_forward": "acceleration",
+        }
+    }
+
+
+def test_a_law_without_a_limit_of_the_error_has_no_sample_at_it():
+    for axis in law_of(PD, PD, PD).axes:
+        assert axis.at_error_limit == 0.0
+        assert axis.gain("error_limit") == 0.0
+
+
+def test_a_pid_has_an_integral_on_the_axes_that_have_one():
+    control = control_of(PD, PD | {"integral": 2.0}, PD | {"integral": -0.0001})
+    assert control["position"]["kind"] == "pid"
+    assert control["position"]["k_i"] == [0.0, 2.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("integral", "kind"),
+    [
+        # It must be larger than its interval, and than half a percent of the position gain.
+        ((0.3, 0.29), "pid"),
+        ((0.3, 0.31), "pd"),
+        ((-0.3, 0.29), "pid"),
+        ((0.021, 0.001), "pid"),
+        ((0.019, 0.001), "pd"),
+    ],
+)
+def test_an_integral_that_may_be_zero_is_left_out(integral, kind):
+    assert control_of(PD | {"integral": integral})["position"]["kind"] == kind
+
+
+@pytest.mark.parametrize(
+    ("reference_velocity", "derivative", "share"),
+    [
+        ((0.0, 1e-3), "measurement", 0.0),
+        # Over the velocity gain of 3, a share within 5 % or within its interval is taken for 0 or 1.
+        ((0.14, 1e-3), "measurement", 0.0),
+        ((-0.14, 1e-3), "measurement", 0.0),
+        ((0.16, 1e-3), None, 0.16 / 3.0),
+        ((0.9, 0.91), "measurement", 0.0),
+        ((0.9, 0.89), None, 0.3),
+        ((2.86, 1e-3), "tracking_error", 1.0),
+        ((2.84, 1e-3), None, 2.84 / 3.0),
+        ((3.14, 1e-3), "tracking_error", 1.0),
+        ((2.4, 0.61), "tracking_error", 1.0),
+        ((2.4, 0.59), None, 0.8),
+        ((-0.16, 1e-3), None, 0.0),
+        # An interval that contains both is that of a share of 0.
+        ((1.6, 1.7), "measurement", 0.0),
+    ],
+)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_velocity_is_fed_forward_whole_or_not_at_all_in_a_pd(reference_velocity, derivative, share, sign):
+    """A share between is that of a cascade. A law of the other sign has the same share."""
+    value, reach = reference_velocity
+    control = control_of(PD | {"velocity": sign * 3.0, "reference_velocity": (sign * value, reach)})
+    if derivative is None:
+        assert control["kind"] == "pid_cascade"
+        assert control["velocity_feed_forward"] == pytest.approx(share, rel=1e-4)
+    else:
+        assert "kind" not in control
+        assert control["position"]["derivative"] == derivative
+
+
+def test_the_share_of_the_velocity_is_the_mean_of_the_axes_that_show_it():
+    """Without any, the law is that of the error and its derivative."""
+    without = {"position": 4.0, "velocity": 3.0}
+    control = control_of(without, without | {"reference_velocity": 0.9}, without | {"reference_velocity": 1.5})
+    assert control["velocity_feed_forward"] == pytest.approx(0.4)
+    control = control_of(without)
+    assert control["position"]["derivative"] == "tracking_error"
+    assert control["position"]["feed_forward"] == "none"
+
+
+@pytest.mark.parametrize(
+    ("fed", "expected"),
+    [
+        ((0.0, 1e-3), "none"),
+        ((0.04, 1e-3), "none"),
+        ((0.3, 0.31), "none"),
+        ((0.96, 1e-3), "acceleration"),
+        ((0.7, 0.31), "acceleration"),
+        ((0.3, 0.29), 0.3),
+        ((0.06, 1e-3), 0.06),
+        ((0.94, 1e-3), 0.94),
+        ((-0.06, 1e-3), 0.0),
+    ],
+)
+def test_an_acceleration_is_fed_forward_whole_or_not_at_all_in_a_pd(fed, expected):
+    control = control_of(PD | {"reference_acceleration": fed})
+    if isinstance(expected, str):
+        assert control["position"]["feed_forward"] == expected
+    else:
+        assert control["command"] == {"kind": "acceleration", "feed_forward": expected}
+
+
+def test_a_pd_feeds_the_acceleration_forward_if_one_axis_shows_it():
+    control = control_of(PD, PD | {"reference_acceleration": 0.0}, PD)
+    assert control["position"]["feed_forward"] == "acceleration"
+    control = control_of(PD | {"reference_acceleration": 0.2}, PD, {"position": 1.0, "velocity": 2.0})
+    assert control["command"]["feed_forward"] == pytest.approx(0.6)
+    control = control_of({"position": 1.0, "velocity": 2.0, "reference_velocity": 1.0})
+    assert control["command"]["feed_forward"] == 0.0
+
+
+@pytest.mark.parametrize("name", ["displacement", "double_integral", "error_limit"])
+@pytest.mark.parametrize("axis", range(3))
+def test_a_law_with_a_term_that_a_pid_lacks_is_a_cascade(name, axis):
+    laws = [dict(PD) for _ in range(3)]
+    laws[axis][name] = 0.5
+    assert control_of(*laws)["kind"] == "pid_cascade"
+    laws[axis][name] = (0.5, 0.6)
+    assert "kind" not in control_of(*laws)
+
+
+def test_a_limit_of_the_error_is_one_of_the_velocity():
+    """The position loop multiplies the error by its gain; 1000 m/s are no limit."""
+    control = control_of(PD | {"error_limit": 0.5}, PD, PD | {"velocity": 2.0, "reference_velocity": 2.0})
+    np.testing.assert_allclose(control["position"]["k_p"], [4.0 / 3.0, 4.0 / 3.0, 2.0], rtol=1e-4)
+    np.testing.assert_allclose(control["position"]["limit"], [2.0 / 3.0, 1000.0, 1000.0], rtol=1e-4)
+    assert "k_i" not in control["position"]
+    assert "k_i" not in control["velocity"]
+    assert "limit" not in control_of(PD | {"displacement": 0.5})["position"]
+
+
+def test_a_law_with_a_tilt_as_its_output_is_a_cascade_without_an_acceleration():
+    control = control_of(PD, form="tilt")
+    assert (control["kind"], control["command"]) == ("pid_cascade", {"kind": "tilt"})
+    assert control["velocity_feed_forward"] == 1.0
+
+
+def test_axes_of_a_cascade_have_gains_of_their_own():
+    """With a share of the velocity of a half: k_p = k K + ½ k_i', k_x = ½ k_i', k_i = k_i' K + k K_i."""
+    loops = [(1.0, 2.0, 0.3, 0.4), (1.5, 3.0, 0.0, 0.6), (2.0, 4.0, 0.5, 0.0)]
+    control = control_of(
+        *(
+            {
+                "position": velocity * position + 0.5 * of_velocity,
+                "velocity": velocity,
+                "reference_velocity": 0.5 * velocity,
+                "integral": of_velocity * position + velocity * of_position,
+                "displacement": 0.5 * of_velocity,
+                "double_integral": 1.0,
+            }
+            for position, velocity, of_position, of_velocity in loops
+        )
+    )
+    for place, (loop, name) in enumerate(
+        [("position", "k_p"), ("velocity", "k_p"), ("position", "k_i"), ("velocity", "k_i")]
+    ):
+        np.testing.assert_allclose(control[loop][name], [each[place] for each in loops], rtol=1e-4, atol=1e-9)
+    assert control["velocity_feed_forward"] == 0.5
+
+
+def test_gains_of_the_wrong_sign_are_none():
+    """An integral of a loop is not negative, be it from the displacement or from what is left of the integral."""
+    base = {"position": 4.0, "velocity": 2.0, "reference_velocity": 1.0}
+    control = control_of(base | {"displacement": -0.5, "double_integral": 1.0, "integral": -1.0})
+    assert "k_i" not in control["position"]
+    assert "k_i" not in control["velocity"]
+    assert control["position"]["k_p"] == [2.0] * 3
+    # Without an integral of the integral, the position loop has no integral.
+    control = control_of(base | {"displacement": 0.5, "integral": 9.0})
+    assert "k_i" not in control["position"]
+    assert control["velocity"]["k_i"] == [1.0] * 3
+
+
+def test_with_all_of_the_velocity_the_position_gain_is_the_larger_root():
+    """k_p = k K + k_i' and k_i = k_i' K, with k = 2, K = 3 and k_i' = 4, or with K = 2 and k_i' = 6."""
+    law = {"position": 10.0, "velocity": 2.0, "reference_velocity": 2.0, "reference_acceleration": 0.5}
+    control = control_of(law | {"integral": 12.0})
+    assert control["position"]["k_p"] == [3.0] * 3
+    assert control["velocity"]["k_i"] == [4.0] * 3
+    # An integral that is as large as a cascade can have it has one root.
+    control = control_of(law | {"integral": 12.5})
+    assert control["position"]["k_p"] == [2.5] * 3
+    control = control_of(law | {"integral": -1.0})
+    assert "k_i" not in control["velocity"]
