@@ -87,11 +87,11 @@ def divided(listing: Listing, changes: Mapping[int, Any], logged: Sequence[Any])
     # In their order, so that nothing is asked for in depth.
     for line in _needed(listing, lines):
         if not fixed[line]:
-            rest.symbol(line)
+            rest.line(line)
         elif listing.operations[line].name != "row":
-            before.symbol(line)
+            before.line(line)
     stores = list(zip(targets, map(rest.symbol, lines), strict=True))
-    kept = [((KEPT, row), symbol) for row, symbol in enumerate(rest.kept)]
+    kept = [((KEPT, row), before.symbol(line)) for row, line in enumerate(rest.kept)]
     return Part(before.listing, kept), Part(rest.listing, stores)
 
 
@@ -106,21 +106,25 @@ class _Copy:
     """
 
     def __init__(self, source: Listing) -> None:
-        self.listing, self._source = Listing(), source
-        self._symbols: dict[int, Symbol] = {}
+        self.listing, self._source = Listing(), source.operations
+        self._lines: dict[int, int] = {}
+
+    def line(self, line: int) -> int:
+        """Return the number in the copy of a line of the source."""
+        found = self._lines.get(line)
+        if found is None:
+            found = self._lines[line] = self._copied(line, self._source[line])
+        return found
 
     def symbol(self, line: int) -> Symbol:
         """Return the symbol of a line of the source in the copy."""
-        symbol = self._symbols.get(line)
-        if symbol is None:
-            symbol = self._symbols[line] = self._copied(line, self._source.operations[line])
-        return symbol
+        return Symbol(self.listing, self.line(line), self._source[line].kind)
 
-    def _copied(self, line: int, operation: Operation) -> Symbol:
-        operands = operation.operands
-        if operation.name not in LEAVES:
-            operands = tuple([self.symbol(operand).line for operand in operands])
-        return self.listing.add(operation.name, operands, operation.kind, operation.inside)
+    def _copied(self, line: int, operation: Operation) -> int:
+        name, operands, kind, inside = operation
+        if name not in LEAVES:
+            operands = tuple([self.line(operand) for operand in operands])
+        return self.listing.line(name, operands, kind, inside)
 
 
 class _Rest(_Copy):
@@ -132,19 +136,20 @@ class _Rest(_Copy):
         before: copy in which these are computed.
 
     Attributes:
-        kept: what is read, symbols of `before`.
+        kept: what is read, lines of the source that `before` computes.
     """
 
     def __init__(self, source: Listing, fixed: Sequence[bool], before: _Copy) -> None:
         super().__init__(source)
-        self.kept: list[Symbol] = []
+        self.kept: list[int] = []
         self._fixed, self._before = fixed, before
 
-    def _copied(self, line: int, operation: Operation) -> Symbol:
+    def _copied(self, line: int, operation: Operation) -> int:
         # Truth values are quickly computed again.
         if self._fixed[line] and operation.name != "constant" and operation.kind is not SymbolKind.TRUTH:
-            self.kept.append(self._before.symbol(line))
-            return self.listing.row(KEPT, len(self.kept) - 1, operation.kind)
+            self._before.line(line)
+            self.kept.append(line)
+            return self.listing.line("row", (KEPT, len(self.kept) - 1), operation.kind)
         return super()._copied(line, operation)
 
 

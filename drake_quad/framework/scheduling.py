@@ -37,39 +37,44 @@ _LATENCY = {
 def scheduled(listing: Listing) -> list[int]:
     """The numbers of all lines, each after those that it takes; constants and rows before their first use."""
     operations = listing.operations
-    lines = [line for line, operation in enumerate(operations) if operation.name not in LEAVES]
-    users: dict[int, list[int]] = {line: [] for line in lines}
+    lines = [line for line, operation in enumerate(operations) if operation[0] not in LEAVES]
+    latencies = [_LATENCY.get(operation[0], 1) for operation in operations]
+    users: list[list[int] | None] = [None] * len(operations)
+    for line in lines:
+        users[line] = []
     missing, at = [0] * len(operations), [0] * len(operations)
     for line in lines:
-        for operand in {*operations[line].operands}:
-            if operand in users:
-                users[operand].append(line)
+        for operand in {*operations[line][1]}:
+            own = users[operand]
+            if own is not None:
+                own.append(line)
                 missing[line] += 1
     ready = [line for line in lines if not missing[line]]  # sorted, and so a heap
     waiting: list[tuple[int, int]] = []
     order: list[int] = []
     written = bytearray(len(operations))
-    cycle, first = 0, 0
-    while first < len(lines):
+    cycle, first, count = 0, 0, len(lines)
+    while first < count:
         while waiting and waiting[0][0] <= cycle:
             heappush(ready, heappop(waiting)[1])
-        room, last = _WIDTH, lines[min(first + _WINDOW, len(lines)) - 1]
+        room, last = _WIDTH, lines[min(first + _WINDOW, count) - 1]
         while ready and room and ready[0] <= last:
             line = heappop(ready)
             order.append(line)
             written[line] = True
-            latency = _LATENCY.get(operations[line].name, 1)
+            latency = latencies[line]
             room -= latency > 0
-            for user in users[line]:
+            done = cycle + latency
+            for user in users[line] or ():
                 missing[user] -= 1
-                if at[user] < cycle + latency:
-                    at[user] = cycle + latency
+                if at[user] < done:
+                    at[user] = done
                 if not missing[user]:
                     if at[user] > cycle:
                         heappush(waiting, (at[user], user))
                     else:
                         heappush(ready, user)
-        while first < len(lines) and written[lines[first]]:
+        while first < count and written[lines[first]]:
             first += 1
         cycle += 1
     return _with_leaves(listing, order)
@@ -77,10 +82,11 @@ def scheduled(listing: Listing) -> list[int]:
 
 def _with_leaves(listing: Listing, order: list[int]) -> list[int]:
     """The same order with constants and rows: each before what takes it first, or at the end if nothing does."""
+    operations = listing.operations
     whole: dict[int, None] = {}
     for line in order:
-        for operand in listing.operations[line].operands:
+        for operand in operations[line][1]:
             whole[operand] = None
         whole[line] = None
-    whole.update(dict.fromkeys(range(len(listing.operations))))
+    whole.update(dict.fromkeys(range(len(operations))))
     return list(whole)

@@ -130,6 +130,22 @@ class Listing:
         # Numbers instead of symbols, which refer to their listing: without such circles it is freed at once.
         self._lines: dict[tuple[Any, ...], int] = {}
 
+    def line(
+        self,
+        name: str,
+        operands: tuple[int, ...],
+        kind: SymbolKind,
+        inside: tuple[Branch | SymbolLayer, int] | None = None,
+    ) -> int:
+        """The number of a line, which is added unless it is there."""
+        key = name, operands, kind, inside
+        line = self._lines.get(key)
+        if line is None:
+            line = self._lines[key] = len(self.operations)
+            # This skips the constructor, which is in Python and takes as long as all else here.
+            self.operations.append(tuple.__new__(Operation, key))
+        return line
+
     def add(
         self,
         name: str,
@@ -138,13 +154,7 @@ class Listing:
         inside: tuple[Branch | SymbolLayer, int] | None = None,
     ) -> "Symbol":
         """The symbol of a line, which is added unless it is there."""
-        key = name, operands, kind, inside
-        line = self._lines.get(key)
-        if line is None:
-            line = self._lines[key] = len(self.operations)
-            # This skips the constructor, which is in Python and takes as long as all else here.
-            self.operations.append(tuple.__new__(Operation, key))
-        return Symbol(self, line, kind)
+        return Symbol(self, self.line(name, operands, kind, inside), kind)
 
     def row(self, group: int, place: int, kind: SymbolKind = SymbolKind.NUMBER) -> "Symbol":
         """The symbol of a row of a group that is read."""
@@ -186,7 +196,7 @@ def _binary(name: str) -> tuple[Callable[..., "Symbol"], Callable[..., "Symbol"]
             if other.__class__ is float:
                 other = listing.constant(other)
             if other.__class__ is Symbol and other.kind is _NUMBER and other.listing is listing:
-                return listing.add(name, (self.line, other.line), kind)
+                return Symbol(listing, listing.line(name, (self.line, other.line), kind), kind)
         return operation(name, self, other)
 
     def reflected(self: "Symbol", other: Any) -> "Symbol":
@@ -268,7 +278,7 @@ def operation(name: str, *operands: Any, kind: SymbolKind | None = None) -> Symb
         TypeError: if the operation does not apply to operands of these kinds, or they are of several listings.
     """
     symbols = lifted(*operands)
-    first = next(operand for operand in operands if operand.__class__ is Symbol)
+    first = _first_symbol(operands)
     if name in _COMPARISONS:
         kind = _TRUTH
     if name in _LOGICAL:
@@ -318,14 +328,21 @@ def lifted(*operands: Any) -> list[Symbol]:
     Raises:
         TypeError: they are of several listings.
     """
-    listing = next(operand.listing for operand in operands if operand.__class__ is Symbol)
-    symbols = []
+    listing, symbols = _first_symbol(operands).listing, []
     for operand in operands:
         symbol = operand if operand.__class__ is Symbol else listing.constant(operand)
         if symbol.listing is not listing:
             raise TypeError(_FOREIGN)
         symbols.append(symbol)
     return symbols
+
+
+def _first_symbol(operands: Sequence[Any]) -> Symbol:
+    """Return the first symbol among operands."""
+    for operand in operands:
+        if operand.__class__ is Symbol:
+            return operand
+    raise TypeError("none of the operands is a symbol")
 
 
 def are_same(x: Any, y: Any) -> bool:
