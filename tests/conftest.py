@@ -14,6 +14,8 @@ from PIL import Image
 # The processes of pytest fill the cores: threads of linear algebra would only wait for each other. NumPy reads this.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import numpy as np
+
 from drake_quad import load_scenario
 from drake_quad.command_line.main import main
 from drake_quad.files import write_whole
@@ -157,7 +159,8 @@ def shared_fits(tmp_path_factory, monkeypatch):
         folder = folder.parent
 
     def shared(given, scenario, share):
-        logged = [getattr(value, "tobytes", lambda: value)() for log in given.records for value in vars(log).values()]
+        values = [value for log in given.records for value in vars(log).values()]
+        logged = [value.tobytes() if isinstance(value, np.ndarray) else value for value in values]
         made_of = repr((logged, given[1:], scenario.model_dump_json(), share))
         path = folder / f"fit_{hashlib.sha256(made_of.encode()).hexdigest()}.pickle"
         if not path.exists():
