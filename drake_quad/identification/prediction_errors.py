@@ -272,6 +272,13 @@ class Predictor:
         variances[NUM_BODY:] = _disturbance_deviations(noise) ** 2 * (1.0 - self._decay(noise) ** 2)
         return variances[self.rows]
 
+    def _decay_ratios(self, own: PredictionNoise, noises: Sequence[PredictionNoise]) -> np.ndarray:
+        """Return the ratios (C, 1, n, 1) of the decay of each row of the state to that in a filter."""
+        ratios = np.ones((len(noises), 1, NUM_BODY + NUM_DISTURBANCE, 1))
+        for c, noise in enumerate(noises):
+            ratios[c, 0, NUM_BODY:, 0] = self._decay(noise) / self._decay(own)
+        return ratios[:, :, self.rows]
+
     def gains(self, parameters: np.ndarray, noise: PredictionNoise) -> Gains:
         """Return the gains of the filter for the predictions with parameters (p,)."""
         n, rows = len(self.rows), self.rows
@@ -398,12 +405,9 @@ class Predictor:
             (T, C, w, m) errors and (T, C, w, m, m) covariances of these errors, for the T measurements that count.
         """
         n, C, W = len(self.rows), len(noises), len(chosen)
-        last = self.rows >= NUM_BODY
-        ratio = np.ones((C, 1, n, 1))
-        for c, noise in enumerate(noises):
-            ratio[c, 0, last, 0] = (self._decay(noise) / self._decay(own))[self.rows[last] - NUM_BODY]
-        ratios, ratios_changes = _and_changes(ratio * ratio.swapaxes(-1, -2))
-        ratio, ratio_changes = _and_changes(ratio)
+        ratios_of_noises = self._decay_ratios(own, noises)
+        ratio, ratio_changes = _and_changes(ratios_of_noises)
+        ratios, ratios_changes = _and_changes(ratios_of_noises * ratios_of_noises.swapaxes(-1, -2))
         covariance, changes = _and_changes(np.stack([self._first_covariance(noise)[chosen] for noise in noises]))
         measured, measured_changes = _and_changes(np.stack([np.diag(noise.measured**2) for noise in noises])[:, None])
         process, process_changes = _and_changes(
