@@ -37,14 +37,14 @@ _LATENCY = {
 def scheduled(listing: Listing) -> list[int]:
     """The numbers of all lines, each after those that it takes; constants and rows before their first use."""
     operations = listing.operations
-    lines = [line for line, operation in enumerate(operations) if operation[0] not in LEAVES]
-    latencies = [_LATENCY.get(operation[0], 1) for operation in operations]
+    lines = [line for line, operation in enumerate(operations) if operation.name not in LEAVES]
+    latencies = [_LATENCY.get(operation.name, 1) for operation in operations]
     users: list[list[int] | None] = [None] * len(operations)
     for line in lines:
         users[line] = []
     missing, at = [0] * len(operations), [0] * len(operations)
     for line in lines:
-        for operand in {*operations[line][1]}:
+        for operand in {*operations[line].operands}:
             own = users[operand]
             if own is not None:
                 own.append(line)
@@ -85,7 +85,7 @@ def _with_leaves(listing: Listing, order: list[int]) -> list[int]:
     operations = listing.operations
     whole: dict[int, None] = {}
     for line in order:
-        for operand in operations[line][1]:
+        for operand in operations[line].operands:
             whole[operand] = None
         whole[line] = None
     whole.update(dict.fromkeys(range(len(operations))))
