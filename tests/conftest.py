@@ -1,5 +1,7 @@
 import gc
+import hashlib
 import os
+import pickle
 import runpy
 import signal
 import sys
@@ -13,8 +15,11 @@ from PIL import Image
 # this variable at its import.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import numpy as np
+
 from drake_quad import load_scenario
 from drake_quad.command_line.main import main
+from drake_quad.files import write_whole
 from drake_quad.framework import result_cache
 from drake_quad.scenario.models import REGISTRIES
 from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParameters
@@ -143,6 +148,28 @@ def run(capsys, monkeypatch):
         return Result(status, *capsys.readouterr())
 
     return call
+
+
+@pytest.fixture
+def shared_fits(tmp_path_factory, monkeypatch):
+    """Pages, scripts and commands identify the same vehicles: a fit that another process has made is not repeated."""
+    from drake_quad.identification import identify
+
+    folder, fit = tmp_path_factory.getbasetemp(), identify._identified
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+
+    def shared(given, scenario, share):
+        values = [value for log in given.records for value in vars(log).values()]
+        logged = [value.tobytes() if isinstance(value, np.ndarray) else value for value in values]
+        made_of = repr((logged, given[1:], scenario.model_dump_json(), share))
+        path = folder / f"fit_{hashlib.sha256(made_of.encode()).hexdigest()}.pickle"
+        if not path.exists():
+            found = fit(given, scenario, share)
+            write_whole(path, lambda whole: whole.write_bytes(pickle.dumps(found)))
+        return pickle.loads(path.read_bytes())
+
+    monkeypatch.setattr(identify, "_identified", shared)
 
 
 @pytest.fixture

@@ -74,7 +74,7 @@ def few_samples(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "few_samples")
+@pytest.mark.usefixtures("undrawn", "few_samples", "shared_fits")
 @pytest.mark.parametrize("block", blocks("python"))
 def test_every_python_block_runs(block, elsewhere, capsys):
     (elsewhere / "block.py").write_text(block, encoding="utf-8")
@@ -102,7 +102,7 @@ def test_every_scenario_loads(block, elsewhere):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn", "elsewhere")
+@pytest.mark.usefixtures("undrawn", "elsewhere", "shared_fits")
 @pytest.mark.parametrize("block", blocks("sh"))
 def test_every_block_of_commands_runs(block, monkeypatch):
     for line in block.splitlines():

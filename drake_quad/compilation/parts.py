@@ -88,11 +88,11 @@ def split_listing(listing: Listing, changes: Mapping[int, Any], logged: Sequence
     # In this order, the operands of each line have already been copied, which avoids deep recursion.
     for line in _required_lines(listing, lines):
         if not fixed[line]:
-            rest.symbol(line)
+            rest.line(line)
         elif listing.operations[line].name != "row":
-            preparation.symbol(line)
+            preparation.line(line)
     stores = list(zip(targets, map(rest.symbol, lines), strict=True))
-    precomputed = [((PRECOMPUTED, row), symbol) for row, symbol in enumerate(rest.precomputed)]
+    precomputed = [((PRECOMPUTED, row), preparation.symbol(line)) for row, line in enumerate(rest.precomputed)]
     return Part(preparation.listing, precomputed), Part(rest.listing, stores)
 
 
@@ -107,21 +107,25 @@ class _Copy:
     """
 
     def __init__(self, source: Listing) -> None:
-        self.listing, self._source = Listing(), source
-        self._symbols: dict[int, Symbol] = {}
+        self.listing, self._source = Listing(), source.operations
+        self._lines: dict[int, int] = {}
+
+    def line(self, line: int) -> int:
+        """Return the number in the copy of a line of the source."""
+        found = self._lines.get(line)
+        if found is None:
+            found = self._lines[line] = self._copied(line, self._source[line])
+        return found
 
     def symbol(self, line: int) -> Symbol:
         """Return the symbol of a line of the source in the copy."""
-        symbol = self._symbols.get(line)
-        if symbol is None:
-            symbol = self._symbols[line] = self._copied(line, self._source.operations[line])
-        return symbol
+        return Symbol(self.listing, self.line(line), self._source[line].kind)
 
-    def _copied(self, line: int, operation: Operation) -> Symbol:
-        operands = operation.operands
-        if operation.name not in LEAVES:
-            operands = tuple([self.symbol(operand).line for operand in operands])
-        return self.listing.add(operation.name, operands, operation.kind, operation.inside)
+    def _copied(self, line: int, operation: Operation) -> int:
+        name, operands, kind, inside = operation
+        if name not in LEAVES:
+            operands = tuple([self.line(operand) for operand in operands])
+        return self.listing.line(name, operands, kind, inside)
 
 
 class _RemainingPart(_Copy):
@@ -133,19 +137,20 @@ class _RemainingPart(_Copy):
         preparation: copy that computes these lines.
 
     Attributes:
-        precomputed: symbols of `preparation` that are read.
+        precomputed: lines of the source that `preparation` computes and this copy reads.
     """
 
     def __init__(self, source: Listing, fixed: Sequence[bool], preparation: _Copy) -> None:
         super().__init__(source)
-        self.precomputed: list[Symbol] = []
+        self.precomputed: list[int] = []
         self._fixed, self._preparation = fixed, preparation
 
-    def _copied(self, line: int, operation: Operation) -> Symbol:
+    def _copied(self, line: int, operation: Operation) -> int:
         # Comparisons are faster to repeat than to store.
         if self._fixed[line] and operation.name != "constant" and operation.kind is not SymbolKind.TRUTH:
-            self.precomputed.append(self._preparation.symbol(line))
-            return self.listing.row(PRECOMPUTED, len(self.precomputed) - 1, operation.kind)
+            self._preparation.line(line)
+            self.precomputed.append(line)
+            return self.listing.line("row", (PRECOMPUTED, len(self.precomputed) - 1), operation.kind)
         return super()._copied(line, operation)
 
 

@@ -39,38 +39,43 @@ def schedule(listing: Listing) -> list[int]:
     """Return the numbers of all lines in the scheduled order, each line after its operands."""
     operations = listing.operations
     lines = [line for line, operation in enumerate(operations) if operation.name not in LEAVES]
-    users: dict[int, list[int]] = {line: [] for line in lines}
+    latencies = [_LATENCY.get(operation.name, 1) for operation in operations]
+    users: list[list[int] | None] = [None] * len(operations)
+    for line in lines:
+        users[line] = []
     num_missing, ready_cycle = [0] * len(operations), [0] * len(operations)
     for line in lines:
         for operand in {*operations[line].operands}:
-            if operand in users:
-                users[operand].append(line)
+            own = users[operand]
+            if own is not None:
+                own.append(line)
                 num_missing[line] += 1
     ready = [line for line in lines if not num_missing[line]]  # sorted, and so a heap
     waiting: list[tuple[int, int]] = []
     order: list[int] = []
     is_scheduled = bytearray(len(operations))
-    cycle, first = 0, 0
-    while first < len(lines):
+    cycle, first, count = 0, 0, len(lines)
+    while first < count:
         while waiting and waiting[0][0] <= cycle:
             heappush(ready, heappop(waiting)[1])
-        room, last = _WIDTH, lines[min(first + _WINDOW, len(lines)) - 1]
+        room, last = _WIDTH, lines[min(first + _WINDOW, count) - 1]
         while ready and room and ready[0] <= last:
             line = heappop(ready)
             order.append(line)
             is_scheduled[line] = True
-            latency = _LATENCY.get(operations[line].name, 1)
+            latency = latencies[line]
             room -= latency > 0
-            for user in users[line]:
+            done = cycle + latency
+            for user in users[line] or ():
                 num_missing[user] -= 1
-                if ready_cycle[user] < cycle + latency:
-                    ready_cycle[user] = cycle + latency
+                if ready_cycle[user] < done:
+                    ready_cycle[user] = done
                 if not num_missing[user]:
                     if ready_cycle[user] > cycle:
                         heappush(waiting, (ready_cycle[user], user))
                     else:
                         heappush(ready, user)
-        while first < len(lines) and is_scheduled[lines[first]]:
+        while first < count and is_scheduled[lines[first]]:
             first += 1
         cycle += 1
     return _with_leaves(listing, order)
@@ -78,10 +83,11 @@ def schedule(listing: Listing) -> list[int]:
 
 def _with_leaves(listing: Listing, order: list[int]) -> list[int]:
     """Insert constants and rows into an order, each before the first line that uses it, and unused ones at the end."""
+    operations = listing.operations
     complete: dict[int, None] = {}
     for line in order:
-        for operand in listing.operations[line].operands:
+        for operand in operations[line].operands:
             complete[operand] = None
         complete[line] = None
-    complete.update(dict.fromkeys(range(len(listing.operations))))
+    complete.update(dict.fromkeys(range(len(operations))))
     return list(complete)

@@ -132,6 +132,22 @@ class Listing:
         # The values are line numbers. Symbols would refer to the listing, and such a cycle would delay its deletion.
         self._lines: dict[tuple[Any, ...], int] = {}
 
+    def line(
+        self,
+        name: str,
+        operands: tuple[int, ...],
+        kind: SymbolKind,
+        inside: tuple[Branch | SymbolLayer, int] | None = None,
+    ) -> int:
+        """Add a line unless the listing has it, and return its number; arguments are those of `Operation`."""
+        key = name, operands, kind, inside
+        line = self._lines.get(key)
+        if line is None:
+            line = self._lines[key] = len(self.operations)
+            # This skips the constructor, which is written in Python and takes half of the time of this function.
+            self.operations.append(tuple.__new__(Operation, key))
+        return line
+
     def add(
         self,
         name: str,
@@ -140,13 +156,7 @@ class Listing:
         inside: tuple[Branch | SymbolLayer, int] | None = None,
     ) -> "Symbol":
         """Add a line unless the listing has it, and return its symbol; arguments are those of `Operation`."""
-        key = name, operands, kind, inside
-        line = self._lines.get(key)
-        if line is None:
-            line = self._lines[key] = len(self.operations)
-            # This skips the constructor, which is written in Python and takes half of the time of this function.
-            self.operations.append(tuple.__new__(Operation, key))
-        return Symbol(self, line, kind)
+        return Symbol(self, self.line(name, operands, kind, inside), kind)
 
     def row(self, group: int, place: int, kind: SymbolKind = SymbolKind.NUMBER) -> "Symbol":
         """Return the symbol of a row, given the number of its group and its index in the group."""
@@ -189,7 +199,7 @@ def _binary(name: str) -> tuple[Callable[..., "Symbol"], Callable[..., "Symbol"]
             if other.__class__ is float:
                 other = listing.constant(other)
             if other.__class__ is Symbol and other.kind is _NUMBER and other.listing is listing:
-                return listing.add(name, (self.line, other.line), kind)
+                return Symbol(listing, listing.line(name, (self.line, other.line), kind), kind)
         return operation(name, self, other)
 
     def reflected(self: "Symbol", other: Any) -> "Symbol":
@@ -271,7 +281,7 @@ def operation(name: str, *operands: Any, kind: SymbolKind | None = None) -> Symb
         TypeError: if the operation does not apply to operands of these kinds, or they are of several listings.
     """
     symbols = lifted(*operands)
-    first = next(operand for operand in operands if operand.__class__ is Symbol)
+    first = _first_symbol(operands)
     if name in _COMPARISONS:
         kind = _TRUTH
     if name in _LOGICAL:
@@ -321,14 +331,21 @@ def lifted(*operands: Any) -> list[Symbol]:
     Raises:
         TypeError: if the symbols belong to different listings.
     """
-    listing = next(operand.listing for operand in operands if operand.__class__ is Symbol)
-    symbols = []
+    listing, symbols = _first_symbol(operands).listing, []
     for operand in operands:
         symbol = operand if operand.__class__ is Symbol else listing.constant(operand)
         if symbol.listing is not listing:
             raise TypeError(_FOREIGN_SYMBOL)
         symbols.append(symbol)
     return symbols
+
+
+def _first_symbol(operands: Sequence[Any]) -> Symbol:
+    """Return the first symbol among operands."""
+    for operand in operands:
+        if operand.__class__ is Symbol:
+            return operand
+    raise TypeError("none of the operands is a symbol")
 
 
 def are_same(x: Any, y: Any) -> bool:

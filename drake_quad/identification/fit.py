@@ -51,7 +51,7 @@ _MAX_NOISE_SAMPLES = 1500
 _LOG_STEP = 1e-4
 # Change of a logarithm of the noise in one round, at most: a factor of 12.
 _MAX_LOG_CHANGE = 2.5
-_MAX_SCORING_STEPS = 6
+_MAX_SCORING_STEPS = 5
 _LIKELIHOOD_TOLERANCE = 0.1
 _INITIAL_DAMPING = 1e-3
 MIN_NOISE = 1e-5
@@ -399,22 +399,24 @@ def _noise_of(
     # The memory of a negligible disturbance has no influence.
     fixed = (first >= m + 6) & (np.concatenate(noise)[first - 6] < _NEGLIGIBLE_DISTURBANCE)
     free = np.flatnonzero(~fixed)
-    best, damping = -np.inf, _INITIAL_DAMPING
-    score, information = np.zeros(len(free)), np.eye(len(free))
-    trial = logs
-    for _ in range(_MAX_SCORING_STEPS):
-        likelihood, *derivatives = _likelihood_of(predictor, gains, noise, trial, chosen, free)
-        gained, best_before = likelihood - best, best
-        if gained > 0.0:
-            logs, best, damping = trial, likelihood, 0.2 * damping
-            score, information = derivatives
-        else:
-            damping *= 10.0
+    best, score, information = _likelihood_of(predictor, gains, noise, logs, chosen, free)
+    if not np.isfinite(best):
+        return noise
+    damping = 0.2 * _INITIAL_DAMPING
+    for steps_left in reversed(range(_MAX_SCORING_STEPS)):
         step = np.linalg.solve(information + damping * np.diag(np.diag(information) + 1.0), score)
         trial = logs.copy()
         trial[free] = np.clip(logs[free] + step, lower[free], upper[free])
-        if 0.0 < gained < _LIKELIHOOD_TOLERANCE and np.isfinite(best_before):
+        # Many steps are rejected, so the derivatives at a trial wait until it is accepted and another step follows.
+        likelihood, *_ = _likelihood_of(predictor, gains, noise, trial, chosen, free[:0])
+        gained = likelihood - best
+        if not gained > 0.0:
+            damping *= 10.0
+            continue
+        logs, best, damping = trial, likelihood, 0.2 * damping
+        if gained < _LIKELIHOOD_TOLERANCE or not steps_left:
             break
+        _, score, information = _likelihood_of(predictor, gains, noise, logs, chosen, free)
     return PredictionNoise.of(np.exp(logs)[groups])
 
 

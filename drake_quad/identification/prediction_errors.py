@@ -272,6 +272,13 @@ class Predictor:
         variances[NUM_BODY:] = _disturbance_deviations(noise) ** 2 * (1.0 - self._decay(noise) ** 2)
         return variances[self.rows]
 
+    def _decay_ratios(self, own: PredictionNoise, noises: Sequence[PredictionNoise]) -> np.ndarray:
+        """Return the ratios (C, 1, n, 1) of the decay of each row of the state to that in a filter."""
+        ratios = np.ones((len(noises), 1, NUM_BODY + NUM_DISTURBANCE, 1))
+        for c, noise in enumerate(noises):
+            ratios[c, 0, NUM_BODY:, 0] = self._decay(noise) / self._decay(own)
+        return ratios[:, :, self.rows]
+
     def gains(self, parameters: np.ndarray, noise: PredictionNoise) -> Gains:
         """Return the gains of the filter for the predictions with parameters (p,)."""
         n, rows = len(self.rows), self.rows
@@ -328,11 +335,14 @@ class Predictor:
         keep = self.sizes.length if keep is None else keep
         flown, state = self._begin(parameters)
         decay, found = self._decay(noise), np.empty((*self.measured.shape[:2], *state.shape[1:]))
+        of_windows = np.ascontiguousarray(gains.gain.transpose(0, 3, 1, 2))
         for j in range(len(self.measured)):
             if j == keep:
                 kept = state.copy()
             found[j] = self._errors(j, self._predicted(flown, state))
-            state[self.rows] += np.einsum("nmw,mkw->nkw", gains.gain[j], found[j])
+            # A product for each window takes a fraction of the time of `np.einsum`.
+            corrections = of_windows[j] @ np.ascontiguousarray(found[j].transpose(2, 0, 1))
+            state[self.rows] += corrections.transpose(1, 2, 0)
             for _ in range(self.split):
                 flown.step(state)
             state[NUM_BODY:] *= decay[:, None, None]
@@ -378,40 +388,72 @@ class Predictor:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the prediction errors of filters with other noise, to first order around the predictions of a filter.
 
+        With r the ratio of the decay of the disturbance to that in the filter, with K the gain for the first noise, and
+        with F = r A (I - K C), the covariance of the state for another noise changes by
+
+            ΔP⁺ = F ΔP Fᵀ + r A K ΔR (r A K)ᵀ + Δ(r rᵀ) A P Aᵀ + ΔQ,
+
+        where P is the covariance after the update.
+
         Args:
             gains: gains of the filter.
             own: noise of the filter.
-            noises: C other noises.
+            noises: a noise, and C - 1 noises that differ from it by so little that first order is enough.
             chosen: numbers of w windows.
 
         Returns:
             (T, C, w, m) errors and (T, C, w, m, m) covariances of these errors, for the T measurements that count.
         """
         n, C, W = len(self.rows), len(noises), len(chosen)
-        covariance = np.stack([self._first_covariance(noise)[chosen] for noise in noises])
-        measurement_noise = np.stack([np.diag(noise.measured**2) for noise in noises])[:, None]
-        process_noise = np.stack([np.diag(self.process_noise(noise)) for noise in noises])[:, None]
-        last = self.rows >= NUM_BODY
-        ratio = np.ones((C, 1, n, 1))  # of the decay of the disturbance to that in the filter
-        for c, noise in enumerate(noises):
-            ratio[c, 0, last, 0] = (self._decay(noise) / self._decay(own))[self.rows[last] - NUM_BODY]
-        ratios = ratio * ratio.swapaxes(-1, -2)
-        deviation, errors, covariances = np.zeros((C, W, n, 1)), [], []
+        ratios_of_noises = self._decay_ratios(own, noises)
+        ratio, ratio_changes = _and_changes(ratios_of_noises)
+        ratios, ratios_changes = _and_changes(ratios_of_noises * ratios_of_noises.swapaxes(-1, -2))
+        covariance, changes = _and_changes(np.stack([self._first_covariance(noise)[chosen] for noise in noises]))
+        measured, measured_changes = _and_changes(np.stack([np.diag(noise.measured**2) for noise in noises])[:, None])
+        process, process_changes = _and_changes(
+            np.stack([np.diag(self.process_noise(noise)) for noise in noises])[:, None]
+        )
+        # Numbers of the noises that differ in the noise of the measurements, or in the memory of the disturbance.
+        of_measured, of_memory = (np.flatnonzero(x.any(axis=(1, 2, 3))) for x in (measured_changes, ratio_changes))
+        deviation, deviations, errors, covariances = np.zeros((W, n, 1)), np.zeros((C - 1, W, n, 1)), [], []
         for j in range(len(self.measured)):
             output, transition = gains.output[j][chosen], gains.transition[j][chosen]
             filter_errors = gains.errors[j][:, chosen].T[:, :, None]
-            update = _update(covariance, output, measurement_noise)
+            update = _update(covariance, output, measured)
             own_errors = filter_errors - output @ deviation
+            cross, shift = output @ changes, output @ deviations
+            spread = cross @ _transposed(output) + measured_changes
             if self.counted[j]:
-                errors.append(own_errors[..., 0])
-                covariances.append(update.error_covariance)
+                errors.append(np.concatenate([own_errors[None], own_errors - shift]))
+                covariances.append(np.concatenate([update.error_covariance[None], update.error_covariance + spread]))
+            white = update.whitening.swapaxes(-1, -2) @ (update.whitening @ own_errors)
             correction = gains.gain[j][:, :, chosen].transpose(2, 0, 1) @ filter_errors
             corrected = deviation + update.gain @ own_errors - correction
+            deviations = deviations + cross.swapaxes(-1, -2) @ white - update.gain @ (shift + spread @ white)
             # A different memory changes the whole disturbance, not only its deviation from that of the filter.
             disturbance = gains.disturbance[j][:, chosen].T[:, :, None]
-            deviation = ratio * (transition @ corrected) + (ratio - 1.0) * disturbance
-            covariance = ratios * (transition @ update.covariance @ transition.swapaxes(-1, -2)) + process_noise
-        return np.stack(errors), np.stack(covariances)
+            moved, scaled = transition @ corrected, ratio * transition
+            deviation = ratio * moved + (ratio - 1.0) * disturbance
+            deviations = scaled @ deviations + ratio_changes * (moved + disturbance)
+            after = transition @ update.covariance @ transition.swapaxes(-1, -2)
+            covariance = ratios * after + process
+            gain = scaled @ update.gain
+            closed = scaled - gain @ output
+            changes = closed @ changes @ _transposed(closed)
+            changes += process_changes
+            changes[of_measured] += gain @ measured_changes[of_measured] @ _transposed(gain)
+            changes[of_memory] += ratios_changes[of_memory] * after
+        return np.stack(errors)[..., 0], np.stack(covariances)
+
+
+def _transposed(matrices: np.ndarray) -> np.ndarray:
+    """Return transposed matrices in rows, with which NumPy multiplies faster than with rows in columns."""
+    return np.ascontiguousarray(matrices.swapaxes(-1, -2))
+
+
+def _and_changes(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the first of some arrays, and by how much the others differ from it."""
+    return values[0], values[1:] - values[0]
 
 
 def _disturbance_deviations(noise: PredictionNoise) -> np.ndarray:

@@ -760,7 +760,7 @@ PX4 = "tests/data/px4/sample_px4_events.ulg.xz"
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "shared_fits")
 def test_a_crazyflie_of_crazyswarm2_is_identified_as_it_is_shipped(run, tmp_path):
     """The file that the script writes from a log has the scenario of the one that is shipped, to 2 %."""
     result = run("identify_crazyswarm2.py", "--log", "180", "--output", tmp_path / "mine.yaml")
@@ -792,7 +792,7 @@ def test_the_shipped_crazyflies_are_not_overwritten_by_some_of_them(run):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "shared_fits")
 def test_a_vehicle_is_identified_written_and_flown(run, tmp_path):
     mine = tmp_path / "mine.yaml"
     result = run("identify", LOG, "--mass", "0.0375", "--output", mine, "--name", "log_100")

@@ -7,8 +7,9 @@ import pytest
 from pydrake.autodiffutils import AutoDiffXd
 
 from drake_quad.framework.elementary import maximum, sqrt, where, where_needed
-from drake_quad.framework.formulas import TIME, Tick, TickOf, at_time, interpret, kernel
+from drake_quad.framework.formulas import TIME, Tick, TickOf, at_time, interpret, kernel, packed
 from drake_quad.framework.records import ABSENT, ROW, layout_of
+from drake_quad.framework.symbols import operation
 from drake_quad.signals import Row
 
 PERIODS = [0.02, 0.01, 0.1, 1.0 / 3.0, 7.0, 1e-4]
@@ -80,6 +81,23 @@ def test_absent_results_are_omitted():
 
     found = interpret(parts, (ROW,), [np.array([1.0, 3.0])], (ROW, ABSENT, ROW), 2, 0.0)
     np.testing.assert_array_equal(found, [[1.0, 3.0], [2.0, 6.0]])
+
+
+def test_an_operation_is_written_down_for_symbols_alone():
+    with pytest.raises(TypeError, match="none of the operands is a symbol"):
+        operation("add", 1.0, 2.0)
+
+
+@pytest.mark.parametrize("n", [1, 3])
+def test_rows_are_packed_one_after_another(n):
+    """Each is a number or one of each vehicle; a row of another size is refused."""
+    row = np.arange(1.0, n + 1.0)
+    np.testing.assert_array_equal(
+        packed([2.0, row, np.array(5.0), True], n), [*[2.0] * n, *row, *[5.0] * n, *[1.0] * n]
+    )
+    assert packed([1.0, AutoDiffXd(2.0, [1.0])], n).dtype == object
+    with pytest.raises(ValueError, match=r"size 1|shape \(2,\)"):
+        packed([np.zeros(2)], n)
 
 
 def test_where_keeps_parts_that_are_none():

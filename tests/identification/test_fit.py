@@ -444,20 +444,28 @@ class QuadraticLikelihood:
     Args:
         best: (14,) logarithms at the maximum, of two outputs and the disturbance.
         share: ratio of the information that is returned to the true one.
+
+    Attributes:
+        asked: logarithms for which the likelihood is asked for, one after another.
+        derived: those of which the derivatives are asked for as well.
     """
 
     def __init__(self, best: np.ndarray, share: float = 1.0) -> None:
         self.best, self.share = best, share
         self.asked: list[np.ndarray] = []
+        self.derived: list[np.ndarray] = []
         self.chosen = self.free = np.empty(0, dtype=int)
 
     def __call__(
         self, predictor: object, gains: object, own: object, logs: np.ndarray, chosen: np.ndarray, free: np.ndarray
     ) -> tuple[float, np.ndarray, np.ndarray]:
-        self.asked.append(logs)
-        self.chosen, self.free = chosen, free
-        missing = (self.best - logs)[free]
-        return float(-50.0 * missing @ missing), 100.0 * missing, self.share * 100.0 * np.eye(len(free))
+        if not any(logs is other for other in self.asked):
+            self.asked.append(logs)
+        if len(free):
+            self.chosen, self.free = chosen, free
+            self.derived.append(logs)
+        missing = (self.best - logs)[self.free]
+        return float(-50.0 * missing @ missing), 100.0 * missing[: len(free)], self.share * 100.0 * np.eye(len(free))
 
 
 # The memory of a force along the thrust is limited.
@@ -492,7 +500,7 @@ def test_the_likeliest_noise_is_found_in_three_evaluations_if_the_likelihood_is_
     best = START_LOGS + np.linspace(-0.7, 0.9, 14)
     likelihood = QuadraticLikelihood(best)
     np.testing.assert_allclose(noise_found(monkeypatch, likelihood), best, atol=1e-4)
-    assert len(likelihood.asked) == 3
+    assert (len(likelihood.asked), len(likelihood.derived)) == (3, 2)
     # A search that begins at the maximum gains nothing, and stays there.
     np.testing.assert_allclose(noise_found(monkeypatch, QuadraticLikelihood(START_LOGS)), START_LOGS)
 
@@ -507,6 +515,25 @@ def test_a_step_that_makes_a_noise_less_likely_is_shortened(monkeypatch: pytest.
     assert distances[1] > 2.0 * distances[0]
     assert np.linalg.norm(found - best) == pytest.approx(min(distances))
     assert len(likelihood.asked) == 6
+    # Derivatives are computed where the next step begins: at the start, and where a step has made the noise likelier.
+    likelier = [i for i in range(6) if distances[i] == min(distances[: i + 1])]
+    assert len(likelier) > 1
+    expected = [likelihood.asked[i] for i in likelier if i < 5]
+    np.testing.assert_array_equal(likelihood.derived, expected)
+
+
+@pytest.mark.parametrize("likelihood", [-np.inf, np.nan])
+def test_a_noise_with_which_nothing_is_likely_stays_as_it_is(
+    monkeypatch: pytest.MonkeyPatch, likelihood: float
+) -> None:
+    asked = []
+
+    def unlikely(*arguments: object) -> tuple[float, np.ndarray, np.ndarray]:
+        asked.append(arguments)
+        return likelihood, np.full(14, np.nan), np.full((14, 14), np.nan)
+
+    np.testing.assert_allclose(noise_found(monkeypatch, unlikely), START_LOGS)  # type: ignore[arg-type]
+    assert len(asked) == 1
 
 
 @pytest.mark.parametrize("direction", [-1.0, 1.0])

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -56,6 +57,12 @@ def predictions(record, scenario):
     return predict(record, {"right": scenario, "stronger": stronger}, horizons=(0.1, 0.5, 1.0))
 
 
+@pytest.fixture
+def unfitted(monkeypatch):
+    """Filters keep the noise with which a fit begins, in tests of what does not depend on the noise."""
+    monkeypatch.setattr(prediction, "fit", lambda predictor, parameters, noise: SimpleNamespace(noise=noise))
+
+
 def moving(turning, *, acceleration=(0.0, 0.0, 0.0), angular=0.0, seconds=6.0):
     """Return a log of motion with constant accelerations, at 100 Hz.
 
@@ -79,6 +86,7 @@ def moving(turning, *, acceleration=(0.0, 0.0, 0.0), angular=0.0, seconds=6.0):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unfitted")
 @pytest.mark.parametrize("left_out", [(), ("velocity",), ("body_rates",), ("velocity", "body_rates")])
 def test_constant_velocity_predicts_such_a_motion_exactly(scenario, left_out):
     """Rates that are not logged follow from positions and attitudes."""
@@ -91,6 +99,7 @@ def test_constant_velocity_predicts_such_a_motion_exactly(scenario, left_out):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unfitted")
 @pytest.mark.parametrize("left_out", [(), ("velocity", "body_rates")])
 def test_constant_acceleration_predicts_such_a_motion_exactly(scenario, left_out):
     """Constant velocity is off by the path of the acceleration, its change of velocity, and the angle likewise."""
@@ -255,6 +264,7 @@ def test_vehicles_are_compared_start_by_start():
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unfitted")
 def test_predictions_end_where_the_vehicle_lands_or_the_log_has_a_gap(scenario):
     """No start is within 0.4 s after the start of the log, nor within 50 ms after a gap."""
     log = moving([0.0, 0.0, 0.1], seconds=12.0)
@@ -385,6 +395,7 @@ def test_the_interval_of_a_sum_is_that_of_independent_blocks():
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unfitted")
 def test_only_the_end_is_predicted_where_that_is_asked_for(record, scenario):
     late = predict(record, {"right": scenario}, share=0.25, horizons=(0.1,))
     whole = predict(record, {"right": scenario}, horizons=(0.1,))
