@@ -19,7 +19,7 @@ import numpy as np
 
 from drake_quad import load_scenario
 from drake_quad.command_line.main import main
-from drake_quad.files import write_whole
+from drake_quad.files import write_atomically
 from drake_quad.framework import result_cache
 from drake_quad.scenario.models import REGISTRIES
 from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParameters
@@ -166,7 +166,7 @@ def shared_fits(tmp_path_factory, monkeypatch):
         path = folder / f"fit_{hashlib.sha256(made_of.encode()).hexdigest()}.pickle"
         if not path.exists():
             found = fit(given, scenario, share)
-            write_whole(path, lambda whole: whole.write_bytes(pickle.dumps(found)))
+            write_atomically(path, lambda whole: whole.write_bytes(pickle.dumps(found)))
         return pickle.loads(path.read_bytes())
 
     monkeypatch.setattr(identify, "_identified", shared)
