@@ -97,7 +97,7 @@ def test_a_jump_stands_out_of_noise_by_eight_times():
 
 @pytest.mark.parametrize(("ratio", "said"), [(7.9, False), (8.1, True)])
 def test_noise_explains_steps_of_eight_times_its_own(ratio, said):
-    """A place that goes to and fro by 2 cm has steps that differ from their neighbours by 4 cm."""
+    """A place that goes back and forth by 2 cm has steps that differ from their neighbours by 4 cm."""
     time, place = path()
     place[:, 0] = 0.02 * (np.arange(len(time)) % 2)
     # This step differs from its neighbours by its own 2 cm, their 2 cm, and what is added.
