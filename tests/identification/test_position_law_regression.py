@@ -1,0 +1,632 @@
+"""Gains, delay, filter and limit of a position law, from signals that are sums of sines."""
+
+import numpy as np
+import pytest
+import scipy
+
+from drake_quad.errors import InputError
+from drake_quad.identification.position_law import law, regression
+from drake_quad.identification.position_law.law import AxisLaw, identify_position_law
+from drake_quad.identification.position_law.pieces import Piece
+from drake_quad.identification.position_law.regression import (
+    NUISANCES,
+    Fit,
+    Shape,
+    chosen,
+    excited_terms,
+    limited,
+    searched,
+    uncertainty,
+)
+from drake_quad.identification.result import Spread
+from drake_quad.identification.results.estimates import quantile
+
+PERIOD = 0.01
+BASIC = ("position", "velocity", "reference_velocity", "reference_acceleration", "displacement", "integral")
+GAINS = {
+    "position": 4.0,
+    "velocity": 3.0,
+    "reference_velocity": 2.0,
+    "reference_acceleration": 0.7,
+    "displacement": 0.5,
+    "integral": 1.5,
+    "double_integral": 2.5,
+}
+
+
+def sines(seed, time, order=0, lag=0.0):
+    """Return a derivative of sums (n, 3) of sines, behind a lag of first order; a negative order is an integral."""
+    random = np.random.default_rng(seed)
+    rates, phases = random.uniform(1.0, 7.0, (2, 3, 5))
+    amplitudes = random.uniform(0.1, 0.3, (3, 5)) / np.hypot(1.0, rates * lag)
+    angles = rates * np.asarray(time)[:, None, None] + phases - np.arctan(rates * lag) + 0.5 * np.pi * order
+    return (amplitudes * rates**order * np.sin(angles)).sum(axis=2)
+
+
+def columns_at(time, shape):
+    """Return the terms (n, 3) of the law at some times, without a limit."""
+    return {
+        "position": sines(1, time),
+        "velocity": -sines(2, time, 1, shape.filter_time),
+        "reference_velocity": sines(1, time, 1) + sines(2, time, 1),
+        "reference_acceleration": sines(1, time, 2) + sines(2, time, 2),
+        "displacement": -sines(2, time),
+        "integral": sines(1, time, -1),
+        "double_integral": sines(1, time, -2),
+    }
+
+
+def flown(terms=BASIC, shape=Shape(), *, noise=0.0, begin=0.0, seconds=8.0, settle=1.0):
+    """Return a stretch of flight under the law, in which the first second is not counted."""
+    random = np.random.default_rng(round(begin))
+    time = begin + PERIOD * np.arange(round(seconds / PERIOD))
+    terms_then = columns_at(time - shape.delay, shape)
+    terms_then["position"] = np.clip(terms_then["position"], -shape.error_limit, shape.error_limit)
+    command = sum(GAINS[name] * terms_then[name] for name in terms) + noise * random.normal(size=(len(time), 3))
+    error, position = sines(1, time), sines(2, time)
+    now = columns_at(time, Shape())
+    # A constant is added, as that of an integral that begins at an unknown value.
+    return Piece(
+        time=time,
+        command=command + np.array([1.0, -2.0, 9.0]),
+        error=error,
+        velocity=-now["velocity"],
+        reference_velocity=now["reference_velocity"],
+        reference_acceleration=now["reference_acceleration"],
+        travel=position - position[0],
+        deviation=np.zeros_like(error),
+        unwinding=np.zeros_like(error),
+        counted=time >= begin + settle,
+    )
+
+
+@pytest.mark.parametrize(
+    ("terms", "shape", "free"),
+    [
+        (BASIC, Shape(0.06), ("delay",)),
+        (BASIC, Shape(0.03, 0.08), ("delay", "filter_time")),
+        ((*BASIC, "double_integral"), Shape(0.1), ("delay",)),
+        (BASIC[:4], Shape(0.04, 0.0, 0.2), ("delay", "error_limit")),
+    ],
+)
+@pytest.mark.parametrize("axes", [(0,), (1, 2)])
+def test_a_law_without_noise_is_found(terms, shape, free, axes):
+    pieces = [flown(terms, shape), flown(terms, shape, begin=20.0, seconds=5.0)]
+    starts = [
+        Shape(0.0, 0.2 if shape.filter_time else 0.0, np.inf if np.isinf(shape.error_limit) else 0.35),
+        Shape(0.14, 0.4 if shape.filter_time else 0.0, np.inf if np.isinf(shape.error_limit) else 0.05),
+    ]
+    found = searched(pieces, axes, terms, starts, free)
+    assert (found.terms, found.free) == (terms, free)
+    np.testing.assert_allclose(found.gains, [GAINS[name] for name in terms], rtol=0.01)
+    np.testing.assert_allclose(found.shape.delay, shape.delay, atol=3e-4)
+    np.testing.assert_allclose(found.shape.filter_time, shape.filter_time, atol=1e-3)
+    np.testing.assert_allclose(found.shape.error_limit, shape.error_limit, atol=1e-3)
+    assert found.explained > 0.99999
+
+
+def test_the_search_begins_at_the_best_start():
+    """Nelder and Mead do not leave the flat end of a limit that no error reaches."""
+    pieces = [flown(BASIC[:4], Shape(0.0, 0.0, 0.2))]
+    starts = [Shape(0.0, 0.0, limit) for limit in (50.0, 0.25, 20.0)]
+    assert searched(pieces, (0,), BASIC[:4], starts, ("error_limit",)).shape.error_limit == pytest.approx(0.2, abs=1e-3)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.03, 0.09, 0.15])
+def test_the_delay_of_signals_that_hardly_resemble_themselves_later_is_found(delay):
+    """The sum of squares of noise has a narrow minimum, so the search begins at delays that are 15 ms apart."""
+    (piece, _) = (without_nuisances(piece) for piece in noisy_pieces(300))
+    late = regression._columns(piece, 0, BASIC, Shape()) @ [GAINS[name] for name in BASIC]
+    command = np.interp(piece.time - delay, piece.time, late)
+    counted = piece.counted & (piece.time >= 0.15)
+    found = regression._simplest([piece._replace(command=np.tile(command[:, None], 3), counted=counted)], (0,))
+    assert found.shape.delay == pytest.approx(delay, abs=2e-4)
+    np.testing.assert_allclose(found.gains, [GAINS[name] for name in BASIC], rtol=0.02)
+    assert (found.terms, found.free) == (BASIC, ("delay",))
+
+
+@pytest.mark.parametrize(("delay", "expected"), [(0.3, 0.15), (-0.05, -PERIOD)])
+def test_a_delay_is_within_one_sample_before_and_0_15_s(delay, expected):
+    pieces = [flown(shape=Shape(delay))]
+    assert searched(pieces, (0,), BASIC, [Shape(0.05)], ("delay",)).shape.delay == pytest.approx(expected, abs=2e-4)
+
+
+def test_a_filter_has_a_time_constant_of_half_a_second_at_most():
+    pieces = [flown(shape=Shape(0.0, 2.0))]
+    found = searched(pieces, (0,), BASIC, [Shape(0.0, 0.3)], ("filter_time",))
+    assert found.shape.filter_time == pytest.approx(0.5, abs=2e-4)
+
+
+def noisy_pieces(samples=60):
+    """Return two stretches whose signals are unrelated noise, with some samples that are not counted."""
+    random = np.random.default_rng(3)
+    return [
+        Piece(
+            begin + PERIOD * np.arange(count),
+            *random.normal(size=(8, count, 3)),
+            random.uniform(size=count) < 0.8,
+        )
+        for begin, count in ((0.0, samples), (5.0, 45))
+    ]
+
+
+def without_nuisances(piece):
+    """Return a piece of a form whose law has neither a deviation nor an anti-windup."""
+    return piece._replace(deviation=np.zeros_like(piece.error), unwinding=np.zeros_like(piece.error))
+
+
+def stacked(pieces, axes, terms):
+    """Return the regressors and commands of pieces, and columns for the constant and the slope of each stretch."""
+    sign = {"velocity": -1.0, "displacement": -1.0, "unwinding": -1.0}
+    values = {"position": "error", "displacement": "travel"}
+    found, commands, free = [], [], []
+    for axis in axes:
+        for piece in pieces:
+            kept = piece.counted
+            columns = [sign.get(name, 1.0) * getattr(piece, values.get(name, name))[kept, axis] for name in terms]
+            found.append(np.column_stack(columns))
+            commands.append(piece.command[kept, axis])
+            free.append(np.column_stack([np.ones(kept.sum()), piece.time[kept]]))
+    return np.concatenate(found), np.concatenate(commands), scipy.linalg.block_diag(*free)
+
+
+@pytest.mark.parametrize("axes", [(2,), (0, 1)])
+def test_gains_are_least_squares_with_a_constant_and_a_slope_for_each_stretch_and_axis(axes):
+    pieces, terms = noisy_pieces(), (*BASIC[:5], *NUISANCES)
+    regressors, commands, free = stacked(pieces, axes, terms)
+    together = np.hstack([regressors, free])
+    solution = np.linalg.lstsq(together, commands, rcond=None)[0]
+    left = commands - together @ solution
+    bare = commands - free @ np.linalg.lstsq(free, commands, rcond=None)[0]
+    found = regression._solved(pieces, axes, terms, Shape(), ("delay",))
+    np.testing.assert_allclose(found.gains, solution[: len(terms)], rtol=1e-8)
+    np.testing.assert_allclose(found.left, left, atol=1e-10)
+    assert found.explained == pytest.approx(1.0 - left @ left / (bare @ bare))
+    assert (found.terms, found.shape, found.free) == (terms, Shape(), ("delay",))
+
+
+def test_a_command_that_does_not_change_is_not_explained():
+    pieces = [piece._replace(command=np.zeros_like(piece.command)) for piece in noisy_pieces()]
+    assert np.isnan(regression._solved(pieces, (0,), BASIC, Shape(), ()).explained)
+
+
+def test_columns_are_the_terms_of_the_law():
+    piece = noisy_pieces()[1]
+    terms = (*GAINS, *NUISANCES)
+    found = dict(zip(terms, regression._columns(piece, 1, terms, Shape(0.0, 0.0, 0.5)).T, strict=True))
+    error = np.clip(piece.error[:, 1], -0.5, 0.5)
+    assert np.ptp(error) == 1.0
+
+    def integral(values):
+        return np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(piece.time))])
+
+    expected = {
+        "position": error,
+        "velocity": -piece.velocity[:, 1],
+        "reference_velocity": piece.reference_velocity[:, 1],
+        "reference_acceleration": piece.reference_acceleration[:, 1],
+        "displacement": -piece.travel[:, 1],
+        "deviation": piece.deviation[:, 1],
+        "unwinding": -piece.unwinding[:, 1],
+        "integral": integral(error),
+        "double_integral": integral(integral(error)),
+    }
+    for name, values in expected.items():
+        np.testing.assert_allclose(found[name], values, atol=1e-12, err_msg=name)
+
+
+def test_a_filter_is_a_lag_of_first_order_that_has_settled():
+    """Its response to a line is exact to third order in the period, and it does not start with a jump."""
+    piece = flown()
+    still = piece._replace(velocity=np.full_like(piece.velocity, 2.0))
+    found = regression._columns(still, 0, ("velocity",), Shape(0.0, 0.1))
+    np.testing.assert_allclose(found, -2.0)
+    ramp = piece._replace(velocity=np.tile(piece.time[:, None], 3))
+    late = -regression._columns(ramp, 0, ("velocity",), Shape(0.0, 0.1))[:, 0]
+    # The response to a line that begins at zero is t - τ (1 - exp(-t / τ)).
+    expected = piece.time - 0.1 * (1.0 - np.exp(-piece.time / 0.1))
+    np.testing.assert_allclose(late, expected, atol=0.1 * (PERIOD / 0.1) ** 2 / 11.0)
+
+
+def test_the_reference_velocity_is_a_term_if_it_varies_by_a_centimetre_per_second():
+    piece = flown()
+    for deviation, moves in ((0.009, False), (0.011, True)):
+        speed = np.where(np.arange(len(piece.time)) % 2, 1.0, -1.0)
+        # A wider motion where samples are not counted, and on another axis, does not count.
+        slow = np.column_stack([np.where(piece.counted, deviation * speed, speed), speed, speed])
+        terms = excited_terms([piece._replace(reference_velocity=slow)], (0,))
+        assert ("displacement" in terms) == ("reference_velocity" in terms) == moves
+        assert {"position", "velocity", "integral"} <= {*terms}
+
+
+@pytest.mark.parametrize("name", NUISANCES)
+def test_deviation_and_anti_windup_are_terms_of_the_axes_on_which_they_are_not_zero(name):
+    piece = flown()
+    values = np.zeros_like(piece.error)
+    values[5, 1] = 0.1
+    pieces = [piece, piece._replace(**{name: values})]
+    assert excited_terms(pieces, (0,)) == excited_terms([piece], (0, 1, 2)) == BASIC
+    assert excited_terms(pieces, (0, 1)) == (*BASIC, name)
+
+
+def direct_independent_samples(left):
+    """Return n / (1 + 2 Σ ρ_k), with sums over pairs of samples."""
+    count, total = len(left), 0.0
+    for lag in range(1, count // 2):
+        correlation = left[:-lag] @ left[lag:] / (left @ left)
+        if correlation < 0.0:
+            break
+        total += correlation
+    return count / (1.0 + 2.0 * total)
+
+
+def test_correlated_samples_tell_less_than_independent_ones():
+    random = np.random.default_rng(2)
+    white = random.normal(size=1500)
+    slow = scipy.signal.lfilter([1.0], [1.0, -0.9], random.normal(size=20001))
+    for left in (white, slow[:1500], np.ones(200), np.ones(201), np.tile([1.0, -1.0], 40)):
+        expected = direct_independent_samples(left)
+        assert regression._independent_samples(left) == pytest.approx(expected, rel=1e-9)
+    # With correlations 0.9^k, n samples tell as much as n (1 - 0.9) / (1 + 0.9) independent ones.
+    assert regression._independent_samples(slow) == pytest.approx(20001 / 19.0, rel=0.15)
+    assert regression._independent_samples(np.zeros(50)) == 50.0
+
+
+def fit_with(left, terms=("position", "velocity"), free=("delay",), last=1.0):
+    """Return a fit whose last gain and last other parameter are the same."""
+    shape = Shape()._replace(**{free[-1]: last})
+    return Fit(terms, np.array([2.0] * (len(terms) - 1) + [last]), shape, free, left, 0.9)
+
+
+@pytest.mark.parametrize(
+    ("samples", "share", "last", "better"),
+    [
+        # What is left falls by a fifth at least.
+        (2000, 0.79, 1.0, True),
+        (2000, 0.81, 1.0, False),
+        # The logarithm of the ratio times the number of samples is larger than 10.83.
+        (24, np.exp(-10.9 / 24), 1.0, True),
+        (24, np.exp(-10.7 / 24), 1.0, False),
+        # The interval of the parameter does not contain zero.
+        (2000, 0.1, 0.31, True),
+        (2000, 0.1, 0.29, False),
+        (2000, 0.1, -0.31, True),
+        (2000, 0.1, -0.29, False),
+        (2000, 1e-20, 1.0, True),
+    ],
+)
+@pytest.mark.parametrize("linear", [True, False])
+def test_a_richer_law_is_taken_if_its_last_parameter_is_significant(monkeypatch, samples, share, last, better, linear):
+    # Samples of alternating sign have no positive correlation.
+    left = np.tile([1.0, -1.0], samples // 2)
+    simple = fit_with(left)
+    rich = fit_with(
+        np.sqrt(share) * left,
+        ("position", "velocity", "integral") if linear else simple.terms,
+        simple.free if linear else ("delay", "filter_time"),
+        last,
+    )
+    reaches = np.full(4, 1e9)
+    reaches[2 if linear else 3] = 0.3
+    monkeypatch.setattr(regression, "uncertainty", lambda pieces, axes, fit: (reaches, None))
+    assert regression._better([], (0,), simple, rich) is (rich if better else simple)
+
+
+def rule_bias(named):
+    """Return the bias of gains if the controller sums samples, which differs by half a period from an integral.
+
+    A cascade with this law and the position gain K integrates the velocity error with the gain k_i / K.
+    """
+    roots = np.roots([named["velocity"], -named["position"], named["integral"]])
+    of_velocity = named["displacement"]
+    if np.isreal(roots).all():
+        of_velocity = max(of_velocity, named["integral"] / roots.real.max())
+    bounds = {"position": named["integral"], "velocity": of_velocity, "reference_velocity": of_velocity}
+    return [0.5 * PERIOD * bounds.get(name, 0.0) for name in (*named, "delay")]
+
+
+@pytest.mark.parametrize("integral", [0.5, 1.5])
+@pytest.mark.parametrize("with_deviation", [False, True])
+def test_intervals_are_those_of_the_jackknife_with_the_bias_of_errors_and_of_rules(with_deviation, integral):
+    """Each of fifteen blocks is left out by one step of Gauss and Newton; integrals make their gains less certain.
+
+    An error of the logged position is in the position error and in the deviation. With k_p = 4 and k_v = 3, the
+    gains of a cascade are real up to the integral gain 4 / 3.
+    """
+    terms, shape, free = (*BASIC[:3], *BASIC[4:]), Shape(0.02, 0.05), ("delay",)
+    pieces = [flown(terms, shape, noise=0.2), flown(terms, shape, noise=0.2, begin=20.0, seconds=6.0)]
+    pieces = [
+        piece._replace(command=piece.command + (integral - GAINS["integral"]) * sines(1, piece.time - 0.02, -1))
+        for piece in pieces
+    ]
+    if with_deviation:
+        terms = (*terms, "deviation")
+        pieces = [piece._replace(deviation=sines(3, piece.time)) for piece in pieces]
+        pieces = [piece._replace(command=piece.command + sines(3, piece.time - 0.02)) for piece in pieces]
+    fit = searched(pieces, (0, 1), terms, [shape], free)
+    reaches, freedom = uncertainty(pieces, (0, 1), fit)
+    step = 1e-5
+    with_delay = [
+        regression._regression(pieces, (0, 1), terms, fit.shape._replace(delay=fit.shape.delay + change))[0]
+        for change in (-step, 0.0, step)
+    ]
+    slopes = np.column_stack([with_delay[1], (with_delay[2] - with_delay[0]) @ fit.gains / (2.0 * step)])
+    count = len(slopes) // 2
+    # Twelve seconds that count make fifteen blocks of each axis, and blocks of the two axes are left out together.
+    blocks = np.tile(np.floor(np.arange(count) * 15 / count), 2)
+    inverse = np.linalg.inv(slopes.T @ slopes)
+    moves, shares = [], []
+    for block in range(15):
+        kept = blocks != block
+        moves.append(np.linalg.solve(slopes[kept].T @ slopes[kept], slopes[~kept].T @ fit.left[~kept]))
+        shares.append(np.diag(inverse @ slopes[~kept].T @ slopes[~kept] @ inverse))
+    model = np.mean(fit.left**2) * inverse
+    variances = np.maximum(14 / 15 * np.sum(np.square(moves), axis=0), np.diag(model))
+    expected_freedom = np.sum(shares, axis=0) ** 2 / np.sum(np.square(shares), axis=0) - 1.0
+    named = dict(zip(terms, fit.gains.tolist(), strict=True))
+    with_position = np.isin([*terms, "delay"], ["position", "deviation"])
+    of_position = np.abs(model @ with_position) / (named["position"] + named.get("deviation", 0.0))
+    of_velocity = np.abs(model[:, 1]) / named["velocity"]
+    bias = len(fit.left) * np.maximum(of_position, of_velocity) + rule_bias(named)
+    # The derivative with respect to the delay is that of an interpolation, which depends on the step.
+    np.testing.assert_allclose(freedom, expected_freedom, rtol=0.02)
+    np.testing.assert_allclose(reaches, quantile(expected_freedom) * np.sqrt(variances) + bias, rtol=0.02)
+
+
+@pytest.mark.parametrize(
+    ("terms", "shape", "rich"),
+    [
+        (BASIC, Shape(0.05), ()),
+        (BASIC, Shape(0.05, 0.1), ("filter_time",)),
+        ((*BASIC, "double_integral"), Shape(0.05), ("double_integral",)),
+    ],
+)
+def test_a_law_has_the_terms_that_made_it(terms, shape, rich):
+    """Without a filter, a limit, or an integral of the integral, none is found."""
+    piece = flown(terms, shape, noise=0.02)
+    found = chosen([piece], (0,))
+    assert {*found.terms, *found.free} == {*BASIC, "delay", *rich}
+    np.testing.assert_allclose(found.gains, [GAINS[name] for name in found.terms], rtol=0.1)
+    assert found.shape.delay == pytest.approx(0.05, abs=0.01)
+
+
+def test_a_limit_is_searched_for_at_errors_that_occur():
+    """The error is beyond its limit in a fifth of the samples."""
+    limit = float(np.quantile(np.abs(sines(1, PERIOD * np.arange(800))[100:, 0]), 0.8))
+    found = limited([flown(BASIC[:4], Shape(0.02, 0.0, limit), noise=0.02)], (0,))
+    assert found.free == ("delay", "error_limit")
+    assert found.shape.error_limit == pytest.approx(limit, rel=0.05)
+    assert limited([flown(noise=0.02)], (0,)).free == ("delay",)
+
+
+def prepared(monkeypatch, *logs):
+    """Let each log have these pieces by form and a mask of limited samples."""
+    waiting = iter(logs)
+
+    def prepared_pieces(record, scenario, remarks):
+        remarks.append("a remark on each log")
+        return next(waiting)
+
+    monkeypatch.setattr(law, "prepared_pieces", prepared_pieces)
+    monkeypatch.setattr(law, "FORMS", tuple(logs[0][0]))
+    return [None] * len(logs), None
+
+
+def scaled(piece, *factors, noise=0.0):
+    """Return a piece whose law has its gains multiplied by a factor on each axis, with more noise on Z."""
+    unrelated = noise * np.random.default_rng(5).normal(size=len(piece.time))
+    return piece._replace(command=piece.command * factors + np.outer(unrelated, [0.0, 0.0, 1.0]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("factors", "groups", "forms"),
+    [
+        ((1.0, 1.0, 2.0), ["xy", "z"], ("decoupled", "heading")),
+        ((1.0, 1.3, 2.0), ["x", "y", "z"], ("heading",)),
+    ],
+)
+def test_axes_with_the_same_law_are_fitted_together_in_the_best_form(monkeypatch, factors, groups, forms):
+    parts = [flown(shape=Shape(0.05), noise=0.02, begin=begin, seconds=4.0) for begin in (0.0, 20.0)]
+    noises = {"decoupled": 1.0, "heading": 0.0}
+    logs = [{form: [scaled(part, *factors, noise=noises[form])] for form in forms} for part in parts]
+    found = identify_position_law(
+        *prepared(
+            monkeypatch,
+            (logs[0], np.array([True, False, False])),
+            (logs[1], np.array([False])),
+        )
+    )
+    assert found.form == "heading"
+    assert found.at_limits == 0.25
+    assert found.remarks == ("a remark on each log",)
+    assert (found.not_identified, ["".join(each.axes) for each in found.axes]) == ({}, groups)
+    for each in found.axes:
+        factor = factors["xyz".index(each.axes[0])]
+        for name in BASIC:
+            spread = each.gains[name]
+            # One of some twenty 95 % intervals misses its true value by chance.
+            assert spread.value == pytest.approx(factor * GAINS[name], abs=1.5 * spread.reach)
+        assert each.gain("delay") == pytest.approx(0.05, abs=0.003)
+        assert each.explained > 0.999
+
+
+@pytest.mark.slow
+def test_an_axis_is_refused_if_its_command_is_something_else(monkeypatch):
+    piece = scaled(flown(seconds=3.0, noise=0.02), 1.0, 1.0, 1.0, noise=3.0)
+    found = identify_position_law(*prepared(monkeypatch, ({"heading": [piece]}, np.zeros(1))))
+    assert [each.axes for each in found.axes] == [("x", "y")]
+    assert {*found.not_identified} == {"z"}
+    assert "of the variance of the command, and 95 % are needed" in found.not_identified["z"]
+    noise = piece._replace(command=np.random.default_rng(2).normal(size=piece.command.shape))
+    with pytest.raises(InputError, match="^cannot identify the position law: x: a linear law .*; y: a linear law "):
+        identify_position_law(*prepared(monkeypatch, ({"heading": [noise]}, np.zeros(1))))
+
+
+def fit_of_everything(explained=0.99):
+    return Fit(BASIC, np.array([GAINS[name] for name in BASIC]), Shape(0.05), ("delay",), np.ones(4), explained)
+
+
+@pytest.mark.parametrize(
+    ("explained", "alike", "weak", "groups", "refused"),
+    [
+        ((0.96, 0.96, 0.96), True, "", ["xy", "z"], []),
+        ((0.96, 0.96, 0.96), False, "", ["x", "y", "z"], []),
+        # Axes are not compared if one of them is refused.
+        ((0.94, 0.96, 0.96), None, "", ["y", "z"], ["x"]),
+        ((0.96, np.nan, 0.96), None, "", ["x", "z"], ["y"]),
+        ((0.96, 0.96, 0.94), True, "", ["xy"], ["z"]),
+        ((0.96, 0.96, 0.96), True, "xy", ["z"], ["x and y"]),
+        ((0.96, 0.96, 0.96), False, "y", ["x", "z"], ["y"]),
+    ],
+)
+def test_an_axis_is_refused_if_its_fit_is_poor_or_an_essential_gain_uncertain(
+    monkeypatch, explained, alike, weak, groups, refused
+):
+    def axis_law(pieces, axes, form, fit):
+        names = "".join("xyz"[axis] for axis in axes)
+        reasons = {"velocity": "too wide", "integral": "too wide"} if names == weak else {"integral": "too wide"}
+        return AxisLaw(tuple(names), {}, fit.explained, reasons)
+
+    def compared(pieces, fits):
+        assert alike is not None
+        return alike
+
+    monkeypatch.setattr(law, "_unexplained", len)
+    monkeypatch.setattr(law, "chosen", lambda pieces, axes: fit_of_everything(explained[axes[0]]))
+    monkeypatch.setattr(law, "_axis_law", axis_law)
+    monkeypatch.setattr(law, "_alike", compared)
+    found = identify_position_law(*prepared(monkeypatch, ({"heading": []}, np.zeros(1))))
+    assert ["".join(each.axes) for each in found.axes] == groups
+    assert [*found.not_identified] == refused
+    if weak:
+        assert found.not_identified[refused[0]] == "velocity: too wide"
+
+
+def test_a_poor_fit_is_told_with_the_share_that_it_explains():
+    assert "explains 94.9 % of the variance" in law._too_little(0.949)
+    for nothing in (0.0, -0.1, np.nan):
+        assert "explains nothing of the variance" in law._too_little(nothing)
+
+
+@pytest.mark.parametrize(("difference", "alike"), [(0.49, True), (-0.49, True), (0.51, False), (-0.51, False)])
+def test_two_axes_are_alike_if_all_intervals_of_differences_contain_zero(monkeypatch, difference, alike):
+    """With half-widths of 0.3 and 0.4, that of a difference is 0.5. Terms of one axis alone are not compared."""
+
+    def spreads(pieces, axes, fit, form):
+        offset, reach = (0.0, 0.3) if axes == (0,) else (difference, 0.4)
+        own = {"position": 4.0, "velocity": 3.0 + offset, "filter_time" if axes == (0,) else "error_limit": 100.0}
+        deviation = reach / quantile(7.0)
+        return {name: Spread(value, deviation, "", 7.0) for name, value in own.items()}
+
+    monkeypatch.setattr(law, "_spreads", spreads)
+    assert law._alike([], dict.fromkeys(range(3))) == alike
+
+
+@pytest.mark.parametrize(
+    ("form", "axes", "units"),
+    [
+        ("heading", (0,), ["1/s²", "1/s", "1/s", "1", "1/s²", "1/s³"]),
+        ("tilt", (2,), ["1/s²", "1/s", "1/s", "1", "1/s²", "1/s³"]),
+        ("tilt", (0, 1), ["rad/m", "rad s/m", "rad s/m", "rad s²/m", "rad/m", "rad/(m s)"]),
+    ],
+)
+def test_estimates_have_their_intervals_and_units(monkeypatch, form, axes, units):
+    reaches, freedoms = np.linspace(0.1, 0.7, 7), np.linspace(3.0, 9.0, 7)
+    monkeypatch.setattr(law, "uncertainty", lambda pieces, axes, fit: (reaches, freedoms))
+    found = law._spreads([], axes, fit_of_everything(), form)
+    assert [*found] == [*BASIC, "delay"]
+    np.testing.assert_allclose([each.value for each in found.values()], [*(GAINS[name] for name in BASIC), 0.05])
+    np.testing.assert_allclose([each.reach for each in found.values()], reaches)
+    assert [each.degrees_of_freedom for each in found.values()] == freedoms.tolist()
+    assert [each.unit for each in found.values()] == [*units, "s"]
+    assert law._units("rad")["double_integral"] == "rad/(m s²)"
+    assert law._units("m/s²")["double_integral"] == "1/s⁴"
+    assert (law._units("rad")["filter_time"], law._units("rad")["error_limit"]) == ("s", "m")
+
+
+@pytest.mark.parametrize(
+    ("name", "typical", "unit"),
+    [
+        ("position", 4.0, "1/s²"),
+        ("velocity", 3.0, "1/s"),
+        ("reference_velocity", 3.0, "1/s"),
+        ("reference_acceleration", 1.0, "1"),
+        # A pitch in rad is an acceleration over g.
+        ("reference_acceleration", 1.0 / 9.81, "rad s²/m"),
+        ("integral", 4.0, "1/s³"),
+        ("displacement", 4.0, "1/s²"),
+        ("double_integral", 4.0, "1/s⁴"),
+        ("delay", 0.05, "s"),
+        ("filter_time", 0.05, "s"),
+        ("error_limit", np.inf, "m"),
+    ],
+)
+def test_a_parameter_is_identified_to_half_of_its_typical_size(name, typical, unit):
+    certain = {"position": Spread(-4.0, 0.01, "rad/m" if "rad" in unit else "1/s²", 20.0)}
+    certain["velocity"] = Spread(-3.0, 0.01, "1/s", 20.0)
+    for share in (0.49, 0.51):
+        reach = share * min(typical, 1e6)
+        own = certain.get(name, Spread(0.01, 0.0, unit, 20.0))._replace(deviation=reach / quantile(20.0))
+        weak = law._weak(certain | {name: own})
+        if share > 0.5 and np.isfinite(typical):
+            assert weak == {name: f"its 95 % interval reaches {reach:.2g} {unit} to each side"}
+        else:
+            assert weak == {}
+
+
+def test_a_gain_that_is_not_identified_is_zero_and_widens_the_other_intervals(monkeypatch):
+    """Essential gains stay in the law, and so does its shape."""
+    pieces = [flown(BASIC[:4], Shape(0.05), noise=0.02)]
+    fit = searched(pieces, (0,), BASIC, [Shape(0.05)], ("delay",))
+    weak = {"position": "wide", "displacement": "wide", "delay": "wide"}
+    monkeypatch.setattr(law, "_weak", lambda spreads: dict(weak))
+    found = law._axis_law(pieces, (0,), "heading", fit)
+    kept = tuple(name for name in BASIC if name != "displacement")
+    again = searched(pieces, (0,), kept, [fit.shape], ("delay",))
+    assert found.not_identified == weak
+    assert {*found.gains} == {*kept} - {"position"}
+    wide, narrow = (law._spreads(pieces, (0,), each, "heading") for each in (fit, again))
+    for name, spread in found.gains.items():
+        assert spread.value == narrow[name].value
+        assert spread.deviation == max(wide[name].deviation, narrow[name].deviation)
+    assert found.explained == again.explained != fit.explained
+    assert any(wide[name].deviation > 1.1 * narrow[name].deviation for name in found.gains)
+    assert (found.gain("velocity"), found.gain("displacement")) == (narrow["velocity"].value, 0.0)
+
+
+def test_gains_on_a_reference_that_rests_are_not_identified(monkeypatch):
+    piece = flown(("position", "velocity", "integral"), Shape(0.05), noise=0.02)
+    piece = piece._replace(
+        reference_velocity=np.zeros_like(piece.velocity), reference_acceleration=np.zeros_like(piece.velocity)
+    )
+    limit = float(np.quantile(np.abs(piece.error[piece.counted][:, :2]), 0.75))
+    fit = searched([piece], (0, 1), ("position", "velocity", "integral"), [Shape(0.05)], ("delay",))
+    fit = fit._replace(shape=fit.shape._replace(error_limit=limit))
+    monkeypatch.setattr(law, "_weak", lambda spreads: {})
+    found = law._axis_law([piece], (0, 1), "heading", fit)
+    assert found.axes == ("x", "y")
+    assert found.not_identified == dict.fromkeys(BASIC[2:5], "the reference does not move along this axis")
+    assert {*found.gains} == {"position", "velocity", "integral", "delay"}
+    assert found.explained == fit.explained
+    assert found.at_error_limit == pytest.approx(0.25, abs=1e-3)
+
+
+def test_forms_are_compared_by_what_they_leave_on_all_axes_in_some_hundred_samples(monkeypatch):
+    """A form that explains one axis to the last digit is not better for that alone."""
+    seen = []
+
+    def limited(pieces, axes):
+        seen.append([np.flatnonzero(piece.counted) for piece in pieces])
+        return fit_of_everything((1.0 - 1e-3, 1.0 - 1e-6, 1.0)[axes[0]])
+
+    monkeypatch.setattr(law, "limited", limited)
+    pieces = [flown(seconds=10.0), flown(seconds=12.0, begin=20.0)]
+    expected = np.log(1e-3) + np.log(1e-6) + np.log(1e-12)
+    assert law._unexplained(pieces) == pytest.approx(expected, rel=1e-6)
+    # Of 2000 samples every third is more than 600.
+    for found, piece in zip(seen[0], pieces, strict=True):
+        every = np.arange(0, len(piece.time), 3)
+        np.testing.assert_array_equal(found, every[piece.counted[every]])
+    law._unexplained([flown(seconds=6.0)])
+    np.testing.assert_array_equal(seen[-1][0], np.arange(100, 600))
