@@ -1,4 +1,4 @@
-"""The claims that the evaluation judges, by intervals of paired differences."""
+"""Claims of the evaluation, with verdicts that follow from intervals of paired comparisons."""
 
 import itertools
 from collections.abc import Mapping
@@ -22,9 +22,8 @@ from drake_quad.statistics.interval import Interval
 from drake_quad.studies.statistics import Comparison, compare, of_survivors
 
 
-# What every controller is called in the report, by its name in files.
 class _Words(dict[str, str]):
-    """Names of controllers in the report; one of the user's is called by its own name."""
+    """Names of controllers in the report by their names in files; a user's controller has the same name in both."""
 
     def __missing__(self, name: str) -> str:
         return name
@@ -34,7 +33,7 @@ WORDS = _Words({name: entry.words for name, entry in entries_of(on_board=False, 
 
 
 def all_claims(found: Evaluation) -> list[Claim]:
-    """Return every claim for which there are flights, in the order of the report."""
+    """Return all claims for which there are flights, in the order of the report."""
     networks = [helps(found, f"{name}_t2fnn", name) for name in ("pd", *AROUND)]
     maps = [helps(found, f"{name}_t2fnn_map", name) for name in MAPPED]
     others = [
@@ -49,7 +48,16 @@ def all_claims(found: Evaluation) -> list[Claim]:
 
 
 def effects(found: Evaluation, controller: str, other: str) -> dict[str, Comparison]:
-    """The comparison of two controllers on the same samples, by the laboratories of families in which both flew."""
+    """Compare two controllers on the same samples in each laboratory in which both were flown.
+
+    Args:
+        found: numbers of the evaluation.
+        controller: name of the controller.
+        other: name of the baseline.
+
+    Returns:
+        Comparisons by laboratory.
+    """
     return {
         place: beside(found.flights[place][controller], found.flights[place][other])
         for place in FAMILY_OF
@@ -58,20 +66,20 @@ def effects(found: Evaluation, controller: str, other: str) -> dict[str, Compari
 
 
 def beside(metrics: Metrics, baseline: Metrics) -> Comparison:
-    """Compare what two controllers did on the samples that both flew, which are the first ones."""
+    """Compare two controllers on the samples that both flew, which are the first samples of each."""
     count = min(len(metrics.rmse), len(baseline.rmse))
     return compare(metrics.take(slice(count)), baseline.take(slice(count)))
 
 
 def helps(found: Evaluation, network: str, base: str) -> Claim | None:
-    """Does a network make the error of the controller around which it stands smaller?"""
+    """Judge the claim that adding a network to a controller reduces its error; None if there are no flights."""
     kind = "over the position " if network.endswith("map") else ""
     claim = less(found, network, base, f"a network of type 2 {kind}around {WORDS[base]} makes its error smaller")
     return claim and claim._replace(evidence=claim.evidence + _stood(found, network, base))
 
 
 def _stood(found: Evaluation, network: str, base: str) -> str:
-    """What becomes of the delay that is flown, family by family."""
+    """Return text that says how a network changes the tolerated delay in each family; empty without flights."""
     both = {name: traits for name, traits in found.traits.items() if {network, base} <= traits.keys()}
     changes = [
         f"{delay_words(traits[base].delay_flown)} to {delay_words(traits[network].delay_flown)} ({name})"
@@ -81,7 +89,17 @@ def _stood(found: Evaluation, network: str, base: str) -> str:
 
 
 def less(found: Evaluation, controller: str, other: str, statement: str) -> Claim | None:
-    """Is the error of a controller smaller than another's, and does it not crash more often? None if one is missing."""
+    """Judge the claim that a controller has a smaller error than another one and does not crash more often.
+
+    Args:
+        found: numbers of the evaluation.
+        controller: name of the controller.
+        other: name of the baseline.
+        statement: statement of the claim.
+
+    Returns:
+        The claim; None if there is no laboratory in which both controllers were flown.
+    """
     compared = effects(found, controller, other)
     if not compared:
         return None
@@ -95,14 +113,22 @@ def less(found: Evaluation, controller: str, other: str, statement: str) -> Clai
 
 
 def _smaller(compared: Comparison) -> bool | None:
-    """Is the error smaller, and do no more vehicles crash?"""
+    """Return whether the error is smaller without significantly more crashes; None if the interval leaves it open."""
     if compared.crashed > compared.baseline_crashed and compared.crash_significance < 0.05:
         return False
     return reduction(compared.share).is_above(0.0)
 
 
 def learns_in_laps(found: Evaluation, base: str) -> Claim | None:
-    """Does what a network over the position has learned in one lap serve in the next?"""
+    """Judge the claim that a network over the position learns a map that reduces the error in later laps.
+
+    Args:
+        found: numbers of the evaluation.
+        base: name of the controller without the network.
+
+    Returns:
+        The claim; None if fewer than two laps were flown.
+    """
     network = f"{base}_t2fnn_map"
     flown = laps_flown(found, network)
     if len(flown) < 2:
@@ -120,12 +146,12 @@ def learns_in_laps(found: Evaluation, base: str) -> Claim | None:
 
 
 def laps_flown(found: Evaluation, controller: str) -> list[int]:
-    """The numbers of laps that a controller flew."""
+    """Return the numbers of laps with which a controller was flown, from 1 on."""
     return list(itertools.takewhile(lambda n: controller in found.flights.get(in_laps(n), {}), itertools.count(1)))
 
 
 def price_of_margin(found: Evaluation) -> Claim | None:
-    """What does margin cost?"""
+    """Judge the claim that a smaller stability margin reduces the error; None if there are no such designs."""
     parts, needed = [], []
     for controller in PRICED_CONTROLLERS:
         designs = priced(found, controller)
@@ -159,10 +185,11 @@ def priced(found: Evaluation, controller: str) -> list[tuple[Traits, Metrics]]:
 
 
 def best_in(found: Evaluation, place: str) -> list[str]:
-    """The controller of least mean RMSE among those that crash in at most 5 % of the samples, and its equals.
+    """Return the controller with the smallest mean RMSE in a laboratory, followed by those that are equally good.
 
-    Equals are those whose error the paired interval does not tell apart from the best one's; what flew fewer samples
-    can only be an equal.
+    Controllers that crash in more than 5 % of the samples are excluded, unless all do. A controller is equally good if
+    the paired interval does not distinguish its error from the smallest one. Only controllers that flew all samples can
+    be the best one.
     """
     flown = {name: each for name, each in found.flights[place].items() if "@" not in name}
     safe = {name: each for name, each in flown.items() if np.mean(each.crashed) <= 0.05} or flown
@@ -176,7 +203,7 @@ def best_in(found: Evaluation, place: str) -> list[str]:
 
 
 def delay_words(delay: float) -> str:
-    """A delay that is stood, in words."""
+    """Return a tolerated delay as text; see `Traits.delay_flown`."""
     return (
         "–"
         if np.isnan(delay)
@@ -189,12 +216,12 @@ def delay_words(delay: float) -> str:
 
 
 def listed(shares: Mapping[str, Interval]) -> str:
-    """Shares by laboratory, in words."""
+    """Return shares by laboratory as text."""
     return "; ".join(f"{each.percent()} ({place})" for place, each in shares.items())
 
 
 def _crashes(compared: Mapping[str, Comparison]) -> str:
-    """Where one of two controllers crashes and the other does not, in words."""
+    """Return the number of samples on which only one of two controllers crashes as text, by laboratory."""
     parts = [
         f"{place}: {each.crashed} samples crash with it alone, {each.baseline_crashed} with the other alone"
         f" (p = {each.crash_significance:.2g})"

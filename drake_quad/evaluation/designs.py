@@ -1,4 +1,4 @@
-"""Designed controllers as files: one for each family of laboratories, for `extends: [SCENARIO, FILE:NAME]`."""
+"""Files of designed controllers, one for each family of laboratories, for use in `extends: [SCENARIO, FILE:NAME]`."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,15 +13,15 @@ from drake_quad.files import write_atomically
 
 
 def design_file(diagrams: Path, family: str) -> Path:
-    """The file with the designs for a family."""
+    """Return the path of the file with the designs for a family."""
     return diagrams / "controllers" / "designed" / f"{family}.yaml"
 
 
 def designs_in(path: Path) -> CommentedMap:
-    """Return the designs of a file by their names; none if there is no file.
+    """Return the designs in a file by name; empty if the file does not exist.
 
     Raises:
-        InputError: the file contains no mapping.
+        InputError: the file does not contain a mapping.
     """
     if not path.exists():
         return CommentedMap()
@@ -32,16 +32,13 @@ def designs_in(path: Path) -> CommentedMap:
 
 
 def write_designs(path: Path, designs: Mapping[str, Tree], *, said: Mapping[str, str], head: str = "") -> Path:
-    """Write designs into a file atomically, and leave its other designs as they are.
+    """Write designs into a file atomically, without changing its other designs, and return the path.
 
     Args:
-        path: of the file.
-        designs: by their names.
-        said: comments, by the names of the designs that they stand beside.
-        head: comment at the top of the file, in place of what stands there; as it is if empty.
-
-    Returns:
-        The path.
+        path: path of the file.
+        designs: designs by name.
+        said: comments by the name of the design that they are written beside.
+        head: new comment at the top of the file; the present one is kept if it is empty.
     """
     tree = designs_in(path)
     for name, design in designs.items():
@@ -55,7 +52,7 @@ def write_designs(path: Path, designs: Mapping[str, Tree], *, said: Mapping[str,
 
 
 def _yaml() -> Any:
-    """YAML that keeps comments, with lists of numbers in a line."""
+    """Return a YAML reader and writer that preserves comments and writes None as null."""
     yaml = YAML()
     yaml.width = 120
     yaml.representer.add_representer(
@@ -65,7 +62,7 @@ def _yaml() -> Any:
 
 
 def _flowing(value: Any) -> Any:
-    """Return a tree in which lists, and mappings of numbers and texts alone, are written in a line."""
+    """Return a tree in which lists and flat mappings without a `kind` are written in one line."""
     if isinstance(value, list):
         sequence = CommentedSeq(value)
         sequence.fa.set_flow_style()

@@ -1,7 +1,7 @@
-"""The controllers that are judged: what each is made of, which of its numbers are tuned, and what it is told.
+"""Controllers of the evaluation: their fields in a scenario, their tuned numbers, and their knowledge of the plant.
 
-The ranges of the numbers are the same in all laboratories. They are wide, a factor of ten or more, and nobody's
-starting point: the search begins with points all over them.
+The ranges of the tuned numbers are the same in all laboratories. Each range covers a factor of ten or more. There is no
+initial guess, since the search begins with points that are distributed over the ranges.
 """
 
 import math
@@ -16,28 +16,32 @@ Tree = dict[str, Any]
 
 
 class ControllerEntry(NamedTuple):
-    """A controller that is judged.
+    """Controller of the evaluation.
 
     Attributes:
-        words: its name in the report.
-        told: what it is told of the plant, beside mass, inertia and the reference, in a phrase.
-        control: fields of the scenario's `control`; for a network only those of the network.
-        knobs: numbers that are tuned; none for what has a designer of its own.
-        around: the controller that a network stands around; empty for one without.
-        laps: whether it is trained in laps, since it learns from lap to lap.
-        slow: whether it is no fleet's, and flies fewer samples, as it is wired.
+        words: name in the report.
+        told: phrase that names its knowledge of the plant, in addition to mass, inertia and reference.
+        control: fields of the scenario's `control`; for a controller with a network, only the fields of the network.
+        knobs: numbers that are tuned; empty for a controller that has its own design method.
+        around: name of the base controller to which a network is added; empty for a controller without a network.
+        laps: True if the controller learns from lap to lap and is therefore trained in laps.
+        slow: True if the controller cannot be compiled, and therefore flies fewer samples.
     """
 
     words: str
     told: str
-    control: Tree = {}  # noqa: RUF012 - nobody writes into it
+    control: Tree = {}  # noqa: RUF012 - the default is never modified
     knobs: tuple[Knob, ...] = ()
     around: str = ""
     laps: bool = False
     slow: bool = False
 
     def tree(self, numbers: Iterable[float]) -> Tree:
-        """What a scenario extends, with the numbers of the knobs."""
+        """Return the controller as part of a scenario.
+
+        Args:
+            numbers: values of the knobs.
+        """
         tree = {"control": deepcopy(self.control)}
         for knob, number in zip(self.knobs, numbers, strict=True):
             for path in knob.paths:
@@ -49,7 +53,7 @@ class ControllerEntry(NamedTuple):
         return {"extends": self.around, **tree} if self.around else tree
 
     def middle(self) -> Tree:
-        """The same in the middle of all ranges, for a scenario that the search can begin with."""
+        """Return the controller with the geometric mean of each range, as the initial scenario of a search."""
         return self.tree(math.sqrt(knob.low * knob.high) for knob in self.knobs)
 
 
@@ -57,25 +61,25 @@ def _key(step: str) -> str | int:
     return int(step) if step.isdecimal() else step
 
 
-# Networks by their suffix, and what the report calls them.
+# Names of the networks in the report, by the suffix of the controller's name.
 NETWORKS = {
     "t1fnn": "type 1",
     "t2fnn": "type 2",
     "t2fnn_adaptive": "type 2, adaptive sets",
     "t2fnn_map": "type 2 over the position",
 }
-# Controllers with a network of type 2 around them, beside the PD, which has all.
+# Controllers to which a network of type 2 is added. In addition, every kind of network is added to the PD.
 AROUND = ("pid", "disturbance_observer", "l1", "indi", "lqg")
-# Controllers with a network over the position.
+# Controllers to which a network over the position is added.
 MAPPED = ("pd", "indi", "lqg")
 
 
 def entries_of(*, on_board: bool, maps: bool) -> dict[str, ControllerEntry]:
-    """All controllers, by the names under which files have them; networks after what they stand around.
+    """Return all controllers by their names in files, each network after its base controller.
 
     Args:
-        on_board: whether attitude is controlled on board.
-        maps: whether there are networks over the position.
+        on_board: True if an autopilot on board controls the attitude.
+        maps: True to include networks over the position.
     """
     found = _controllers(on_board)
     for name in ("pd", *AROUND):
@@ -90,7 +94,7 @@ def entries_of(*, on_board: bool, maps: bool) -> dict[str, ControllerEntry]:
 
 
 def _both(path: str) -> tuple[str, ...]:
-    """The fields of X and Y, or of roll and pitch."""
+    """Return the paths of the fields of X and Y, or of roll and pitch."""
     return f"control.{path}.0", f"control.{path}.1"
 
 
@@ -113,7 +117,7 @@ def _controllers(on_board: bool) -> dict[str, ControllerEntry]:
     deviation = (Knob(_both("position.deviation"), 0.05, 20.0), Knob(("control.position.deviation.2",), 0.001, 5.0))
     slow = () if on_board else (Knob(("control.attitude.bandwidth",), 0.1, 5.0),)
     estimating: Tree = {"response": {"kind": "tilt", "delay_ticks": 1}}
-    if on_board:  # where the wind of 12 m/s pushes by more than the language's own limit of 5 m/s²
+    if on_board:  # the wind of 12 m/s exceeds the default limit of 5 m/s²
         estimating |= {"disturbance_limit": 20.0}
     plain = _cascade(on_board, {"kind": "pd"})
     incremental = {"kind": "indi", "delay_ticks": 1, "lag": 0.07}
@@ -122,7 +126,7 @@ def _controllers(on_board: bool) -> dict[str, ControllerEntry]:
         return _cascade(on_board, estimating | position, incremental)
 
     integrating: Tree = {"kind": "pid", "k_i": [1.0, 1.0, 1.0]}
-    if on_board:  # likewise
+    if on_board:  # the integral must reject the same wind
         integrating |= {"integral_limit": 20.0}
     filtered = {"position_noise": 0.001, "time_constant": [10.0, 10.0, 10.0], "deviation": [1.0, 1.0, 1.0]}
     found = {
@@ -177,21 +181,21 @@ def _cascade(on_board: bool, position: Tree, attitude: Mapping[str, Any] = {"kin
     }
 
 
-# The inputs of networks: the paper's, and places. Those of the figure eight are as in docs/how_to/learn_in_laps.md; on
-# board the lemniscate of neural_fly.yaml lies in X and Z.
+# Inputs of the networks: the errors of the paper, or the position. The sets over the figure eight are those of
+# docs/how_to/learn_in_laps.md. With an autopilot on board, the lemniscate of neural_fly.yaml lies in the X-Z plane.
 _ERRORS: Tree = {"error": {"scale": 1.0}, "error_rate": {"scale": 1.0}}
 _NO_ERRORS: Tree = {"error": None, "error_rate": None}
-_FIVE: Tree = {"centres": [-1.0, -0.5, 0.0, 0.5, 1.0], "widths": [0.5] * 5}
+_FIVE_SETS: Tree = {"centres": [-1.0, -0.5, 0.0, 0.5, 1.0], "widths": [0.5] * 5}
 _PLACES: Tree = _NO_ERRORS | {
-    "x": {"scale": 0.7, **_FIVE},
+    "x": {"scale": 0.7, **_FIVE_SETS},
     "y": {"scale": 0.3, "centres": [-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0], "widths": [0.25] * 9},
     "z": {"scale": 1.0, "centres": [1.0, 2.0], "widths": [1.0, 1.0]},
 }
 _PLACES_ON_BOARD: Tree = _NO_ERRORS | {
-    "x": {"scale": 0.8, **_FIVE},
+    "x": {"scale": 0.8, **_FIVE_SETS},
     "z": {"scale": 1.0, "centres": [0.75, 1.125, 1.5, 1.875, 2.25], "widths": [0.375] * 5},
 }
-# The paper's law, on s_p, and the gradient of the feedback.
+# Learning laws: that of the paper, which uses the surface s_p, and a gradient law that uses the feedback.
 _COVARIANCE: Tree = {"kind": "covariance", "signal": "surface"}
 _FEEDBACK: Tree = {"kind": "gradient", "signal": "feedback"}
 _LEARNING_KNOBS = {
@@ -203,7 +207,15 @@ _ADAPTIVE = ("centres", "widths", "exponents")
 
 
 def _network(base: ControllerEntry, name: str, kind: str, inputs: Tree, law: Tree) -> ControllerEntry:
-    """A network of a kind of `NETWORKS` around a controller."""
+    """Return a controller with a network.
+
+    Args:
+        base: controller without a network.
+        name: name of this controller.
+        kind: kind of the network, a key of `NETWORKS`.
+        inputs: inputs of the network.
+        law: learning law.
+    """
     adaptive = kind == "t2fnn_adaptive"
     network: Tree = {"kind": "type_1" if kind == "t1fnn" else "type_2", "axes": ["x", "y"]}
     if kind != "t1fnn":

@@ -1,4 +1,4 @@
-"""The experiment of the evaluation: flights of designed controllers, on samples on which none was tuned."""
+"""Experiment of the evaluation: flights of designed controllers on samples that were not used for tuning."""
 
 import itertools
 import math
@@ -39,11 +39,11 @@ from drake_quad.scenario.batch import Batch, middle_of
 from drake_quad.scenario.files.loading import Override
 from drake_quad.scenario.models import Scenario
 
-_NUM_TIMED_FLIGHTS = 3  # of a lone vehicle
+_NUM_TIMED_FLIGHTS = 3  # number of flights of a single vehicle whose CPU time is measured
 
 
 class OwnController(NamedTuple):
-    """Controller of the user's, which is flown beside the designed ones.
+    """Controller of the user's, which is compared with the designed ones.
 
     Attributes:
         name: name in the report.
@@ -84,7 +84,7 @@ class EvaluationSizes(NamedTuple):
 
 
 QUICK = EvaluationSizes(samples=4, slow=2, laps=2, most_laps=2, delayed=2, most_frames=4, duration=1.0)
-# Laboratory or family, controller, and its metrics or traits there.
+# Result of a flight: the laboratory and the controller's metrics, or the family and the controller's traits.
 Result = tuple[str, str, Metrics | Traits]
 
 
@@ -110,10 +110,10 @@ def fly_evaluation(
         progress: called with the number of jobs that are done, the number of all jobs, and the name of the last one.
 
     Returns:
-        What `read_evaluation` reads from the folder.
+        The numbers that `read_evaluation` reads from the folder.
 
     Raises:
-        InputError: there is no design of these controllers.
+        InputError: none of these controllers has a design.
     """
     jobs = [job for name in families for job in _jobs(diagrams, name, sizes, only, own)]
     if not jobs:
@@ -129,7 +129,7 @@ def fly_evaluation(
                 flights.setdefault(place, {})[controller] = numbers
         write_evaluation(folder, Evaluation(flights, traits))
 
-    # Not by workers: processes that fly at the same time would make each other's CPU times longer.
+    # Workers are not used, since processes that fly at the same time increase each other's CPU times.
     run_jobs(jobs, finished=keep, progress=progress)
     return read_evaluation(folder)
 
@@ -162,7 +162,7 @@ def fly_family(
         diagrams: folder of the shipped scenarios.
         name: name of the family.
         family: family of laboratories.
-        controller: name of the controller, which the family's file has.
+        controller: name of the controller in the family's file.
         sizes: sizes of the experiment.
 
     Yields:
@@ -190,10 +190,10 @@ def fly_controller(
         diagrams: folder of the shipped scenarios.
         name: name of the family.
         family: family of laboratories.
-        controller: controller.
+        controller: controller that is flown.
         sizes: sizes of the experiment.
-        around: controller without its network, whose margins are stated; by default the controller itself.
-        slow: whether it is not compiled and flies fewer samples.
+        around: controller without its network, whose margins are returned; by default the controller itself.
+        slow: True to fly fewer samples, without compiling the diagram.
 
     Yields:
         Each laboratory with the controller's metrics, and then the family with the controller's traits.
@@ -218,7 +218,7 @@ def fly_controller(
 def fly_laps(
     diagrams: Path, name: str, family: LaboratoryFamily, entries: Sequence[str], sizes: EvaluationSizes
 ) -> Iterator[Result]:
-    """Fly networks over the position, and the controllers around which they stand, lap after lap.
+    """Fly networks over the position and their base controllers with an increasing number of laps.
 
     Args:
         diagrams: folder of the shipped scenarios.
@@ -238,7 +238,14 @@ def fly_laps(
 def fly_priced(
     diagrams: Path, family: LaboratoryFamily, entries: Sequence[str], sizes: EvaluationSizes
 ) -> Iterator[Result]:
-    """Fly designs with other limits on the peak sensitivity; the arguments are those of `fly_laps`."""
+    """Fly designs with other limits on the peak sensitivity.
+
+    Args:
+        diagrams: folder of the shipped scenarios.
+        family: family of laboratories.
+        entries: names of the controllers that may be flown.
+        sizes: sizes of the experiment.
+    """
     path = design_file(diagrams, PRICED)
     designs = designs_in(path)
     names = [priced_name(*each) for each in itertools.product(PRICED_CONTROLLERS, SENSITIVITIES) if each[0] in entries]
@@ -256,7 +263,7 @@ def timed_flights(scenario: Scenario, count: int, *, compiled: bool = True) -> t
     Args:
         scenario: scenario to fly.
         count: number of samples.
-        compiled: whether the diagram is compiled to machine code; otherwise the wired diagram is simulated.
+        compiled: True to compile the diagram to machine code. Otherwise the original diagram is simulated.
     """
     fleet = StudyFleet(scenario, plan_route(scenario), count, compiled=compiled)
     begun = time.process_time()
@@ -280,7 +287,7 @@ def lone_time(scenario: Scenario, *, compiled: bool = True) -> float:
 
 
 def delay_flown(scenario: Scenario, sizes: EvaluationSizes) -> float:
-    """Return the additional delay that is tolerated, s: one frame less than that with which a sample crashes.
+    """Return the tolerated additional delay, s: one frame less than the smallest one with which a sample crashes.
 
     The delay is infinite if no sample crashes with any delay, and negative if one crashes without additional delay.
     """
@@ -300,7 +307,7 @@ def delay_flown(scenario: Scenario, sizes: EvaluationSizes) -> float:
 
 
 def worst_margins(scenario: Scenario) -> tuple[float, float]:
-    """Return the peak sensitivity and the least delay margin (s) of the middle plant; NaN without a linear model."""
+    """Return the peak sensitivity and the smallest delay margin (s) of the middle plant; NaN without a linear model."""
     try:
         found = [each for each in link_margins(middle_of(scenario)).values() if each is not None]
     except InputError:

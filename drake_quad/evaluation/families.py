@@ -1,4 +1,4 @@
-"""Families of laboratories: one design serves all laboratories of a family, and is trained in some of them."""
+"""Families of laboratories. A controller has one design for all laboratories of a family, some of which train it."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,7 +8,7 @@ from drake_quad.evaluation.entries import ControllerEntry, entries_of
 from drake_quad.scenario.files.loading import Override, load_scenario
 from drake_quad.scenario.models import Scenario
 
-# The first of the samples on which controllers are judged; those on which they are trained begin with 0.
+# Index of the first sample of the evaluation. Training uses samples from 0 on, so that the two sets are disjoint.
 FIRST_JUDGED = 1000
 
 
@@ -16,12 +16,12 @@ class LaboratoryFamily(NamedTuple):
     """Laboratories for which a controller has one design.
 
     Attributes:
-        laboratories: FILE:NAME of each in the folder of diagrams, by the name that the report has for it.
-        trained: the laboratories in which designs are trained; the limit on the loops is that of the first.
-        windiest: the laboratory in which delay is added until vehicles crash.
-        on_board: whether attitude is controlled on board.
-        maps: whether there is a network that learns over the position, for what comes back at the same place.
-        laps: overrides under which such a network is trained.
+        laboratories: FILE:NAME of each laboratory in the folder of diagrams, by its name in the report.
+        trained: names of the laboratories in which designs are trained; the limit applies to the loops of the first.
+        windiest: name of the laboratory in which delay is added until vehicles crash.
+        on_board: True if an autopilot on board controls the attitude.
+        maps: True to include networks over the position, for disturbances that recur at the same place.
+        laps: overrides with which a network over the position is trained.
     """
 
     laboratories: dict[str, str]
@@ -33,7 +33,7 @@ class LaboratoryFamily(NamedTuple):
 
     @property
     def entries(self) -> dict[str, ControllerEntry]:
-        """The controllers that are designed for the family, by name."""
+        """Controllers that are designed for the family, by name."""
         return entries_of(on_board=self.on_board, maps=self.maps)
 
     def scenario(
@@ -43,19 +43,19 @@ class LaboratoryFamily(NamedTuple):
         layers: Sequence[str | Path] = (),
         overrides: Sequence[str | Override] = (),
     ) -> Scenario:
-        """One of the laboratories, with layers and overrides.
+        """Return the scenario of a laboratory with layers and overrides.
 
         Args:
             diagrams: folder of the shipped scenarios.
-            laboratory: its name in the report.
-            layers: FILE:NAMEs that are laid over it, such as a controller.
-            overrides: assignments, which win.
+            laboratory: name of the laboratory in the report.
+            layers: FILE:NAME of each layer over the laboratory, such as a controller.
+            overrides: assignments, which take precedence over the layers.
         """
         return load_scenario(diagrams / self.laboratories[laboratory], overrides, layers=layers)
 
 
 def laps_of(count: int) -> tuple[str, ...]:
-    """Overrides for so many laps, of which the last counts."""
+    """Return overrides for a number of laps, the last of which counts for the metrics."""
     return f"route.laps={count}", f"metrics.first_lap={count}"
 
 
@@ -73,7 +73,7 @@ FAMILIES = {
     ),
     "outdoor": LaboratoryFamily({"outdoor": "outdoor.yaml"}, ("outdoor",), "outdoor"),
     "robustness": LaboratoryFamily({"robustness": "robustness.yaml"}, ("robustness",), "robustness"),
-    # The route has laps anyway.
+    # This family has no overrides for training in laps, since its route already consists of laps.
     "neural_fly": LaboratoryFamily(
         {
             "still air": "neural_fly.yaml:still",
@@ -88,5 +88,5 @@ FAMILIES = {
         maps=True,
     ),
 }
-# Names of the families by the names of their laboratories.
+# Name of the family by the name of the laboratory.
 FAMILY_OF = {place: name for name, family in FAMILIES.items() for place in family.laboratories}

@@ -1,4 +1,4 @@
-"""The figures of the report of the evaluation."""
+"""Figures of the report of the evaluation."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -21,7 +21,7 @@ from drake_quad.studies.statistics import Interval, of_survivors
 from drake_quad.visualization.panels import legend_above, name_rows, plot_intervals
 from drake_quad.visualization.style import BLACK, BLUE, GREEN, LIMIT, ORANGE, PURPLE, SKY, VERMILION
 
-# Controllers by colour, in every figure; what a network adds by its mark.
+# Colour of each controller in all figures. The kind of a network is shown by the marker.
 _COLORS = {
     "pd": BLACK,
     "pid": ORANGE,
@@ -32,14 +32,14 @@ _COLORS = {
     "lqg": VERMILION,
     "mpc": PURPLE,
 }
-_OWN_COLOR = "saddlebrown"  # of the user's controllers
+_OWN_COLOR = "saddlebrown"  # colour of the user's controllers
 _MARKS = {"": "o", "t1fnn": "v", "t2fnn": "^", "t2fnn_adaptive": "D", "t2fnn_map": "s"}
-# Share of crashes from which on a mark is hollow.
-_UNSAFE = 0.05
+# Largest share of crashes for which a marker is filled.
+_MAX_CRASH_SHARE = 0.05
 
 
 def evaluation_figures(found: Evaluation) -> Iterator[tuple[str, Figure]]:
-    """Draw the figures for which there are flights, each after the name that the report has for it."""
+    """Draw the figures for which there are flights, and yield the name and the figure of each."""
     yield "errors", errors_figure(found)
     if networks_of(found):
         yield "networks", networks_figure(found)
@@ -51,15 +51,15 @@ def evaluation_figures(found: Evaluation) -> Iterator[tuple[str, Figure]]:
 
 
 def parts_of(controller: str) -> tuple[str, str]:
-    """The controller without its network, and the kind of the network, empty without one."""
-    if controller not in WORDS and "@" not in controller:  # of the user's
+    """Return the name of the base controller and the kind of its network, which is empty if there is none."""
+    if controller not in WORDS and "@" not in controller:  # a controller of the user's
         return controller, ""
     base = max((name for name in _COLORS if controller.startswith(name)), key=len)
     return base, controller.removeprefix(base).removeprefix("_")
 
 
 def errors_figure(found: Evaluation) -> Figure:
-    """Plot the mean error of every controller in every laboratory: a panel for each, a row for each controller."""
+    """Plot the mean error of every controller, with a panel for each laboratory and a row for each controller."""
     titles = {place: name if name == place else f"{name}\n{place}" for place, name in FAMILY_OF.items()}
     places = [place for place in titles if place in found.flights]
     controllers = sorted(found.controllers, key=[*WORDS, *found.controllers].index)
@@ -86,12 +86,12 @@ def _mark(axes: Axes, metrics: Metrics, row: int, name: str) -> None:
     mean = mean_interval(100.0 * of_survivors(metrics, "rmse"))
     if np.isfinite(mean.value):
         axes.plot([max(mean.low, 1e-3), mean.high], [row, row], color=_COLORS.get(base, _OWN_COLOR), linewidth=1.6)
-        fill = "none" if np.mean(metrics.crashed) > _UNSAFE else "full"
+        fill = "none" if np.mean(metrics.crashed) > _MAX_CRASH_SHARE else "full"
         axes.plot(mean.value, row, _MARKS[kind], color=_COLORS.get(base, _OWN_COLOR), markersize=4.2, fillstyle=fill)
 
 
 def _panel(axes: Axes, title: str) -> None:
-    """A logarithmic axis with numbers that can be read."""
+    """Set the title and a logarithmic horizontal axis with round numbers as ticks."""
     axes.set_xscale("log")
     low, high = axes.get_xlim()
     low, high = low / 1.3, high * 1.3
@@ -104,7 +104,7 @@ def _panel(axes: Axes, title: str) -> None:
 
 
 def networks_of(found: Evaluation) -> dict[str, dict[str, Interval]]:
-    """By how much each network makes the error smaller, by its name and by laboratory."""
+    """Return the relative reduction of the error by each network, by controller and laboratory."""
     names = [f"pd_{kind}" for kind in NETWORKS] + [f"{name}_t2fnn" for name in AROUND]
     names += [f"{name}_t2fnn_map" for name in MAPPED[1:]]
     compared = {name: effects(found, name, parts_of(name)[0]) for name in names}
@@ -116,7 +116,7 @@ def networks_of(found: Evaluation) -> dict[str, dict[str, Interval]]:
 
 
 def networks_figure(found: Evaluation) -> Figure:
-    """Plot by how much networks make the error smaller: a row for each network, a mark for each laboratory."""
+    """Plot the reduction of the error by networks, with a row for each network and a marker for each laboratory."""
     cuts = networks_of(found)
     colors = dict(zip(FAMILIES, (BLUE, GREEN, ORANGE, VERMILION), strict=True))
     with print_panels(0.9 + 0.36 * len(cuts), width=1.75 * COLUMN) as (figure, axes):
@@ -144,7 +144,7 @@ def networks_figure(found: Evaluation) -> Figure:
 
 
 def margins_figure(found: Evaluation) -> Figure:
-    """Plot the error in high wind against the peak sensitivity and against the delay that is flown."""
+    """Plot the error in high wind over the peak sensitivity and over the tolerated delay."""
     plain = {
         name: (each, found.flights[PRICED_IN][name])
         for name, each in found.traits.get(FAMILY_OF[PRICED_IN], {}).items()
@@ -167,7 +167,7 @@ def margins_figure(found: Evaluation) -> Figure:
                 )
             axes.set_yscale("log")
             axes.set_xlabel(label)
-        # So that designs under one limit, which hardly differ in it, are seen to hardly differ.
+        # With wide axes, designs under the same limit appear as close together as they are.
         row[0].set_xlim(min(1.5, row[0].get_xlim()[0]), max(3.1, row[0].get_xlim()[1]))
         row[1].set_xlim(0.0, max(100.0, row[1].get_xlim()[1]))
         low, high = row[0].get_ylim()
@@ -192,7 +192,7 @@ def _point(traits: Traits, metrics: Metrics, measure: str, unit: float) -> tuple
 
 
 def laps_figure(found: Evaluation, controllers: Sequence[str]) -> Figure:
-    """Plot the error in the last of so many laps, with a network over the position and without."""
+    """Plot the error in each lap, with and without a network over the position."""
     with print_panels(2.6, width=1.3 * COLUMN) as (figure, axes):
         for name in controllers:
             for controller, style in ((name, ":"), (f"{name}_t2fnn_map", "-")):

@@ -1,4 +1,4 @@
-"""The protocol by which controllers are designed for a family of laboratories: one budget, one limit for all."""
+"""Protocol that tunes all controllers for a family of laboratories with the same budget and the same limit."""
 
 import itertools
 import shutil
@@ -20,16 +20,16 @@ from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import value_at
 
-# Over which model predictive control looks ahead, s: that of controllers/mpc.yaml.
+# Horizon of model predictive control, s, as in controllers/mpc.yaml.
 _HORIZON = 0.6
 
 
 class Designed(NamedTuple):
-    """A design that has been written.
+    """Design that has been written to a file.
 
     Attributes:
-        name: under which it stands in its file.
-        words: what came of it in training.
+        name: name of the design in its file.
+        words: description of the tuning and its result.
     """
 
     name: str
@@ -37,15 +37,17 @@ class Designed(NamedTuple):
 
 
 def tunable(family: LaboratoryFamily, path: Path, names: Sequence[str] | None = None) -> dict[str, ControllerEntry]:
-    """The entries of a family that the protocol tunes, each after what it stands around.
+    """Return the entries of a family that the protocol tunes by name, each network after its base controller.
+
+    A network is omitted if its base controller is neither in the file nor tuned before.
 
     Args:
-        family: of laboratories.
-        path: of the file with its designs, of which a network's controller must be one, or be tuned before it.
-        names: of the entries, if not all.
+        family: family of laboratories.
+        path: path of the file with the family's designs.
+        names: names of the entries; all by default.
 
     Raises:
-        InputError: there is no such entry, or none that is tuned here.
+        InputError: a name is not that of an entry that the protocol tunes.
     """
     entries = {name: each for name, each in family.entries.items() if each.knobs}
     for name in names or ():
@@ -64,14 +66,14 @@ def design_family(
     *,
     budget: Budget = Budget(),
 ) -> Iterator[Designed]:
-    """Tune entries one after another, and write each into the family's file as soon as it is found.
+    """Tune entries one after another, and write each design into the family's file as soon as it is found.
 
     Args:
         diagrams: folder of the shipped scenarios.
-        name: of the family.
-        family: of laboratories.
-        entries: of `tunable`.
-        budget: of each search.
+        name: name of the family.
+        family: family of laboratories.
+        entries: entries from `tunable`.
+        budget: budget of each search.
     """
     path, limit = design_file(diagrams, name), LoopLimit()
     for controller, entry in entries.items():
@@ -101,7 +103,8 @@ def _predictive(path: Path) -> Iterator[Designed]:
 
 def _untuned(diagrams: Path, family: LaboratoryFamily, path: Path, name: str, entry: ControllerEntry) -> list[Scenario]:
     """Return the scenarios in which an entry is trained, with its numbers in the middle of their ranges."""
-    # A copy of the file with the designs that the entry may extend, beside the file, from which they are found.
+    # This is a copy of the file, since the entry may extend the designs in it. It is in the same folder, since designs
+    # are found relative to their file.
     trial = path.with_name(f".tuning_{path.name}")
     try:
         if path.exists():
@@ -113,7 +116,14 @@ def _untuned(diagrams: Path, family: LaboratoryFamily, path: Path, name: str, en
 
 
 def training(diagrams: Path, family: LaboratoryFamily, layer: str, entry: ControllerEntry) -> list[Scenario]:
-    """The scenarios in which an entry of a family is trained, with samples that are never judged."""
+    """Return the scenarios in which an entry of a family is trained.
+
+    Args:
+        diagrams: folder of the shipped scenarios.
+        family: family of laboratories.
+        layer: FILE:NAME of the controller.
+        entry: entry of the controller.
+    """
     overrides = family.laps if entry.laps else ()
     return [family.scenario(diagrams, each, [layer], overrides) for each in family.trained]
 
@@ -121,7 +131,7 @@ def training(diagrams: Path, family: LaboratoryFamily, layer: str, entry: Contro
 def numbers_before(
     diagrams: Path, family: LaboratoryFamily, path: Path, controller: str, entry: ControllerEntry
 ) -> list[float] | None:
-    """The numbers of an entry's knobs that an earlier design has; None if there is none, or it has no such numbers."""
+    """Return the values of an entry's knobs in an earlier design; None if there is no design with positive values."""
     if controller not in designs_in(path):
         return None
     scenario, *_ = training(diagrams, family, f"{path}:{controller}", entry)
@@ -154,12 +164,19 @@ def design_prices(diagrams: Path, *, budget: Budget = Budget()) -> Iterator[Desi
 
 
 def _shares(limit: LoopLimit) -> Callable[[Scenario], np.ndarray]:
-    """The shares of a limit that the loops of the middle plant meet."""
+    """Return a function from a scenario to the shares of a limit that the loops of its middle plant meet."""
     return lambda scenario: limit.shares_met(middle_of(scenario))
 
 
 def _words(entry: ControllerEntry, found: TuningResult, budget: Budget, later: float = 0.0) -> str:
-    """What came of a tuning."""
+    """Return the description of a tuning and its result.
+
+    Args:
+        entry: entry that was tuned.
+        found: result of the tuning.
+        budget: budget of the search.
+        later: additional latency in training, s.
+    """
     words = f"{len(entry.knobs)} numbers tuned in {budget.rounds} rounds, {100.0 * found.error:.2f} cm in training"
     if later:
         words += f", also {1e3 * later:.0f} ms late"

@@ -1,4 +1,4 @@
-"""The report of the evaluation: what it says, and its files."""
+"""Report of the evaluation: its text and its files."""
 
 import platform
 from collections.abc import Mapping, Sequence
@@ -30,7 +30,7 @@ FIGURES = {
     "laps": "RMSE in the last of so many laps of high wind, with 95 % intervals: with a network over the position, and"
     " without.",
 }
-# Columns of the summary that have intervals.
+# Metrics of the summary by the name of their column; each mean has an interval.
 _MEANS = {"rmse": "rmse", "peak": "peak_error", "effort_x": "effort_x", "effort_y": "effort_y", "effort_z": "effort_z"}
 
 
@@ -51,12 +51,12 @@ def write_report(folder: Path, found: Evaluation) -> list[Path]:
 
 
 def report_markdown(found: Evaluation, claims: Sequence[Claim], figures: Sequence[str]) -> str:
-    """Return the report as Markdown; its figures are in the folder `figures` beside it.
+    """Return the report as Markdown, with links to its figures in the adjacent folder `figures`.
 
     Args:
         found: numbers of the evaluation.
         claims: claims with their verdicts.
-        figures: names of the figures that were drawn.
+        figures: names of the figures that were written.
     """
     limit = LoopLimit()
     return filled_template(
@@ -99,14 +99,14 @@ def write_summary(path: Path, found: Evaluation) -> Path:
 
 
 def machine() -> str:
-    """What the times were measured on."""
+    """Return the processor and the Python version, which the computing times depend on."""
     lines = Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else []
     models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return f"{models[0] if models else platform.machine()}, Python {platform.python_version()}"
 
 
 def _flown(found: Evaluation) -> list[tuple[str, str, str, Metrics]]:
-    """Family, laboratory, controller and flights of all that a family's file designs."""
+    """Return the family, laboratory, name and metrics of each controller that was flown in a family."""
     return [
         (family, place, name, found.flights[place][name])
         for place, family in FAMILY_OF.items()
@@ -116,7 +116,7 @@ def _flown(found: Evaluation) -> list[tuple[str, str, str, Metrics]]:
 
 
 def _best(found: Evaluation) -> str:
-    """Return a sentence for each laboratory."""
+    """Return a list in Markdown with the best controllers in each laboratory."""
     lines = []
     for place in dict.fromkeys(place for _, place, *_ in _flown(found)):
         best, *equals = best_in(found, place)
@@ -171,7 +171,7 @@ def _of_traits(each: Traits) -> tuple[str, ...]:
 
 
 def _crash_shares(found: Evaluation, family: LaboratoryFamily, traits: Mapping[str, Traits]) -> str:
-    """The probabilities of crashes, with their intervals, where there are any."""
+    """Return the crash probabilities of the controllers and laboratories with a crash as text, with intervals."""
     shares = [
         f"{WORDS[name]} in {place} {crash_probability(found.flights[place][name]).percent()}"
         for place in family.laboratories

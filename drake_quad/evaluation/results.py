@@ -1,4 +1,4 @@
-"""The numbers of the evaluation, and how its folder holds them."""
+"""Numbers of the evaluation, and the files that store them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,25 +11,27 @@ from drake_quad.reports.results import read_groups, write_groups
 
 _FLIGHT_KEYS = ("laboratory", "controller")
 _TRAIT_KEYS = ("family", "controller")
-# Number of digits of the numbers in the files, more than any comparison needs.
+# Number of significant digits in the files.
 _DIGITS = 9
-# Where more laps than one are flown, of which the last counts, and where designs with other limits are flown.
+# Laboratory in which several laps are flown, laboratory in which designs with other limits are flown, and name of the
+# file of these designs.
 LAPS_IN, PRICED_IN, PRICED = "high wind", "high wind", "priced"
-# Designs with other limits on the sensitivity, and what is designed so.
+# Other limits on the peak sensitivity, and the controllers that are designed with them.
 SENSITIVITIES, PRICED_CONTROLLERS = (1.6, 1.9, 2.6, 3.0), ("indi", "lqg")
 
 
 class Traits(NamedTuple):
-    """What a controller is in a family of laboratories, beside its errors; NaN where there is no such number.
+    """Margins and computing times of a controller in a family of laboratories; NaN if a number does not exist.
+
+    Margins are those of the loops of the middle plant, broken at the command link, without the network of a controller.
 
     Attributes:
-        sensitivity: largest peak of |1 / (1 + L)| where commands go over the link, of the middle plant; with a network,
-            without it.
-        delay: least delay margin there, s.
-        delay_flown: that is stood beyond the laboratory's own, s; infinite if none that was tried made a vehicle crash,
-            negative if vehicles crash without any.
-        lone: CPU time of the whole loop a tick of a vehicle that flies alone, s.
-        fleet: of one in a fleet of all samples, s.
+        sensitivity: largest peak of |1 / (1 + L)|.
+        delay: smallest delay margin, s.
+        delay_flown: largest additional delay that is tolerated in flight, s; infinite if no sample crashes with any
+            delay, and negative if a sample crashes without additional delay.
+        lone: CPU time of the whole loop per tick for a vehicle that flies alone, s.
+        fleet: CPU time of the whole loop per tick and vehicle in a fleet of all samples, s.
     """
 
     sensitivity: float
@@ -41,11 +43,11 @@ class Traits(NamedTuple):
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Everything that was flown, in numbers.
+    """Numbers of all flights of the evaluation.
 
     Attributes:
-        flights: metrics of the judged samples, by laboratory and controller.
-        traits: by family and controller.
+        flights: metrics of the samples, by laboratory and controller.
+        traits: margins and computing times, by family and controller.
     """
 
     flights: Mapping[str, Mapping[str, Metrics]]
@@ -53,18 +55,18 @@ class Evaluation:
 
     @property
     def controllers(self) -> list[str]:
-        """All controllers that flew in a laboratory of a family."""
+        """Names of all controllers that were flown in a laboratory of a family."""
         flown = (name for place in FAMILY_OF for name in self.flights.get(place, ()) if "@" not in name)
         return list(dict.fromkeys(flown))
 
 
 def in_laps(count: int) -> str:
-    """The laboratory in which so many laps are flown, of which the last counts."""
+    """Return the name of the laboratory with a number of laps, the last of which counts for the metrics."""
     return f"{LAPS_IN}, lap {count}"
 
 
 def priced_name(controller: str, sensitivity: float) -> str:
-    """A controller that is designed with another limit on the peak sensitivity."""
+    """Return the name of a controller that is designed with another limit on the peak sensitivity."""
     return f"{controller}@{sensitivity:g}"
 
 
@@ -87,10 +89,10 @@ def write_evaluation(folder: Path, found: Evaluation) -> list[Path]:
 
 
 def read_evaluation(folder: Path) -> Evaluation:
-    """Read what `write_evaluation` left in a folder.
+    """Read the numbers that `write_evaluation` wrote to a folder.
 
     Raises:
-        InputError: a file is missing, or holds something else.
+        InputError: a file is missing or invalid.
     """
     flights: dict[str, dict[str, Metrics]] = {}
     for (place, name), columns in read_groups(folder / "flights.csv", _FLIGHT_KEYS, Metrics._fields).items():

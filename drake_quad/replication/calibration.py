@@ -1,6 +1,6 @@
-"""Calibration: numbers that the paper does not give are fitted to two cells of its table.
+"""Calibration of numbers that the paper does not give, by a fit to two cells of its table.
 
-The errors of the paper's PD are about 1 m. Each hypothesis of the reason has two free numbers, one of the PD and one of
+The errors of the paper's PD are about 1 m. Each hypothesis on the reason has two free numbers, one of the PD and one of
 the network. They are fitted, one after the other, to the mean errors of PD and of PD+T2FNN without wind. The errors of
 all other cells are then predictions.
 """
@@ -26,13 +26,13 @@ _TOLERANCE = 1e-3
 
 
 class FreeNumber(NamedTuple):
-    """A number that is fitted.
+    """Number that is fitted.
 
     Attributes:
-        words: its name, with its unit.
-        low: the smallest value that is tried.
-        high: the largest value that is tried.
-        overrides: from a value to the overrides that set it in a scenario.
+        words: name of the number, with its unit.
+        low: smallest value that is tried.
+        high: largest value that is tried.
+        overrides: function from a value to the overrides that set it in a scenario.
     """
 
     words: str
@@ -42,13 +42,13 @@ class FreeNumber(NamedTuple):
 
 
 class Hypothesis(NamedTuple):
-    """A possible reason for the error of 1 m of the PD.
+    """Possible reason for the PD's error of 1 m.
 
     Attributes:
-        words: the reason, in a few words.
-        overrides: that set it in the paper's scenarios, for all controllers.
-        pd: the number that is fitted to the error of the PD.
-        network: the number that is fitted to the error of PD+T2FNN.
+        words: reason in a few words.
+        overrides: overrides of the paper's scenarios with all controllers.
+        pd: number that is fitted to the error of the PD.
+        network: number that is fitted to the error of PD+T2FNN.
     """
 
     words: str
@@ -58,13 +58,13 @@ class Hypothesis(NamedTuple):
 
 
 class Calibration(NamedTuple):
-    """A fitted hypothesis.
+    """Fitted hypothesis.
 
     Attributes:
-        hypothesis: that was fitted.
-        pd: the fitted number of the PD.
-        network: the fitted number of the network.
-        errors: mean RMSE of each cell of the table, m; two of them are fitted, the others predicted.
+        hypothesis: hypothesis that was fitted.
+        pd: fitted number of the PD.
+        network: fitted number of the network.
+        errors: mean RMSE of each cell of the table, m; two of them are fitted, and the others are predicted.
     """
 
     hypothesis: Hypothesis
@@ -74,10 +74,10 @@ class Calibration(NamedTuple):
 
 
 def pd_gains(bandwidth: float) -> list[str]:
-    """Overrides for the gains of a horizontal PD: k_P = ω², k_D = 2 ζ ω, with ζ = 0.7.
+    """Return overrides for the gains of the horizontal PD: k_P = ω² and k_D = 2 ζ ω, with ζ = 0.7.
 
     Args:
-        bandwidth: ω, rad/s.
+        bandwidth: bandwidth ω, rad/s.
     """
     k_p, k_d = bandwidth * bandwidth, 2.0 * _DAMPING * bandwidth
     return [
@@ -102,7 +102,7 @@ def _speed(initial_covariance: float) -> list[str]:
 
 
 _TRACKING = "control.position.derivative=tracking_error"
-# The gains of the first hypothesis, rounded, so that the third one differs from it by its bias alone.
+# These are the rounded gains of the first hypothesis. The third one has the same gains, and in addition a bias.
 _SAME_GAINS = pd_gains(1.2)
 
 HYPOTHESES = {
@@ -127,16 +127,16 @@ HYPOTHESES = {
 def calibrate(
     hypothesis: Hypothesis, load: Callable[[Cell, list[str]], Scenario], num_samples: int, *, compiled: bool = True
 ) -> Calibration:
-    """Fits the numbers of a hypothesis, and predicts the errors of the other cells.
+    """Fit the numbers of a hypothesis, and predict the errors of the other cells.
 
     Args:
-        hypothesis: to fit.
-        load: loads the scenario of a cell with some overrides.
-        num_samples: flights over which errors are averaged; they are the same samples each time.
-        compiled: whether diagrams are compiled to machine code; else they fly as they are wired.
+        hypothesis: hypothesis that is fitted.
+        load: function that loads the scenario of a cell with overrides.
+        num_samples: number of samples over which errors are averaged; the same samples are used for all flights.
+        compiled: True to compile the diagrams to machine code. Otherwise the original diagrams are simulated.
 
     Raises:
-        InputError: no value of a number gives the printed error.
+        InputError: no value of a number reproduces the printed error.
     """
     printed = printed_table()
     errors = partial(_errors, num_samples=num_samples, compiled=compiled)
@@ -154,7 +154,16 @@ def calibrate(
 
 
 def _fitted(number: FreeNumber, errors: Callable[[list[str]], np.ndarray], target: float) -> float:
-    """The value of a number with which the mean error is the target (m); given the errors under its overrides."""
+    """Return the value of a number for which the mean error is equal to a target.
+
+    Args:
+        number: number that is fitted.
+        errors: function from overrides to errors (n,), m.
+        target: mean error that is to be reproduced, m.
+
+    Raises:
+        InputError: no value in the range of the number reproduces the target.
+    """
 
     def excess(value: float) -> float:
         return float(np.mean(errors(number.overrides(value)))) - target
@@ -169,5 +178,5 @@ def _fitted(number: FreeNumber, errors: Callable[[list[str]], np.ndarray], targe
 
 
 def _errors(scenario: Scenario, num_samples: int, *, compiled: bool = True) -> np.ndarray:
-    """(n,) RMSE of samples, m; infinite for those that crashed."""
+    """Return the RMSE (n,) of the first n samples, m; infinite for those that crashed."""
     return with_crashes(fly_samples(scenario, range(num_samples), compiled=compiled), "rmse")

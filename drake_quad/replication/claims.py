@@ -1,4 +1,4 @@
-"""The claims of the paper: its evidence, ours, and a verdict that follows from the intervals."""
+"""Claims of the paper, with its evidence, our evidence, and a verdict that follows from the intervals."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
@@ -17,12 +17,12 @@ _NETWORKS = ("pd_t1fnn", "pd_t2fnn", "pd_t2fnn_wide")
 _GAINS = {"k_p": "k_P", "k_d": "k_D"}
 _TYPE_2 = ("pd_t2fnn", "pd_t2fnn_wide")
 _IN_WIND = ("low_wind", "high_wind")
-# Gains whose error is at most so many times the best one count as good as the best.
-_AS_GOOD = 1.2
+# Largest error, relative to the best one, of gains that count as equally good.
+_MAX_ERROR_RATIO = 1.2
 
 
 def all_claims(found: Experiment) -> list[Claim]:
-    """Every claim, in the order of the report."""
+    """Return all claims in the order of the report."""
     return [
         half_the_error(found),
         reduction_without_wind(found),
@@ -39,7 +39,7 @@ def all_claims(found: Experiment) -> list[Claim]:
 
 
 def half_the_error(found: Experiment) -> Claim:
-    """Type 2 is 50 % better than PD."""
+    """Judge the claim that type 2 is 50 % better than PD."""
     cuts = {cell: _reduction(found, cell, "pd") for cell in cells_of(_TYPE_2)}
     over_slope = {wind: [_cut_at(found, wind, slope) for slope in SLOPES] for wind in WINDS}
     best = max((cut for cuts in over_slope.values() for cut in cuts), key=lambda cut: cut.value)
@@ -55,7 +55,7 @@ def half_the_error(found: Experiment) -> Claim:
 
 
 def reduction_without_wind(found: Experiment) -> Claim:
-    """The error without wind is about 43 % smaller."""
+    """Judge the claim that the error without wind is about 43 % smaller."""
     pd, network = (printed_table()[Cell("no_wind", name)].rmse.mean for name in ("pd", "pd_t2fnn"))
     cut = _reduction(found, Cell("no_wind", "pd_t2fnn"), "pd")
     other = {cell: _reduction(found, cell, "pd") for cell in cells_of(("pd_t1fnn", "pd_t2fnn_wide"), ["no_wind"])}
@@ -69,7 +69,7 @@ def reduction_without_wind(found: Experiment) -> Claim:
 
 
 def type_2_beats_type_1(found: Experiment) -> Claim:
-    """Type 2 beats type 1 by 2 to 7 %."""
+    """Judge the claim that type 2 beats type 1 by 2 to 7 %."""
     gains = {cell: _reduction(found, cell, "pd_t1fnn") for cell in cells_of(_TYPE_2)}
     windy = {cell: gain for cell, gain in gains.items() if cell.wind != "no_wind"}
     over_noise = [_advantage(found.noise, "noise", level) for level in NOISE]
@@ -91,7 +91,7 @@ def type_2_beats_type_1(found: Experiment) -> Claim:
 
 
 def wider_under_noise(found: Experiment) -> Claim:
-    """More noise favours wider membership functions."""
+    """Judge the claim that more noise favours wider membership functions."""
     errors = [[_rmse(found.noise, "noise", level, name) for name in _TYPE_2] for level in NOISE]
     gains = [_cut(wide, narrow) for narrow, wide in errors]
     trend = _more_cut(errors[-1], errors[0])
@@ -110,7 +110,7 @@ def wider_under_noise(found: Experiment) -> Claim:
 
 
 def peak_without_wind(found: Experiment) -> Claim:
-    """The peak falls from 1.3 to 0.8 m."""
+    """Judge the claim that the peak error without wind falls from 1.3 to 0.8 m."""
     pd, network = (
         _mean(np.asarray(found.cells[Cell("no_wind", name)].metrics.peak_error)) for name in ("pd", "pd_t2fnn")
     )
@@ -125,7 +125,7 @@ def peak_without_wind(found: Experiment) -> Claim:
 
 
 def smaller_peaks_in_wind(found: Experiment) -> Claim:
-    """Type 2 has smaller peaks than type 1 in wind."""
+    """Judge the claim that type 2 has smaller error peaks than type 1 in wind."""
     differences = {
         cell: found.comparison(cell, Cell(cell.wind, "pd_t1fnn"), "peak_error").difference
         for cell in cells_of(_TYPE_2, _IN_WIND)
@@ -142,7 +142,7 @@ def smaller_peaks_in_wind(found: Experiment) -> Claim:
 
 
 def pd_tends_to_zero(found: Experiment) -> Claim:
-    """The PD's output tends to zero as the network takes over, and comes back at each change of segment."""
+    """Judge the claim that the PD's output tends to zero as the network learns, and returns at changes of segment."""
     fades, returns = (
         {cell: _mean(found.recorded[cell][measure]) for cell in cells_of(("pd", "pd_t2fnn"))}
         for measure in ("pd_fade", "pd_return")
@@ -160,7 +160,7 @@ def pd_tends_to_zero(found: Experiment) -> Claim:
 
 
 def least_effort(found: Experiment) -> Claim:
-    """The PD costs the least effort."""
+    """Judge the claim that the PD costs the least effort."""
     shares = {
         (cell, axis): found.comparison(cell, Cell(cell.wind, "pd"), f"effort_{axis}").share
         for cell in cells_of(_NETWORKS)
@@ -180,7 +180,7 @@ def least_effort(found: Experiment) -> Claim:
 
 
 def insensitive_to_wind(found: Experiment) -> Claim:
-    """The error does not rise in wind."""
+    """Judge the claim that the controllers are insensitive to wind."""
     rises = {
         cell: found.comparison(cell, Cell("no_wind", name)).share.plus(-1.0)
         for name in CONTROLLERS
@@ -201,10 +201,13 @@ def insensitive_to_wind(found: Experiment) -> Claim:
 
 
 def straight_against_curved(found: Experiment) -> Claim:
-    """A PD tuned on straight lines is worse on curves, and one tuned on curves oscillates on straight lines."""
+    """Judge the claim that a PD tuned on straight lines is worse on curves, and that one tuned on curves oscillates.
+
+    Gains are chosen on the first half of the samples and compared on the second half.
+    """
     straight, curved, swing = found.legs.metrics
     half = len(found.legs.samples) // 2
-    # A mean is NaN where a sample crashed, and gains that crash are not chosen.
+    # The mean is NaN if a sample crashed, so that gains with a crash are not chosen.
     on_straight, on_curved = (int(np.nanargmin(each[:, :half].mean(axis=1))) for each in (straight, curved))
     worse = ratio_of_means(curved[on_straight, half:], curved[on_curved, half:]).plus(-1.0)
     livelier = ratio_of_means(swing[on_curved, half:], swing[on_straight, half:])
@@ -223,7 +226,7 @@ def straight_against_curved(found: Experiment) -> Claim:
 
 
 def circle_of_gains(found: Experiment) -> Claim:
-    """With a network any gains that stabilise will do."""
+    """Judge the claim that with a network any stabilising gains will do."""
     pd, network = (_mean(as_good(found.maps[name])) for name in MAPPED)
     more = _mean(as_good(found.maps["pd_t2fnn"]) - as_good(found.maps["pd"]))
     typical = [_mean(typical_over_best(found.maps[name])) for name in MAPPED]
@@ -244,15 +247,15 @@ def circle_of_gains(found: Experiment) -> Claim:
 
 
 def as_good(sweep: Sweep) -> np.ndarray:
-    """(samples,) share of the gains without a crash whose error is within 20 % of the best."""
+    """Return the share (samples,) of the gains without a crash whose error is within 20 % of the best."""
     rmse = _errors(sweep)
     best = np.nanmin(rmse, axis=0)
-    shares: np.ndarray = (rmse <= _AS_GOOD * best).sum(axis=0) / np.isfinite(rmse).sum(axis=0)
+    shares: np.ndarray = (rmse <= _MAX_ERROR_RATIO * best).sum(axis=0) / np.isfinite(rmse).sum(axis=0)
     return shares
 
 
 def typical_over_best(sweep: Sweep) -> np.ndarray:
-    """(samples,) median error of the gains without a crash, over the best."""
+    """Return the ratio (samples,) of the median error to the best error over the gains without a crash."""
     rmse = _errors(sweep)
     return np.asarray(np.nanmedian(rmse, axis=0) / np.nanmin(rmse, axis=0))
 
@@ -270,7 +273,10 @@ def advantage(sweep: Sweep, number: str, value: float, controller: str) -> Inter
 
 
 def printed_effort_ratios() -> dict[Cell, tuple[float, float]]:
-    """Printed mean efforts of each network over those of the PD in the same wind, on X and Y; NaN where one is lost."""
+    """Return the ratios of each network's printed mean effort to the PD's in the same wind, on X and on Y, by cell.
+
+    A ratio is NaN if one of the two efforts is missing in the paper.
+    """
     table = printed_table()
     return {
         cell: (
@@ -294,7 +300,14 @@ def _printed_reductions(cells: Iterable[Cell], baseline: str) -> list[float]:
 
 
 def _rmse(sweep: Sweep, number: str, value: float, controller: str) -> np.ndarray:
-    """(samples,) RMSE with a value of a number and the exponents of a controller."""
+    """Return the RMSE (samples,) for one value of a setting and the exponents of a controller.
+
+    Args:
+        sweep: sweep over the setting.
+        number: name of the setting.
+        value: value of the setting.
+        controller: name of a controller with a network.
+    """
     a1, a2 = EXPONENTS[controller]
     chosen = (sweep.settings[number] == value) & (sweep.settings["a1"] == a1) & (sweep.settings["a2"] == a2)
     (place,) = np.flatnonzero(chosen)
@@ -303,12 +316,18 @@ def _rmse(sweep: Sweep, number: str, value: float, controller: str) -> np.ndarra
 
 
 def _advantage(sweep: Sweep, number: str, value: float) -> Interval:
-    """The share by which the better controller of type 2 is better than type 1, with a value of a number."""
+    """Return the relative reduction of the mean error by the better controller of type 2, compared with type 1.
+
+    Args:
+        sweep: sweep over the setting.
+        number: name of the setting.
+        value: value of the setting.
+    """
     return max((advantage(sweep, number, value, name) for name in _TYPE_2), key=lambda gain: gain.value)
 
 
 def _errors(sweep: Sweep) -> np.ndarray:
-    """(settings, samples) RMSE; NaN for those that crashed."""
+    """Return the RMSE (settings, samples) of a sweep; NaN for samples that crashed."""
     return np.where(sweep.metrics.crashed, np.nan, sweep.metrics.rmse)
 
 
@@ -335,7 +354,7 @@ def _more_cut(pair: Sequence[np.ndarray], other: Sequence[np.ndarray]) -> Interv
 
 
 def _box(sweep: Sweep) -> str:
-    """The gains of a map, in words."""
+    """Return the grid of gains of a map as text."""
     k_p, k_d = (np.unique(sweep.settings[name]) for name in _GAINS)
     return (
         f"{len(k_p)} × {len(k_d)} gains, k_P from {k_p[0]:g} to {k_p[-1]:g} 1/s² and k_D from {k_d[0]:g} to {k_d[-1]:g}"
@@ -344,23 +363,23 @@ def _box(sweep: Sweep) -> str:
 
 
 def _crashing(sweep: Sweep) -> int:
-    """The number of settings with which a sample crashes."""
+    """Return the number of settings with which a sample crashes."""
     return int(sweep.metrics.crashed.any(axis=1).sum())
 
 
 def _mean(values: np.ndarray) -> Interval:
-    """The mean over flights that went to the end; those that crashed are NaN."""
+    """Return the mean of the finite values; samples that crashed are NaN."""
     return mean_interval(values[np.isfinite(values)])
 
 
 def _welch(first: str, second: str) -> str:
-    """Welch's test of whether the printed runs of two controllers in low wind differ, in words."""
+    """Return the p-value of Welch's test on the printed runs of two controllers in low wind as text."""
     runs = [printed_table()[Cell("low_wind", name)].rmse.runs for name in (first, second)]
     return f"Welch, p = {scipy.stats.ttest_ind(*runs, equal_var=False).pvalue:.2f}"
 
 
 def _levels(controller: str) -> str:
-    """The printed mean errors of a controller over the winds, in words."""
+    """Return the printed mean errors of a controller in all winds as text."""
     means = [
         printed_table()[cell].rmse.mean
         for cell in (Cell(wind, controller) for wind in WINDS)
@@ -370,7 +389,13 @@ def _levels(controller: str) -> str:
 
 
 def _span(values: Sequence[float] | np.ndarray, size: float, form: str) -> str:
-    """The smallest and the largest number, times a size, in words."""
+    """Return the smallest and the largest value as text.
+
+    Args:
+        values: values.
+        size: factor by which the values are multiplied.
+        form: format of a number.
+    """
     return f"{size * min(values):{form}} to {size * max(values):{form}}"
 
 
@@ -380,12 +405,12 @@ def _listed(numbers: Mapping[Cell, Interval], text: Callable[[Interval], str] = 
 
 
 def _ends(estimates: Iterable[Interval]) -> tuple[Interval, Interval]:
-    """The smallest and the largest of some estimates."""
+    """Return the smallest and the largest estimate."""
     ordered = sorted(estimates)
     return ordered[0], ordered[-1]
 
 
 def _range(shares: Iterable[Interval]) -> str:
-    """The smallest and the largest of some shares, in words."""
+    """Return the smallest and the largest share as text, in per cent."""
     low, high = _ends(shares)
     return f"{low.percent()} to {high.percent()}"

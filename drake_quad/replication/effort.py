@@ -1,4 +1,4 @@
-"""Control effort, which the paper does not define: how close several definitions come to its printed ratios."""
+"""Comparison of several definitions of control effort, which the paper does not define, with its printed ratios."""
 
 import math
 from collections.abc import Sequence
@@ -34,7 +34,7 @@ class EffortMatch(NamedTuple):
 
 
 def effort_matches(found: Experiment) -> list[EffortMatch]:
-    """Every definition, the closest first; the intervals are over the recorded samples."""
+    """Return the agreement of every definition, the closest one first, with intervals over the recorded samples."""
     printed = printed_effort_ratios()
     wanted = np.array([printed[cell] for cell in printed]).T
     matches = []
@@ -56,15 +56,16 @@ def write_efforts(path: Path, matches: Sequence[EffortMatch]) -> Path:
 
 
 def printed_ratios() -> tuple[float, float]:
-    """Geometric means of the printed ratios, on X and on Y."""
+    """Return the geometric means of the printed ratios on X and on Y."""
     x, y = np.exp(np.nanmean(np.log(list(printed_effort_ratios().values())), axis=0))
     return float(x), float(y)
 
 
 def printed_scatter() -> float:
-    """The factor by which a printed ratio is off because its means are those of three runs that differ.
+    """Return the typical factor between a printed ratio and its expected value, due to the scatter of the runs.
 
-    It follows from the standard deviation of the logarithm of the printed runs, pooled over all lines that have three.
+    The ratio is that of two means of three runs each. The factor follows from the standard deviation of the logarithms
+    of the printed runs, pooled over all lines that have three runs.
     """
     printed = [each.runs for line in printed_table().values() for each in (line.effort_x, line.effort_y)]
     variance = float(np.nanmean([np.var(np.log(runs), ddof=1) for runs in printed]))
@@ -72,5 +73,5 @@ def printed_scatter() -> float:
 
 
 def _ratio(found: Experiment, cell: Cell, name: str) -> np.ndarray:
-    """(samples,) effort of a network over that of the PD in the same wind."""
+    """Return the ratio (samples,) of a cell's effort to that of the PD in the same wind."""
     return np.asarray(found.recorded[cell][name] / found.recorded[Cell(cell.wind, "pd")][name])

@@ -1,4 +1,4 @@
-"""The flights of the replication: the cells of Table II, and the sweeps that the claims need besides.
+"""Experiment of the replication: the cells of Table II, and the sweeps that the claims require.
 
 All comparisons are paired: a sample has the same wind and the same noise, whichever controller flies it.
 """
@@ -34,21 +34,21 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.studies.crew import Crew
 from drake_quad.studies.monte_carlo import run_monte_carlo
 
-# Largest number of vehicles in a fleet, and in a fleet whose signals are all recorded, which takes more memory.
+# Largest number of vehicles in a fleet. Recording all signals takes more memory, so that recorded fleets are smaller.
 _MAX_VEHICLES = 1024
 _MAX_RECORDED_VEHICLES = 256
 
 
 class ExperimentSizes(NamedTuple):
-    """How much is flown.
+    """Numbers of samples and settings of the experiment.
 
     Attributes:
         cells: samples of each cell.
         recorded: samples of each cell of Table II that are recorded with all signals.
         sweep: samples of each setting of noise, q and λ.
-        grid: gains along each side of a map.
-        map: samples of each pair of gains of a map.
-        legs: samples of each pair of gains whose errors are measured leg by leg.
+        grid: number of gains along each side of a map.
+        map: samples of each pair of gains in a map.
+        legs: samples of each pair of gains in the sweep whose errors are computed leg by leg.
     """
 
     cells: int = 1000
@@ -63,7 +63,7 @@ QUICK = ExperimentSizes(cells=4, recorded=4, sweep=4, grid=5, map=2, legs=2)
 
 
 class SweepPlan(NamedTuple):
-    """A sweep that is part of the experiment.
+    """Plan of a sweep of the experiment.
 
     Attributes:
         cell: cell whose scenario is flown.
@@ -85,7 +85,7 @@ class SweepPlan(NamedTuple):
         Args:
             name: name of the jobs.
             scenario: scenario of the cell.
-            compiled: whether diagrams are compiled to machine code; otherwise the wired diagrams are simulated.
+            compiled: True to compile the diagrams to machine code. Otherwise the original diagrams are simulated.
         """
         total = num_rows(self.settings)
         step = max(self.max_vehicles // self.num_samples, 1)
@@ -132,8 +132,8 @@ def fly_experiment(
         sizes: sizes of the experiment.
         folder: folder for the numbers; cells that an earlier experiment left there are replaced.
         workers: workers that fly; by default this process flies.
-        resume: whether to keep the cells that are in the folder, and to fly only the samples that they lack.
-        compiled: whether diagrams are compiled to machine code; otherwise the wired diagrams are simulated.
+        resume: True to keep the cells in the folder and to fly only their missing samples.
+        compiled: True to compile the diagrams to machine code. Otherwise the original diagrams are simulated.
         progress: called with the number of finished flights, their total number, and the name of the case.
 
     Returns:

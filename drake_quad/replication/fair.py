@@ -1,4 +1,4 @@
-"""A fair comparison: the paper's PD and PD+T2FNN beside controllers that it does not have, on the same samples."""
+"""Fair comparison of the paper's PD and PD+T2FNN with controllers that the paper does not have, on the same samples."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -36,7 +36,7 @@ class FairEntry(NamedTuple):
 
 
 def fair_entries(found: Experiment) -> list[FairEntry]:
-    """All controllers that are compared, wind by wind."""
+    """Return the results of all compared controllers, one wind after another."""
     entries = []
     for cell in cells_of(COMPARED):
         means = [

@@ -1,4 +1,4 @@
-"""The figures of the report: the paper's own, and further ones; as wide as a column of a journal."""
+"""Figures of the report: those of the paper and further ones, each as wide as a column of a journal."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
@@ -49,11 +49,11 @@ def paper_figures(found: Experiment, flights: Flights) -> Iterator[tuple[str, Fi
     """Draw the figures one after another.
 
     Args:
-        found: the numbers of the experiment.
+        found: numbers of the experiment.
         flights: sample 0 of each cell of Table II.
 
     Yields:
-        Each figure after the name that the report has for it.
+        The name of each figure in the report, and the figure.
     """
     yield "table_ii", table_figure(found)
     yield "figure_4", figure_4()
@@ -126,7 +126,7 @@ def figure_8(flights: Flights) -> Figure:
 def errors_figure(
     flights: Flights, wind: str, controllers: Sequence[str], levels: Mapping[str, float], caption: str
 ) -> Figure:
-    """Plot errors over time and, if type 1 is among the controllers, the differences of those of type 2 from its own.
+    """Plot errors over time and, if type 1 is among the controllers, the differences between type 2 and type 1.
 
     Args:
         flights: sample 0 of each cell of Table II.
@@ -143,7 +143,7 @@ def errors_figure(
         (axes,), *more = column
         for name, error in errors.items():
             axes.plot(time[: len(error)], error, **_style(name), label=CONTROLLERS[name])
-        # Beside the curves, so that levels that are close to each other can be told apart.
+        # The markers are beside the axes and offset from each other, so that similar levels can be distinguished.
         beside = axes.get_yaxis_transform()
         for place, (name, level) in enumerate(levels.items()):
             x = 1.025 + (0.03 * (place - 1) if len(levels) > 2 and place else 0.0)
@@ -189,7 +189,7 @@ def commands_figure(flights: Flights, axis: str) -> Figure:
         return figure
 
 
-# The paper's figures of single flights.
+# Functions that draw the paper's figures of single flights.
 FLIGHT_FIGURES: dict[str, Callable[[Flights], Figure]] = {
     "figure_7": figure_7,
     "figure_8": figure_8,
@@ -254,7 +254,7 @@ def fair_figure(found: Experiment) -> Figure:
 
 
 def advantage_figure(found: Experiment) -> Figure:
-    """Plot the share by which type 2 is better than type 1, over the noise of the cameras and over q."""
+    """Plot the relative reduction of the error from type 1 to type 2 over the noise of the cameras and over q."""
     with print_panels(2.3, 1, 2, sharey=True) as (figure, ((left, right),)):
         sweeps = (
             (left, found.noise, "noise", NOISE, 1e3, "noise of the cameras (mm)"),
@@ -310,19 +310,19 @@ def gain_figure(found: Experiment) -> Figure:
 
 
 def _mean_errors(sweep: Sweep) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The gains of a map along its axes, and the mean RMSE; NaN where a sample crashed."""
+    """Return the gains k_P and k_D along the axes of a map, and the mean RMSE (k_P, k_D); NaN if a sample crashed."""
     k_p, k_d = (np.unique(sweep.settings[name]) for name in ("k_p", "k_d"))
     rmse = np.where(sweep.metrics.crashed, np.nan, sweep.metrics.rmse).mean(axis=1)
     return k_p, k_d, rmse.reshape(len(k_p), len(k_d))
 
 
 def _whole(flights: Flights) -> Flight:
-    """A flight that does not crash, which shows the whole route."""
+    """Return a flight that does not crash and therefore covers the whole route."""
     return flights[Cell("no_wind", "pd_t2fnn")]
 
 
 def _shade(axes: Axes, flight: Flight) -> None:
-    """Write the numbers of the legs along the top, and leave room for them."""
+    """Shade the legs of the route, and write their numbers along the top of the axes."""
     low, high = axes.get_ylim()
     axes.set_ylim(low, high + 0.1 * (high - low))
     shade_legs(axes, flight.plan, float(flight.time[-1]), height=0.92)

@@ -9,23 +9,23 @@ import scipy
 
 from drake_quad.flight.flight import Flight
 
-# Time between points of the path to which the distance is measured, s; at 2 m/s the points are 4 mm apart.
+# Time between the points of the path from which the distance is measured, s. At 2 m/s the points are 4 mm apart.
 _FINE = 0.002
 
-# Names of legs.
+# Names of the straight and of the curved legs.
 STRAIGHT = ("climb", "straight", "descent", "return")
 CURVED = ("circle", "turn", "curve")
 
 
 class Effort(NamedTuple):
-    """A definition of control effort.
+    """Definition of control effort.
 
     Attributes:
-        words: the definition, in a few words.
-        signal: from which the effort is computed.
-        x: the row of the signal that moves the vehicle along X.
-        y: the row that moves it along Y.
-        measure: from the (ticks,) values of a row to the effort.
+        words: definition in a few words.
+        signal: name of the signal from which the effort is computed.
+        x: row of the signal that moves the vehicle along X.
+        y: row of the signal that moves the vehicle along Y.
+        measure: function from the values (ticks,) of a row to the effort.
     """
 
     words: str
@@ -45,7 +45,7 @@ def _mean_size(values: np.ndarray) -> float:
 
 _COMMAND = ("acceleration_command", "x", "y")
 _PD = ("pd", "x", "y")
-# The pitching torque moves the vehicle along X, the rolling torque along Y.
+# The pitch torque moves the vehicle along X, and the roll torque along Y.
 _TORQUE = ("wrench", "tau_y", "tau_x")
 
 OUR_EFFORT = "command_mean_square"
@@ -65,12 +65,12 @@ EFFORTS = {
 
 
 def measures(flight: Flight) -> dict[str, float]:
-    """All measures of a flight with a PD, by name; NaN if it crashed.
+    """Return all measures of a flight with a PD by name; NaN if the vehicle crashed.
 
-    Each effort has a value that ends in "_x" and one that ends in "_y". Of the size of the PD's horizontal output,
-    "pd_fade" is the RMS in the last quarter of the flight over that in the quarter after the rise, and "pd_return" is
-    the RMS in the 1 s after changes of segment over that in the 1 s before. "path_error" is the RMS distance to the
-    path, wherever the reference is on it, m.
+    The names of an effort end in "_x" and "_y". Two measures are ratios of RMS values of the PD's horizontal output.
+    "pd_fade" divides the RMS in the last quarter of the flight by that in the quarter after the climb. "pd_return"
+    divides the RMS in the 1 s after changes of segment by that in the 1 s before. "path_error" is the RMS distance to
+    the nearest point of the path, m.
     """
     found: dict[str, float] = {}
     for name, effort in EFFORTS.items():
@@ -86,7 +86,7 @@ def measures(flight: Flight) -> dict[str, float]:
 
 
 def _horizontal_square(flight: Flight) -> np.ndarray:
-    """(ticks,) the square of the size of the PD's horizontal output, m²/s⁴."""
+    """Return the squared magnitude (ticks,) of the PD's horizontal output, m²/s⁴."""
     pd = flight.record("pd")
     square: np.ndarray = pd.x**2 + pd.y**2
     return square
@@ -101,7 +101,8 @@ def _late_over_early(flight: Flight) -> float:
 
 def _after_over_before(flight: Flight) -> float:
     squared = _horizontal_square(flight)
-    # The first leg begins with the flight, and before the second the vehicle rises on the spot.
+    # The first two legs are excluded. The first one begins with the flight, and is a climb on the spot that ends where
+    # the second one begins.
     changes = flight.plan.leg_times[2:]
     after, before = (
         np.any([(flight.time >= t + first) & (flight.time < t + first + 1.0) for t in changes], axis=0)
@@ -118,12 +119,12 @@ def _path_error(flight: Flight) -> float:
 
 
 class LegMetrics(NamedTuple):
-    """How well flights follow the straight and the curved legs of the paper's route; arrays of any shape.
+    """Metrics of flights over the straight and the curved legs of the paper's route, as arrays of equal shape.
 
     Attributes:
         straight: RMSE over the straight legs, m.
         curved: RMSE over the curved legs, m.
-        swing: total variation of the horizontal command a second on the straight legs, m/s³.
+        swing: total variation of the horizontal command per second over the straight legs, m/s³.
     """
 
     straight: np.ndarray
@@ -132,7 +133,7 @@ class LegMetrics(NamedTuple):
 
 
 def leg_metrics(flights: Sequence[Flight]) -> LegMetrics:
-    """(flights,) metrics of flights of the paper's route; NaN for those that crashed."""
+    """Return the metrics (flights,) of flights over the paper's route; NaN for those that crashed."""
     rows = [_of_flight(flight) if not flight.metrics.crashed else (np.nan,) * 3 for flight in flights]
     return LegMetrics(*np.array(rows).T)
 
@@ -145,7 +146,7 @@ def _of_flight(flight: Flight) -> tuple[float, float, float]:
     command = flight.record("acceleration_command")
     steps = np.abs(np.diff(command.x)) + np.abs(np.diff(command.y))
     both = straight[1:] & straight[:-1]
-    period = flight.time[1]  # from 0 on
+    period = flight.time[1]  # the first tick is at 0
     return (
         float(np.sqrt(squared[straight].mean())),
         float(np.sqrt(squared[curved].mean())),

@@ -1,4 +1,4 @@
-"""Table II as the paper prints it."""
+"""Table II as printed in the paper."""
 
 import csv
 import math
@@ -12,7 +12,8 @@ CONTROLLERS = {
     "pd_t2fnn": "PD+T2FNN (1.2, 0.8)",
     "pd_t2fnn_wide": "PD+T2FNN (1.4, 0.6)",
 }
-# What the table calls winds and controllers. It gives no exponents without wind; the narrower pair is assumed there.
+# Names of winds and controllers by their names in the table. The table gives no exponents without wind. The narrower
+# pair is assumed there.
 _WINDS = {"none": "no_wind", "low": "low_wind", "high": "high_wind"}
 _CONTROLLERS = {
     ("PD", ""): "pd",
@@ -24,11 +25,11 @@ _CONTROLLERS = {
 
 
 class Cell(NamedTuple):
-    """A line of Table II.
+    """Wind and controller of a line of Table II.
 
     Attributes:
-        wind: one of `WINDS`.
-        controller: one of `CONTROLLERS`.
+        wind: name of the wind, a key of `WINDS`.
+        controller: name of the controller, such as a key of `CONTROLLERS`.
     """
 
     wind: str
@@ -36,21 +37,21 @@ class Cell(NamedTuple):
 
     @property
     def scenario(self) -> str:
-        """The name of its scenario in diagrams/paper.yaml."""
+        """Name of the scenario in diagrams/paper.yaml."""
         return f"{self.wind}_{self.controller}"
 
     @property
     def words(self) -> str:
-        """The wind and the controller as text."""
+        """Wind and controller as text."""
         return f"{WINDS[self.wind]}, {CONTROLLERS[self.controller]}"
 
 
 class Runs(NamedTuple):
-    """A quantity in three repetitions, and its mean; NaN where the print has a gap.
+    """Values of a quantity in three runs, and their mean; NaN for a value that is missing in the paper.
 
     Attributes:
-        runs: the value in each repetition.
-        mean: of the three.
+        runs: value in each run.
+        mean: mean of the three runs.
     """
 
     runs: tuple[float, float, float]
@@ -58,12 +59,12 @@ class Runs(NamedTuple):
 
 
 class Line(NamedTuple):
-    """What is printed for a cell.
+    """Printed values of a cell.
 
     Attributes:
-        rmse: RMSE of the Euclidean error, m.
+        rmse: RMS of the Euclidean error, m.
         effort_x: control effort on X, in a unit that the paper does not give.
-        effort_y: control effort on Y, in that unit.
+        effort_y: control effort on Y, in the same unit.
     """
 
     rmse: Runs
@@ -72,7 +73,7 @@ class Line(NamedTuple):
 
 
 def printed_table() -> dict[Cell, Line]:
-    """What is printed, by cell."""
+    """Return the printed values by cell."""
     found = {}
     text = files(__package__).joinpath("table_ii.csv").read_text(encoding="utf-8")
     for row in csv.DictReader(text.splitlines()):

@@ -1,4 +1,4 @@
-"""The report of the replication: what it says, and its files."""
+"""Report of the replication: its text and its files."""
 
 from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import as_file, files
@@ -116,7 +116,7 @@ def write_report(
 
 
 def report_markdown(found: Experiment, findings: Findings) -> str:
-    """Return the report as Markdown; its figures are in the folder `figures` beside it."""
+    """Return the report as Markdown, with links to its figures in the adjacent folder `figures`."""
     return filled_template(
         __package__,
         figures={name: image(name, caption) for name, caption in FIGURES.items()},
@@ -148,7 +148,7 @@ def _of_experiment(found: Experiment) -> dict[str, Any]:
 
 
 def _of_scenario(scenario: Scenario) -> dict[str, Any]:
-    """Return what the template shows of the scenario of PD+T2FNN in low wind, from which assumptions are read."""
+    """Return the fields of the template that describe assumptions of the scenario of PD+T2FNN in low wind."""
     plan, laboratory = plan_route(scenario), scenario.laboratory
     link, network = laboratory.command_link, cast(Network, scenario.cascade.network)
     first, second = jets(laboratory.wind)

@@ -1,4 +1,4 @@
-"""The numbers of the replication, and how its folder holds them."""
+"""Numbers of the replication, and the files that store them."""
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
@@ -14,14 +14,14 @@ from drake_quad.reports.results import read_groups, write_groups
 from drake_quad.studies.statistics import Comparison, compare_studies
 from drake_quad.studies.study import Study, read_study
 
-# Controllers that the paper does not have, for a fair comparison.
+# Names of controllers that the paper does not have, which are flown for a fair comparison.
 FAIR = {
     "pd_retuned": "PD, retuned",
     "pid": "PID, retuned",
     "pd_feed_forward": "PD with feed-forward",
     "pd_feed_forward_t2fnn": "PD with feed-forward + T2FNN",
 }
-# Controllers over whose PD gains the error is mapped.
+# Controllers whose error is mapped over the PD gains.
 MAPPED = ("pd", "pd_t2fnn")
 
 
@@ -31,12 +31,12 @@ class Experiment:
 
     Attributes:
         cells: studies of the cells of the controllers of Table II and of `FAIR`.
-        recorded: (samples,) `measures` of the recorded samples by name, for each cell of Table II.
-        noise: networks without wind, over "noise" of the cameras (m) and the exponents "a1" and "a2".
-        q: networks without wind, over "q" and the exponents "a1" and "a2".
-        slopes: PD+T2FNN over its "slope" λ (1/s), by wind.
-        maps: the controllers of `MAPPED` without wind, over "k_p" (1/s²) and "k_d" (1/s).
-        legs: the PD without wind on straight and on curved legs, over "k_p" and "k_d" around the best gains.
+        recorded: (samples,) values of each of the `measures` by name, for each cell of Table II.
+        noise: sweep of networks without wind over the "noise" of the cameras (m) and the exponents "a1" and "a2".
+        q: sweep of networks without wind over "q" and the exponents "a1" and "a2".
+        slopes: sweep of PD+T2FNN over the "slope" λ (1/s), by wind.
+        maps: sweep of each controller of `MAPPED` without wind over "k_p" (1/s²) and "k_d" (1/s).
+        legs: sweep of the PD without wind over "k_p" (1/s²) and "k_d" (1/s) around the best gains, leg by leg.
     """
 
     cells: Mapping[Cell, Study]
@@ -56,7 +56,7 @@ def read_experiment(folder: Path) -> Experiment:
     """Read the numbers that `fly_experiment` wrote to a folder.
 
     Raises:
-        InputError: a file is missing, or holds something else.
+        InputError: a file is missing or invalid.
     """
     cells = {cell: read_study(folder / "cells" / cell.scenario) for cell in cells_of((*CONTROLLERS, *FAIR))}
     recorded = {Cell(*group): columns for group, columns in read_groups(folder / "recorded.csv", Cell._fields).items()}

@@ -1,4 +1,4 @@
-"""Sweeps: one scenario flown with many settings of some of its numbers, all on the same samples."""
+"""Sweeps, which fly the same samples of a scenario with several settings of some of its numbers."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -25,9 +25,9 @@ class Sweep(Generic[SomeMetrics]):
     """Metrics of a scenario with several settings.
 
     Attributes:
-        settings: (settings,) values of each number that is varied, by its name.
-        samples: (samples,) numbers of the samples that are flown with each setting.
-        metrics: (settings, samples) arrays.
+        settings: (settings,) values of each number that is varied, by name.
+        samples: (samples,) indices of the samples that are flown with each setting.
+        metrics: (settings, samples) values of each metric.
     """
 
     settings: Mapping[str, np.ndarray]
@@ -46,7 +46,7 @@ def num_rows(columns: Mapping[str, np.ndarray]) -> int:
 
 
 def crossed(first: Mapping[str, np.ndarray], second: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return each row of a group of columns with each row of another group, the rows of the second varying faster."""
+    """Return all combinations of the rows of two groups of columns; the rows of the second group vary faster."""
     num_first, num_second = num_rows(first), num_rows(second)
     repeated = {name: np.repeat(values, num_second) for name, values in first.items()}
     return repeated | {name: np.tile(values, num_first) for name, values in second.items()}
@@ -56,8 +56,8 @@ def load_sweep(path: Path, kind: type[SomeMetrics]) -> Sweep[SomeMetrics]:
     """Read a sweep.
 
     Args:
-        path: of its file.
-        kind: of its metrics.
+        path: path of the file.
+        kind: class of the metrics.
 
     Raises:
         InputError: the file cannot be read.
@@ -69,20 +69,21 @@ def load_sweep(path: Path, kind: type[SomeMetrics]) -> Sweep[SomeMetrics]:
     return Sweep({name: values[:: len(samples)] for name, values in table.items()}, samples, metrics)
 
 
-# The exponents (a1, a2) of Table II; with those of type 1, sets are triangles.
+# Exponents (a1, a2) of the networks of Table II. With exponents of 1, the sets are the triangles of type 1.
 EXPONENTS = {"pd_t1fnn": (1.0, 1.0), "pd_t2fnn": (1.2, 0.8), "pd_t2fnn_wide": (1.4, 0.6)}
-# Standard deviations of the noise of positions, m.
+# Standard deviations of the position noise, m.
 NOISE = (0.0, 0.001, 0.005, 0.01, 0.02)
 Q_VALUES = (0.0, 0.25, 0.5, 0.75, 1.0)
-# Slopes λ around the calibrated one, 1.975, 1/s.
+# Slopes λ around the calibrated one of 1.975, 1/s.
 SLOPES = (1.0, 1.5, 1.75, 2.0, 2.25, 2.5, 3.0)
 _POSITION, _NETWORK = "control.position", "control.network"
-# Ranges of k_P (1/s²) and k_D (1/s): around the calibrated 1.447 and 1.684, and so wide that the best gains are inside.
+# Ranges of k_P (1/s²) and k_D (1/s) around the calibrated gains of 1.447 and 1.684. They are wide enough to contain the
+# best gains.
 _ALL_GAINS = (0.3, 20.0), (0.3, 12.0)
-# Ranges around the best gains, to tell the best on straight lines from the best on curves.
+# Narrower ranges around the best gains, which distinguish the best gains on straight lines from those on curves.
 BEST_GAINS = (2.5, 9.0), (1.0, 4.5)
 _EXPONENTS = dict(zip(("a1", "a2"), np.transpose([*EXPONENTS.values()]), strict=True))
-# Every noise of the cameras, and every q, with every pair of exponents; every slope.
+# Settings of the sweeps: all noise levels and all values of q are combined with all pairs of exponents.
 NOISE_SETTINGS = crossed({"noise": np.array(NOISE)}, _EXPONENTS)
 Q_SETTINGS = crossed({"q": np.array(Q_VALUES)}, _EXPONENTS)
 SLOPE_SETTINGS = {"slope": np.array(SLOPES)}
@@ -99,7 +100,7 @@ def gain_settings(count: int, ranges: tuple[tuple[float, float], ...] = _ALL_GAI
     return crossed({"k_p": k_p}, {"k_d": k_d})
 
 
-# The fields of a scenario that a number of a setting is written to.
+# Fields of a scenario that each number is written to.
 _PATHS = {
     "noise": ["laboratory.motion_capture.position_noise"],
     "q": [f"{_NETWORK}.q"],
@@ -129,7 +130,7 @@ def fly_legs(
 
 
 def settings_batch(scenario: Scenario, settings: Mapping[str, np.ndarray], samples: Sequence[int]) -> Batch:
-    """The batch of a scenario in which each setting is flown on all samples, one setting after another."""
+    """Return the batch in which all samples are flown with the first setting, then with the second, and so on."""
     columns = crossed(settings, {"sample": np.asarray(samples)})
     varying = {path: columns[name] for name in settings for path in _PATHS[name]}
     return Batch.draw(scenario, columns["sample"].tolist()).with_varying(varying)

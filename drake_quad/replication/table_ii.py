@@ -1,6 +1,7 @@
-"""Table II of the replication, beside the printed one.
+"""Table II of the replication, in comparison with the printed one.
 
-Each number stands there as in the paper, of three runs, and as the mean of all samples with its interval.
+For each number, the table contains the values and the mean of three runs, as in the paper, and the mean of all samples
+with its interval.
 """
 
 import math
@@ -18,7 +19,7 @@ from drake_quad.statistics.estimates import mean_interval
 from drake_quad.studies.statistics import Interval, of_survivors
 from drake_quad.studies.study import Study
 
-# The metrics that are the columns of Table II, and what a report calls them.
+# Headings of the quantities of Table II in a report, by the name of the metric.
 QUANTITIES = {"rmse": "RMSE (m)", "effort_x": "control effort on X (m²/s⁴)", "effort_y": "control effort on Y (m²/s⁴)"}
 _HEADER = """\
 | | | printed: three runs | mean | ours: three runs | mean | all samples, 95 % | off |
@@ -26,15 +27,15 @@ _HEADER = """\
 
 
 class TableEntry(NamedTuple):
-    """A number of Table II.
+    """Printed and replicated values of a quantity of Table II.
 
     Attributes:
-        cell: of controller and wind.
-        quantity: one of `QUANTITIES`.
-        printed: what the paper prints.
-        runs: the first three samples and their mean.
-        mean: of all samples that flew to the end.
-        crashed: the number of samples that crashed.
+        cell: wind and controller.
+        quantity: name of the quantity, a key of `QUANTITIES`.
+        printed: printed runs and their mean.
+        runs: values of the first three samples and their mean.
+        mean: mean of all samples without a crash.
+        crashed: number of samples that crashed.
     """
 
     cell: Cell
@@ -46,12 +47,15 @@ class TableEntry(NamedTuple):
 
     @property
     def off(self) -> float:
-        """The difference of the mean from the printed one, as a share of that; NaN where none is printed."""
+        """Relative difference between the mean and the printed mean; NaN if no mean is printed."""
         return self.mean.value / self.printed.mean - 1.0
 
 
 def table_entries(cells: Mapping[Cell, Study]) -> list[TableEntry]:
-    """Every number of Table II, from the studies of its cells; and those of the cells that the paper leaves out."""
+    """Return an entry for each quantity and each combination of wind and controller, from the studies of the cells.
+
+    If the paper does not have such a cell, the printed values are NaN.
+    """
     gap = Runs((math.nan, math.nan, math.nan), math.nan)
     printed = printed_table()
     entries = []
@@ -73,7 +77,7 @@ def table_entries(cells: Mapping[Cell, Study]) -> list[TableEntry]:
 
 
 def write_entries(path: Path, entries: Sequence[TableEntry]) -> Path:
-    """Write a row for each number, and return the path."""
+    """Write a row for each entry, and return the path."""
     rows = []
     for entry in entries:
         columns: dict[str, Any] = {**entry.cell._asdict(), "quantity": entry.quantity}
@@ -84,7 +88,7 @@ def write_entries(path: Path, entries: Sequence[TableEntry]) -> Path:
 
 
 def table_markdown(entries: Sequence[TableEntry], quantity: str) -> str:
-    """Return the numbers of one quantity as a table in Markdown."""
+    """Return the entries of one quantity as a table in Markdown."""
     rows = (
         (
             WINDS[entry.cell.wind],

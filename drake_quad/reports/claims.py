@@ -13,7 +13,7 @@ Verdict = Literal["holds", "holds in part", "does not hold", "cannot be decided"
 
 
 class Claim(NamedTuple):
-    """A claim and the verdict on it.
+    """Claim and the verdict on it.
 
     Attributes:
         words: statement that is judged.

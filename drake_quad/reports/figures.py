@@ -1,4 +1,4 @@
-"""Figures of reports, as wide as a column of a journal."""
+"""Figures of reports, which fit into a column of a journal."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,26 +11,33 @@ from PIL import Image
 
 from drake_quad.visualization.panels import new_panels
 
-# Width of a column of the paper's journal, inches.
+# Width of a column in the journal of the paper, inches.
 COLUMN = 3.5
-# Dots per inch, and colours of the palette.
+# Resolution in dots per inch, and number of colours in the palette of a PNG file.
 _DPI, _COLOURS = 220, 128
 
 
-_SMALL = dict.fromkeys(("font.size", "axes.labelsize", "axes.titlesize"), 8) | dict.fromkeys(
+_SMALL_FONTS = dict.fromkeys(("font.size", "axes.labelsize", "axes.titlesize"), 8) | dict.fromkeys(
     ("legend.fontsize", "xtick.labelsize", "ytick.labelsize"), 7.5
 )
 
 
 @contextmanager
 def print_panels(height: float, *grid: int, width: float = COLUMN, **options: Any) -> Iterator[tuple[Figure, Any]]:
-    """The context of `new_panels` with letters and lines for the width of a column, which is the default width."""
-    with new_panels(width, height, *grid, settings={**_SMALL, "lines.linewidth": 1.1}, **options) as found:
+    """Yield a figure and its panels like `new_panels`, with small fonts and thin lines for the width of a column.
+
+    Args:
+        height: height of the figure, inches.
+        grid: numbers of rows and columns of panels.
+        width: width of the figure, inches.
+        options: further options of `new_panels`.
+    """
+    with new_panels(width, height, *grid, settings={**_SMALL_FONTS, "lines.linewidth": 1.1}, **options) as found:
         yield found
 
 
 def save_small(figure: Figure, path: Path) -> None:
-    """Writes a figure as PNG with a palette, which is a few times smaller than with full colours."""
+    """Write a figure as a PNG file with a palette, which is a few times smaller than a file with full colours."""
     buffer = BytesIO()
     figure.savefig(buffer, dpi=_DPI)
     Image.open(buffer).convert("RGB").quantize(_COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)

@@ -1,4 +1,4 @@
-"""Jobs of an experiment: flights that are done one after another, or by workers."""
+"""Jobs of an experiment, which are done one after another in this process, or in parallel by workers."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
@@ -7,12 +7,12 @@ from drake_quad.studies.crew import Crew, outcomes_of
 
 
 class Job(NamedTuple):
-    """Flights that are done together.
+    """Flights that are simulated together.
 
     Attributes:
-        name: what is flown, in a word.
-        size: how much of the experiment the job is, such as its number of flights.
-        call: function that does the job; workers need one that can be pickled.
+        name: name of the job in progress messages.
+        size: size of the job, such as its number of flights.
+        call: function that does the job; it must be picklable if workers do the job.
     """
 
     name: str

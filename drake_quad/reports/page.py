@@ -1,4 +1,4 @@
-"""Pages of reports: Markdown from a template, a page of HTML that needs no other file, and the figures of both."""
+"""Pages of reports: Markdown from a template, a self-contained page of HTML, and the figures of both."""
 
 import base64
 import re
@@ -16,7 +16,7 @@ from drake_quad.visualization.style import Vector, save_vector
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Folder of the figures, beside the pages.
+# Name of the folder with the figures, which is beside the pages.
 _FIGURES = "figures"
 
 

@@ -42,7 +42,7 @@ def write_groups(
         path: path of the file.
         keys: names of these columns.
         groups: columns of equal length for each group, by the group's texts in the columns `keys`.
-        digits: as for `write_rows`.
+        digits: number of significant digits; all digits by default.
     """
     rows = (
         {**dict(zip(keys, group, strict=True)), **dict(zip(columns, cells, strict=True))}
@@ -55,7 +55,7 @@ def write_groups(
 def read_groups(
     path: Path, keys: Sequence[str], required: Sequence[str] = ()
 ) -> dict[tuple[str, ...], dict[str, np.ndarray]]:
-    """Read a table that `write_groups` wrote: the columns of each group.
+    """Read a table that `write_groups` wrote, and return the columns of each group.
 
     Args:
         path: path of the file.

@@ -56,14 +56,14 @@ def share_mean_interval(values: np.ndarray, confidence: float = CONFIDENCE) -> I
 
 
 def quantile_interval(values: np.ndarray, probability: float, confidence: float = CONFIDENCE) -> Interval:
-    """Return a quantile of (n,) values, with the interval between order statistics, which holds for any distribution.
+    """Return a quantile of values (n,), with the interval between order statistics, which holds for any distribution.
 
-    Its ends are infinite if there are too few values for it.
+    An end of the interval is infinite if there are too few values.
     """
     if not len(values):
         return Interval(math.nan, math.nan, math.nan)
     ordered, n = np.sort(values), len(values)
-    # The number of values below the quantile is binomial: each end leaves out at most half of what may be missed.
+    # The number of values below the quantile is binomial. Each end fails with at most half of the error probability.
     missed = 0.5 * (1.0 - confidence)
     first = _binomial_quantile(missed, n, probability)
     last = _binomial_quantile(1.0 - missed, n, probability) + 1
@@ -75,7 +75,18 @@ def quantile_interval(values: np.ndarray, probability: float, confidence: float 
 
 
 def share_interval(count: int, total: int, confidence: float = CONFIDENCE) -> Interval:
-    """A probability from so many of a total, with the exact interval of Clopper and Pearson: quantiles of beta laws."""
+    """Return an estimated probability with the exact interval of Clopper and Pearson.
+
+    The ends of the interval are quantiles of beta distributions.
+
+    Args:
+        count: number of samples with the event.
+        total: number of all samples.
+        confidence: confidence of the interval.
+
+    Returns:
+        The probability, which is NaN with the interval [0, 1] if there are no samples.
+    """
     if total == 0:
         return Interval(math.nan, 0.0, 1.0)
     missed, others = 0.5 * (1.0 - confidence), total - count
@@ -85,10 +96,16 @@ def share_interval(count: int, total: int, confidence: float = CONFIDENCE) -> In
 
 
 def rank_correlation(x: np.ndarray, y: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
-    """Spearman's correlation of the ranks of (n,) numbers.
+    """Return Spearman's rank correlation of two variables with n values each.
 
-    The interval is Fisher's with the variance (1 + ρ² / 2) / (n - 3) of the transformed correlation (D. G. Bonett and
-    T. A. Wright, "Sample size requirements for estimating Pearson, Kendall and Spearman correlations", 2000).
+    The correlation is NaN for fewer than four values, or if all values of a variable are equal. The interval is
+    Fisher's with the variance (1 + ρ² / 2) / (n - 3) of the transformed correlation (D. G. Bonett and T. A. Wright,
+    "Sample size requirements for estimating Pearson, Kendall and Spearman correlations", 2000).
+
+    Args:
+        x: (n,) values of the first variable.
+        y: (n,) values of the second variable.
+        confidence: confidence of the interval.
     """
     if len(x) < 4 or np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
         return Interval(math.nan, math.nan, math.nan)
@@ -122,12 +139,18 @@ def partial_rank_correlation(
 
 
 def two_sided_sign_test(count: int, total: int) -> float:
-    """Return the p-value of `count` of `total` signs, if both signs are equally likely; 1 if there are none."""
+    """Return the p-value of the two-sided sign test for `count` of `total` signs; 1 if there are no signs."""
     return min(1.0, 2.0 * float(scipy.special.bdtr(min(count, total - count), total, 0.5))) if total else 1.0
 
 
 def _binomial_quantile(share: float, total: int, probability: float) -> int:
-    """Return the least count of a binomial distribution at or below which at least this share of it lies."""
+    """Return the quantile of a binomial distribution: the smallest count whose cumulative probability reaches a share.
+
+    Args:
+        share: cumulative probability.
+        total: number of trials.
+        probability: probability of success in a trial.
+    """
     if not total or probability in (0.0, 1.0):  # some versions of SciPy return NaN there
         return round(total * probability)
     count = math.ceil(scipy.special.bdtrik(share, total, probability))
@@ -141,7 +164,13 @@ def _ranks(values: np.ndarray) -> np.ndarray:
 
 
 def _of_ranks(rho: float, count: int, confidence: float) -> Interval:
-    """Return the interval of a rank correlation of a number of pairs, see `rank_correlation`."""
+    """Return a rank correlation with its interval, see `rank_correlation`.
+
+    Args:
+        rho: rank correlation.
+        count: number of pairs.
+        confidence: confidence of the interval.
+    """
     reach = scipy.special.ndtri(0.5 * (1.0 + confidence)) * math.sqrt((1.0 + 0.5 * rho * rho) / (count - 3))
     centre = math.atanh(max(min(rho, 1.0 - 1e-15), -1.0 + 1e-15))
     return Interval(rho, math.tanh(centre - reach), math.tanh(centre + reach))
@@ -161,5 +190,11 @@ def running_mean(values: np.ndarray, confidence: float = CONFIDENCE) -> tuple[np
 
 
 def _reach(deviation: Any, count: Any, confidence: float) -> Any:
-    """Half of Student's interval of a mean."""
+    """Return half of the width of Student's interval of a mean.
+
+    Args:
+        deviation: standard deviation of the values.
+        count: number of values.
+        confidence: confidence of the interval.
+    """
     return scipy.special.stdtrit(count - 1, 0.5 * (1.0 + confidence)) * deviation / np.sqrt(count)

@@ -48,7 +48,7 @@ class Interval(NamedTuple):
         return Interval(self.value + offset, self.low + offset, self.high + offset)
 
     def is_above(self, level: float) -> bool | None:
-        """Is the number above a level? None if the interval leaves that open."""
+        """Return whether the interval is above a level; None if the interval contains the level or is missing."""
         return True if self.low > level else False if self.high < level else None
 
     def text(

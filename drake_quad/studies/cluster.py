@@ -1,4 +1,4 @@
-"""The workers of a Dask cluster."""
+"""Workers of a Dask cluster that fly the batches of a study."""
 
 import gc
 import logging
@@ -12,40 +12,41 @@ from drake_quad.process_settings import ProcessSetting
 from drake_quad.studies.crew import Crew, Outcome, attempt, failed
 from drake_quad.studies.provenance import difference, provenance
 
-# Longer than a handshake, and than an answer of a scheduler on a machine that has much else to do, s.
-_HANDSHAKE, _PATIENCE = 10.0, 30.0
-# A look at the futures costs microseconds, a question to the scheduler milliseconds, s.
-_BETWEEN_LOOKS, _BETWEEN_QUESTIONS = 0.05, 2.0
-# A cluster that grows and shrinks by itself may be without workers for a while, s.
+# Timeouts of a connection and of an answer from the scheduler, s. They are generous, since the scheduler may run on a
+# busy machine.
+_CONNECTION_TIMEOUT, _ANSWER_TIMEOUT = 10.0, 30.0
+# Periods, s. Checking the futures takes microseconds, whereas a request to the scheduler takes milliseconds.
+_POLL_PERIOD, _BETWEEN_QUESTIONS = 0.05, 2.0
+# Time limit, s. A cluster that scales automatically may have no workers for a while.
 _LONGEST_WITHOUT_WORKERS = 60.0
 
 
 class DaskCrew(Crew):
-    """The workers of a Dask cluster, as long as its scheduler answers.
+    """Crew of the workers of a Dask cluster, which can be used while the scheduler answers.
 
     Args:
-        client: of Dask, connected.
-        address: of the scheduler, for messages.
-        num_workers: how many tasks they do at a time.
+        client: connected Dask client.
+        address: address of the scheduler, for error messages.
+        num_workers: number of simultaneous tasks.
     """
 
     def __init__(self, client: Any, address: str, num_workers: int) -> None:
         self.num_workers = num_workers
-        self.capacity = 2 * num_workers  # one more each, so that none waits for the network
+        self.capacity = 2 * num_workers  # each worker has a second task in its queue and does not wait for the network
         self._client, self._address = client, address
         self._under_way: dict[Any, Any] = {}
         self._asked = self._had_workers = time.monotonic()
 
     def begin(self, function: Callable[[Any], Any], given: Any) -> None:
-        """As `Crew.begin`."""
+        """Begin a task, as `Crew.begin` does."""
         self._check_connection()
         self._under_way[self._client.submit(attempt, function, given, pure=False)] = given
 
     def finished(self) -> list[Outcome]:
-        """As `Crew.finished`.
+        """Wait for outcomes, as `Crew.finished` does.
 
         Raises:
-            ConnectionError: the scheduler is gone, or all workers have been for a while.
+            ConnectionError: the scheduler is gone, or the cluster has had no workers for a minute.
         """
         while True:
             done = [future for future in self._under_way if future.done()]
@@ -53,23 +54,23 @@ class DaskCrew(Crew):
             if done:
                 return [self._outcome(future, self._under_way.pop(future)) for future in done]
             self._check_scheduler()
-            time.sleep(_BETWEEN_LOOKS)
+            time.sleep(_POLL_PERIOD)
 
     def give_up(self) -> None:
-        """As `Crew.give_up`, but a worker goes on with what it has begun."""
-        self._under_way.clear()  # the scheduler drops what nobody waits for
+        """Abandon all tasks, as `Crew.give_up` does, except that workers complete the tasks that they have begun."""
+        self._under_way.clear()  # the scheduler cancels tasks whose futures are garbage-collected
 
     def _outcome(self, future: Any, given: Any) -> Outcome:
         try:
-            outcome: Outcome = future.result(timeout=_PATIENCE)
+            outcome: Outcome = future.result(timeout=_ANSWER_TIMEOUT)
         except TimeoutError:
             raise self._silence() from None
-        except Exception as error:  # its worker died, or could not read what it was sent
+        except Exception as error:  # the worker died, or could not unpickle the task
             return failed(given, error)
         return outcome
 
     def _silence(self) -> ConnectionError:
-        """The error of a question that has no answer."""
+        """Return the error for a request that the scheduler does not answer."""
         self._check_connection()
         return self._lost("does not answer")
 
@@ -83,12 +84,12 @@ class DaskCrew(Crew):
             raise self._lost("is gone")
 
     def _check_scheduler(self) -> None:
-        """Asks the scheduler for its workers now and then."""
+        """Request the number of workers from the scheduler, at most every two seconds."""
         now = time.monotonic()
         if now < self._asked + _BETWEEN_QUESTIONS:
             return
         try:
-            threads = self._client.sync(self._client.scheduler.ncores, callback_timeout=_PATIENCE)
+            threads = self._client.sync(self._client.scheduler.ncores, callback_timeout=_ANSWER_TIMEOUT)
         except (OSError, TimeoutError, AttributeError):
             raise self._silence() from None
         self._asked = time.monotonic()
@@ -134,7 +135,7 @@ def _connected(client: Callable[..., Any], address: str) -> Any:
         InputError: no scheduler can be reached at this address.
     """
     try:
-        return client(address, timeout=_HANDSHAKE, set_as_default=False)
+        return client(address, timeout=_CONNECTION_TIMEOUT, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
     # Dask leaves an incomplete client, which closes when it is garbage-collected. At the end of the process, closing
@@ -144,7 +145,11 @@ def _connected(client: Callable[..., Any], address: str) -> Any:
 
 
 def _check_code(client: Any) -> None:
-    """Raises InputError if a worker has other versions or other sources than this process."""
+    """Check that all workers have the same versions and sources as this process.
+
+    Raises:
+        InputError: a worker has different code, or cannot import it.
+    """
     here = provenance()
     for worker, there in client.run(provenance, on_error="return").items():
         if not isinstance(there, dict):
@@ -155,14 +160,17 @@ def _check_code(client: Any) -> None:
 
 
 def _close(client: Any) -> None:
-    """Closes a client; a scheduler that does not answer is not waited for."""
+    """Close a client, without waiting for a scheduler that does not answer."""
     with suppress(TimeoutError):
-        client.close(timeout=_HANDSHAKE)
+        client.close(timeout=_CONNECTION_TIMEOUT)
 
 
 @contextmanager
 def _silent(*packages: str) -> Iterator[None]:
-    """Keeps packages from logging what a person is told in a sentence; their loggers have levels of their own."""
+    """Silence the loggers of packages whose errors are reported by this module.
+
+    Each logger is silenced separately, since loggers with a level of their own ignore the level of their parent.
+    """
     names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] in packages]
     before = {name: logging.getLogger(name).level for name in names}
     for name in names:
@@ -174,5 +182,5 @@ def _silent(*packages: str) -> Iterator[None]:
             logging.getLogger(name).setLevel(level)
 
 
-# Tornado runs the event loop of the client, and logs the tasks that Ctrl-C interrupts.
+# Tornado runs the event loop of the client and would log the tasks that Ctrl-C interrupts.
 _silently = ProcessSetting(lambda: _silent("distributed", "tornado"))

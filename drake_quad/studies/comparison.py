@@ -1,4 +1,4 @@
-"""Controllers side by side, on the same samples."""
+"""Metrics of several controllers on the same samples."""
 
 from collections.abc import Callable, Sequence
 
@@ -15,18 +15,18 @@ def fly_samples(
     compiled: bool = True,
     progress: Callable[[float, float], None] | None = None,
 ) -> Metrics:
-    """Flies samples of a scenario's study in one fleet and returns their metrics.
+    """Fly samples of a scenario's study in one fleet and return their metrics.
 
     Args:
-        scenario: with or without distributions.
-        samples: N numbers of samples.
-        compiled: whether the diagram is compiled to machine code; else it flies as it is wired.
-        progress: called now and then with the time flown and the time to fly, s.
+        scenario: scenario, with or without distributions.
+        samples: indices of N samples.
+        compiled: True to compile the diagram to machine code. Otherwise the original diagram is simulated.
+        progress: function that is called repeatedly with the simulated time and the duration of the flight, s.
 
     Returns:
-        (N,) arrays of each metric.
+        (N,) values of each metric.
 
     Raises:
-        InputError: the route holds a distribution, or the rotors cannot fly it.
+        InputError: the route contains a distribution, or the rotors cannot fly it.
     """
     return StudyFleet(scenario, plan_route(scenario), len(samples), compiled=compiled).fly(samples, progress=progress)

@@ -1,4 +1,4 @@
-"""Who flies the batches of a study, and what becomes of batches that fail."""
+"""Crews of workers that fly the batches of a study, and the treatment of batches that fail."""
 
 from abc import ABC, abstractmethod
 from collections import deque
@@ -10,19 +10,19 @@ import numpy as np
 
 from drake_quad.errors import InputError
 
-# Where no sample has been flown yet and so many have failed, each flown alone, all would.
-_HOPELESS = 8
-_LONGEST_REASON = 300
+# A study ends after this many failures of samples that were flown alone, if no sample has succeeded before.
+_MAX_FAILURES = 8
+_MAX_REASON_LENGTH = 300
 
 
 class Outcome(NamedTuple):
-    """What became of a task.
+    """Outcome of a task.
 
     Attributes:
-        given: what its function was given; for a batch the numbers of its samples.
-        result: what the function returned; for a batch its (n, columns) rows. None if it failed.
-        reason: why it failed, in one line; empty if it did not.
-        refused: whether it failed because something that a person wrote is wrong, so that all must end.
+        given: argument of the function; for a batch, the indices of its samples.
+        result: return value of the function; for a batch, its rows (n, columns). None if the task failed.
+        reason: reason for the failure, in one line; empty if the task succeeded.
+        refused: True if the task failed because the input is wrong, so that the study must end.
     """
 
     given: Any
@@ -32,7 +32,10 @@ class Outcome(NamedTuple):
 
 
 def attempt(function: Callable[[Any], Any], given: Any) -> Outcome:
-    """Does a task where it is to be done; whatever it raises, also to end its process, is an outcome."""
+    """Do a task in the worker and return its outcome.
+
+    Everything that the task raises becomes an outcome, including `SystemExit`, but not `KeyboardInterrupt`.
+    """
     try:
         return Outcome(given, function(given))
     except KeyboardInterrupt:
@@ -44,17 +47,17 @@ def attempt(function: Callable[[Any], Any], given: Any) -> Outcome:
 
 
 def failed(given: Any, error: BaseException) -> Outcome:
-    """The outcome of a task that ended with an error."""
+    """Return the outcome of a task that raised an error."""
     words = " ".join(f"{type(error).__name__}: {error}".split()).removesuffix(":")
-    return Outcome(given, reason=words if len(words) <= _LONGEST_REASON else f"{words[:_LONGEST_REASON]}...")
+    return Outcome(given, reason=words if len(words) <= _MAX_REASON_LENGTH else f"{words[:_MAX_REASON_LENGTH]}...")
 
 
 class Crew(ABC):
-    """Those that do tasks: processes of this machine, the threads of an executor, the workers of a cluster.
+    """Group of workers: processes on this machine, workers of an executor, or workers of a cluster.
 
     Attributes:
-        num_workers: how many tasks they do at a time.
-        capacity: how many they take at a time.
+        num_workers: number of tasks that are done at the same time.
+        capacity: number of tasks that are accepted at the same time; some of them wait in a queue.
     """
 
     num_workers: int
@@ -62,37 +65,37 @@ class Crew(ABC):
 
     @abstractmethod
     def begin(self, function: Callable[[Any], Any], given: Any) -> None:
-        """Begins a task, which is to call a function with an argument; there must be room for it."""
+        """Begin a task, which calls a function with an argument; fewer than `capacity` tasks must be under way."""
 
     @abstractmethod
     def finished(self) -> list[Outcome]:
-        """Waits until one of the tasks under way is done, or several, and returns what became of them."""
+        """Wait until at least one task is done, and return the outcomes of all tasks that are done."""
 
     @abstractmethod
     def give_up(self) -> None:
-        """Gives up what is under way."""
+        """Abandon all tasks that are under way."""
 
 
 class ExecutorCrew(Crew):
-    """The workers of any executor of `concurrent.futures`.
+    """Crew of the workers of an executor of `concurrent.futures`.
 
     Args:
-        executor: that does the tasks.
-        num_workers: how many it does at a time.
+        executor: executor that does the tasks.
+        num_workers: number of tasks that the executor does at the same time.
     """
 
     def __init__(self, executor: Executor, num_workers: int) -> None:
         self.num_workers = num_workers
-        self.capacity = 2 * num_workers  # one more each, so that none waits for this process
+        self.capacity = 2 * num_workers  # each worker has a second task in its queue and does not wait for this process
         self._executor = executor
         self._under_way: dict[Future[Outcome], Any] = {}
 
     def begin(self, function: Callable[[Any], Any], given: Any) -> None:
-        """As `Crew.begin`."""
+        """Begin a task, as `Crew.begin` does."""
         self._under_way[self._executor.submit(attempt, function, given)] = given
 
     def finished(self) -> list[Outcome]:
-        """As `Crew.finished`."""
+        """Wait for outcomes, as `Crew.finished` does."""
         done, _ = wait(self._under_way, return_when=FIRST_COMPLETED)
         return [self._outcome(future, self._under_way.pop(future)) for future in done]
 
@@ -100,11 +103,11 @@ class ExecutorCrew(Crew):
     def _outcome(future: Future[Outcome], given: Any) -> Outcome:
         try:
             return future.result()
-        except Exception as error:  # its worker died, or could not read what it was sent
+        except Exception as error:  # the worker died, or could not unpickle the task
             return failed(given, error)
 
     def give_up(self) -> None:
-        """As `Crew.give_up`, but an executor does not end what it has begun."""
+        """Abandon all tasks, as `Crew.give_up` does, except that the executor completes tasks that it has begun."""
         for future in self._under_way:
             future.cancel()
         self._under_way.clear()
@@ -161,6 +164,6 @@ def fly_batches(
             halves.extendleft((outcome.given[middle:], outcome.given[:middle]))
             continue
         flown, failed_alone = flown or not outcome.reason, failed_alone + bool(outcome.reason)
-        if not flown and failed_alone == _HOPELESS:
-            raise RuntimeError(f"the first {_HOPELESS} samples that were flown alone all failed: {outcome.reason}")
+        if not flown and failed_alone == _MAX_FAILURES:
+            raise RuntimeError(f"the first {_MAX_FAILURES} samples that were flown alone all failed: {outcome.reason}")
         yield outcome

@@ -1,4 +1,4 @@
-"""The same study by Drake's own Monte Carlo tool, to compare with, and for what is built on it."""
+"""Studies with Drake's Monte Carlo tool, for comparison and for code that is built on this tool."""
 
 import numpy as np
 from pydrake.common import RandomGenerator
@@ -14,30 +14,30 @@ from drake_quad.scenario.models import Scenario
 
 
 def drake_monte_carlo(scenario: Scenario, num_samples: int, seed: int | None = None) -> Metrics:
-    """Flies samples of a scenario by `MonteCarloSimulation`, one vehicle after another.
+    """Fly samples of a scenario by `MonteCarloSimulation`, one vehicle after another.
 
-    Drake's generator is the only source of randomness: it picks the number of the sample whose parameters are drawn,
-    and Drake seeds the random sources of wind and noise with it, as it does in any diagram. So the flights have the
-    distribution of `run_monte_carlo`'s, but are none of them. A diagram is built for each, since Drake sets parameters
-    to their defaults before it simulates.
+    Drake's generator is the only source of randomness. It selects the index of the sample whose parameters are drawn,
+    and Drake seeds the random sources of wind and noise with it, as in any diagram. The flights therefore have the same
+    distribution as those of `run_monte_carlo`, but are different flights. Each flight has a new diagram, since Drake
+    resets the parameters of a diagram to their defaults before it simulates.
 
     Args:
-        scenario: with or without distributions.
-        num_samples: n.
-        seed: in place of the scenario's.
+        scenario: scenario, with or without distributions.
+        num_samples: number n of samples.
+        seed: seed of the study; that of the scenario if not given.
 
     Returns:
-        (n,) arrays of each metric.
+        (n,) values of each metric.
 
     Raises:
-        InputError: as `build_tracking_diagram`.
+        InputError: `build_tracking_diagram` cannot build the diagram of a sample.
     """
     seed = scenario.seed if seed is None else seed
     plan = plan_route(scenario)
     flights: list[Metrics] = []
 
     def make_simulator(generator: RandomGenerator) -> Simulator:
-        # 31 of its 32 bits: samples are numbered so far.
+        # The generator returns 32 bits, whereas the index of a sample has at most 31.
         drawn = draw_sample(scenario, generator() >> 1, seed=seed)
         return Simulator(build_tracking_diagram(drawn, plan=plan, drake_random=True))
 
@@ -45,7 +45,7 @@ def drake_monte_carlo(scenario: Scenario, num_samples: int, seed: int | None = N
         flights.append(read_metrics(diagram, context))
         return float(flights[-1].rmse[0])
 
-    # Past the last tick, whose updates would else be left pending, and short of the next event.
+    # The simulation ends after the last tick, whose updates would otherwise remain pending, and before the next event.
     final_time = flight_duration(scenario, plan) + 0.25 * min(scenario.periods.values())
     MonteCarloSimulation(make_simulator, output, final_time, num_samples, RandomGenerator(seed))
     return Metrics(*(np.concatenate(values) for values in zip(*flights, strict=True)))

@@ -1,4 +1,4 @@
-"""What happens where batches are flown: samples side by side in fleets that are built once."""
+"""Functions that fly batches in the workers, in fleets that are built once per job."""
 
 import platform
 import threading
@@ -17,21 +17,21 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.studies.provenance import difference, provenance, sources_of
 from drake_quad.studies.study import rows_of
 
-# A thread flies in diagrams of its own, since executors may have several.
+# Each thread has its own diagrams, since an executor may have several threads.
 _own = threading.local()
 
 
 class BatchJob(NamedTuple):
-    """What all batches of a study have in common.
+    """Common data of all batches of a study.
 
     Attributes:
-        key: tells this run of a study from others.
-        code: versions and sources with which it must be flown.
-        scenario: under the study's seed.
-        plan: that is flown.
-        num_vehicles: N of the largest fleet.
-        own: functions that make systems of the user's for N vehicles.
-        compiled: whether the diagram is compiled to machine code; else it flies as it is wired.
+        key: unique text that identifies this run of the study.
+        code: versions and sources that the workers must have, see `code_of`.
+        scenario: scenario with the seed of the study.
+        plan: plan of the flight.
+        num_vehicles: number N of vehicles in the largest fleet.
+        own: functions that return the user's systems for N vehicles.
+        compiled: True to compile the diagram to machine code. Otherwise the original diagram is simulated.
     """
 
     key: str
@@ -44,15 +44,15 @@ class BatchJob(NamedTuple):
 
 
 def code_of(own: UserSystems) -> dict[str, str]:
-    """What this process would fly with: `provenance`, and the sources of functions that are not of this package."""
+    """Return the code that this process would fly: its `provenance`, and a digest of the user's sources."""
     return {**provenance(), "own": sources_of(own.given.values())}
 
 
 def fly_batch(job: BatchJob, samples: Sequence[int]) -> np.ndarray:
-    """Flies samples of a study and returns their (n, columns) rows.
+    """Fly samples of a study and return their rows (n, columns).
 
     Raises:
-        InputError: this process has other code than the one that wants the study.
+        InputError: the code of this process differs from that of the process that started the study.
     """
     batch = Batch.draw(job.scenario, samples)
     fleet = _fleet(job, len(batch))
@@ -61,7 +61,7 @@ def fly_batch(job: BatchJob, samples: Sequence[int]) -> np.ndarray:
 
 
 def fly_trial(job: BatchJob, samples: Sequence[int]) -> np.ndarray:
-    """Flies the last of some samples alone, alone once more, and beside the others; returns its three rows."""
+    """Fly the last of some samples alone, alone again, and together with the others, and return its three rows."""
     last = samples[-1:]
     return np.vstack([fly_batch(job, last), fly_batch(job, last), fly_batch(job, samples)[-1:]])
 
@@ -76,18 +76,21 @@ def cause_of_crash(job: BatchJob, samples: Sequence[int]) -> str | None:
 
 
 def prepare(job: BatchJob) -> None:
-    """Builds the fleet of a job and flies its first steps: processes forked from this one have both at once."""
+    """Build the fleet of a job and fly its first steps, so that forked processes inherit the compiled fleet."""
     fleet = _fleet(job, job.num_vehicles)
     fleet.fly(range(job.num_vehicles), duration=2.0 * job.scenario.laboratory.command_link.period)
 
 
 def forget() -> None:
-    """Lets go of the fleets."""
+    """Delete the fleets of this thread."""
     _own.__dict__.clear()
 
 
 def _fleet(job: BatchJob, num_samples: int) -> StudyFleet:
-    """A fleet for so many samples: the largest, or half of it, and so on, so that there are few."""
+    """Return a fleet that has room for a number of samples.
+
+    Its size is that of the largest fleet, halved as often as possible. A job therefore needs only a few fleets.
+    """
     if getattr(_own, "key", None) != job.key:
         forget()
         other = difference(job.code, code_of(job.own))

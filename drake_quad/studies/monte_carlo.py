@@ -1,4 +1,4 @@
-"""Flying a study."""
+"""Monte Carlo studies of a scenario."""
 
 import math
 import uuid
@@ -24,15 +24,15 @@ from drake_quad.studies.processes import Workers, check_counts, check_makers, nu
 from drake_quad.studies.study import Study, columns_of
 from drake_quad.studies.study_folder import StudyRows, open_study
 
-# Vehicles of a fleet. With about a thousand, what Drake does once a step hardly counts any more.
+# Default number of vehicles in a fleet. With about a thousand vehicles, Drake's overhead per step is negligible.
 _BATCH_SIZE = 1024
-# Samples that a trial flies side by side, and the agreement that is asked of what a controller does alone and beside
-# others: a user's system may add up in another order, which vehicles that nearly crash make much of.
+# Number of samples in a trial, and tolerance on the difference between a sample that is flown alone and in a batch. The
+# tolerance is not zero, since a user's system may sum in a different order. Vehicles that nearly crash amplify this.
 _TRIAL_SIZE, _ALIKE = 3, 1e-6
 
 
 class StudyInterrupted(KeyboardInterrupt):
-    """A study was ended by Ctrl-C; the message says what is saved."""
+    """Interruption of a study by Ctrl-C, with a message that says which rows are saved."""
 
 
 def run_monte_carlo(
@@ -158,7 +158,11 @@ def _fly(
 
 @contextmanager
 def _crew(executor: Executor | Crew | None, num_workers: int, time_limit: float | None) -> Iterator[Crew]:
-    """Who flies the batches; what is under way at the end is given up."""
+    """Yield the crew that flies the batches, and abandon its remaining tasks at the end.
+
+    Raises:
+        InputError: both an executor and a time limit are given.
+    """
     if executor is not None and time_limit is not None:
         raise InputError("a time limit is for processes of this study, not for an executor that is given")
     if executor is None:

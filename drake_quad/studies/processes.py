@@ -17,23 +17,31 @@ from typing import Any
 from drake_quad.errors import InputError
 from drake_quad.studies.crew import Crew, Outcome, attempt, failed
 
-_MOST = 2**31 - 1
+_MAX_COUNT = 2**31 - 1
 
 
 def check_counts(**counts: int) -> None:
-    """Raises InputError if one of these is no number of things that a study can have."""
+    """Check that numbers, such as that of samples, are between 1 and 2³¹ - 1.
+
+    Raises:
+        InputError: a number is out of range.
+    """
     for name, number in counts.items():
-        if not 1 <= number <= _MOST:
-            raise InputError(f"{name} is {number}, but must be between 1 and {_MOST}")
+        if not 1 <= number <= _MAX_COUNT:
+            raise InputError(f"{name} is {number}, but must be between 1 and {_MAX_COUNT}")
 
 
 def num_cores() -> int:
-    """The cores that this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def check_makers(makers: Mapping[str, Callable[..., Any] | None]) -> None:
-    """Raises InputError if worker processes would not find one of these functions or classes."""
+    """Check that worker processes can import the user's functions or classes.
+
+    Raises:
+        InputError: a function cannot be pickled, or is defined in an interactive session.
+    """
     in_a_file = hasattr(sys.modules["__main__"], "__file__")
     for name, maker in makers.items():
         try:
@@ -51,17 +59,18 @@ def _can_fork() -> bool:
 
 
 class Workers(Crew):
-    """Processes on this machine that do tasks, as a context manager; what is under way at its end is given up.
+    """Crew of processes on this machine, as a context manager that abandons the remaining tasks at its end.
 
-    They are forked from this process where that is safe, with all that it has loaded: on Linux, while it has a single
-    thread. Elsewhere they begin anew, which takes two seconds. One that ends is replaced when there is work for it.
+    On Linux, if this process has a single thread, the workers are forked from it and inherit everything that it has
+    loaded. Otherwise they are started as new processes, which takes two seconds. A process that has ended is replaced
+    when there is another task.
 
     Args:
-        num_workers: how many; as many as there are cores if not given.
-        time_limit: after which a task is given up, and its process ended, s; none if not given.
+        num_workers: number of processes; the number of cores if not given.
+        time_limit: time after which a task fails and its process is ended, s; unlimited if not given.
 
     Raises:
-        InputError: that is no number of processes, or no time.
+        InputError: the number of processes is out of range, or the time limit is not positive.
     """
 
     def __init__(self, num_workers: int | None = None, *, time_limit: float | None = None) -> None:
@@ -74,11 +83,11 @@ class Workers(Crew):
 
     @property
     def inherit(self) -> bool:
-        """True if the processes are still to begin, with what this one has by then."""
+        """True if no process has been started and new ones will be forked, so that they inherit this one's objects."""
         return not self._workers and _can_fork()
 
     def begin(self, function: Callable[[Any], Any], given: Any) -> None:
-        """As `Crew.begin`."""
+        """Begin a task, as `Crew.begin` does."""
         worker = next((each for each in self._workers if not each.busy), None)
         if worker is None:
             worker = _Worker(self._time_limit)
@@ -86,10 +95,10 @@ class Workers(Crew):
         worker.begin(function, given)
 
     def finished(self) -> list[Outcome]:
-        """As `Crew.finished`.
+        """Wait for outcomes, as `Crew.finished` does.
 
         Raises:
-            RuntimeError: worker processes end as soon as they begin.
+            RuntimeError: a worker process ended before it was ready for its first task.
         """
         outcomes: list[Outcome] = []
         while not outcomes:
@@ -102,7 +111,7 @@ class Workers(Crew):
         return outcomes
 
     def give_up(self) -> None:
-        """As `Crew.give_up`: ends the processes that are flying, whatever they do."""
+        """Abandon all tasks, as `Crew.give_up` does, and kill the processes that do them."""
         for worker in self._workers:
             if worker.busy:
                 worker.end()
@@ -118,10 +127,10 @@ class Workers(Crew):
 
 
 class _Worker:
-    """A process that does one task at a time.
+    """Process that does one task at a time.
 
     Args:
-        time_limit: of a task, s; None for none.
+        time_limit: time limit of a task, s; None if there is none.
     """
 
     def __init__(self, time_limit: float | None) -> None:
@@ -138,23 +147,29 @@ class _Worker:
 
     @property
     def signs(self) -> list[Any]:
-        """What is ready once there is something to read, or once the process has ended."""
+        """Objects for `multiprocessing.connection.wait`, ready if there is a message or the process has ended."""
         return [self._pipe, self.process.sentinel]
 
     @property
     def time_left(self) -> float:
-        """Until the task under way must be done, s."""
+        """Time that remains for the current task, s."""
         return max(self._deadline - time.monotonic(), 0.0)
 
     def begin(self, function: Callable[[Any], Any], given: Any) -> None:
-        """Begins a task."""
+        """Send a task to the process."""
         self._given, self.busy = given, True
         self._deadline = time.monotonic() + self._time_limit
-        with suppress(BrokenPipeError, ConnectionResetError):  # it has ended, which `outcome` finds
+        with suppress(BrokenPipeError, ConnectionResetError):  # the process has ended, which `outcome` reports
             self._pipe.send((function, given))
 
     def outcome(self) -> Outcome | None:
-        """What became of the task, if it is done, its process has ended, or its time is over."""
+        """Return the outcome of the current task; None if it is still under way.
+
+        A task fails if its process ends or its time limit is exceeded.
+
+        Raises:
+            RuntimeError: the process ended before it was ready for its first task.
+        """
         ended = not self.process.is_alive()
         try:
             while self._pipe.poll():
@@ -178,7 +193,7 @@ class _Worker:
         return None
 
     def end(self) -> None:
-        """Ends the process, whatever it is doing."""
+        """Kill the process."""
         self.process.kill()
         self.process.join()
         self._pipe.close()
@@ -187,7 +202,7 @@ class _Worker:
 
 @contextmanager
 def _interrupts_held_back() -> Iterator[None]:
-    """Has Ctrl-C wait until a new process knows what to do with it, and this one knows of the process."""
+    """Block SIGINT, so that Ctrl-C cannot interrupt the start of a process."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -205,17 +220,20 @@ def _cause(exit_code: int | None) -> str:
 
 
 def _serve(pipe: Connection) -> None:
-    """Does what comes through a pipe; Ctrl-C is left to the parent, and the process ends when that does."""
+    """Do the tasks that arrive through a pipe.
+
+    The process ignores Ctrl-C, which the parent handles, and ends when its parent ends.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    gc.freeze()  # what came with the fork is not looked through again, and stays shared
+    gc.freeze()  # the garbage collector ignores inherited objects, so that their memory remains shared
     pipe.send(None)
     while True:
         try:
             function, given = pipe.recv()
         except EOFError:
             return
-        except Exception as error:  # such as a function that this process does not find
+        except Exception as error:  # for example, the function cannot be imported in this process
             pipe.send(failed(None, error))
         else:
             pipe.send(attempt(function, given)._replace(given=None))

@@ -1,4 +1,4 @@
-"""Which code flies: versions and sources, on this machine and where else a study is flown."""
+"""Versions and sources of the code that flies a study, on this machine and on others."""
 
 import functools
 import hashlib
@@ -14,7 +14,7 @@ _PACKAGES = ("drake_quad", "drake", "numpy", "scipy", "llvmlite")
 
 
 def provenance() -> dict[str, str]:
-    """The versions of Python and of the packages that a flight depends on, and a digest of this package's sources."""
+    """Return the versions of Python and of the packages that a flight depends on, and a digest of our sources."""
     return {
         "python": platform.python_version(),
         **{name: version(name) for name in _PACKAGES},
@@ -29,9 +29,10 @@ def _digest_of_package() -> str:
 
 
 def sources_of(functions: Iterable[Callable[..., Any] | None]) -> str:
-    """A digest of the files in which some functions or classes are written, as this process would import them.
+    """Return a digest of the files of some functions or classes, as this process would import them.
 
-    What has no file, or is written in the main script, which has another name elsewhere, does not count.
+    Functions without a file do not contribute. Nor do those of the main script, whose module has a different name in
+    other processes.
     """
     files = set()
     for function in functions:
@@ -52,12 +53,17 @@ def _digest(files: Iterable[Path], folder: Path | None) -> str:
     return digest.hexdigest()[:16]
 
 
-# What digests are of, in words.
+# Descriptions of digests that differ, for messages.
 _DIGESTS = {"sources": "other sources of drake_quad", "own": "another controller or wind of the user's"}
 
 
 def difference(here: dict[str, str], there: dict[str, str]) -> str | None:
-    """What another process has that this one has not, in words; None if both have the same code."""
+    """Return the first difference between the code of another process and this one as text; None if there is none.
+
+    Args:
+        here: code of this process, see `provenance`.
+        there: code of the other process.
+    """
     for name, value in here.items():
         if there.get(name) != value:
             return _DIGESTS.get(name, f"{name} {there.get(name)}, not {value}")

@@ -1,7 +1,7 @@
-"""The results of a study as a CSV file that grows, and that survives whatever ends the process that writes it.
+"""Results of a study in a CSV file, to which rows are appended and which remains valid if the process is killed.
 
-Every row ends with a checksum of its text and of what study it is from, so that a row that was altered, or is another
-study's, is known from one that was flown.
+Every row ends with a checksum of its text and of its study. The checksum reveals rows that were altered and rows of
+another study.
 """
 
 import os
@@ -18,21 +18,21 @@ from drake_quad.files import write_atomically
 
 try:
     import fcntl
-except ImportError:  # not on Windows, where nothing keeps two studies from one file
+except ImportError:  # Windows has no fcntl, so that two studies could write to the same file
     fcntl = None  # type: ignore[assignment]
 
 CHECKSUM = "checksum"
-# Two runs of a sample agree to more than this, and nobody reads more.
-_NUMBER = "%.12g"
+# Format of a number. Two runs of a sample agree in more than 12 digits.
+_NUMBER_FORMAT = "%.12g"
 
 
 class Format(NamedTuple):
-    """What the rows of a study's file look like.
+    """Format of the rows in the file of a study.
 
     Attributes:
-        columns: names of the numbers of a row; the first is `sample`. An empty cell stands for what there is not: for
-            infinity in the column `crash_time`, else for NaN.
-        study: a text that no other study has.
+        columns: names of the columns; the first is `sample`. An empty cell means infinity in the column `crash_time`,
+            and NaN in other columns.
+        study: text that is unique to the study.
     """
 
     columns: Sequence[str]
@@ -40,17 +40,17 @@ class Format(NamedTuple):
 
     @property
     def header(self) -> bytes:
-        """The first line."""
+        """First line of the file."""
         return (",".join([*self.columns, CHECKSUM]) + "\n").encode()
 
     def text(self, rows: np.ndarray) -> bytes:
-        """The lines of (n, columns) rows."""
-        pattern = ",".join([_NUMBER] * len(self.columns)) + ","
+        """Return rows (n, columns) as lines of the file."""
+        pattern = ",".join([_NUMBER_FORMAT] * len(self.columns)) + ","
         lines = [(pattern % tuple(row)).replace("nan", "").replace("inf", "").encode() for row in rows.tolist()]
         return b"".join([line + self._checksum(line) + b"\n" for line in lines])
 
     def row(self, line: bytes) -> list[float] | None:
-        """The numbers of a line without its end; None if it is not as it was written."""
+        """Return the numbers of a line without its line break; None if the checksum is wrong."""
         numbers, comma, checksum = line.rpartition(b",")
         numbers += comma
         if checksum != self._checksum(numbers):
@@ -63,13 +63,13 @@ class Format(NamedTuple):
 
 
 class Found(NamedTuple):
-    """What a results file holds.
+    """Content of a results file.
 
     Attributes:
-        rows: (n, columns) rows, of as many samples.
-        lines: (n,) numbers of the lines that they stand in.
-        misfits: numbers of the lines that are not as they were written, from 1 on.
-        end: bytes up to the end of the last whole line.
+        rows: (n, columns) rows of n different samples.
+        lines: (n,) line numbers of the rows, from 1 on.
+        misfits: line numbers of invalid rows, from 1 on.
+        end: position of the end of the last complete line, bytes.
     """
 
     rows: np.ndarray
@@ -79,22 +79,22 @@ class Found(NamedTuple):
 
 
 class ResultsFile:
-    """A results file that is open for more rows.
+    """Results file that is open for appending rows.
 
     Args:
-        path: of the file.
-        form: of its rows.
-        file: open for reading and writing, unbuffered.
+        path: path of the file.
+        form: format of the rows.
+        file: file object that is open for reading and writing, without a buffer.
     """
 
     def __init__(self, path: Path, form: Format, file: BinaryIO) -> None:
         self.path, self._form, self._file = path, form, file
 
     def append(self, rows: np.ndarray) -> None:
-        """Appends (n, columns) rows and hands them to the operating system.
+        """Append rows (n, columns) and pass them to the operating system.
 
         Raises:
-            OSError: they could not be written; the file is as it was.
+            OSError: the rows could not be written; the file is restored.
         """
         end, text = self._file.seek(0, os.SEEK_END), memoryview(self._form.text(rows))
         try:
@@ -107,14 +107,14 @@ class ResultsFile:
 
 @contextmanager
 def open_results(path: Path, form: Format) -> Iterator[tuple[ResultsFile, Found]]:
-    """Opens a results file for more rows, and gives what it holds.
+    """Open a results file for appending rows, and yield the file and its content.
 
-    A half-written row at its end is dropped. The file is made if it is not there.
+    An incomplete row at the end of the file is removed. The file is created if it does not exist.
 
     Raises:
-        InputError: the file is not of this study, or another run is writing to it.
+        InputError: the file belongs to another study, or another run is writing to it.
     """
-    # Unbuffered, so that nothing of what could not be written is left for a later attempt.
+    # The file has no buffer, so that a failed write leaves nothing to be written later.
     with path.open("a+b", buffering=0) as file:
         _lock(file, path)
         file.seek(0)
@@ -127,10 +127,10 @@ def open_results(path: Path, form: Format) -> Iterator[tuple[ResultsFile, Found]
 
 
 def read_results(path: Path, form: Format) -> Found:
-    """Reads a results file.
+    """Read a results file.
 
     Raises:
-        InputError: it cannot be read, or its columns are others.
+        InputError: the file cannot be read, or has different columns.
     """
     try:
         content = path.read_bytes()
@@ -152,7 +152,7 @@ def read_results(path: Path, form: Format) -> Found:
 
 
 def write_results(path: Path, form: Format, rows: np.ndarray) -> Path:
-    """Writes a results file anew, whole."""
+    """Write a complete results file atomically, and return its path."""
 
     def write(target: Path) -> None:
         target.write_bytes(form.header + form.text(rows))

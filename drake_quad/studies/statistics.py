@@ -53,31 +53,33 @@ def metric_mean(metrics: Metrics, name: str) -> Interval:
 
 
 def crash_probability(metrics: Metrics) -> Interval:
-    """The probability of a crash."""
+    """Return the probability of a crash, with the exact interval of `share_interval`."""
     return share_interval(int(np.sum(metrics.crashed)), len(metrics.crashed))
 
 
 def of_survivors(metrics: Metrics, name: str) -> np.ndarray:
-    """A metric of the flights that went to the end, where it could be measured."""
+    """Return the values of a metric over the flights without a crash, without those that are NaN."""
     values = getattr(metrics, name)[~metrics.crashed]
     found: np.ndarray = values[~np.isnan(values)]
     return found
 
 
 def with_crashes(metrics: Metrics, name: str) -> np.ndarray:
-    """(n,) values of a metric of all samples, infinite for those that crashed."""
+    """Return the values (n,) of a metric for all samples, infinite for those that crashed."""
     return np.where(metrics.crashed, math.inf, getattr(metrics, name))
 
 
 class Influence(NamedTuple):
-    """How much a drawn number has to do with a metric.
+    """Influence of a drawn number on a metric.
 
     Attributes:
-        path: of the field.
-        correlation: of the ranks. Of a number that is correlated with others, it holds what comes with these.
-        alone: of the ranks, less what the numbers say that are correlated with it; the same if there are none.
-        low: mean of the metric over the tenth of the samples with the least numbers.
-        high: over that with the largest.
+        path: path of the field.
+        correlation: rank correlation of the number and the metric. If the number is correlated with others, it includes
+            their influence.
+        alone: partial rank correlation, given the numbers that are correlated with this one; equal to `correlation` if
+            there are none.
+        low: mean of the metric over the tenth of the samples with the smallest numbers.
+        high: mean of the metric over the tenth of the samples with the largest numbers.
     """
 
     path: str
@@ -88,11 +90,11 @@ class Influence(NamedTuple):
 
 
 def influences(study: Study, name: str = "rmse") -> list[Influence]:
-    """Which drawn numbers matter for a metric of the flights that went to the end, those that matter most first.
+    """Return the influence of each drawn number on a metric of the flights without a crash, the largest one first.
 
     Args:
-        study: of the samples.
-        name: of the metric; or "crashed", for what makes vehicles crash.
+        study: study with the samples.
+        name: name of the metric, or "crashed" for the influence on crashes, which takes all flights into account.
     """
     values = np.asarray(getattr(study.metrics, name), dtype=float)
     kept = ~np.isnan(values) & (~study.metrics.crashed | (name == "crashed"))
@@ -115,14 +117,14 @@ def _level(values: np.ndarray, name: str) -> Interval:
 
 
 class CrashLevel(NamedTuple):
-    """The probability of a crash where a drawn number is in a range.
+    """Crash probability of the samples whose drawn number is in a range.
 
     Attributes:
-        low: least number drawn there.
-        high: largest.
-        middle: their median.
-        num_samples: how many.
-        probability: of a crash.
+        low: smallest number of these samples.
+        high: largest number of these samples.
+        middle: median of these numbers.
+        num_samples: number of these samples.
+        probability: probability of a crash.
     """
 
     low: float
@@ -233,13 +235,13 @@ def compare(metrics: Metrics, baseline: Metrics, name: str = "rmse") -> Comparis
 
 
 def compare_studies(study: Study, baseline: Study, name: str = "rmse") -> Comparison:
-    """Compares two studies of the same seed, on the samples that both have; see `compare`."""
+    """Compare two studies with the same seed, on the samples that are in both; see `compare`."""
     _, ours, others = np.intersect1d(study.samples, baseline.samples, return_indices=True)
     return compare(study.metrics.take(ours), baseline.metrics.take(others), name)
 
 
 def worst(study: Study, count: int = 5) -> list[int]:
-    """Return the numbers of the worst samples: those that crashed, earliest first, then those with the largest RMSE."""
+    """Return the indices of the worst samples: those that crashed, earliest first, then those with the largest RMSE."""
     metrics = study.metrics
     value = np.nan_to_num(metrics.rmse, nan=-math.inf)
     order = np.lexsort((-value, metrics.crash_time))

@@ -1,4 +1,4 @@
-"""A study: a row of numbers for every sample, in memory and on disk."""
+"""Results of a study, with a row of numbers for every sample, in memory and on disk."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -29,28 +29,27 @@ if TYPE_CHECKING:
 
 RESULTS, SCENARIO, STUDY, FAILED = "results.csv", "scenario.yaml", "study.yaml", "failed.csv"
 PARQUET = "results.parquet"
-# The column of what samples crashed into.
+# Name of the column with the obstacle that a sample crashed into.
 _OBSTACLE = "obstacle"
-# Of two numbers that are written with twelve digits.
-_ROUNDING = 1e-11
+# Relative tolerance on the difference of two numbers, which are written with twelve digits.
+_ROUNDING_TOLERANCE = 1e-11
 
 
 @dataclass(frozen=True, repr=False)
 class Study:
-    """What samples of a scenario did.
+    """Results of n samples of a scenario.
 
     Attributes:
-        scenario: of the study, with its distributions and its seed.
-        duration: of a flight, s.
-        samples: (n,) numbers of the samples flown, rising.
-        parameters: (n,) numbers drawn for each field that holds a distribution.
-        metrics: (n,) arrays; NaN where no tick counted.
-        failures: why samples could not be flown, by their number.
-        flown_time: seconds of flight that were flown just now, and not read from a file.
-        misfits: numbers of the lines of the results file that were not as they had been written, and whose samples were
-            flown again.
-        touched: (n,) number of the obstacle that each sample crashed into, from 1 on in the scenario's order, 0 if it
-            touched none; None without obstacles.
+        scenario: scenario of the study, with its distributions and its seed.
+        duration: duration of a flight, s.
+        samples: (n,) indices of the flown samples, in increasing order.
+        parameters: (n,) drawn numbers by the path of the field, for each field that contains a distribution.
+        metrics: (n,) values of each metric; NaN if no tick counts for it.
+        failures: reasons why samples could not be flown, by the index of the sample.
+        flown_time: total simulated time of the samples that were flown in this run and not read from a file, s.
+        misfits: line numbers of invalid rows in the results file, whose samples were flown again.
+        touched: (n,) number of the obstacle that each sample crashed into, from 1 on in the order of the scenario; 0 if
+            the sample did not crash into an obstacle. None if there are no obstacles.
     """
 
     scenario: Scenario
@@ -74,7 +73,16 @@ class Study:
         flown_time: float = 0.0,
         misfits: Sequence[int] = (),
     ) -> "Study":
-        """The study of a table with the columns of `columns_of`, by rising samples."""
+        """Return the study with the given rows.
+
+        Args:
+            scenario: scenario with the seed of the study.
+            duration: duration of a flight, s.
+            rows: (n, columns) rows with the columns of `columns_of`, sorted by sample.
+            failures: reasons why samples could not be flown, by the index of the sample.
+            flown_time: total simulated time of the samples that were flown in this run, s.
+            misfits: line numbers of invalid rows in the results file.
+        """
         columns = dict(zip(columns_of(scenario), rows.T, strict=True))
         return cls(
             scenario,
@@ -102,33 +110,39 @@ class Study:
 
     @property
     def flight_time(self) -> np.ndarray:
-        """(n,) seconds that each sample flew, until the end or its crash."""
+        """Time (n,) that each sample flew until its end or crash, s."""
         return np.minimum(self.metrics.crash_time, self.duration)
 
     @property
     def touches(self) -> dict[str, int]:
-        """How many samples crashed into each obstacle, by its name."""
+        """Number of samples that crashed into each obstacle, by the name of the obstacle."""
         if self.touched is None:
             return {}
         return {name: int((self.touched == i).sum()) for i, name in enumerate(_obstacles(self.scenario), start=1)}
 
     def obstacle_of(self, place: int) -> str | None:
-        """The name of the obstacle that the sample in a place crashed into; None if it touched none."""
+        """Return the name of the obstacle that a sample crashed into; None if there is none.
+
+        Args:
+            place: position of the sample in `samples`.
+        """
         number = 0 if self.touched is None else int(self.touched[place])
         return _obstacles(self.scenario)[number - 1] if number else None
 
     def to_frame(self) -> "pd.DataFrame":
-        """The study as a table of pandas, with a row for each sample that was flown.
+        """Return the study as a pandas table with a row for each flown sample.
 
-        Its index is the number of the sample, so that tables of controllers that flew the same samples join row by row.
-        Its columns are every number that was drawn, by the path of its field, every metric, `crashed` as True or False,
-        and `crash_time`, which is NaN for a sample that flew to the end. Where there are obstacles, `obstacle` is
-        the name of that which it crashed into, if it did. The metrics of a sample that crashed are those until then.
-        `frame.attrs` has the `units` of the columns, the `scenario`'s name, the `seed`, the `duration` of a
-        flight (s), and, by their numbers, the `failures`: why samples could not be flown, which have no row.
+        The index is the index of the sample, so that the tables of controllers that flew the same samples can be
+        joined. The columns are the drawn numbers by the path of their field, the metrics, `crashed` as True or False,
+        and `crash_time`, which is NaN for a sample that did not crash. If there are obstacles, the column `obstacle`
+        contains the name of the obstacle that the sample crashed into, or None. The metrics of a sample that crashed
+        are those of its flight until the crash.
+
+        `frame.attrs` contains the `units` of the columns, the name of the `scenario`, the `seed`, the `duration` of a
+        flight (s), and the `failures`: the reasons why samples without a row could not be flown, by their index.
 
         Raises:
-            ImportError: pandas is not installed; the extra `tables` has it.
+            ImportError: pandas is not installed; the extra `tables` installs it.
         """
         pandas = import_extra("pandas", "tables")
         columns = {**self.parameters, **self.metrics._asdict(), "crashed": self.metrics.crashed}
@@ -148,12 +162,12 @@ class Study:
         return frame
 
     def to_parquet(self, path: Path | str) -> Path:
-        """Writes the table of `to_frame`, with its attributes, as Parquet, whole, and returns the path.
+        """Write the table of `to_frame` with its attributes to a Parquet file atomically, and return the path.
 
-        `pandas.read_parquet` reads it as it was; a study goes on from its CSV file alone.
+        `pandas.read_parquet` reads the same table. A study can be resumed from its CSV file only.
 
         Raises:
-            ImportError: pandas or pyarrow is not installed; the extra `tables` has them.
+            ImportError: pandas or pyarrow is not installed; the extra `tables` installs them.
             OSError: the file cannot be written.
         """
         import_extra("pyarrow", "tables")
@@ -162,24 +176,24 @@ class Study:
 
 
 def columns_of(scenario: Scenario) -> list[str]:
-    """The columns of a study's table: the sample, every field that is drawn, every metric, and the obstacle, if any."""
+    """Return the columns of a study's rows: sample, drawn fields, metrics, and the obstacle if there are obstacles."""
     measured = [name for name in Metrics._fields if name != "crash_time"]
     touched = [_OBSTACLE] if _obstacles(scenario) else []
     return ["sample", *distributions_in(scenario), *measured, "crashed", "crash_time", *touched]
 
 
 def _obstacles(scenario: Scenario) -> list[str]:
-    """The names of the obstacles."""
+    """Return the names of the obstacles."""
     return [] if scenario.space is None else [*scenario.space.obstacles]
 
 
 def rows_of(batch: Batch, metrics: Metrics, touched: np.ndarray | None = None) -> np.ndarray:
-    """The (n, columns) table of what a batch flew.
+    """Return the rows (n, columns) of a batch.
 
     Args:
-        batch: of n vehicles.
-        metrics: (n,) arrays.
-        touched: (n,) number of the obstacle that each crashed into, or 0; nobody asks for it without obstacles.
+        batch: batch of n samples.
+        metrics: (n,) values of each metric.
+        touched: (n,) number of the obstacle that each sample crashed into, or 0; not used if there are no obstacles.
     """
     columns = {"sample": batch.samples, **batch.varying, **metrics._asdict(), "crashed": metrics.crashed}
     columns[_OBSTACLE] = touched
@@ -187,30 +201,30 @@ def rows_of(batch: Batch, metrics: Metrics, touched: np.ndarray | None = None) -
 
 
 def format_of(scenario: Scenario) -> Format:
-    """What the rows of a scenario's study look like on disk."""
+    """Return the format of the results file of a scenario's study."""
     return Format(columns_of(scenario), scenario.model_dump_json())
 
 
 def fitting(scenario: Scenario, found: Found) -> Found:
-    """What a results file holds, without rows whose drawn numbers are not those that the seed gives."""
+    """Return the content of a results file, with rows whose drawn numbers do not follow from the seed as misfits."""
     if not len(found.rows):
         return found
     columns = dict(zip(columns_of(scenario), found.rows.T, strict=True))
     drawn = Batch.draw(scenario, columns["sample"].astype(int).tolist()).varying
     fits = np.ones(len(found.rows), dtype=bool)
     for path, numbers in drawn.items():
-        fits &= np.isclose(columns[path], numbers, rtol=_ROUNDING, atol=0.0)
+        fits &= np.isclose(columns[path], numbers, rtol=_ROUNDING_TOLERANCE, atol=0.0)
     return found._replace(rows=found.rows[fits], lines=found.lines[fits], misfits=[*found.misfits, *found.lines[~fits]])
 
 
 def read_study(path: Path | str) -> Study:
-    """Reads the results of a study, also of one that is under way or was interrupted.
+    """Read the results of a study, which may be under way or interrupted.
 
     Args:
-        path: the folder of the study, one of the files in it, or a folder in which it is the only study.
+        path: folder of the study, one of its files, or a folder that contains no other study.
 
     Raises:
-        InputError: there is no study, there are several, or its files do not belong together.
+        InputError: there is no study or more than one, or its files do not belong together.
     """
     folders = study_folders(path)
     if len(folders) > 1:
@@ -222,22 +236,25 @@ def read_study(path: Path | str) -> Study:
 
 
 def read_studies(path: Path | str) -> dict[str, Study]:
-    """Reads all studies in a folder, such as those of several controllers, by the names of their folders.
+    """Read all studies in a folder, such as those of several controllers, and return them by the name of their folder.
 
     Args:
-        path: a folder of studies; or of one, or a file in it, as for `read_study`.
+        path: folder that contains the folders of the studies, or the path of a single study as for `read_study`.
 
     Raises:
-        InputError: there is no study, or the files of one do not belong together.
+        InputError: there is no study, or the files of a study do not belong together.
     """
     return {name: _read(folder) for name, folder in study_folders(path).items()}
 
 
 def study_folders(path: Path | str) -> dict[str, Path]:
-    """The folders of the studies that a path leads to, by their names: its own, or those in it.
+    """Return the folders of the studies at a path by name: the folder itself, or the folders in it.
+
+    Args:
+        path: folder of a study, one of its files, or a folder that contains the folders of studies.
 
     Raises:
-        InputError: there is none.
+        InputError: there is no study.
     """
     path = Path(path)
     own = path.parent if path.is_file() and path.name in (RESULTS, PARQUET, SCENARIO, STUDY, FAILED) else path
@@ -254,7 +271,11 @@ def study_folders(path: Path | str) -> dict[str, Path]:
 
 
 def _read(folder: Path) -> Study:
-    """Reads the study in a folder."""
+    """Read the study in a folder.
+
+    Raises:
+        InputError: a file cannot be read, or contains a row that is not as it was written.
+    """
     record, scenario = read_record(folder), load_scenario(folder / SCENARIO)
     found = fitting(scenario, read_results(folder / RESULTS, format_of(scenario)))
     if found.misfits:
@@ -266,7 +287,11 @@ def _read(folder: Path) -> Study:
 
 
 def _read_failures(path: Path) -> dict[int, str]:
-    """Why samples could not be flown, by their numbers; none if there is no file of them."""
+    """Return the reasons why samples could not be flown, by the index of the sample; empty if there is no file.
+
+    Raises:
+        InputError: the file is not a table of failures.
+    """
     if not path.exists():
         return {}
     try:
@@ -277,19 +302,19 @@ def _read_failures(path: Path) -> dict[int, str]:
 
 
 class Record(BaseModel):
-    """What is written of a study beside its scenario.
+    """Record of a study that is written beside its scenario.
 
     Attributes:
-        samples: how many there are to be.
-        seed: from which they are drawn.
-        duration: of a flight, s.
-        position_controller: name of the function that makes it in place of the scenario's, if one is given.
-        control: name of the function that makes it, if one is given.
-        wind: name of the function that makes it, if one is given.
-        policy: likewise.
-        flown: how: in compiled diagrams, or as they are wired, or one after the other.
-        versions: versions and sources with which it was flown, one after another.
-        columns: what stands in each column of the results.
+        samples: number of samples of the complete study.
+        seed: seed of the study.
+        duration: duration of a flight, s.
+        position_controller: name of the function that returns the user's position controller, if any.
+        control: name of the function that returns the user's control cascade, if any.
+        wind: name of the function that returns the user's additional wind, if any.
+        policy: name of the function that returns the user's policy, if any.
+        flown: kinds of diagrams that were used, compiled or wired, in the order of their last use.
+        versions: versions and sources of the code that was used, in the order of their last use.
+        columns: meaning of each column of the results.
     """
 
     model_config = ConfigDict(strict=True, frozen=True)
@@ -307,14 +332,14 @@ class Record(BaseModel):
 
     @classmethod
     def of(cls, scenario: Scenario, num_samples: int, duration: float, own: UserSystems, *, compiled: bool) -> "Record":
-        """The record of a study that begins.
+        """Return the record of a new study.
 
         Args:
-            scenario: of the study, under its seed.
-            num_samples: how many samples there are to be.
-            duration: of a flight, s.
-            own: functions that make systems of the user's.
-            compiled: whether it is flown in compiled diagrams.
+            scenario: scenario with the seed of the study.
+            num_samples: number of samples of the complete study.
+            duration: duration of a flight, s.
+            own: functions that return the user's systems.
+            compiled: True if the diagrams are compiled to machine code.
         """
         return cls(
             samples=num_samples,
@@ -327,15 +352,15 @@ class Record(BaseModel):
         )
 
     def write(self, path: Path) -> None:
-        """Writes the record as YAML."""
+        """Write the record to a YAML file."""
         YAML().dump(self.model_dump(exclude_none=True), path)
 
 
 def read_record(folder: Path) -> Record:
-    """Reads the record of the study in a folder.
+    """Read the record of the study in a folder.
 
     Raises:
-        InputError: it is not there, or is something else.
+        InputError: the file cannot be read, or is not the record of a study.
     """
     path = folder / STUDY
     try:
@@ -350,13 +375,13 @@ def read_record(folder: Path) -> Record:
 
 
 def _called(function: Callable[..., Any]) -> str:
-    """The name by which a function can be imported."""
+    """Return the name of a function as `module:name`, by which it can be imported."""
     function = getattr(function, "func", function)
     return f"{function.__module__}:{function.__qualname__}"
 
 
 def meaning(scenario: Scenario, column: str) -> str:
-    """What stands in a column of a study's table, with its unit."""
+    """Return the meaning of a column of a study's results, with its unit."""
     own = {
         "sample": "number of the sample",
         "crashed": "1 if the vehicle crashed, else 0",
@@ -369,5 +394,5 @@ def meaning(scenario: Scenario, column: str) -> str:
 
 
 def unit_of(scenario: Scenario, column: str) -> str:
-    """The unit of a column of a study's table; "" if it has none."""
+    """Return the unit of a column of a study's results; "" if the column has none."""
     return UNITS.get(column, "") if column in ("sample", "crashed", _OBSTACLE, *UNITS) else unit_at(scenario, column)

@@ -1,4 +1,4 @@
-"""The rows of a study as they come in, on disk if it has a folder."""
+"""Rows of a study that is under way, which are written to its folder if it has one."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -32,14 +32,14 @@ from drake_quad.studies.study import (
 
 
 class StudyRows:
-    """The rows of a study that are there.
+    """Present rows of a study.
 
     Args:
-        scenario: under the study's seed.
-        num_samples: how many samples there are to be.
-        duration: of a flight, s.
-        found: what its file held at the beginning, if it has one.
-        file: to which new ones are appended, if any.
+        scenario: scenario with the seed of the study.
+        num_samples: number of samples of the complete study.
+        duration: duration of a flight, s.
+        found: initial content of the results file; None if there is no file.
+        file: results file to which new rows are appended; None if there is no file.
     """
 
     def __init__(
@@ -68,19 +68,19 @@ class StudyRows:
 
     @property
     def missing(self) -> MissingSamples:
-        """Return the indices of the samples that are still missing."""
+        """Indices of the samples that are still missing."""
         return MissingSamples(self.num_samples, np.concatenate([part[:, 0] for part in self._parts]))
 
     @property
     def rows(self) -> np.ndarray:
-        """Return the rows (n, columns) of the present samples, sorted by sample."""
+        """Rows (n, columns) of the present samples, sorted by sample."""
         self._parts = [np.concatenate(self._parts)]
         (rows,) = self._parts
         return rows[np.argsort(rows[:, 0])]
 
     @property
     def saved(self) -> str:
-        """What is on disk, in words."""
+        """Text for messages that says which samples are on disk."""
         if self._file is None:
             return "nothing was written"
         return f"{len(self)} of {self.num_samples} samples are in {self._file.path}"
@@ -102,7 +102,7 @@ class StudyRows:
         self._flown_time += float(np.minimum(rows[:, self._crash_time], self._duration).sum())
 
     def study(self) -> Study:
-        """The study so far."""
+        """Return the study with the present rows."""
         return Study.of_rows(
             self._scenario,
             self._duration,
@@ -124,19 +124,19 @@ def open_study(
     compiled: bool,
     resume: bool,
 ) -> Iterator[StudyRows]:
-    """Begins a study, or goes on with one; at the end its rows are in order.
+    """Begin or resume a study, yield its rows, and sort the rows in the folder at the end.
 
     Args:
-        folder: where it is written, if it is.
-        scenario: under the study's seed.
-        num_samples: how many samples there are to be.
-        duration: of a flight, s.
-        own: functions that make systems of the user's.
-        compiled: whether it is flown in compiled diagrams.
-        resume: whether a study that is in the folder may be gone on with.
+        folder: folder of the study; None if nothing is to be written.
+        scenario: scenario with the seed of the study.
+        num_samples: number of samples of the complete study.
+        duration: duration of a flight, s.
+        own: functions that return the user's systems.
+        compiled: True if the diagrams are compiled to machine code.
+        resume: True to continue the study in the folder, if there is one.
 
     Raises:
-        InputError: the folder cannot be written, or holds another study or one that is not to be resumed.
+        InputError: the folder cannot be written, or contains another study or one that is not to be resumed.
     """
     if folder is None:
         yield StudyRows(scenario, num_samples, duration)
@@ -157,7 +157,7 @@ def open_study(
                 f" {num_samples} samples"
             )
         write_atomically(folder / STUDY, record.write)
-        (folder / PARQUET).unlink(missing_ok=True)  # of a study that had fewer rows
+        (folder / PARQUET).unlink(missing_ok=True)  # a table of an earlier run would have fewer rows
         rows = StudyRows(scenario, num_samples, duration, found=found, file=file)
         yield rows
         if rows.failures:
@@ -170,7 +170,11 @@ def open_study(
 
 
 def _check_vacant(folder: Path, scenario: Scenario) -> None:
-    """Raises InputError if a folder without results holds files of someone else's that a study would overwrite."""
+    """Check that a folder without results contains no files of another origin that the study would overwrite.
+
+    Raises:
+        InputError: the folder contains another scenario, or a record without a scenario.
+    """
     if (folder / SCENARIO).exists():
         try:
             ours = load_scenario(folder / SCENARIO) == scenario
@@ -183,7 +187,17 @@ def _check_vacant(folder: Path, scenario: Scenario) -> None:
 
 
 def _gone_on_with(folder: Path, scenario: Scenario, record: Record, *, resume: bool) -> Record:
-    """The record of a study that a folder holds, when it is gone on with; raises InputError if it must not be."""
+    """Return the record of the resumed study, which lists the old and the new versions.
+
+    Args:
+        folder: folder of the study.
+        scenario: scenario with the seed of the study.
+        record: record of the new run.
+        resume: True if the study may be resumed.
+
+    Raises:
+        InputError: the study may not be resumed, cannot be read, or is a different study.
+    """
     if not resume:
         raise InputError(f"{folder} holds a study already; go on with it by --resume, or write elsewhere by --output")
     try:
@@ -206,7 +220,7 @@ def _gone_on_with(folder: Path, scenario: Scenario, record: Record, *, resume: b
 
 
 def _difference(before: Any, now: Any, path: str = "") -> str | None:
-    """The first field in which two dumped scenarios differ, in words."""
+    """Return the first field in which two dumped scenarios differ as text; None if they are equal."""
     if isinstance(before, dict) and isinstance(now, dict) and before.keys() == now.keys():
         pairs = [(f"{path}.{key}".lstrip("."), before[key], now[key]) for key in now]
     elif isinstance(before, list) and isinstance(now, list) and len(before) == len(now):

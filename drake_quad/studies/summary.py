@@ -1,4 +1,4 @@
-"""What is said of a study in a few lines: tables of words, for people to read."""
+"""Summaries of a study as tables of texts."""
 
 import math
 from collections.abc import Mapping
@@ -16,12 +16,12 @@ _QUANTILES = (0.05, 0.5, 0.95)
 
 
 class Summary(NamedTuple):
-    """A table of words, and what must be known to read it.
+    """Table of texts, with remarks that are needed to read it.
 
     Attributes:
-        headings: of the columns.
-        rows: of as many cells.
-        remarks: sentences.
+        headings: headings of the columns.
+        rows: rows with one cell for each column.
+        remarks: remarks on the table.
     """
 
     headings: tuple[str, ...]
@@ -30,7 +30,7 @@ class Summary(NamedTuple):
 
 
 def crashes_of(study: Study) -> str:
-    """How many samples of a study crashed, and how probable a crash is; how many of them into obstacles, if any are."""
+    """Return the number and probability of crashes as text, and those of crashes into obstacles if there are any."""
     crashes = f"{int(study.metrics.crashed.sum()):,} crashed, {crash_probability(study.metrics).percent()}"
     touched = sum(study.touches.values())
     if study.touched is None:
@@ -39,7 +39,7 @@ def crashes_of(study: Study) -> str:
 
 
 def touches_of(study: Study) -> Summary:
-    """The obstacles into which samples of a study crashed, most often first, with the probability of each."""
+    """Return the number and probability of the crashes into each obstacle, the most frequent obstacle first."""
     ordered = sorted(study.touches.items(), key=lambda each: -each[1])
     rows: list[tuple[str, ...]] = [
         (name, f"{count:,}", share_interval(count, len(study.samples)).percent()) for name, count in ordered if count
@@ -77,7 +77,7 @@ def summary_of(study: Study) -> Summary:
 
 
 def _quantile(values: np.ndarray, probability: float) -> Interval:
-    """Return a quantile of a nonnegative metric; if the quantile is a crash, the lower end of its interval is NaN."""
+    """Return a quantile of a nonnegative metric; if it is finite, its interval has no negative part."""
     found = quantile_interval(values, probability)
     return positive(found) if math.isfinite(found.value) else found
 
