@@ -39,7 +39,7 @@ from drake_quad.studies.monte_carlo import run_monte_carlo
 
 _DIAGRAMS = Path(__file__).parent.parent / "diagrams"
 _NETWORK = _DIAGRAMS / "controllers" / "paper.yaml:pd_t2fnn"
-# A laboratory with every imperfection.
+# These overrides give the vehicle and the laboratory every imperfection.
 EVERYTHING = [
     "vehicle.mass={normal: {mean: 0.68, standard_deviation: 0.02, min: 0.6}}",
     "vehicle.inertia=[{uniform: {min: 0.0065, max: 0.0075}}, 0.007, 0.012]",
@@ -55,19 +55,19 @@ EVERYTHING = [
     " {kind: fan, position: [-1.2, -5.5, 1.5], direction: [0, 1, 0], flow: 3.0, diameter: 0.75},"
     " {kind: fan, position: [1.2, -5.5, 1.5], direction: [0, 1, 0], flow: 3.0, diameter: 0.75}]",
 ]
-# What the rules of a network look at besides the error and its rate, each input with three sets or with two.
-_PLACES = ["control.network.inputs.x.scale=0.5", "control.network.inputs.y.scale=0.5"]
+# Additional inputs of a network beside the error and its rate. Each input has three sets, or two with `_TWO_SETS`.
+_POSITION_INPUTS = ["control.network.inputs.x.scale=0.5", "control.network.inputs.y.scale=0.5"]
 _TWO_SETS = [
     f"control.network.inputs.{name}.{numbers}"
     for name in ("error", "error_rate", "x", "y")
     for numbers in ("centres=[-1.0, 1.0]", "widths=[2.0, 2.0]")
 ]
-# A covariance of 81 by 81 would be most of the time (docs/background/performance.md).
+# With 81 rules, updates of the covariance would take most of the time (docs/background/performance.md).
 _GRADIENT = "control.network.learning={kind: gradient, slope: 2.1, rate: 0.7}"
 _COSTLIER: dict[str, tuple[Path, list[str]]] = {
     "the paper's network, 9 rules on two inputs": (_NETWORK, []),
-    "the same on four inputs, 16 rules": (_NETWORK, [*_PLACES, *_TWO_SETS]),
-    "on four inputs, 81 rules, gradient law": (_NETWORK, [*_PLACES, _GRADIENT]),
+    "the same on four inputs, 16 rules": (_NETWORK, [*_POSITION_INPUTS, *_TWO_SETS]),
+    "on four inputs, 81 rules, gradient law": (_NETWORK, [*_POSITION_INPUTS, _GRADIENT]),
     "linear-quadratic-Gaussian control": (_DIAGRAMS / "controllers" / "lqg.yaml:lqg", []),
 }
 
@@ -89,7 +89,7 @@ def main() -> None:
     print_waits(2 if quick else 5)
 
 
-# Commands that people wait for, with their options.
+# Commands whose waiting times are measured, with their options.
 _WAITS = {
     "fly figure_eight": [],
     "study robustness": ["--samples", "1000"],
@@ -109,7 +109,7 @@ def print_waits(repetitions: int) -> None:
     for command, options in _WAITS.items():
         with tempfile.TemporaryDirectory() as folder:
             empty = {"DRAKE_QUAD_CACHE": str(Path(folder) / "cache")}
-            # The first process fills the cache for the others.
+            # The first process is measured apart, because it fills the cache for the others.
             first, *others = [waited([*command.split(), *options], empty) for _ in range(repetitions + 1)]
         elapsed, busy = zip(*others, strict=True)
         cells = [f"{statistics.median(each):.2f} ({min(each):.2f})" for each in (elapsed, busy)]
@@ -117,7 +117,7 @@ def print_waits(repetitions: int) -> None:
 
 
 def waited(arguments: Sequence[str], variables: dict[str, str]) -> tuple[float, float]:
-    """Return how long a command takes, in seconds by the clock and of the processors."""
+    """Return the elapsed time and the processor time of a command, s."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "drake_quad", *arguments, "--output", folder]
         before, start = os.times(), time.perf_counter()
@@ -127,7 +127,7 @@ def waited(arguments: Sequence[str], variables: dict[str, str]) -> tuple[float, 
 
 
 def print_flights(repetitions: int, sizes: Sequence[int]) -> None:
-    """Prints how fast fleets fly, by their size, compiled and as they are wired."""
+    """Print the simulation speed of fleets by their size, compiled and wired."""
     ideal = load_scenario(_DIAGRAMS / "figure_eight.yaml")
     real, learning = (
         load_scenario(_DIAGRAMS / "laboratory.yaml:nominal", EVERYTHING, layers=[layer])
@@ -144,7 +144,7 @@ def print_flights(repetitions: int, sizes: Sequence[int]) -> None:
 
 
 def print_plain_python(repetitions: int) -> None:
-    """Print how fast fleets fly with a position controller in plain Python, compiled and as they are wired."""
+    """Print the simulation speed of fleets with a position controller in plain Python, compiled and wired."""
     print("\n| position controller in plain Python, vehicle-seconds per second | one vehicle | 1,024 |")
     print("|---|---|---|")
     scenario = load_scenario(_DIAGRAMS / "laboratory.yaml:nominal", layers=[_DIAGRAMS / "gains" / "laboratory.yaml"])
@@ -176,7 +176,7 @@ class PlainPython(LeafSystem):
 
 
 def print_rules(repetitions: int) -> None:
-    """Prints how fast fleets fly by the rules of their networks, compiled."""
+    """Print the simulation speed of compiled fleets by the number of rules in their networks."""
     print("\n| type-2 networks on X and Y in the ideal laboratory, vehicle-seconds per second | one vehicle | 1,024 |")
     print("|---|---|---|")
     none = load_scenario(_DIAGRAMS / "figure_eight.yaml")
@@ -191,7 +191,7 @@ def print_rules(repetitions: int) -> None:
 
 
 def with_rules(sets: int) -> Scenario:
-    """The figure eight with type-2 networks that have so many sets on each of their two inputs."""
+    """Return the figure eight with type-2 networks, given the number of sets on each of their two inputs."""
     centres, widths = np.linspace(-1.0, 1.0, sets).tolist(), [2.0 / (sets - 1)] * sets
     return load_scenario(
         _DIAGRAMS / "figure_eight.yaml",
@@ -205,7 +205,7 @@ def with_rules(sets: int) -> Scenario:
 
 
 def print_controllers(repetitions: int) -> None:
-    """Prints how fast fleets of 1,024 fly with costlier controllers, compiled, and the share of the network's speed."""
+    """Print the simulation speed of compiled fleets with costlier controllers, also relative to the first."""
     size = 1024
     laboratories: dict[str, tuple[str, list[str]]] = {"low_wind": ("low_wind", []), "all": ("nominal", EVERYTHING)}
     costs: dict[str, list[list[float]]] = {}
@@ -225,7 +225,7 @@ def print_controllers(repetitions: int) -> None:
 
 
 def print_obstacles(repetitions: int) -> None:
-    """Prints how fast fleets of 512 fly among 20 obstacles, compiled, and the share of the speed without."""
+    """Print the simulation speed of compiled fleets with and without 20 obstacles."""
     size = 512
     print("\n| fleet of 512, vehicle-seconds per second | no obstacles | 20 of all kinds around the path | share |")
     print("|---|---|---|---|")
@@ -237,7 +237,7 @@ def print_obstacles(repetitions: int) -> None:
 
 
 def around(count: int) -> dict[str, object]:
-    """Obstacles in a ring around the figure eight, half a metre from where most fly, hulls of 12 points among them."""
+    """Return obstacles in a ring around the figure eight, half a metre from most paths."""
     kinds: list[dict[str, object]] = [
         {"kind": "cylinder", "radius": 0.2, "height": 2.0},
         {"kind": "box", "size": [0.5, 0.4, 1.0], "rotation": [0.1, 0.2, 0.3]},
@@ -254,7 +254,7 @@ def around(count: int) -> dict[str, object]:
 
 
 def print_studies(repetitions: int, largest: int) -> None:
-    """Prints how fast Monte Carlo studies are flown by one worker and by two."""
+    """Print the speed of Monte Carlo studies with one worker and with two."""
     scenario, workers = load_scenario(_DIAGRAMS / "robustness.yaml"), (1, 2)
     sizes = (1_000, 2_000, largest)
     rounds = [{(size, n): study(scenario, size, n) for size in sizes for n in workers} for _ in range(repetitions)]
@@ -263,17 +263,17 @@ def print_studies(repetitions: int, largest: int) -> None:
     for size in (1_000, largest):
         cells = [spread([times[size, n].cost for times in rounds], 1) for n in workers]
         print(f"| {size:,} flights, from the start of the workers to the result | {' | '.join(cells)} |")
-    # In the difference the time of the start cancels.
+    # The start-up time cancels in the difference.
     further = [spread([times[largest, n].beyond(times[2_000, n]) for times in rounds], 1) for n in workers]
     print(f"| from 2,000 to {largest:,} flights | {' | '.join(further)} |")
 
 
 class StudyTime(NamedTuple):
-    """The time that a study took.
+    """Computing time of a study.
 
     Attributes:
-        seconds: from the call to the result.
-        flown: seconds of flight of all vehicles.
+        seconds: time from the call to the result, s.
+        flown: simulated time of all vehicles, s.
     """
 
     seconds: float
@@ -281,16 +281,16 @@ class StudyTime(NamedTuple):
 
     @property
     def cost(self) -> float:
-        """Seconds of computing for a second of flight."""
+        """Computing time per simulated second, s."""
         return self.seconds / self.flown
 
     def beyond(self, shorter: "StudyTime") -> float:
-        """Seconds of computing for a second of flight, of the flights that a shorter study does not have."""
+        """Return the computing time per simulated second (s) of the flights beyond a shorter study."""
         return (self.seconds - shorter.seconds) / (self.flown - shorter.flown)
 
 
 def study(scenario: Scenario, num_samples: int, num_workers: int) -> StudyTime:
-    """Flies a study into a temporary folder, and returns the time that it took."""
+    """Fly a study into a temporary folder, and return its computing time."""
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
         flown = run_monte_carlo(scenario, num_samples, folder=folder, num_workers=num_workers).flown_time
@@ -298,7 +298,7 @@ def study(scenario: Scenario, num_samples: int, num_workers: int) -> StudyTime:
 
 
 def print_planning(repetitions: int) -> None:
-    """Prints how long planning takes."""
+    """Print the computing times of planning."""
     print("\n| planning | |")
     print("|---|---|")
     for count in (10, 50, 200):
@@ -308,16 +308,16 @@ def print_planning(repetitions: int) -> None:
 
 
 def spread(costs: list[float], size: int) -> str:
-    """Vehicle-seconds per second: the median, and the best in parentheses."""
+    """Return the vehicle-seconds per second as text: the median, and the best in parentheses."""
     return f"{size / statistics.median(costs):,.0f} ({size / min(costs):,.0f})"
 
 
 class Stepper:
-    """A fleet that is flown from the start again and again: to the end if it is one vehicle, else for 1 s.
+    """Fleet whose flight is repeated: a single vehicle flies to the end, a larger fleet for 1 s.
 
     Args:
-        scenario: that is flown, each vehicle a sample.
-        num_vehicles: N.
+        scenario: scenario that is flown; each vehicle is a sample.
+        num_vehicles: number of vehicles.
         compiled: whether the diagram is compiled.
         own: systems that replace parts of the loop.
     """
@@ -330,20 +330,20 @@ class Stepper:
         self._duration = flight_duration(scenario, plan) if num_vehicles == 1 else 1.0
 
     def cost(self) -> float:
-        """Seconds of computing for a second of flight."""
+        """Return the computing time per simulated second, s."""
         self._simulation.reset(self._batch)
         return timed(lambda: self._simulation.fly(self._duration)) / self._duration
 
 
 def interleaved(steppers: list[Stepper], repetitions: int) -> list[list[float]]:
-    """The costs of each stepper, measured by turns, so that a machine that gets slower does so for all."""
+    """Return the costs of each stepper, measured in turns so that a change of the machine's speed affects all."""
     gc.collect()
     rounds = [[stepper.cost() for stepper in steppers] for _ in range(repetitions)]
     return [list(costs) for costs in zip(*rounds, strict=True)]
 
 
 def fast_path(count: int) -> Callable[[], object]:
-    """The shortest way from waypoints and times to a trajectory of Drake's."""
+    """Return a function that plans minimum snap through waypoints at given times, as a Drake trajectory."""
     rng = np.random.default_rng(0)
     waypoints = np.cumsum(rng.normal(size=(count, 3)), axis=0)
     times = np.cumsum(rng.uniform(0.5, 2.0, count))
@@ -351,13 +351,13 @@ def fast_path(count: int) -> Callable[[], object]:
 
 
 def planning_work() -> dict[str, Callable[[], object]]:
-    """Work of the planner beyond that, on random routes with steps of a metre."""
+    """Return further tasks of the planner by name: random routes with steps of a metre, and the forest."""
     rng = np.random.default_rng(0)
     limits = PathLimits(speed=1.2, acceleration=0.7)
     points = np.cumsum(rng.normal(size=(50, 3)), axis=0)
     corridors = [Box(np.minimum(a, b) - 0.2, np.maximum(a, b) + 0.2) for a, b in itertools.pairwise(points)]
     hallways = PathProblem([Box.point(point) for point in points], corridors=corridors, limits=limits)
-    # Faster than its shortest minimum-snap path, so that limits and walls all push.
+    # Times shorter than those of the shortest minimum-snap path make limits and walls active.
     hurried = GivenTimes(tuple(0.97 * plan_path(hallways, Shortest()).times))
     course = PathProblem([Box.point(point) for point in points[:21]], limits=limits)
     return {
@@ -370,7 +370,7 @@ def planning_work() -> dict[str, Callable[[], object]]:
 
 
 def through_forest(timing: Timing) -> Callable[[], object]:
-    """The whole way through the forest: regions, passages and paths."""
+    """Return a function that plans the whole way through the forest: regions, passages and paths."""
     forest = load_scenario("forest")
     space = space_of(forest)
     assert isinstance(forest.route, WaypointRoute)
@@ -380,20 +380,20 @@ def through_forest(timing: Timing) -> Callable[[], object]:
 
 
 def milliseconds(work: Callable[[], object], repetitions: int) -> str:
-    """The median of the times that a call takes, and the best in parentheses."""
+    """Return the time of a call as text: the median, and the best in parentheses."""
     times = [1e3 * timed(work) for _ in range(repetitions)]
     return f"{statistics.median(times):.3g} ({min(times):.3g}) ms"
 
 
 def timed(work: Callable[[], object]) -> float:
-    """Seconds that a call takes."""
+    """Return the time that a call takes, s."""
     start = time.perf_counter()
     work()
     return time.perf_counter() - start
 
 
 def machine() -> str:
-    """The machine and the versions that are measured, in words."""
+    """Return a description of the machine and of the measured versions."""
     cpu = platform.processor() or platform.machine()
     info = Path("/proc/cpuinfo")
     if info.exists():

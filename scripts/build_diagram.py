@@ -30,7 +30,7 @@ builder = DiagramBuilder()
 reference = builder.AddSystem(build_reference(plan))
 position = builder.AddSystem(build_position_controller(ProportionalDerivative(feeds_forward=True, numbers=gains)))
 vectoring = ThrustVectoring(numbers=VectoringNumbers(believed.mass, believed.gravity, limits))
-commands = split_output(builder, "vectoring", vectoring)  # adds the system and takes its output apart
+commands = split_output(builder, "vectoring", vectoring)  # adds the system, and splits its output into signals
 attitude = builder.AddSystem(AttitudeController(numbers=angles))
 wrench = builder.AddSystem(Multiplexer([1, 3]))
 laboratory = builder.AddSystem(build_laboratory_diagram(scenario))
@@ -51,7 +51,7 @@ logger = LogVectorOutput(laboratory.GetOutputPort("state"), builder, publish_per
 simulator = Simulator(builder.Build())
 simulator.AdvanceTo(plan.duration)
 log = logger.FindLog(simulator.get_context())
-# A log is written before the updates of its instant: it has the state of a time step before.
+# A log is written before the updates of its instant, so it has the state of the previous time step.
 flown, planned = log.data()[:3], plan.derivative(0).vector_values(log.sample_times() - scenario.vehicle.time_step)
 print(f"RMSE {100.0 * np.sqrt(np.mean(np.sum((flown - planned) ** 2, axis=0))):.1f} cm in low wind")
 plt.plot(*planned[:2], "--", *flown[:2])

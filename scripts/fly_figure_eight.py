@@ -29,7 +29,7 @@ simulator.AdvanceTo(plan.duration)
 meshcat.PublishRecording()
 
 log = logger.FindLog(simulator.get_context())
-# A log is written before the updates of its instant: it has the state of a time step before.
+# A log is written before the updates of its instant, so it has the state of the previous time step.
 planned = plan.derivative(0).vector_values(log.sample_times() - scenario.vehicle.time_step)
 error = np.linalg.norm(log.data()[:3] - planned, axis=0)
 print(f"RMSE {100.0 * np.sqrt(np.mean(error**2)):.2f} cm, largest error {100.0 * error.max():.2f} cm")

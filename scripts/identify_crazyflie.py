@@ -4,7 +4,7 @@ from pathlib import Path
 
 from drake_quad import compare_with_log, identify, load_scenario, load_undesigned, predict, read_log, write_vehicle
 
-# Scenario with the vehicle of the data sheet, and the mass and the gains of the one that flew.
+# This scenario has the vehicle of the data sheet, with the mass and the gains of the flown vehicle.
 SHEET = "crazyswarm2:sheet_100"
 
 record = read_log(Path(__file__).parent.parent / "tests/data/crazyflie/crazyswarm2/log100.xz")

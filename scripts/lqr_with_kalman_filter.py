@@ -16,7 +16,7 @@ LABORATORY, UNCERTAIN = "laboratory:low_wind", "vehicle.mass={uniform: {min: 0.6
 BELIEVED = load_scenario(LABORATORY)
 MASS, GRAVITY = BELIEVED.nominal.mass, BELIEVED.nominal.gravity
 PLANT = laboratory_plant(BELIEVED).system
-# Errors and commands that cost as much, and standard deviations of noise: m, rad, m/s, rad/s; N, N m.
+# Errors and commands of equal cost, and standard deviations of noise, in m, rad, m/s and rad/s, or N and N m.
 ERROR = np.array([*State(0.05, 0.05, 0.05, 0.5, 0.5, 0.2, 0.5, 0.5, 0.5, 2.0, 2.0, 2.0)])
 COMMAND = np.array([*Wrench(3.0, 0.3, 0.3, 0.1)])
 NOISE = np.array([*State(*3 * [0.001], *3 * [0.004], *3 * [0.01], *3 * [0.04])])

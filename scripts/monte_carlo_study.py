@@ -24,7 +24,7 @@ if __name__ == "__main__":  # worker processes import this file
     print(f"RMSE: {mean_interval(rmse[~crashed]).text(unit='cm', size=0.01)} of those that do not crash")
     print(f"crashes: {share_interval(int(crashed.sum()), len(crashed)).percent()}")
     worst = int(np.argmax(np.where(crashed, -np.inf, rmse)))
-    flight = simulate(scenario, seed=1, sample=worst, compiled=True)  # any sample can be flown again alone
+    flight = simulate(scenario, seed=1, sample=worst, compiled=True)  # any sample can be repeated alone
     print(f"sample {worst}: {flight.scenario.vehicle.mass:.3f} kg, {100.0 * flight.metrics.rmse:.2f} cm")
     delays = study.parameters["laboratory.command_link.delay_ticks"]
     for delay in np.unique(delays):

@@ -18,7 +18,7 @@ from drake_quad.reference.polynomial_path import hermite_path
 
 DURATION, MAX_SPEED, NUM_POINTS = 10.0, 1.2, 24  # s, m/s, number of control points
 START, END = np.array([0.0, 0.0, 1.0]), np.array([5.0, 0.0, 1.0])
-# Middles of the gates (m) by the time at which they are passed (s), and how far beside them the path may be (m).
+# Centre of each gate (m) by the time of its passage (s), and tolerance of the path along x, y and z (m).
 GATES, ROOM = {2.5: [1.0, 1.5, 1.5], 5.0: [2.5, -1.0, 2.0], 7.5: [4.0, 1.0, 1.2]}, np.array([0.02, 0.3, 0.3])
 
 basis = BsplineBasis(8, NUM_POINTS, KnotVectorType.kClampedUniform, 0.0, DURATION)

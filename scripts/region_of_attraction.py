@@ -18,7 +18,7 @@ from pydrake.systems.primitives import LogVectorOutput, SymbolicVectorSystem
 from drake_quad import load_scenario
 
 G = load_scenario("hover").nominal.gravity
-# Values of e (m, rad, m/s, rad/s), an upward acceleration (m/s²) and an angular one (rad/s²) that cost as much.
+# Values of e (m, rad, m/s, rad/s), upward acceleration (m/s²) and angular acceleration (rad/s²) of equal cost.
 ERROR, COMMAND = np.array([2.5, 2.5, 0.2, 2.5, 2.5, 4.0]), np.array([1.6, 5.5])
 A = np.diag([1.0, 1.0, 1.0], 3) + G * np.outer(np.eye(6)[3], np.eye(6)[2])
 K, S = LinearQuadraticRegulator(A, np.eye(6)[:, 4:], np.diag(ERROR**-2), np.diag(COMMAND**-2))

@@ -45,7 +45,7 @@ class SlidingMode(FleetSystem):
 
 @POSITION_CONTROLLERS.member
 class SlidingPosition(PositionController):
-    """A sliding mode with a boundary layer: a PD whose answer to errors is limited."""
+    """Sliding mode with a boundary layer: a PD whose response to errors is limited."""
 
     kind: Literal["sliding_mode"]
     slope: Positives = Field(description="λ of the sliding surface on X, Y, Z (1/s)")

@@ -18,12 +18,12 @@ from drake_quad.planning.believed import nominal_parameters
 from drake_quad.signals import Jerk, Reference, Snap, State
 from drake_quad.vehicle.inverse_dynamics import rotor_demand
 
-HORIZON = 6.0  # s
-# Errors and commands that cost as much: m, rad, m/s, rad/s; rad/s.
+HORIZON = 6.0  # s, duration of the flight
+# Errors (m, rad, m/s, rad/s) and commands (rad/s) of equal cost.
 ERROR = np.array([*State(0.05, 0.05, 0.05, 0.2, 0.2, 0.2, 0.5, 0.5, 0.5, 2.0, 2.0, 2.0), *4 * [100.0]])
 COMMAND = np.array(4 * [30.0])
 
-# The state and the command along the plan, by differential flatness. Rotors lag behind their commands.
+# Differential flatness gives the state and the command along the plan. Rotors lag behind their commands.
 scenario = load_scenario("figure_eight", ["vehicle.time_step=0"])
 plan = plan_route(scenario)
 times = np.linspace(0.0, HORIZON, 300)

@@ -14,9 +14,9 @@ from drake_quad import load_scenario, mean_interval, run_monte_carlo, simulate
 from drake_quad.gym import QuadrotorVectorEnv
 from drake_quad.gym.stable_baselines3 import StableVectorEnv, save_trained
 
-# An episode ends farther than this from the reference (m), where a vehicle learns nothing useful.
+# An episode ends farther than this from the reference (m), because a policy learns nothing useful there.
 CLOSE = {"crash.position_error": 1.0}
-# The vehicles learn with the seeds 0 to 63; the test uses another seed.
+# The policy is trained with the seeds 0 to 63; the test uses another seed.
 UNSEEN = 1000
 
 if __name__ == "__main__":  # worker processes import this file

@@ -43,7 +43,7 @@ class ShearWind(FleetSystem):
 
 @WINDS.member
 class ShearSource(BlowingSource):
-    """A wind that grows with height by a power law; its velocity is that at the reference height."""
+    """Wind that grows with height by a power law; its velocity is that at the reference height."""
 
     kind: Literal["shear"]
     reference_height: Positive = Field(default=10.0, description="height at which the velocity is given (m)")

@@ -34,7 +34,7 @@ _CONTROLLERS = ("pd", "pd_t1fnn", "pd_t2fnn", "pid", "pd_feed_forward")
 
 
 def options() -> argparse.ArgumentParser:
-    """The options of the command."""
+    """Return the options of the command."""
     result = bare_parser(__doc__, "drake-quad compare --scenario outdoor --samples 50")
     result.add_argument(
         "--scenario",
@@ -84,7 +84,7 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 def scenarios_of(arguments: argparse.Namespace) -> dict[str, dict[str, Scenario]]:
-    """The scenarios to fly, by laboratory and controller."""
+    """Return the scenarios to fly, by laboratory and controller."""
     arguments.controller = arguments.controller or [f"controllers/paper:{name}" for name in _CONTROLLERS]
     if arguments.quick:
         arguments.set = ["duration=6", *arguments.set]
@@ -127,7 +127,7 @@ def spread(values: np.ndarray) -> str:
 
 
 def write_flights(path: Path, flights: Mapping[str, Mapping[str, Metrics]]) -> Path:
-    """Writes a row for each flight, and returns the path."""
+    """Write a CSV file with a row for each flight, and return its path."""
     rows = [
         (place, name, sample, *values)
         for place, found in flights.items()

@@ -12,9 +12,9 @@ import shtab
 from drake_quad.command_line.options import bare_parser
 from drake_quad.scenario.files.shipped import shipped_scenarios
 
-# Options that name a scenario.
+# Arguments that are completed with the names of scenarios.
 _SCENARIOS = ("scenario", "controller", "vehicle")
-# A name has a colon, which bash takes for the end of a word unless told otherwise.
+# Names contain colons, and bash ends a word at a colon unless COMP_WORDBREAKS lacks it.
 _PREAMBLE = {
     "bash": """COMP_WORDBREAKS=${{COMP_WORDBREAKS//:}}
 _drake_quad_scenarios() {{
@@ -30,14 +30,14 @@ _drake_quad_scenarios() {{
 
 
 def options() -> argparse.ArgumentParser:
-    """The options of the command."""
+    """Return the options of the command."""
     result = bare_parser(__doc__, "drake-quad completion bash")
     result.add_argument("shell", choices=("bash", "zsh"), help="whose script to print")
     return result
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Runs the command."""
+    """Run the command."""
     from drake_quad.command_line.main import full_parser
 
     names = shipped_scenarios()
@@ -48,7 +48,7 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 def _complete(action: argparse.Action) -> None:
-    """Says what completes an argument, as shtab wants it said."""
+    """Set the completion of an argument as shtab expects it."""
     own = "_drake_quad_scenarios"
     if action.dest in _SCENARIOS:
         action.complete = {"bash": own, "zsh": own}  # type: ignore[attr-defined]

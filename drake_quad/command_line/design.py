@@ -47,12 +47,12 @@ from drake_quad.scenario.paths import distributions_in
 from drake_quad.visualization.design_plots import DESIGN_PLOTS, plot_steps
 from drake_quad.visualization.style import save_figures
 
-# Modes that are faster belong to delay lines and filters and are not printed, rad/s.
+# Faster modes (rad/s) are not printed, since they belong to delay lines and filters.
 _FASTEST_MODE = 60.0
 # The order in which loops on the ground are printed.
 _ORDER = ("roll", "pitch", "yaw", "z", "x", "y")
-# The part of the phase margin that the integrals of a PID cost if nothing is said.
-_INTEGRAL = 0.15
+# Share of the phase margin that the integrals of a PID cost by default.
+_DEFAULT_INTEGRAL_SHARE = 0.15
 _RANGES = {
     "phase-margin": (0.0, 180.0),
     "gain-margin": (0.0, 60.0),
@@ -89,7 +89,7 @@ _RATE_TIMES = {"attitude": 0.2, "yaw": 0.2, "height": 0.2, "position": 1.0}
 
 
 def options() -> argparse.ArgumentParser:
-    """The options of the command."""
+    """Return the options of the command."""
     result = parser(__doc__, "drake-quad design laboratory:nominal --phase-margin 50", output="out/gains")
     add_design_options(result)
     add_controller(result)
@@ -104,7 +104,7 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Runs the command."""
+    """Run the command."""
     if arguments.firmware is not None:
         refuse_design_options(arguments)
         take_firmware(arguments)
@@ -113,10 +113,10 @@ def main(arguments: argparse.Namespace) -> None:
     chosen = design_options(arguments, scenario)
     if arguments.integral is not None:
         scenario = with_integrals(scenario)
-    # A PID has its integral designed, too.
+    # The integral of a PID is designed even if `--integral` is absent.
     integral = arguments.integral
     if integral is None and scenario.cascade.position.has_integral:
-        integral = _INTEGRAL
+        integral = _DEFAULT_INTEGRAL_SHARE
     uncertain = bool(distributions_in(scenario))
     if uncertain:
         remark("gains are designed for the median of each distribution")
@@ -150,7 +150,7 @@ def refuse_design_options(arguments: argparse.Namespace) -> None:
 
 
 def add_design_options(options: argparse.ArgumentParser) -> None:
-    """Adds the options that say how gains shall be designed."""
+    """Add the options for the design of gains."""
     options.add_argument("--method", choices=("poles", "lqr"), default="poles", help="place two poles, or least cost")
     options.add_argument("--phase-margin", type=float, metavar="DEGREES", help="of every loop (45; on board 60)")
     options.add_argument("--gain-margin", type=float, metavar="DB", help="of every loop (6; on board 10)")
@@ -163,7 +163,7 @@ def add_design_options(options: argparse.ArgumentParser) -> None:
         type=float,
         metavar="PART",
         help="design a PID for the position, whose integral costs this part of the phase margin"
-        f" ({_INTEGRAL:g} for what is a PID already)",
+        f" ({_DEFAULT_INTEGRAL_SHARE:g} for what is a PID already)",
     )
     options.add_argument(
         "--loop",
@@ -177,7 +177,7 @@ def add_design_options(options: argparse.ArgumentParser) -> None:
 
 
 def design_options(arguments: argparse.Namespace, scenario: Scenario) -> dict[str, LoopOptions]:
-    """Return the design options of each axis: the defaults, except for what the arguments ask for.
+    """Return the design options of each axis: the defaults, except for what the arguments request.
 
     Raises:
         InputError: a number is out of range, or an option is for the other method, or for an attitude loop on the
@@ -211,7 +211,7 @@ def design_options(arguments: argparse.Namespace, scenario: Scenario) -> dict[st
 
 
 def _with_margins(arguments: argparse.Namespace, period: float, options: LoopOptions) -> LoopOptions:
-    """Return the options of an axis with the margins that the arguments ask for."""
+    """Return the options of an axis with the margins that the arguments request."""
     asked = {"phase": arguments.phase_margin, "gain": arguments.gain_margin}
     if options.requirements.delay and arguments.delay_margin is not None:
         asked["delay"] = arguments.delay_margin * period
@@ -220,9 +220,10 @@ def _with_margins(arguments: argparse.Namespace, period: float, options: LoopOpt
 
 
 def write_gains(design: CascadeDesign, designed: Scenario, path: Path, command: str) -> None:
-    """Writes the gains as YAML that a scenario can extend, under the command that designed them.
+    """Write the gains as YAML that a scenario can extend, below a comment with the command that designed them.
 
-    They replace whatever they are laid over, and so say their kind, and what is differentiated and fed forward.
+    The file also contains the kind of control, its derivative and its feed-forward, so that it replaces any other
+    control completely.
     """
     yaml = YAML()
     yaml.default_flow_style = None
@@ -241,7 +242,7 @@ def write_gains(design: CascadeDesign, designed: Scenario, path: Path, command: 
 
 
 def print_design(design: CascadeDesign) -> None:
-    """Prints gains and margins, with a row for each axis."""
+    """Print a table of gains and margins with a row for each axis."""
     titles = "axis, k_P, k_D, k_I, phase, gain, delay, ticks, disk, crossover, bandwidth, max |S|, limit"
     if design.on_board:
         titles = titles.replace("k_P", "k_P or k", 1)
@@ -272,7 +273,7 @@ def print_design(design: CascadeDesign) -> None:
 
 
 def print_modes(loop: ClosedLoop) -> None:
-    """Prints the Floquet multipliers of the whole loop as modes, the slowest first."""
+    """Print the Floquet multipliers of the whole loop as modes, slowest first."""
     system = loop.system
     rows = []
     for mode in modes(system.A, system.states, period=system.period):

@@ -23,7 +23,7 @@ _RANGES = {"sensitivity": (1.2, 10.0), "delay-margin": (0.0, 10.0), "snap": (0.1
 
 
 def options() -> argparse.ArgumentParser:
-    """The options of the command."""
+    """Return the options of the command."""
     result = parser(__doc__, "drake-quad design-lqg laboratory:low_wind --sensitivity 2.5", output="out/lqg")
     add_controller(result)
     default = LqgLimits()
@@ -56,7 +56,7 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Runs the command."""
+    """Run the command."""
     check_ranges(arguments, _RANGES)
     scenario = scenario_of(arguments, load=load_undesigned)
     limits = LqgLimits(arguments.sensitivity, arguments.delay_margin, arguments.snap, arguments.acceleration)
@@ -76,7 +76,7 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 def write_control(design: LqgDesign, path: Path, command: str) -> None:
-    """Writes the control as YAML that a scenario can extend, under the command that designed it."""
+    """Write the control as YAML that a scenario can extend, below a comment with the command that designed it."""
     yaml = YAML()
     yaml.default_flow_style = None
     control: dict[str, Any] = design.control.model_dump(mode="json", exclude_none=True)
@@ -86,7 +86,7 @@ def write_control(design: LqgDesign, path: Path, command: str) -> None:
 
 
 def print_plants(design: LqgDesign) -> None:
-    """Prints the plants and what is predicted of the error for each."""
+    """Print the plants, each with the predicted RMS errors of the position."""
     rows = []
     for plant, x, z in zip(design.plants, design.lateral, design.vertical, strict=True):
         answer = "–" if plant.response is None else f"{plant.response.natural_frequency:.2f} rad/s"

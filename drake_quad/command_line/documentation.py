@@ -9,10 +9,10 @@ _MARK = "<!-- What follows is written by scripts/development/document_scenarios.
 
 
 def command_page(page: str) -> str:
-    """Return the page of the command line, in which all text after a mark is written anew.
+    """Return the page of the command line, with the text after its mark generated anew.
 
     Args:
-        page: page with the mark.
+        page: text of the page, which contains the mark.
     """
     before, mark, _ = page.partition(_MARK)
     parts = []
@@ -39,5 +39,5 @@ def _section(name: str, parser: argparse.ArgumentParser) -> str:
 
 
 def _cell(text: str) -> str:
-    """Return a text that is one cell of a table."""
+    """Return a text that is escaped for a cell of a table."""
     return text.replace("|", r"\|").replace("\n", " ").replace("<", "&lt;")

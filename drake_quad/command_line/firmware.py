@@ -49,7 +49,7 @@ def take_firmware(arguments: argparse.Namespace) -> None:
 
 
 def write_layer(layer: dict[str, Any], parameters: FirmwareParameters, path: Path, command: str) -> None:
-    """Write a layer as YAML that a scenario can extend, under the command that made it and its source."""
+    """Write a layer as YAML that a scenario can extend, below a comment with the command and the source."""
     yaml = YAML()
     yaml.default_flow_style = None
     yaml.width = 110
@@ -62,6 +62,6 @@ def write_layer(layer: dict[str, Any], parameters: FirmwareParameters, path: Pat
 
 
 def _some(names: tuple[str, ...]) -> str:
-    """Return the first names, and how many follow."""
+    """Return the first names and the number of the rest as text."""
     first = ", ".join(names[:5])
     return first if len(names) <= 5 else f"{first} and {len(names) - 5} more"

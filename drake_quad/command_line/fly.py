@@ -33,7 +33,7 @@ from drake_quad.scenario.batch import draw_sample
 
 
 def options() -> argparse.ArgumentParser:
-    """The options of the command."""
+    """Return the options of the command."""
     result = parser(__doc__, "drake-quad fly figure_eight --set vehicle.mass=0.7", output="out")
     result.add_argument("--sample", type=int, help="which sample of the scenario's study to fly, from 0 on")
     add_controller(result)
@@ -74,7 +74,7 @@ def main(arguments: argparse.Namespace) -> None:
     with progress_bar("flying", **FLIGHT_BAR) as progress:
         compiled = False if arguments.wired else None
         flight = simulate(scenario, sample=sample, plan=plan, compiled=compiled, prepare=prepare, progress=progress)
-    # Matplotlib takes half a second to load, which an error need not wait for.
+    # Matplotlib takes half a second to load, and an error message should not wait for it.
     from drake_quad.visualization.plots import save_plots
     from drake_quad.visualization.replay.page import save_replay
 
@@ -93,7 +93,7 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 def opened_meshcat() -> Meshcat:
-    """Starts Meshcat; on a terminal, waits until somebody has opened it in a browser."""
+    """Start Meshcat, and on a terminal wait until somebody has opened it in a browser."""
     from drake_quad.visualization.replay.scene import local_meshcat
 
     meshcat = local_meshcat()

@@ -37,7 +37,7 @@ from drake_quad.written_numbers import float_in
 _AUTOPILOT_EXAMPLE = "vehicles/neural_fly:neural_fly", "whose autopilot takes attitudes and thrust"
 _ROTORS_EXAMPLE = "vehicles/hummingbird", "whose rotors are commanded"
 _MAX_WIND = 100.0  # m/s, as in scenarios
-_HELD_OUT_SHARE = 1.0 / 3.0  # of the airborne time, at its end
+_HELD_OUT_SHARE = 1.0 / 3.0  # share of the airborne time, at its end
 
 
 def options() -> argparse.ArgumentParser:

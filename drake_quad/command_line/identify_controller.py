@@ -107,7 +107,7 @@ def print_law(law: PositionLaw) -> None:
 
 
 def write_controller(layer: dict[str, Any], law: PositionLaw, path: Path, command: str) -> None:
-    """Write a controller as a layer that scenarios can extend, under the command that made it and its delays."""
+    """Write a controller as a layer that scenarios can extend, below a comment with the command and the delays."""
     yaml = YAML()
     yaml.default_flow_style = None
     yaml.width = 110

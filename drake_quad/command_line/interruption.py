@@ -16,7 +16,7 @@ SENTENCE = "interrupted: nothing was written"
 
 
 def raise_interruptions() -> None:
-    """Makes Ctrl-C raise KeyboardInterrupt from now on, as usual in Python."""
+    """Make Ctrl-C raise KeyboardInterrupt from now on, which is the default of Python."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 

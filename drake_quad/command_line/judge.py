@@ -30,7 +30,7 @@ _RANGES = {"samples": (2, 10_000), "rounds": (1, 1000)}
 
 
 def options() -> argparse.ArgumentParser:
-    """The options of the command."""
+    """Return the options of the command."""
     result = bare_parser(__doc__, "drake-quad judge --quick --family outdoor")
     result.add_argument("--family", action="append", choices=FAMILIES, help="of laboratories; repeatable (all)")
     result.add_argument("--only", action="append", metavar="NAME", help="a designed controller; repeatable (all)")
@@ -51,7 +51,7 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Runs the command."""
+    """Run the command."""
     check_ranges(arguments, _RANGES)
     if arguments.tune is not None:
         tune(arguments)
@@ -76,7 +76,7 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 def own_controllers(specs: list[str]) -> list[OwnController]:
-    """Return the controllers of `--controller`. One that is called like a designed one has its whole name.
+    """Return the controllers of `--controller`. A controller with the short name of a designed one keeps its full name.
 
     Raises:
         InputError: if one of them cannot be loaded, or is given twice.
@@ -93,7 +93,7 @@ def own_controllers(specs: list[str]) -> list[OwnController]:
 
 
 def tune(arguments: argparse.Namespace) -> None:
-    """Design controllers, and print each as soon as it is written."""
+    """Design controllers, and print a line on each as soon as it is written."""
     if not (shipped_folder().parent / "pyproject.toml").exists():
         raise InputError("--tune writes into diagrams/ of a checkout, and this is an installed package")
     budget = Budget(rounds=arguments.rounds)

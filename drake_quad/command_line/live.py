@@ -28,7 +28,7 @@ def main(arguments: argparse.Namespace) -> None:
     """Run the command."""
     check_ranges(arguments, {"rate": (0.0, 1e6), "time": (0.0, 1e6)})
     scenario = scenario_of(arguments)
-    # Meshcat takes a moment to load.
+    # Imported here because Meshcat is slow to load, and an error message should not wait for it.
     from drake_quad.visualization.live import LiveFlight, feels_wind
 
     print_flight_remarks([scenario])

@@ -1,4 +1,4 @@
-"""The command `drake-quad`, and its subcommands, each of which is loaded when it is asked for."""
+"""Command `drake-quad` and its subcommands, each of which is loaded only when it runs."""
 
 import argparse
 import atexit
@@ -64,7 +64,7 @@ def main(*before: str) -> None:
     atexit.register(gc.freeze)
     # On small matrices two threads can take a hundred times as long as one. NumPy and SciPy read this when loaded.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # What is loaded from here on may be interrupted by Ctrl-C without a traceback.
+    # From this import on, Ctrl-C ends the command without a traceback.
     from drake_quad.command_line.running import orderly_exit, run
 
     with orderly_exit():
@@ -80,7 +80,7 @@ def main(*before: str) -> None:
 
 
 def module_of(command: str) -> ModuleType:
-    """The module with the `options` and the `main` of a command."""
+    """Return the module with the `options` and the `main` of a command."""
     return import_module(f"drake_quad.command_line.{command.replace('-', '_')}")
 
 
@@ -103,15 +103,17 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _versions() -> str:
-    """Return the versions on which a number depends."""
+    """Return the versions of the packages on which results depend."""
     return f"drake_quad {__version__} (Drake {version('drake')}, NumPy {version('numpy')}, Python {python_version()})"
 
 
 def full_parser(complete: Callable[[argparse.Action], None] = lambda _: None) -> argparse.ArgumentParser:
-    """A parser with the options of all commands, which takes a few seconds to make: for completion and documents.
+    """Return a parser with the options of all commands, for completion and documentation.
+
+    Building it takes a few seconds, since it loads all commands.
 
     Args:
-        complete: is given each argument of each command.
+        complete: function that is called with each argument of each command.
     """
     result = argparse.ArgumentParser(prog="drake-quad", description=_WORDS)
     result.add_argument("--version", action="version", version=__version__, help="print versions, and exit")

@@ -29,14 +29,14 @@ from drake_quad.scenario.paths import value_at
 from drake_quad.visualization.map_plots import MapPanel, plot_map
 from drake_quad.visualization.style import save_figures
 
-# Default ranges of the gains, from and to these parts of the scenario's own.
-_LEAST, _MOST = 0.05, 3.0
-# The default worst case: the factor by which rotors are slower, and the ticks by which commands are later.
-_SLOWER, _LATER = 1.4, 1
+# Ends of the default ranges of the gains, relative to the gains of the scenario.
+_MIN_GAIN_RATIO, _MAX_GAIN_RATIO = 0.05, 3.0
+# Default worst case: factor on the time constant of the rotors, and additional ticks of command delay.
+_WORST_LAG_FACTOR, _WORST_EXTRA_TICKS = 1.4, 1
 
 
 def options() -> argparse.ArgumentParser:
-    """The options of the command."""
+    """Return the options of the command."""
     result = parser(__doc__, "drake-quad map laboratory:nominal --loop attitude", output="out/stability")
     result.add_argument("--loop", choices=get_args(Loop), default="position", help="whose gains (default: position)")
     result.add_argument("--size", type=int, help="gains along each side of the map (default: 40)")
@@ -53,7 +53,7 @@ def options() -> argparse.ArgumentParser:
         metavar="FIELD=VALUE",
         action="append",
         help=f"a field of vehicle or laboratory in the worst case; can be given several times (default: rotors"
-        f" {_SLOWER:g} times as slow and a tick more of delay)",
+        f" {_WORST_LAG_FACTOR:g} times as slow and a tick more of delay)",
     )
     result.add_argument("--quick", action="store_true", help="a map of 12 by 12 over 5 s of flight")
     add_controller(result)
@@ -63,7 +63,7 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Runs the command."""
+    """Run the command."""
     check_ranges(arguments, {"size": (2, 200)})
     size = arguments.size or (12 if arguments.quick else 40)
     if arguments.quick:
@@ -72,8 +72,8 @@ def main(arguments: argparse.Namespace) -> None:
     gains = mapped_gains(scenario, arguments.loop)
     axis = 0 if arguments.loop == "position" else 1
     first, second = (float(value_at(scenario, f"{gains.block}.{name}.{axis}")) for name in gains.fields)
-    k_p = _grid("--k-p", arguments.k_p or (_LEAST * first, _MOST * first), size)
-    k_d = _grid("--k-d", arguments.k_d or (_LEAST * second, _MOST * second), size)
+    k_p = _grid("--k-p", arguments.k_p or (_MIN_GAIN_RATIO * first, _MAX_GAIN_RATIO * first), size)
+    k_d = _grid("--k-d", arguments.k_d or (_MIN_GAIN_RATIO * second, _MAX_GAIN_RATIO * second), size)
     worst = arguments.worst or _worst_of(scenario)
     names = [field.split("=")[0].split(".")[-1] + "=" + field.split("=", 1)[-1] for field in worst]
     cases = {"nominal": scenario, ", ".join(names): _worst_case(arguments, worst)}
@@ -91,17 +91,17 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 def _worst_of(scenario: Scenario) -> list[str]:
-    """The fields of the default worst case."""
+    """Return the assignments of the default worst case."""
     drawn = draw_sample(scenario, scenario.sample or 0)
     lag, delay = drawn.vehicle.rotor_time_constant, drawn.laboratory.command_link.delay_ticks
     return [
-        f"vehicle.rotor_time_constant={_SLOWER * lag:.4g}",
-        f"laboratory.command_link.delay_ticks={min(delay + _LATER, 50):g}",
+        f"vehicle.rotor_time_constant={_WORST_LAG_FACTOR * lag:.4g}",
+        f"laboratory.command_link.delay_ticks={min(delay + _WORST_EXTRA_TICKS, 50):g}",
     ]
 
 
 def _worst_case(arguments: argparse.Namespace, worst: list[str]) -> Scenario:
-    """The scenario with the fields of the worst case."""
+    """Return the scenario with the assignments of the worst case."""
     for field in worst:
         if not field.startswith(("vehicle.", "laboratory.")):
             raise InputError(f"--worst {field}: must be a field of vehicle or laboratory; all others are chosen")
@@ -109,14 +109,14 @@ def _worst_case(arguments: argparse.Namespace, worst: list[str]) -> Scenario:
 
 
 def panel(title: str, scenario: Scenario, loop: Loop, k_p: np.ndarray, k_d: np.ndarray, *, compiled: bool) -> MapPanel:
-    """Maps the gains in one case."""
+    """Return the map of the gains for one scenario, linear and simulated."""
     linear = linear_map(scenario, loop, k_p, k_d)
     flown = simulated_map(scenario, loop, k_p, k_d, sample=scenario.sample or 0, compiled=compiled)
     return MapPanel(title, linear, flown)
 
 
 def print_panel(panel: MapPanel, gains: MappedGains, k_p: np.ndarray, k_d: np.ndarray) -> None:
-    """Prints which share of the gains is stable, which flew to the end, and which pair flew best."""
+    """Print the shares of the gains that are stable and that fly to the end, and the best pair."""
     rmse = np.where(panel.flown.crashed | ~panel.linear.stable, np.inf, panel.flown.rmse)
     row, column = np.unravel_index(np.argmin(rmse), rmse.shape)
     best = "no stable gains flew to the end"
@@ -133,7 +133,7 @@ def print_panel(panel: MapPanel, gains: MappedGains, k_p: np.ndarray, k_d: np.nd
 
 
 def write_map(path: Path, panels: list[MapPanel], gains: MappedGains, k_p: np.ndarray, k_d: np.ndarray) -> Path:
-    """Writes a row for each pair of gains, and returns the path."""
+    """Write a CSV file with a row for each pair of gains, and return its path."""
     rows, columns = np.meshgrid(k_p, k_d, indexing="ij")
     table = dict(zip(gains.labels, (rows.ravel(), columns.ravel()), strict=True))
     for title, linear, flown in panels:

@@ -1,4 +1,4 @@
-"""What the options of all commands share."""
+"""Options that several commands share."""
 
 import argparse
 import importlib
@@ -58,7 +58,7 @@ def parser(
 
 
 def add_overrides(options: argparse.ArgumentParser) -> None:
-    """Adds the options that give fields other values."""
+    """Add the options that override fields of the scenario."""
     options.add_argument(
         "--set",
         metavar="FIELD=VALUE",
@@ -78,7 +78,7 @@ def add_overrides(options: argparse.ArgumentParser) -> None:
 
 
 class _Import(argparse.Action):
-    """Imports a Python file when the option is parsed, before any scenario is loaded."""
+    """Action that imports a Python file when the option is parsed, before any scenario is loaded."""
 
     def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, *given: Any) -> None:
         path = Path(given[0])
@@ -90,7 +90,9 @@ class _Import(argparse.Action):
 
 
 def import_file(path: Path, *, again: bool = True) -> ModuleType:
-    """Import a Python file of the user's. Worker processes inherit the search path, so that they find it as well.
+    """Import a Python file of the user.
+
+    Its folder joins the search path, which worker processes inherit, so they find the module as well.
 
     Args:
         path: path of the file.
@@ -114,13 +116,13 @@ def import_file(path: Path, *, again: bool = True) -> ModuleType:
 
 
 def folder_of(arguments: argparse.Namespace, name: str) -> Path:
-    """The folder to write to: that of --output, or else the default one for a scenario of this name."""
+    """Return the output folder: the one of --output, or by default the one for a scenario of this name."""
     chosen: Path = arguments.output or arguments.default_output / name
     return chosen
 
 
 def add_vector(options: argparse.ArgumentParser) -> None:
-    """Adds the option that writes figures for print."""
+    """Add the option to write figures in a vector format for print."""
     options.add_argument("--vector", choices=get_args(Vector), help="write each figure also as a vector drawing")
 
 
@@ -142,12 +144,12 @@ def add_wired(options: argparse.ArgumentParser) -> None:
 
 
 def overrides_of(assignments: Iterable[str], option: str = "--set") -> list[Override]:
-    """The overrides that an option of the command line asks for; errors will name the option."""
+    """Return the overrides for the assignments of an option; error messages name the option."""
     return [Override(assignment, f"{option} {assignment}") for assignment in assignments]
 
 
 def all_overrides_of(arguments: argparse.Namespace) -> list[Override]:
-    """The overrides that --set and --seed ask for."""
+    """Return the overrides of --set and --seed."""
     seed = [] if arguments.seed is None else [Override(f"seed={arguments.seed}", f"--seed {arguments.seed}")]
     return [*overrides_of(arguments.set), *seed]
 
@@ -175,7 +177,7 @@ class NamedController(NamedTuple):
     """Controller that a command line names.
 
     Attributes:
-        name: its short name.
+        name: short name of the controller.
         layers: layers over the scenario.
         overrides: overrides of the scenario, before those of `--set`.
     """
@@ -198,7 +200,7 @@ def controller_of(spec: str, scenario: str) -> NamedController:
     file, _, name = spec.rpartition(":")
     if not file.endswith(".py"):
         return NamedController(Path(name).stem, layers=(spec,))
-    # Systems take half a second to load.
+    # Imported here because systems take half a second to load.
     from drake_quad.assembly.registered_controllers import register_controller
     from drake_quad.scenario.controls.control import CONTROLS
 
@@ -213,7 +215,7 @@ def controller_of(spec: str, scenario: str) -> NamedController:
     control = load_undesigned(scenario).control
     cascade = control.cascade()
     if kind in (control.kind, None if cascade is None else cascade.position.kind):
-        return NamedController(name)  # with the numbers that the scenario gives it
+        return NamedController(name)  # the scenario has its parameters
     if CONTROLS.get(kind) is not None:
         return NamedController(name, overrides=(Override(f"control={{kind: {kind}}}", option),))
     feed_forward = "none" if cascade is None else cascade.position.feed_forward
@@ -227,7 +229,7 @@ def scenario_of(
     further: Sequence[Override] = (),
     load: Callable[..., Scenario] = load_scenario,
 ) -> Scenario:
-    """Load the scenario that the arguments name, with its `--controller`, with their overrides and further ones."""
+    """Load the scenario that the arguments name, with its `--controller`, their overrides and further overrides."""
     spec = getattr(arguments, "controller", None)
     controller = NamedController("") if not spec else controller_of(spec, arguments.scenario)
     overrides = [*controller.overrides, *all_overrides_of(arguments), *further]
@@ -261,7 +263,7 @@ def controlled_scenarios(arguments: argparse.Namespace, spec: str | None = None)
 
 
 def check_extra(option: str, extra: str, *modules: str) -> None:
-    """Raises InputError if an option needs a module of an extra that is not installed."""
+    """Raise InputError if an option needs a module of an extra that is not installed."""
     try:
         for module in modules:
             import_extra(module, extra)

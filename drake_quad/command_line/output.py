@@ -1,4 +1,4 @@
-"""What commands print: tables, margins, predictions, files, remarks."""
+"""Output of commands: tables, margins, predictions, files and remarks."""
 
 import math
 import sys
@@ -19,14 +19,14 @@ _DISPLAY_UNITS = {
 
 
 def print_table(rows: list[tuple[str, str, str]]) -> None:
-    """Prints rows of name, value and unit in aligned columns."""
+    """Print rows of name, value and unit in aligned columns."""
     names, values = (max(len(row[i]) for row in rows) for i in (0, 1))
     for name, value, unit in rows:
         print(f"{name:<{names}}  {value:>{values}} {unit}".rstrip())
 
 
 def print_columns(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Prints a table with a header; the first and the last column are aligned to the left, the others to the right."""
+    """Print a table with a header. The first and the last column are left-aligned, the others right-aligned."""
     table = [header, *rows]
     widths = [max(len(line[i]) for line in table) for i in range(len(header))]
     for line in table:
@@ -35,7 +35,7 @@ def print_columns(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
 
 
 def print_margins(found: dict[str, Any]) -> None:
-    """Prints margins of `link_margins`, with a row for each signal that there is a loop around."""
+    """Print margins of `link_margins`, with a row for each signal that a loop is closed around."""
     rows = [
         (
             name,
@@ -55,7 +55,7 @@ def print_margins(found: dict[str, Any]) -> None:
 
 
 def remark(sentence: str) -> None:
-    """Prints something that the user may not have meant, to the standard error."""
+    """Print a remark on something that the user may not have intended, on standard error."""
     print(f"remark: {sentence}", file=sys.stderr)
 
 
@@ -73,7 +73,7 @@ def print_predictions(predictions: "Predictions") -> None:
 
 
 def print_files(files: list[Path]) -> None:
-    """Prints the names of the files that were written."""
+    """Print the names of written files."""
     print("wrote")
     for file in files:
         print(f"  {file}")

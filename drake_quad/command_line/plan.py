@@ -26,19 +26,19 @@ from drake_quad.visualization.style import save_figures
 
 
 def options() -> argparse.ArgumentParser:
-    """The options of the command."""
+    """Return the options of the command."""
     result = parser(__doc__, "drake-quad plan slalom --set route.top_speed=1.5", output="out", scenario="slalom")
     add_vector(result)
     return result
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Runs the command."""
+    """Run the command."""
     mission = load_mission(arguments.scenario, overrides_of(arguments.set))
     plan, problem, waypoints, space = planned(mission)
     folder = output_folder(folder_of(arguments, mission.name))
     route = mission.route
-    # What is between two regions around obstacles is no place of the route.
+    # The corners of a path around obstacles are no waypoints of the route, so they are left out.
     places = (
         () if problem is None else problem.waypoints if waypoints is None else [problem.waypoints[i] for i in waypoints]
     )
@@ -71,7 +71,7 @@ def main(arguments: argparse.Namespace) -> None:
 def summary(
     mission: Mission, plan: Plan, limits: PathLimits, problem: PathProblem | None
 ) -> list[tuple[str, str, str]]:
-    """The properties of a plan, as rows of name, value and unit."""
+    """Return the properties of a plan as rows of name, value and unit."""
     path, parameters = plan.path, planned_parameters(mission)
     times = sample_times(path)
     length = np.linalg.norm(np.diff(evaluate(path, times), axis=1), axis=0).sum()
@@ -97,12 +97,12 @@ def summary(
 
 
 def _of(unit: str, limit: float) -> str:
-    """A unit, and the limit if there is one."""
+    """Return a unit, followed by the limit if there is one."""
     return f"{unit} of {limit:g}" if np.isfinite(limit) else unit
 
 
 def binding_summary(found: list[ActiveConstraint]) -> str:
-    """The limits and places that a path touches, each with the segments on which it does."""
+    """Return the active constraints of a path as text, each with the segments on which it is active."""
     by_what: dict[str, set[int]] = {}
     for binding in found:
         by_what.setdefault(f"{binding.what} {binding.where}".strip(), set()).add(binding.segment)
@@ -111,7 +111,7 @@ def binding_summary(found: list[ActiveConstraint]) -> str:
 
 
 def _ranges(numbers: set[int]) -> str:
-    """Numbers as in `0, 2-4`."""
+    """Return numbers as text such as `0, 2-4`."""
     runs = itertools.groupby(enumerate(sorted(numbers)), key=lambda pair: pair[1] - pair[0])
     parts = [[number for _, number in run] for _, run in runs]
     return ", ".join(f"{part[0]}-{part[-1]}" if len(part) > 1 else f"{part[0]}" for part in parts)

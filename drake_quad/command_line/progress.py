@@ -1,10 +1,10 @@
-"""Bars on a terminal while something takes long."""
+"""Progress bars on a terminal."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-# The look of a bar over seconds of flight, and the time after which it appears, s.
+# Options of tqdm for a bar that counts seconds of flight; the delay is in s.
 FLIGHT_BAR: dict[str, Any] = {
     "bar_format": "{desc}: {percentage:3.0f}% |{bar}| {n:.0f} of {total:.0f} s flown, {remaining} to go",
     "delay": 1.0,
@@ -12,17 +12,17 @@ FLIGHT_BAR: dict[str, Any] = {
 
 
 def new_bar(*items: Any, **options: Any) -> Any:
-    """Returns a progress bar of tqdm, which is only seen on a terminal and only while it is under way."""
+    """Return a progress bar of tqdm that is shown only on a terminal, and only until it ends."""
     from tqdm import tqdm
 
-    # Worker processes are forked only from a process with a single thread, and tqdm's monitor would be a second one.
+    # Worker processes are forked only from a process with a single thread, so tqdm must not start its monitor thread.
     tqdm.monitor_interval = 0
     return tqdm(*items, leave=False, disable=None, **options)
 
 
 @contextmanager
 def progress_bar(description: str, **options: Any) -> Iterator[Callable[..., None]]:
-    """Show a progress bar on a terminal, and give the function that updates it.
+    """Show a progress bar on a terminal, and yield the function that updates it.
 
     The function takes the number of finished steps, their total number, and optionally the name of the last step.
     """

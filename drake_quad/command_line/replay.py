@@ -12,7 +12,7 @@ from drake_quad.visualization.replay.page import save_replay, save_swarm
 
 
 def options() -> argparse.ArgumentParser:
-    """The options of the command."""
+    """Return the options of the command."""
     result = parser(__doc__, "drake-quad replay robustness --samples 100", output="out/replay", scenario="robustness")
     result.add_argument("--samples", type=int, default=100, help="how many flights of each (default: %(default)s)")
     result.add_argument("--first", type=int, default=0, help="number of the first sample (default: %(default)s)")
@@ -37,6 +37,6 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 def print_crashes(flights: dict[str, list[Flight]]) -> None:
-    """Prints how many flights of each scenario crashed."""
+    """Print how many flights of each scenario crashed."""
     for name, group in flights.items():
         print(f"{name}: {len(group)} flights, {sum(bool(flight.metrics.crashed) for flight in group)} crashed")

@@ -18,7 +18,7 @@ from drake_quad.studies.processes import Workers
 
 
 def options() -> argparse.ArgumentParser:
-    """The options of the command."""
+    """Return the options of the command."""
     result = bare_parser(__doc__, "drake-quad replicate --quick")
     result.add_argument("--quick", action="store_true", help="fewer samples, to see whether everything works")
     result.add_argument("--workers", type=int, help="processes (default: as many as there are cores)")
@@ -30,7 +30,7 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Runs the command."""
+    """Run the command."""
     sizes = QUICK if arguments.quick else ExperimentSizes()
     folder = output_folder(arguments.output or Path("out/paper_quick" if arguments.quick else "out/paper"))
     try:
@@ -56,7 +56,7 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 def load(cell: Cell) -> Scenario:
-    """The scenario of a cell."""
+    """Return the scenario of a cell of Table II."""
     return load_scenario(f"paper:{cell.scenario}")
 
 

@@ -1,4 +1,4 @@
-"""How a command runs and ends."""
+"""Start and end of a command, with its exit status."""
 
 import io
 import os

@@ -13,7 +13,7 @@ from drake_quad.scenario.files.shipped import shipped_scenarios
 
 
 def options() -> argparse.ArgumentParser:
-    """The options of the command."""
+    """Return the options of the command."""
     result = bare_parser(__doc__, "drake-quad scenarios laboratory:high_wind > mine.yaml")
     result.add_argument("scenario", nargs="?", help="FILE or FILE:NAME, or a shipped one (default: list those shipped)")
     add_overrides(result)
@@ -22,7 +22,7 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Runs the command."""
+    """Run the command."""
     if arguments.scenario is not None:
         save_scenario(scenario_of(arguments), sys.stdout)
         return

@@ -16,21 +16,21 @@ from drake_quad.scenario.paths import leaves
 from drake_quad.visualization.sensitivity_plots import plot_sensitivities
 from drake_quad.visualization.style import save_figures
 
-# The default fields of every vehicle, which a builder can get wrong.
+# Default fields of every vehicle; a builder can get each of them wrong.
 _FIELDS = (
     *("vehicle.mass", "nominal.mass", "vehicle.thrust_factor", "nominal.thrust_factor"),
     "vehicle.rotor_time_constant",
 )
-# Fields of the drag, those of which a default is one that is not 0.
+# Fields of the drag, which are default fields where they are not 0.
 _DRAG = ("vehicle.linear_drag", "vehicle.quadratic_drag", "vehicle.body_drag", "vehicle.rotor_aerodynamics")
-# Names of the default gains of a loop on the ground.
+# Gains of a loop on the ground that are default fields.
 _GAINS = ("k_p", "k_d")
 
 
 def default_fields(scenario: Scenario) -> tuple[str, ...]:
     """Return the default fields, with inertia and arms unless the autopilot models the response of the attitude."""
     autopilot, layout = scenario.laboratory.autopilot, scenario.vehicle.layout
-    # A term with the gain 0 may have no place in the diagram, so that there is no derivative by it.
+    # Gains of 0 are left out, because the diagram may lack their term and then has no derivative with respect to it.
     fields = [
         *_FIELDS,
         *(path for path, value in leaves(scenario) if path.startswith(_DRAG) and value),
@@ -52,14 +52,14 @@ def default_fields(scenario: Scenario) -> tuple[str, ...]:
     level = ["arm_length"]
     if layout.has_distances:
         places = [path for path, _ in leaves(layout) if path in ("length", "width") or ".position." in path]
-        # How high a rotor is changes nothing.
+        # The height of a rotor has no effect, so it is left out.
         level = [f"layout.{path}" for path in places if not path.endswith(".2")]
     inertia = [f"{owner}.inertia.{axis}" for owner in ("vehicle", "nominal") for axis in (0, 1)]
     return (*fields, *inertia, *(f"vehicle.{name}" for name in level), *gains)
 
 
 def options() -> argparse.ArgumentParser:
-    """The options of the command."""
+    """Return the options of the command."""
     result = parser(__doc__, "drake-quad sensitivities laboratory:low_wind --metric rmse_y", output="out/sensitivities")
     result.add_argument("--sample", type=int, help="which sample of the scenario's study to fly, from 0 on")
     result.add_argument(
@@ -90,7 +90,7 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 def print_sensitivities(found: Sensitivities, metric: str) -> None:
-    """Prints the derivative of a metric by each field, that with the largest effect of a change by 1 % first."""
+    """Print the derivatives of a metric by each field, sorted by the effect of a change of 1 %, largest first."""
     if found.crash_time < math.inf:
         print(f"crashed at {found.crash_time:.2f} s; metrics and derivatives are those of the flight until then")
     print(f"{metric} {found.metrics[metric]:.6g} (SI units)")
@@ -112,7 +112,7 @@ def print_sensitivities(found: Sensitivities, metric: str) -> None:
 
 
 def write_sensitivities(path: Path, found: Sensitivities) -> Path:
-    """Writes a row with the metrics and one for each field with their derivatives, and returns the path."""
+    """Write a CSV file with a row of metrics and a row of their derivatives by each field, and return its path."""
     columns: dict[str, list] = {"field": ["(metric)", *found.fields], "value": ["", *found.values]}
     metrics = {name: [value, *found.gradients[name]] for name, value in found.metrics.items()}
     return write_table(path, columns | metrics, digits=9)

@@ -36,7 +36,7 @@ from drake_quad.visualization.style import save_figures
 
 
 def options() -> argparse.ArgumentParser:
-    """The options of the command."""
+    """Return the options of the command."""
     result = parser(
         __doc__,
         "drake-quad study robustness --samples 200 --workers 2",
@@ -70,7 +70,7 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Runs the command."""
+    """Run the command."""
     scenarios = scenarios_of(arguments)
     if arguments.parquet:
         check_extra("--parquet", "tables", "pandas", "pyarrow")
@@ -135,7 +135,7 @@ def python_options(arguments: argparse.Namespace, name: str) -> list[str]:
 
 @contextmanager
 def crew_of(arguments: argparse.Namespace) -> Iterator[Crew]:
-    """The crew that flies the batches: processes of this machine, or a cluster."""
+    """Open the crew that flies the batches: processes of this machine, or a cluster."""
     if arguments.cluster is None:
         with Workers(arguments.workers, time_limit=arguments.time_limit) as workers:
             yield workers
@@ -147,11 +147,11 @@ def crew_of(arguments: argparse.Namespace) -> Iterator[Crew]:
 
 
 def save_plots(studies: Mapping[str, Study], folder: Path, arguments: argparse.Namespace) -> list[Path]:
-    """Draws distribution, convergence and crashes of all studies together, and the influences of each."""
+    """Plot distribution, convergence and crashes of all studies together, and the influences of each study."""
     studies = {name: study for name, study in studies.items() if len(study.samples)}
     if not studies:
         return []
-    # Matplotlib takes half a second to load, which an error, or a worker process, need not wait for.
+    # Matplotlib takes half a second to load, and neither an error message nor a worker process should wait for it.
     from drake_quad.visualization.study_plots import (
         plot_convergence,
         plot_crash_probability,
@@ -174,7 +174,7 @@ def save_plots(studies: Mapping[str, Study], folder: Path, arguments: argparse.N
 
 
 def print_study(name: str, study: Study, folder: Path, how: str, *, imports: Sequence[str] = ()) -> None:
-    """Prints estimates of the metrics, and the commands that fly the worst samples again."""
+    """Print estimates of the metrics, and the commands that repeat the flights of the worst samples."""
     print(
         f"{name}: {len(study.samples):,} samples of seed {study.scenario.seed}, {study.duration:.2f} s each, diagrams"
         f" {how}; {crashes_of(study)}"
@@ -198,7 +198,7 @@ def print_study(name: str, study: Study, folder: Path, how: str, *, imports: Seq
 
 
 def _end_of(study: Study, place: int) -> str:
-    """What came of the sample in a place: its error, or when it crashed, and into what."""
+    """Return the outcome of the sample at a position: its error, or the time of its crash and the obstacle."""
     own, obstacle = study.metrics.take(place), study.obstacle_of(place)
     if not own.crashed:
         return f"{100.0 * own.rmse:.1f} cm"
@@ -206,20 +206,20 @@ def _end_of(study: Study, place: int) -> str:
 
 
 def print_comparison(studies: Mapping[str, Study], metric: str) -> None:
-    """Compares each controller with the first, on the samples that both flew to the end."""
+    """Print a comparison of each controller with the first, on the samples that both fly to the end."""
     print(f"beside {next(iter(studies))}, sample by sample:")
     print_summary(comparison_of(studies, metric))
 
 
 def print_summary(summary: Summary) -> None:
-    """Prints a table of words, and below it what must be known to read it."""
+    """Print a summary table, and its remarks below."""
     print_columns(summary.headings, summary.rows)
     for sentence in summary.remarks:
         print(sentence)
 
 
 def print_rate(studies: Mapping[str, Study], seconds: float) -> None:
-    """Prints how fast the studies were flown, including the start of the workers."""
+    """Print the simulation speed of the studies, including the start of the workers."""
     flown = sum(study.flown_time for study in studies.values())
     if flown > 0.0:
         print(f"{flown / seconds:,.0f} vehicle-seconds per second")
@@ -228,7 +228,7 @@ def print_rate(studies: Mapping[str, Study], seconds: float) -> None:
 
 
 def failure(studies: Mapping[str, Study], folders: Mapping[str, Path]) -> str:
-    """A sentence that says how many samples could not be flown, and why the first of them could not."""
+    """Return a sentence with the number of samples that failed, and the reason for the first failure."""
     failures = [(name, *each) for name, study in studies.items() for each in sorted(study.failures.items())]
     name, sample, reason = failures[0]
     return (

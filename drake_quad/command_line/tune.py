@@ -16,15 +16,15 @@ from drake_quad.scenario.paths import value_at
 from drake_quad.studies.comparison import fly_samples
 from drake_quad.studies.statistics import of_survivors
 
-# By which a number may be smaller or larger where no range is given.
-_REACH = 4.0
-# Samples on which the controller is judged, after those on which it was tuned.
-_JUDGED = 32
+# A number without a range may become smaller or larger by this factor.
+_DEFAULT_RANGE_FACTOR = 4.0
+# Number of held-out samples that test the tuned controller; they follow the training samples.
+_NUM_TEST_SAMPLES = 32
 _RANGES = {"sensitivity": (1.1, 100.0), "delay-margin": (1e-3, 10.0), "samples": (1, 1000), "rounds": (1, 200)}
 
 
 def options() -> argparse.ArgumentParser:
-    """The options of the command."""
+    """Return the options of the command."""
     result = parser(
         __doc__,
         "drake-quad tune laboratory:low_wind --controller"
@@ -49,7 +49,7 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Runs the command."""
+    """Run the command."""
     check_ranges(arguments, _RANGES)
     scenario = scenario_of(arguments)
     written = arguments.tune or [f"control.position.{gain}.0,control.position.{gain}.1" for gain in ("k_p", "k_d")]
@@ -64,8 +64,8 @@ def main(arguments: argparse.Namespace) -> None:
         (", ".join(knob.paths), f"{value_at(scenario, knob.paths[0]):.4g}", f"{number:.4g}")
         for knob, number in zip(knobs, found.numbers, strict=True)
     ]
-    judged = range(budget.samples, budget.samples + _JUDGED)
-    rows.append((f"RMSE on {_JUDGED} other samples", judgement(scenario, judged), judgement(tuned, judged)))
+    judged = range(budget.samples, budget.samples + _NUM_TEST_SAMPLES)
+    rows.append((f"RMSE on {_NUM_TEST_SAMPLES} other samples", judgement(scenario, judged), judgement(tuned, judged)))
     print_columns(("", "before", "tuned"), rows)
     print()
     print_margins(link_margins(tuned))
@@ -75,7 +75,7 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 def knob_of(text: str, scenario: Scenario) -> Knob:
-    """What `--tune` says."""
+    """Return the numbers that a value of `--tune` names, with their range."""
     fields, _, ends = text.partition("=")
     paths = tuple(fields.split(","))
     values = [value_at(scenario, path) for path in paths]
@@ -83,7 +83,7 @@ def knob_of(text: str, scenario: Scenario) -> Knob:
         if not path.startswith("control.") or not isinstance(value, float) or not value > 0.0:
             raise InputError(f"--tune names {path}, which is no number larger than 0 of the control")
     if not ends:
-        return Knob(paths, values[0] / _REACH, values[0] * _REACH)
+        return Knob(paths, values[0] / _DEFAULT_RANGE_FACTOR, values[0] * _DEFAULT_RANGE_FACTOR)
     low, _, high = ends.partition(":")
     try:
         knob = Knob(paths, float(low), float(high))
@@ -95,7 +95,7 @@ def knob_of(text: str, scenario: Scenario) -> Knob:
 
 
 def judgement(scenario: Scenario, samples: range) -> str:
-    """Mean RMSE of the samples that do not crash, and how many do."""
+    """Return as text the mean RMSE of the samples that do not crash, and the number of crashes."""
     metrics = fly_samples(scenario, samples)
     errors, crashed = of_survivors(metrics, "rmse"), int(metrics.crashed.sum())
     mean = f"{100.0 * errors.mean():.2f} cm" if len(errors) else "–"

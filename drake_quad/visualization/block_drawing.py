@@ -19,10 +19,10 @@ _STYLE = """    rankdir=LR; nodesep=0.35; ranksep=0.55; fontname="Helvetica";
 
 
 def drawings(diagram: Diagram) -> dict[str, str]:
-    """Draws a diagram, and each diagram inside it, in Graphviz's language; the same diagram gives the same text.
+    """Draw a diagram, and each diagram inside it, in Graphviz's language; the same diagram gives the same text.
 
     Returns:
-        The drawings by the path of what they show; that of the whole diagram is "".
+        The drawing of each diagram by its path; the path of the whole diagram is "".
     """
     found = {"": _drawing(diagram, diagram.get_name())}
     for path, inner in _within(diagram, ""):
@@ -31,7 +31,7 @@ def drawings(diagram: Diagram) -> dict[str, str]:
 
 
 def digest(drawing: str) -> str:
-    """The hash of a drawing, which its SVG names, so that one can see whether they belong together."""
+    """Return the hash of a drawing, which its SVG contains to show that both belong together."""
     return hashlib.sha256(drawing.encode()).hexdigest()
 
 
@@ -54,7 +54,7 @@ def svg(drawing: str) -> str:
 
 
 def _within(diagram: Diagram, path: str) -> Iterator[tuple[str, Diagram]]:
-    """The diagrams inside a diagram that are worth a drawing, each after its path."""
+    """Yield the nontrivial diagrams inside a diagram, each with its path."""
     for system in diagram.GetSystems():
         if isinstance(system, Diagram) and not _is_trivial(system):
             inner = f"{path}/{system.get_name()}".lstrip("/")
@@ -94,7 +94,7 @@ def _drawing(diagram: Diagram, title: str) -> str:
     return "\n".join([*lines, "}"]) + "\n"
 
 
-# A line break in a label of Graphviz.
+# Graphviz expects a line break in a label as these two characters.
 _NEW_LINE = "\\n"
 _OUTSIDE = f'shape=plaintext, style="", fontcolor="{BLUE}", fontsize=11'
 
@@ -109,7 +109,7 @@ def _node(system: Any) -> str:
 
 
 def _signal(output: Any, port: Any) -> str:
-    """The label of a connection: the signal's name, if one of the ports gives it, and how many numbers it has."""
+    """Return the label of a connection: the name of the signal, if a port has one, and its size."""
     names = [each.get_name() for each in (output, port)]
     own = [name for name in names if not re.fullmatch(r"[uy]\d+", name)]
     return f"{own[0]} ({port.size()})" if own else f"({port.size()})"

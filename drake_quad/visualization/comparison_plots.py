@@ -1,4 +1,4 @@
-"""Several controllers side by side, on the same samples."""
+"""Plots that compare several controllers on the same samples."""
 
 from collections.abc import Mapping
 
@@ -14,10 +14,10 @@ _MARKERS = "osD^vPX*"
 
 
 def plot_comparison(flights: Mapping[str, Mapping[str, Metrics]]) -> Figure:
-    """Plots the RMSE of every sample and its mean: a panel for each scenario, a row for each controller.
+    """Plot the RMSE of each sample and the mean, with a panel for each scenario and a row for each controller.
 
     Args:
-        flights: (N,) metrics by scenario and controller. Flights that crashed are counted in place of being drawn.
+        flights: (N,) metrics by scenario and controller. Crashed flights are counted, not drawn.
     """
     controllers = list(dict.fromkeys(name for found in flights.values() for name in found))
     size = 2.0 + 2.6 * len(flights), 1.3 + 0.42 * len(controllers)

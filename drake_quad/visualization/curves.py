@@ -6,22 +6,22 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-# Curves that are nearer than this on the page, in points, over more than this share of their length, coincide.
-_NEAR, _SHARE = 1.2, 0.25
-# Of each curve that is seen of those that coincide, in widths of the line.
-_SEEN = 5.0
+# Curves coincide if they are nearer than this distance (points) over more than this share of their length.
+_MAX_SEPARATION, _MIN_OVERLAP = 1.2, 0.25
+# Length of a dash of one of several coinciding curves, in line widths.
+_DASH_LENGTH = 5.0
 
 
 def tell_apart(axes: Axes) -> None:
-    """Dashes the curves of axes that lie on top of others, so that the colour of each is seen.
+    """Dash the curves that lie on top of other curves, so that the colour of each curve is visible.
 
-    Of n that coincide the first drawn stays whole; of the next, (n - 1) / n is drawn, and of the last 1 / n. Only
-    solid curves over the same places are compared.
+    If n curves coincide, the first one stays solid, the second shows (n - 1) / n of its length, and the last one 1 / n.
+    Only solid curves over the same abscissas are compared.
 
     Args:
-        axes: with all that they show.
+        axes: axes with all their curves.
     """
-    axes.autoscale_view()  # Matplotlib would only do so as it draws
+    axes.autoscale_view()  # otherwise Matplotlib scales the axes only when it draws
     left: list[Line2D] = [line for line in axes.lines if np.size(line.get_xdata()) > 2 and line.get_linestyle() == "-"]
     while left:
         first, *others = left
@@ -32,8 +32,8 @@ def tell_apart(axes: Axes) -> None:
 
 
 def dashes(place: int, count: int) -> tuple[float, Sequence[float]]:
-    """The style of a curve that is drawn as number `place`, from 0 on, of several that coincide."""
-    return (0.0, (_SEEN * (count - place), _SEEN * place))
+    """Return the line style of the curve with index `place` among `count` curves that coincide."""
+    return (0.0, (_DASH_LENGTH * (count - place), _DASH_LENGTH * place))
 
 
 def _coincide(axes: Axes, one: Line2D, other: Line2D) -> bool:
@@ -42,7 +42,7 @@ def _coincide(axes: Axes, one: Line2D, other: Line2D) -> bool:
         return False
     distance = np.linalg.norm(axes.transData.transform(a) - axes.transData.transform(b), axis=1)
     points = distance * 72.0 / axes.figure.dpi
-    return bool(np.mean(points < _NEAR) > _SHARE)
+    return bool(np.mean(points < _MAX_SEPARATION) > _MIN_OVERLAP)
 
 
 def quantiles_over_flights(values: np.ndarray, shares: Sequence[float]) -> np.ndarray:

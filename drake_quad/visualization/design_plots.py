@@ -15,16 +15,16 @@ from drake_quad.signals import State
 from drake_quad.visualization.panels import new_panels
 from drake_quad.visualization.style import BLACK, BLUE, LIMIT, PLATE, VERMILION
 
-# One axis of each kind of loop is drawn; roll and y are mirror images of these.
+# One axis of each kind of loop is drawn, because roll and y are their mirror images.
 _DRAWN = {"pitch": "attitude (pitch)", "x": "position (x)"}
-# With an autopilot whose loops are given there is no attitude loop to draw.
+# There is no attitude loop to draw if the autopilot controls the attitude with given gains.
 _DRAWN_WITH_AUTOPILOT = {"z": "height (z)", "x": "position (x)"}
-# Steps of the reference: the row of the state, the size in SI units, and the label of the axis.
+# Each step of the reference has the row of the state, the size in SI units, and the label of the axis.
 _STEPS = (("x", 0.5, "x (m)"), ("z", 0.5, "z (m)"), ("yaw", 0.5, "yaw (rad)"))
 
 
 def _drawn(loops: Mapping[str, LoopDesign]) -> dict[str, str]:
-    """The titles of the two loops that are drawn, by their axes."""
+    """Return the titles of the two loops that are drawn, by axis."""
     return _DRAWN if loops.keys() >= _DRAWN.keys() else _DRAWN_WITH_AUTOPILOT
 
 
@@ -47,7 +47,7 @@ def plot_bode(design: CascadeDesign) -> Figure:
 
 
 def plot_nyquist(design: CascadeDesign) -> Figure:
-    """Plots both loops in the complex plane of L, with the disk around -1 that they stay outside of."""
+    """Plot the Nyquist curves of both loops, with the disk around -1 that they avoid."""
     loops = design.all_loops
     with new_panels(9.0, 4.5, 1, 2) as (figure, (row,)):
         for axes, (axis, title) in zip(row, _drawn(loops).items(), strict=True):
@@ -73,10 +73,10 @@ def plot_nyquist(design: CascadeDesign) -> Figure:
 
 
 def plot_root_locus(design: CascadeDesign) -> Figure:
-    """Plots where the poles of the position loop move as both of its gains are multiplied by the same factor."""
+    """Plot the root locus of the position loop over a common factor on both of its gains."""
     loop = design.loops["x"]
     plant, period = loop.plant, loop.plant.period
-    factors = np.concatenate([[0.0], np.geomspace(0.01, 30.0, 1500)])  # of both gains
+    factors = np.concatenate([[0.0], np.geomspace(0.01, 30.0, 1500)])  # multiply both gains
     row = np.array([loop.gains])
     poles = np.linalg.eigvals(plant.A - factors[:, np.newaxis, np.newaxis] * (plant.B @ row @ plant.C))
     limit_factor = 10.0 ** (loop.margins.gain / 20.0)
@@ -114,7 +114,7 @@ def plot_root_locus(design: CascadeDesign) -> Figure:
 
 
 def plot_steps(loop: ClosedLoop) -> Figure:
-    """Plots the responses to steps of position, height and yaw: those of the diagram and of its linear model."""
+    """Plot the responses of the diagram and of its linear model to steps of position, height and yaw."""
     slowest = -math.log(np.abs(loop.system.poles()).max()) / loop.system.period
     duration = min(max(5.0 / slowest, 4.0), 60.0)
     with new_panels(9.0, 3.4, 1, 3) as (figure, (panels,)):
@@ -139,11 +139,11 @@ DESIGN_PLOTS: dict[str, Callable[[CascadeDesign], Figure]] = {
 
 
 def _continuous(poles: np.ndarray, period: float) -> np.ndarray:
-    """The poles in continuous time, s = log(z) / period; NaN for those of delay lines."""
+    """Return poles in continuous time, s = log(z) / period; NaN for poles of delay lines."""
     return np.asarray(np.log(np.where(np.abs(poles) > 1e-6, poles, np.nan).astype(complex)) / period)
 
 
 def _response(design: LoopDesign) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies (rad/s) and the loop L at each of them."""
+    """Return frequencies (rad/s), and the loop transfer function L at each of them."""
     grid = frequencies(design.plant.period)
     return grid, pd_loop(design.plant, design.gains).response(np.exp(1j * grid * design.plant.period))[:, 0, 0]

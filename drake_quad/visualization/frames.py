@@ -1,4 +1,4 @@
-"""Frames of a vehicle in flight, as arrays: for environments, whose vehicles are looked at tick by tick."""
+"""Images of vehicles in flight as arrays, for environments that render each tick."""
 
 from typing import Any
 
@@ -18,13 +18,13 @@ from drake_quad.signals import Reference, State
 from drake_quad.visualization.obstacles import draw_solids
 from drake_quad.visualization.replay.scene import reference_points
 
-# A frame of 480 by 360 pixels, as videos of rollouts have them.
+# Size in inches, resolution and font size give a frame of 480 by 360 pixels, as in videos of rollouts.
 _SIZE, _DPI, _FONT = (4.8, 3.6), 100.0, 8
-# A vehicle smaller than this share of the scene is drawn larger, to be seen.
-_SMALLEST = 0.05
-# Of the frame, what the scene fills with its labels.
-_FILLED = 0.97
-# At most so many marks along the longest side.
+# A vehicle smaller than this share of the scene is enlarged to remain visible.
+_MIN_VEHICLE_SHARE = 0.05
+# Share of the frame that the scene fills with its labels.
+_FRAME_SHARE = 0.97
+# Largest number of tick marks along the longest side.
 _MARKS = 6
 _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 25)
 _BODY: dict[str, Any] = {"color": "0.1", "linewidth": 2.0, "solid_capstyle": "round"}
@@ -34,11 +34,11 @@ _TARGET: dict[str, Any] = {"color": "tab:green", "marker": "o", "markersize": 5,
 
 
 class Camera:
-    """Looks at the room in which a plan is flown.
+    """Camera that shows the room in which a plan is flown.
 
     Args:
-        scenario: what flies, and its obstacles.
-        plan: that is flown.
+        scenario: scenario with the vehicle and the obstacles.
+        plan: plan that is flown.
     """
 
     def __init__(self, scenario: Scenario, plan: Plan) -> None:
@@ -65,7 +65,7 @@ class Camera:
             getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(marks))
         axes.tick_params(labelsize=_FONT, pad=-1)
         _fit(axes, size, self._canvas)
-        enlarged = max(1.0, _SMALLEST * size.max() / reach)
+        enlarged = max(1.0, _MIN_VEHICLE_SHARE * size.max() / reach)
         self._arms = enlarged * self._arms
         self._radius = 0.45 * enlarged * reach
         self._axes = axes
@@ -74,11 +74,11 @@ class Camera:
         self._projection = axes.get_proj()
 
     def frames(self, state: State, reference: Reference) -> tuple[np.ndarray, ...]:
-        """A frame of each of N vehicles, (height, width, 3) uint8: it, and the green dot where it shall be.
+        """Return a frame of each of N vehicles, (height, width, 3) uint8, with a green dot at its reference.
 
         Args:
-            state: of (N,) rows.
-            reference: of (N,) rows.
+            state: states of the vehicles, with rows (N,).
+            reference: references of the vehicles, with rows (N,).
         """
         rows = np.array([*state[:6], *reference[:3]]).T
         return tuple([self._frame(row) for row in rows])
@@ -106,14 +106,14 @@ class Camera:
 
 
 def _fit(axes: Any, size: np.ndarray, canvas: FigureCanvasAgg) -> None:
-    """Makes a scene as large as its frame has room for, with its labels, and puts it into the middle."""
+    """Scale a scene with its labels to fill its frame, and centre it."""
     frame, zoom = axes.figure.bbox, 1.0
-    # Labels keep their size, so that the second time comes closer.
+    # Labels do not scale with the scene, so the fit is repeated.
     for _ in range(3):
         axes.set_box_aspect(tuple(size), zoom=zoom)
         canvas.draw()
         seen = axes.get_tightbbox()
-        zoom *= _FILLED * min(frame.width / seen.width, frame.height / seen.height)
+        zoom *= _FRAME_SHARE * min(frame.width / seen.width, frame.height / seen.height)
     across = (frame.x0 + frame.x1 - seen.x0 - seen.x1) / frame.width / 2.0
     up = (frame.y0 + frame.y1 - seen.y0 - seen.y1) / frame.height / 2.0
     axes.set_position((across, up, 1.0, 1.0))

@@ -18,12 +18,17 @@ from drake_quad.visualization.names import short_name
 from drake_quad.visualization.panels import new_panels, plot_intervals
 from drake_quad.visualization.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, REFERENCE, VERMILION
 
-_MAX_WINDOWS = 10  # windows of a plot of the fit
-_LABEL = 15  # characters of a line beside an axis
+_MAX_WINDOWS = 10  # windows in a plot of the fit
+_MAX_LABEL_LENGTH = 15  # characters that fit on a line beside an axis
 _BAND = "0.92"
 _COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, BLACK)
 # Conversion factor and label of each display unit.
-_SHOWN = {"m": (1e2, "cm"), "rad": (180.0 / math.pi, "°"), "rad/s": (180.0 / math.pi, "°/s"), "m/s": (1.0, "m/s")}
+_DISPLAY_UNITS = {
+    "m": (1e2, "cm"),
+    "rad": (180.0 / math.pi, "°"),
+    "rad/s": (180.0 / math.pi, "°/s"),
+    "m/s": (1.0, "m/s"),
+}
 
 
 def plot_fit(identification: Identification) -> Figure:
@@ -44,7 +49,7 @@ def plot_fit(identification: Identification) -> Figure:
 
 
 def _draw_windows(left: Axes, right: Axes, output: ForecastOutput) -> None:
-    factor, unit = _SHOWN.get(output.unit, (1.0, output.unit))
+    factor, unit = _DISPLAY_UNITS.get(output.unit, (1.0, output.unit))
     for window in range(min(_MAX_WINDOWS, len(output.time))):
         time = output.time[window]
         if window % 2:
@@ -54,7 +59,7 @@ def _draw_windows(left: Axes, right: Axes, output: ForecastOutput) -> None:
         left.plot(time, factor * output.measured[window], color="0.45", linewidth=2.2, label=measured)
         left.plot(time, factor * output.predicted[window], color=BLUE, linewidth=1.1, label=predicted)
         right.plot(time, factor * output.residual[window], color=VERMILION, linewidth=0.8)
-    left.set_ylabel("\n".join([*textwrap.wrap(output.name, _LABEL), f"({unit})"]))
+    left.set_ylabel("\n".join([*textwrap.wrap(output.name, _MAX_LABEL_LENGTH), f"({unit})"]))
     right.axhline(0.0, color="0.3", linewidth=0.8)
     said = f"explained {100.0 * output.explained:.1f} %" if output.explained > 0.0 else "nothing explained"
     right.set_title(said, loc="right", fontsize=8, pad=2.0)
@@ -157,7 +162,7 @@ def plot_predictions(predictions: Predictions, quantities: Sequence[str] = ("pos
     there = [name for name in quantities if name in predictions.errors] or list(predictions.errors)[:2]
     with new_panels(4.4 * len(there) + 0.4, 3.6, 1, len(there)) as (figure, (row,)):
         for axes, quantity in zip(row, there, strict=True):
-            factor, unit = _SHOWN[UNITS[quantity]]
+            factor, unit = _DISPLAY_UNITS[UNITS[quantity]]
             for i, vehicle in enumerate(predictions.vehicles):
                 errors = [predictions.rmse(quantity, vehicle, horizon) for horizon in predictions.horizons]
                 value, low, high = factor * np.transpose(errors)

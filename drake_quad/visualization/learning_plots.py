@@ -26,21 +26,21 @@ from drake_quad.visualization.style import (
     shading,
 )
 
-# The pairs of exponents of the paper's Fig. 4.
+# Pairs of exponents in Fig. 4 of the paper.
 PAPER_EXPONENTS = ((1.0, 1.0), (1.2, 0.8), (1.4, 0.6), (1.6, 0.4))
-# Errors at which the secant gain is written, m, and points along each side of a surface.
+# Errors (m) at which the secant gain is labelled, and number of points along each side of a surface.
 _ERRORS, _FINE = (0.001, 0.01, 0.05), 101
-# Of the weights: colours of the sets of the first input, styles of those of the second.
+# A curve of a weight has a colour for the set of the first input and a line style for the set of the second.
 _COLORS = (BLUE, BLACK, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 _STYLES: tuple[Any, ...] = ("--", "-", ":", "-.", (0, (6, 1, 1, 1, 1, 1)), (0, (8, 3)), (0, (1, 3)))
 _INPUTS = {"error": "error", "error_rate": "rate"}
 
 
 def plot_memberships(exponents: Sequence[tuple[float, float]] = PAPER_EXPONENTS) -> Figure:
-    """Plots the upper and lower memberships of a set around 0 of width 1, as in the paper's Fig. 4.
+    """Plot the upper and lower memberships of a set around 0 of width 1, as in Fig. 4 of the paper.
 
     Args:
-        exponents: the pairs (a1, a2), each with a panel of its own.
+        exponents: pairs (a1, a2); each pair has its own panel.
     """
     u: Any = np.linspace(-1.2, 1.2, 481)
     with new_panels(2.3 * len(exponents), 2.5, 1, len(exponents), sharey=True) as (figure, (row,)):
@@ -56,13 +56,13 @@ def plot_memberships(exponents: Sequence[tuple[float, float]] = PAPER_EXPONENTS)
 
 
 def plot_own_memberships(flight: Flight) -> Figure:
-    """Plots the memberships of the paper's Fig. 4, and those of the flight's network if its exponents are others."""
+    """Plot the memberships of Fig. 4 of the paper, and of the network of a flight if its exponents differ."""
     sets = _network(flight).antecedents()
     return plot_memberships(tuple(dict.fromkeys([*PAPER_EXPONENTS, (float(sets.a1), float(sets.a2))])))
 
 
 def plot_learning(flight: Flight) -> Figure:
-    """Plots, for each axis of the network, what PD and network command, the weights, and the covariance's trace."""
+    """Plot the commands of PD and network, the weights, and the trace of the covariance, for each axis."""
     axes_learned = _axes(flight)
     count, has_trace = len(axes_learned), "covariance_trace" in flight.signals
     pd, correction, weights = flight.record("pd"), flight.record("correction"), _weights(flight)
@@ -93,7 +93,7 @@ def plot_learning(flight: Flight) -> Figure:
 
 
 def _rules(network: Network) -> list[dict[str, Any]]:
-    """Return how each rule is drawn: its label has the centres of its sets, its colour stands for the first input."""
+    """Return the label, colour and line style of each rule; the label has the centres of its sets."""
     first, *others = [sets.centres for sets in network.inputs.given.values()]
     return [
         {"label": ", ".join(f"{centre:g}" for centre in (of_first, *rest)), "color": color, "linestyle": style}
@@ -103,9 +103,9 @@ def _rules(network: Network) -> list[dict[str, Any]]:
 
 
 def _rule_key(network: Network) -> list[Line2D]:
-    """Handles of a legend: the colours of the sets of the first input, and the styles of those of the second.
+    """Return legend handles with a colour for each set of the first input, and a style for each of the second.
 
-    With more inputs than two, a style stands for a choice of sets of all but the first.
+    With more than two inputs, a style stands for a combination of sets of all inputs but the first.
     """
     (name, sets), *others = network.inputs.given.items()
     handles = [
@@ -122,14 +122,14 @@ def _rule_key(network: Network) -> list[Line2D]:
 
 
 def _at(centre: float) -> str:
-    """Where a set is, of the scaled input."""
+    """Return the centre of a set, in units of the scaled input, as text."""
     return f"{centre:+g}".replace("-", "−") if centre else "0"
 
 
 def plot_surfaces(flight: Flight) -> Figure:
-    """Plots what the network adds to the command over error and rate, before and after the flight.
+    """Plot the contribution of the network to the command over error and rate, before and after the flight.
 
-    Shades are -τ_f; each dot is a pair of error and rate that the network met at a tick.
+    Shades are -τ_f. Each dot is a pair of error and rate that occurred at a tick.
     """
     axes_learned, sets = _axes(flight), _network(flight).antecedents()
     met, met_rate = flight.record("error"), flight.record("error_rate")
@@ -156,17 +156,17 @@ def plot_surfaces(flight: Flight) -> Figure:
 def secant_gains(
     sets: Antecedents, weights: np.ndarray, errors: Sequence[float] = _ERRORS
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The secant gains (τ_f(e, 0) - τ_f(0, 0)) / e of a network and of its type-1 counterpart, 1/s².
+    """Return the secant gains (τ_f(e, 0) - τ_f(0, 0)) / e of a network and of its type-1 counterpart, 1/s².
 
-    An elliptic set has no derivative at its centre, so that there is no gain at e = 0.
+    An elliptic set has no derivative at its centre, so the gain at e = 0 does not exist.
 
     Args:
         sets: antecedents of the network.
-        weights: (R,) of its rules, m/s².
-        errors: e, m.
+        weights: weights of its rules, (R,), m/s².
+        errors: errors e, m.
 
     Returns:
-        (errors,) gains of the network, and of a network with the same sets as triangles.
+        The gains (errors,) of the network, and of a network with triangular sets of the same centres and widths.
     """
     found = []
     for each in (sets, sets._replace(a1=1.0, a2=1.0)):
@@ -178,7 +178,7 @@ def secant_gains(
 
 
 def plot_secant_gains(flight: Flight) -> Figure:
-    """Plots the gain with which the network answers an error at the end of the flight, over the size of the error."""
+    """Plot the secant gain of the network at the end of the flight over the size of the error."""
     sets, weights = _network(flight).antecedents(), _weights(flight)
     errors = np.geomspace(5e-4, 1.0 / sets.inputs[0].scale, 120)
     with new_panels(4.2 * len(weights), 3.2, 1, len(weights), sharey=True) as (figure, (row,)):
@@ -201,17 +201,17 @@ def _draw_gains(axes: Axes, errors: np.ndarray, own: np.ndarray, triangles: np.n
 
 
 def _firing(error: Any, rate: Any, sets: Antecedents) -> np.ndarray:
-    """(R, n) firing strengths at n pairs of error and rate."""
+    """Return the firing strengths (R, n) at n pairs of error and rate."""
     return np.array(firing_strengths((error, rate), sets))
 
 
 def _axes(flight: Flight) -> list[str]:
-    """The axes of a flight's network, in the order of its signals."""
+    """Return the axes of a flight's network, in the order of its signals."""
     return sorted(_network(flight).axes)
 
 
 def _weights(flight: Flight) -> dict[str, np.ndarray]:
-    """(ticks, R) weights for each axis of a flight's network."""
+    """Return the weights (ticks, R) of a flight's network by axis."""
     axes = _axes(flight)
     return dict(zip(axes, np.split(flight["weights"], len(axes), axis=1), strict=True))
 

@@ -12,17 +12,17 @@ from matplotlib.textpath import TextPath
 from drake_quad.reference.plan import Plan
 from drake_quad.visualization.style import PLATE
 
-# From above, a leg that is slower than this in its middle goes straight up, m/s.
-_SLOW = 0.2
+# A leg with a lower horizontal speed at its middle (m/s) counts as vertical.
+_MIN_HORIZONTAL_SPEED = 0.2
 
 
 class LegMark(NamedTuple):
-    """Where the number of a leg is written.
+    """Position of the number of a leg.
 
     Attributes:
-        number: from 1 on.
-        place: of the middle of the leg, (3,), m.
-        beside: (2,) direction to its right, seen from above; zero if the leg is a point from there.
+        number: number of the leg, from 1 on.
+        place: middle of the leg, (3,), m.
+        beside: unit vector to the right of the leg, seen from above, (2,); zero for a vertical leg.
     """
 
     number: int
@@ -31,28 +31,28 @@ class LegMark(NamedTuple):
 
 
 def leg_marks(plan: Plan) -> list[LegMark]:
-    """The marks of a plan's legs; none if the plan has a single leg."""
+    """Return the marks of a plan's legs; none if the plan has a single leg."""
     position, velocity = plan.derivative(0), plan.derivative(1)
     marks = []
     for number, (start, end) in enumerate(_legs(plan), start=1):
         middle = 0.5 * (start + end)
         v_x, v_y, _ = velocity.value(middle)[:, 0]
         speed = np.hypot(v_x, v_y)
-        beside = np.array([v_y, -v_x]) / speed if speed > _SLOW else np.zeros(2)
+        beside = np.array([v_y, -v_x]) / speed if speed > _MIN_HORIZONTAL_SPEED else np.zeros(2)
         marks.append(LegMark(number, position.value(middle)[:, 0], beside))
     return marks
 
 
 def number_legs(axes: Axes, plan: Plan, *, distance: float = 11.0) -> None:
-    """Writes the number of each leg beside its middle, seen from above.
+    """Write the number of each leg beside its middle, seen from above.
 
     Args:
-        axes: with X and Y of W, m.
-        plan: with the legs.
-        distance: of the number from the path, in points.
+        axes: axes that show X and Y of W, m.
+        plan: plan with the legs.
+        distance: distance from a number to the path, points.
     """
     for number, (x, y, _), (right_x, right_y) in leg_marks(plan):
-        # The number of a leg that is a point from above would lie on top of others.
+        # A vertical leg is a point from above, so its number would lie on top of others.
         if right_x or right_y:
             axes.annotate(
                 str(number),
@@ -68,7 +68,7 @@ def number_legs(axes: Axes, plan: Plan, *, distance: float = 11.0) -> None:
 
 
 def leg_names(plan: Plan) -> list[Line2D]:
-    """Handles of a legend that says what the numbers mean."""
+    """Return legend handles that explain the numbers by the names of the legs."""
     return [
         Line2D([], [], linestyle="none", marker=_outline(str(mark.number)), color="0.35", label=leg.name)
         for mark, leg in zip(leg_marks(plan), plan.legs, strict=False)
@@ -76,19 +76,19 @@ def leg_names(plan: Plan) -> list[Line2D]:
 
 
 def _outline(text: str) -> Path:
-    """A text as a marker, about its middle; a formula, as in `$1$`, would take a parser of formulas, and its time."""
+    """Return a text as a centred marker; a formula such as `$1$` would need the slow mathtext parser."""
     path = TextPath((0.0, 0.0), text)
     return Path(path.vertices - path.get_extents().get_points().mean(axis=0), path.codes)
 
 
 def shade_legs(axes: Axes, plan: Plan, last_time: float, *, height: float | None = None) -> None:
-    """Writes the numbers of the legs over time, and shades every second leg.
+    """Write the numbers of the legs over time, and shade every second leg.
 
     Args:
-        axes: over time, s.
-        plan: with the legs.
-        last_time: up to which the axes show something, s.
-        height: at which the numbers stand, as a share of the axes; None for above them, where no curve is.
+        axes: axes over time, s.
+        plan: plan with the legs.
+        last_time: last time that the axes show, s.
+        height: height of the numbers as a share of the axes; None to write them above the axes, clear of curves.
     """
     for number, (start, end) in enumerate(_legs(plan), start=1):
         if start >= last_time:
@@ -110,6 +110,6 @@ def shade_legs(axes: Axes, plan: Plan, last_time: float, *, height: float | None
 
 
 def _legs(plan: Plan) -> list[tuple[float, float]]:
-    """Start and end of each leg, s."""
+    """Return start and end of each leg, s; nothing for a plan with a single leg."""
     ends = [*plan.leg_times, float(plan.path.times[-1])]
     return list(itertools.pairwise(ends)) if len(ends) > 2 else []

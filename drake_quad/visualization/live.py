@@ -29,16 +29,16 @@ from drake_quad.visualization.replay.visualizer import QuadrotorVisualizer
 _FRAME = 1.0 / 32.0  # s, time between two looks at the page
 _MAX_WIND = 10.0  # m/s, along X and Y
 _GUST_SPEED, _GUST_DURATION = 8.0, 1.5  # m/s, s
-_ERROR_WINDOW = 5.0  # s, of the RMS error
+_ERROR_WINDOW = 5.0  # s, window for the RMS error
 _MAX_SHOWN_ERROR = 200.0  # cm
-_MAX_FACTOR = 3.0  # of a gain
-_MASS_RATIOS = (0.5, 1.5)  # of the mass of the scenario
+_MAX_FACTOR = 3.0  # largest factor on a gain
+_MASS_RATIOS = (0.5, 1.5)  # range of the mass, relative to the mass of the scenario
 _WIND = ("wind X (m/s)", "wind Y (m/s)")
 _MASS = "mass (kg)"
 _FAILURE_TIME = "vehicle.rotor_failure.time"
 _ERRORS = ("error (cm)", "RMS error, 5 s (cm)")
 _GUST, _FAILURE, _RESTART, _STOP = "gust", "motor fails", "start again", "stop"
-_BUTTONS = {_GUST: "KeyG", _FAILURE: "KeyM", _RESTART: "KeyR", _STOP: "Escape"}  # with their keys
+_BUTTONS = {_GUST: "KeyG", _FAILURE: "KeyM", _RESTART: "KeyR", _STOP: "Escape"}  # each with its key
 
 
 class _Gain(NamedTuple):
@@ -71,7 +71,7 @@ class LiveFlight:
         self.plan = plan_route(drawn)
         self.duration = flight_duration(drawn, self.plan)
         self._meshcat, self._sample = meshcat, sample
-        # An attitude response has no rotors.
+        # An autopilot that models the attitude response has no rotors that could fail.
         self._can_fail = not drawn.laboratory.autopilot.models_vehicle
         self._scenario = self._given = _with_failure(drawn) if self._can_fail else drawn
         self._wind: Any = ConstantVectorSource(np.zeros(3))
@@ -164,7 +164,7 @@ class LiveFlight:
         return self._clicks[button] > before
 
     def _read_controls(self) -> None:
-        """Take what sliders and buttons say."""
+        """Apply the values of the sliders and the clicks on buttons."""
         changed = {label: value for label in self._values if (value := self._slider(label)) != self._values[label]}
         self._values |= changed
         numbers = {"vehicle.mass": changed[_MASS]} if _MASS in changed else {}

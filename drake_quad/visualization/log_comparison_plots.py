@@ -1,4 +1,4 @@
-"""A flight of a log beside what a scenario predicts of it, over time."""
+"""Plot of a logged flight and the flights that a scenario predicts for it."""
 
 from typing import Any
 
@@ -12,14 +12,14 @@ from drake_quad.visualization.panels import new_panels
 from drake_quad.visualization.style import BLUE, REFERENCE, VERMILION
 
 _BAND: dict[str, Any] = {"color": BLUE, "alpha": 0.25, "linewidth": 0}
-# Of which a step of the clock is longer than the median, where the log has a gap.
+# A time step longer than the median by this factor is a gap of the log.
 _GAP = 10.0
 
 
 def plot_log_comparison(comparison: LogComparison) -> Figure:
-    """Plots position and error on each axis: flown, and the median and the 95 % band of the predictions.
+    """Plot flown position and error on each axis, with the median and the 95 % band of the predictions.
 
-    Lines are broken where the log has a gap. A prediction counts until it crashes.
+    Lines are broken at gaps of the log. A prediction counts until it crashes.
     """
     time, target = comparison.time, comparison.target
     steps = np.diff(time)

@@ -1,4 +1,4 @@
-"""The map of gains: which stabilise a loop, and how well they fly."""
+"""Plot of a map of gains, with the stability of the loop and the errors of simulated flights."""
 
 from typing import Any, NamedTuple
 
@@ -29,19 +29,19 @@ _STAR: dict[str, Any] = {
     "zorder": 5,
 }
 _CRASHED = "0.85"
-# Room that the label of a line needs on each side, pixels.
+# Free distance that the label of a line needs on each side, pixels.
 _LABEL = 24.0
 _DAMPINGS = (0.2, 0.4, 0.6, 0.8)
 _DELAYS = tuple(0.02 * 4**i for i in range(5))
 
 
 class MapPanel(NamedTuple):
-    """What is known of each pair of gains in one case.
+    """Stability and flights of each pair of gains in one case.
 
     Attributes:
-        title: of the panel.
-        linear: the loop's linear model with each pair.
-        flown: (rows, columns) metrics of the flights with each pair.
+        title: title of the panel.
+        linear: stability of the linear model with each pair.
+        flown: metrics of the flight with each pair, (rows, columns).
     """
 
     title: str
@@ -58,17 +58,17 @@ def plot_map(
     marked: tuple[float, float],
     loop: str,
 ) -> Figure:
-    """Plots the RMSE of the flights in colours, with lines of damping and delay margin over it.
+    """Plot the RMSE of the flights as colours, with contour lines of damping and delay margin.
 
     Args:
-        panels: that stand side by side and share one scale of colours.
-        first: (rows,) gains.
-        second: (columns,) gains.
-        labels: of both, with their units.
-        marked: the scenario's own gains, marked by a star.
+        panels: panels, drawn side by side with a common colour scale.
+        first: gains along the vertical axis, (rows,).
+        second: gains along the horizontal axis, (columns,).
+        labels: labels of both gains, with their units.
+        marked: both gains of the scenario, marked by a star.
         loop: name of the loop, for the title.
     """
-    # Errors below a tenth of a millimetre are shaded alike.
+    # The logarithmic scale ends at a tenth of a millimetre, since smaller errors do not matter.
     errors = [np.where(panel.flown.crashed, np.nan, np.maximum(100.0 * panel.flown.rmse, 1e-2)) for panel in panels]
     seen = np.concatenate([error[np.isfinite(error)] for error in errors])
     low = float(seen.min()) if len(seen) else 1.0
@@ -76,7 +76,7 @@ def plot_map(
     norm = LogNorm(low, high)
     with new_panels(5.2 * len(panels) + 0.8, 4.8, 1, len(panels), sharey=True) as (figure, (row,)):
         for axes, panel, error in zip(row, panels, errors, strict=True):
-            # Before the lines, whose labels leave it free.
+            # The star is drawn before the contour lines, so that their labels avoid it.
             if first[0] <= marked[0] <= first[-1] and second[0] <= marked[1] <= second[-1]:
                 axes.plot(marked[1], marked[0], **_STAR)
             shades = _draw(axes, panel, error, first, second, norm)
@@ -94,7 +94,7 @@ def plot_map(
 
 
 def _key(panels: list[MapPanel]) -> list[Line2D | Patch]:
-    """Handles of the legend."""
+    """Return the handles of the legend."""
     crashed = any(panel.flown.crashed.any() for panel in panels)
     return [
         Line2D([], [], **_EDGE, label="edge of stability"),
@@ -124,9 +124,9 @@ def _draw(
 
 
 def _free_places(axes: Axes, contours: list[ContourSet]) -> dict[ContourSet, list[tuple[float, float]]]:
-    """Where on its line a level is written: farthest from borders, from other lines and from what is written already.
+    """Return the places of the labels of contour lines, far from borders, other lines and other labels.
 
-    A line without room for its label has none.
+    A line without room for a label has no place.
     """
     axes.figure.draw_without_rendering()  # type: ignore[union-attr]
     inside, there = axes.get_window_extent(), axes.transData
@@ -151,5 +151,5 @@ def _free_places(axes: Axes, contours: list[ContourSet]) -> dict[ContourSet, lis
 
 
 def _contour(line: dict[str, Any]) -> dict[str, Any]:
-    """The style of a line, as `contour` takes it."""
+    """Return the style of a line as arguments of `contour`."""
     return {"colors": line["color"], "linewidths": line["linewidth"], "linestyles": line["linestyle"]}

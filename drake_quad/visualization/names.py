@@ -2,7 +2,7 @@
 
 import re
 
-# Symbols of lists whose items are not along x, y, z.
+# Symbols for lists whose items are not along x, y and z.
 _SYMBOLS = {
     "inertia": ("I_xx", "I_yy", "I_zz"),
     "centre_of_mass": ("c_x", "c_y", "c_z"),

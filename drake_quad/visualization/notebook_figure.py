@@ -8,14 +8,14 @@ from matplotlib.figure import Figure
 
 
 class NotebookFigure(Figure):
-    """A figure that a notebook shows where it is the last value of a cell, whether pyplot was imported or not."""
+    """Figure that a notebook shows as the last value of a cell, whether pyplot was imported or not."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
         FigureCanvasAgg(self)
 
     def _repr_png_(self) -> bytes:
-        """The picture, by the protocol of IPython."""
+        """Return the figure as a PNG image, for IPython."""
         written = io.BytesIO()
         self.savefig(written, format="png")
         return written.getvalue()

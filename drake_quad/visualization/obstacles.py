@@ -1,4 +1,4 @@
-"""Obstacles in views of a path from a side or from above."""
+"""Drawings of obstacles in two-dimensional and three-dimensional views of a path."""
 
 from typing import Any
 
@@ -10,24 +10,24 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from drake_quad.space.space import Space
 
-# One shadow may lie on another.
+# Shadows are translucent because they can overlap.
 _SOLID: dict[str, Any] = {"facecolor": (0.35, 0.35, 0.35, 0.5), "edgecolor": "0.35", "linewidth": 0.8}
 _CLEARANCE: dict[str, Any] = {"fill": False, "edgecolor": "0.55", "linewidth": 0.7, "linestyle": (0, (2, 2))}
 _NAME: dict[str, Any] = {"fontsize": 6, "color": "0.25", "horizontalalignment": "center", "verticalalignment": "top"}
-# More names than these hide what they name.
-_MOST_NAMES = 30
+# More names than this would hide the obstacles.
+_MAX_NAMES = 30
 _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
 
 
 def draw_obstacles(axes: Axes, space: Space, i: int, j: int, *, clearance: bool = False) -> None:
-    """Draws the shadows that obstacles cast in a plane, from above with their names, if they are not too many.
+    """Draw the shadows of obstacles in a plane; seen from above, add their names unless there are too many.
 
     Args:
-        axes: with metres on both axes.
-        space: whose obstacles are drawn.
-        i: axis of W to the right.
-        j: axis of W upwards.
-        clearance: whether how far a planned path keeps from them is drawn, too: around a shadow it is exact where the
+        axes: axes in metres.
+        space: space with the obstacles.
+        i: axis of W that points to the right.
+        j: axis of W that points upwards.
+        clearance: True to draw the clearance of a planned path as well. The outline around a shadow is exact where the
             path is at the height, or the depth, at which the shadow ends.
     """
     for obstacle in space.obstacles:
@@ -36,14 +36,14 @@ def draw_obstacles(axes: Axes, space: Space, i: int, j: int, *, clearance: bool 
         if clearance:
             rounding = space.clearance * np.column_stack([np.cos(_CIRCLE), np.sin(_CIRCLE)])
             axes.add_patch(Polygon(shadow((corners[:, np.newaxis] + rounding).reshape(-1, 2)), **_CLEARANCE))
-        if (i, j) == (0, 1) and len(space.obstacles) <= _MOST_NAMES:
+        if (i, j) == (0, 1) and len(space.obstacles) <= _MAX_NAMES:
             halo = [withStroke(linewidth=1.5, foreground="white", alpha=0.8)]
             below = (corners[:, 0].mean(), corners[:, 1].min())
             axes.text(*below, obstacle.name, path_effects=halo, clip_on=True, **_NAME)
 
 
 def draw_solids(axes: Any, space: Space) -> np.ndarray:
-    """Draws obstacles in three dimensions, and returns the (2, 3) corners of the box around them all, m."""
+    """Draw obstacles in three dimensions, and return the corners (2, 3) of their bounding box, m."""
     for obstacle in space.obstacles:
         axes.add_collection3d(Poly3DCollection(obstacle.shape.triangles(), facecolors="0.6", alpha=0.45, shade=True))
     extents = np.array([obstacle.shape.extent() for obstacle in space.obstacles])
@@ -51,7 +51,7 @@ def draw_solids(axes: Any, space: Space) -> np.ndarray:
 
 
 def shadow(points: np.ndarray) -> np.ndarray:
-    """Returns the (corners, 2) convex polygon around points (n, 2), anticlockwise."""
+    """Return the convex hull (corners, 2) of points (n, 2), anticlockwise."""
     # Imported here because flights without obstacles do not need it.
     from scipy.spatial import ConvexHull
 

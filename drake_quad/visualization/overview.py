@@ -1,4 +1,4 @@
-"""A flight, or studies, in a single figure whose axes a notebook can add to."""
+"""Overview of a flight or of studies in a single figure, whose axes a notebook can add to."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -21,10 +21,10 @@ _ABOVE: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.97), "columnspaci
 
 
 def plot_flight(flight: Flight) -> tuple[Figure, dict[str, Axes]]:
-    """Plots a flight: its path, its error, what was commanded, and the speeds of its rotors.
+    """Plot the path, the error, the commands and the rotor speeds of a flight.
 
     Returns:
-        The figure, and its axes by what they show: "path" from above, "error", "command" and "rotors" over time.
+        The figure, and its axes by name: "path" from above, and "error", "command" and "rotors" over time.
     """
     with styled():
         figure = new_figure(9.5, 6.6)
@@ -49,14 +49,14 @@ def plot_flight(flight: Flight) -> tuple[Figure, dict[str, Axes]]:
 
 
 def plot_study(studies: Study | Mapping[str, Study], name: str = "rmse") -> tuple[Figure, dict[str, Axes]]:
-    """Plots one study or several: the distribution of a metric, its mean, and how many flights crashed.
+    """Plot the distribution of a metric, its mean, and the share of crashes for one study or several.
 
     Args:
-        studies: a study, or studies by the names that they have in the figure; each has at least one flight.
-        name: of the metric.
+        studies: a study, or studies by their names in the figure; each has at least one flight.
+        name: name of the metric.
 
     Returns:
-        The figure, and its axes by what they show: "distribution", "mean" and "crashes", the latter two with 95 %
+        The figure, and its axes by name: "distribution", "mean" and "crashes", the latter two with 95 %
         intervals.
     """
     found = {studies.scenario.name: studies} if isinstance(studies, Study) else dict(studies)

@@ -18,9 +18,9 @@ from drake_quad.visualization.style import new_figure, styled
 def new_panels(
     width: float, height: float, *grid: int, settings: Mapping[str, Any] = MappingProxyType({}), **options: Any
 ) -> Iterator[tuple[Figure, Any]]:
-    """A context in which a figure is drawn in the style of the project.
+    """Open a context in which a figure is drawn in the style of the project.
 
-    It gives the figure, and its axes: a single one by default, and for a grid an array of rows and columns.
+    The context yields the figure and its axes: by default a single one, for a grid an array of rows and columns.
 
     Args:
         width: width of the figure, inches.

@@ -1,4 +1,4 @@
-"""Where something is, as arrays to draw."""
+"""Positions as arrays for drawing."""
 
 import numpy as np
 
@@ -6,10 +6,10 @@ from drake_quad.signals import Reference, State
 
 
 def places(signal: State | Reference) -> np.ndarray:
-    """The (n, 3) positions in a signal of n instants, or the (3,) position in that of one, m."""
+    """Return the positions (n, 3) of a signal of n instants, or the position (3,) of a single instant, m."""
     return np.stack([signal.x, signal.y, signal.z], axis=-1)
 
 
 def place_by_axis(signal: State | Reference) -> dict[str, np.ndarray]:
-    """The (n,) coordinates in a signal by the name of their axis, m."""
+    """Return the coordinates (n,) of a signal by axis, m."""
     return {axis: np.asarray(getattr(signal, axis)) for axis in "xyz"}

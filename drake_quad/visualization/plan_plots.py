@@ -1,4 +1,4 @@
-"""A plot of a plan: its path, its speed and acceleration over time, and the rotor speeds that it asks for."""
+"""Plot of a plan: its path, its speed and acceleration over time, and the rotor speeds that it requires."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -22,7 +22,7 @@ from drake_quad.visualization.curves import tell_apart
 from drake_quad.visualization.obstacles import draw_obstacles
 from drake_quad.visualization.style import ABOVE, BLUE, GREEN, LIMIT, ORANGE, PLATE, ROTORS, new_figure, styled
 
-# The horizontal plane and the two vertical ones, by the places of their axes in (x, y, z).
+# The horizontal and the two vertical planes, by the indices of their axes in (x, y, z).
 _VIEWS = ((0, 1), (0, 2), (1, 2))
 
 
@@ -36,16 +36,16 @@ def plot_plan(
     waypoints: np.ndarray | None = None,
     space: Space | None = None,
 ) -> Figure:
-    """Plots the path from three sides, and speed, acceleration, snap, yaw and rotor speeds over time.
+    """Plot the path from three sides, and speed, acceleration, snap, yaw and rotor speeds over time.
 
     Args:
-        plan: to draw.
-        parameters: of the vehicle that shall fly it.
-        limits: on speed and acceleration, if there are any.
+        plan: plan to draw.
+        parameters: parameters of the vehicle, from which rotor speeds follow.
+        limits: limits on speed and acceleration, if there are any.
         places: regions that the path must pass through.
-        corridors: the box or polytope that each segment must stay in, or None.
-        waypoints: (n,) the path's waypoints that are drawn and numbered: those of a route, if not all are.
-        space: obstacles, if there are any.
+        corridors: box or polytope that each segment must stay in, or None for a free segment.
+        waypoints: indices of the waypoints that are drawn and numbered, (n,); None for all.
+        space: space with the obstacles, if there are any.
     """
     times = sample_times(plan.path)
     with styled():
@@ -78,7 +78,7 @@ def _draw_view(
     low, high = position.min(axis=1), position.max(axis=1)
     margin = 0.25 + 0.1 * float((high - low).max())
     drawing = Box(low - margin, high + margin)
-    # The same corridor for several segments is drawn once.
+    # Several segments can share a corridor, which is drawn once.
     drawn: list[Corridor] = []
     for corridor in corridors:
         if corridor is not None and not any(_same(corridor, other) for other in drawn):
@@ -102,12 +102,12 @@ def _draw_view(
     axes.set(xlabel=f"{names[i]} (m)", ylabel=f"{names[j]} (m)")
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.08)
-    # A hover has no extent.
+    # A hover has no extent, so the axes get one.
     axes.update_datalim([waypoints[0, [i, j]] - 0.25, waypoints[0, [i, j]] + 0.25])
 
 
 def _numbered(points: np.ndarray) -> list[tuple[tuple[float, float], str]]:
-    """Labels of (waypoints, 2) points: each point with its number, or with several numbers where points coincide."""
+    """Return points (n, 2) with their numbers; points that nearly coincide are one point with several numbers."""
     labels: list[tuple[np.ndarray, list[int]]] = []
     near = 0.02 * float(np.ptp(points, axis=0).max())
     for number, point in enumerate(points):
@@ -133,13 +133,13 @@ def _patch(region: Corridor, drawing: Box, i: int, j: int, **style: object) -> R
 
 
 def outline(region: Polytope, drawing: Box, i: int, j: int) -> np.ndarray:
-    """Returns the (corners, 2) convex polygon in m that a polytope covers in the plane of two axes, anticlockwise.
+    """Return the projection of a polytope onto a plane as a convex polygon (corners, 2), anticlockwise, m.
 
     Args:
-        region: with an extent in every direction.
-        drawing: where an unbounded polytope is cut; nothing is left of one that lies outside.
-        i: axis to the right.
-        j: axis upwards.
+        region: polytope with an extent in every direction.
+        drawing: box to which the polytope is clipped; a polytope outside of it has no corners left.
+        i: axis that points to the right.
+        j: axis that points upwards.
     """
     solid = HPolyhedron(region.normals, region.offsets)
     if not solid.IsBounded():

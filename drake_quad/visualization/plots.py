@@ -40,12 +40,12 @@ from drake_quad.visualization.style import (
 from drake_quad.visualization.wind_plots import plot_wind
 
 _INSIDE: Any = {"xycoords": ("axes fraction", "data"), "textcoords": "offset points"}
-# The shortest side of a box in space over its longest one, and the least side at all, m.
-_FLAT, _LEAST = 0.35, 0.5
+# Smallest ratio of the sides of a box in space, and smallest side (m).
+_MIN_SIDE_RATIO, _MIN_SIDE = 0.35, 0.5
 
 
 def plot_path(flight: Flight) -> Figure:
-    """Plots the flown path and the reference, in space and seen from above."""
+    """Plot the flown path and the reference in space and from above."""
     flown, wanted = places(flight.record("state")).T, places(flight.record("reference")).T
     with styled():
         figure = new_figure(9.5, 4.8)
@@ -56,13 +56,13 @@ def plot_path(flight: Flight) -> Figure:
         space.set(xlabel="X (m)", ylabel="Y (m)", zlabel="Z (m)", title="Path")
         space.yaxis.labelpad = 12.0
         shown = np.hstack([flown, wanted])
-        shown = shown[:, np.isfinite(shown).all(axis=0)]  # a vehicle that diverged ends nowhere
+        shown = shown[:, np.isfinite(shown).all(axis=0)]  # the state of a vehicle that diverged is not finite
         room = space_of(flight.scenario)
         if room is not None and room.obstacles:
             shown = np.hstack([shown, draw_solids(space, room).T])
         low, high = shown.min(axis=1), shown.max(axis=1)
-        # A hover has no extent, and a box that is flat has no room for its numbers.
-        extent = np.maximum(high - low, max(_FLAT * float(np.max(high - low)), _LEAST))
+        # A hover has no extent, and a flat box has no room for the numbers on its axes.
+        extent = np.maximum(high - low, max(_MIN_SIDE_RATIO * float(np.max(high - low)), _MIN_SIDE))
         middle = 0.5 * (low + high)
         space.set(
             **{f"{axis}lim": (m - 0.5 * e, m + 0.5 * e) for axis, m, e in zip("xyz", middle, extent, strict=True)}
@@ -79,7 +79,7 @@ def plot_path(flight: Flight) -> Figure:
 
 
 def draw_from_above(axes: Axes, flight: Flight) -> None:
-    """Draws the flown path and the reference in the X-Y plane, with the numbers of the legs."""
+    """Draw the flown path and the reference in the X-Y plane, with the numbers of the legs."""
     state, reference = flight.record("state"), flight.record("reference")
     room = space_of(flight.scenario)
     if room is not None:
@@ -93,14 +93,14 @@ def draw_from_above(axes: Axes, flight: Flight) -> None:
         axes.plot(state.x[-1:], state.y[-1:], linestyle="none", label=flight.crash, **crash)
     axes.set(xlabel="X (m)", ylabel="Y (m)", title="From above")
     axes.margins(0.1)
-    # A hover has no extent.
-    for end in (-0.5 * _LEAST, 0.5 * _LEAST):
+    # A hover has no extent, so the axes get one.
+    for end in (-0.5 * _MIN_SIDE, 0.5 * _MIN_SIDE):
         axes.update_datalim([(float(state.x[0]) + end, float(state.y[0]) + end)])
     axes.set_aspect("equal", adjustable="datalim")
 
 
 def plot_errors(flight: Flight) -> Figure:
-    """Plots the position error over time, on each axis and as its Euclidean norm."""
+    """Plot the position error over time, on each axis and as its Euclidean norm."""
     state, reference = flight.record("state"), flight.record("reference")
     with new_panels(8.0, 4.8, 2, 1, sharex=True) as (figure, ((upper,), (lower,))):
         for axis, color in AXES.items():
@@ -116,7 +116,7 @@ def plot_errors(flight: Flight) -> Figure:
 
 
 def draw_error(axes: Axes, flight: Flight) -> None:
-    """Draws the Euclidean position error over time, and its RMSE."""
+    """Draw the Euclidean position error over time, and its RMSE."""
     axes.plot(flight.time, 100.0 * flight.euclidean_error, color="black")
     if np.isfinite(flight.metrics.rmse):
         rmse = 100.0 * flight.metrics.rmse
@@ -128,7 +128,7 @@ def draw_error(axes: Axes, flight: Flight) -> None:
 
 
 def plot_attitude(flight: Flight) -> Figure:
-    """Plots roll, pitch and yaw over time, beside what was commanded if the control commands an attitude."""
+    """Plot roll, pitch and yaw over time, with the commanded attitude if the control commands one."""
     flown = flight.record("state")
     wanted = flight.record("attitude_command") if "attitude_command" in flight.signals else None
     with new_panels(8.0, 5.6, 3, 1, sharex=True) as (figure, grid):
@@ -150,7 +150,7 @@ def plot_attitude(flight: Flight) -> Figure:
 
 
 def plot_rotors(flight: Flight) -> Figure:
-    """Plots the rotor speeds over time, close up and within the whole range between the rotors' limits."""
+    """Plot the rotor speeds over time, enlarged and within the range between the limits of the rotors."""
     limits = flight.scenario.vehicle.min_rotor_speed, flight.scenario.vehicle.max_rotor_speed
     with new_panels(8.0, 4.4, 1, 2, width_ratios=[3.0, 1.0]) as (figure, ((close, whole),)):
         for axes in (close, whole):
@@ -169,7 +169,7 @@ def plot_rotors(flight: Flight) -> Figure:
 
 
 def draw_rotor_speeds(axes: Axes, flight: Flight) -> None:
-    """Draws the speeds of the rotors over time."""
+    """Draw the speeds of the rotors over time."""
     speeds = flight.record("rotor_speed")._asdict()
     for (name, speed), color in zip(speeds.items(), ROTORS, strict=True):
         axes.plot(flight.time, speed, color=color, label=name.replace("_", " "))
@@ -186,18 +186,18 @@ PLOTS: dict[str, Callable[[Flight], Figure]] = {
 
 
 def save_plots(flight: Flight, folder: Path | str, *, vector: Vector | None = None) -> list[Path]:
-    """Draws all plots of a flight into a folder and returns the files.
+    """Write all plots of a flight into a folder, and return the files.
 
-    A flight without wind has no plot of wind, and one without a network none of learning; surfaces and gains are drawn
-    of networks that look at error and rate, as the paper's.
+    A flight without wind has no plot of wind, and a flight without a network has no plot of learning. Surfaces and
+    gains are plotted for networks whose inputs are error and rate, as in the paper.
 
     Args:
-        flight: to plot.
-        folder: for a PNG of each plot.
-        vector: a format in which each plot is written besides, for print.
+        flight: flight to plot.
+        folder: folder for a PNG of each plot.
+        vector: vector format in which each plot is written as well, for print.
 
     Raises:
-        InputError: the folder cannot be written.
+        InputError: the folder cannot be written to.
     """
     target = output_folder(Path(folder))
     plots = dict(PLOTS)

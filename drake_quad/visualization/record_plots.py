@@ -1,4 +1,4 @@
-"""What a flight log says, over time."""
+"""Plot of the signals of a flight log over time."""
 
 from typing import Any, NamedTuple
 
@@ -11,19 +11,19 @@ from drake_quad.identification.logs.timing import gaps
 from drake_quad.visualization.panels import new_panels
 from drake_quad.visualization.style import AXES, BLACK, ROTORS
 
-# More samples than this are thinned: a figure has a thousand pixels.
-_MOST_SAMPLES = 20_000
+# More samples than this are thinned, since a figure is only about a thousand pixels wide.
+_MAX_SAMPLES = 20_000
 
 
 class _Panel(NamedTuple):
     """Signals that are drawn in one panel.
 
     Attributes:
-        label: what they are.
-        signals: what is measured, and what was wanted instead, dashed.
-        names: of the columns.
-        factor: to what is drawn from SI.
-        unit: of what is drawn.
+        label: label of the panel.
+        signals: names of the measured signal and of its reference or command, which is dashed.
+        names: names of the columns; empty for a scalar.
+        factor: factor from SI units to the displayed unit.
+        unit: displayed unit; empty for the unit of the signal.
     """
 
     label: str
@@ -57,7 +57,7 @@ _PANELS = (
 
 
 def plot_record(record: FlightRecord) -> Figure:
-    """Plots all that is logged over time; what was wanted or commanded is dashed, and gaps of the clock are grey."""
+    """Plot all logged signals over time. References and commands are dashed, and gaps of the log are grey."""
     panels = [panel for panel in _PANELS if any(getattr(record, name) is not None for name in panel.signals)]
     with new_panels(9.0, 0.6 + 1.5 * len(panels), len(panels), 1, sharex=True) as (figure, grid):
         for (axes,), panel in zip(grid, panels, strict=True):
@@ -73,8 +73,8 @@ def plot_record(record: FlightRecord) -> Figure:
 
 
 def _draw(axes: Axes, panel: _Panel, record: FlightRecord) -> None:
-    step = -(-len(record.time) // _MOST_SAMPLES)
-    # A line through a gap would show what was not logged.
+    step = -(-len(record.time) // _MAX_SAMPLES)
+    # Lines are broken at gaps, since a line through a gap would show data that were not logged.
     breaks = 1 + np.flatnonzero(gaps(record.time))
     colors = ROTORS if panel.names == _FOUR else (*AXES.values(),) if panel.names else (BLACK,)
     first, *_ = [name for name in panel.signals if getattr(record, name) is not None]
@@ -98,6 +98,6 @@ def _draw(axes: Axes, panel: _Panel, record: FlightRecord) -> None:
 
 
 def _broken(time: np.ndarray, values: np.ndarray, breaks: np.ndarray, step: int) -> tuple[np.ndarray, np.ndarray]:
-    """The samples with a NaN in each gap."""
+    """Return times and values of samples with a NaN inserted in each gap."""
     places = -(-breaks // step)
     return np.insert(time, places, np.nan), np.insert(values, places, np.nan)

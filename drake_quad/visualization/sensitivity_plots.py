@@ -1,4 +1,4 @@
-"""A tornado plot of the sensitivities of a metric."""
+"""Tornado plot of the sensitivities of a metric."""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -9,9 +9,9 @@ from drake_quad.visualization.style import BLUE, VERMILION
 
 
 def plot_sensitivities(found: Sensitivities, metric: str) -> Figure:
-    """Plots by how many per cent a metric changes when a field grows by one per cent, the largest at the top.
+    """Plot the change of a metric in per cent for an increase of each field by one per cent, largest at the top.
 
-    A field that is zero cannot grow by a per cent and is left out; if the metric is zero, so are all fields.
+    A field that is zero has no relative change and is left out. If the metric is zero, all fields are left out.
     """
     elasticities = found.values * found.gradients[metric] / (found.metrics[metric] or np.nan)
     order = [i for i in np.argsort(np.abs(elasticities)) if found.values[i] != 0.0 and np.isfinite(elasticities[i])]

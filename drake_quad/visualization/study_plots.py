@@ -1,4 +1,4 @@
-"""Plots of studies: distributions, convergence, and which drawn numbers matter."""
+"""Plots of studies: distributions, convergence, and the influence of random parameters."""
 
 from collections.abc import Mapping
 from itertools import cycle
@@ -29,10 +29,10 @@ from drake_quad.visualization.panels import name_rows, new_panels
 from drake_quad.visualization.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
 
 _LINES = [(BLUE, "-"), (VERMILION, "--"), (GREEN, "-."), (PURPLE, ":"), (ORANGE, "-"), (SKY, "--"), (BLACK, "-.")]
-# Fields that a tornado shows at most.
-_MOST_FIELDS = 16
-# Between the points of one controller and the next, in points of print.
-_ASIDE = 3.0
+# Largest number of fields in a tornado chart.
+_MAX_FIELDS = 16
+# Horizontal distance between the points of one controller and the next, points.
+_POINT_OFFSET = 3.0
 _LOG_AXIS_RATIO = 10.0  # ratio of medians from which on the axis is logarithmic
 
 
@@ -57,16 +57,16 @@ def label_metric(axis: Axis, name: str, prefix: str = "") -> None:
 
 
 def plot_distribution(studies: Mapping[str, Study], name: str = "rmse") -> Figure:
-    """Plots the share of the samples whose metric is at most a value, with a line for each controller.
+    """Plot the empirical distribution function of a metric, with a line for each controller.
 
     A crashed sample counts as worse than any value.
 
-    The bands hold the whole true distribution with 95 % confidence, by the inequality of Dvoretzky, Kiefer, Wolfowitz
-    and Massart.
+    The bands contain the whole true distribution with 95 % confidence, by the inequality of Dvoretzky, Kiefer,
+    Wolfowitz and Massart.
 
     Args:
-        studies: by controller.
-        name: of the metric.
+        studies: studies by the name of the controller.
+        name: name of the metric.
     """
     with new_panels(7.0, 4.2) as (figure, axes):
         draw_distribution(axes, studies, name)
@@ -112,13 +112,13 @@ def draw_distribution(axes: Axes, studies: Mapping[str, Study], name: str) -> No
 
 
 def plot_convergence(studies: Mapping[str, Study], name: str = "rmse") -> Figure:
-    """Plots how estimates settle with the number of samples: the mean of a metric, and the share of crashes.
+    """Plot the mean of a metric and the share of crashes over the number of samples.
 
-    If no sample crashed, the 95 % quantile takes the place of the crashes.
+    If no sample crashed, the 95 % quantile replaces the share of crashes.
 
     Args:
-        studies: by controller.
-        name: of the metric.
+        studies: studies by the name of the controller.
+        name: name of the metric.
     """
     crashes = any(study.metrics.crashed.any() for study in studies.values())
     with new_panels(9.0, 3.8, 1, 2) as (figure, ((left, right),)):
@@ -139,7 +139,7 @@ def plot_convergence(studies: Mapping[str, Study], name: str = "rmse") -> Figure
         right.set_title("crashes" if crashes else "95 % quantile", loc="left")
         label_metric(right.yaxis, "crashed" if crashes else name)
         for axes in (left, right):
-            # An axis without anything on it cannot be logarithmic.
+            # Matplotlib cannot scale an empty axis logarithmically.
             drawn = any(len(line.get_xdata()) for line in axes.lines)
             axes.set(xscale="log" if drawn else "linear", xlabel="samples; bands: 95 % confidence")
             if drawn:
@@ -151,24 +151,24 @@ def plot_convergence(studies: Mapping[str, Study], name: str = "rmse") -> Figure
 
 
 def _running(study: Study, name: str) -> tuple[np.ndarray, ...]:
-    """Numbers n of flights that went to the end, the mean of the first n, and the ends of its interval."""
+    """Return numbers n of completed flights, the mean over the first n, and the ends of its interval."""
     values = of_survivors(study.metrics, name)
-    # The intervals of the first few are so wide that nothing else could be seen.
+    # The first few points are left out, because their wide intervals would dominate the axis.
     first = max(min(10, len(values)) - 1, 0)
     return np.arange(1, len(values) + 1)[first:], *(each[first:] for each in running_mean(values))
 
 
 def plot_influences(study: Study, name: str = "rmse") -> Figure:
-    """Plot a tornado chart of the mean of a metric in the lowest and the highest tenth of each drawn number.
+    """Plot a tornado chart of the mean of a metric in the lowest and the highest tenth of each random parameter.
 
     Args:
         study: study of a scenario with distributions.
         name: name of the metric, or "crashed" for the share of crashes.
     """
     found = influences(study, name)
-    with new_panels(8.6, 1.4 + 0.34 * max(min(len(found), _MOST_FIELDS), 1)) as (figure, axes):
+    with new_panels(8.6, 1.4 + 0.34 * max(min(len(found), _MAX_FIELDS), 1)) as (figure, axes):
         mean = float(np.mean(study.metrics.crashed if name == "crashed" else of_survivors(study.metrics, name)))
-        for place, each in enumerate(found[:_MOST_FIELDS]):
+        for place, each in enumerate(found[:_MAX_FIELDS]):
             for end, color, offset in ((each.low, SKY, -0.18), (each.high, ORANGE, 0.18)):
                 axes.barh(place + offset, end.value - mean, 0.36, left=mean, color=color)
                 axes.plot([end.low, end.high], [place + offset] * 2, color="0.25", linewidth=1.0)
@@ -177,7 +177,7 @@ def plot_influences(study: Study, name: str = "rmse") -> Figure:
             if each.alone != rho and np.isfinite(each.alone.value):
                 text += f"; alone {each.alone.value:+.2f}"
             axes.annotate(text, (1.01, place), xycoords=("axes fraction", "data"), va="center", fontsize=8.5)
-        labels = [_field_label(study, each.path) for each in found[:_MOST_FIELDS]]
+        labels = [_field_label(study, each.path) for each in found[:_MAX_FIELDS]]
         name_rows(axes, labels)
         axes.set_axisbelow(True)
         label_metric(axes.xaxis, name)
@@ -205,18 +205,18 @@ def plot_influences(study: Study, name: str = "rmse") -> Figure:
 def plot_crash_probability(
     studies: Study | Mapping[str, Study], path: str | None = None, *, num_bins: int | None = None
 ) -> Figure:
-    """Plots the probability of a crash over a drawn number, with its 95 % intervals.
+    """Plot the probability of a crash over a random parameter, with 95 % intervals.
 
-    A point stands at the median of a bin of equally many samples, its line from the least to the largest number of the
-    bin; see `crash_levels`. Thin lines are the probabilities over all samples.
+    Each point is at the median of a bin of equally many samples, and its horizontal line spans the bin; see
+    `crash_levels`. Thin lines are the probabilities over all samples.
 
     Args:
-        studies: a study, or several by controller; the number is drawn in all of them.
-        path: of the number's field; that which has most to do with crashes if not given.
+        studies: a study, or several by controller; the parameter is random in all of them.
+        path: path of the parameter; by default the one with the largest influence on crashes.
         num_bins: as for `crash_levels`.
 
     Raises:
-        InputError: nothing is drawn, or nothing at this path.
+        InputError: no parameter is random, or not the one at this path.
     """
     studies = {studies.scenario.name: studies} if isinstance(studies, Study) else studies
     path = path or most_influential(studies.values())
@@ -237,8 +237,8 @@ def plot_crash_probability(
             upright = axes.errorbar(middle, value, [value - low, high - value], fmt="none", ecolor=color, capsize=2.5)
             across = axes.errorbar(middle, value, xerr=aside, fmt="none", ecolor=color, alpha=0.5)
             points = axes.plot(middle, value, color=color, linestyle=style, marker="o", markersize=4.0, label=label)
-            # Beside each other, where controllers have the same numbers. Limits are those of the numbers themselves.
-            offset = _ASIDE * (place - 0.5 * (len(studies) - 1)) / 72.0
+            # The offset separates controllers with equal values. It does not affect the limits of the axis.
+            offset = _POINT_OFFSET * (place - 0.5 * (len(studies) - 1)) / 72.0
             there = axes.transData + ScaledTranslation(offset, 0.0, figure.dpi_scale_trans)
             for artist in (*upright.get_children(), *across.get_children(), *points):
                 artist.set_transform(there)
@@ -269,7 +269,7 @@ def _field_label(study: Study, path: str) -> str:
 
 
 def _count(studies: Mapping[str, Study]) -> str:
-    """How many samples the studies have, in words."""
+    """Return the number of samples of the studies as text."""
     counts = {len(study.samples) for study in studies.values()}
     return (
         f"{counts.pop():,} samples each"

@@ -1,4 +1,4 @@
-"""The style of all figures, and how figures are written."""
+"""Style of all figures, and functions that write figures."""
 
 import functools
 from collections.abc import Iterator, Mapping
@@ -11,7 +11,7 @@ import numpy as np
 
 from drake_quad.files import write_atomically
 
-# Matplotlib takes half a second to load, which whoever wants only a colour, or a `Vector`, does not wait for.
+# Matplotlib takes half a second to load, and modules that need only a colour or a `Vector` should not wait for it.
 if TYPE_CHECKING:
     from matplotlib.colors import Colormap
     from matplotlib.figure import Figure
@@ -29,9 +29,9 @@ BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILION, PURPLE = (
 )
 REFERENCE: dict[str, Any] = {"color": "0.45", "linestyle": "--", "linewidth": 1.2}
 LIMIT: dict[str, Any] = {"color": "0.3", "linestyle": ":", "linewidth": 1.2}
-# Keeps text legible where it crosses a line.
+# Background of a text, which keeps the text legible where it crosses a line.
 PLATE: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 1.0}
-# A legend above the axes, at their right, where no curve is.
+# Place of a legend above the axes at the right, where it hides no curve.
 ABOVE: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.2}
 AXES = {"x": BLUE, "y": VERMILION, "z": GREEN}
 ROTORS = (BLUE, VERMILION, GREEN, PURPLE)
@@ -49,7 +49,7 @@ _SETTINGS: Any = {
     "lines.linewidth": 1.4,
     "legend.frameon": False,
     "legend.fontsize": 9,
-    # Publishers ask for TrueType; what is drawn twice shall be the same to the byte.
+    # Publishers require TrueType fonts. The fixed salt makes repeated output identical to the byte.
     "pdf.fonttype": 42,
     "svg.hashsalt": "drake_quad",
 }
@@ -60,7 +60,7 @@ _UNDATED: dict[str, Any] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}
 
 @functools.cache
 def shading() -> "Colormap":
-    """The colours of areas, light enough for lines and arrows on top."""
+    """Return the colour map of areas, light enough for lines and arrows on top."""
     from matplotlib import colormaps
     from matplotlib.colors import LinearSegmentedColormap
 
@@ -69,7 +69,7 @@ def shading() -> "Colormap":
 
 @contextmanager
 def styled(settings: Mapping[str, Any] = MappingProxyType({})) -> Iterator[None]:
-    """A context in which figures are drawn in the style of the project; Matplotlib's settings stay as they are.
+    """Open a context in which figures have the style of the project, without a change of global settings.
 
     Args:
         settings: settings of Matplotlib in place of those of the style.
@@ -81,14 +81,14 @@ def styled(settings: Mapping[str, Any] = MappingProxyType({})) -> Iterator[None]
 
 
 def new_figure(width: float, height: float) -> "Figure":
-    """Returns an empty figure of a size in inches, which no window shows by itself; a notebook shows it once asked."""
+    """Return an empty figure of a size in inches; no window shows it, and a notebook only as the value of a cell."""
     from drake_quad.visualization.notebook_figure import NotebookFigure
 
     return NotebookFigure(figsize=(width, height), layout="constrained")
 
 
 def save_figures(figures: Mapping[str, "Figure"], folder: Path, *, vector: Vector | None = None) -> list[Path]:
-    """Writes each figure as a PNG of its name, and in a vector format too if one is given; returns the files."""
+    """Write each figure as a PNG with its name, optionally also in a vector format, and return the files."""
     files = []
     for name, figure in figures.items():
         with styled():
@@ -99,6 +99,6 @@ def save_figures(figures: Mapping[str, "Figure"], folder: Path, *, vector: Vecto
 
 
 def save_vector(figure: "Figure", path: Path, kind: Vector) -> Path:
-    """Writes a figure as PDF or SVG, with the same bytes each time, and returns the path."""
+    """Write a figure as a reproducible PDF or SVG file, and return the path."""
     with styled():
         return write_atomically(path, lambda target: figure.savefig(target, format=kind, metadata=_UNDATED[kind]))

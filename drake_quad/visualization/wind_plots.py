@@ -1,4 +1,4 @@
-"""The wind of a flight: where it blows, and what the vehicle meets."""
+"""Plot of the wind of a flight: maps of the mean wind, and the wind at the vehicle."""
 
 from typing import Any, NamedTuple
 
@@ -14,37 +14,37 @@ from drake_quad.signals import State
 from drake_quad.visualization.places import place_by_axis
 from drake_quad.visualization.style import AXES, BLACK, PLATE, REFERENCE, new_figure, shading, styled
 
-# Arrows and shades along a map, and what the map shows beyond path and fans, m.
+# Numbers of arrows and of shades along a map, and margin around path and fans (m).
 _ARROWS, _SHADES, _MARGIN = 30, 300, 0.7
-# Air that is slower is still, m/s.
-_STILL = 1e-3
+# Air below this speed (m/s) counts as still, and a flight in still air has no maps.
+_MAX_STILL_AIR_SPEED = 1e-3
 _ORIGIN = State(*(0.0,) * len(State._fields))
 
 
 class _Room(NamedTuple):
-    """Ends of what the maps show, m.
+    """Region that the maps show, m.
 
     Attributes:
-        low: by axis.
-        high: by axis.
+        low: lower end by axis.
+        high: upper end by axis.
     """
 
     low: dict[str, float]
     high: dict[str, float]
 
     def length(self, axis: str) -> float:
-        """Along an axis, m."""
+        """Return the length along an axis, m."""
         return self.high[axis] - self.low[axis]
 
 
 class _Plane(NamedTuple):
-    """A plane of W that is drawn.
+    """Plane of W that a map shows.
 
     Attributes:
-        across: its axis across the page.
-        up: its axis up the page.
-        normal: the axis that it cuts.
-        level: where it does, m.
+        across: axis across the page.
+        up: axis up the page.
+        normal: axis normal to the plane.
+        level: coordinate of the plane on that axis, m.
     """
 
     across: str
@@ -54,13 +54,13 @@ class _Plane(NamedTuple):
 
 
 class _Field(NamedTuple):
-    """The mean wind in a plane.
+    """Mean wind in a plane.
 
     Attributes:
-        across: (n,) places across the page, m.
-        up: (m,) places up the page, m.
-        velocity: (m, n) by axis, m/s.
-        speed: (m, n), m/s.
+        across: coordinates across the page, (n,), m.
+        up: coordinates up the page, (m,), m.
+        velocity: velocity of the air by axis, (m, n), m/s.
+        speed: speed of the air, (m, n), m/s.
     """
 
     across: np.ndarray
@@ -70,14 +70,13 @@ class _Field(NamedTuple):
 
 
 def plot_wind(flight: Flight) -> Figure:
-    """Plots the mean wind in a level and in an upright plane, and the wind at the vehicle over time.
+    """Plot the mean wind in a horizontal and in a vertical plane, and the wind at the vehicle over time.
 
-    The maps show what is steady, that is fans and steady wind, if there are any. Gusts and turbulence are in the wind
-    at the vehicle.
+    The maps show only fans and steady wind. The wind at the vehicle includes gusts and turbulence.
     """
     fans = jets(flight.scenario.laboratory.wind)
     room = _room(flight, fans)
-    # Through the first fan, or through the middle of the path; the longer side lies across the page.
+    # The planes pass through the first fan or the middle of the path, with the longer side across the page.
     middle = {axis: 0.5 * (room.low[axis] + room.high[axis]) for axis in AXES}
     if fans:
         middle = fans[0].outlet._asdict()
@@ -87,7 +86,7 @@ def plot_wind(flight: Flight) -> Figure:
     fields = [_mean_wind(flight, plane, room) for plane in planes]
     top = max(float(field.speed.max()) for field in fields)
     with styled():
-        if top < _STILL:
+        if top < _MAX_STILL_AIR_SPEED:
             figure = new_figure(9.0, 2.6)
             _draw_series(figure.subplots(), flight)
             return figure
@@ -105,7 +104,7 @@ def plot_wind(flight: Flight) -> Figure:
 
 
 def _room(flight: Flight, fans: tuple[Jet, ...]) -> _Room:
-    """What holds both paths and all fans, with a margin; not below the ground."""
+    """Return the region around both paths and all fans with a margin, cut off at the ground."""
     flown, wanted = place_by_axis(flight.record("state")), place_by_axis(flight.record("reference"))
     finite = np.all([np.isfinite(flown[axis]) for axis in AXES], axis=0)  # a vehicle may have diverged
     ends = {axis: [*flown[axis][finite], *wanted[axis], *(getattr(jet.outlet, axis) for jet in fans)] for axis in AXES}
@@ -115,7 +114,7 @@ def _room(flight: Flight, fans: tuple[Jet, ...]) -> _Room:
 
 
 def _mean_wind(flight: Flight, plane: _Plane, room: _Room) -> _Field:
-    """The steady part of the wind in a plane."""
+    """Return the steady part of the wind in a plane."""
     spacing = room.length(plane.across) / _SHADES
     across, up = (np.arange(room.low[axis], room.high[axis], spacing) for axis in (plane.across, plane.up))
     a, b = np.meshgrid(across, up)
@@ -130,7 +129,7 @@ def _mean_wind(flight: Flight, plane: _Plane, room: _Room) -> _Field:
 
 
 def _draw_map(axes: Axes, plane: _Plane, field: _Field, top: float) -> QuadMesh:
-    """Draws the speed as shades, and the velocity as arrows where there is any to speak of."""
+    """Draw the speed as shades, and the velocity as arrows where it is not negligible."""
     across, up, velocity, speed = field
     shades = axes.pcolormesh(across, up, speed, cmap=shading(), vmin=0.0, vmax=top, rasterized=True)
     every = _SHADES // _ARROWS
@@ -149,10 +148,10 @@ def _draw_map(axes: Axes, plane: _Plane, field: _Field, top: float) -> QuadMesh:
 
 
 def _draw_flight(axes: Axes, plane: _Plane, flight: Flight, fans: tuple[Jet, ...]) -> None:
-    """Draws the paths, and the outlets of the fans as bars across their directions."""
+    """Draw the paths, and the outlets of the fans as bars normal to their jets."""
 
     def shown(record: Any) -> tuple[Any, Any]:
-        """What a record has along the axes of the plane."""
+        """Return the coordinates of a record along the axes of the plane."""
         return getattr(record, plane.across), getattr(record, plane.up)
 
     axes.plot(*shown(flight.record("reference")), label="reference", **REFERENCE)
@@ -166,12 +165,12 @@ def _draw_flight(axes: Axes, plane: _Plane, flight: Flight, fans: tuple[Jet, ...
 
 
 def _draw_series(axes: Axes, flight: Flight) -> None:
-    """Draws the wind at the vehicle over time."""
+    """Draw the wind at the vehicle over time."""
     wind = flight.record("wind")
     for axis, color in AXES.items():
         axes.plot(flight.time, getattr(wind, axis), color=color, linewidth=1.0, label=axis.upper())
     axes.set(xlabel="time (s)", ylabel="wind (m/s)")
-    if float(np.abs(wind).max()) < _STILL:
+    if float(np.abs(wind).max()) < _MAX_STILL_AIR_SPEED:
         axes.set_ylim(-1.0, 1.0)
     axes.set_title("At the vehicle", loc="left")
     axes.legend(ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0))

@@ -1,4 +1,4 @@
-"""Fits what the paper does not give to two cells of its Table II, by three hypotheses, and predicts the other cells."""
+"""Fit parameters that the paper omits to two cells of its Table II under three hypotheses; predict the other cells."""
 
 from pathlib import Path
 
@@ -37,7 +37,7 @@ def main() -> None:
 
 
 def load(cell: Cell, overrides: list[str]) -> Scenario:
-    """The scenario of a cell of Table II."""
+    """Return the scenario of a cell of Table II."""
     return load_scenario(f"{_PAPER}:{cell.scenario}", overrides)
 
 
@@ -62,7 +62,7 @@ def print_calibration(found: Calibration) -> None:
 
 
 def write_calibrations(path: Path, found: dict[str, Calibration]) -> Path:
-    """Writes a row for each hypothesis and cell, and returns the path."""
+    """Write a CSV file with a row for each hypothesis and cell, and return its path."""
     rows = [
         (name, each.pd, each.network, *cell, *error)
         for name, each in found.items()

@@ -1,9 +1,9 @@
-"""Compares the logged commands of a Crazyflie with those of the cascade of its firmware in this library.
+"""Compare the logged commands of a Crazyflie with those of the cascade of its firmware in this library.
 
 Give the folder of NanoBench (S. I. Ullah, J. Baca, arXiv 2603.09908; BSD-3), whose flights log the estimate, the
 setpoint and the output of the position and velocity loops of firmware 2025.12.1. The log misses the instants of
-take-off, in which the integrals of both loops along Z begin. Wrong beginnings add a line to the thrust before it is
-limited, which is taken off.
+take-off, in which the integrals of both loops along Z begin. Wrong initial integrals add a straight line to the thrust
+before its limit, which the script removes.
 """
 
 import math
@@ -23,13 +23,13 @@ from drake_quad.framework.recipe import Recipe
 from drake_quad.signals import Reference, State
 
 LANDING = 300  # samples at 100 Hz
-FULL = 65535.0  # units of the largest thrust
+FULL = 65535.0  # largest thrust in units of the firmware
 DEGREE, UNIT = math.pi / 180.0, MAX_THRUST / FULL
 OUTPUTS = {"roll": "degrees", "pitch": "degrees", "cmd_thrust": "units of 16 bits"}
 
 
 def commanded(log: np.ndarray, recipe: Recipe) -> np.ndarray:
-    """Return (n, 3) roll, pitch and thrust in the firmware's units; loops begin where the log has a thrust."""
+    """Return (n, 3) roll, pitch and thrust in the firmware's units; loops are reset while the logged thrust is 0."""
     numbers, rules = recipe.numbers, recipe.structure["rules"]
     x, y, z = numbers.velocity.terms
     numbers = numbers._replace(

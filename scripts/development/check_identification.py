@@ -27,9 +27,9 @@ from drake_quad.studies.crew import outcomes_of
 from drake_quad.studies.processes import Workers
 
 _DIAGRAMS = Path(__file__).parents[2] / "diagrams"
-# The first line says what is flown, the second what the columns are.
+# The first line of the file names the flights, and the second one the columns.
 _COMMENT, _HEADER = "# ", ("sample", *Checked._fields)
-# Flights that are simulated together.
+# Number of flights that are simulated together.
 _BATCH = 5
 _RANGES = {"samples": (1, 10_000), "processes": (1, 256), "seed": (0, 2**31)}
 
@@ -77,7 +77,7 @@ def main() -> None:
 
 
 def in_processes(tasks: Sequence[Task], processes: int) -> Iterator[dict[int, list[Checked]]]:
-    """What was found, batch by batch as they are done."""
+    """Yield the results of each batch when it is complete."""
     waiting = iter(tasks)
     with Workers(processes) as workers:
         for outcome in outcomes_of(workers, check_batch, lambda: next(waiting, None)):
@@ -87,14 +87,14 @@ def in_processes(tasks: Sequence[Task], processes: int) -> Iterator[dict[int, li
 
 
 def read_rows(path: Path, flown: str) -> dict[int, list[Checked]]:
-    """What was found before, by sample; a flight whose log told nothing has a row without a name.
+    """Return saved results by sample; a flight that identified no parameter has a row without a name.
 
     Args:
-        path: of the file.
-        flown: what is flown, which its first line says.
+        path: path of the file.
+        flown: description of the flights, which must match the first line of the file.
 
     Raises:
-        InputError: the file is another one, is cut off, or is of other flights.
+        InputError: the file has another format, is truncated, or has results of other flights.
     """
     if not path.exists():
         return {}
@@ -121,7 +121,7 @@ def read_rows(path: Path, flown: str) -> dict[int, list[Checked]]:
 
 
 def write_rows(path: Path, flown: str, found: dict[int, list[Checked]]) -> None:
-    """Adds what was found to the file, all at once, so that no flight is there by half."""
+    """Append results to the file in a single write, so that it contains no partial flight."""
     text = io.StringIO()
     lines = csv.writer(text)
     if not path.exists():
@@ -136,7 +136,7 @@ def write_rows(path: Path, flown: str, found: dict[int, list[Checked]]) -> None:
 
 
 def print_coverage(found: dict[int, list[Checked]]) -> None:
-    """Print the coverage of the intervals, as a share of flights with its own interval, and the size of the errors."""
+    """Print the coverage of the intervals as a share of flights with a 95 % interval, and the size of the errors."""
     by_name: dict[str, list[Checked]] = {}
     for rows in found.values():
         for row in rows:

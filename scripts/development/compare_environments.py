@@ -1,9 +1,13 @@
-"""Measures how many steps a second environments of this and of another open simulator take, on one machine.
+"""Measure the steps per second of environments of this library and of crazyflow on one machine.
 
-Ours is the figure eight at 100 Hz, in the ideal laboratory, and with everything: wind, noise, losses, and a vehicle
-that is not as it is believed; and robustness.yaml under actions at random, with which vehicles crash and begin anew all
-the time. crazyflow's is its figure eight, at 100 Hz, five steps of its simulator each, and at 500 Hz, one each. It is
-measured if it is there: pip install crazyflow==0.4.0
+The environments of this library are:
+
+- the figure eight at 100 Hz in the ideal laboratory
+- the figure eight with wind, noise, losses, and a vehicle that differs from its nominal model
+- robustness.yaml under random actions, with which vehicles crash and restart all the time
+
+The environment of crazyflow is its figure eight, at 100 Hz with five simulator steps each and at 500 Hz with one. It is
+measured if crazyflow is installed: pip install crazyflow==0.4.0
 """
 
 import resource
@@ -15,7 +19,7 @@ from functools import partial
 from importlib import import_module
 from pathlib import Path
 
-sys.path += [str(folder) for folder in Path(__file__).parents[:2]]  # contenders.py and benchmark.py are there
+sys.path += [str(folder) for folder in Path(__file__).parents[:2]]  # folders of contenders.py and benchmark.py
 from benchmark import EVERYTHING, machine
 from contenders import Contender, apart, installed, is_quick
 from drake_quad.command_line.running import run
@@ -24,13 +28,13 @@ import numpy as np
 from tqdm import tqdm
 
 SIZES = (1, 64, 1024)
-# Of a measurement, s, after as much that is not counted; and how often each takes its turn.
+# Duration of a measurement (s), which follows a warm-up of the same duration, and number of rounds.
 _SECONDS, _ROUNDS = 2.0, 5
 _AT_100_HZ = {"laboratory.command_link.period": 0.01}
-# Steps of all vehicles in which the memory of a process is watched.
+# Number of vehicle steps over which the memory of a process is measured.
 _MEMORY_STEPS = 10_000_000
 
-# Takes a step of all vehicles.
+# Function that advances all vehicles by a step.
 Stepping = Callable[[], object]
 
 
@@ -52,9 +56,9 @@ def main() -> None:
 
 
 def rate(contender: Contender, num_vehicles: int, seconds: float) -> float:
-    """Return the number of steps a second."""
+    """Return the number of vehicle steps per second."""
     step = contender.build(num_vehicles)
-    # Twice, of which the first warms up; what the beginnings of episodes take is in it.
+    # The first round warms up. The measured time includes the starts of episodes.
     for _ in range(2):
         count, began = 0, time.perf_counter()
         while time.perf_counter() - began < seconds:
@@ -65,7 +69,7 @@ def rate(contender: Contender, num_vehicles: int, seconds: float) -> float:
 
 
 def grown(num_vehicles: int, steps: int) -> str:
-    """By how much a process has grown after many steps of an environment in which vehicles crash all the time."""
+    """Return a sentence on the memory of a process after many steps of an environment with frequent crashes."""
     first, last = apart(partial(_sizes, num_vehicles, steps))
     return (
         f"{steps:,} steps of {num_vehicles:,} vehicles that begin anew all the time: {first:.1f} MB at most in the"
@@ -83,7 +87,7 @@ def _sizes(num_vehicles: int, steps: int) -> Sequence[float]:
 
 
 def ours(num_vehicles: int, *, everything: bool) -> Stepping:
-    """Our environment, flown by an action that hovers."""
+    """Return a step of the figure eight of this library under a hover action."""
     from drake_quad.gym import QuadrotorVectorEnv
 
     scenario, more = ("laboratory:nominal", EVERYTHING) if everything else ("figure_eight", [])
@@ -94,7 +98,7 @@ def ours(num_vehicles: int, *, everything: bool) -> Stepping:
 
 
 def crashing(num_vehicles: int) -> Stepping:
-    """Our environment with 31 distributions, in which vehicles crash all the time."""
+    """Return a step of an environment of this library with 31 distributions and frequent crashes."""
     from drake_quad.gym import QuadrotorVectorEnv
 
     envs = QuadrotorVectorEnv("robustness", _AT_100_HZ, num_envs=num_vehicles, action="rates")
@@ -104,7 +108,7 @@ def crashing(num_vehicles: int) -> Stepping:
 
 
 def crazyflow(num_vehicles: int, *, frequency: int) -> Stepping:
-    """The figure eight of crazyflow, flown by an action that hovers; what comes out is NumPy's, as ours."""
+    """Return a step of the figure eight of crazyflow under a hover action, with NumPy arrays as output."""
     tree = import_module("jax").tree
     envs = import_module("crazyflow.envs").FigureEightEnv(num_envs=num_vehicles, freq=frequency)
     envs.reset(seed=0)

@@ -1,6 +1,6 @@
-"""Measures how fast this and other open simulators fly a circle, each with its own vehicle and controller, on one core.
+"""Measure how fast this and other open simulators fly a circle, each with its own vehicle and controller, on one core.
 
-The others are measured if they are there: pip install "rotorpy[batched]==3.0.0" crazyflow==0.4.0
+The other simulators are measured if they are installed: pip install "rotorpy[batched]==3.0.0" crazyflow==0.4.0
 """
 
 import importlib
@@ -15,7 +15,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-sys.path += [str(folder) for folder in Path(__file__).parents[:2]]  # contenders.py and benchmark.py are there
+sys.path += [str(folder) for folder in Path(__file__).parents[:2]]  # folders of contenders.py and benchmark.py
 from benchmark import machine, timed
 from contenders import Contender, apart, installed, is_quick
 from drake_quad.command_line.running import run
@@ -30,13 +30,13 @@ from drake_quad.reference.polynomial_path import hermite_path
 from drake_quad.scenario.batch import Batch
 
 _DIAGRAMS = Path(__file__).parents[2] / "diagrams"
-# One turn of 1 m radius, 1 m above the ground, at 0.63 m/s.
+# The flight is one circle of 1 m radius at 0.63 m/s, 1 m above the ground.
 _DURATION = 10.0
 _RATE = 2.0 * math.pi / _DURATION
-# A vehicle with a larger RMSE over the second half does not fly the circle, m.
-_LOST = 0.2
+# A vehicle with a larger RMSE over the second half (m) does not fly the circle.
+_MAX_RMSE = 0.2
 
-# Flies all vehicles of a fleet once around and returns the RMSE of the first, m.
+# Function that flies all vehicles of a fleet around the circle once, and returns the RMSE of the first one (m).
 Flight = Callable[[], float]
 
 
@@ -62,7 +62,7 @@ def main() -> None:
 def measured(contender: Contender, num_vehicles: int, repetitions: int) -> str:
     """Return the vehicle-seconds per second of a contender, as a median and the best."""
     flight = contender.build(num_vehicles)
-    if not (error := flight()) < _LOST:
+    if not (error := flight()) < _MAX_RMSE:
         raise RuntimeError(f"it is {error:.2f} m off the circle")
     seconds = [timed(flight) for _ in range(repetitions)]
     median, best = (num_vehicles * _DURATION / time for time in (statistics.median(seconds), min(seconds)))
@@ -71,7 +71,7 @@ def measured(contender: Contender, num_vehicles: int, repetitions: int) -> str:
 
 
 def circle() -> tuple[Scenario, Plan]:
-    """The circle, and the ideal laboratory with a PD cascade and feed-forward that flies it."""
+    """Return the ideal laboratory with a PD cascade and feed-forward, and the plan of the circle."""
     times = np.linspace(0.0, _DURATION, 41)
     turns = [[_RATE**order * f(_RATE * times + 0.5 * math.pi * order) for f in (np.cos, np.sin)] for order in range(4)]
     height = np.outer([1.0, 0.0, 0.0, 0.0], np.ones_like(times))
@@ -82,7 +82,7 @@ def circle() -> tuple[Scenario, Plan]:
 
 
 def drake_quad_flight(num_vehicles: int, *, compiled: bool) -> Flight:
-    """Our circle; from rest, where the others begin in motion."""
+    """Return a flight of this library; it starts at rest, whereas those of other simulators start in motion."""
     scenario, plan = circle()
     batch = Batch.draw(scenario, range(num_vehicles))
     simulation = simulate_fleet(batch, plan, record=num_vehicles == 1, compiled=compiled)
@@ -96,7 +96,7 @@ def drake_quad_flight(num_vehicles: int, *, compiled: bool) -> Flight:
 
 
 def rotorpy_flight(num_vehicles: int) -> Flight:
-    """A Crazyflie under RotorPy's geometric controller: its Environment, or its batch in PyTorch."""
+    """Return a Crazyflie flight under RotorPy's geometric controller: its Environment, or its PyTorch batch."""
     return _rotorpy_alone() if num_vehicles == 1 else _rotorpy_batch(num_vehicles)
 
 
@@ -134,7 +134,7 @@ def _rotorpy_batch(num_vehicles: int) -> Flight:
     world = worlds.World.empty((-3.0, 3.0, -3.0, 3.0, -3.0, 3.0))
 
     class Circle:
-        """A circle for each vehicle; RotorPy's own fails for the arrays of times that its simulation gives it."""
+        """Circle for each vehicle; RotorPy's own class fails for the arrays of times that its simulation passes."""
 
         def update(self, times: np.ndarray) -> dict[str, Any]:
             cos, sin = torch.cos(torch.as_tensor(_RATE * times)), torch.sin(torch.as_tensor(_RATE * times))
@@ -168,7 +168,7 @@ _ROTORPY_STATE = {
 
 
 def crazyflow_flight(num_vehicles: int, **options: Any) -> Flight:
-    """A Crazyflie under Mellinger's controller, the whole flight one compiled scan, as crazyflow is fastest."""
+    """Return a Crazyflie flight under Mellinger's controller, as one compiled scan, crazyflow's fastest mode."""
     jax, functional = _module("jax"), _module("crazyflow.sim.functional")
     jnp = jax.numpy
     options = {"state_freq": 100} | options
@@ -199,11 +199,11 @@ def crazyflow_flight(num_vehicles: int, **options: Any) -> Flight:
 
 
 def rmse(positions: np.ndarray, reference: np.ndarray) -> float:
-    """The RMSE of the position over the second half of a flight, m.
+    """Return the RMSE of the position over the second half of a flight, m.
 
     Args:
-        positions: (ticks, 3), m.
-        reference: (ticks, 3), m.
+        positions: flown positions, (ticks, 3), m.
+        reference: reference positions, (ticks, 3), m.
     """
     late = slice(len(positions) // 2, None)
     return float(np.sqrt(np.sum((positions[late] - reference[late]) ** 2, axis=1).mean()))
@@ -213,8 +213,8 @@ def _module(name: str) -> Any:
     return importlib.import_module(name)
 
 
-# Steps of ours on crazyflow, whose own are shorter.
-_LIKE_OURS: dict[str, Any] = {
+# These settings give crazyflow the time steps of this library, because its default steps are shorter.
+_OUR_TIME_STEPS: dict[str, Any] = {
     "freq": 100,
     "attitude_freq": 100,
     "body_rate_freq": 100,
@@ -228,7 +228,7 @@ _OURS = "100 Hz, Runge-Kutta 4, control at 50 Hz"
 CONTENDERS = (
     Contender("drake_quad", f"compiled, {_OURS}", partial(drake_quad_flight, compiled=True)),
     Contender("drake_quad", f"as it is wired, {_OURS}", partial(drake_quad_flight, compiled=False)),
-    Contender("crazyflow", "100 Hz, Runge-Kutta 4", partial(crazyflow_flight, **_LIKE_OURS)),
+    Contender("crazyflow", "100 Hz, Runge-Kutta 4", partial(crazyflow_flight, **_OUR_TIME_STEPS)),
     Contender("crazyflow", "as it comes: 500 Hz, Euler", crazyflow_flight),
     Contender("rotorpy", "as it comes: 100 Hz; fleet: Runge-Kutta 4", rotorpy_flight, repetitions=2),
 )

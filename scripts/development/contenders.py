@@ -13,7 +13,7 @@ from drake_quad.command_line.output import remark
 
 
 class Contender(NamedTuple):
-    """A simulator, or an environment of it, with the settings with which it is measured.
+    """Simulator, or an environment of it, with the settings with which it is measured.
 
     Attributes:
         package: name of its package on PyPI.

@@ -1,4 +1,4 @@
-"""Flies the forest with plans of several margins, and draws how often a trunk is touched."""
+"""Fly the forest with plans of several margins, and plot the probability of touching a trunk."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -19,21 +19,21 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MARGINS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4)  # m
-# A regulator, and the best of the others on that day without a forest (drake_quad's comparison of controllers).
+# The controllers are a regulator, and the best of the others in the comparison of controllers without a forest.
 CONTROLLERS = {"lqg": "lqg:lqg_robustness", "indi_t2fnn": "designed/robustness:indi_t2fnn"}
 _DIAGRAMS = Path(__file__).parents[2] / "diagrams"
 
 
 class Point(NamedTuple):
-    """The flights of a plan.
+    """Flights of a plan.
 
     Attributes:
-        controller: its name.
-        margin: m.
-        duration: of the plan, s.
-        flights: how many.
-        touched: how many touched a trunk.
-        crashed: how many crashed, those that touched a trunk among them.
+        controller: name of the controller.
+        margin: margin of the plan, m.
+        duration: duration of the plan, s.
+        flights: number of flights.
+        touched: number of flights that touched a trunk.
+        crashed: number of flights that crashed, including those that touched a trunk.
     """
 
     controller: str
@@ -45,7 +45,7 @@ class Point(NamedTuple):
 
     @property
     def probability(self) -> Interval:
-        """Of touching a trunk."""
+        """Probability of touching a trunk."""
         return share_interval(self.touched, self.flights)
 
 
@@ -77,7 +77,7 @@ def main() -> None:
 
 
 def flown(controller: str, margin: float, samples: int) -> Point:
-    """Flies samples of the forest with a plan that keeps a margin (m)."""
+    """Fly samples of the forest with a plan that keeps a margin (m)."""
     file, name = CONTROLLERS[controller].split(":")
     layer = f"{_DIAGRAMS / 'controllers' / file}.yaml:{name}"
     scenario = load_scenario(_DIAGRAMS / "forest.yaml", [f"space.margin={margin}"], layers=[layer])
@@ -87,7 +87,7 @@ def flown(controller: str, margin: float, samples: int) -> Point:
 
 
 def draw(points: list[Point]) -> "Figure":
-    """The probability of touching a trunk, and what the margin costs of time."""
+    """Plot the probability of touching a trunk and the duration of the plan over the margin."""
     with styled():
         figure = new_figure(6.4, 4.6)
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1])

@@ -36,13 +36,13 @@ _ROOT = Path(__file__).parents[2]
 _FILE = _ROOT / "diagrams" / "crazyswarm2.yaml"
 _LOGS = _ROOT / "tests" / "data" / "crazyflie" / "crazyswarm2"
 _FLIGHTS = ("08", "100", "145", "180")
-# Of the rotors of a Crazyflie by other flights (arXiv 2404.07837), s, to begin with: with the data sheet's the loop is
-# unstable.
+# Initial time constant (s) of the rotors, from other flights of a Crazyflie (arXiv 2404.07837). The loop would be
+# unstable with that of the data sheet.
 _LAG = ("vehicle.rotor_time_constant=0.072", "vehicle.rotor_time_constant_down=null")
-# What is known of where a log rests without an integral, 3 to 16 mm beside the reference: a tilt of 3 to 15 mrad.
+# Standard deviation of the tilt, rad. Without an integral, logs rest 3 to 16 mm off the reference: 3 to 15 mrad.
 _TILT = 0.008
-# Of what is a swing, rad/s.
-_SWING = 3.0
+# A mode with a higher frequency (rad/s) counts as a swing.
+_MIN_SWING_FREQUENCY = 3.0
 _PRESSURE = "body_drag.centre_of_pressure[2]"
 _WRITTEN = (
     "thrust_factor",
@@ -98,7 +98,7 @@ def main() -> None:
 def vehicle(
     log: str, base: Scenario, found: Identification, estimate: VelocityEstimate, drag: tuple[Spread, Spread]
 ) -> str:
-    """The scenario of a log, in YAML."""
+    """Return the scenario of a log in YAML."""
     ticks = round(found.vehicle.laboratory.command_link.delay_ticks)
     flown = load_undesigned(f"{_FILE}:sheet_{log}", [*_LAG, f"laboratory.command_link.delay_ticks={ticks}"])
     numbers = that_flies(found.estimates.part(_WRITTEN), flown)
@@ -143,10 +143,10 @@ def vehicle(
 
 
 def that_flies(estimates: Estimates, base: Scenario) -> Estimates:
-    """What the numbers are, given that the vehicle flew: its loop does not swing up.
+    """Return the estimates given that the vehicle flew, that is, that its loop is not unstable.
 
-    How fast swings grow is taken for linear in the numbers, whose normal distribution is cut off where they do, and
-    replaced by the normal one with the same mean and covariance.
+    The growth rate of swings is taken as linear in the parameters. Their normal distribution is truncated where swings
+    grow, and replaced by the normal distribution with the same mean and covariance.
     """
     growth = growth_of(base, estimates)
     deviations = estimates.deviations
@@ -157,7 +157,7 @@ def that_flies(estimates: Estimates, base: Scenario) -> Estimates:
     along = estimates.covariance @ slopes
     spread = float(np.sqrt(slopes @ along))
     limit = -growth / spread
-    # Mean and variance of a standard normal number below the limit.
+    # These are the mean and the variance of a standard normal variable, truncated at the limit.
     mean = -float(np.exp(scipy.stats.norm.logpdf(limit) - scipy.stats.norm.logcdf(limit)))
     variance = 1.0 + limit * mean - mean**2
     values = estimates.values + along / spread * mean
@@ -166,18 +166,18 @@ def that_flies(estimates: Estimates, base: Scenario) -> Estimates:
 
 
 def growth_of(base: Scenario, estimates: Estimates) -> float:
-    """How fast swings grow in hover by the linear model of a tick, 1/s; negative where they fade."""
+    """Return the growth rate of swings in hover from the linear model of a tick, 1/s; negative if they decay."""
     scenario = with_numbers(base, dict(zip(estimates.names, map(float, estimates.values), strict=True)))
     system = closed_loop(scenario).system
     poles = np.log(system.poles().astype(complex)) / system.period
-    return float(poles[np.abs(poles.imag) > _SWING].real.max())
+    return float(poles[np.abs(poles.imag) > _MIN_SWING_FREQUENCY].real.max())
 
 
 def in_yaml(bell: dict[str, Any], *, signed: bool) -> str:
-    """A normal distribution in YAML, of a positive number within half and one and a half of its mean."""
+    """Return a normal distribution in YAML; a positive parameter is limited to 0.5 to 1.5 times its mean."""
     mean = bell["mean"]
     ends = "" if signed else f", min: {0.5 * mean:.4g}, max: {1.5 * mean:.4g}"
-    # Cut off rather than rounded, so that the squares do not add up to more than 1.
+    # Weights are truncated rather than rounded, so that the sum of their squares does not exceed 1.
     weights = {name: math.trunc(1e4 * weight) / 1e4 for name, weight in bell.get("shared", {}).items()}
     names = ", ".join(f"{name}: {weight}" for name, weight in weights.items())
     shared = f", shared: {{{names}}}" if names else ""
@@ -185,7 +185,7 @@ def in_yaml(bell: dict[str, Any], *, signed: bool) -> str:
 
 
 def normal(mean: float, deviation: float, least: float | None = None, most: float | None = None) -> str:
-    """A normal distribution in YAML."""
+    """Return a normal distribution in YAML."""
     ends = "".join(f", {name}: {end:.4g}" for name, end in (("min", least), ("max", most)) if end is not None)
     return f"{{normal: {{mean: {mean:.4g}, standard_deviation: {deviation:.2g}{ends}}}}}"
 
@@ -193,7 +193,7 @@ def normal(mean: float, deviation: float, least: float | None = None, most: floa
 def shown(
     log: str, found: Identification, estimate: VelocityEstimate, drag: tuple[Spread, Spread]
 ) -> list[tuple[str, str, str, str]]:
-    """Rows of the table."""
+    """Return the rows of the table for a log."""
     estimates = found.estimates
     rows = [
         (f"log{log}", name, f"{value:.4g}", f"{deviation:.2g}")

@@ -35,21 +35,21 @@ _THRUST_OF_VOLTAGE = (-0.02476538, 0.06523794, -0.02679250, 0.006776789)
 # Throttle 1 of the scenario over the firmware's full command; single rotors get more than the full collective command.
 _FULL = 1.28
 _MASS, _ARM, _GRAVITY = 0.027, 0.03253, 9.81  # kg, m, m/s²; only ratios to the mass matter
-_EVERY = 3  # samples of the log averaged to one, 30 ms, since radio packets arrive at 75 to 84 Hz
-_SMOOTHING = 8  # samples
-_CLIMB = 400  # samples after lift-off that show the slope of the thrust
-_PERIOD = 0.01  # s, of the log
+_NUM_AVERAGED = 3  # samples of the log averaged to one, 30 ms, since radio packets arrive at 75 to 84 Hz
+_SMOOTHING_SAMPLES = 8  # samples
+_CLIMB_SAMPLES = 400  # samples after lift-off that show the slope of the thrust
+_PERIOD = 0.01  # s, period of the log
 _FRAME = 0.002  # s, period of the estimator
-_SETTLED = 150  # samples after and before take-off and landing that are left out
+_SETTLING_SAMPLES = 150  # samples after and before take-off and landing that are left out
 
 
-# Numbers of the turning vehicle, and those that torques show only relative to the slope of the thrust.
+# Parameters of the rotational motion, and those that torques identify only relative to the slope of the thrust.
 _PROPORTIONAL = ("inertia[0]", "inertia[1]", "inertia[2]", "rotor_inertia", "body_drag.centre_of_pressure[2]")
 _TURNING = (*_PROPORTIONAL, "rotor_time_constant")
 
 
 class Flight(NamedTuple):
-    """Numbers of a flight.
+    """Parameters of a single flight.
 
     Attributes:
         hover: collective command that carries the vehicle, relative to the full one.
@@ -75,7 +75,7 @@ class Flight(NamedTuple):
 
 
 def main() -> None:
-    """Write the scenario, and print its numbers."""
+    """Write the scenario, and print its parameters."""
     options = bare_parser(__doc__, "python scripts/development/identify_nanobench.py nanobench")
     options.add_argument("folder", type=Path)
     options.add_argument("--output", type=Path, default=_FILE, metavar="FILE", help="to write (default: the shipped)")
@@ -111,7 +111,7 @@ def main() -> None:
 
 def with_commands(record: FlightRecord) -> FlightRecord:
     """Return a record whose motor commands are those before the firmware compensates the voltage of the battery."""
-    voltage = scipy.ndimage.gaussian_filter1d(record.of("battery_voltage"), _SMOOTHING)
+    voltage = scipy.ndimage.gaussian_filter1d(record.of("battery_voltage"), _SMOOTHING_SAMPLES)
     motors = record.of("motor_command")
     thrust = np.polynomial.polynomial.polyval(motors * voltage[:, np.newaxis], _THRUST_OF_VOLTAGE)
     shares = np.clip(thrust / (_FULL * MAX_THRUST), 0.0, 1.0)
@@ -119,10 +119,10 @@ def with_commands(record: FlightRecord) -> FlightRecord:
 
 
 def flight_of(record: FlightRecord, table: np.ndarray) -> Flight:
-    """Return the numbers of a flight."""
+    """Return the parameters of a flight."""
     part = flown_part(record)
-    flown = record.part(slice(part.first + _SETTLED, part.end - _SETTLED))
-    rows = table[part.first + _SETTLED : part.end - _SETTLED]
+    flown = record.part(slice(part.first + _SETTLING_SAMPLES, part.end - _SETTLING_SAMPLES))
+    rows = table[part.first + _SETTLING_SAMPLES : part.end - _SETTLING_SAMPLES]
     commands = _FULL * flown.of("motor_command")
     roll = 0.25 * (commands[:, 2] + commands[:, 3] - commands[:, 0] - commands[:, 1])
     pitch = 0.25 * (commands[:, 1] + commands[:, 2] - commands[:, 0] - commands[:, 3])
@@ -151,7 +151,7 @@ def flight_of(record: FlightRecord, table: np.ndarray) -> Flight:
 
 def smooth(signal: np.ndarray) -> np.ndarray:
     """Return a signal (n, ...) without its fast part."""
-    return np.asarray(scipy.ndimage.gaussian_filter1d(signal, _SMOOTHING, axis=0))
+    return np.asarray(scipy.ndimage.gaussian_filter1d(signal, _SMOOTHING_SAMPLES, axis=0))
 
 
 def slopes(inputs: np.ndarray, outputs: np.ndarray) -> np.ndarray:
@@ -168,7 +168,7 @@ def correlation_samples(signal: np.ndarray) -> int:
 
 def climb_slope(record: FlightRecord, lift_off: int) -> float:
     """Return the slope of the vertical acceleration over the collective command after take-off, m/s²."""
-    part = record.part(slice(lift_off + 20, lift_off + _CLIMB))
+    part = record.part(slice(lift_off + 20, lift_off + _CLIMB_SAMPLES))
     acceleration = np.gradient(smooth(np.gradient(part.of("position")[:, 2], part.time)), part.time)
     command = smooth(_FULL * part.of("motor_command").mean(axis=1))
     best = (np.inf, 0.0)
@@ -186,13 +186,13 @@ def lean_time(flight: Flight, lean: float) -> float:
     def error(time: float) -> float:
         decay = np.exp(-_PERIOD / time)
         expected = scipy.signal.lfilter([1.0 - decay], [1.0, -decay], -lean * velocity, axis=0)
-        return float(np.sum((found - expected)[_SETTLED:].var(axis=0)))
+        return float(np.sum((found - expected)[_SETTLING_SAMPLES:].var(axis=0)))
 
     return float(scipy.optimize.minimize_scalar(error, bounds=(0.05, 5.0), method="bounded").x)
 
 
 def identified(records: list[FlightRecord], flights: list[Flight]) -> dict[str, tuple[float, float]]:
-    """Return value and standard deviation of the numbers of the turning vehicle, in the units of the thrust curve.
+    """Return value and standard deviation of the parameters of the rotation, in the units of the thrust curve.
 
     The IMU shows torques over inertia, and hardly the slope of the thrust, which the climbs show. So all that is
     proportional to this slope is scaled to it.
@@ -207,14 +207,14 @@ def identified(records: list[FlightRecord], flights: list[Flight]) -> dict[str, 
     rows = []
     for record in records:
         # The centre of mass differs from flight to flight, so each is identified by itself.
-        imu = coarser(replace(record, position=None, velocity=None, attitude=None), _EVERY)
+        imu = coarser(replace(record, position=None, velocity=None, attitude=None), _NUM_AVERAGED)
         found = identify([imu], start, held_out_share=0.0)
         fitted: Any = found.vehicle.vehicle.motors
         _, k_1, k_2 = fitted.curve
         factor = 0.25 * _MASS * slope * _FULL / (k_1 + 2.0 * k_2 * hover / _FULL)
         values = dict(zip(found.estimates.names, found.estimates.values, strict=True))
         rows.append([float(values[name]) * (factor if name in _PROPORTIONAL else 1.0) for name in _TURNING])
-    # All flights are of one vehicle, so their scatter is that of estimates, and their mean is better than one of them.
+    # All flights are of one vehicle, so their scatter is estimation error, and their mean is the best estimate.
     return {
         name: (float(column.mean()), float(column.std(ddof=1)) / np.sqrt(len(rows)))
         for name, column in zip(_TURNING, np.array(rows).T, strict=True)

@@ -30,7 +30,7 @@ _NUM_SAMPLES = 16
 _NUM_PHASES = 16
 _NO_CURVE = "vehicle.motors={kind: throttle, curve: [0.0, 14.27, 0.0]}"
 _QUICK = ("laboratory.autopilot.natural_frequency=[40, 40, 40]", "laboratory.autopilot.damping=[1, 1, 1]")
-# The same residual forces, fitted by a drag that is the same from all sides.
+# This drag is fitted to the same residual forces, but is the same from all sides.
 _ISOTROPIC = (
     "vehicle.body_drag=null",
     "vehicle.rotor_aerodynamics=null",

@@ -1,4 +1,4 @@
-"""Records the outputs of the PID controller of the Crazyflie's firmware for tests/design/test_firmware.py.
+"""Record the outputs of the PID controller of the Crazyflie's firmware for tests/design/test_firmware.py.
 
 Give a checkout of github.com/bitcraze/crazyflie-firmware (GPL-3.0, version 2025.12.1). Its C files are compiled as they
 are; only the numbers that they compute are kept.
@@ -24,7 +24,7 @@ FOLDERS = (
     "modules/src modules/src/controller modules/interface modules/interface/controller utils/interface"
     " utils/interface/lighthouse hal/interface drivers/interface"
 )
-# Replacements of headers that need hardware or libraries, reduced to the parts that the controller uses.
+# These headers replace those that need hardware or libraries, reduced to the parts that the controller uses.
 STUBS = {
     "autoconf.h": "#define CONFIG_PLATFORM_CF2\n#define CONFIG_ENABLE_THRUST_BAT_COMPENSATED\n"
     "#define CONFIG_CRAZYFLIE_21_PLUS",
@@ -38,7 +38,7 @@ STUBS = {
     "debug.h": "#define DEBUG_PRINT(...)",
     "config.h": "",
 }
-# Sizes of the signals, which grow: at first no limit is reached, in the end all are, and the yaw passes half a turn.
+# The sizes of the signals grow: at first no limit is active, in the end all are, and the yaw passes half a turn.
 SIZES = [0.4, 0.4, 0.3, 0.6, 0.6, 0.4, 14.0, 11.0, 120.0, 90.0, 80.0, 50.0, 0.9, 0.8, 0.4, 100.0]
 
 
@@ -55,7 +55,7 @@ def inputs(count: int) -> np.ndarray:
 
 
 def compiled(source: Path, folder: Path) -> Path:
-    """Return the library that is compiled of the files of a checkout, in a folder."""
+    """Compile the files of a checkout in a folder, and return the library."""
     for name, text in STUBS.items():
         (folder / name).write_text(text)
     places = [folder, *(source / each for each in FOLDERS.split()), source / "platform" / "interface"]
@@ -68,7 +68,7 @@ def compiled(source: Path, folder: Path) -> Path:
 
 def outputs(library: Path, given: np.ndarray, tuned: np.ndarray | None) -> np.ndarray:
     """Return the outputs of the firmware for inputs, with its defaults or with tuned parameters."""
-    # A copy has static variables of its own.
+    # Each call loads a copy of the library, which has its own static variables.
     own = library.with_name(f"firmware_{tuned is not None}.so")
     own.write_bytes(library.read_bytes())
     firmware, out = ctypes.CDLL(str(own)), np.zeros((len(given), len(OUTPUTS.split())), dtype=np.float32)
@@ -79,7 +79,7 @@ def outputs(library: Path, given: np.ndarray, tuned: np.ndarray | None) -> np.nd
 
 
 def main() -> None:
-    """Compile, run and record."""
+    """Compile and run the firmware, and record its outputs."""
     options = bare_parser(__doc__, "python scripts/development/record_crazyflie_firmware.py crazyflie-firmware")
     options.add_argument("checkout", type=Path)
     options.add_argument("--count", type=int, default=160, help="ticks at 500 Hz")

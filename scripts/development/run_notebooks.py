@@ -18,7 +18,7 @@ from drake_quad.command_line.output import print_files
 from drake_quad.files import output_folder, write_text
 
 _DOCS = Path(__file__).parents[2] / "docs"
-_TIMEOUT = 300  # s, of a cell
+_TIMEOUT = 300  # s, limit for a cell
 
 
 def main() -> None:
@@ -40,7 +40,7 @@ def with_results(page: Path) -> str:
     with tempfile.TemporaryDirectory() as folder:
         NotebookClient(notebook, timeout=_TIMEOUT, resources={"metadata": {"path": folder}}).execute()
     for number, cell in enumerate(notebook.cells):
-        # What changes from run to run without a change of the results is left out.
+        # Identifiers and metadata that change from run to run are removed, so that equal results give equal files.
         cell["id"] = f"cell-{number}"
         cell["metadata"] = {}
         for output in cell.get("outputs", []):

@@ -1,4 +1,4 @@
-"""Flights as a single page that any browser replays, without access to the internet."""
+"""Replays of flights as a single page for any browser, without access to the internet."""
 
 import html
 from collections.abc import Iterable, Mapping
@@ -41,14 +41,14 @@ _RED = "#CC0000"
 
 
 def save_replay(flights: Mapping[str, Flight], path: Path | str) -> Path:
-    """Writes a page that replays flights of one reference together, each vehicle drawn in full.
+    """Write a page that replays flights of one reference together, each vehicle drawn in full.
 
     Args:
-        flights: by their names on the page. The trail of a single flight is coloured by its error.
-        path: of the file, whose folder is made if need be.
+        flights: flights by their names on the page. The trail of a single flight is coloured by its error.
+        path: path of the file, whose folder is created if necessary.
 
     Raises:
-        InputError: it cannot be written to.
+        InputError: the file cannot be written.
     """
     meshcat = local_meshcat()
     flights = {name: _seen(flight) for name, flight in flights.items()}
@@ -61,14 +61,14 @@ def save_replay(flights: Mapping[str, Flight], path: Path | str) -> Path:
 
 
 def draw_replay(meshcat: Meshcat, flights: Mapping[str, Flight]) -> SceneRoom:
-    """Draws flights of one reference in a scene that can be played and scrubbed.
+    """Draw flights of one reference in a scene that can be played and scrubbed.
 
     Args:
-        meshcat: in which the scene is drawn.
+        meshcat: server that shows the scene.
         flights: as for `save_replay`.
 
     Returns:
-        The room around them.
+        The room around the flights.
     """
     flights = {name: _seen(flight) for name, flight in flights.items()}
     first = next(iter(flights.values()))
@@ -86,10 +86,10 @@ def draw_replay(meshcat: Meshcat, flights: Mapping[str, Flight]) -> SceneRoom:
 
 
 def save_swarm(flights: Mapping[str, list[Flight]], path: Path | str) -> Path:
-    """Writes a page that replays many flights as simple shapes, with those that crash in red.
+    """Write a page that replays many flights as simple shapes, with crashing vehicles in red.
 
     Args:
-        flights: by the name of their controller, each of which has a colour.
+        flights: flights by the name of their controller; each controller has its own colour.
         path: as for `save_replay`.
     """
     meshcat = local_meshcat()
@@ -121,7 +121,7 @@ def save_swarm(flights: Mapping[str, list[Flight]], path: Path | str) -> Path:
 
 
 def _seen(flight: Flight) -> Flight:
-    """The flight until its state is no longer finite."""
+    """Return the part of a flight before its state is no longer finite."""
     finite = np.isfinite(flight["state"]).all(axis=1)
     if finite.all():
         return flight
@@ -151,7 +151,7 @@ def _animate_vehicle(
 
 
 def _blows_unseen(flight: Flight) -> bool:
-    """Is there wind in a flight that does not come from the scenario's fans?"""
+    """Return whether a flight has wind that does not come from the fans of the scenario."""
     of_the_users = not flight.scenario.laboratory.wind and bool(flight["wind"].any())
     return of_the_users or wind_blows_elsewhere(flight.scenario)
 
@@ -159,16 +159,16 @@ def _blows_unseen(flight: Flight) -> bool:
 def _animate_trail(
     meshcat: Meshcat, animation: MeshcatAnimation, where: str, flight: Flight, color: str | None, top: float, last: int
 ) -> None:
-    """Draws pieces of a tube that appear as the vehicle leaves them.
+    """Draw the trail as pieces of a tube, each of which appears when the vehicle leaves it.
 
     Args:
-        meshcat: in which they are drawn.
-        animation: in which they appear.
-        where: their path.
-        flight: whose trail it is.
-        color: of the trail; None for the colours of its errors.
-        top: the error that the last of these colours stands for, m.
-        last: frame of the animation.
+        meshcat: server that shows the scene.
+        animation: animation in which the pieces appear.
+        where: path of the pieces in the scene.
+        flight: flight with the trail.
+        color: colour of the trail; None to colour it by the error.
+        top: error at the end of the colour map, m.
+        last: number of the last frame of the animation.
     """
     times = np.arange(0.0, flight.time[-1], TRAIL_PIECE)
     errors, path = flight.euclidean_error, places(flight.record("state"))
@@ -193,9 +193,9 @@ def _animate_reference(meshcat: Meshcat, animation: MeshcatAnimation, flight: Fl
 
 
 def _frames(flight: Flight, frames_per_second: float, last: int) -> list[tuple[int, int]]:
-    """Numbers of the frames of a flight, each with that of the tick that it shows.
+    """Return the numbers of the frames of a flight, each with the tick that it shows.
 
-    The browser repeats whatever moves after its own last frame, so everything has a frame at the end of all flights.
+    The browser repeats a motion after its own last frame, so each motion has a frame at the end of the longest flight.
     """
     count = int(np.floor(flight.time[-1] * frames_per_second)) + 1
     ticks = np.searchsorted(flight.time, np.arange(count) / frames_per_second + 1e-9, side="right") - 1
@@ -204,7 +204,7 @@ def _frames(flight: Flight, frames_per_second: float, last: int) -> list[tuple[i
 
 
 def _duration(flights: Iterable[Flight]) -> float:
-    """The duration of the longest flight, s."""
+    """Return the duration of the longest flight, s."""
     return max(float(flight.time[-1]) for flight in flights)
 
 
@@ -221,7 +221,7 @@ def _body_colors(names: Iterable[str]) -> dict[str, str]:
 
 
 def _places(flights: Iterable[Flight]) -> np.ndarray:
-    """(n, 3) positions of all vehicles at all ticks, m."""
+    """Return the positions (n, 3) of all vehicles at all ticks, m."""
     return np.vstack([places(flight.record("state")) for flight in flights])
 
 
@@ -235,7 +235,7 @@ def _write(meshcat: Meshcat, path: Path | str, title: str, legend: str, duration
     target = Path(path)
     output_folder(target.parent)
     overlay = files(__package__).joinpath("overlay.html").read_text(encoding="utf-8")
-    # The story comes last, so that no name in it is taken for a field.
+    # The story is inserted last, so that no name in it is taken for a field.
     fields = {"title": html.escape(title), "legend": legend, "duration": f"{duration:.3f}", "story": told}
     for field, text in fields.items():
         overlay = overlay.replace(f"{{{field}}}", text, 1)
@@ -252,11 +252,11 @@ def _color_bar(top: float) -> str:
 
 
 def _tint(color: str) -> str:
-    """A colour mixed with white, since lines cannot be transparent."""
+    """Return a colour mixed with white, since lines cannot be transparent."""
     red, green, blue = (0.25 * each + 0.75 for each in to_rgb(color))
     return to_hex((red, green, blue))
 
 
 def _key(name: str) -> str:
-    """A name as a part of Meshcat's paths."""
+    """Return a name as a component of a path in Meshcat."""
     return "".join(letter if letter.isalnum() else "_" for letter in name)

@@ -1,4 +1,4 @@
-"""What stands still in a scene: the room, the path of the reference, fans and the camera."""
+"""Static parts of a scene: the room, the path of the reference, obstacles, fans and the camera."""
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
@@ -16,13 +16,13 @@ from drake_quad.scenario.winds.source import jets
 from drake_quad.visualization.replay.shapes import Frame, draw_fan, draw_solid, rgba
 from drake_quad.visualization.style import AXES
 
-# Room around what is flown, in distances of a rotor from the middle: 0.7 m for the paper's vehicle.
-_ROOM = 4.0
-# Distance from the reference beyond which a vehicle leaves the room, m.
-_FAR = 3.0
+# Margin of the room around the paths, relative to the reach of the vehicle; 0.7 m for the vehicle of the paper.
+_MARGIN_RATIO = 4.0
+# Positions farther than this from the reference (m) do not enlarge the room.
+_MAX_DISTANCE = 3.0
 _LINE = 2.0
-# Lines of the grid along the longer side of the floor, about.
-_GRID = 8
+# Approximate number of grid lines along the longer side of the floor.
+_NUM_GRID_LINES = 8
 _LIGHTS = {
     "AmbientLight": 2.2,
     "FillLight": 0.8,
@@ -33,14 +33,14 @@ _LIGHTS = {
 
 
 class SceneRoom(NamedTuple):
-    """What is drawn around a flight.
+    """Room that is drawn around a flight.
 
     Attributes:
-        low: (3,) corner, m.
-        high: (3,) corner, m.
-        spacing: of the grid, m.
-        seen: (n, 3) points that a camera shall show, m.
-        names: where obstacles have their names, (3,), m.
+        low: lower corner, (3,), m.
+        high: upper corner, (3,), m.
+        spacing: spacing of the grid, m.
+        seen: points that the camera must show, (n, 3), m.
+        names: position of the name of each obstacle, (3,), m.
     """
 
     low: np.ndarray
@@ -50,7 +50,7 @@ class SceneRoom(NamedTuple):
     names: Mapping[str, np.ndarray] = MappingProxyType({})
 
     def grid(self, axis: int) -> np.ndarray:
-        """Coordinates along an axis that the grid has lines or marks at, m."""
+        """Return the coordinates of grid lines or marks along an axis, m."""
         first, last = np.ceil(self.low[axis] / self.spacing - 1e-9), np.floor(self.high[axis] / self.spacing + 1e-9)
         places: np.ndarray = np.round(self.spacing * np.arange(first, last + 1.0), 6) + 0.0
         return places
@@ -62,7 +62,7 @@ def local_meshcat() -> Meshcat:
         meshcat = Meshcat(MeshcatParams(host="127.0.0.1", show_stats_plot=False))
     for name in ("/Axes", "/Grid"):
         meshcat.SetProperty(name, "visible", False)
-    # Light from everywhere, so that colours look like those of the legend.
+    # The light is diffuse, so that colours look like those of the legend.
     for light, intensity in _LIGHTS.items():
         meshcat.SetProperty(f"/Lights/{light}/<object>", "intensity", intensity)
     for end in ("top", "bottom"):
@@ -71,20 +71,20 @@ def local_meshcat() -> Meshcat:
 
 
 def draw_surroundings(meshcat: Meshcat, scenario: Scenario, plan: Plan, flown: np.ndarray) -> SceneRoom:
-    """Draws floor, grid, room, path of the reference, obstacles and fans, and turns the camera to them.
+    """Draw floor, grid, room, path of the reference, obstacles and fans, and aim the camera at them.
 
     Args:
-        meshcat: in which they are drawn.
-        scenario: that is flown.
-        plan: of the reference.
-        flown: (n, 3) positions of vehicles, m.
+        meshcat: server that shows the scene.
+        scenario: scenario that is flown.
+        plan: plan of the reference.
+        flown: positions of vehicles, (n, 3), m.
 
     Returns:
-        The room, of which a page writes the metres.
+        The room, whose axes a page can label.
     """
     path = reference_points(plan)
-    margin = _ROOM * Frame.of(scenario.vehicle).reach
-    around = path.min(axis=0) - _FAR, path.max(axis=0) + _FAR
+    margin = _MARGIN_RATIO * Frame.of(scenario.vehicle).reach
+    around = path.min(axis=0) - _MAX_DISTANCE, path.max(axis=0) + _MAX_DISTANCE
     near = np.vstack([path, np.clip(flown, *around)])
     low, high = near.min(axis=0) - margin, near.max(axis=0) + margin
     fans = jets(scenario.laboratory.wind)
@@ -95,7 +95,7 @@ def draw_surroundings(meshcat: Meshcat, scenario: Scenario, plan: Plan, flown: n
     shown, names = [_corners(near), *outlets], {}
     for obstacle in () if space is None else space.obstacles:
         draw_solid(meshcat, f"/obstacles/{obstacle.name}", obstacle.shape)
-        # Of a long wall only what is near the path is a part of the room.
+        # Only the part of an obstacle near the path belongs to the room, since a wall can be long.
         extent = np.clip(obstacle.shape.extent(), *around)
         low, high = np.minimum(low, extent[0]), np.maximum(high, extent[1])
         shown.append(_corners(extent))
@@ -113,18 +113,20 @@ def draw_surroundings(meshcat: Meshcat, scenario: Scenario, plan: Plan, flown: n
 
 
 def _corners(points: np.ndarray) -> np.ndarray:
-    """(8, 3) corners of the box around (n, 3) points."""
+    """Return the corners (8, 3) of the box around points (n, 3)."""
     return np.array(np.meshgrid(*zip(points.min(axis=0), points.max(axis=0), strict=True))).reshape(3, 8).T
 
 
 def round_spacing(length: float) -> float:
-    """A distance of 1, 2 or 5 times a power of ten, that divides a length (m) into about so many as a grid has."""
-    power = 10.0 ** np.floor(np.log10(length / _GRID))
-    return float(next(power * each for each in (1.0, 2.0, 5.0, 10.0) if power * each >= length / _GRID * (1.0 - 1e-9)))
+    """Return the spacing of a grid along a length (m): 1, 2 or 5 times a power of ten."""
+    power = 10.0 ** np.floor(np.log10(length / _NUM_GRID_LINES))
+    return float(
+        next(power * each for each in (1.0, 2.0, 5.0, 10.0) if power * each >= length / _NUM_GRID_LINES * (1.0 - 1e-9))
+    )
 
 
 def look_at(meshcat: Meshcat, path: np.ndarray) -> None:
-    """Turns the camera so that (n, 3) points fill the view, seen from above and from the side."""
+    """Aim the camera so that points (n, 3), m, fill the view, seen obliquely from above."""
     low, high = path.min(axis=0), path.max(axis=0)
     middle, size = 0.5 * (low + high), max(float(np.linalg.norm(high - low)), 1.5)
     below = middle - [0.0, 0.0, 0.1 * size]  # leaves room for the overlay
@@ -140,12 +142,12 @@ def reference_points(plan: Plan) -> np.ndarray:
 
 
 def wind_blows_elsewhere(scenario: Scenario) -> bool:
-    """Is there wind in a scenario that does not come from fans, which are drawn?"""
+    """Return whether a scenario has wind that does not come from fans, whose jets are drawn."""
     return len(jets(scenario.laboratory.wind)) < len(scenario.laboratory.wind)
 
 
 def _draw_room(meshcat: Meshcat, room: SceneRoom) -> None:
-    """Draws floor and grid, the edges of the room, and X, Y and Z along those that have the metres."""
+    """Draw floor and grid, the edges of the room, and the axes X, Y and Z along the labelled edges."""
     low, high = room.low, room.high
     size, middle = high - low, 0.5 * (low + high)
     meshcat.SetObject("/floor", Box(size[0], size[1], 0.01), rgba("0.93"))
@@ -158,7 +160,7 @@ def _draw_room(meshcat: Meshcat, room: SceneRoom) -> None:
     _draw_segments(
         meshcat, "/room/edges", [(low + corners[a] * size, low + corners[b] * size) for a, b in edges], "0.7"
     )
-    # They stand where the camera sees them in front, or at the side.
+    # The axes lie on the edges that the camera sees in front or at the side.
     for axis, start in zip("xyz", ([0, 0, 0], [1, 0, 0], [0, 0, 0]), strict=True):
         begin = low + np.array(start) * size
         end = np.where([axis == each for each in "xyz"], high, begin)

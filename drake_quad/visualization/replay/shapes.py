@@ -18,35 +18,35 @@ from drake_quad.vehicle.rotors import Rotors
 from drake_quad.visualization.places import places
 from drake_quad.visualization.style import BLUE, ORANGE, SKY, VERMILION
 
-# What is drawn of a vehicle is of this size if its rotors are so far from the middle, as the paper's, and smaller if
-# they are nearer, m.
+# A vehicle with this distance from its middle to its rotors (m), such as that of the paper, is drawn with parts of full
+# size; the parts of smaller vehicles are scaled down.
 _FULL_REACH = 0.17
-# A propeller of 8 inches, as on the paper's vehicle; smaller where rotors are close to each other.
+# Radius of a propeller of 8 inches (m), as on the vehicle of the paper; smaller if rotors are close to each other.
 _PROPELLER = 0.1
 _ARM, _BLADE = (0.022, 0.014), (0.018, 0.004)
-# Height of the rotors above the middle of the arms.
+# Height of the rotors above the middle of the arms, m.
 _ROTOR_HEIGHT = 0.035
 _FAN_DEPTH = 0.25
-# Rotors turn at 200 rad/s, and at 30 frames a second would seem to stand still. They are shown slower by this factor.
+# Rotors turn at 200 rad/s and would seem to stand still at 30 frames a second, so they are slowed by this factor.
 _SLOW_MOTION = 0.1
-# Length of the arrow for a wind of 1 m/s.
+# Length of the arrow for a wind of 1 m/s, m.
 _WIND_SCALE = 0.15
-# Time in which a vehicle leaves a piece of its trail, s.
+# Duration of the flight along one piece of a trail, s.
 TRAIL_PIECE = 0.25
 _TRAIL = 0.018
 ERRORS = colormaps["viridis"]
-# Rotors that are at least so far forward, as a share of the foremost one, show where the front is.
-_FRONT = 0.5
-# Radius of a propeller over the distance of the nearest rotors, at most: they do not touch.
-_ROOM = 0.48
+# Rotors at least this far forward, relative to the foremost rotor, have the colour of the front.
+_FRONT_SHARE = 0.5
+# Largest radius of a propeller relative to the distance of the nearest rotors, so that propellers do not touch.
+_MAX_RADIUS_RATIO = 0.48
 
 
 class Frame(NamedTuple):
-    """What a quadrotor is drawn of.
+    """Frame of a quadrotor, as it is drawn.
 
     Attributes:
-        rotors: 1 to 4.
-        roots: (3,) where the arm of each begins in B, m: in the middle, or on the crossbar of an h.
+        rotors: rotors 1 to 4.
+        roots: start of the arm of each rotor in B, (3,), m: in the middle, or on the crossbar of an h.
     """
 
     rotors: Rotors
@@ -54,29 +54,29 @@ class Frame(NamedTuple):
 
     @classmethod
     def of(cls, vehicle: Any) -> "Frame":
-        """The frame of a scenario's vehicle: an h has a bar on each side, and one across; others have four arms."""
+        """Return the frame of a vehicle: two side bars and a crossbar for an h, four arms for all other layouts."""
         rotors = rotors_of(vehicle)
         sides = [rotor.y if vehicle.layout.has_sides else 0.0 for rotor in rotors]
         return cls(rotors, tuple(np.array([0.0, side, 0.0]) for side in sides))
 
     @property
     def reach(self) -> float:
-        """The distance of the farthest rotor from the middle, seen from above, m."""
+        """Distance of the farthest rotor from the middle, seen from above, m."""
         return max(float(np.hypot(rotor.x, rotor.y)) for rotor in self.rotors)
 
     @property
     def crossbars(self) -> list[np.ndarray]:
-        """(3,) where the bars from the middle end, m."""
+        """Ends of the bars from the middle, (3,), m."""
         return [np.array(end) for end in dict.fromkeys(map(tuple, self.roots)) if any(end)]
 
 
 def rgba(color: str, opacity: float = 1.0) -> Rgba:
-    """A colour of Matplotlib, as Drake has it."""
+    """Return a colour of Matplotlib as a colour of Drake."""
     return Rgba(*to_rgb(color), opacity)
 
 
 def rotor_poses(rotors: Rotors, angles: np.ndarray) -> list[RigidTransform]:
-    """The poses of rotors 1 to 4 in B, turned by angles (rad)."""
+    """Return the poses of rotors 1 to 4 in B, turned by angles (rad)."""
     return [
         RigidTransform(RotationMatrix.MakeZRotation(angle), place)
         for place, angle in zip(_rotor_places(rotors), angles, strict=True)
@@ -84,12 +84,12 @@ def rotor_poses(rotors: Rotors, angles: np.ndarray) -> list[RigidTransform]:
 
 
 def turned_by(rotors: Rotors, rotor_speed: RotorSpeed, time: float) -> np.ndarray:
-    """(4,) angles (rad) by which the rotors are shown to turn in a time (s)."""
+    """Return the angles (4,), rad, by which the drawn rotors turn during a time (s)."""
     return _SLOW_MOTION * time * np.array(rotor_speed) * [rotor.direction for rotor in rotors]
 
 
 def wind_arrow(wind: Wind, state: State) -> tuple[RigidTransform, list[float]]:
-    """The pose and the scale of the arrow above a vehicle that shows the wind there."""
+    """Return the pose and the scale of the arrow above a vehicle that shows the wind."""
     speed = float(np.linalg.norm(wind))
     turn = RotationMatrix.MakeFromOneVector(np.array(wind), 0) if speed > 1e-6 else RotationMatrix()
     length = max(_WIND_SCALE * speed, 1e-3)
@@ -97,14 +97,14 @@ def wind_arrow(wind: Wind, state: State) -> tuple[RigidTransform, list[float]]:
 
 
 def draw_trail_piece(meshcat: Meshcat, path: str, points: np.ndarray, shades: str | np.ndarray, size: float) -> None:
-    """Draws a piece of a trail.
+    """Draw a piece of a trail.
 
     Args:
-        meshcat: in which it is drawn.
-        path: of the piece in the scene.
-        points: (n, 3) along it, m.
-        shades: a colour, or (n,) errors as shares of the largest one.
-        size: of the vehicle, as `shrunk` has it.
+        meshcat: server that shows the scene.
+        path: path of the piece in the scene.
+        points: points along the piece, (n, 3), m.
+        shades: colour of the piece, or errors relative to the largest one, (n,).
+        size: scale of the vehicle, from `shrunk`.
     """
     vertices, faces = tube(points, size * _TRAIL)
     if isinstance(shades, str):
@@ -114,27 +114,27 @@ def draw_trail_piece(meshcat: Meshcat, path: str, points: np.ndarray, shades: st
 
 
 def shrunk(rotors: Rotors) -> float:
-    """The share of their full size in which motors, arms and trails of a vehicle are drawn."""
+    """Return the scale of motors, arms and trails of a vehicle, at most 1."""
     return min(max(float(np.hypot(rotor.x, rotor.y)) for rotor in rotors) / _FULL_REACH, 1.0)
 
 
 @functools.cache
 def _rotor_places(rotors: Rotors) -> tuple[np.ndarray, ...]:
-    """The positions of rotors 1 to 4 in B, m."""
+    """Return the positions of rotors 1 to 4 in B, m."""
     height = shrunk(rotors) * _ROTOR_HEIGHT
     return tuple([np.array([rotor.x, rotor.y, rotor.z + height]) for rotor in rotors])
 
 
 def _propeller_radius(rotors: Rotors) -> float:
-    """Of the propellers as they are drawn, m."""
+    """Return the radius of the propellers as drawn, m."""
     pairs = combinations(_rotor_places(rotors), 2)
-    return min(_PROPELLER, _ROOM * min(float(np.linalg.norm(a - b)) for a, b in pairs))
+    return min(_PROPELLER, _MAX_RADIUS_RATIO * min(float(np.linalg.norm(a - b)) for a, b in pairs))
 
 
 def draw_quadrotor(meshcat: Meshcat, path: str, frame: Frame, color: str) -> None:
-    """Draws a quadrotor in the frame `path`; its rotors turn in the frames `path`/rotor_1 to `path`/rotor_4.
+    """Draw a quadrotor in the frame `path`; its rotors turn in the frames `path`/rotor_1 to `path`/rotor_4.
 
-    Its front is orange; the blades that turn clockwise are blue, the others light blue.
+    The front is orange. Clockwise blades are blue, and anticlockwise blades are light blue.
     """
     rotors, middle, size = frame.rotors, np.zeros(3), shrunk(frame.rotors)
     height = size * _ROTOR_HEIGHT
@@ -144,7 +144,7 @@ def draw_quadrotor(meshcat: Meshcat, path: str, frame: Frame, color: str) -> Non
         _draw_arm(meshcat, f"{path}/crossbar_{number}", middle, end, color, size)
     for number, (rotor, place) in enumerate(zip(rotors, _rotor_places(rotors), strict=True), start=1):
         foot = place - [0.0, 0.0, height]
-        in_front = rotor.x > 0.0 and rotor.x >= _FRONT * foremost
+        in_front = rotor.x > 0.0 and rotor.x >= _FRONT_SHARE * foremost
         _draw_arm(meshcat, f"{path}/arm_{number}", frame.roots[number - 1], foot, ORANGE if in_front else color, size)
         if in_front:
             meshcat.SetObject(f"{path}/nose_{number}", Sphere(size * 0.022), rgba(ORANGE))
@@ -161,7 +161,7 @@ def draw_quadrotor(meshcat: Meshcat, path: str, frame: Frame, color: str) -> Non
 
 
 def _draw_arm(meshcat: Meshcat, path: str, start: np.ndarray, end: np.ndarray, color: str, size: float) -> None:
-    """Draws an arm between two points in B, unless they are the same."""
+    """Draw an arm between two points in B, unless they coincide."""
     along = end - start
     length = float(np.linalg.norm(along))
     if length > 0.0:
@@ -190,7 +190,7 @@ def quadrotor_mesh(frame: Frame) -> tuple[np.ndarray, np.ndarray]:
 
 
 def draw_fan(meshcat: Meshcat, path: str, jet: Jet, reach: float) -> None:
-    """Draws a fan and its jet, up to a reach (m) and out to the radius at which half of the speed is left."""
+    """Draw a fan and its jet, up to a reach (m) and out to the radius at which the speed is halved."""
     meshcat.SetTransform(
         path, RigidTransform(RotationMatrix.MakeFromOneVector(np.array(jet.direction), 2), np.array(jet.outlet))
     )
@@ -199,7 +199,7 @@ def draw_fan(meshcat: Meshcat, path: str, jet: Jet, reach: float) -> None:
     lengths = np.linspace(0.0, reach, 9)
     x, y, z = _revolved(lengths, np.maximum(0.5 * jet.diameter, SPREAD * lengths))
     meshcat.PlotSurface(f"{path}/jet", x, y, z, rgba(SKY, 0.13))
-    # A jet hides nothing: else trails within it, and those behind it, are not drawn where it is drawn first.
+    # Without depth writing, a jet that is drawn first does not hide trails inside or behind it.
     meshcat.SetProperty(f"{path}/jet/<object>", "material.depthWrite", False)
 
 
@@ -216,7 +216,7 @@ def draw_arrow(meshcat: Meshcat, path: str) -> None:
 
 
 def tube(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (3, 3 n) and triangles (3, m) of a tube of triangular section along (n, 3) points."""
+    """Return vertices (3, 3 n) and triangles (3, m) of a tube of triangular section along points (n, 3)."""
     ahead = np.gradient(points, axis=0) + 1e-12
     ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
     aside = np.cross(ahead, np.where(np.abs(ahead[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]]))
@@ -233,12 +233,12 @@ def tube(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def pose_of(state: State) -> RigidTransform:
-    """The pose of a vehicle."""
+    """Return the pose of a vehicle in W."""
     return RigidTransform(RollPitchYaw(state.roll, state.pitch, state.yaw), places(state))
 
 
 def _bar(start: np.ndarray, end: np.ndarray, half_width: float) -> tuple[np.ndarray, list[tuple[int, int, int]]]:
-    """Vertices and triangles of a flat bar between two points."""
+    """Return the vertices and triangles of a flat bar between two points."""
     aside = half_width * np.cross((end - start) / np.linalg.norm(end - start), [0.0, 0.0, 1.0])
     lift = np.array([0.0, 0.0, half_width])
     corners = np.array([base + a + b for base in (start, end) for a in (-aside, aside) for b in (-lift, lift)])

@@ -1,4 +1,4 @@
-"""What the page of a replay knows beside the scene: errors and speeds over time, names, and where the room ends."""
+"""Data of a replay page beside the scene: errors and speeds over time, names, and labels of the room."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -12,25 +12,25 @@ from drake_quad.visualization.replay.scene import SceneRoom
 from drake_quad.visualization.replay.shapes import Frame
 from drake_quad.visualization.style import AXES
 
-# Instants of the plot at most, and their distance at least, s.
+# Largest number of instants in the plot, and smallest time step (s).
 _INSTANTS, _SHORTEST = 800, 0.05
 _OBSTACLE = "#555555"
-# Ends of the band of many flights.
+# Quantiles at the ends of the band of many flights.
 _BAND = (0.05, 0.95)
 
 
 def story(
     groups: Mapping[str, Sequence[Flight]], colors: Mapping[str, str], vehicles: Mapping[str, str], room: SceneRoom
 ) -> str:
-    """The numbers of a page, as JSON.
+    """Return the data of a page as JSON.
 
-    A group of several flights is told by the median of those that fly, and by the band from 5 to 95 %.
+    A group of several flights is summarised by the median over the vehicles in flight, and by the band from 5 to 95 %.
 
     Args:
         groups: flights by the name of the curve.
-        colors: of the curves.
-        vehicles: path of each vehicle in the scene, by name; in the order of the flights.
-        room: that was drawn.
+        colors: colour of each curve.
+        vehicles: path of each vehicle in the scene by name, in the order of the flights.
+        room: room that was drawn.
     """
     flights = [flight for group in groups.values() for flight in group]
     duration = max(float(flight.time[-1]) for flight in flights)
@@ -49,12 +49,12 @@ def story(
         "frame": [*np.round(room.seen, 3).tolist(), *(mark["at"] for mark in marks)],
         "marks": marks,
     }
-    # A name must not end the script that it stands in.
+    # A name must not close the script element that contains it.
     return json.dumps(told, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
 
 
 def _curve(group: Sequence[Flight], times: np.ndarray) -> dict[str, Any]:
-    """Error (cm), speed (m/s), their band, the times of crashes (s) and into which obstacles, of flights."""
+    """Return error (cm) with its band, speed (m/s), and times (s) and obstacles of crashes for a group of flights."""
     errors, speeds = np.full((2, len(group), len(times)), np.nan)
     for flight, error, speed in zip(group, errors, speeds, strict=True):
         there = times <= flight.time[-1] + 1e-9
@@ -80,7 +80,7 @@ def _written(values: np.ndarray) -> list[float | None]:
 
 
 def _marks(room: SceneRoom) -> list[dict[str, Any]]:
-    """Where metres are written: along two edges of the floor, up the corner that both leave free; obstacles' names."""
+    """Return labels in metres along two edges of the floor and up one corner, and the names of obstacles."""
     low, high = room.low, room.high
     out = 0.04 * float(np.max(high - low))
     lines = {
@@ -96,5 +96,5 @@ def _marks(room: SceneRoom) -> list[dict[str, Any]]:
         for value in room.grid(i):
             numbers.append({"at": at(value), "text": f"{value:g}".replace("-", "−"), "color": color})
     obstacles: list[dict[str, Any]] = [{"at": at, "text": name, "color": _OBSTACLE} for name, at in room.names.items()]
-    # What comes first is there, where there is no room for all.
+    # The order is a priority: if labels overlap, the page shows the first ones.
     return [mark | {"at": [round(float(each), 3) for each in mark["at"]]} for mark in names + numbers + obstacles]

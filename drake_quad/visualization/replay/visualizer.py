@@ -1,4 +1,4 @@
-"""A quadrotor in Meshcat while a diagram is simulated."""
+"""Meshcat visualizer of a quadrotor in a simulated diagram."""
 
 from typing import Any
 
@@ -39,7 +39,7 @@ class QuadrotorVisualizer(LeafSystem):
     unconnected:
 
     - `state` (12 rows): x, y, z in m, roll, pitch, yaw in rad, and rates, which are not used.
-    - `rotor_speed` (4 rows): in rad/s; the rotors turn at a tenth of it, so that a viewer sees them turn.
+    - `rotor_speed` (4 rows): in rad/s; the rotors turn at a tenth of it, so that their motion is visible.
     - `reference` (11 rows): a point is drawn at its x, y, z in m.
     - `wind` (3 rows): velocity of the air in m/s; an arrow above the vehicle shows it.
 
@@ -61,7 +61,7 @@ class QuadrotorVisualizer(LeafSystem):
         self._size = shrunk(frame.rotors)
         for signal in ("state", "rotor_speed", "reference", "wind"):
             self.DeclareVectorInputPort(signal, len(SIGNALS[signal]._fields))
-        # The jets of fans are drawn, so that only other wind needs an arrow.
+        # The jets of fans are drawn, so only other wind needs an arrow.
         self._shown = ["state", "rotor_speed", "reference", *(["wind"] if wind_blows_elsewhere(scenario) else [])]
         self.DeclarePeriodicPublishEvent(_FRAME, 0.0, self._show)
         if plan is not None:
@@ -105,7 +105,7 @@ class QuadrotorVisualizer(LeafSystem):
         return visualizer
 
     def watch(self, simulator: Simulator) -> None:
-        """Show what a simulator simulates whose diagram is built already, by its monitor.
+        """Show the simulation of a diagram that is already built, through the monitor of its simulator.
 
         Args:
             simulator: simulator of a diagram with the output port `state`, and perhaps the others, that belongs to no
@@ -159,7 +159,7 @@ class QuadrotorVisualizer(LeafSystem):
             self._trail, self._pieces = self._trail[-1:], self._pieces + 1
 
     def _forget(self) -> None:
-        """Delete the trail of a simulation before, since another one begins."""
+        """Delete the trail of the previous simulation."""
         self._meshcat.Delete(f"{self._path}_trail")
         self._last, self._trail, self._pieces = -np.inf, [], 0
 
