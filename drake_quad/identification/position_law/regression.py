@@ -113,7 +113,7 @@ def searched(
 
     Args:
         pieces: stretches of flight.
-        axes: numbers of the axes that share the law.
+        axes: indices of the axes that share the law.
         terms: names of the linear terms.
         starts: candidates for the initial nonlinear parameters.
         free: names of the nonlinear parameters that are fitted.

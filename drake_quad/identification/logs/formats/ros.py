@@ -32,7 +32,7 @@ _WAL_VERSIONS = slice(18, 20)  # bytes of SQLite's header that prevent opening a
 
 
 class _Message(NamedTuple):
-    """A message that is not yet decoded.
+    """Message that is not yet decoded.
 
     Attributes:
         topic: name of the topic.
@@ -108,7 +108,7 @@ def _stamp(message: Any) -> int:
 
 
 def _content(log: LogFile, given: NamedMapping | None, what: str, messages: Iterator[_Message]) -> LogContent:
-    """Gather the fields that a mapping knows.
+    """Read the fields that a mapping knows.
 
     Raises:
         InputError: if none of the topics is known, or the first message cannot be read.
