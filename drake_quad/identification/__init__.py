@@ -1,1 +1,1 @@
-"""Identification of vehicles from flight logs, and prediction of flights."""
+"""Identification of vehicles and position laws from flight logs, and prediction of logged flights."""

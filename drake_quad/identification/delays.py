@@ -4,7 +4,7 @@ from drake_quad.scenario.models import Scenario
 
 
 def frame_age(scenario: Scenario) -> float:
-    """Return the age of a frame of the cameras when it is received, s."""
+    """Return the age of a camera frame when it is received, s."""
     cameras = scenario.laboratory.motion_capture
     return float((1 + cameras.latency_frames) * cameras.period)
 

@@ -71,7 +71,7 @@ def jackknife(
         information: (B, p, p) information of the blocks.
         scores: (B, p) scores of the blocks.
         prior: (p,) information of the prior; None without a prior. The share of the prior in the uncertainty is added.
-        adjacent: whether each block ends in the state in which the next one starts.
+        adjacent: True if each block ends in the state in which the next one starts.
     """
     number = len(scores)
     prior_information = np.zeros(information.shape[1]) if prior is None else prior
@@ -103,7 +103,7 @@ def effective_blocks(information: np.ndarray, inverse: np.ndarray) -> np.ndarray
     """
     shares = np.einsum("ij,bjk,ki->bi", inverse, information, inverse)
     largest = shares.max(axis=0)
-    # Relative to the largest, so that the squares of small numbers do not underflow.
+    # Values are taken relative to the largest one, so that squares of small numbers do not underflow.
     relative = np.where(largest > 0.0, shares / np.where(largest > 0.0, largest, 1.0), 1.0 / len(shares))
     number = relative.sum(axis=0) ** 2 / (relative**2).sum(axis=0)
     return np.where(largest > 0.0, number, 1.0)
@@ -127,6 +127,6 @@ def sums_over_blocks(values: np.ndarray, blocks: np.ndarray) -> np.ndarray:
 
     Args:
         values: (W, ...) value of each window.
-        blocks: (W,) number of the block of each window, from 0.
+        blocks: (W,) block number of each window, from 0.
     """
     return np.stack([values[blocks == b].sum(axis=0) for b in range(int(blocks.max()) + 1)])

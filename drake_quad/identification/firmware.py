@@ -23,7 +23,7 @@ def allocated_commands(thrust: np.ndarray, torque: np.ndarray, believed: Scenari
         (n, 4) throttle commands, or rotor speed commands in rad/s.
 
     Raises:
-        InputError: throttle commands are requested, and `believed` has no thrust curve.
+        InputError: if throttle commands are requested, and `believed` has no thrust curve.
     """
     wrench = Wrench(thrust, *torque.T)  # type: ignore[arg-type]
     parameters, priority = nominal_parameters(believed), believed.laboratory.allocation.priority

@@ -29,8 +29,8 @@ _RELATIVE_STEP = 1e-5
 # Step of the central difference of the delay, in samples. The slope is discontinuous at each whole sample.
 _DELAY_STEP = 0.5
 _MAX_ROUNDS = 8
-# The rounds end when no parameter moves by more than this share of its standard deviation, and no logarithm of the
-# disturbance changes by more.
+# The rounds end when each parameter moves by at most this share of its standard deviation, and each logarithm of the
+# disturbance changes by at most the second value.
 _CONVERGED_MOVE = 0.2
 _CONVERGED_LOG_CHANGE = 0.2
 _MAX_EVALUATIONS = 5
@@ -45,11 +45,11 @@ _MAX_PRIOR_DISTANCE = 2.0
 _RESTART_DISTURBANCE = 0.05
 # The model diverges if a whitened error is larger.
 _MAX_WHITENED_ERROR = 1e6
-# Measurements, about, from which the noise is estimated in each round.
+# Approximate number of measurements from which the noise is estimated in each round.
 _MAX_NOISE_SAMPLES = 1500
 # Step of the finite differences of the logarithms of the noise.
 _LOG_STEP = 1e-4
-# Change of a logarithm of the noise in one round, at most: a factor of 12.
+# Largest change of a logarithm of the noise in one round, a factor of 12.
 _MAX_LOG_CHANGE = 2.5
 _MAX_SCORING_STEPS = 5
 _LIKELIHOOD_TOLERANCE = 0.1
@@ -67,7 +67,7 @@ _MAX_MEMORY = 20.0  # s
 _MAX_THRUST_MEMORY = 0.25
 # The fit diverged if the noise reaches this share of a limit.
 _DIVERGED_SHARE = 0.99
-# Fewer windows than this are divided, so that their scatter can be estimated.
+# If there are fewer windows, they are divided into parts, so that their scatter can be estimated.
 _MIN_EVIDENCE_PARTS = 60
 
 
@@ -94,7 +94,7 @@ class PredictionFit(NamedTuple):
         """Return the uncertainty of the parameters from blocks of adjacent windows.
 
         Args:
-            blocks: (W,) number of the block of each window, from 0.
+            blocks: (W,) block number of each window, from 0.
         """
         information, scores = _information_and_scores(self.slopes, self.errors)
         return jackknife(
@@ -106,7 +106,7 @@ class PredictionFit(NamedTuple):
 
         Args:
             names: (p,) names of the parameters.
-            scales: (p,) usual errors of their prior means.
+            scales: (p,) usual errors of the prior means of the parameters.
             duration: duration of all windows together, s.
         """
         windows, size, count = self.slopes.shape
@@ -137,7 +137,7 @@ def fit(
 
     Args:
         predictor: predictor of the outputs.
-        parameters: p parameters of its model.
+        parameters: p parameters of the model of the predictor.
         noise: initial noise.
         start: (p,) initial parameters; by default the means of the priors.
 
@@ -179,9 +179,9 @@ def fit(
 def _with_smaller_disturbance(
     predictor: Predictor, parameters: Sequence[Parameter], at: "_Point", factors: Sequence[float]
 ) -> "_Point":
-    """Return the point with the disturbance multiplied by factors as often as the likelihood increases.
+    """Multiply the disturbance by factors repeatedly, as long as the likelihood increases, and return the best point.
 
-    As long as it increases for the same parameters, these are not fitted again.
+    The parameters are fitted again only when the likelihood no longer increases without a fit.
     """
 
     def smaller(noise: PredictionNoise) -> PredictionNoise:
@@ -210,7 +210,7 @@ def _likelihood(predictor: Predictor, gains: Gains, white: np.ndarray) -> float:
 
 
 def _check_convergence(values: np.ndarray, noise: PredictionNoise) -> None:
-    """Refuse a fit that diverged.
+    """Reject a fit that diverged.
 
     Raises:
         InputError: if a parameter is not finite, or the model explains the log only with noise or a disturbance at its
@@ -273,7 +273,7 @@ def _least_squares(
     known: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
 
     def at(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return residuals and derivatives together: the derivatives cost hardly more than the residuals alone."""
+        """Return the residuals and their derivatives, which cost hardly more than the residuals alone."""
         if x.tobytes() not in known:
             known.clear()
             values = variables.inverse @ x
@@ -283,7 +283,7 @@ def _least_squares(
                 own = np.vstack([slopes.reshape(-1, len(x)), weights])
                 known[x.tobytes()] = _condensed(residuals, own @ variables.inverse)
             else:
-                # The model diverges. The search rejects a step to such large residuals.
+                # The model diverges, and large residuals make the search reject the step.
                 known[x.tobytes()] = np.full(len(x) + 1, _MAX_WHITENED_ERROR), np.zeros((len(x) + 1, len(x)))
         return known[x.tobytes()]
 
@@ -303,7 +303,7 @@ def _least_squares(
 def _condensed(residuals: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return p + 1 residuals and derivatives with the same normal equations and the same sum of squares.
 
-    Least squares depend on nothing else, and take a fraction of the time with so few residuals.
+    These determine the least-squares solution, and the search is much faster with few residuals.
 
     Args:
         residuals: (k,) residuals.
@@ -364,7 +364,7 @@ def _slopes(values: np.ndarray, up: np.ndarray, delay: int | None) -> np.ndarray
     Args:
         values: (a, b, 1 + p + 1) values at a point, with each parameter increased, and with the delay reduced.
         up: (p,) increases of the parameters.
-        delay: number of the parameter that is the delay; None if there is none.
+        delay: index of the delay among the parameters; None if the delay is fixed.
     """
     found = (values[:, :, 1:-1] - values[:, :, :1]) / up
     if delay is not None:
@@ -375,13 +375,13 @@ def _slopes(values: np.ndarray, up: np.ndarray, delay: int | None) -> np.ndarray
 def _noise_of(
     predictor: Predictor, gains: Gains, noise: PredictionNoise, chosen: np.ndarray | None = None
 ) -> PredictionNoise:
-    """Return the maximum-likelihood noise by Fisher scoring of the logarithms of its numbers.
+    """Return the maximum-likelihood noise by Fisher scoring of the logarithms of the noise parameters.
 
     Args:
         predictor: predictor of the outputs.
         gains: gains of the filter with the noise.
         noise: initial noise.
-        chosen: numbers of the windows that are used; by default some that are evenly spaced.
+        chosen: indices of the windows that are used; by default some evenly spaced windows.
     """
     groups = predictor.noise_groups
     _, first = np.unique(groups, return_index=True)
@@ -407,7 +407,7 @@ def _noise_of(
         step = np.linalg.solve(information + damping * np.diag(np.diag(information) + 1.0), score)
         trial = logs.copy()
         trial[free] = np.clip(logs[free] + step, lower[free], upper[free])
-        # Many steps are rejected, so the derivatives at a trial wait until it is accepted and another step follows.
+        # Many steps are rejected, so derivatives are computed only after a step is accepted and another one follows.
         likelihood, *_ = _likelihood_of(predictor, gains, noise, trial, chosen, free[:0])
         gained = likelihood - best
         if not gained > 0.0:
@@ -423,7 +423,7 @@ def _noise_of(
 def noise_covariance(predictor: Predictor, fitted: PredictionFit) -> np.ndarray:
     """Return the covariance (m + 12, m + 12) of the errors of the logarithms of the noise.
 
-    It is the inverse of the Fisher information. A number that the log does not determine has a large variance.
+    It is the inverse of the Fisher information. A noise parameter that the log does not determine has a large variance.
     """
     groups = predictor.noise_groups
     _, first = np.unique(groups, return_index=True)
@@ -443,8 +443,8 @@ def _likelihood_of(
         gains: gains of the filter.
         own: noise of the filter.
         logs: (c,) logarithms of the noise, one for each group.
-        chosen: numbers of the windows that are used.
-        free: (f,) numbers of the logarithms for which score and information are returned.
+        chosen: indices of the windows that are used.
+        free: (f,) indices of the logarithms for which score and information are returned.
     """
     points = np.vstack([logs, logs + _LOG_STEP * np.eye(len(logs))[free]])
     noises = [PredictionNoise.of(np.exp(point)[predictor.noise_groups]) for point in points]
@@ -452,15 +452,15 @@ def _likelihood_of(
 
 
 def noise_likelihood(errors: np.ndarray, covariances: np.ndarray, step: float) -> tuple[float, np.ndarray, np.ndarray]:
-    """Return the log-likelihood of a noise with c numbers, its score (c,) and its Fisher information (c, c).
+    """Return the log-likelihood of a noise with c parameters, its score (c,) and its Fisher information (c, c).
 
     With ∂e and ∂S the derivatives of the errors and of their covariance, both whitened, the score is
     Σ ½ eᵀ ∂S e - ½ tr ∂S - eᵀ ∂e, and the information Σ ½ tr ∂S ∂S + ∂eᵀ ∂e.
 
     Args:
-        errors: (T, 1 + c, W, m) prediction errors with the noise, and with each of its numbers increased.
+        errors: (T, 1 + c, W, m) prediction errors with the noise, and with each of its parameters increased.
         covariances: (T, 1 + c, W, m, m) covariances of the errors.
-        step: increase of each number.
+        step: increase of the logarithm of each parameter.
     """
     factor = np.linalg.cholesky(covariances[:, 0])
     whitening = np.linalg.inv(factor)

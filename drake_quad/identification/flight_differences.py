@@ -1,8 +1,8 @@
 """Differences between flights of the same vehicle: the thrust, a trim force, and the wind of each flight.
 
-In flights with the same mean wind, the mean force on a vehicle differs by several per cent of its weight: the battery
-sits elsewhere, propellers are exchanged, motors are warm. A fit to all flights finds their mean. This module finds what
-each flight has of its own.
+Even with the same mean wind, the mean force on a vehicle differs between flights by several per cent of its weight: the
+battery is at another position, propellers are exchanged, or motors are warm. A fit to all flights finds the mean. This
+module estimates the deviation of each flight from it.
 
 With θ the estimates from all flights, and with H_w and g_w the information and the score of window w, the thrust of
 flight f relative to θ is the Gauss-Newton step along the direction d of the parameters of the thrust,
@@ -15,11 +15,11 @@ modelled as
     f(t) = R(ψ) b + w
 
 with the trim force b, which turns with the heading ψ, and the force w of a wind that is not logged. Both follow from
-least squares. If the heading hardly changes, they have the same effect, and b includes w.
+least squares. If the heading hardly changes, the two are indistinguishable, and b includes w.
 
-The spread of at least three flights is added to the variation of the estimates, so that the distributions in the file
-of a vehicle contain the next flight. For the mean of F flights with the variance s² between flights, the variance of
-the next flight is s² (1 + 1/F), with F - 1 degrees of freedom.
+The variance between at least three flights is added to the variation of the estimates, so that the distributions in the
+file of a vehicle describe the next flight. With F flights and the variance s² between them, the variance of the next
+flight around their mean is s² (1 + 1/F), with F - 1 degrees of freedom.
 """
 
 from collections.abc import Sequence
@@ -41,18 +41,18 @@ from drake_quad.scenario.models import Scenario
 
 TRIM_FORCE = ("trim_force.x", "trim_force.y")
 MIN_FLIGHTS = 3
-"""Number of flights from which their spread is estimated. Two flights leave one degree of freedom."""
-# Smallest variance of the unit vector of the heading from which trim force and wind are distinguished: a standard
-# deviation of about 18° of the heading. The variance of either is then ten times that of their sum.
+"""Smallest number of flights whose variance is estimated. Two flights would leave one degree of freedom."""
+# Smallest variance of the unit vector of the heading for which trim force and wind are distinguished. It corresponds to
+# a standard deviation of the heading of about 18°. The variance of either force is then ten times that of their sum.
 _MIN_HEADING_VARIANCE = 0.1
 _MIN_FORCE_ERROR = 1e-9  # N
-_MIN_BLOCKS = 5  # of a flight, for the error of its mean force
+_MIN_BLOCKS = 5  # smallest number of blocks of a flight that gives the error of its mean force
 
 
 def flight_differences(
     logs: PreparedLogs, predictor: Predictor, fitted: PredictionFit, evidence: Evidence
 ) -> tuple[FlightDifference, ...]:
-    """Return what each flight has of its own, in the order of the logs.
+    """Estimate the thrust, trim force and wind of each flight, in the order of the logs.
 
     Args:
         logs: logs that were fitted.
@@ -74,18 +74,18 @@ def flight_differences(
 
 
 def _flights(predictor: Predictor, count: int) -> np.ndarray:
-    """Return the number (count,) of the record of each window, or of equally many parts of each window."""
+    """Return the index (count,) of the record of each window, or of each part if windows are divided equally."""
     return np.repeat([window.record for window in predictor.windows], count // len(predictor.windows))
 
 
 def thrust_direction(names: Sequence[str], values: np.ndarray) -> np.ndarray:
-    """Return the direction (p,) in which all parameters of the thrust grow by the same share; 0 without any."""
+    """Return the direction (p,) in which all thrust parameters grow by the same share; zero if there are none."""
     mask = [name == "thrust_factor" or name.startswith("motors.curve") for name in names]
     return np.where(mask, values, 0.0)
 
 
 def _step_along(direction: np.ndarray, evidence: Evidence, chosen: np.ndarray) -> Spread | None:
-    """Return the step along a direction to the estimate from some windows; None if they are too few to tell."""
+    """Return the Gauss-Newton step along a direction for some windows; None if they do not determine it."""
     information = np.einsum("i,wij,j->w", direction, evidence.information[chosen], direction)
     scores = evidence.scores[chosen] @ direction
     if len(scores) < 2 or information.sum() <= 0.0:
@@ -101,7 +101,7 @@ def _spread(value: float, uncertainty: Uncertainty, place: int, unit: str) -> Sp
 
 
 def _forces(logs: PreparedLogs, predictor: Predictor, fitted: PredictionFit, windows: np.ndarray) -> dict[str, Spread]:
-    """Return trim force and force of the wind (N) in the flight of some windows."""
+    """Return the trim force and the wind force (N) in the flight that contains some windows."""
     record = logs.records[predictor.windows[windows[0]].record]
     mass = float(logs.scenario.vehicle.mass)
     samples = np.array([predictor.windows[w].start for w in windows])[:, None] + np.arange(predictor.sizes.length)
@@ -118,19 +118,19 @@ def estimated_force(predictor: Predictor, fitted: PredictionFit) -> np.ndarray:
     found = []
     for axis, (own, constant) in enumerate((("x", "constant_x"), ("y", "constant_y"))):
         places = [NUM_BODY + Disturbance._fields.index(name) for name in (own, constant)]
-        # The gains contain the disturbance at the next sample, to which the first part has decayed.
+        # The gains contain the disturbance at the next sample, by which time its first part has decayed.
         parts = [fitted.gains.disturbance[predictor.counted][:, rows.index(place)] for place in places]
         found.append(parts[0] / decay[axis] + parts[1])
     return np.stack(found).swapaxes(1, 2)
 
 
 def forces_of(heading: np.ndarray, force: np.ndarray, blocks: np.ndarray) -> dict[str, Spread]:
-    """Return trim force and force of the wind of a flight, N.
+    """Return the trim force and the wind force of a flight, N.
 
     Args:
         heading: (W, T) heading in W windows, rad.
         force: (W, T, 2) horizontal force in W, N.
-        blocks: (W,) number of the block of each window, from 0; the force is correlated within blocks.
+        blocks: (W,) block number of each window, from 0; the force is correlated within blocks.
 
     Returns:
         `trim_force.x` and `.y` along the axes of B and, if the heading changes enough, `wind_force.x` and `.y` along
@@ -146,7 +146,7 @@ def forces_of(heading: np.ndarray, force: np.ndarray, blocks: np.ndarray) -> dic
     flat = design.reshape(-1, len(columns))
     values, *_ = np.linalg.lstsq(flat, force.ravel())
     errors = (flat @ values - force.ravel()).reshape(len(force), -1)
-    # The jackknife takes errors of unit variance.
+    # The jackknife requires errors of unit variance.
     scale = max(float(np.std(errors)), _MIN_FORCE_ERROR)
     information = sums_over_blocks(design.swapaxes(1, 2) @ design / scale**2, blocks)
     scores = sums_over_blocks(np.einsum("wki,wk->wi", design, errors) / scale**2, blocks)
@@ -157,12 +157,12 @@ def forces_of(heading: np.ndarray, force: np.ndarray, blocks: np.ndarray) -> dic
 
 
 def within_flights(evidence: Evidence, predictor: Predictor, differences: Sequence[FlightDifference]) -> Evidence:
-    """Return the evidence that windows would have if the thrust of all flights were the same.
+    """Return the evidence that windows would give if the thrust were the same in all flights.
 
     Args:
         evidence: information of the windows.
         predictor: predictor of the outputs in the windows.
-        differences: what each flight has of its own.
+        differences: estimated difference of each flight.
     """
     flights = np.unique(_flights(predictor, len(evidence.scores)), return_inverse=True)[1]
     own = np.array([0.0 if each.thrust is None else each.thrust.value for each in differences])
@@ -173,13 +173,13 @@ def within_flights(evidence: Evidence, predictor: Predictor, differences: Sequen
 def with_differences(
     estimates: Estimates, differences: Sequence[FlightDifference], scenario: Scenario, duration: float
 ) -> Estimates:
-    """Return the estimates with the mean trim force, and with the variation of it and of the thrust between flights.
+    """Return the estimates with the mean trim force, and with the variation of thrust and trim force between flights.
 
-    They are unchanged if there are fewer than three flights.
+    The estimates are returned unchanged if there are fewer than three flights.
 
     Args:
         estimates: estimates from all flights.
-        differences: what each of F flights has of its own.
+        differences: estimated difference of each of F flights.
         scenario: scenario that the fit began with.
         duration: mean duration of a flight, s.
     """
@@ -200,14 +200,14 @@ def with_differences(
 def next_flight_variance(flights: Sequence[Spread]) -> float:
     """Return the variance of the next flight around the mean of F flights, s² (1 + 1/F).
 
-    The mean variance of the errors is subtracted from s², at most until nothing is left.
+    The mean variance of the errors is subtracted from s², which is then at least zero.
     """
     between = np.var([each.value for each in flights], ddof=1) - np.mean([each.deviation**2 for each in flights])
     return max(0.0, float(between)) * (1.0 + 1.0 / len(flights))
 
 
 def _with_trim_force(estimates: Estimates, trims: Sequence[Sequence[Spread]], scenario: Scenario) -> Estimates:
-    """Return the estimates with the mean trim force of F flights, whose error is that of the mean of these flights."""
+    """Return the estimates with the mean trim force of F flights, whose error contains no variation of flights."""
     values = np.array([[each.value for each in own] for own in trims]).mean(axis=1)
     errors = np.array([[each.deviation**2 for each in own] for own in trims])
     freedoms = np.array([[each.degrees_of_freedom for each in own] for own in trims])

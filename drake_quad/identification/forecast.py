@@ -1,8 +1,9 @@
 """Share of the variance of held-out flight that a model explains.
 
-In each window the filter first settles. From then on, the model follows the logged commands without measurements. Of an
-output y, the model explains the share 1 - Σ (y - ŷ)² / Σ (y - ȳ)², where ȳ is the prediction by persistence: a position
-continues at its velocity, an attitude at its body rates, and body rates are constant. A specific force has its mean.
+In each window the filter first settles. From then on, the model follows the logged commands without measurements. The
+share of the variance of an output y that the model explains is 1 - Σ (y - ŷ)² / Σ (y - ȳ)². Here ŷ is the forecast, and
+ȳ is the prediction by persistence: a position continues at its velocity, an attitude at its body rates, and body rates
+are constant. For a specific force, ȳ is the mean.
 """
 
 import numpy as np

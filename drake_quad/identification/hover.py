@@ -1,8 +1,8 @@
 """White noise of the sensors and trim of the vehicle, from a log at rest and in hover.
 
-The white noise follows from third differences, which remove a smooth signal: of independent errors with standard
-deviation σ they have the variance 20 σ². If an estimator has filtered the signal, its errors are not white, and the
-result is smaller than they are.
+The white noise follows from third differences, which remove a smooth signal. For independent errors with standard
+deviation σ, third differences have the variance 20 σ². If an estimator has filtered the signal, its errors are not
+white, and the result underestimates them.
 """
 
 from typing import NamedTuple
@@ -13,15 +13,15 @@ from drake_quad.identification.logs.record import QUANTITIES, FlightRecord
 from drake_quad.identification.result import Spread
 from drake_quad.identification.windows import airborne, pieces
 
-_ORDER = 3  # of the differences
+_DIFFERENCE_ORDER = 3
 _VARIANCE_FACTOR = 20.0  # variance of third differences of independent errors of unit variance
-_LANDING_TIME = 2.0  # s, before take-off and after landing, which count neither as rest nor as flight
+_LANDING_TIME = 2.0  # s, time before take-off and after landing that counts neither as rest nor as flight
 _MAX_HOVER_SPEED = 0.15  # m/s
 _MAX_HOVER_RATE = 0.5  # rad/s
 _MIN_HOVER_TIME = 1.0  # s
-_BLOCK = 0.5  # s, blocks whose scatter gives standard deviations
+_BLOCK = 0.5  # s, duration of the blocks whose scatter gives standard deviations
 _MIN_WHOLE_DIFFERENCES = 30
-_MAX_DELAY = 0.3  # s, of the attitude behind its command
+_MAX_DELAY = 0.3  # s, largest delay of the attitude behind its command
 _SIGNALS = ("position", "attitude", "body_rates", "specific_force")
 
 
@@ -31,7 +31,7 @@ class HoverNoise(NamedTuple):
     Attributes:
         signal: name of the signal.
         unit: unit of the signal.
-        at_rest: (3,) standard deviations on the ground; NaN if the log contains too little of it.
+        at_rest: (3,) standard deviations on the ground; NaN if the log contains too few samples on the ground.
         in_flight: (3,) standard deviations in the air.
     """
 
@@ -57,24 +57,24 @@ def white_noise(record: FlightRecord) -> list[HoverNoise]:
 
 
 def _deviations(record: FlightRecord, values: np.ndarray, chosen: np.ndarray) -> np.ndarray:
-    """Return standard deviations (3,) from the differences of adjacent samples that are all chosen; NaN if few."""
+    """Return standard deviations (3,) from differences of adjacent chosen samples; NaN if there are too few."""
     steps = np.diff(record.time)
     even = np.abs(steps / np.median(steps) - 1.0) < 0.5
-    whole = np.convolve(chosen, np.ones(_ORDER + 1), "valid") == _ORDER + 1
-    whole &= np.convolve(even, np.ones(_ORDER), "valid") == _ORDER
+    whole = np.convolve(chosen, np.ones(_DIFFERENCE_ORDER + 1), "valid") == _DIFFERENCE_ORDER + 1
+    whole &= np.convolve(even, np.ones(_DIFFERENCE_ORDER), "valid") == _DIFFERENCE_ORDER
     if whole.sum() < _MIN_WHOLE_DIFFERENCES:
         return np.full(values.shape[1], np.nan)
-    differences = np.diff(values, _ORDER, axis=0)[whole]
+    differences = np.diff(values, _DIFFERENCE_ORDER, axis=0)[whole]
     return np.asarray(np.sqrt(np.mean(differences**2, axis=0) / _VARIANCE_FACTOR))
 
 
 def trim(record: FlightRecord, weight: float) -> dict[str, Spread]:
-    """Return mean tilt, and mean commanded torque, thrust and throttles in hover; empty for less than a second of it.
+    """Return mean tilt and mean commanded torque, thrust and throttles in hover; empty if it lasts less than a second.
 
     For a log with throttles, the result includes the mean thrust of a motor divided by the square of its throttle. A
     damaged propeller shows as a larger throttle of its motor.
 
-    Standard deviations are those of means over blocks of half a second.
+    Standard deviations follow from the means of blocks of half a second.
 
     Args:
         record: record of the flight.
@@ -112,10 +112,10 @@ def _mean(values: np.ndarray, blocks: np.ndarray, unit: str) -> Spread:
 
 
 def delay_by_correlation(record: FlightRecord) -> float | None:
-    """Return the delay with the largest correlation of attitude and its command, s; None if one is not logged.
+    """Return the delay with the largest correlation of the attitude and its command, s; None if one is not logged.
 
-    It checks the order of magnitude of an identified delay. It is longer than that, since it includes the response of
-    the vehicle.
+    It serves to check the order of magnitude of an identified delay. It is longer than the identified delay, since it
+    includes the response of the vehicle.
     """
     if record.attitude is None or record.attitude_command is None:
         return None

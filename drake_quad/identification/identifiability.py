@@ -19,18 +19,18 @@ from drake_quad.identification.results.estimates import quantile
 from drake_quad.scenario.models import Scenario
 from drake_quad.statistics.interval import plus_minus
 
-# A parameter is identified if half of the length of its 95 % interval is at most its scale.
+# A parameter is identified if the half-width of its 95 % interval is at most this multiple of its scale.
 _MAX_REACH = 1.0
-_MAX_VERTICAL_FORCE = 0.15  # of the weight, in means over `_FORCE_WINDOW`; flights in strong wind leave 0.03
+_MAX_VERTICAL_FORCE = 0.15  # relative to the weight, in means over `_FORCE_WINDOW`; 0.03 in flights in strong wind
 _FORCE_WINDOW = 0.5  # s
 _SPEED_WINDOW = 0.1  # s, long enough to average out position noise
 
 
 def check_forecast(shown: Sequence[ForecastOutput]) -> None:
-    """Refuse a vehicle that forecasts no output of held-out flight better than persistence does.
+    """Reject a vehicle that forecasts no output of held-out flight better than persistence.
 
     Raises:
-        InputError: if some outputs vary, and the vehicle explains nothing of any of them.
+        InputError: if some outputs vary, and the vehicle explains none of their variance.
     """
     varying = [output for output in shown if np.isfinite(output.explained)]
     best = max(varying, key=lambda output: output.explained, default=None)
@@ -43,7 +43,7 @@ def check_forecast(shown: Sequence[ForecastOutput]) -> None:
 
 
 def check_thrust(scenario: Scenario, noise: PredictionNoise) -> None:
-    """Refuse a vehicle whose thrust does not follow from the commands, so that a disturbance has to lift it.
+    """Reject a vehicle whose thrust does not follow from the commands, so that a disturbance has to carry it.
 
     Raises:
         InputError: if the disturbing force along z is a large share of the weight.
@@ -82,10 +82,10 @@ def not_identified(parameters: Sequence[Parameter], values: np.ndarray, uncertai
 def weaker_than_disturbance(
     scenario: Scenario, predictor: Predictor, parameters: Sequence[Parameter], fitted: PredictionFit
 ) -> dict[str, str]:
-    """Return the parameters of a drag that is smaller than the disturbing force, with the reason.
+    """Return the drag parameters if the drag is smaller than the disturbing force, with the reason.
 
     A wind that is not logged depends on the position, so it is correlated with the velocity. The interval of the drag
-    does not include this error. If the force of the wind is as large as the drag, the estimate is mostly one of the
+    does not include this error. If the force of the wind is as large as the drag, the estimate mostly reflects the
     wind.
     """
     places = [i for i, output in enumerate(predictor.outputs) if output.signal == "position"]
@@ -110,7 +110,7 @@ def weaker_than_disturbance(
 
 
 def unexcited(logs: PreparedLogs, parameters: Sequence[Parameter], fitted: PredictionFit) -> dict[str, str]:
-    """Return the parameters of the response of an angle whose command varies less than its noise, with the reason.
+    """Return the response parameters of each angle whose command varies less than its noise, with the reason.
 
     The motion of such an angle is mostly noise, to which any response can be fitted.
     """

@@ -1,11 +1,12 @@
 """Identification of a vehicle from flight logs, by prediction errors.
 
-A Kalman filter predicts each measurement from those before it, with the vehicle as its model
-(`drake_quad.identification.prediction_errors`). The estimates are those parameters for which the predictions are best,
-given a weak prior around the values of a data sheet (`drake_quad.identification.fit`). The model is the same for every
-log: rotors that are commanded one by one, or the attitude response of an autopilot, with an accelerometer, a motion
-capture system, or heights alone. What differs is which outputs are predicted
-(`drake_quad.identification.prepared_logs`) and which parameters they may determine
+A Kalman filter predicts each measurement from the preceding ones, with the vehicle as its model
+(`drake_quad.identification.prediction_errors`). The estimates are the parameters with the smallest prediction errors,
+given a weak prior around the values of a data sheet (`drake_quad.identification.fit`).
+
+The same method applies to all logs: to rotors that are commanded one by one or the attitude response of an autopilot,
+and to measurements by an accelerometer, by motion capture, or of heights alone. Logs differ only in the outputs that
+are predicted (`drake_quad.identification.prepared_logs`) and in the parameters that these may determine
 (`drake_quad.identification.parameters`).
 
 A parameter whose posterior is not much narrower than its prior is reported as not identified. It keeps its value, and
@@ -71,7 +72,7 @@ def identify(
         held_out_share: share of the airborne time, at the end of each log, that is held out for the forecast.
 
     Raises:
-        InputError: no log is given, a log lacks a signal, the flights are too short, or the logged values are
+        InputError: if no log is given, a log lacks a signal, the flights are too short, or the logged values are
             physically impossible.
     """
     if not records:
@@ -92,7 +93,7 @@ def identify(
 
 
 def _identified(given: Synchronised, scenario: Scenario, share: float) -> Identification:
-    """Identify a vehicle; arguments are those of `identify`."""
+    """Identify a vehicle from synchronised records; the other arguments are those of `identify`."""
     logs, scenario = prepare(given.records, scenario, late_attitude=given.late_attitude)
     parameters = parameters_of(
         logs.scenario,
@@ -152,7 +153,7 @@ def _result(
 
     Args:
         logs: logs that were fitted.
-        scenario: scenario that the estimates are put into.
+        scenario: scenario to which the estimates are written.
         predictor: predictor of the outputs in all windows.
         parameters: parameters that were fitted.
         fitted: result of the fit.
@@ -219,7 +220,7 @@ def _result(
 def _noise_estimates(
     predictor: Predictor, fitted: PredictionFit
 ) -> tuple[list[str], np.ndarray, np.ndarray, dict[str, str]]:
-    """Return names, values and covariance of the noise of poses, and the noise that is too small, with the reason."""
+    """Return names, values and covariance of the pose noise, and the reason for each noise that is not identified."""
     rows = {name: predictor.outputs.index(Output(name, 0)) for name in _POSE if Output(name, 0) in predictor.outputs}
     large = {name: row for name, row in rows.items() if fitted.noise.measured[row] > _MIN_POSE_NOISE}
     weak = {_NOISES[name]: f"it is below {_MIN_POSE_NOISE:g} in SI units" for name in rows if name not in large}
@@ -234,7 +235,7 @@ def _noise_estimates(
 def _explained(
     parameters: Sequence[Parameter], fitted: PredictionFit, predictor: Predictor, shown: Sequence[ForecastOutput]
 ) -> dict[str, Explained]:
-    """Return, for each parameter, the explained share of the output that depends on it most."""
+    """Return the explained variance of the output that depends most on each parameter, by the name of the parameter."""
     count = len(predictor.outputs)
     slopes = fitted.slopes.reshape(len(fitted.slopes), -1, count, len(parameters))
     outputs = np.argmax(np.einsum("wtop,wtop->op", slopes, slopes), axis=0)

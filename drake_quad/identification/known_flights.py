@@ -1,12 +1,12 @@
-"""Simulated flights of vehicles whose parameters are known, to check whether identification finds them.
+"""Simulated flights of vehicles with known parameters, which test whether identification finds the parameters.
 
-A vehicle with parameters of its own flies past waypoints at changing yaw, with the noise, the delays and the losses of
-a laboratory. The log contains what a laboratory has: the measurements of its cameras, and the commands. There are six
-conditions, `KNOWN`:
+A vehicle with random parameters flies past waypoints with changing yaw, with the noise, the delays and the losses of a
+laboratory. The log contains the camera measurements and the commands, as in a laboratory. There are six conditions,
+`KNOWN`:
 
-- calm: the laboratory of the paper without wind, where rotor speeds are commanded,
-- wind: the same in low wind, which is not logged,
-- delay: the same in calm air, with camera frames that are 30 ms older,
+- calm: the laboratory of the paper without wind, with rotor speed commands,
+- wind: the same laboratory in low wind, which is not logged,
+- delay: the same laboratory in calm air, with camera frames that are 30 ms older,
 - autopilot: commands of attitude and thrust to the autopilot of Neural-Fly's vehicle,
 - slow_log: a control loop of 500 Hz, of which every fifth sample is logged,
 - battery: throttle commands to motors whose battery loses 7 % of the thrust during the flight; its voltage is logged.
@@ -39,7 +39,7 @@ from drake_quad.vehicle.battery import rotor_power, terminals
 _CENTRE, _AMPLITUDE = np.array([0.0, 0.0, 1.5, 0.0]), np.array([1.2, 1.2, 0.4, 0.5])
 _PHASE_STEPS, _FIRST_PHASES = np.array([0.91, 0.73, 1.31, 1.73]), np.array([0.0, 1.0, 2.0, 3.0])
 _NUM_WAYPOINTS = 41
-# Thrust of a rotor at full throttle as Neural-Fly's autopilot believes it, N: diagrams/vehicles/neural_fly.yaml.
+# Thrust of a rotor at full throttle that Neural-Fly's autopilot believes, N, from diagrams/vehicles/neural_fly.yaml.
 _FULL_THRUST = 14.27
 
 
@@ -48,9 +48,9 @@ class KnownFlights(NamedTuple):
 
     Attributes:
         scenario: scenario in `diagrams/`.
-        seconds: time from a waypoint to the next, s.
-        own: overrides with the parameters of each vehicle, and with the condition.
-        believed: overrides of the scenario that the identification begins with.
+        seconds: time from one waypoint to the next, s.
+        own: overrides with the distributions of the parameters, and with the condition.
+        believed: overrides of the scenario with which the identification begins.
         samples_per_row: number of recorded samples for each row of the log.
     """
 
@@ -61,23 +61,23 @@ class KnownFlights(NamedTuple):
     samples_per_row: int = 1
 
     def flown(self, diagrams: Path, overrides: Sequence[str] = ()) -> Scenario:
-        """Return the scenario that flies."""
+        """Return the scenario of the simulated flights."""
         route = f"route={json.dumps(wandering(self.seconds))}"
         return load_scenario(diagrams / self.scenario, [route, *self.own, *overrides])
 
     def begun_with(self, diagrams: Path) -> Scenario:
-        """Return the scenario that the identification begins with."""
+        """Return the scenario with which the identification begins."""
         return load_scenario(diagrams / self.scenario, self.believed)
 
 
 class Checked(NamedTuple):
-    """Identified parameter beside its true value.
+    """Identified parameter and its true value.
 
     Attributes:
         name: name as in `Estimates`, or `DELAY` (s).
         true: value of the vehicle that flew.
         value: estimate.
-        deviation: standard deviation of its error.
+        deviation: standard deviation of the error of the estimate.
         degrees_of_freedom: degrees of freedom of Student's distribution of the error.
     """
 
@@ -192,11 +192,11 @@ def record_of(flight: Flight, samples_per_row: int = 1) -> FlightRecord:
 
 
 def checked(flight: Flight, believed: Scenario, samples_per_row: int = 1) -> list[Checked]:
-    """Identify the vehicle of a flight, and return each identified parameter beside its true value.
+    """Identify the vehicle of a flight, and return each identified parameter with its true value.
 
     Args:
         flight: flight of a known vehicle.
-        believed: scenario that the identification begins with.
+        believed: scenario with which the identification begins.
         samples_per_row: number of recorded samples for each row of the log.
 
     Returns:
@@ -219,7 +219,7 @@ class Task(NamedTuple):
     Attributes:
         flights: name of the condition in `KNOWN`.
         diagrams: folder of the shipped scenarios.
-        overrides: overrides of the scenario that flies.
+        overrides: overrides of the simulated scenario.
         samples: numbers of the samples.
     """
 
@@ -230,7 +230,7 @@ class Task(NamedTuple):
 
 
 def check_batch(task: Task) -> dict[int, list[Checked]]:
-    """Return the identified parameters of each flight of a task, by the number of the sample."""
+    """Return the identified parameters of each flight of a task, by sample number."""
     known = KNOWN[task.flights]
     flown = simulate_samples(known.flown(task.diagrams, task.overrides), task.samples, compiled=True)
     believed = known.begun_with(task.diagrams)

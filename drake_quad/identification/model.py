@@ -1,4 +1,4 @@
-"""The vehicle of the library as the forward model of a log.
+"""Forward model of a log: the vehicle of the simulation, driven by logged commands.
 
 The formulas are those of the simulation: `step_of_flight`, or `responding_step` for an autopilot whose closed attitude
 loop is modelled as a whole. The model simulates windows of a log for several sets of parameters at once, driven by the
@@ -71,7 +71,7 @@ from drake_quad.vehicle.stepping import VehicleState, rotor_target, step_of_flig
 NUM_BODY = len(State._fields)
 NUM_DISTURBANCE = 8
 NUM_ROTORS = len(RotorSpeed._fields)
-# Rows of the signals of a record in the state of the model.
+# First row of each signal of a record in the state of the model.
 STATE_ROWS = {"position": 0, "attitude": 3, "velocity": 6, "body_rates": 9}
 
 DELAY = "delay"
@@ -79,9 +79,9 @@ DELAY = "delay"
 MISALIGNMENT = tuple(f"laboratory.motion_capture.misalignment[{axis}]" for axis in range(3))
 """Names of the angles of the markers' frame in B, rad."""
 
-# Natural frequency of a vehicle that is assumed to stay level, rad/s. The result does not depend on it.
+# Natural frequency of the attitude response of a vehicle that stays level, rad/s. Results do not depend on it.
 _LEVEL_FREQUENCY = 20.0
-_VOLTAGE_WINDOW = 0.1  # s, over which the logged voltage is averaged
+_VOLTAGE_WINDOW = 0.1  # s, duration over which the logged voltage is averaged
 
 DisturbanceFrame = Literal["world", "body"]
 
@@ -112,7 +112,7 @@ class Span(NamedTuple):
 
 
 class Numbers(NamedTuple):
-    """Numbers of a vehicle, and of its attitude response if it has one."""
+    """Numerical parameters of a vehicle, and of its attitude response if it has one."""
 
     parameters: QuadrotorParameters
     effects: Effects
@@ -137,7 +137,7 @@ def step(
     numbers: Numbers,
     frame: DisturbanceFrame,
 ) -> ModelStep:
-    """Return the vehicle at the end of a step from time 0 on, during which inputs and disturbance are constant.
+    """Return the vehicle at the end of a step from time 0, during which inputs and disturbance are constant.
 
     A payload that is dropped later is present in every step. With an attitude response, the body rates in the state are
     the rates of the angles.
@@ -212,7 +212,7 @@ def measured_attitude(attitude: Attitude, misalignment: Attitude) -> Attitude:
 
 
 def _target(rotors: RotorSpeed, command: RotorSpeed | Throttle, span: Span, numbers: Numbers) -> RotorSpeed:
-    """Return the speeds that the rotors approach; at full throttle they are proportional to the voltage."""
+    """Return the speeds that the rotors approach. At full throttle, they are proportional to the voltage."""
     state = VehicleState(State(*(0.0,) * NUM_BODY), rotors)
     target = rotor_target(state, command, numbers.parameters, None, numbers.effects, 0.0)
     return RotorSpeed(*(span.voltage * speed for speed in target))
@@ -237,9 +237,9 @@ def thrust_of_share(record: FlightRecord, weight: float) -> np.ndarray:
 def with_commands(record: FlightRecord, scenario: Scenario, believed: Scenario) -> FlightRecord:
     """Return a record with the commands that the vehicle takes as input.
 
-    These are `motor_command` for a vehicle with throttles, and otherwise `rotor_speed_command`; with an attitude
-    response also `attitude_command`. If the log lacks the commands of the rotors, they follow from the logged thrust
-    and torque, or from the thrust alone with an attitude response, through the allocation of the firmware. If the
+    These are `motor_command` for a vehicle with throttles, and otherwise `rotor_speed_command`. With an attitude
+    response, `attitude_command` is added. If the log lacks the commands of the rotors, the allocation of the firmware
+    gives them from the logged thrust and torque, or from the thrust alone with an attitude response. If the
     autopilot logs its estimate of the hover thrust, thrust is taken as a multiple of the weight, so that a battery that
     discharges does not distort the thrust curve.
 
@@ -349,11 +349,11 @@ class LogModel:
 
     @property
     def delay_place(self) -> int | None:
-        """Place of the delay among the parameters; None if it is fixed."""
+        """Index of the delay among the parameters; None if it is fixed."""
         return self.names.index(DELAY) if DELAY in self.names else None
 
     def numbers(self, parameters: np.ndarray) -> Numbers:
-        """Return the numbers for (K, p) parameters, each a number or a (K,) array."""
+        """Return the vehicle parameters for (K, p) values, each a number or a (K,) array."""
         scenario = replaced(
             self.scenario, lambda path, old: parameters[:, self._paths[path]] if path in self._paths else old
         )
@@ -495,7 +495,7 @@ class ModelFlight:
         return self._command[:NUM_ROTORS].reshape(-1)
 
     def _read_inputs(self) -> None:
-        """Read commands, wind and duration of the step that begins now."""
+        """Read the commands, the wind and the duration of the step that begins now."""
         commands, at = self._inputs.commands, self._k + self._inputs.margin
         for lag, share, which in self._lags:
             self._command[:, which] = ((1.0 - share) * commands[at - lag] + share * commands[at - lag - 1])[:, None, :]

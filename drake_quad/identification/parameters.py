@@ -1,8 +1,8 @@
 """Parameters that an identification may estimate, with their priors.
 
 The prior of a parameter is a normal distribution around its value in the scenario. Its standard deviation is the scale
-of the parameter, the size of a usual error of a data sheet. So the prior counts only where the data say little. A new
-parameter is one more row of `_candidates`.
+of the parameter, which is the typical error of a data sheet. The prior therefore matters only if the data contain
+little information. To add a parameter, add a row to `_candidates`.
 """
 
 from collections.abc import Iterator, Sequence
@@ -46,12 +46,12 @@ class Parameter(NamedTuple):
 def parameters_of(
     scenario: Scenario, signals: set[str], *, own_throttles: bool, delay: float, max_delay: float
 ) -> list[Parameter]:
-    """Return the parameters that outputs may determine.
+    """Return the parameters that the predicted signals may determine.
 
     Args:
         scenario: scenario with the initial values.
         signals: signals that are predicted.
-        own_throttles: whether the log has a command for each motor, rather than a common share of the thrust.
+        own_throttles: True if the log has a command for each motor, rather than a common share of the thrust.
         delay: initial delay, s.
         max_delay: largest delay in either direction, s.
     """
@@ -73,14 +73,14 @@ def parameters_of(
 
 
 def _candidates(scenario: Scenario, signals: set[str], own_throttles: bool) -> Iterator[tuple[str, float, str]]:
-    """Yield name, scale and range of each parameter."""
+    """Yield the name, scale and range of each parameter."""
     vehicle: Any = scenario.vehicle
     autopilot: Any = scenario.laboratory.autopilot
     responds = scenario.laboratory.autopilot.models_vehicle
     turning, moving = bool({"attitude", "body_rates"} & signals), bool({"position", "velocity"} & signals)
     mass, hover, arm = vehicle.mass, 0.25 * vehicle.mass * vehicle.gravity, arm_length_of(vehicle)
     if vehicle.motors.take_throttles:
-        # A log of heights or of a common share of the thrust varies around hover, and determines fewer numbers.
+        # A log of heights or of a common share of the thrust varies only around hover, and determines fewer parameters.
         places = (0, 1, 2) if own_throttles and turning else (0, 1) if turning else (0, 2)
         for i in places:
             yield f"motors.curve[{i}]", hover, "any"

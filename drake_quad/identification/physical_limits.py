@@ -23,13 +23,13 @@ from drake_quad.identification.parameters import Parameter
 
 _INERTIA = tuple(f"inertia[{axis}]" for axis in range(3))
 _CURVE = tuple(f"motors.curve[{power}]" for power in range(3))
-# Rows are variables of the search, columns parameters.
+# In the following matrices, rows are search variables, and columns are parameters.
 _SECOND_MOMENTS = 0.5 * np.array([[-1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, -1.0]])
 _RISING_CURVE = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 1.0, 2.0]])
-# Second moments are at least this share of the smallest moment of inertia of the data sheet, so that a body cannot
-# become a point. A plane vehicle on the data sheet has none across its plane.
+# Second moments are at least this share of the smallest moment of inertia on the data sheet, so that a body cannot
+# become a point. For a flat vehicle, the data sheet implies a second moment of zero across the plane.
 _MIN_SECOND_MOMENT = 0.02
-# Thrust at zero throttle, relative to that in hover, which is the scale of K0.
+# Largest thrust at zero throttle, relative to the thrust in hover, which is the scale of K0.
 _MAX_IDLE_THRUST = 0.5
 # A variable is at a limit if it is nearer to it than this share of its scale.
 _AT_LIMIT = 1e-3
@@ -75,9 +75,9 @@ class SearchVariables(NamedTuple):
         return cls(matrix, np.linalg.inv(matrix), lower, upper, np.abs(matrix) @ scale)
 
     def limited(self, values: np.ndarray) -> np.ndarray:
-        """Return a mask (p,) of the parameters that are at a limit of their own, for values (p,) of the parameters.
+        """Return a mask (p,) of the parameters whose values (p,) are at a limit.
 
-        Limits on combinations of several parameters are left out: they inform on each of them.
+        Limits on combinations of several parameters are ignored, since they do not determine a single parameter.
         """
         variables = self.matrix @ values
         own = np.count_nonzero(self.matrix, axis=1) == 1

@@ -37,16 +37,16 @@ FORCE = "specific_force"
 _ATTITUDE = slice(STATE_ROWS["attitude"], STATE_ROWS["attitude"] + 3)
 # Steps of the finite differences that linearise the filter, in the unit of each row of the state.
 _STEPS = np.append(np.repeat([1e-4, 1e-5, 1e-4, 1e-4, 1e-3, 1e-2], 3), [1e-3, 1e-3])
-# m/s², standard deviation of the constant horizontal force, which stands for the drag of a wind that is not logged.
+# Standard deviation of the constant horizontal specific force, m/s², which represents the drag of an unlogged wind.
 _CONSTANT_FORCE_DEVIATION = 1.0
 # Standard deviations of the state at the start of a window: position (m), attitude (rad), velocity (m/s), body rates
 # (rad/s).
 _INITIAL_DEVIATIONS = np.repeat([1.0, 0.5, 2.0, 10.0], 3)
-_LOGGED_ATTITUDE = 0.03  # rad, of a logged attitude that is not predicted
+_LOGGED_ATTITUDE = 0.03  # rad, standard deviation of a logged attitude that is not predicted
 
 
 class Output(NamedTuple):
-    """One column of a signal of a record."""
+    """Column of a signal of a record."""
 
     signal: str
     column: int
@@ -190,9 +190,10 @@ class Predictor:
 
     @property
     def noise_groups(self) -> np.ndarray:
-        """Group (m + 12,) of each number of the noise; numbers of the same group are equal.
+        """Group number (m + 12,) of each noise parameter. Parameters of the same group are equal.
 
-        The axes of a position or of an attitude form one group, x and y of any other signal and of the disturbance.
+        All axes of a position or of an attitude form one group. So do x and y of any other signal, and of the
+        disturbance.
         """
         shared = {"position": (0, 0, 0), "attitude": (0, 0, 0)}
         names = [f"{signal}{shared.get(signal, (0, 0, 2))[column]}" for signal, column in self.outputs]
@@ -326,8 +327,8 @@ class Predictor:
             parameters: (K, p) parameters.
             gains: gains of all filters.
             noise: noise, whose memory is that of the disturbance.
-            keep: number of the measurement before which the state is returned; by default the one at which the next
-                window starts.
+            keep: index of the measurement before which the state is returned; by default that of the measurement at
+                which the next window starts.
 
         Returns:
             (T, m, K, W) errors, and (NUM_BODY + NUM_DISTURBANCE, K, W) states.
@@ -340,7 +341,7 @@ class Predictor:
             if j == keep:
                 kept = state.copy()
             found[j] = self._errors(j, self._predicted(flown, state))
-            # A product for each window takes a fraction of the time of `np.einsum`.
+            # A matrix product for each window takes a fraction of the time of `np.einsum`.
             corrections = of_windows[j] @ np.ascontiguousarray(found[j].transpose(2, 0, 1))
             state[self.rows] += corrections.transpose(1, 2, 0)
             for _ in range(self.split):
@@ -351,7 +352,7 @@ class Predictor:
     def open_loop(
         self, parameters: np.ndarray, gains: Gains, noise: PredictionNoise, steps: Sequence[int]
     ) -> list[np.ndarray]:
-        """Return measured states (12, 2, W) at the last measurement before each window, and after some samples.
+        """Return measured states (12, 2, W) at the last measurement before each window, and after each of `steps`.
 
         From this measurement on, the states follow from the commands alone: first without a disturbance, second with
         the disturbance that the filter has estimated, which decays with its memory.
@@ -398,8 +399,8 @@ class Predictor:
         Args:
             gains: gains of the filter.
             own: noise of the filter.
-            noises: a noise, and C - 1 noises that differ from it by so little that first order is enough.
-            chosen: numbers of w windows.
+            noises: a noise, and C - 1 noises that differ so little from it that a first-order expansion is accurate.
+            chosen: indices of w windows.
 
         Returns:
             (T, C, w, m) errors and (T, C, w, m, m) covariances of these errors, for the T measurements that count.
@@ -413,7 +414,7 @@ class Predictor:
         process, process_changes = _and_changes(
             np.stack([np.diag(self.process_noise(noise)) for noise in noises])[:, None]
         )
-        # Numbers of the noises that differ in the noise of the measurements, or in the memory of the disturbance.
+        # Indices of the noises that differ in the noise of the measurements, or in the memory of the disturbance.
         of_measured, of_memory = (np.flatnonzero(x.any(axis=(1, 2, 3))) for x in (measured_changes, ratio_changes))
         deviation, deviations, errors, covariances = np.zeros((W, n, 1)), np.zeros((C - 1, W, n, 1)), [], []
         for j in range(len(self.measured)):
@@ -447,12 +448,12 @@ class Predictor:
 
 
 def _transposed(matrices: np.ndarray) -> np.ndarray:
-    """Return transposed matrices in rows, with which NumPy multiplies faster than with rows in columns."""
+    """Return transposed matrices in row-major order, which NumPy multiplies faster than transposed views."""
     return np.ascontiguousarray(matrices.swapaxes(-1, -2))
 
 
 def _and_changes(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the first of some arrays, and by how much the others differ from it."""
+    """Return the first of some arrays, and the differences of the other arrays from it."""
     return values[0], values[1:] - values[0]
 
 
@@ -462,7 +463,7 @@ def _disturbance_deviations(noise: PredictionNoise) -> np.ndarray:
 
 
 def _rows(signal: str, axes: str = "xyz") -> set[int]:
-    """Return the rows of a signal in the state, along some axes."""
+    """Return the rows of a signal in the state, for some axes."""
     return {STATE_ROWS[signal] + "xyz".index(axis) for axis in axes}
 
 
@@ -472,11 +473,11 @@ def _disturbance_rows(*names: str) -> set[int]:
 
 
 def _estimated_rows(signals: set[str], frame: DisturbanceFrame) -> np.ndarray:
-    """Return the rows of the state that the filter estimates: those that the outputs determine, or depend on."""
+    """Return the rows of the state that the filter estimates, which the outputs determine or depend on."""
     constant = _disturbance_rows("constant_x", "constant_y")
     rows = set(range(NUM_BODY + NUM_DISTURBANCE))
     if signals == {"position"}:
-        # The height of a vehicle that is assumed to stay level.
+        # If only heights are logged, the vehicle is assumed to stay level.
         rows = _rows("position", "z") | _rows("velocity", "z") | _disturbance_rows("z")
     elif "position" not in signals:
         rows -= _rows("position")

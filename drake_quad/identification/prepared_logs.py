@@ -1,4 +1,4 @@
-"""Logs as the forward model takes them: commands, outputs, usable samples and one period."""
+"""Preparation of logs for the forward model: commands, outputs, usable samples, and a common period."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -24,15 +24,16 @@ from drake_quad.identification.windows import LogWindow, WindowSizes, airborne, 
 from drake_quad.scenario.models import Scenario
 from drake_quad.vehicle.motors import thrust_of
 
-# s, a tenth of the time constant of a small motor; faster logs are averaged to this period.
+# Shortest period, s, a tenth of the time constant of a small motor. Faster logs are averaged to this period.
 _PERIOD = 0.008
 SLOW_PERIOD = 0.03  # s, half of the time constant of a small motor
 _MAX_STEP = 0.01  # s, longest step of the model
-# s, length of a window and time before it in which the filter settles. Without poses, attitude and velocity drift.
+# Length of a window, and time before it in which the filter settles, s. Without poses, attitude and velocity drift, so
+# windows are shorter.
 _POSE_WINDOW, _IMU_WINDOW = (1.25, 0.4), (1.0, 0.4)
 _MIN_WINDOW = 0.5  # s
 WARM_UP = 0.4  # s, about five time constants of a small motor
-_POSE_HORIZON, _IMU_HORIZON = 0.5, 0.1  # s, of the forecast of held-out flight
+_POSE_HORIZON, _IMU_HORIZON = 0.5, 0.1  # s, horizon of the forecast of held-out flight
 MAX_DELAY = 0.15  # s
 MIN_BLOCKS = 15
 _BLOCK = 4.0  # s, longer than the correlation time of model errors
@@ -41,14 +42,14 @@ _POSE = ("position", "attitude")
 
 
 class PreparedLogs(NamedTuple):
-    """Logs as the model takes them.
+    """Logs that are prepared for the model.
 
     Attributes:
         records: records with the commands and outputs of the model.
-        scenario: scenario with the vehicle that flies them.
+        scenario: scenario with the vehicle of the logs.
         outputs: outputs that are predicted.
         flying: (n,) mask of the usable samples of each record.
-        own_throttles: whether each motor has a command of its own.
+        own_throttles: True if each motor has its own command.
     """
 
     records: list[FlightRecord]
@@ -66,8 +67,9 @@ class PreparedLogs(NamedTuple):
     def voltage(self) -> float | None:
         """Voltage for which the thrust curve holds, V.
 
-        It is `motors.voltage` of the vehicle, otherwise that of its full battery, otherwise the median of the logs. It
-        is None if the rotors are not commanded one by one, or if a log lacks the voltage.
+        It is `motors.voltage` of the vehicle if given, otherwise the voltage of its full battery if it has one,
+        otherwise the median of the logs. It is None if the rotors are not commanded one by one, or if a log lacks the
+        voltage.
         """
         if not self.own_throttles or any(record.battery_voltage is None for record in self.records):
             return None
@@ -128,7 +130,7 @@ class PreparedLogs(NamedTuple):
             windows: windows of the records.
             sizes: sizes of the windows.
             names: names of the parameters.
-            delay: delay if it is no parameter, s.
+            delay: delay if it is not a parameter, s.
         """
         scenario = with_effects(self.scenario, tuple(name for name in names if name != DELAY))
         frame: DisturbanceFrame = "world" if self.poses else "body"
@@ -139,17 +141,17 @@ class PreparedLogs(NamedTuple):
 
 
 def window_blocks(predictor: Predictor) -> np.ndarray:
-    """Return the number (W,) of the block of each window, for the covariance of the estimates."""
+    """Return the block number (W,) of each window, for the covariance of the estimates."""
     return blocks_of(len(predictor.windows), predictor.duration, MIN_BLOCKS)
 
 
 def blocks_of(windows: int, duration: float, minimum: int) -> np.ndarray:
-    """Return the number (windows,) of the block of each window, in blocks that are longer than errors are correlated.
+    """Return the block number (windows,) of each window, for blocks that exceed the correlation time of the errors.
 
     Args:
         windows: number of windows.
         duration: duration of all windows together, s.
-        minimum: smallest number of blocks, if there are as many windows.
+        minimum: smallest number of blocks, unless there are fewer windows.
     """
     number = min(windows, max(minimum, round(duration / _BLOCK)))
     return np.asarray(np.arange(windows) * number // windows)
@@ -162,13 +164,13 @@ def prepare(
     *,
     late_attitude: bool = False,
 ) -> tuple[PreparedLogs, Scenario]:
-    """Return logs as the model takes them, and the scenario that estimates are put into.
+    """Prepare logs for the model, and return them with the scenario to which estimates are written.
 
     Args:
         records: records of flights of the same vehicle.
         scenario: scenario with the vehicle.
         believed: scenario whose `nominal` vehicle the firmware's allocation uses; by default `scenario`.
-        late_attitude: whether attitudes are late, so that only body rates are predicted.
+        late_attitude: True if attitudes are late, so that body rates are predicted instead.
 
     Raises:
         InputError: if a log lacks commands or outputs, or the logs have different rates.
@@ -191,14 +193,14 @@ def prepare(
     logs = PreparedLogs(
         prepared, flown, _outputs(prepared, late_attitude), [airborne(record) for record in prepared], own_throttles
     )
-    common_period(prepared)  # refuses logs of different rates
+    common_period(prepared)  # raises an error if the logs have different rates
     return logs, scenario
 
 
 def _with_specific_force(record: FlightRecord, scenario: Scenario) -> FlightRecord:
     """Return a record whose residual force is converted to the specific force that an accelerometer would measure.
 
-    An autopilot logs as residual force the force other than the weight and the thrust that it commanded.
+    The residual force in the log of an autopilot is the force in addition to the weight and the commanded thrust.
     """
     if record.residual_force is None or record.attitude is None or record.specific_force is not None:
         return record
@@ -220,8 +222,9 @@ def _with_specific_force(record: FlightRecord, scenario: Scenario) -> FlightReco
 def _outputs(records: Sequence[FlightRecord], late_attitude: bool) -> list[Output]:
     """Return the outputs that are predicted, which all records contain.
 
-    Velocities are left out if positions are logged, and body rates if attitudes but no specific forces are logged: an
-    estimator derives them from positions and attitudes, with the same noise and with an additional delay.
+    Velocities are left out if positions are logged. Body rates are left out if attitudes but no specific forces are
+    logged. An estimator derives such signals from positions and attitudes, so they contain the same noise and an
+    additional delay.
     """
     have = set.intersection(*(set(record.names) for record in records))
     if late_attitude:
@@ -246,8 +249,8 @@ def _outputs(records: Sequence[FlightRecord], late_attitude: bool) -> list[Outpu
 def initial_noise(outputs: Sequence[Output]) -> PredictionNoise:
     """Return the initial noise.
 
-    The disturbance is large, so that an initial model that is far off is corrected by the measurements, and does not
-    diverge within a window. Its likelihood soon makes it smaller.
+    The initial disturbance is large, so that the measurements correct a poor initial model before it diverges within a
+    window. The maximum-likelihood estimate reduces it in the first rounds of the fit.
     """
     measured = {"position": 1e-3, "velocity": 2e-2, "attitude": 4e-3, "body_rates": 2e-2, FORCE: 0.3}
     memory = [0.1, 0.1, 0.1, 0.05, 0.05, 0.05]

@@ -25,8 +25,8 @@ import scipy
 from drake_quad.identification.evidence import Evidence, Uncertainty, inverted, jackknife, sums_over_blocks
 
 NUM_STRETCHES = 10
-"""Number of stretches into which all flights are divided, and which are held out one after another."""
-# Windows per stretch from which their errors are distinguished from variation.
+"""Number of stretches into which all flights are divided. Each of them is held out once."""
+# Smallest number of windows per stretch with which errors are distinguished from variation.
 _MIN_WINDOWS_PER_STRETCH = 2
 _SIGNIFICANCE_LEVEL = 0.1
 _NUM_BISECTIONS = 60
@@ -47,7 +47,7 @@ class Variation(NamedTuple):
     duration: float
 
     def part(self, places: Sequence[int]) -> "Variation":
-        """Return the variation of some of the parameters, given by their places, in this order."""
+        """Return the variation of the parameters with the given indices, in this order."""
         return self._replace(covariance=self.covariance[np.ix_(places, places)])
 
     def with_unknown(self, count: int) -> "Variation":
@@ -63,7 +63,7 @@ class Stretches(NamedTuple):
         information: (B, p, p) information of each stretch.
         scores: (B, p) score of each stretch.
         estimates: (B, p) estimates from each stretch alone.
-        variances: (B, p) variances of their errors.
+        variances: (B, p) variances of the errors of the estimates.
         degrees_of_freedom: degrees of freedom of the variances; infinite for variances of the model.
         duration: duration of a stretch, s.
     """
@@ -131,7 +131,7 @@ class Stretches(NamedTuple):
         return np.where(significant, size * high, 0.0)
 
     def _p_value(self, squares: np.ndarray) -> np.ndarray:
-        """Return the probability (p,) of such sums of squares without variation, by χ² if the variances are known."""
+        """Return the p-values (p,) of sums of squares if nothing varies, by χ² if the variances are known."""
         count = len(self.scores)
         if not np.isfinite(self.degrees_of_freedom):
             return np.asarray(scipy.stats.chi2.sf(squares, count - 1))

@@ -1,4 +1,4 @@
-"""Result of an identification: estimates, the vehicle with them, and its forecast of held-out flight."""
+"""Result of an identification: estimates, the vehicle with these estimates, and its forecast of held-out flight."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -13,14 +13,14 @@ from drake_quad.scenario.models import Scenario
 
 
 class ForecastOutput(NamedTuple):
-    """Forecast of one output beside its measurements, in windows of held-out flight.
+    """Forecast and measurements of one output, in windows of held-out flight.
 
     Attributes:
         name: name of the output, as in "position x".
         unit: unit of the output.
-        time: (W, T) flight time in the windows, which follow one another, s.
+        time: (W, T) flight time in consecutive windows, s.
         measured: (W, T) measurements.
-        predicted: (W, T) forecast, which uses no measurement of its window.
+        predicted: (W, T) forecast, which uses no measurements in its window.
         explained: share of the variance that the forecast explains, see `drake_quad.identification.forecast`; NaN if
             nothing varies.
         deviation: standard deviation of the white noise of the measurements.
@@ -36,7 +36,7 @@ class ForecastOutput(NamedTuple):
 
     @property
     def residual(self) -> np.ndarray:
-        """(W, T) measured minus predicted."""
+        """Measurements minus forecast, (W, T)."""
         return self.measured - self.predicted
 
 
@@ -44,9 +44,9 @@ class Spread(NamedTuple):
     """Estimate with its uncertainty.
 
     Attributes:
-        value: estimate.
-        deviation: standard deviation of its error.
-        unit: unit of both.
+        value: estimated value.
+        deviation: standard deviation of the error of the value.
+        unit: unit of the value and the standard deviation.
         degrees_of_freedom: degrees of freedom of Student's distribution of the error.
     """
 
@@ -57,15 +57,15 @@ class Spread(NamedTuple):
 
     @property
     def reach(self) -> float:
-        """Half of the length of the 95 % interval."""
+        """Half-width of the 95 % interval."""
         return float(quantile(self.degrees_of_freedom)) * self.deviation
 
 
 class FlightDifference(NamedTuple):
-    """What a flight has of its own, see `drake_quad.identification.flight_differences`.
+    """Difference of a flight from the mean of all flights, see `drake_quad.identification.flight_differences`.
 
     Attributes:
-        name: name of its log.
+        name: name of the log.
         thrust: thrust at the same command, relative to the mean of all flights, minus 1; None if there is one flight.
         forces: mean trim force along x and y of B and, where they are distinguishable, mean force of a wind that is not
             logged along x and y of W, N, by name; empty without positions and attitudes.
@@ -84,14 +84,14 @@ class Identification:
         estimates: estimates of the parameters with their covariance, and the reason for each parameter that is not
             identified.
         vehicle: initial scenario with the estimates in place of its values.
-        outputs: forecasts of the held-out flight, beside the measurements; empty if nothing was held out.
+        outputs: forecasts and measurements of the held-out flight; empty if nothing was held out.
         delay: delay from a logged command to the logged measurement of its effect; None if it is not identified.
         noise: noise of the measurements and of the disturbance.
         remarks: sentences on the fit.
         held_out: coverage of the intervals when a tenth of the flight at a time is left out, by the name of the
             parameter; empty if there is too little flight.
-        training_vehicle: scenario with the estimates of a fit to the flight that is not held out; None if nothing is.
-        flights: what each flight has of its own.
+        training_vehicle: scenario with the estimates from the training data; None if nothing was held out.
+        flights: difference of each flight from the mean of all flights.
     """
 
     estimates: Estimates

@@ -1,8 +1,8 @@
-"""Logs whose samples or clocks limit what they identify.
+"""Treatment of logs with a low sample rate or with two clocks.
 
-A log that is slower than the control loop lacks commands between its samples, and a log that was received over a radio
-link has two clocks: that of the vehicle, for its commands and sensors on board, and that of the motion capture system.
-Both distort the fast part of the motion, from which lags and moments of inertia are identified.
+A log that is slower than the control loop lacks commands between its samples. A log that was received over a radio link
+has two clocks: the clock of the vehicle for commands and on-board sensors, and the clock of the motion capture system.
+Both problems distort the fast part of the motion, from which lags and moments of inertia are identified.
 """
 
 from collections.abc import Sequence
@@ -21,11 +21,11 @@ from drake_quad.identification.parameters import Parameter, names_of
 from drake_quad.identification.prepared_logs import SLOW_PERIOD, PreparedLogs, window_blocks
 from drake_quad.identification.windows import airborne, coarser
 
-_SPECTRUM = 256  # samples of a part of a spectrum
-_FAST_COMMANDS = 0.2  # share of the power above half of the Nyquist frequency; white noise has 0.5
-_DIFFERS = 2.0  # standard deviations by which estimates of two bandwidths differ
-# s, standard deviation of the shift between two clocks. Logs from one clock have 0.3 ms, noisy ones up to 5 ms, and
-# radio logs 12 to 26 ms.
+_SPECTRUM_LENGTH = 256  # samples in each segment of a spectral estimate
+_MIN_FAST_SHARE = 0.2  # power above half of the Nyquist frequency, relative to the total power; white noise has 0.5
+_DIFFERENCE_SIGMA = 2.0  # standard deviations from which estimates at two bandwidths count as different
+# Standard deviation of the shift between two clocks, s. It is 0.3 ms in logs with one clock, up to 5 ms in noisy ones,
+# and 12 to 26 ms in radio logs.
 _MAX_CLOCK_SCATTER = 8e-3
 _MIN_CLOCK_PARTS = 4
 _MIN_LEAD = 2e-3  # s
@@ -35,9 +35,9 @@ class SlowFit(NamedTuple):
     """Fit to the same logs at a longer period.
 
     Attributes:
-        values: (p,) parameters.
-        variances: (p,) variances of their errors.
-        period: period, s.
+        values: (p,) estimates of the parameters.
+        variances: (p,) variances of the errors of the estimates.
+        period: period of the samples, s.
     """
 
     values: np.ndarray
@@ -46,12 +46,12 @@ class SlowFit(NamedTuple):
 
 
 class Synchronised(NamedTuple):
-    """Records whose signals are of the same time.
+    """Records whose signals are synchronous.
 
     Attributes:
-        records: records.
-        late_attitude: whether the attitude is that of an estimator with a gyroscope, and late.
-        remarks: sentences on what was changed.
+        records: records, without the signals of another clock.
+        late_attitude: True if the attitude is that of an estimator, and lags the gyroscope.
+        remarks: sentences on signals that were changed or left out.
     """
 
     records: Sequence[FlightRecord]
@@ -60,14 +60,14 @@ class Synchronised(NamedTuple):
 
 
 def synchronised(records: Sequence[FlightRecord]) -> Synchronised:
-    """Return records whose signals are of the same time.
+    """Return records without the signals that are not synchronous with the commands.
 
-    Body rates that lead the attitude cannot have been derived from it, so they are those of a gyroscope. The attitude
-    is then that of an estimator, whose errors are not white noise, and it is not predicted.
+    Body rates that lead the attitude cannot be derived from it, so they are those of a gyroscope. The attitude is then
+    that of an estimator, whose errors are not white noise, and it is not predicted.
 
-    If the shift varies, poses are from another clock than the sensors on board. They are left out, since commands are
-    logged on board. What is left has uncertain times as well, so its samples are averaged. Without gyroscope and
-    accelerometer, all signals are kept.
+    If the shift varies, the poses have another clock than the on-board sensors. They are left out, since commands are
+    logged on board. The times of the remaining signals are uncertain as well, so their samples are averaged. Without
+    gyroscope and accelerometer, all signals are kept.
     """
     has = [{"attitude", "body_rates"} <= {*record.names} for record in records]
     shifts = [
@@ -87,7 +87,7 @@ def synchronised(records: Sequence[FlightRecord]) -> Synchronised:
 
 
 def _on_board(records: Sequence[FlightRecord], scatter: float) -> Synchronised:
-    """Return the records without poses, given the standard deviation of their shift in s."""
+    """Return the records without poses, given the standard deviation of the shift of the poses in s."""
     doubt = (
         f"attitude and body rates are shifted against each other by {1e3 * scatter:.0f} ms (standard deviation over"
         " parts of two seconds), so their clocks are not synchronised"
@@ -110,33 +110,33 @@ def fast_command_remarks(records: Sequence[FlightRecord]) -> list[str]:
         f"{record.name}: {share:.0%} of the power of the commands lies above half of the Nyquist frequency, so that the"
         " log may lack commands between its samples"
         for record in records
-        if (share := fast_command_share(record)) > _FAST_COMMANDS
+        if (share := fast_command_share(record)) > _MIN_FAST_SHARE
     ]
 
 
 def lack_commands(records: Sequence[FlightRecord]) -> bool:
-    """Return whether logs may lack commands between their samples."""
-    return any(fast_command_share(record) > _FAST_COMMANDS for record in records)
+    """Return whether some of the logs may lack commands between their samples."""
+    return any(fast_command_share(record) > _MIN_FAST_SHARE for record in records)
 
 
 def fast_command_share(record: FlightRecord) -> float:
     """Return the share of the power of the commands above half of the Nyquist frequency of the log, in flight.
 
-    It is that of the differences between rotors, which turn the vehicle; 0 if there are no commands for rotors.
+    The commands are the differences between rotors, which turn the vehicle. The share is 0 without rotor commands.
     """
     commands = record.motor_command if record.motor_command is not None else record.rotor_speed_command
     if commands is None:
         return 0.0
     differences = (commands - commands.mean(axis=1, keepdims=True))[airborne(record)]
-    if len(differences) < _SPECTRUM:
+    if len(differences) < _SPECTRUM_LENGTH:
         return 0.0
-    frequency, power = scipy.signal.welch(differences, nperseg=_SPECTRUM, axis=0, detrend="linear")
+    frequency, power = scipy.signal.welch(differences, nperseg=_SPECTRUM_LENGTH, axis=0, detrend="linear")
     total = float(power.sum())
     return float(power[frequency > 0.25].sum()) / total if total > 0.0 else 0.0
 
 
 def slow_fit(logs: PreparedLogs, parameters: Sequence[Parameter], fitted: PredictionFit) -> SlowFit | None:
-    """Return a fit to the logs at a longer period; None if they are slow or too short for that."""
+    """Fit the logs at a longer period; return None if they are already slow, or too short."""
     slow = logs.coarser()
     if slow is None:
         return None
@@ -158,26 +158,27 @@ def with_bandwidth(
     *,
     lacks_commands: bool,
 ) -> tuple[Uncertainty, list[str]]:
-    """Return the uncertainty with what parameters depend on the bandwidth of the logs, and remarks.
+    """Return the uncertainty including the dependence of the parameters on the bandwidth of the logs, and remarks.
 
-    Averages over a period h distort an estimate by about h². So a share h² / (H² - h²) of the difference to the
-    estimate for a period H is added to its standard deviation (Richardson's extrapolation).
+    Averaging over a period h distorts an estimate in proportion to h². The variance of the estimate is therefore
+    increased by the square of h² / (H² - h²) times the difference from the estimate at a period H (Richardson's
+    extrapolation).
 
-    If the model holds, the two differ besides by an error whose variance is the difference of the two variances (J. A.
-    Hausman, Econometrica 46, 1978). Where logs lack commands between their samples, the interval of a parameter that
-    differs by more contains both estimates.
+    If the model is correct, the two estimates also differ by an error whose variance is the difference of the two
+    variances (J. A. Hausman, Econometrica 46, 1978). If logs lack commands between their samples, the interval of a
+    parameter that differs by more is widened to contain both estimates.
 
     Args:
         uncertainty: uncertainty of the parameters.
-        parameters: parameters.
+        parameters: p parameters.
         values: (p,) estimates.
-        slow: estimates from slower logs.
+        slow: fit to the same logs at a longer period.
         period: period of the logs, s.
-        lacks_commands: whether commands between the samples may be missing.
+        lacks_commands: True if commands between the samples may be missing.
     """
     squares = (values - slow.values) ** 2
     own = np.diag(uncertainty.covariance)
-    differs = np.full(len(own), lacks_commands) & (squares > _DIFFERS**2 * (slow.variances + own))
+    differs = np.full(len(own), lacks_commands) & (squares > _DIFFERENCE_SIGMA**2 * (slow.variances + own))
     excess = np.maximum(squares - np.maximum(slow.variances - own, 0.0), 0.0)
     distortion = squares * (period**2 / (slow.period**2 - period**2)) ** 2
     wider = np.sqrt(1.0 + (np.where(differs, excess, 0.0) + distortion) / own)

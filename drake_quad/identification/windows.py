@@ -17,13 +17,13 @@ from drake_quad.errors import InputError, shown
 from drake_quad.identification.logs.record import QUANTITIES, FlightRecord
 from drake_quad.identification.logs.timing import gaps
 
-# Specific force of a collision, m/s². Rotors give at most two to three times the weight along z, and little across it.
-_COLLISION = 2.0 * 9.81
-# Time that is excluded around unusable samples, s: the vehicle may be about to crash, or in ground effect.
+# Specific force of a collision, m/s². Rotors give up to three times the weight along z, and little along x and y.
+_COLLISION_FORCE = 2.0 * 9.81
+# Time that is excluded around unusable samples, s, since the vehicle may be about to crash, or in ground effect.
 _MARGIN = 1.0
 # Largest pitch of usable samples, rad. At 75° the noise of roll and yaw is four times that in level flight.
 _MAX_PITCH = np.radians(75.0)
-_IDLE = 0.5  # of the median command; the rotors do not carry the vehicle with less
+_IDLE_RATIO = 0.5  # command relative to its median; the rotors do not carry the vehicle with less
 _PERIOD_TOLERANCE = 0.1  # relative difference of the periods of logs of the same rate
 
 
@@ -31,8 +31,8 @@ class LogWindow(NamedTuple):
     """Window of a record.
 
     Attributes:
-        record: place of the record among the records.
-        start: number of the first sample whose prediction counts.
+        record: index of the record.
+        start: index of the first sample whose prediction counts.
     """
 
     record: int
@@ -70,7 +70,7 @@ def common_period(records: Sequence[FlightRecord]) -> float:
 
 
 def pieces(record: FlightRecord) -> np.ndarray:
-    """Return the number (n,) of the piece of each sample. A new piece starts after each gap."""
+    """Return the piece number (n,) of each sample. A new piece starts after each gap."""
     return np.concatenate([[0], np.cumsum(gaps(record.time))])
 
 
@@ -87,9 +87,9 @@ def airborne(record: FlightRecord) -> np.ndarray:
     if command is not None:
         working = command > 0.0
         mean = np.convolve(command, np.ones(around) / around, "same")
-        flying &= ~_near(mean < _IDLE * np.median(command[working]) if working.any() else ~working, around)
+        flying &= ~_near(mean < _IDLE_RATIO * np.median(command[working]) if working.any() else ~working, around)
     if record.specific_force is not None:
-        flying &= ~_near(np.abs(record.specific_force).max(axis=1) > _COLLISION, around)
+        flying &= ~_near(np.abs(record.specific_force).max(axis=1) > _COLLISION_FORCE, around)
     return flying & ~_near(_steep(record), around)
 
 
@@ -138,7 +138,7 @@ def coarser(record: FlightRecord, step: int) -> FlightRecord:
 
 
 def effort(record: FlightRecord) -> np.ndarray | None:
-    """Return (n,) a signal that rises with the commanded thrust; None if no command is logged."""
+    """Return a signal (n,) that rises with the commanded thrust; None if no command is logged."""
     if record.motor_command is not None:
         return np.asarray(record.motor_command.mean(axis=1))
     if record.rotor_speed_command is not None:
@@ -154,7 +154,7 @@ def _steep(record: FlightRecord) -> np.ndarray:
 
 
 def _near(found: np.ndarray, samples: int) -> np.ndarray:
-    """Return a mask (n,) of the samples within a number of samples of those in a mask."""
+    """Return a mask (n,) of the samples that are at most a number of samples away from those in a mask."""
     total = np.concatenate([[0], np.cumsum(found)])
     index = np.arange(len(found))
     return np.asarray(
@@ -193,6 +193,6 @@ def within_half_a_turn(angles: np.ndarray) -> np.ndarray:
 
 
 def held_out(flying: np.ndarray, share: float) -> np.ndarray:
-    """Return a mask (n,) of the last airborne samples, which are a share of all airborne samples."""
+    """Return a mask (n,) of the last airborne samples, which make up a share of all airborne samples."""
     total = np.cumsum(flying)
     return np.asarray(flying & (total > (1.0 - share) * total[-1]), dtype=bool)

@@ -1,1 +1,1 @@
-"""A logged flight beside the same flight as a vehicle predicts it: on open loop, or under its own controller."""
+"""Comparison of logged flights with predictions, in open loop or under a controller."""

@@ -1,4 +1,4 @@
-"""Comparison of a logged flight with simulated flights of the same reference, under the control of a scenario."""
+"""Comparison of a logged flight with simulated flights along the same reference, under the control of a scenario."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -28,8 +28,8 @@ INTERVAL = (0.025, 0.975)
 """Probabilities of the ends of the interval of predictions."""
 DEFAULT_REST = 8.0
 """Duration of the hover before the log, s. The integrators of on-board controllers settle within some seconds."""
-_MIN_MOVEMENT = 1e-2  # m, of the reference, at which the comparison starts
-_FLEET_SIZE = 32  # vehicles whose flights are recorded at the same time
+_MIN_MOVEMENT = 1e-2  # m, movement of the reference at which the comparison starts
+_FLEET_SIZE = 32  # number of vehicles that are simulated together
 
 
 class ErrorFigures(NamedTuple):
@@ -58,7 +58,7 @@ class LogComparison:
 
     Attributes:
         record: record of the log.
-        scenario: scenario that predicts, with the reference of the log as its route.
+        scenario: scenario of the predictions, with the reference of the log as its route.
         reference: reference of the log.
         plan: plan of the route.
         time: (n,) times of the samples that are compared, on the clock of the log, s.
@@ -83,7 +83,7 @@ class LogComparison:
 
     @property
     def varies(self) -> bool:
-        """True if the predicted flights differ. Without distributions, wind and noise they are equal."""
+        """True if the predicted flights differ. Without distributions, wind and noise they are identical."""
         return not np.allclose(self.predicted, self.predicted[:1], rtol=0.0, atol=1e-9, equal_nan=True)
 
     @property
@@ -97,9 +97,9 @@ class LogComparison:
         return ErrorFigures(*(np.where(np.isnan(values), np.inf, values) for values in figures))
 
     def interval(self, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return median, lower and upper end (4,) of the 95 % interval of a statistic, given by its name."""
+        """Return the median, lower and upper end (4,) of the 95 % interval of a statistic, given by its name."""
         values = getattr(self.predicted_figures(), name)
-        # The method "nearest" does not interpolate, since some values may be infinite.
+        # The method "nearest" is used because interpolation fails for infinite values.
         median, low, high = np.quantile(values, (0.5, *INTERVAL), axis=0, method="nearest")
         return median, low, high
 
@@ -124,10 +124,11 @@ def compare_with_log(
     start: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> LogComparison:
-    """Simulate the reference of a log under a scenario's control, and compare the simulation with the logged flight.
+    """Simulate the reference of a log under the control of a scenario, and compare the result with the logged flight.
 
-    The simulated vehicle hovers at the first point of the reference for `rest` and then follows the log's clock. If the
-    reference jumps and the vehicle takes off in the log, the simulated vehicle begins where the flown one lifts off.
+    The simulated vehicle hovers at the first point of the reference for `rest`, and then follows the reference on the
+    clock of the log. If the reference jumps and the vehicle takes off in the log, the simulation begins at the point
+    of the lift-off.
 
     The comparison covers the part of the log in free flight, see `flown_part`. It begins when the reference of the log
     has moved by 1 cm, so that a take-off before the log does not count. If the reference never moves, it covers the
@@ -139,7 +140,7 @@ def compare_with_log(
             draws its own vehicle. Sample i has the same wind and noise for all scenarios with the same seed.
         samples: number of simulated flights.
         rest: duration of the hover before the log, s.
-        start: time of the log from which errors count, s.
+        start: time in the log at which the comparison starts, s; by default as described above.
         progress: function that is called with the number of simulated flights and their total number.
 
     Raises:

@@ -1,13 +1,13 @@
-"""Errors of an on-board estimate of the velocity, and the drag that its rate shows.
+"""Errors of an on-board velocity estimate, and the drag that follows from it.
 
-If the same estimator logs position p̂ and velocity v̂, the derivative of the position is no independent measurement, but
-position measurements keep it right in the long run. The difference between the two is therefore an error of v̂. In means
-of 0.1 s
+If the same estimator logs the position p̂ and the velocity v̂, the derivative of p̂ is not an independent measurement.
+Position measurements correct it in the long run, however, so the difference between the two is an error of v̂. In means
+over 0.1 s
 
     v̂ - dp̂/dt = s v + d
 
-with a scale error s on axes along which the vehicle was flown, and a correlated error d. White noise of the position,
-which adds 14 mm/s for each mm, is not part of d: its variance follows from the scatter of p̂ - ∫ v̂ dt within 20 ms.
+with a scale error s on axes along which the vehicle was flown, and a correlated error d. White noise of the position
+adds 14 mm/s for each mm and is not part of d. Its variance follows from the scatter of p̂ - ∫ v̂ dt within 20 ms.
 """
 
 from typing import NamedTuple
@@ -22,25 +22,25 @@ from drake_quad.identification.result import Spread
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.winds.source import steady_wind
 
-_MEAN = 0.1  # s, long enough to average out single corrections of an estimator
-_BLOCK = 0.5  # s, blocks whose scatter gives standard deviations
-_BEGINNING = 0.5  # s, in which an estimator may still settle
+_MEAN_WINDOW = 0.1  # s, long enough to average out single corrections of an estimator
+_BLOCK = 0.5  # s, duration of the blocks whose scatter gives standard deviations
+_SETTLING_TIME = 0.5  # s, time at the start of a log in which an estimator may still settle
 _MIN_FLOWN_SPEED = 0.15  # m/s, standard deviation of the speed along an axis that counts as flown
-_STEP = 0.02  # s, two steps of a Crazyflie's estimator, over which the velocity error hardly changes
+_NOISE_STEP = 0.02  # s, two steps of a Crazyflie's estimator; the velocity error hardly changes within them
 _MIN_BLOCKS = 2
-_DRAG_MEAN = 0.1  # s, of force and air speed
+_DRAG_WINDOW = 0.1  # s, over which force and air speed are averaged
 _MIN_AIR_SPEED = 0.2  # m/s, standard deviation of the air speed that determines drag
-_MIN_SPEED_RATIO = 0.3  # an axis with less air speed than this, relative to the other, takes the drag of the other
+_MIN_SPEED_RATIO = 0.3  # an axis with a smaller share of the air speed of the other axis takes the drag of that axis
 
 
 class VelocityEstimate(NamedTuple):
     """Error of an estimated velocity.
 
     Attributes:
-        share: scale error along each axis; 0 for an axis that was not flown, with the mean standard deviation of the
-            axes that were flown.
-        drift: (3,) standard deviation of the correlated error along each axis, in means of 0.1 s, m/s.
-        time: correlation time of that error, mean of the axes, s.
+        share: scale error along each axis. For an axis that was not flown, it is 0 with the mean standard deviation of
+            the axes that were flown.
+        drift: (3,) standard deviation of the correlated error along each axis, in means over 0.1 s, m/s.
+        time: correlation time of that error, averaged over the axes, s.
     """
 
     share: tuple[Spread, Spread, Spread]
@@ -49,26 +49,26 @@ class VelocityEstimate(NamedTuple):
 
 
 def velocity_estimate(record: FlightRecord) -> VelocityEstimate:
-    """Return the error of the velocity that an on-board estimator logs.
+    """Estimate the error of the velocity that an on-board estimator logs.
 
     Args:
         record: record of a vehicle in the air, with estimated position and velocity.
 
     Raises:
-        InputError: if one of them is not logged, the log is too short, or the vehicle hovers.
+        InputError: if position or velocity is not logged, the log is too short, or the vehicle hovers.
     """
     position, velocity = record.of("position"), record.of("velocity")
-    inside = (record.time > record.time[0] + _BEGINNING) & (record.time < record.time[-1] - _MEAN)
-    after, before = record.time[inside] + 0.5 * _MEAN, record.time[inside] - 0.5 * _MEAN
+    inside = (record.time > record.time[0] + _SETTLING_TIME) & (record.time < record.time[-1] - _MEAN_WINDOW)
+    after, before = record.time[inside] + 0.5 * _MEAN_WINDOW, record.time[inside] - 0.5 * _MEAN_WINDOW
     blocks = np.floor(record.time / _BLOCK).astype(int)[inside]
     if len(np.unique(blocks)) < _MIN_BLOCKS or len(blocks) <= 2 * _steps(record):
         raise InputError(f"{record.name}: is too short to tell how an estimator sees velocity")
     shares, drifts, times = [], [], []
     for axis in range(3):
-        # Means by differences of what is integrated: a log need not be even in time.
+        # Means are differences of integrals, because the samples of a log need not be equally spaced.
         gone = scipy.integrate.cumulative_trapezoid(velocity[:, axis], record.time, initial=0.0)
         true, seen = (
-            (np.interp(after, record.time, each) - np.interp(before, record.time, each)) / _MEAN
+            (np.interp(after, record.time, each) - np.interp(before, record.time, each)) / _MEAN_WINDOW
             for each in (position[:, axis], gone)
         )
         off = seen - true
@@ -88,10 +88,10 @@ def velocity_estimate(record: FlightRecord) -> VelocityEstimate:
 
 
 def linear_drag(record: FlightRecord, scenario: Scenario) -> tuple[Spread, Spread]:
-    """Return the linear drag along x and y of the body, N s/m, for a flight too short to show quadratic drag.
+    """Estimate the linear drag along x and y of the body, N s/m, for a flight too short to determine quadratic drag.
 
-    It is the slope of the force over the air speed by least squares, with deviations from the scatter of blocks. An
-    axis along which the air hardly moves takes the drag of the other.
+    The drag is the least-squares slope of the force over the air speed. Its standard deviation follows from the scatter
+    of blocks. An axis with little air speed takes the drag of the other axis.
 
     Args:
         record: record with velocity and attitude.
@@ -106,7 +106,7 @@ def linear_drag(record: FlightRecord, scenario: Scenario) -> tuple[Spread, Sprea
     weight = np.array([0.0, 0.0, scenario.vehicle.gravity])
     forces = turned.apply(scenario.vehicle.mass * (np.gradient(velocity, record.time, axis=0) + weight))
     speeds = turned.apply(wind - velocity)
-    width = max(1, round(_DRAG_MEAN / record.period))
+    width = max(1, round(_DRAG_WINDOW / record.period))
     box, inside = np.ones(width) / width, slice(2 * width, -2 * width)
     blocks = np.floor(record.time / _BLOCK).astype(int)[inside]
     if len(np.unique(blocks)) < _MIN_BLOCKS:
@@ -124,12 +124,12 @@ def linear_drag(record: FlightRecord, scenario: Scenario) -> tuple[Spread, Sprea
 
 
 def _slope(rows: np.ndarray, values: np.ndarray, blocks: np.ndarray, unit: str) -> Spread:
-    """Return the first coefficient of least squares, with the deviation from the scatter of blocks.
+    """Return the first least-squares coefficient, with the standard deviation from the scatter of blocks.
 
     Args:
         rows: (n, k) regressors.
-        values: (n,) values.
-        blocks: (n,) number of the block of each row.
+        values: (n,) values that are fitted.
+        blocks: (n,) block number of each row.
         unit: unit of the coefficient.
     """
     inverse = np.linalg.inv(rows.T @ rows)
@@ -142,14 +142,14 @@ def _slope(rows: np.ndarray, values: np.ndarray, blocks: np.ndarray, unit: str) 
 
 def _steps(record: FlightRecord) -> int:
     """Return the number of samples over which the velocity error hardly changes."""
-    return max(1, round(_STEP / record.period))
+    return max(1, round(_NOISE_STEP / record.period))
 
 
 def _noise(left: np.ndarray, record: FlightRecord, ends: tuple[np.ndarray, np.ndarray]) -> float:
-    """Return the variance that white noise of a signal adds to means of the signal's derivative.
+    """Return the variance that white noise of a signal adds to means of the derivative of the signal.
 
     Args:
-        left: (n,) consecutive samples of the signal, at the times of the means only: a jump while the estimator still
+        left: (n,) consecutive samples of the signal, at the times of the means only, since a jump while the estimator
             settles is not noise.
         record: record that contains the samples.
         ends: end and start of each mean, two arrays (n,) of times, s.
@@ -157,13 +157,13 @@ def _noise(left: np.ndarray, record: FlightRecord, ends: tuple[np.ndarray, np.nd
     step = _steps(record)
     variance = float(np.mean((left[2 * step :] - 2.0 * left[step:-step] + left[: -2 * step]) ** 2)) / 6.0
     between = [np.interp(end, record.time, np.arange(len(record.time))) % 1.0 for end in ends]
-    return variance / _MEAN**2 * float(sum(np.mean(share**2 + (1.0 - share) ** 2) for share in between))
+    return variance / _MEAN_WINDOW**2 * float(sum(np.mean(share**2 + (1.0 - share) ** 2) for share in between))
 
 
 def _correlation_time(rest: np.ndarray, noise: float) -> int:
-    """Return the number of samples after which the autocorrelation, without that of noise, has fallen to 1/e."""
+    """Return the number of samples after which the autocorrelation, without that of the noise, has fallen to 1/e."""
     off = rest - rest.mean()
-    # Direct summation would take seconds for a log of several minutes, so the correlation uses Fourier transforms.
+    # The correlation uses Fourier transforms, since direct summation takes seconds for a log of several minutes.
     correlation = scipy.signal.correlate(off, off, method="fft")[len(off) - 1 :]
     left = max(0.0, correlation[0] - len(off) * noise)
     return max(1, int(np.argmax(correlation < left / np.e)) or len(off))

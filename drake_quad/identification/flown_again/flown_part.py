@@ -1,4 +1,4 @@
-"""The part of a log in which a vehicle is in free flight, between take-off and landing."""
+"""Part of a log in which a vehicle is in free flight, between take-off and landing."""
 
 from typing import NamedTuple
 
@@ -8,12 +8,12 @@ from drake_quad.errors import InputError, shown
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.windows import effort
 
-# Share of the median command of a flight below which rotors idle.
-_IDLE = 0.5
-# Height of vehicle and reference above the ground in free flight, m: some rotor diameters of a small vehicle.
+# Rotors idle if their command, relative to its median, is smaller than this ratio.
+_IDLE_RATIO = 0.5
+# Smallest height of vehicle and reference above the ground in free flight, m: some rotor diameters of a small vehicle.
 _MIN_HEIGHT = 0.25
-# Height above the ground at which a vehicle has lifted off, m; more than the noise of motion capture.
-_LIFT_OFF = 0.003
+# Height above the ground at which a vehicle has lifted off, m. It exceeds the noise of motion capture.
+_LIFT_OFF_HEIGHT = 0.003
 
 
 class FlownPart(NamedTuple):
@@ -31,22 +31,23 @@ class FlownPart(NamedTuple):
 
 
 def flown_part(record: FlightRecord) -> FlownPart:
-    """Return the part of a log in which the vehicle flies freely, and so does its reference.
+    """Return the part of a log in which both the vehicle and its reference are in free flight.
 
-    A log begins or ends on the ground if the rotors idle there: their command is less than half of its median. The
-    ground is at the height of the vehicle then. In free flight, vehicle and reference are 0.25 m above the ground. If
-    the rotors idle at neither end, or no command is logged, the whole log is in the air.
+    A log begins or ends on the ground if the rotors idle there, that is, if their command is less than half of its
+    median. The height of the vehicle at that end is the height of the ground. In free flight, vehicle and reference are
+    more than 0.25 m above the ground. If the rotors idle at neither end, or no command is logged, the whole log is in
+    the air.
 
     Args:
         record: record with position and reference position.
 
     Raises:
-        InputError: a signal is not logged, or the vehicle never flies.
+        InputError: if a signal is not logged, or the vehicle never flies.
     """
     count, command = len(record.time), effort(record)
     if command is None or not (command > 0.0).any():
         return FlownPart(0, count, None)
-    idle = command < _IDLE * np.median(command[command > 0.0])
+    idle = command < _IDLE_RATIO * np.median(command[command > 0.0])
     if not (idle[0] or idle[-1]):
         return FlownPart(0, count, None)
     height = record.of("position")[:, 2]
@@ -61,5 +62,5 @@ def flown_part(record: FlightRecord) -> FlownPart:
     first, end = int(flying[0]), int(flying[-1]) + 1
     if not idle[0]:
         return FlownPart(0, end, None)
-    standing = np.flatnonzero(height[:first] < ground + _LIFT_OFF)
+    standing = np.flatnonzero(height[:first] < ground + _LIFT_OFF_HEIGHT)
     return FlownPart(first, end if idle[-1] else count, int(standing[-1]))

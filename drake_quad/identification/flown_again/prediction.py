@@ -1,21 +1,24 @@
-"""How far ahead a vehicle predicts a flight in open loop, over horizons of 0.1 to 2 s.
+"""Open-loop prediction of a logged flight with vehicle models, over horizons of 0.1 to 2 s.
 
-Up to each start, the Kalman filter of `drake_quad.identification.prediction_errors` follows the measurements, with the
-vehicle as its model. From the start on, the vehicle flies on with the logged commands and without any measurement. The
-filter knows the past only. Its noise is the likeliest for the log and the vehicle. The force and the torque that the
-filter has estimated beside the model, such as a wind that is not logged, act no longer from the start on. With them,
-the first vehicle is shown once more: this is how well a controller with a disturbance observer predicts.
+Predictions begin at many starts in a log. Up to each start, the Kalman filter of
+`drake_quad.identification.prediction_errors` follows the measurements, with the vehicle as its model. The filter uses
+past measurements only, with the maximum-likelihood noise for the log and the vehicle. From the start on, the vehicle is
+simulated with the logged commands and without measurements.
 
-Two predictors without a model set the scale. They begin at the end of a parabola through the last 50 ms of each
+The filter also estimates a disturbing force and torque, such as those of a wind that is not logged. The prediction
+sets them to zero. A second prediction with the first vehicle includes them. It shows how well a controller with a
+disturbance observer predicts.
+
+Two predictors without a model serve as a baseline. They begin at the end of a parabola through the last 50 ms of each
 measured signal. *Constant velocity* continues with the velocity and the body rates at the start; *constant
-acceleration* also with the acceleration and the angular acceleration. A vehicle that loses to them predicts nothing
-over this horizon.
+acceleration* also continues with the acceleration and the angular acceleration. A vehicle that is worse than either of
+them is of no use at this horizon.
 
-Errors are those at the horizon: distance, length of the difference of velocities and of body rates, and angle of the
-rotation between the two attitudes. A velocity or body rate that the filter does not use, since an estimator made it of
-other measurements, is predicted as its value at the start plus the predicted change. Errors of neighbouring starts are
-correlated, so intervals are of Student's t over blocks of at least one second and at least the horizon. Vehicles are
-compared start by start.
+Errors are evaluated at the horizon: the distance between the positions, the norm of the difference of velocities and of
+body rates, and the angle of the rotation between the attitudes. The filter does not use a velocity or body rate that an
+estimator derives from other measurements. Such a signal is predicted as its value at the start plus the predicted
+change. Errors of neighbouring starts are correlated, so confidence intervals are based on Student's t over blocks of at
+least one second and at least the horizon. Vehicles are compared start by start.
 """
 
 import math
@@ -41,13 +44,13 @@ from drake_quad.statistics.interval import Interval
 HORIZONS = (0.1, 0.2, 0.5, 1.0, 2.0)
 CONSTANT_VELOCITY, CONSTANT_ACCELERATION = "constant velocity", "constant acceleration"
 WITH_DISTURBANCE = "with disturbance"
-"""Name of the first vehicle, flown on with the disturbance that its filter has estimated before the start."""
-SPACING = 0.1  # s, between starts
-_PAST = 0.05  # s, length of the parabola at whose end a prediction begins
-_MIN_PAST = 4  # samples of the parabola
-_SETTLE = 0.5  # s, in which the filter settles before a start
-_UNKNOWN = 0.4  # s, after the start of a log the rotors still follow commands from before it
-_MIN_BLOCK = 1.0  # s
+"""Name of the prediction with the first vehicle and the disturbance that its filter estimates before the start."""
+SPACING = 0.1  # s, time between starts
+_PARABOLA_TIME = 0.05  # s, duration of the parabola at whose end a prediction begins
+_MIN_PARABOLA_SAMPLES = 4
+_SETTLING_TIME = 0.5  # s, time before a start in which the filter settles
+_UNKNOWN_ROTOR_TIME = 0.4  # s, time in which the rotors still follow commands from before the log
+_MIN_BLOCK = 1.0  # s, shortest block whose mean error counts as independent
 UNITS = {"height": "m", "climb": "m/s"} | {name: QUANTITIES[name].unit for name in STATE_ROWS}
 """Unit of each predicted quantity."""
 
@@ -57,7 +60,7 @@ class Predictions:
     """Prediction errors of vehicles.
 
     Attributes:
-        vehicles: names of the vehicles.
+        vehicles: (v,) names of the vehicles, and of the predictors without a model.
         horizons: (h,) horizons, s.
         log: (S,) name of the log of each start.
         time: (S,) time of each start, s.
@@ -71,7 +74,7 @@ class Predictions:
     errors: dict[str, np.ndarray]
 
     def rmse(self, quantity: str, vehicle: str, horizon: float) -> Interval:
-        """Return a vehicle's RMS error at a horizon with its 95 % interval; NaN if nothing was predicted so far."""
+        """Return the RMS error at a horizon with its 95 % interval; NaN if no prediction reaches the horizon."""
         own, blocks = self._squares(quantity, horizon, vehicle)
         if not len(blocks):
             return Interval(math.nan, math.nan, math.nan)
@@ -83,9 +86,9 @@ class Predictions:
         return Interval(value, value * math.exp(-reach), value * math.exp(reach))
 
     def better(self, quantity: str, vehicle: str, other: str, horizon: float) -> Interval:
-        """Return the share by which a vehicle's RMS error is smaller than that of another, from the same starts.
+        """Return the relative reduction of the RMS error by a vehicle compared with another, over the same starts.
 
-        It is NaN if nothing was predicted so far, or if the other vehicle is exact.
+        It is NaN if no prediction reaches the horizon, or if the other vehicle is exact.
         """
         own, blocks = self._squares(quantity, horizon, vehicle)
         others, _ = self._squares(quantity, horizon, other)
@@ -99,7 +102,7 @@ class Predictions:
         return Interval(1.0 - ratio, 1.0 - ratio * math.exp(reach), 1.0 - ratio * math.exp(-reach))
 
     def losses(self, vehicle: str) -> list[str]:
-        """Return a sentence on each quantity that a vehicle predicts worse than a predictor without a model does."""
+        """Return a sentence on each quantity that a vehicle predicts worse than a predictor without a model."""
         found = []
         for quantity in self.errors:
             for other in (CONSTANT_VELOCITY, CONSTANT_ACCELERATION):
@@ -115,12 +118,12 @@ class Predictions:
         return found
 
     def starts(self, horizon: float) -> int:
-        """Return the number of starts after which the flight goes on up to a horizon."""
+        """Return the number of starts from which the flight continues up to a horizon."""
         errors = next(iter(self.errors.values()))
         return int(np.isfinite(errors[0, self.horizons.index(horizon)]).sum())
 
     def _squares(self, quantity: str, horizon: float, vehicle: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return the squared errors of a vehicle, and the number of the block of each."""
+        """Return the squared errors of a vehicle, and the block number of each error."""
         errors = self.errors[quantity][self.vehicles.index(vehicle), self.horizons.index(horizon)]
         there = np.isfinite(errors)
         length = max(_MIN_BLOCK, horizon)
@@ -130,10 +133,10 @@ class Predictions:
 
 
 def joined(parts: Sequence[Predictions]) -> Predictions:
-    """Return the predictions of several logs as one, for the quantities that all of them have.
+    """Concatenate the predictions of several logs, for the quantities that all logs have.
 
     Raises:
-        InputError: if there is no log.
+        InputError: if no predictions are given.
     """
     if not parts:
         raise InputError("there is no log to predict")
@@ -156,19 +159,20 @@ def predict(
     horizons: Sequence[float] = HORIZONS,
     share: float = 1.0,
 ) -> Predictions:
-    """Predict a flight with vehicles, and with two predictors without a model, from starts all over it.
+    """Predict a flight with vehicles and with two predictors without a model, from starts throughout the flight.
 
-    Names of the result are those of the vehicles, `CONSTANT_VELOCITY`, `CONSTANT_ACCELERATION` and `WITH_DISTURBANCE`.
+    The predictors in the result are the vehicles, `CONSTANT_VELOCITY`, `CONSTANT_ACCELERATION` and `WITH_DISTURBANCE`.
 
     Args:
         record: record of the flight.
         vehicles: scenarios of the vehicles, by name.
         believed: scenario whose `nominal` vehicle the firmware's allocation uses; by default that of each vehicle.
         horizons: horizons, s.
-        share: share of the airborne time, at its end, that contains the starts; 1 for all of it.
+        share: share of the airborne time that contains the starts, at its end; 1 for all of it.
 
     Raises:
-        InputError: if the log contains nothing that can be predicted or no commands for a vehicle, or is too short.
+        InputError: if the log contains no signal that can be predicted, lacks the commands of a vehicle, or is too
+            short.
     """
     if not any(getattr(record, name) is not None for name in STATE_ROWS):
         raise InputError(
@@ -179,7 +183,7 @@ def predict(
     (record,) = next(iter(prepared.values())).records
     measured = [name for name in STATE_ROWS if getattr(record, name) is not None]
     level = "attitude" not in measured and "body_rates" not in measured
-    past = max(_MIN_PAST, round(_PAST / record.period) + 1)
+    past = max(_MIN_PARABOLA_SAMPLES, round(_PARABOLA_TIME / record.period) + 1)
     steps = [round(horizon / record.period) for horizon in horizons]
     if min(np.diff([0, *steps])) < 1:
         raise InputError(
@@ -189,7 +193,7 @@ def predict(
     starts = _starts(record, past, horizons, share)
     if not len(starts):
         raise InputError(
-            f"the log {shown(record.name)} has no airborne stretch of {_SETTLE + min(horizons):.2g} s to predict"
+            f"the log {shown(record.name)} has no airborne stretch of {_SETTLING_TIME + min(horizons):.2g} s to predict"
         )
     motion = _Motion.at(record, measured, starts, past)
     reached = np.stack([_reached(record, starts, step) for step in steps])
@@ -209,12 +213,12 @@ def predict(
 
 
 class _Motion(NamedTuple):
-    """Measured state at S starts, and its rates.
+    """Measured motion at S starts.
 
     Attributes:
-        state: (12, S) state, at rest and level where it is not measured.
-        acceleration: (3, S) in W, m/s².
-        angular_acceleration: (3, S) about the axes of B, rad/s².
+        state: (12, S) state; rows that are not measured are zero.
+        acceleration: (3, S) acceleration in W, m/s².
+        angular_acceleration: (3, S) angular acceleration about the axes of B, rad/s².
     """
 
     state: np.ndarray
@@ -223,7 +227,7 @@ class _Motion(NamedTuple):
 
     @classmethod
     def at(cls, record: FlightRecord, measured: Sequence[str], starts: np.ndarray, past: int) -> "_Motion":
-        """Return the motion at the ends of parabolas through the last samples before each start."""
+        """Return the motion at the end of parabolas through the last `past` samples up to each start."""
         at = starts[:, None] + np.arange(1 - past, 1)
         ends = {}
         for name in measured:
@@ -244,7 +248,7 @@ class _Motion(NamedTuple):
         return cls(np.concatenate([position, attitude, velocity, rates]), acceleration, angular)
 
     def after(self, time: np.ndarray, *, accelerated: bool = False) -> np.ndarray:
-        """Return the states (12, S) after times (S,) in s, at constant rates or constant accelerations."""
+        """Return the states (12, S) after times (S,) in s, at constant velocities or constant accelerations."""
         position, attitude, velocity, rates = np.split(self.state, 4)
         acceleration, angular = (self.acceleration, self.angular_acceleration) if accelerated else (0.0, 0.0)
         turn = scipy.spatial.transform.Rotation.from_rotvec(((rates + 0.5 * angular * time) * time).T)
@@ -260,11 +264,11 @@ class _Motion(NamedTuple):
 
 
 def _parabolas(record: FlightRecord, at: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return value, rate and acceleration (3, S) at the ends of parabolas.
+    """Return the value, rate and acceleration (3, S) at the end of parabolas.
 
     Args:
         record: record that contains the samples.
-        at: (S, past) numbers of the samples of each parabola.
+        at: (S, past) indices of the samples of each parabola.
         values: (S, past, 3) values of the samples.
     """
     time = record.time[at] - record.time[at[:, -1:]]
@@ -278,7 +282,7 @@ def _flown(
     """Return the predicted states (12, 2, S) after each number of samples, without and with the disturbance."""
     delay, none = delay_of(scenario), np.zeros(0)
     noise = fit(logs.predictor((), logs.flying, delay=delay), (), initial_noise(logs.outputs)).noise
-    sizes = WindowSizes(max(steps), *(max(1, round(time / logs.period)) for time in (_SETTLE, WARM_UP)))
+    sizes = WindowSizes(max(steps), *(max(1, round(time / logs.period)) for time in (_SETTLING_TIME, WARM_UP)))
     predictor = logs.predictor_in([LogWindow(0, int(start) + 1) for start in starts], sizes, delay=delay)
     begin, *ends = predictor.open_loop(none, predictor.gains(none, noise), noise, steps)
     for signal, row in STATE_ROWS.items():
@@ -290,13 +294,13 @@ def _flown(
 
 
 def _starts(record: FlightRecord, past: int, horizons: Sequence[float], share: float) -> np.ndarray:
-    """Return the samples (S,) at which predictions begin."""
+    """Return the indices (S,) of the samples at which predictions begin."""
     flying = airborne(record)
     wanted = held_out(flying, share) if share < 1.0 and flying.any() else flying
     apart = max(1, round(SPACING / record.period))
     last = round(min(horizons) / record.period)
-    past = max(past, round(_SETTLE / record.period))
-    first = max(past, round(_UNKNOWN / record.period))
+    past = max(past, round(_SETTLING_TIME / record.period))
+    first = max(past, round(_UNKNOWN_ROTOR_TIME / record.period))
     samples = np.arange(first, len(record.time) - last, apart)
     piece = pieces(record)
     whole = _reached(record, samples - past, past) & (piece[samples - first] == piece[samples])
@@ -304,7 +308,7 @@ def _starts(record: FlightRecord, past: int, horizons: Sequence[float], share: f
 
 
 def _reached(record: FlightRecord, starts: np.ndarray, steps: int) -> np.ndarray:
-    """Return a mask (S,) of the starts after which the flight goes on for so many samples without a gap."""
+    """Return a mask (S,) of the starts after which the flight continues for `steps` samples without a gap."""
     ends = starts + steps
     inside = ends < len(record.time)
     ends = np.minimum(ends, len(record.time) - 1)
@@ -320,7 +324,7 @@ def _errors(
     steps: Sequence[int],
     level: bool,
 ) -> dict[str, np.ndarray]:
-    """Return the errors (h, S) of states (12, S) after numbers of samples, by quantity."""
+    """Return the errors (h, S) of h predicted states (12, S) by quantity, given the sample count of each horizon."""
     found: dict[str, list[np.ndarray]] = {}
     for step, state in zip(steps, states, strict=True):
         at = np.minimum(starts + step, len(record.time) - 1)
@@ -339,14 +343,11 @@ def _errors(
 
 
 def _reach(values: np.ndarray, blocks: np.ndarray) -> float:
-    """Return half of the length of the interval of a mean.
+    """Return the half-width of the 95 % interval of a mean; infinite for a single block.
 
     Args:
         values: (n,) values minus their mean.
-        blocks: (n,) number of the block of each value, within which values are correlated.
-
-    Returns:
-        Half of the length; infinite for a single block.
+        blocks: (n,) block number of each value. Values are correlated within a block.
     """
     totals = np.bincount(blocks, weights=values) / len(values)
     count = len(totals)

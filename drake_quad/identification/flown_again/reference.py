@@ -12,18 +12,18 @@ from drake_quad.scenario.limits import SHORTEST
 from drake_quad.scenario.routes.setpoints import SetpointsRoute
 from drake_quad.scenario.routes.trajectory import Knot, TrajectoryRoute, YawKnot
 
-# Distances between knots that are tried, s. With the last one, the path follows any reference that can be flown.
+# Knot spacings that are tried, s. With the smallest one, the path follows any reference that can be flown.
 _SPACINGS = (0.5, 0.25, 0.125, 0.0625)
 TOLERANCE = 2e-3
-"""Largest distance from the logged reference, m. Positions that are truncated to mm are off by up to 1.7 mm."""
-# References are sent at 20 Hz or faster. A value that does not change for longer belongs to a reference at rest.
+"""Largest distance from the logged reference, m. Truncation of positions to mm causes an error of up to 1.7 mm."""
+# References are sent at 20 Hz or faster. A value that is constant for longer belongs to a reference at rest.
 _MAX_HOLD = 0.05  # s
-# Weight of the snap, relative to that of the position, where the samples do not determine the path, as in a gap.
+# Weight of the snap relative to that of the position. It determines the path where there are no samples, as in a gap.
 _SNAP_WEIGHT = 1e-9
 # Share of the rest before the log in which the vehicle accelerates to the first velocity of the log.
 _ACCELERATION_SHARE = 0.5
-_REST_WEIGHT = 1e3  # of the derivatives of a first knot that is known to be at rest
-_AT_ONCE = 2.0 * SHORTEST  # s, from the lift-off to the first setpoint: less than the period of any control
+_REST_WEIGHT = 1e3  # weight of the derivatives at a first knot that is at rest
+_LIFT_OFF_STEP = 2.0 * SHORTEST  # s, from lift-off to the first setpoint; shorter than the period of any controller
 
 
 class LoggedReference(NamedTuple):
@@ -31,7 +31,7 @@ class LoggedReference(NamedTuple):
 
     Attributes:
         route: smooth path from rest through the logged reference; or the logged setpoints, each held until the next.
-        start: time in the route of the log's first sample, s; negative if the route begins later in the log.
+        start: time of the first sample of the log on the route, s; negative if the route begins later in the log.
         deviation: largest distance of the route from the logged position, m.
         jump: time in the log at which the reference jumps most, s; None for a smooth path.
     """
@@ -55,17 +55,17 @@ def logged_reference(
     """Return the reference of a log as a path of degree 7 with a continuous jerk, or as setpoints.
 
     The path is the least-squares fit to the logged positions, and to the velocities if they are logged. Its knots are
-    as far apart as the tolerance allows. If a value is repeated for some samples, because the reference is sent at a
-    lower rate than it is logged, it counts once, in the middle of these samples. Yaw is the logged yaw of the
-    reference, or the median yaw of the vehicle if that is not logged.
+    as far apart as the tolerance allows. A value that is repeated for some samples, because the reference is logged
+    faster than it is sent, counts once, in the middle of these samples. Yaw is the logged yaw of the reference, or the
+    median yaw of the vehicle if the former is not logged.
 
     Before the log, the route is at rest, so that the integrators of the controller settle. If the log starts in motion,
     the route accelerates to the first velocity.
 
-    If no smooth path is near enough, as where the reference jumps, and no velocity of the reference is logged, the
-    route consists of the logged setpoints. Each is held until the next, as an autopilot holds it. If the vehicle takes
-    off in the log, these setpoints begin at the lift-off, with the vehicle at rest where it stands, since a vehicle of
-    the laboratory cannot stand on the ground.
+    If no smooth path is within the tolerance, for example because the reference jumps, and no velocity of the reference
+    is logged, the route consists of the logged setpoints. Each is held until the next one, as in an autopilot. If the
+    vehicle takes off in the log, the setpoints begin at the lift-off, with the vehicle at rest at that point, since the
+    simulation has no ground on which a vehicle could stand.
 
     Args:
         record: record of a flight, with the position of the reference.
@@ -75,7 +75,7 @@ def logged_reference(
 
     Raises:
         InputError: if no reference position is logged, if the reference moves at the first sample and `rest` is 0, or
-            if it jumps and its velocity is logged.
+            if the reference jumps and its velocity is logged.
     """
     logged = [record.of("reference_position")]
     if record.reference_velocity is not None:
@@ -107,35 +107,35 @@ def logged_reference(
 
 
 def _held(record: FlightRecord, rest: float, lift_off: int | None) -> LoggedReference:
-    """Return the logged setpoints as a route that begins at the lift-off, if any, or after a rest (s) at the first."""
+    """Return the logged setpoints as a route that begins at the lift-off, or with a rest (s) at the first setpoint."""
     position = record.of("reference_position")
     yaw = np.full(len(position), _flown_yaw(record))
     if record.reference_yaw is not None:
         yaw = np.unwrap(record.reference_yaw)
     steps = np.linalg.norm(np.diff(position, axis=0), axis=1)
     rows = np.column_stack([record.time, position, yaw])
-    first, start = (0, rest) if lift_off is None else (lift_off, _AT_ONCE - float(record.time[lift_off]))
+    first, start = (0, rest) if lift_off is None else (lift_off, _LIFT_OFF_STEP - float(record.time[lift_off]))
     rows = rows[first:]
     changed = (np.diff(rows[:, 1:], axis=0) != 0.0).any(axis=1)
-    rows = rows[np.append(True, changed & (np.diff(rows[:, 0]) > _AT_ONCE))]
+    rows = rows[np.append(True, changed & (np.diff(rows[:, 0]) > _LIFT_OFF_STEP))]
     rows[:, 0] += start
     if lift_off is not None:
         rows = np.vstack([[0.0, *record.of("position")[first], rows[0, 4]], rows])
     rows[0, 0] = 0.0
-    last_hold = max(_AT_ONCE, float(record.time[-1]) + start - rows[-1, 0])
+    last_hold = max(_LIFT_OFF_STEP, float(record.time[-1]) + start - rows[-1, 0])
     route = SetpointsRoute(kind="setpoints", setpoints=tuple(map(tuple, rows.tolist())), last_hold=last_hold)
     return LoggedReference(route, start, 0.0, float(record.time[int(np.argmax(steps)) + 1]))
 
 
 def _flown_yaw(record: FlightRecord) -> float:
-    """Return the median of the flown yaw, rad; 0 if it is not logged."""
+    """Return the median of the measured yaw, rad; 0 if it is not logged."""
     return 0.0 if record.attitude is None else float(np.median(np.unwrap(record.attitude[:, 2])))
 
 
 def _sent(time: np.ndarray, logged: list[np.ndarray]) -> list[np.ndarray]:
     """Return times (m,) and signals (m, 3) in which each value that is repeated for at most 50 ms occurs once.
 
-    Its time is the middle of the repetition.
+    The time of such a value is the middle of its repetitions.
     """
     first = np.flatnonzero(np.append(True, np.any(np.diff(np.hstack(logged), axis=0) != 0.0, axis=1)))
     last = np.append(first[1:], len(time)) - 1
@@ -153,17 +153,17 @@ def _fitted(
 
     Args:
         time: (n,) times of the samples, s.
-        samples: derivatives (n, axes) of order 0, 1, ..., as far as they are known, in SI units.
+        samples: known derivatives (n, axes) of order 0, 1, ..., in SI units.
         end: end of the path, which starts at 0, s.
         spacing: largest distance between knots, s.
-        orders: number of derivatives that are continuous at the knots, including order 0.
-        at_rest: whether the path starts at rest.
+        orders: number of continuous derivatives at the knots, including order 0.
+        at_rest: True if the path starts at rest.
     """
     count = max(math.ceil(end / spacing), 1)
     knots, h = np.linspace(0.0, end, count + 1), end / count
     segment = np.clip((time / h).astype(int), 0, count - 1)
     s = (time - knots[segment]) / h
-    # Hermite basis: the derivatives at the two knots around a sample, times powers of h, give the polynomial there.
+    # In the Hermite basis, the derivatives at the two knots around a sample, scaled by powers of h, are the unknowns.
     unit = np.eye(2 * orders).reshape(2 * orders, 2, orders).transpose(1, 2, 0)
     basis = hermite_path(np.array([0.0, 1.0]), unit).coefficients[0]
     rows = [power_basis(order, s, 2 * orders) @ basis * h**-order for order in range(len(samples))]
@@ -183,7 +183,7 @@ def _fitted(
 
 
 def _knots(path: PolynomialPath) -> list[Knot]:
-    """Return the knots of a path with the derivatives of position there."""
+    """Return the knots of a path, with the derivatives of the position at each knot."""
     derivatives = [evaluate(path, path.times, order).T.tolist() for order in range(4)]
     return [
         Knot(time=time, position=position, velocity=velocity, acceleration=acceleration, jerk=jerk)

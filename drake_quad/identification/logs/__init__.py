@@ -1,1 +1,1 @@
-"""Readers of flight logs; each gives a `FlightRecord`."""
+"""Readers of flight logs, which convert a log to a `FlightRecord`."""

@@ -1,4 +1,4 @@
-"""Attitudes of many samples at once, as rotations."""
+"""Conversion of attitudes to rotations, for many samples at once."""
 
 import numpy as np
 import scipy

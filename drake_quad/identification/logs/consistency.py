@@ -1,9 +1,14 @@
 """Checks of the signals of a log against each other: signs, units, frames and time shifts.
 
-Signals that physics ties together are compared over short windows: the change of position with the mean velocity, that
-of the attitude with the mean body rates, that of the velocity with the specific force and with the tilt, and commands
-with what follows them. Where they disagree, every single fault is tried: a wrong sign, another unit, another frame. The
-fault whose repair makes the log agree best is reported. What then agrees is compared under time shifts.
+Signals that are physically related are compared over short windows:
+
+- the change of position with the mean velocity,
+- the change of attitude with the mean body rates,
+- the change of velocity with the specific force and with the tilt,
+- a command with the signal that follows it.
+
+If two signals disagree, every possible single fault is tried: a wrong sign, unit or frame. The fault whose repair
+improves the agreement most is reported. Signals that agree after the repair are then compared under time shifts.
 """
 
 import math
@@ -22,33 +27,33 @@ _MAX_GRID_SIZE = 6_000  # one minute at the finest grid step, in the middle of t
 _MIN_WINDOWS = 50
 _TRANSLATION_WINDOW = 0.2  # s, long enough to average out the noise of positions
 _ROTATION_WINDOW = 0.1  # s
-_SEARCH_STRIDE = 0.04  # s, between the windows in the search of faults
+_SEARCH_STRIDE = 0.04  # s, distance between the windows in the search for faults
 _MIN_SPEED = 0.05  # m/s; estimators that do not run log a constant velocity
-_MIN_TILT_COSINE = 0.2  # below it the tangent of the tilt says nothing
-# Values beyond this quantile of a signal's size are clipped to it, since a crash or a landing is not typical.
+_MIN_TILT_COSINE = 0.2  # smaller cosines are replaced, since the tangent of the tilt would diverge
+# Values are clipped to this quantile of their magnitude, so that a crash or a landing does not dominate.
 _CLIPPED_QUANTILE = 0.9
 _MAX_FAULTS = 3
-# A fault is reported if its repair reduces a disagreement by more than this number plus the remaining one.
+# A fault is reported if its repair reduces a disagreement by more than this value plus the remaining disagreement.
 _MIN_IMPROVEMENT = 0.4
-# Preference for a fault on fewer axes.
-_AXIS_COST = 0.05
-# World and body axes hardly differ at small tilts. The other frame is reported if it fits better in most parts of the
-# log, and leaves at most this share of the error. In healthy logs the other frame increases the error.
+_AXIS_COST = 0.05  # penalty for each axis of a fault, so that the simplest fault is preferred
+# World and body axes hardly differ at small tilts. A wrong frame is therefore reported if the other frame fits better
+# in most parts of the log, and leaves less than this share of the error. In correct logs it increases the error.
 _NUM_PARTS = 8
 _MIN_BETTER_PARTS = 6
 _MAX_FRAME_REMAINDER = 0.75
 _MAX_SHIFT = 0.3  # s
-_SHIFTED_AMPLITUDE = 0.1  # SI units; smaller than the threshold of signals whose mean counts
-_MIN_SHIFT = 0.025  # s; filters and radio links of healthy logs shift by up to 20 ms
+_SHIFTED_AMPLITUDE = 0.1  # SI units; smaller than the thresholds of signals that are compared with their means
+_MIN_SHIFT = 0.025  # s; filters and radio links of correct logs shift signals by up to 20 ms
 _SHIFT_SIGMAS = 4.0
-# Clocks are compared in parts of a log, with shifts up to a limit, where what remains is a small share of the power.
+# Length of the parts of a log in which clocks are compared (s), largest shift (s), and largest power of the difference
+# between the shifted signals, relative to the power of the signals.
 _CLOCK_PART, _MAX_CLOCK_SHIFT, _MAX_CLOCK_ERROR = 2.0, 0.1, 0.4
-# A command is compared with the signal that follows it later by up to this time, s.
+# Largest time by which a signal follows its command, s.
 _MAX_RESPONSE_TIME = 0.5
-# Two signals whose disagreement is at least this large, and which no single fault explains, contradict each other.
-_CONTRADICTION = 0.85
-_OPPOSITE = 1.2  # disagreement of signals that are opposite rather than independent
-_ROUNDING = 1e-9  # relative amplitude that rounding gives a constant
+# Two signals contradict each other if they disagree by at least this value and no single fault explains it.
+_MIN_CONTRADICTION = 0.85
+_OPPOSITE_DISAGREEMENT = 1.2  # larger for signals that are opposite rather than independent
+_ROUNDING_ERROR = 1e-9  # relative amplitude of a constant with rounding errors
 _TINY = float(np.finfo(float).tiny)
 
 
@@ -60,11 +65,11 @@ class _Pair(NamedTuple):
         other: name of the other side of the comparison, as part of a sentence.
         expected: (windows, axes) values that follow from the other signals.
         measured: (windows, axes) values of the signal.
-        threshold: least amplitude of an axis that is compared, in SI units.
+        threshold: smallest amplitude of an axis that is compared, in SI units.
         axes: names of the axes.
-        centred: False if the means count.
-        is_exact: False if the two are equal but for a time or an effect that is not modelled.
-        suspicious: disagreement from which on faults are sought.
+        centred: True if the medians are removed before the comparison.
+        is_exact: False if a delay or an effect that is not modelled makes the two differ.
+        suspicious: disagreement above which faults are searched for.
     """
 
     name: str
@@ -78,7 +83,7 @@ class _Pair(NamedTuple):
     suspicious: float = _MIN_IMPROVEMENT
 
     def clipped(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return both sides, without their medians if they are centred, and clipped to their typical size."""
+        """Return expected and measured values, clipped to their typical size; without their medians if centred."""
         sides = []
         for values in (self.expected, self.measured):
             deviation = values - np.median(values, axis=0) if self.centred else values
@@ -93,7 +98,7 @@ class _Pair(NamedTuple):
         return np.asarray(np.mean((expected - measured) ** 2, axis=0) / np.maximum(power, _TINY))
 
     def excited(self, *, factor: float = 1.0) -> np.ndarray:
-        """Return which axes move enough for a comparison, with a multiple of the threshold."""
+        """Return a mask of the axes whose amplitude exceeds the threshold times a factor."""
         amplitudes = [np.sqrt(np.mean(side**2, axis=0)) for side in self.clipped()]
         return np.asarray(np.maximum(*amplitudes) > factor * self.threshold)
 
@@ -105,7 +110,7 @@ class _Pair(NamedTuple):
             amounts = f"{float(np.mean(measured)):.3g} instead of {float(np.mean(expected)):.3g} m/s² in the mean"
         else:
             correlation = float(np.mean(expected * measured)) / max(size * other_size, _TINY)
-            is_constant = other_size <= _ROUNDING * size
+            is_constant = other_size <= _ROUNDING_ERROR * size
             ratio = ", which is constant" if is_constant else f", amplitudes {size:.2g} and {other_size:.2g}"
             amounts = f"correlation {correlation:.2f}{ratio}"
         return f"{self.other} {'in' if self.axes[axis] in AXES['attitude'] else 'along'} {self.axes[axis]} ({amounts})"
@@ -126,7 +131,7 @@ class _Grid:
         self._damaged = np.concatenate([[0], np.cumsum(~usable)])
 
     def repaired(self, fault: Fault) -> "_Grid":
-        """Return the grid without a fault."""
+        """Return the grid with a fault repaired."""
         result = _Grid({**self.signals, **fault.repaired(self.signals)}, self.step, self.usable)
         if "attitude" not in fault.signals:
             result._rotation = self._rotation
@@ -153,18 +158,18 @@ class _Grid:
         return np.asarray((values[width:] - values[:-width]) / (width * self.step))
 
     def whole(self, width: int) -> np.ndarray:
-        """Return which windows (n - width,) have no gap."""
+        """Return a mask (n - width,) of the windows without a gap."""
         return np.asarray(self._damaged[width + 1 :] == self._damaged[: len(self._damaged) - width - 1])
 
     @property
     def is_moving(self) -> bool:
-        """True if the velocity varies enough to show accelerations."""
+        """True if the velocity varies enough to determine accelerations."""
         velocity = self.velocity
         return velocity is not None and float(np.std(velocity, axis=0).max()) > _MIN_SPEED
 
     @property
     def velocity(self) -> np.ndarray | None:
-        """The velocity, from the position if it is not logged."""
+        """Velocity, or the derivative of the position if no velocity is logged."""
         if "velocity" in self.signals or "position" not in self.signals:
             return self.signals.get("velocity")
         return np.asarray(np.gradient(self.signals["position"], self.step, axis=0))
@@ -189,7 +194,7 @@ def contradictions(signals: Mapping[str, np.ndarray], time: np.ndarray) -> Itera
         grid = grid.repaired(fault)
     for exact in (each for each in _pairs(grid) if each is not None and each.is_exact):
         excited = exact.excited(factor=2.0)
-        if excited.any() and exact.disagreement()[excited].min() > _CONTRADICTION:
+        if excited.any() and exact.disagreement()[excited].min() > _MIN_CONTRADICTION:
             yield f"{exact.name} contradicts {exact.text(int(np.argmax(excited)))}"
         elif excited.any():
             moving = exact._replace(centred=True, threshold=min(exact.threshold, _SHIFTED_AMPLITUDE))
@@ -219,7 +224,7 @@ def _on_grid(signals: Mapping[str, np.ndarray], time: np.ndarray) -> _Grid | Non
 
 
 def _integral(values: np.ndarray, steps: np.ndarray | float) -> np.ndarray:
-    """Return the integral (n, columns) of samples from the first on, by trapezoids."""
+    """Return the integral (n, columns) from the first sample to each sample, by the trapezoidal rule."""
     areas = 0.5 * (values[1:] + values[:-1]) * np.reshape(steps, (-1, 1))
     return np.vstack([np.zeros(values.shape[1]), np.cumsum(areas, axis=0)])
 
@@ -227,16 +232,17 @@ def _integral(values: np.ndarray, steps: np.ndarray | float) -> np.ndarray:
 def _pairs(
     grid: _Grid, *, stride: int = 1, changed: Fault | None = None, only: Callable[..., Any] | None = None
 ) -> list[_Pair | None]:
-    """Return the pairs of signals that the log has, without the windows that touch a gap.
+    """Return the pairs of signals that can be compared, without the windows that contain a gap.
 
     Args:
         grid: signals of the log.
         stride: number of grid steps between windows.
-        changed: only pairs that a fault of a signal changes.
-        only: function of the only pair.
+        changed: fault; if given, only the pairs that depend on its signals are computed.
+        only: comparison in `_COMPARISONS`; if given, only its pair is computed.
 
     Returns:
-        The pairs, and None for those that are not asked for, too short, or without motion.
+        The pairs whose signals are logged, with None for a pair that does not depend on `changed`, that has too few
+        windows, or that needs motion in a log without motion.
     """
     found: list[_Pair | None] = []
     for build, needed in _COMPARISONS:
@@ -302,9 +308,11 @@ def _force_in_body(grid: _Grid) -> tuple[_Pair, int]:
     middle = grid.rotation[width // 2 :][: len(acceleration)]
     expected = middle.inv().apply(acceleration)[:, :2]
     measured = grid.mean(grid.signals["specific_force"], width)[:, :2]
-    # The rotors' drag is small beside the errors of the tilt, so the two are rarely equal, but never opposite.
+    # The drag of the rotors is smaller than the error of the tilt, so the two are rarely equal, but never opposite.
     what = "the acceleration and the tilt, in the body,"
-    pair = _Pair("specific_force", what, expected, measured, 0.1, ("x", "y"), is_exact=False, suspicious=_OPPOSITE)
+    pair = _Pair(
+        "specific_force", what, expected, measured, 0.1, ("x", "y"), is_exact=False, suspicious=_OPPOSITE_DISAGREEMENT
+    )
     return pair, width
 
 
@@ -316,7 +324,7 @@ def _size_of_force(grid: _Grid) -> tuple[_Pair, int]:
 
 
 def _tilt(grid: _Grid) -> tuple[_Pair, int]:
-    """Return the pair of the horizontal acceleration and that of a thrust along the body's z axis."""
+    """Return the pair of the horizontal acceleration and the acceleration by a thrust along the z axis of the body."""
     width = grid.samples(_TRANSLATION_WINDOW)
     acceleration = _with_gravity(grid, width)
     axis = grid.rotation.apply([0.0, 0.0, 1.0])
@@ -327,7 +335,7 @@ def _tilt(grid: _Grid) -> tuple[_Pair, int]:
 
 
 def _response(command: str, signal: str, threshold: float, columns: int, grid: _Grid) -> tuple[_Pair, int]:
-    """Return the pair of a command and the signal that follows it, at the response time at which they fit best."""
+    """Return the pair of a command and the signal that follows it, shifted by the delay with the best correlation."""
     width = grid.samples(_ROTATION_WINDOW)
     commanded, followed = (grid.mean(grid.signals[each][:, :columns], width) for each in (command, signal))
     best, best_fit = (followed, commanded), -1.0
@@ -343,7 +351,7 @@ def _response(command: str, signal: str, threshold: float, columns: int, grid: _
 
 
 _MOTION = ("position", "velocity")
-# Comparisons with the signals that they need, one of each group.
+# Comparisons, each with groups of signals. A comparison needs at least one signal of each group.
 _COMPARISONS: list[tuple[Callable[[_Grid], tuple[_Pair, int]], tuple[tuple[str, ...], ...]]] = [
     (partial(_derivative, "position", "velocity"), (("position",), ("velocity",))),
     (_attitude_and_rates, (("attitude",), ("body_rates",))),
@@ -352,7 +360,7 @@ _COMPARISONS: list[tuple[Callable[[_Grid], tuple[_Pair, int]], tuple[tuple[str, 
     (_force_in_body, (("attitude",), _MOTION, ("specific_force",))),
     (_size_of_force, (("specific_force",),)),
     (_tilt, (("attitude",), _MOTION)),
-    # References are held between setpoints, which shifts them by half a period.
+    # A reference is held between setpoints, which shifts its velocity by half a period.
     (
         partial(_derivative, "reference_position", "reference_velocity", is_exact=False),
         (("reference_position",), ("reference_velocity",)),
@@ -364,8 +372,8 @@ _COMPARISONS: list[tuple[Callable[[_Grid], tuple[_Pair, int]], tuple[tuple[str, 
 
 
 def _worst_fault(grid: _Grid) -> tuple[Fault, _Pair, int] | None:
-    """Return the fault whose repair makes the log agree best, and the pair and the axis that show it most."""
-    # Windows overlap, so that some of them are enough.
+    """Return the fault whose repair improves the agreement most, with the pair and the axis that improve most."""
+    # Consecutive windows overlap almost completely, so a part of them is enough.
     stride = grid.samples(_SEARCH_STRIDE)
     pairs = _pairs(grid, stride=stride)
     excited = [None if pair is None else pair.excited() for pair in pairs]
@@ -397,7 +405,7 @@ def _worst_fault(grid: _Grid) -> tuple[Fault, _Pair, int] | None:
 
 
 def _is_other_frame(pair: _Pair, other: _Pair) -> bool:
-    """Return whether a pair agrees better in another frame, over the log and in most of its parts."""
+    """Return whether a pair agrees better in another frame, over the whole log and in most of its parts."""
     errors = []
     for each in (pair, other):
         expected, measured = each.clipped()
@@ -408,10 +416,10 @@ def _is_other_frame(pair: _Pair, other: _Pair) -> bool:
 
 
 def clock_shifts(signals: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndarray:
-    """Return by how much body rates lag the derivative of the attitude in parts of two seconds (parts,), s.
+    """Return the lags (parts,) of the body rates behind the derivative of the attitude, s, in parts of two seconds.
 
-    Parts in which the two do not follow each other are left out. If shifts differ, the clocks of the two sensors are
-    not synchronised, as when one of them is received over a radio link.
+    Parts in which the two signals do not match are left out. If the lags differ, the clocks of the two sensors are not
+    synchronised, for example because one of them is received over a radio link.
 
     Args:
         signals: (n, columns) values of attitude and body_rates among others, in SI units and the frames of a record.
@@ -434,7 +442,7 @@ def clock_shifts(signals: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndar
 
 
 def _lowest(errors: np.ndarray) -> float | None:
-    """Return the place of the lowest of some errors, by a parabola through its neighbours; None at an end."""
+    """Return the position of the smallest error, refined by a parabola; None if it is the first or the last."""
     low = int(np.argmin(errors))
     if not 0 < low < len(errors) - 1:
         return None

@@ -1,4 +1,4 @@
-"""Conversion of the columns of a log to a record: units, frames, and one clock."""
+"""Conversion of the columns of a log to a record with SI units, the frames of this library, and one clock."""
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
@@ -17,24 +17,25 @@ from drake_quad.identification.logs.timing import rising, timing_remarks
 from drake_quad.identification.logs.units import UNITS
 from drake_quad.scenario.files.marked_tree import Mark
 
-# Signals that hold until the next sample. The others are measured, and are interpolated linearly between samples.
-_HELD = ("motor_command", "thrust_share", "battery_voltage")
-_ANGLES = (*ATTITUDES, "reference_yaw")
-# Signals that change slowly. Before their first sample and after their last one, they keep its value.
-_SLOW = ("battery_voltage", "wind", "hover_share")
+# Signals that hold until their next sample, in addition to commands and references. All others are measurements, which
+# are interpolated linearly.
+_HELD_SIGNALS = ("motor_command", "thrust_share", "battery_voltage")
+_ANGLE_SIGNALS = (*ATTITUDES, "reference_yaw")
+# Signals that change slowly. They keep their first value before their first sample, and their last value afterwards.
+_SLOW_SIGNALS = ("battery_voltage", "wind", "hover_share")
 # Half a turn about x converts NED to NWU, and FRD to FLU.
-_TURNED = ("NED", "FRD")
+_DOWNWARD_FRAMES = ("NED", "FRD")
 _HALF_TURN = np.array([1.0, -1.0, -1.0])
 _QUATERNION_TURN = np.array([1.0, 1.0, -1.0, -1.0])
-# Lengths of valid quaternions. Many logs begin with zeros.
+# Range of the norm of a valid quaternion. Many logs begin with zeros.
 _MIN_QUATERNION, _MAX_QUATERNION = 0.5, 2.0
 # Plausible range of a motor command, relative to the full command. It is wide since a log need not state the range.
 _COMMAND_RANGE = (-0.5, 1.5)
 # Range of a command that was logged with 16 bits, with a tolerance for rounding.
 _COMMAND_RANGE_16_BITS = (-1e-3, 1.001)
-_MIN_COVERAGE = 0.5  # share of the time; a signal that is logged for less is left out
-_MAX_VALUE = 1e9  # in any unit; larger values are damaged
-_MAX_NAMES = 6  # of columns in one sentence
+_MIN_COVERAGE = 0.5  # share of the time for which a signal must be logged
+_MAX_VALUE = 1e9  # in any unit; larger values come from damaged data
+_MAX_NAMES = 6  # largest number of columns that are listed in one sentence
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +45,7 @@ class Table:
     Attributes:
         name: name of the topic or event type.
         time: (n,) times at which the rows were written, s.
-        columns: (n,) or (n, width) values by name; NaN for a cell that is no number.
+        columns: (n,) or (n, width) values by name; NaN for a cell that is not a number.
         sampled: (n,) times of the measurements, s; None if they are not logged.
     """
 
@@ -59,10 +60,10 @@ class _Channel(NamedTuple):
 
     Attributes:
         signal: name of the signal.
-        clock: clock of the table; the same object for all signals that share it.
-        rows: numbers of the rows of the clock in which the signal is known.
-        values: (rows, columns) values.
-        source: source that it is read from.
+        clock: (n,) clock of the table, s; the same object for all signals that share it.
+        rows: indices of the samples of the clock at which the signal is known.
+        values: (rows, columns) values at these samples.
+        source: source of the signal in the mapping.
     """
 
     signal: str
@@ -77,7 +78,7 @@ class _Channel(NamedTuple):
 
     @property
     def whole(self) -> bool:
-        """True if the signal is known in each row of its clock."""
+        """True if the signal is known at each sample of its clock."""
         return len(self.rows) == len(self.clock)
 
 
@@ -89,7 +90,7 @@ class _Clocks:
         self.remarks: list[str] = []
 
     def of(self, table: Table, signal: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rising times for a signal, and the numbers of the rows that have them."""
+        """Return the rising times of the samples of a signal, s, and the indices of their rows in the table."""
         time = table.time if table.sampled is None or is_held(signal) else table.sampled
         if id(time) not in self._known:
             kept, remarks = rising(time)
@@ -101,7 +102,7 @@ class _Clocks:
 
 def is_held(signal: str) -> bool:
     """Return whether a signal holds until its next sample, as commands do."""
-    return signal in _HELD or signal.endswith("_command") or signal.startswith("reference_")
+    return signal in _HELD_SIGNALS or signal.endswith("_command") or signal.startswith("reference_")
 
 
 def record_of(
@@ -115,8 +116,8 @@ def record_of(
 ) -> FlightRecord:
     """Convert the tables of a log to a record.
 
-    The record has the clock of the fastest table with a signal. Measurements of other tables are interpolated linearly,
-    and commands are held. The record begins when all its signals have a sample.
+    The record has the clock of the fastest table that contains a signal. Measurements in other tables are interpolated
+    linearly, and commands are held. The record begins when each of its signals has a sample.
 
     Args:
         tables: tables of the log.
@@ -124,10 +125,10 @@ def record_of(
         name: name of the log.
         mark: name of the log in error messages.
         remarks: remarks on the log from reading it.
-        names: names of further columns in the log.
+        names: names of further columns in the log, which no table contains.
 
     Raises:
-        InputError: if the log has no signal, or it has fewer than two samples of all signals.
+        InputError: if the log has no signal, or fewer than two samples at which all signals are known.
     """
     notes: list[str] = []
     tables = [_without_damage(table, mapping, notes) for table in tables]
@@ -232,7 +233,7 @@ def _channels(signal: str, mapping: Mapping, tables: Sequence[Table], clocks: _C
 
 
 def _values(signal: str, source: SignalSource, table: Table) -> np.ndarray:
-    """Return the values (n, columns) of a signal in SI units and the frames of a record; NaN where it is not known."""
+    """Return the values (n, columns) of a signal in SI units and the frames of a record; NaN where it is unknown."""
     length = len(table.time)
     if source.column is not None:
         values = table.columns[source.column].reshape(length, -1).astype(float)
@@ -252,7 +253,7 @@ def _values(signal: str, source: SignalSource, table: Table) -> np.ndarray:
     values = (values - unit.zero) * unit.scale
     if source.rotors is not None:
         values = values[:, np.argsort(source.rotors)]
-    if source.frame in _TURNED:
+    if source.frame in _DOWNWARD_FRAMES:
         values = -values if signal == "reference_yaw" else values * _HALF_TURN
     return values
 
@@ -263,7 +264,7 @@ def _roll_pitch_yaw(values: np.ndarray, source: SignalSource) -> np.ndarray:
     length = np.linalg.norm(quaternion, axis=1, keepdims=True)
     valid = (length > _MIN_QUATERNION) & (length < _MAX_QUATERNION)
     unit = np.divide(quaternion, length, out=np.full_like(quaternion, np.nan), where=valid)
-    if source.frame in _TURNED:
+    if source.frame in _DOWNWARD_FRAMES:
         unit = unit * _QUATERNION_TURN
     w, x, y, z = unit.T
     return np.column_stack(
@@ -276,7 +277,7 @@ def _roll_pitch_yaw(values: np.ndarray, source: SignalSource) -> np.ndarray:
 
 
 def _fastest(channels: Sequence[_Channel]) -> np.ndarray:
-    """Return the clock with the smallest median step, of those with measurements if there are any."""
+    """Return the clock with the smallest median step among those of long measurements, or of all if there are none."""
     measured = [channel for channel in channels if not is_held(channel.signal)] or channels
     longest = max(channel.time[-1] - channel.time[0] for channel in measured)
     lasting = [each for each in measured if each.time[-1] - each.time[0] >= _MIN_COVERAGE * longest]
@@ -284,12 +285,12 @@ def _fastest(channels: Sequence[_Channel]) -> np.ndarray:
 
 
 def _covering(channels: Sequence[_Channel], clock: np.ndarray) -> tuple[list[_Channel], list[str]]:
-    """Return the signals that are logged for enough of the time, and sentences on the others."""
+    """Return the signals that are logged for enough of the time, and sentences on those that are left out."""
     chosen, remarks = [], []
     span = clock[-1] - clock[0]
     for channel in channels:
         end = clock[-1] if is_held(channel.signal) else min(channel.time[-1], clock[-1])
-        share = 1.0 if channel.signal in _SLOW else (end - max(channel.time[0], clock[0])) / span
+        share = 1.0 if channel.signal in _SLOW_SIGNALS else (end - max(channel.time[0], clock[0])) / span
         known = len(channel.rows) / len(channel.clock)
         if min(share, known) >= _MIN_COVERAGE:
             chosen.append(channel)
@@ -301,8 +302,8 @@ def _covering(channels: Sequence[_Channel], clock: np.ndarray) -> tuple[list[_Ch
 
 
 def _common(channels: Sequence[_Channel], clock: np.ndarray) -> tuple[np.ndarray, list[str]]:
-    """Return a mask of the ticks of the clock that have all signals, and sentences on the others."""
-    channels = [channel for channel in channels if channel.signal not in _SLOW] or channels
+    """Return a mask of the samples of the clock at which all signals are known, and sentences on the others."""
+    channels = [channel for channel in channels if channel.signal not in _SLOW_SIGNALS] or channels
     latest = max(channels, key=lambda channel: channel.time[0])
     measured = [channel for channel in channels if not is_held(channel.signal)]
     earliest = min(measured, key=lambda channel: channel.time[-1], default=latest)
@@ -319,7 +320,7 @@ def _common(channels: Sequence[_Channel], clock: np.ndarray) -> tuple[np.ndarray
 
 
 def _at(channel: _Channel, clock: np.ndarray, inside: np.ndarray) -> np.ndarray:
-    """Return the values of a signal at the chosen ticks of the clock."""
+    """Return the values of a signal at the chosen samples of the clock."""
     if channel.clock is clock and channel.whole:
         values = channel.values[inside]
     else:
@@ -327,7 +328,7 @@ def _at(channel: _Channel, clock: np.ndarray, inside: np.ndarray) -> np.ndarray:
         if is_held(channel.signal):
             values = channel.values[np.maximum(np.searchsorted(channel.time, time, side="right") - 1, 0)]
         else:
-            angles = channel.signal in _ANGLES
+            angles = channel.signal in _ANGLE_SIGNALS
             smooth = np.unwrap(channel.values, axis=0) if angles else channel.values
             values = np.column_stack([np.interp(time, channel.time, column) for column in smooth.T])
             if angles:
@@ -336,10 +337,7 @@ def _at(channel: _Channel, clock: np.ndarray, inside: np.ndarray) -> np.ndarray:
 
 
 def _turn_crossed(signals: dict[str, Any], channels: Sequence[_Channel]) -> Iterator[str]:
-    """Turn signals from the frame of the body into that of the world, or vice versa, by the attitude.
-
-    Yield a sentence on each.
-    """
+    """Turn signals from body to world axes, or vice versa, by the attitude, and yield a sentence on each."""
     for channel in channels:
         if not channel.source.is_crossed(channel.signal):
             continue
@@ -400,7 +398,7 @@ def _why_not(signal: str, mapping: Mapping, available: set[str]) -> Iterator[str
 
 
 def _unread(available: set[str], used: set[str]) -> Iterator[str]:
-    """Yield a sentence on the columns that are not read, in groups by the part of the name before the first dot."""
+    """Yield a sentence on the columns that are not read, grouped by the part of their names before the first dot."""
     groups: dict[str, list[str]] = {}
     for each in sorted(available - used):
         groups.setdefault(_group(each), []).append(each)

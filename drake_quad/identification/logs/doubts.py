@@ -15,7 +15,7 @@ _MIN_REACH = 2.0  # m; a reference within this distance is plausible even if the
 
 
 def jumps(time: np.ndarray, position: np.ndarray) -> Iterator[str]:
-    """Yield a sentence on position steps that no vehicle can make, as after a reset of its estimator.
+    """Yield a sentence on position steps that no vehicle can make, such as after a reset of the estimator.
 
     Args:
         time: (n,) times of the samples, s.

@@ -1,4 +1,4 @@
-"""Faults that the signals of a log may have: a wrong sign, another unit, another frame."""
+"""Possible faults of the signals of a log: a wrong sign, unit or frame."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping
@@ -23,20 +23,20 @@ AXES = {
     "attitude_command": _ANGLES,
     "body_rate_command": _VECTOR,
 }
-"""Names of the axes of each signal that is checked. Of two faults that explain a log alike, the first is reported."""
+"""Axis names of each signal that is checked. If two faults explain a log equally well, the first one is reported."""
 
 _Signals = Mapping[str, np.ndarray]
 
 
 class Fault(NamedTuple):
-    """A fault of one signal, or of all.
+    """Possible fault of one signal, or of all signals.
 
     Attributes:
-        signals: names of the signals.
+        signals: names of the faulty signals.
         text: description of the fault, as part of a sentence.
         repaired: function that returns these signals without the fault.
         num_axes: number of axes that the fault changes.
-        is_frame: True for a frame that may hardly differ from the right one.
+        is_frame: True if the fault exchanges world and body axes, which hardly differ at small tilts.
     """
 
     signals: tuple[str, ...]
@@ -84,7 +84,7 @@ _SIGNS = [
     (-1.0, -1.0, -1.0),
 ]
 _BODY_SIGNALS = ("body_rates", "specific_force", "body_rate_command")
-# Signs of x and y after their exchange, which turns the world about z.
+# Signs of x, y and z after the exchange of x and y.
 _SWAPS = {
     (1.0, 1.0, -1.0): "NED was taken for ENU, or ENU for NED",
     (1.0, -1.0, 1.0): "ENU was taken for NWU",
@@ -92,7 +92,7 @@ _SWAPS = {
     (1.0, 1.0, 1.0): "x and y were swapped",
 }
 _YAW_OFFSETS = {90.0: "90° too small", -90.0: "90° too large", 180.0: "180° off"}
-# Frames in which signals may be logged by mistake.
+# Frames in which signals are logged by mistake, in place of the other frame.
 _WRONG_FRAMES = {
     "body_rates": "world",
     "specific_force": "world",
@@ -101,7 +101,7 @@ _WRONG_FRAMES = {
 
 
 def faults(signals: _Signals) -> Iterator[Fault]:
-    """Yield the faults that the signals of a log may have, by their names."""
+    """Yield the possible faults of the signals of a log, given by name."""
     for signal, axes in AXES.items():
         if signal not in signals:
             continue
@@ -124,7 +124,7 @@ def faults(signals: _Signals) -> Iterator[Fault]:
 
 
 def _common_faults(signals: _Signals) -> Iterator[Fault]:
-    """Yield the faults that involve the attitude and other signals."""
+    """Yield the possible faults that involve the attitude and other signals."""
     if "attitude" not in signals:
         return
     known = tuple(name for name in AXES if name in signals)
@@ -149,7 +149,7 @@ def _offset(signal: str, turn: float) -> Callable[[_Signals], dict[str, np.ndarr
 
 
 def _turned(signal: str, frame: str) -> Callable[[_Signals], dict[str, np.ndarray]]:
-    """Return the function that turns a signal from a wrong frame, world or body, to the other one."""
+    """Return a function that turns a signal from the given wrong frame, world or body, to the other frame."""
     return lambda signals: {
         signal: rotations(signals["attitude"]).apply(signals[signal], inverse=frame == "world"),
     }

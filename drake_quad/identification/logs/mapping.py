@@ -1,22 +1,22 @@
-"""The mapping language: which columns of a log are which signal of a record, in which unit and frame.
+"""Mapping language: the columns, units and frames of a log from which the signals of a record are read.
 
-In YAML:
+A mapping is a YAML file with these fields:
 
-    description: what such logs are
+    description: logs of our laboratory
     delimiter: ","
     time: {column: t, unit: s}
-    required: [position]                      # without these it does not fit; all of them if not given
+    required: [position]                      # signals that a log must have; by default all of them
     signals:
       position: {columns: [x, y, z], unit: mm, frame: NED}
       velocity: {column: v}                   # cells such as "[0.1, 0.2, 0.3]"
-      body_rates: {columns: [wx, wy, wz], frame: ENU}   # about the axes of the world; turned by the attitude
+      body_rates: {columns: [wx, wy, wz], frame: ENU}   # along the axes of the world; the attitude turns them
       attitude: {column: q, quaternion: xyzw}
-      motor_command:                          # the first that is there
+      motor_command:                          # the first source that the log has is read
         - {columns: [m1, m2, m3, m4], unit: uint16}
         - {columns: [u1, u2, u3, u4], unit: "%", rotors: [1, 3, 4, 2]}
-      wind: {columns: [w_x, w_y, 0.0]}        # a number is a column that is always so
-    vehicle: vehicles/neural_fly:neural_fly         # a shipped one, to begin an identification with
-    wind_by_name: {calm: [0, 0, 0], gale: [-18, 0, 0]}    # of logs whose name ends so, where none is logged
+      wind: {columns: [w_x, w_y, 0.0]}        # a number stands for a constant column
+    vehicle: vehicles/neural_fly:neural_fly   # shipped vehicle with which an identification can begin
+    wind_by_name: {calm: [0, 0, 0], gale: [-18, 0, 0]}    # wind by the end of the log's name, if none is logged
 """
 
 import functools
@@ -35,7 +35,7 @@ from drake_quad.scenario.distributions import Model, Real
 from drake_quad.scenario.files.library import Library
 from drake_quad.scenario.files.loading import validated
 
-# Signals of angles, which a log may have as a quaternion.
+# Signals that a log may contain as a quaternion.
 ATTITUDES = ("attitude", "attitude_command")
 WORLD_FRAMES = ("NWU", "ENU", "NED")
 BODY_FRAMES = ("FLU", "FRD")
@@ -45,7 +45,7 @@ _Path = tuple[str | int, ...]
 
 
 class SignalSource(Model):
-    """Columns of a log that are a signal."""
+    """Columns of a log from which a signal is read."""
 
     columns: Annotated[tuple[str | Real, ...], Field(strict=False)] | None = Field(
         default=None, description="names of the columns, in the signal's order; a number is a column that is always so"
@@ -77,14 +77,14 @@ class SignalSource(Model):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the columns that the log must have."""
+        """Names of the columns that the log must have."""
         if self.column is not None:
             return (self.column,)
         return tuple(each for each in self.columns or () if isinstance(each, str))
 
 
 class TimeSource(Model):
-    """The column of the clock."""
+    """Column of the clock."""
 
     column: str = Field(description="its name")
     unit: Literal["s", "ms", "us", "ns"] = Field(default="s", description="its unit")
@@ -98,7 +98,7 @@ _Sources = Annotated[tuple[SignalSource, ...], Field(strict=False, min_length=1)
 
 
 class Mapping(Model):
-    """Which columns of a log are which signals."""
+    """Sources of the signals of a record in a log."""
 
     description: str = Field(default="", description="what such logs are")
     delimiter: Literal[",", ";", "\t", " "] = Field(default=",", description="between the cells of a CSV file")
@@ -121,7 +121,10 @@ class Mapping(Model):
     @model_validator(mode="before")
     @classmethod
     def _fits_the_signals(cls, data: Any) -> Any:
-        """What depends on the signal is checked on what was written, so that an error can name its place."""
+        """Check each source against its signal.
+
+        The check precedes the validation of the fields, so that an error can name the place in the file.
+        """
         signals = data.get("signals") if isinstance(data, dict) else None
         if isinstance(signals, dict):
             for name, sources in signals.items():
@@ -142,22 +145,22 @@ class Mapping(Model):
 
     @property
     def names(self) -> set[str]:
-        """Of all columns that it knows."""
+        """Names of all columns in the mapping."""
         clock = {self.time.column} if self.time else set()
         return clock.union(*(source.names for name in self.signals for source in self.signals[name]))
 
     def wind_of(self, name: str) -> tuple[float, float, float] | None:
-        """The wind that logs of this name have, m/s; of several ends that fit, the longest tells."""
+        """Return the wind in a log of a name, m/s; None if it is unknown. The longest matching end takes precedence."""
         ends = [end for end in self.wind_by_name if name.endswith(end)]
         return self.wind_by_name[max(ends, key=len)] if ends else None
 
     @property
     def rotors(self) -> tuple[int, ...] | None:
-        """The order of the rotors of the first source that has one."""
+        """Order of the rotors in the first source that has one; None if no source has one."""
         return next((source.rotors for each in self.signals.values() for source in each if source.rotors), None)
 
     def with_rotors(self, rotors: tuple[int, ...]) -> "Mapping":
-        """The mapping with another order of the rotors, wherever it has one."""
+        """Return the mapping with another order of the rotors in each source that has one."""
         signals = {
             name: tuple(
                 source if source.rotors is None else source.model_copy(update={"rotors": rotors}) for source in sources
@@ -167,7 +170,7 @@ class Mapping(Model):
         return self.model_copy(update={"signals": signals})
 
     def chosen(self, available: set[str]) -> dict[str, SignalSource]:
-        """The first source of each signal whose columns are all there."""
+        """Return the first source of each signal whose columns are all available, by the name of the signal."""
         found = {}
         for name in self.signals:
             for source in self.signals[name]:
@@ -177,7 +180,7 @@ class Mapping(Model):
         return found
 
     def fits(self, available: set[str]) -> bool:
-        """Are the clock and all that is required there, and a signal at all?"""
+        """Return whether the available columns contain the clock, all required signals, and at least one signal."""
         chosen = self.chosen(available)
         required = self.signals if self.required is None else self.required
         clock = self.time is None or self.time.column in available
@@ -185,17 +188,17 @@ class Mapping(Model):
 
 
 def load_mapping(spec: str | Path) -> tuple[str, Mapping]:
-    """Loads a mapping.
+    """Load a mapping.
 
     Args:
-        spec: a YAML file, or the name of a shipped mapping, see `shipped_mappings`.
+        spec: path of a YAML file, or name of a shipped mapping, see `shipped_mappings`.
 
     Returns:
-        Its name and the mapping.
+        The name of the mapping, and the mapping.
 
     Raises:
-        InputError: there is none, or something in it is wrong; the message names file, line, field, value and what is
-            allowed.
+        InputError: if there is no such mapping, or it contains an error. The message names the file, the line, the
+            field, its value and the allowed values.
     """
     if spec in shipped_mappings():
         return str(spec), _shipped(str(spec))
@@ -209,7 +212,7 @@ def load_mapping(spec: str | Path) -> tuple[str, Mapping]:
 
 @functools.cache
 def shipped_mappings() -> tuple[str, ...]:
-    """The names of the mappings that come with the library."""
+    """Return the names of the mappings that are part of the library."""
     folder = importlib.resources.files("drake_quad.identification.logs") / "mappings"
     return tuple(sorted(each.name.removesuffix(".yaml") for each in folder.iterdir() if each.name.endswith(".yaml")))
 
@@ -231,7 +234,7 @@ def _texts(value: Any) -> Iterator[str]:
 
 
 def _check(name: str, source: dict[str, Any], path: _Path) -> None:
-    """Raises an error if a source does not fit its signal. What is of a wrong type is found later."""
+    """Raise an error if a source does not fit its signal. The validation of the fields checks the types later."""
     source = {field: value for field, value in source.items() if value is not None}
     if ("columns" in source) == ("column" in source):
         raise _wrong(path, "must have either columns or column")

@@ -90,7 +90,7 @@ _Data = Mapping[str, np.ndarray]
 
 
 def other_vehicle(parameters: _Parameters, status: _Data | None) -> str:
-    """Return the type of the logged vehicle if it is not a quadrotor, with the field that states the type.
+    """Return the type of the logged vehicle if it is not a quadrotor, and the field that states the type.
 
     Args:
         parameters: parameters of PX4 in the log.

@@ -1,4 +1,4 @@
-"""Reads a flight log of any known format, by its content."""
+"""Reader of flight logs in any known format."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Record of a flight: the signals of a log in SI units and the frames of this library, on one clock."""
+"""Record of a flight: the signals of a log on one clock, in SI units and the frames of this library."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -29,7 +29,7 @@ class FlightRecord:
         body_rates: (n, 3) p, q, r about the axes of B, rad/s.
         specific_force: (n, 3) measurement of an accelerometer, along the axes of B, m/s².
         rotor_speed: (n, 4) measured rotor speeds, rad/s.
-        motor_command: (n, 4) share of the full command of each motor, 0 to 1.
+        motor_command: (n, 4) command of each motor as a share of the full command, 0 to 1.
         rotor_speed_command: (n, 4) commanded rotor speeds, rad/s.
         thrust_command: (n,) commanded thrust of all rotors, N.
         thrust_share: (n,) commanded thrust of all rotors as a share of full thrust or throttle, 0 to 1.
@@ -44,7 +44,7 @@ class FlightRecord:
         wind: (n, 3) velocity of the air in W, m/s.
         residual_force: (n, 3) logged force other than thrust and weight, in W, N.
         battery_voltage: (n,) voltage of the battery, V.
-        vehicle: name of a similar shipped vehicle, with which an identification can begin; None if it is unknown.
+        vehicle: name of a similar shipped vehicle with which an identification can begin; None if there is none.
         remarks: sentences on gaps, jumps of the clock, conversions, and samples that were left out.
     """
 
@@ -78,7 +78,7 @@ class FlightRecord:
         """Check times, shapes and values.
 
         Raises:
-            InputError: if the time does not rise, or a signal has another shape or contains a value that is no number.
+            InputError: if the time does not rise, or a signal has a wrong shape or contains a value that is not finite.
         """
         if self.time.ndim != 1 or len(self.time) < 2 or not np.all(np.diff(self.time) > 0.0):
             raise InputError(f"the log {shown(self.name)} must have at least two samples whose time rises")
@@ -96,7 +96,7 @@ class FlightRecord:
                 )
 
     def signals(self) -> Iterator[tuple[str, np.ndarray]]:
-        """Yield name and values of each logged signal."""
+        """Yield the name and the values of each logged signal."""
         for name in COLUMNS:
             values = getattr(self, name)
             if values is not None:
@@ -116,7 +116,7 @@ class FlightRecord:
         """Return the values of a signal.
 
         Raises:
-            InputError: if it is not logged.
+            InputError: if the signal is not logged.
         """
         values: np.ndarray | None = getattr(self, name)
         if values is None:
@@ -124,7 +124,7 @@ class FlightRecord:
         return values
 
     def part(self, chosen: slice | np.ndarray) -> "FlightRecord":
-        """Return the record of some samples, on the same clock.
+        """Return the record of a part of the samples, on the same clock.
 
         Args:
             chosen: slice of the samples, or (n,) mask.

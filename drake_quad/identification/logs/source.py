@@ -1,4 +1,4 @@
-"""The bytes of a log, as far as they may be read; what is compressed is opened."""
+"""Reading of the bytes of a log, which may be compressed."""
 
 import gzip
 import io
@@ -18,9 +18,9 @@ from drake_quad.extras import import_extra
 from drake_quad.scenario.files.marked_tree import Mark
 from drake_quad.scenario.files.reading import opened
 
-# Of a log, unpacked: an hour at 1 kHz of 50 bytes each has 180 million.
+# Largest size of a decompressed log. One hour of samples of 50 bytes at 1 kHz has 180 million bytes.
 MOST_BYTES = 200_000_000
-_CHUNK = 1 << 20
+_CHUNK_SIZE = 1 << 20
 # Suffixes of the files in the folder of a ROS 2 bag.
 _BAG_SUFFIXES = (".db3", ".mcap")
 _PACKED_SUFFIXES = (".gz", ".xz")
@@ -43,7 +43,7 @@ class LogFile(NamedTuple):
 
     @property
     def mark(self) -> Mark:
-        """What errors call it."""
+        """Name of the file in error messages."""
         return Mark(str(self.path), 0)
 
     @property
@@ -60,7 +60,7 @@ class LogFile(NamedTuple):
 
         Args:
             end: number of bytes that are read.
-            reason: reason why the other bytes are not read, unless they are all zeros or all 0xff.
+            reason: reason why the other bytes are not read. It is replaced if they are all zeros or all 0xff.
         """
         rest = set(self.data[end:])
         if rest in ({0}, {255}):
@@ -70,7 +70,7 @@ class LogFile(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The name of the file without what says how it is packed and written."""
+        """Name of the file without the suffixes of the compression and the format."""
         path = self.path.with_suffix("") if self.path.suffix in _PACKED_SUFFIXES else self.path
         return path.stem if _LOG_SUFFIX.fullmatch(path.suffix) else path.name
 
@@ -108,7 +108,7 @@ class LogFile(NamedTuple):
             raise InputError(f"{self.mark}: is {what} that cannot be read: {reason_of(error)}") from None
 
     def read_from_disk(self, suffix: str, read: Callable[[Path], Any]) -> Any:
-        """Return the result of a function of a path, for a library that reads files and not bytes."""
+        """Return the result of a function of a path, for a library that reads only from disk."""
         with NamedTemporaryFile(suffix=suffix) as file:
             file.write(self.data)
             file.flush()
@@ -121,10 +121,10 @@ def reason_of(error: Exception) -> str:
 
 
 def read_file(path: Path) -> LogFile:
-    """Reads a log; one that ends in the middle of what is compressed as far as it goes.
+    """Read a log file, and decompress it. A compressed file that is truncated is read as far as possible.
 
     Raises:
-        InputError: it is no file, cannot be read, is empty, or too large.
+        InputError: if the path is not that of a file, or the file cannot be read, is empty, or is too large.
     """
     path = _bag_in(path)
     mark = Mark(str(path), 0)
@@ -140,13 +140,13 @@ def read_file(path: Path) -> LogFile:
 
 
 def _unpacked(file: IO[bytes]) -> tuple[bytes, bool]:
-    """At most one byte more than is allowed, and whether it could be unpacked to its end."""
+    """Return the decompressed bytes, at most one more than is allowed, and whether decompression succeeded."""
     start = file.read(6)
     file.seek(0)
     result = io.BytesIO()
     try:
         with _opened(file, start) as unpacked:
-            while result.tell() <= MOST_BYTES and (chunk := unpacked.read1(_CHUNK)):
+            while result.tell() <= MOST_BYTES and (chunk := unpacked.read1(_CHUNK_SIZE)):
                 result.write(chunk)
     except (EOFError, gzip.BadGzipFile, lzma.LZMAError, zlib.error):
         return result.getvalue(), False
@@ -154,7 +154,7 @@ def _unpacked(file: IO[bytes]) -> tuple[bytes, bool]:
 
 
 def _opened(file: IO[bytes], start: bytes) -> Any:
-    """A file that unpacks another, by the first bytes of that."""
+    """Return a file that decompresses another one, whose first bytes state the compression."""
     if start.startswith(b"\x1f\x8b"):
         return gzip.GzipFile(fileobj=file)
     if start == b"\xfd7zXZ\0":
@@ -163,7 +163,7 @@ def _opened(file: IO[bytes], start: bytes) -> Any:
 
 
 def _bag_in(path: Path) -> Path:
-    """Return the only file of a ROS 2 bag, for its folder; any other path as it is."""
+    """Return the only file in the folder of a ROS 2 bag; any other path is returned unchanged."""
     if not os.path.isfile(path / "metadata.yaml"):  # noqa: PTH113 - Path.is_file raises where a name is too long
         return path
     files = [each for each in sorted(path.iterdir()) if each.suffix in _BAG_SUFFIXES]

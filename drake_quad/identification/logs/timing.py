@@ -1,16 +1,16 @@
-"""The clock of a log: samples whose times rise, and gaps."""
+"""Checks of the clock of a log: rising times, gaps and jitter."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
-_GAP = 3.0  # times the median step; a sample that is late by one period is no gap
+_GAP = 3.0  # median steps; a sample that is late by one period is no gap
 _MAX_TIME = 1e12  # s, thirty thousand years
-_JITTER = 0.05  # standard deviation of the steps, relative to the median, that is worth a remark
+_MIN_JITTER = 0.05  # standard deviation of the steps relative to their median, from which a remark is made
 
 
 def rising(time: np.ndarray) -> tuple[np.ndarray, list[str]]:
-    """Return a mask (n,) of samples whose times rise, and sentences on the others.
+    """Return a mask (n,) of samples whose times rise, and sentences on the samples that are left out.
 
     A sample is left out if its time is not a number, repeats that of the sample before, or is out of order. It is late
     if an earlier sample has a later time, and early if a later sample has an earlier time. A clock that jumps ahead
@@ -67,7 +67,7 @@ def timing_remarks(time: np.ndarray) -> Iterator[str]:
         )
     regular = steps[~is_gap]
     jitter = float(np.std(regular))
-    if jitter > _JITTER * median:
+    if jitter > _MIN_JITTER * median:
         yield (
             f"the steps of the clock are uneven: {median:.4g} s in the median, with a standard deviation of"
             f" {jitter:.2g} s, from {regular.min():.4g} to {regular.max():.4g} s without the gaps"

@@ -1,16 +1,16 @@
-"""Acceleration that a flown controller commanded, from its logged commands of attitude and thrust.
+"""Output of the position law of a flown controller, reconstructed from its logged attitude and thrust commands.
 
-Controllers turn the output of their position law into attitude and thrust in different ways, so there are five forms:
+Controllers convert the output u of their position law to attitude and thrust in different ways. Five forms are known:
 
     acceleration    thrust T along the commanded thrust axis z_d:  u = (T / m) z_d - g Z
-    heading         the same, where roll and pitch are relative to the measured yaw instead of the commanded one
+    heading         the same, with roll and pitch relative to the measured yaw instead of the commanded one
     decoupled       u_x and u_y follow from the tilt alone, g z_d,x / z_d,z, so that climbing does not change the
                     tilt, as in PX4
     projected       as in acceleration, with T = F · z the component of the force along the measured thrust axis z,
                     as in geometric control:  u = (T / m) / (z_d · z) z_d - g Z
-    tilt            roll and pitch are outputs of the law themselves, as in the Crazyflie's firmware: along the heading
-                    u is the pitch and minus the roll in rad, and along Z u = T / m - g. The integrals are those along
-                    the heading, too
+    tilt            the law gives roll and pitch directly, as in the Crazyflie's firmware: along the heading u is the
+                    pitch and minus the roll in rad, and along Z u = T / m - g. Errors are integrated along the
+                    heading, too
 
 The attitude is the exact rotation by roll, pitch and yaw.
 """
@@ -30,16 +30,16 @@ FORMS: tuple[Form, ...] = get_args(Form)
 
 # A command is at a limit if its samples pile up at an extreme. Within a margin δ of the maximum of a smooth signal
 # there are 1 / (√2 - 1) = 2.4 times as many samples as between δ and 2 δ; at a limit there are many more.
-_LIMIT_MARGIN = 0.005  # of the range of the command; the resolution of logs is finer
-_MIN_PILE = 5.0  # ratio of these numbers of samples
+_LIMIT_MARGIN = 0.005  # margin δ relative to the range of the command; the resolution of logs is finer
+_MIN_PILE = 5.0  # ratio of the two numbers of samples at a limit
 _MIN_LIMITED_SAMPLES = 8
-# A command that is at its extreme for a larger share of the time is constant rather than limited.
+# A command that is at its extreme in a larger share of the samples is constant rather than limited.
 _MAX_LIMITED_SHARE = 0.5
-_MIN_ALIGNMENT = 0.2  # least cosine that is divided by, of an angle of 78°
+_MIN_ALIGNMENT = 0.2  # smallest cosine in a denominator, that of an angle of 78°
 
 
 def specific_thrust(record: FlightRecord, scenario: Scenario, usable: np.ndarray) -> tuple[np.ndarray, str | None]:
-    """Return the commanded thrust over the mass (n,) in m/s², and a remark on how it follows from the log.
+    """Return the commanded thrust divided by the mass (n,), in m/s², and a remark on its calculation from the log.
 
     Args:
         record: record of the flight.
@@ -47,7 +47,7 @@ def specific_thrust(record: FlightRecord, scenario: Scenario, usable: np.ndarray
         usable: (n,) mask of the samples in the air.
 
     Raises:
-        InputError: if the log has no command of the thrust.
+        InputError: if the log has no thrust command, or the command is zero in the air.
     """
     mass, gravity = float(scenario.nominal.mass), float(scenario.nominal.gravity)
     if record.thrust_command is not None:
@@ -67,13 +67,17 @@ def specific_thrust(record: FlightRecord, scenario: Scenario, usable: np.ndarray
 
 
 def commanded(record: FlightRecord, thrust: np.ndarray, form: Form, gravity: float) -> np.ndarray:
-    """Return the output (n, 3) of the position law in W, in m/s²; with `tilt` along the heading, in rad along X and Y.
+    """Return the output (n, 3) of the position law.
 
     Args:
         record: record with attitude_command, or with attitude in its place.
-        thrust: (n,) commanded thrust over the mass, m/s².
+        thrust: (n,) commanded thrust divided by the mass, m/s².
         form: relation between the output and the commands.
-        gravity: m/s².
+        gravity: gravitational acceleration, m/s².
+
+    Returns:
+        (n, 3) output in W, m/s². In the form `tilt`, the output is along the axes of the heading, and X and Y are in
+        rad.
     """
     attitude = record.attitude if record.attitude_command is None else record.attitude_command
     assert attitude is not None
@@ -100,18 +104,18 @@ def _yaw(record: FlightRecord) -> np.ndarray:
 
 
 def in_heading(record: FlightRecord, values: np.ndarray) -> np.ndarray:
-    """Return vectors (n, 3) in W along the axes of the heading: forward, left and up."""
+    """Return the components (n, 3) of vectors in W along the axes of the heading: forward, left and up."""
     cosine, sine = np.cos(_yaw(record)), np.sin(_yaw(record))
     x, y, z = values.T
     return np.column_stack([cosine * x + sine * y, cosine * y - sine * x, z])
 
 
 def unproduced(output: np.ndarray, form: Form, gravity: float) -> np.ndarray:
-    """Return the horizontal part (n, 3) of the output of a law that its thrust does not produce.
+    """Return the horizontal part (n, 3) of the output of a law that the thrust does not produce.
 
-    If the vertical acceleration u_z is negative, the tilt of the form `decoupled` produces (1 + u_z / g) of the
-    horizontal output. PX4 takes this for saturation, and subtracts 2 / k_v of the rest from the velocity error that it
-    integrates (`PositionControl.cpp` of PX4 1.15). Other forms produce all.
+    If the vertical acceleration u_z is negative, the tilt of the form `decoupled` produces the share (1 + u_z / g) of
+    the horizontal output. PX4 takes this for saturation, and subtracts 2 / k_v times the remainder from the velocity
+    error that it integrates (`PositionControl.cpp` of PX4 1.15). All other forms produce the whole output.
     """
     level = np.array([1.0, 1.0, 0.0])
     share = np.clip(-output[:, 2:] / gravity, 0.0, 1.0) if form == "decoupled" else 0.0
@@ -123,7 +127,7 @@ def at_limit(record: FlightRecord, thrust: np.ndarray, usable: np.ndarray) -> np
 
     Args:
         record: record of the flight.
-        thrust: (n,) commanded thrust.
+        thrust: (n,) commanded thrust in any unit.
         usable: (n,) mask of the samples in the air.
     """
     signals = [thrust, -thrust]

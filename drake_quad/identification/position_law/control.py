@@ -1,8 +1,8 @@
-"""Control of the scenario language that flies an identified position law.
+"""Conversion of an identified position law to a control of the scenario language.
 
-There are two. A PD or PID around the position (`control` of kind `cascade`) stands for laws whose velocity feed-forward
-is all or nothing of the velocity gain. Other laws are a cascade of PIDs on position and velocity (`pid_cascade`), whose
-gains follow from those of the law by the equations of `drake_quad.identification.position_law.law`.
+There are two kinds. A law whose velocity feed-forward gain is zero or equal to the velocity gain is a PD or PID on the
+position (`control` of kind `cascade`). Any other law is a cascade of PIDs on position and velocity (`pid_cascade`),
+whose gains follow from the equations of `drake_quad.identification.position_law.law`.
 """
 
 import math
@@ -12,20 +12,21 @@ from typing import Any
 from drake_quad.errors import InputError
 from drake_quad.identification.position_law.law import AxisLaw, PositionLaw
 
-_TOLERANCE = 0.05  # relative; a share that differs less from 0 or 1 is taken for it
-_NEGLIGIBLE = 0.005  # share of the position gain, per power of a second
+_TOLERANCE = 0.05  # a share that differs by less from 0 or 1 is taken to be 0 or 1
+_NEGLIGIBLE = 0.005  # largest negligible gain in SI units, relative to the position gain
 _NO_LIMIT = 1000.0  # m/s, stands for a limit that is never reached
-_DIGITS = 5  # significant digits, more than the data determine
+_NUM_DIGITS = 5  # significant digits, more than the data determine
 
 
 def control_layer(law: PositionLaw) -> dict[str, Any]:
     """Return the layer of a scenario with the control that flies a position law.
 
-    Attitude control, limits of tilt and thrust, and delays are not part of it; they are those of the scenario. It must
-    have a control of kind `cascade` for a PD or PID, and an attitude control on board for a `pid_cascade`.
+    The layer does not contain attitude control, limits of tilt and thrust, and delays, which are those of the scenario.
+    The scenario must have a control of kind `cascade` for a PD or PID, and an attitude control on board for a
+    `pid_cascade`.
 
     Raises:
-        InputError: if an axis is not identified, or no control of the scenario language has this law.
+        InputError: if an axis is not identified, or no control of the scenario language can represent the law.
     """
     if law.not_identified:
         axes = ", ".join(law.not_identified)
@@ -35,7 +36,7 @@ def control_layer(law: PositionLaw) -> dict[str, Any]:
     shares = [_share(each) for each in (x, y, z) if "reference_velocity" in each.gains]
     share = sum(shares) / len(shares) if shares else 1.0
     if plain and share in (0.0, 1.0):
-        # Without a kind of control, the attitude control of the scenario stays.
+        # The layer sets no kind of control, so that the attitude control of the scenario is kept.
         return {"control": {"position": _pid((x, y, z), share)}}
     return {"control": _pid_cascade((x, y, z), share, law.form)}
 
@@ -45,14 +46,14 @@ def _near(value: float, reach: float, target: float) -> bool:
 
 
 def _share(law: AxisLaw) -> float:
-    """Return the share of the reference's velocity that is fed forward, which is 0 or 1 if its interval allows it."""
+    """Return the share of the reference velocity that is fed forward; exactly 0 or 1 if its interval allows it."""
     velocity, reference = law.gain("velocity"), law.gains["reference_velocity"]
     value, reach = reference.value / velocity, reference.reach / abs(velocity)
     return next((each for each in (0.0, 1.0) if _near(value, reach, each)), value)
 
 
 def _differs_from_zero(law: AxisLaw, name: str) -> bool:
-    """Return whether a gain is not zero, and not negligible beside the position gain."""
+    """Return whether a gain is significant, and not negligible relative to the position gain."""
     if name not in law.gains:
         return False
     value = abs(law.gains[name].value)
@@ -60,7 +61,7 @@ def _differs_from_zero(law: AxisLaw, name: str) -> bool:
 
 
 def _is_pid(law: AxisLaw) -> bool:
-    """Return whether a law is that of a PD or PID around the position, with all or nothing of the acceleration."""
+    """Return whether a law is a PD or PID on the position, with full or no feed-forward of the acceleration."""
     fed = law.gains.get("reference_acceleration")
     whole = fed is None or any(_near(fed.value, fed.reach, each) for each in (0.0, 1.0))
     return whole and not any(
@@ -69,7 +70,7 @@ def _is_pid(law: AxisLaw) -> bool:
 
 
 def _of_axes(laws: tuple[AxisLaw, AxisLaw, AxisLaw], value: Callable[[AxisLaw], float]) -> list[float]:
-    return [float(f"{value(law):.{_DIGITS}g}") for law in laws]
+    return [float(f"{value(law):.{_NUM_DIGITS}g}") for law in laws]
 
 
 def _pid(laws: tuple[AxisLaw, AxisLaw, AxisLaw], share: float) -> dict[str, Any]:
@@ -106,12 +107,12 @@ def _pid_cascade(laws: tuple[AxisLaw, AxisLaw, AxisLaw], share: float, form: str
     if form != "tilt":
         fed = [law.gain("reference_acceleration") for law in laws if "reference_acceleration" in law.gains]
         mean = sum(fed) / len(fed) if fed else 0.0
-        command = {"kind": "acceleration", "feed_forward": float(f"{max(0.0, mean):.{_DIGITS}g}")}
+        command = {"kind": "acceleration", "feed_forward": float(f"{max(0.0, mean):.{_NUM_DIGITS}g}")}
     return {
         "kind": "pid_cascade",
         "position": position,
         "velocity": velocity,
-        "velocity_feed_forward": float(f"{max(0.0, share):.{_DIGITS}g}"),
+        "velocity_feed_forward": float(f"{max(0.0, share):.{_NUM_DIGITS}g}"),
         "command": command,
     }
 
@@ -120,12 +121,12 @@ def _cascade_gains(law: AxisLaw, share: float) -> tuple[float, float, float]:
     """Return the position gain, the integral gain of the position loop, and that of the velocity loop.
 
     Raises:
-        InputError: if no cascade has this law.
+        InputError: if no cascade can represent the law.
     """
     velocity, together = law.gain("velocity"), law.gain("position")
     integral = law.gain("integral") if _differs_from_zero(law, "integral") else 0.0
     if share == 1.0:
-        # k K² - k_p K + k_i = 0: the larger root is the position gain, the smaller one the integral gain over k.
+        # The larger root of k K² - k_p K + k_i = 0 is the position gain, and the smaller one the integral gain over k.
         discriminant = together**2 - 4.0 * velocity * integral
         if discriminant < 0.0:
             raise InputError(

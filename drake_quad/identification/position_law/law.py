@@ -1,29 +1,29 @@
 """Identification of the position law that flew a log: gains, integral, feed-forward, filter, limit and delay.
 
-On each axis the output of the law at time t, sampled by the logged commands, is
+On each axis the output of the law at time t, which the logged commands sample, is
 
     u(t) = k_p e + k_v (-v_f) + k_r v_r + k_a a_r + k_i ∫e - k_x p + b,      all at t - delay
 
-with the position error e = p_r - p, which may be limited, the measured velocity v_f behind a lag of first order, the
-reference's velocity v_r and acceleration a_r, and a constant b for each stretch of flight. PD and PID are this law with
-k_r = k_v or 0 and k_x = 0. A cascade P(position) → PI(velocity) with gains K, k, k_i' and the share f of v_r has
+with the position error e = p_r - p, which may be limited, the measured velocity v_f after a first-order filter, the
+velocity v_r and acceleration a_r of the reference, and a constant b for each stretch of flight. PD and PID are this law
+with k_r = k_v or 0 and k_x = 0. A cascade P(position) → PI(velocity) with gains K, k, k_i' and the share f of v_r has
 
     k_p = k K + f k_i',  k_v = k,  k_r = f k,  k_i = k_i' K,  k_x = (1 - f) k_i'
 
-If its position loop has an integral, too, with gain K_i, then k_i = k_i' K + k K_i, and the law also has the integral
-of the integral with the gain k_i' K_i. Filter, limit and this term are part of the law only if a likelihood ratio test
-prefers them (`drake_quad.identification.position_law.regression`). The intervals are those of the jackknife over blocks
-(`drake_quad.identification.evidence`), to which the bias is added that errors of the logged measurements can cause.
+If its position loop also has an integral, with gain K_i, then k_i = k_i' K + k K_i, and the law also has the double
+integral with the gain k_i' K_i. Filter, limit and this term are part of the law only if a likelihood ratio test
+prefers them (`drake_quad.identification.position_law.regression`). Confidence intervals are those of the jackknife over
+blocks (`drake_quad.identification.evidence`), plus the bias that errors of the logged measurements can cause.
 
 The term k_x p stands for an integral of the velocity, so p in it is the integral of the logged velocity, without the
 noise of the logged position. In the form `tilt`, axes and integrals are those of the heading: X is forward, and Y is to
-the left. In the form `decoupled`, the law has two more terms, which are no result: that of a position whose noise is
-integrated by the position loop only, and that of the anti-windup of PX4
+the left. In the form `decoupled`, the law has two nuisance terms, which are not reported: one for the position noise
+that only the position loop integrates, and one for the anti-windup of PX4
 (`drake_quad.identification.position_law.pieces.Piece`).
 
-The logged signals should be those that the controller used. If they differ by an error, the gains are too small: with
-one regressor by the share 1 - R² of the variance that is not explained (W. A. Fuller, "Measurement Error Models", 1987,
-section 1.1). Axes with 1 - R² above 5 % are therefore not identified.
+The logged signals should be those that the controller used. Errors in them bias the gains towards zero. With one
+regressor, the relative bias is the share 1 - R² of the variance that is not explained (W. A. Fuller, "Measurement Error
+Models", 1987, section 1.1). Axes with 1 - R² above 5 % are therefore not identified.
 """
 
 from collections.abc import Mapping, Sequence
@@ -52,17 +52,17 @@ from drake_quad.identification.results.estimates import quantile
 from drake_quad.scenario.models import Scenario
 
 _MIN_EXPLAINED = 0.95
-_MIN_SHARE = 1e-12  # of variance, below which rounding decides
-# A parameter is identified if its 95 % interval reaches no farther than this share of its typical size.
+_MIN_SHARE = 1e-12  # unexplained share of the variance; smaller values are rounding errors
+# A parameter is identified if the half-width of its 95 % interval is at most this share of its typical size.
 _MAX_REACH = 0.5
 _TYPICAL_INTEGRAL_TIME = 1.0  # s, k_p / k_i of a usual PID
-_FORM_SAMPLES = 600  # enough to tell the forms apart
+_FORM_SAMPLES = 600  # number of samples from which the form is selected
 _AXES = ("x", "y", "z")
 
 
 @dataclass(frozen=True)
 class AxisLaw:
-    """Law of one axis, or of X and Y if they are alike.
+    """Law of one axis, or of X and Y if these have the same law.
 
     Attributes:
         axes: axes that have this law; those of the heading in the form `tilt`.
@@ -70,7 +70,7 @@ class AxisLaw:
             reference_acceleration, integral, displacement (k_x), double_integral, delay, filter_time and error_limit.
         explained: R², share of the variance of the command that the law explains.
         not_identified: reason for each parameter that the log does not identify.
-        at_error_limit: share of the samples with a position error beyond its limit.
+        at_error_limit: share of the samples whose position error exceeds the limit.
     """
 
     axes: tuple[str, ...]
@@ -80,7 +80,7 @@ class AxisLaw:
     at_error_limit: float = 0.0
 
     def gain(self, name: str) -> float:
-        """Return the estimate of a parameter, 0 if it is not identified."""
+        """Return the estimate of a parameter; 0 if it is not identified."""
         return self.gains[name].value if name in self.gains else 0.0
 
 
@@ -91,7 +91,7 @@ class PositionLaw:
     Attributes:
         axes: laws of the axes that are identified.
         form: relation between the output of the law and the commands of attitude and thrust.
-        at_limits: share of the samples that are left out, since a command is at a limit.
+        at_limits: share of the samples that are left out because a command is at a limit.
         not_identified: reason for each axis that the log does not identify.
         remarks: sentences on the fit.
     """
@@ -112,7 +112,7 @@ def identify_position_law(records: Sequence[FlightRecord], scenario: Scenario) -
         scenario: scenario with the `nominal` vehicle that the controller believed, for mass and gravity.
 
     Raises:
-        InputError: a log lacks a signal, the reference stays where it is, or no axis is identified.
+        InputError: if a log lacks a signal, a reference does not move, or no axis is identified.
     """
     if not records:
         raise InputError("there is no log to identify a position law from")
@@ -153,14 +153,14 @@ def _too_little(explained: float) -> str:
 
 
 def _unexplained(pieces: Sequence[Piece]) -> float:
-    """Return the sum of the logarithms of the shares that the law leaves on each axis, in some of the samples."""
+    """Return the sum over the axes of log(1 - R²), for laws that are fitted to a part of the samples."""
     step = max(1, sum(int(piece.counted.sum()) for piece in pieces) // _FORM_SAMPLES)
     thinned = [piece._replace(counted=piece.counted & (np.arange(len(piece.time)) % step == 0)) for piece in pieces]
     return sum(float(np.log(max(1.0 - limited(thinned, (axis,)).explained, _MIN_SHARE))) for axis in range(3))
 
 
 def _alike(pieces: Sequence[Piece], fits: Mapping[int, Fit]) -> bool:
-    """Return whether X and Y have the same law: all intervals of the differences of their gains contain zero."""
+    """Return whether X and Y may have the same law: the interval of each difference of their gains contains zero."""
     x, y = (_spreads(pieces, (axis,), fits[axis], "acceleration") for axis in (0, 1))
     for name in x.keys() & y.keys():
         difference = abs(x[name].value - y[name].value)
@@ -230,7 +230,7 @@ def _axis_law(pieces: Sequence[Piece], axes: tuple[int, ...], form: Form, fit: F
 
 
 def _weak(spreads: Mapping[str, Spread]) -> dict[str, str]:
-    """Return the parameters whose interval is wide beside their typical size, with the reason."""
+    """Return the parameters whose interval is wide relative to their typical size, with the reason."""
     position, velocity = (abs(spreads[name].value) for name in ESSENTIAL)
     acceleration = 1.0 / 9.81 if spreads["position"].unit == "rad/m" else 1.0
     typical = {

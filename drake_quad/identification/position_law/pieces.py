@@ -1,4 +1,4 @@
-"""Flight logs as the regression of a position law takes them: stretches of flight with the output of the law."""
+"""Preparation of flight logs for the regression of a position law: stretches of flight with the output of the law."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -22,33 +22,33 @@ from drake_quad.identification.windows import airborne
 from drake_quad.identification.windows import pieces as piece_numbers
 from drake_quad.scenario.models import Scenario
 
-MIN_REFERENCE_SPEED = 0.01  # m/s, standard deviation of a reference that moves
-_MIN_REFERENCE_RANGE = 0.02  # m, of a reference that moves
+MIN_REFERENCE_SPEED = 0.01  # m/s, smallest standard deviation of the velocity of a reference that moves
+_MIN_REFERENCE_RANGE = 0.02  # m, smallest range of a reference that moves
 _SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0  # weights of adjacent samples, binomial
 _MIN_PIECE = 2.0  # s, shortest stretch of flight with a constant of its own
-_MIN_SAMPLES = 60  # of such a stretch, several for each parameter
+_MIN_SAMPLES = 60  # smallest number of samples in such a stretch, several for each parameter
 _BLOCK = 2.0  # s, several times the memory of filters and quantisation
-_SLOPE_WINDOW = 0.1  # s, of parabolas through the reference for its derivatives
-_MAX_REFERENCE_ACCELERATION = 50.0  # m/s², 5 g; a reference with more jumps
+_SLOPE_WINDOW = 0.1  # s, duration of the parabolas that give the derivatives of the reference
+_MAX_REFERENCE_ACCELERATION = 50.0  # m/s², 5 g; a reference that exceeds it jumps
 
 
 class Piece(NamedTuple):
-    """Stretch of flight without a gap, as the regression takes it.
+    """Stretch of flight without a gap, along the axes of the law.
 
     Attributes:
-        time: (m,), s.
-        command: (m, 3) output of the law.
-        error: (m, 3) p_r - p, m.
-        velocity: (m, 3), m/s.
-        reference_velocity: (m, 3), m/s.
-        reference_acceleration: (m, 3), m/s².
+        time: (m,) times of the samples, s.
+        command: (m, 3) output of the law, m/s²; rad along X and Y in the form `tilt`.
+        error: (m, 3) position error p_r - p, m.
+        velocity: (m, 3) measured velocity, m/s.
+        reference_velocity: (m, 3) velocity of the reference, m/s.
+        reference_acceleration: (m, 3) acceleration of the reference, m/s².
         travel: (m, 3) integral of the velocity, m.
         deviation: (m, 3) position error minus the integral of the velocity error, m. A controller that integrates the
-            velocity error does not integrate the noise of the position that this difference contains. It is zero in
-            forms that do not tell that the controller integrates the velocity error.
+            velocity error does not integrate the position noise in this difference. It is zero in forms that do not
+            imply that the controller integrates the velocity error.
         unwinding: (m, 3) integral of the output that the thrust does not produce (`unproduced` in
             `drake_quad.identification.position_law.commands`), m/s.
-        counted: (m,) mask of the samples that are compared.
+        counted: (m,) mask of the samples that the regression uses.
     """
 
     time: np.ndarray
@@ -66,7 +66,20 @@ class Piece(NamedTuple):
 def prepared_pieces(
     record: FlightRecord, scenario: Scenario, remarks: list[str]
 ) -> tuple[dict[Form, list[Piece]], np.ndarray]:
-    """Return the pieces of a record for each form, and the mask of limited samples among those in the air."""
+    """Divide a record into pieces.
+
+    Args:
+        record: record of a flight.
+        scenario: scenario with the `nominal` vehicle that the controller believes.
+        remarks: list to which sentences on the record are appended.
+
+    Returns:
+        The pieces for each form, and a mask over the samples in the air, True where a command is at a limit.
+
+    Raises:
+        InputError: if the log lacks a signal, its reference does not move, or it contains no stretch of flight that is
+            long enough.
+    """
     reference, position = record.of("reference_position"), record.of("position")
     if record.attitude_command is None:
         record.of("attitude")
@@ -105,15 +118,15 @@ def prepared_pieces(
 
 
 def _signals(record: FlightRecord, error: np.ndarray, counted: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
-    """Return error, velocity, and velocity and acceleration of the reference (m, 3), and the mask of compared samples.
+    """Return error, velocity, reference velocity and reference acceleration (m, 3), and a mask of the samples to use.
 
-    Derivatives that are not logged are those of smoothed signals.
+    Derivatives that are not logged are calculated from smoothed signals.
     """
     reference, position = record.of("reference_position"), record.of("position")
     window = 2 * max(2, round(0.5 * _SLOPE_WINDOW / record.period)) + 1
 
     def slope(values: np.ndarray, order: int = 1) -> np.ndarray:
-        """Return a derivative of parabolas through the values."""
+        """Return a derivative (m, 3) of local parabolas through the values."""
         return np.asarray(
             scipy.signal.savgol_filter(values, window, 2, deriv=order, delta=record.period, axis=0, mode="interp")
         )
@@ -125,7 +138,7 @@ def _signals(record: FlightRecord, error: np.ndarray, counted: np.ndarray) -> tu
         reference_velocity, acceleration = record.reference_velocity, slope(record.reference_velocity)
     if record.reference_acceleration is not None:
         acceleration = record.reference_acceleration
-    # A reference that jumps has no derivatives, so the samples whose smoothed or delayed reference jumps are left out.
+    # A reference has no derivatives where it jumps. Samples that smoothing or delay connects to a jump are left out.
     jumps = np.abs(slope(reference, 2)).max(axis=1) > _MAX_REFERENCE_ACCELERATION
     near = np.convolve(jumps, np.ones(1 + round(MAX_DELAY / record.period)))[: len(jumps)] > 0.5
     late = record.time >= record.time[0] + MAX_DELAY
@@ -141,13 +154,13 @@ def _piece(
     signals: Sequence[np.ndarray],
     compared: np.ndarray,
 ) -> Piece:
-    """Return a piece in the axes of the law, with smoothed signals."""
+    """Return a piece along the axes of the law, with smoothed signals."""
     output = commanded(record, thrust, form, gravity)
     if form == "tilt":
         signals = [in_heading(record, each) for each in signals]
     missing = unproduced(output, form, gravity)
-    # A delay between two samples needs interpolation, which reduces white noise such as that of rounding, most in the
-    # middle. Without smoothing this noise draws the delay away from whole periods, and with it the velocity gains.
+    # A delay between two samples requires interpolation, which reduces white noise such as rounding errors, most of all
+    # half-way between samples. Without smoothing, this would bias the delay and the velocity gains.
     command, error, velocity, reference_velocity, acceleration, missing = (
         scipy.ndimage.convolve1d(each, _SMOOTHING, axis=0, mode="nearest") for each in (output, *signals, missing)
     )
@@ -170,7 +183,7 @@ def _piece(
 
 
 def block_numbers(pieces: Sequence[Piece]) -> np.ndarray:
-    """Return the number (n,) of the block of each counted sample of an axis."""
+    """Return the block number (n,) of each counted sample of an axis."""
     count = sum(int(piece.counted.sum()) for piece in pieces)
     seconds = count * float(np.median(np.diff(pieces[0].time)))
     number = max(MIN_BLOCKS, round(seconds / _BLOCK))

@@ -1,9 +1,9 @@
 """Regression of a position law: linear least squares in the gains, and a search over delay, filter and limit.
 
-The equations are those of `drake_quad.identification.position_law.law`. For given delay, filter and limit the gains
-are linear least squares; these three minimise what that leaves (separable least squares: G. H. Golub and V. Pereyra,
-Inverse Problems 19, R1, 2003). Each stretch of flight has a constant and a slope of its own, since an integral begins
-at an unknown value, and a constant error of the logged position makes it a ramp.
+The equations are those of `drake_quad.identification.position_law.law`. For given delay, filter and limit, the gains
+follow from linear least squares. The search minimises the residual over these three (separable least squares: G. H.
+Golub and V. Pereyra, Inverse Problems 19, R1, 2003). Each stretch of flight has its own constant and slope, since the
+integral begins at an unknown value, and a constant error of the logged position adds a ramp to it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,25 +23,25 @@ ESSENTIAL = ("position", "velocity")
 OF_REFERENCE = ("reference_velocity", "reference_acceleration", "displacement")
 """Terms that need a reference that moves."""
 NUISANCES = ("deviation", "unwinding")
-"""Terms of some forms, which are no result: see `drake_quad.identification.position_law.pieces.Piece`."""
+"""Nuisance terms, which are not reported: see `drake_quad.identification.position_law.pieces.Piece`."""
 TYPICAL_DELAY = 0.05  # s
 
-# Critical value of χ² with one degree of freedom at 99.9 %: more than a dozen comparisons are made for a log.
+# Critical value of χ² with one degree of freedom at 99.9 %, since more than a dozen laws are compared for a log.
 _LIKELIHOOD_RATIO = 10.83
-# Largest share of the unexplained variance that a richer law may leave; a smaller gain does not matter in a simulation.
-_MAX_LEFT = 0.8
-_FILTERS = (0.01, 0.03, 0.1)  # s, time constants where the search begins
-_MAX_FILTER = 0.5  # s
-_LIMIT_QUANTILES = (0.6, 0.75, 0.9)  # of |e|, where the search for its limit begins
+# A richer law must reduce the unexplained variance to this share. A smaller reduction does not matter in a simulation.
+_MAX_REMAINDER = 0.8
+_INITIAL_FILTER_TIMES = (0.01, 0.03, 0.1)  # s, time constants at which the search begins
+_MAX_FILTER_TIME = 0.5  # s
+_LIMIT_QUANTILES = (0.6, 0.75, 0.9)  # quantiles of |e| at which the search for its limit begins
 
 
 class Shape(NamedTuple):
-    """Parameters in which the law is not linear.
+    """Parameters on which the law depends nonlinearly.
 
     Attributes:
         delay: delay from a logged measurement to the logged command, s.
-        filter_time: time constant of the filter of the velocity, s; 0 without one.
-        error_limit: largest position error, m.
+        filter_time: time constant of the velocity filter, s; 0 without a filter.
+        error_limit: limit of the magnitude of the position error, m.
     """
 
     delay: float = 0.0
@@ -50,15 +50,15 @@ class Shape(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """Law of some axes with the least squares.
+    """Least-squares fit of a law to some axes.
 
     Attributes:
-        terms: names of the linear terms.
-        gains: (k,) their gains.
-        shape: other parameters.
-        free: names of the other parameters that are fitted.
-        left: (n,) command that is not explained.
-        explained: R².
+        terms: names of the k linear terms.
+        gains: (k,) gains of the terms.
+        shape: nonlinear parameters.
+        free: names of the nonlinear parameters that are fitted.
+        left: (n,) residuals of the command.
+        explained: R², share of the variance of the command that the law explains.
     """
 
     terms: tuple[str, ...]
@@ -70,15 +70,17 @@ class Fit(NamedTuple):
 
 
 def chosen(pieces: Sequence[Piece], axes: tuple[int, ...]) -> Fit:
-    """Return the law of some axes with those of limit, filter and displacement that explain more."""
+    """Fit a law to some axes, and add limit, filter and double integral as far as each is significant."""
     fit = limited(pieces, axes)
-    filters = [fit.shape._replace(delay=max(0.0, fit.shape.delay - each), filter_time=each) for each in _FILTERS]
+    filters = [
+        fit.shape._replace(delay=max(0.0, fit.shape.delay - each), filter_time=each) for each in _INITIAL_FILTER_TIMES
+    ]
     fit = _better(pieces, axes, fit, searched(pieces, axes, fit.terms, filters, (*fit.free, "filter_time")))
     return _better(pieces, axes, fit, searched(pieces, axes, (*fit.terms, "double_integral"), [fit.shape], fit.free))
 
 
 def limited(pieces: Sequence[Piece], axes: tuple[int, ...]) -> Fit:
-    """Return the law of some axes without filter, with a limit of the error if it explains more."""
+    """Fit a law without filter to some axes, and add a limit of the error if it is significant."""
     fit = _simplest(pieces, axes)
     errors = np.abs(np.concatenate([piece.error[piece.counted][:, axes] for piece in pieces]))
     limits = [fit.shape._replace(error_limit=float(each)) for each in np.quantile(errors, _LIMIT_QUANTILES)]
@@ -87,7 +89,7 @@ def limited(pieces: Sequence[Piece], axes: tuple[int, ...]) -> Fit:
 
 
 def _simplest(pieces: Sequence[Piece], axes: tuple[int, ...]) -> Fit:
-    """Return the law without filter, limit and displacement."""
+    """Fit a law without filter, limit and double integral."""
     starts = [Shape(delay) for delay in np.linspace(0.0, MAX_DELAY, 11)]
     return searched(pieces, axes, excited_terms(pieces, axes), starts, ("delay",))
 
@@ -107,9 +109,17 @@ def searched(
     starts: Sequence[Shape],
     free: tuple[str, ...],
 ) -> Fit:
-    """Return the law with the least squares, from the best of some starts by the method of Nelder and Mead."""
+    """Fit a law by the Nelder-Mead method, from the best of some starts.
+
+    Args:
+        pieces: stretches of flight.
+        axes: indices of the axes that share the law.
+        terms: names of the linear terms.
+        starts: candidates for the initial nonlinear parameters.
+        free: names of the nonlinear parameters that are fitted.
+    """
     period = float(np.median(np.diff(pieces[0].time)))
-    bounds = {"delay": (-period, MAX_DELAY), "filter_time": (1e-3, _MAX_FILTER), "error_limit": (1e-3, np.inf)}
+    bounds = {"delay": (-period, MAX_DELAY), "filter_time": (1e-3, _MAX_FILTER_TIME), "error_limit": (1e-3, np.inf)}
     steps = {"delay": period, "filter_time": period, "error_limit": 0.02}
 
     def at(values: np.ndarray) -> Fit:
@@ -131,9 +141,9 @@ def searched(
 def _solved(
     pieces: Sequence[Piece], axes: tuple[int, ...], terms: tuple[str, ...], shape: Shape, free: tuple[str, ...]
 ) -> Fit:
-    """Return the law with the gains of least squares for given other parameters."""
+    """Fit the gains of a law for given nonlinear parameters."""
     regressors, commands = _regression(pieces, axes, terms, shape)
-    # The normal equations cost a tenth of a decomposition of the regressors.
+    # Solving the normal equations takes a tenth of the time of a decomposition of the regressors.
     products = regressors.T @ regressors
     gains = inverted(products, products) @ (regressors.T @ commands)
     left = commands - regressors @ gains
@@ -144,7 +154,7 @@ def _solved(
 def _regression(
     pieces: Sequence[Piece], axes: tuple[int, ...], terms: Sequence[str], shape: Shape
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the regressors (n, k) and the commands (n,), each without its mean over the piece and axis."""
+    """Return the regressors (n, k) and the commands (n,), each without its mean and trend in each piece and axis."""
     regressors, commands = [], []
     for axis, piece in product(axes, pieces):
         at = piece.time[piece.counted] - shape.delay
@@ -160,12 +170,12 @@ def _regression(
 
 
 def _columns(piece: Piece, axis: int, terms: Sequence[str], shape: Shape) -> np.ndarray:
-    """Return the regressors (m, k) of a piece on an axis, without the delay."""
+    """Return the regressors (m, k) of a piece along an axis, without the delay."""
     error = np.clip(piece.error[:, axis], -shape.error_limit, shape.error_limit)
     velocity = piece.velocity[:, axis]
     if shape.filter_time > 0.0:
         keep = float(np.exp(-np.median(np.diff(piece.time)) / shape.filter_time))
-        # Exact for a velocity that is a straight line from sample to sample, up to third order in the period.
+        # For a velocity that is linear between samples, this filter is exact up to third order in the period.
         share = 0.5 * (1.0 - keep)
         velocity, _ = scipy.signal.lfilter([share, share], [1.0, -keep], velocity, zi=[(1.0 - share) * velocity[0]])
     once = scipy.integrate.cumulative_trapezoid(error, piece.time, initial=0.0)
@@ -185,13 +195,14 @@ def _columns(piece: Piece, axis: int, terms: Sequence[str], shape: Shape) -> np.
 
 
 def _better(pieces: Sequence[Piece], axes: tuple[int, ...], simple: Fit, rich: Fit) -> Fit:
-    """Return the richer of two laws if its last parameter is significant, and otherwise the simpler one.
+    """Return the richer of two laws if its last parameter is significant, otherwise the simpler one.
 
-    A likelihood ratio test, given the correlation of what is left, must prefer the richer law. What is left must fall
-    by a fifth, and the interval of the parameter must not contain zero.
+    The parameter is significant if a likelihood ratio test, which accounts for the correlation of the residuals,
+    prefers the richer law, if the unexplained variance falls by a fifth, and if the interval of the parameter does not
+    contain zero.
     """
     ratio = np.sum(simple.left**2) / max(float(np.sum(rich.left**2)), np.finfo(float).tiny)
-    if ratio < 1.0 / _MAX_LEFT or _independent_samples(rich.left) * np.log(ratio) <= _LIKELIHOOD_RATIO:
+    if ratio < 1.0 / _MAX_REMAINDER or _independent_samples(rich.left) * np.log(ratio) <= _LIKELIHOOD_RATIO:
         return simple
     linear = len(rich.terms) > len(simple.terms)
     value = rich.gains[-1] if linear else getattr(rich.shape, rich.free[-1])
@@ -200,9 +211,9 @@ def _better(pieces: Sequence[Piece], axes: tuple[int, ...], simple: Fit, rich: F
 
 
 def _independent_samples(left: np.ndarray) -> float:
-    """Return the number of independent samples that tell as much as (n,) correlated ones.
+    """Return the effective sample size of (n,) correlated residuals.
 
-    It is n over 1 + 2 Σ ρ_k, with the autocorrelations ρ_k up to the first that is negative (C. J. Geyer, Statistical
+    It is n / (1 + 2 Σ ρ_k), with the autocorrelations ρ_k up to the first negative one (C. J. Geyer, Statistical
     Science 7, 1992, section 3.3).
     """
     size = scipy.fft.next_fast_len(2 * len(left))
@@ -217,10 +228,10 @@ def _independent_samples(left: np.ndarray) -> float:
 def uncertainty(pieces: Sequence[Piece], axes: tuple[int, ...], fit: Fit) -> tuple[np.ndarray, np.ndarray]:
     """Return the half-widths of the 95 % intervals of all parameters and their degrees of freedom.
 
-    The half-width is that of the jackknife, plus the largest bias that errors of the logged position or of the logged
-    velocity can cause, and that of `_bias_of_rules`. Errors with the variance s² of a signal with the gain θ bias the
+    The half-width is that of the jackknife, plus the largest bias that errors of the logged position or velocity can
+    cause, plus that of `_bias_of_rules`. Errors of a signal with the gain θ and the error variance s² bias the
     parameters by n s² |θ| |M d| / σ². Here d marks the regressors that contain the signal, M is the covariance of the
-    parameters and σ² the variance of what is not explained. The errors explain no more than σ², so s² ≤ σ² / θ².
+    parameters, and σ² is the unexplained variance. The errors cause at most the variance σ², so s² ≤ σ² / θ².
     """
     regressors, _ = _regression(pieces, axes, fit.terms, fit.shape)
     slopes = [regressors]
@@ -248,11 +259,11 @@ def uncertainty(pieces: Sequence[Piece], axes: tuple[int, ...], fit: Fit) -> tup
 
 
 def _bias_of_rules(gains: Mapping[str, float], period: float) -> dict[str, float]:
-    """Return the largest bias of some gains that the rule by which the controller integrates can cause.
+    """Return the largest bias of some gains that the integration rule of the controller can cause.
 
-    A sum over samples differs from the trapezoidal rule by half a period times the last sample. In a PID this is an
-    error of the position gain. In a cascade, which is the same law, it is also one of the velocity gains: the gain k_i'
-    of the integral of the velocity error is that of the displacement, or k_i / K with the larger root of
+    A sum over samples differs from the trapezoidal rule by half a period times the last sample. In a PID this biases
+    the position gain. In a cascade, which is the same law, it also biases the velocity gains. There the gain k_i' of
+    the integral of the velocity error is that of the displacement, or k_i / K with the larger root K of
     k K² - k_p K + k_i = 0 (see `drake_quad.identification.position_law.law`).
     """
     position, velocity = (abs(gains[name]) for name in ESSENTIAL)

@@ -1,1 +1,1 @@
-"""What was identified: estimates with their covariance, and the vehicle that they make."""
+"""Results of an identification: estimates with their covariance, and the file of the vehicle."""

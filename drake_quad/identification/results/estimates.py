@@ -20,7 +20,7 @@ from drake_quad.statistics.interval import CONFIDENCE, Interval
 
 @functools.cache
 def declaration_at(path: str) -> Declaration:
-    """Return unit and bounds of a parameter, or of a list of parameters.
+    """Return the unit and the bounds of a parameter, or of a list of parameters.
 
     Any quantity of a vehicle and its laboratory can be a parameter.
 
@@ -30,7 +30,7 @@ def declaration_at(path: str) -> Declaration:
     Raises:
         InputError: if no parameter has this path.
     """
-    # An error is not cached, so that a quantity of an effect that is registered later is found.
+    # `functools.cache` does not cache exceptions, so a quantity of an effect that is registered later is found.
     declarations = dict(quantities_in(Vehicle))
     for inner, declaration in quantities_in(Laboratory):
         declarations[inner if inner.startswith("autopilot.") else f"laboratory.{inner}"] = declaration
@@ -38,7 +38,7 @@ def declaration_at(path: str) -> Declaration:
 
 
 def split_name(name: str) -> tuple[str, int | None]:
-    """Return the path of a parameter, and its place in a list, counted from 0; None if it is a single number.
+    """Return the path of a parameter, and its index in a list from 0; the index is None for a single number.
 
     Raises:
         InputError: if no parameter has this name.
@@ -53,7 +53,7 @@ def split_name(name: str) -> tuple[str, int | None]:
 
 
 def declaration_of(name: str) -> Declaration:
-    """Return unit and bounds of a parameter.
+    """Return the unit and the bounds of a parameter.
 
     Raises:
         InputError: if no parameter has this name.
@@ -94,10 +94,10 @@ class Source(NamedTuple):
 
 
 class Explained(NamedTuple):
-    """Share of an output that a vehicle explains, for the output that a parameter affects most.
+    """Explained variance of the output that a parameter affects most.
 
     Attributes:
-        share: explained share of the variance of the output in held-out flight, 1.
+        share: share of the variance of the output in held-out flight that the vehicle explains.
         output: name of the output, as in "specific force along z".
     """
 
@@ -106,7 +106,7 @@ class Explained(NamedTuple):
 
 
 def quantile(degrees_of_freedom: np.ndarray | float) -> np.ndarray:
-    """Return half of the length of a 95 % confidence interval in standard deviations, by Student's distribution.
+    """Return the half-width of a 95 % confidence interval in standard deviations, by Student's distribution.
 
     Args:
         degrees_of_freedom: degrees of freedom, of any shape; infinite for the normal distribution.
@@ -122,15 +122,15 @@ class Estimates:
         names: (n,) names as in the scenario language, with places in brackets: `mass`, `inertia[0]`, `motors.curve[1]`,
             `autopilot.damping[2]`, `laboratory.motion_capture.position_noise`; see `declaration_at`.
         values: (n,) values in SI units.
-        covariance: (n, n) covariance of their errors.
+        covariance: (n, n) covariance of the errors of the values.
         degrees_of_freedom: (n,) degrees of freedom of Student's distribution of each error, or one number for all.
         sources: (n,) sources of each estimate, or a single source for all.
-        explained: share of an output that is explained, by the name of the parameter, where it is known.
+        explained: explained variance, by the name of the parameter, where it is known.
         not_identified: reason why the log does not identify a parameter, by its name. The estimate of such a parameter,
-            if there is one, is the value of the data sheet, as far as the log narrows it.
+            if there is one, is the value of the data sheet, corrected as far as the log allows.
         remarks: further sentences on the estimates.
-        variation: variation of the parameters from one stretch of flight to the next, in addition to the errors of
-            their means; None if it is unknown.
+        variation: variation of the parameters from one stretch of flight to the next, in addition to the errors of the
+            mean parameters; None if it is unknown.
         flight_variation: variation from one flight to the next, in addition to that within a flight; None if it is
             unknown.
     """
@@ -177,7 +177,7 @@ class Estimates:
             object.__setattr__(self, name, value)
 
     def __str__(self) -> str:
-        """Return a line for each parameter with its unit and 95 % interval, and one for each not identified."""
+        """Return a line for each estimate with its unit and 95 % interval, and one for each unidentified parameter."""
         rows = zip(self.names, self.values, self.intervals(), self.units, strict=True)
         found = [
             f"{name}: {Interval(value, *ends).text(unit='' if unit == '1' else unit)}"
@@ -219,11 +219,11 @@ class Estimates:
         return [each for each in (self.variation, self.flight_variation) if each is not None]
 
     def quantiles(self) -> np.ndarray:
-        """Return half of the length of each 95 % confidence interval (n,) in standard deviations."""
+        """Return the half-width of each 95 % confidence interval (n,) in standard deviations."""
         return quantile(self.degrees_of_freedom)
 
     def intervals(self) -> np.ndarray:
-        """Return lower and upper end of the 95 % confidence interval of each value, (n, 2)."""
+        """Return the lower and upper end of the 95 % confidence interval of each value, (n, 2)."""
         reach = self.quantiles() * self.deviations
         return np.stack([self.values - reach, self.values + reach], axis=1)
 
@@ -231,7 +231,7 @@ class Estimates:
         """Return the estimate of a parameter.
 
         Raises:
-            InputError: if it is not estimated.
+            InputError: if the parameter is not estimated.
         """
         if name not in self.names:
             why = f": {self.not_identified[name]}" if name in self.not_identified else ""
@@ -239,15 +239,15 @@ class Estimates:
         return float(self.values[self.names.index(name)])
 
     def sources_of(self, place: int) -> tuple[Source, ...]:
-        """Return the sources of the estimate at a place among the names."""
+        """Return the sources of the estimate with an index."""
         assert not isinstance(self.sources, Source)
         return self.sources[place]
 
     def part(self, names: Sequence[str]) -> "Estimates":
-        """Return some of the estimates, in this order.
+        """Return the estimates of some parameters, in the given order.
 
         Raises:
-            InputError: if one of them is not estimated.
+            InputError: if one of the parameters is not estimated.
         """
         for name in names:
             self.value(name)
@@ -267,9 +267,9 @@ class Estimates:
     def for_new_flight(self) -> "Estimates":
         """Return the estimates with the covariance for another stretch of another flight.
 
-        The covariance is the sum of that of the errors and of the variations from stretch to stretch and from flight to
-        flight, with the degrees of freedom of F. E. Satterthwaite (Biometrics Bulletin 2, 1946). A parameter of unknown
-        variation keeps its covariance.
+        The covariance is the sum of the covariances of the errors, of the variation from stretch to stretch, and of the
+        variation from flight to flight. Its degrees of freedom are those of F. E. Satterthwaite (Biometrics Bulletin 2,
+        1946). A parameter with unknown variation keeps its covariance.
         """
         if not self._variations:
             return self

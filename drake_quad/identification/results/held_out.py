@@ -1,14 +1,14 @@
-"""Check of confidence intervals on flight that was held out, one tenth at a time.
+"""Check of confidence intervals by holding out one tenth of the flight at a time.
 
-Nine stretches give the estimates, the variance P of their errors, and the variance d² between stretches. The tenth
-stretch alone gives an estimate with an error of variance v. It should differ from that of the nine by no more than
+Nine stretches give an estimate, the variance P of its error, and the variance d² between stretches. The tenth stretch
+alone gives another estimate, whose error has the variance v. The two should differ by no more than
 
     ± t √(P + d² + v),
 
 where t is the quantile of Student's distribution with eight degrees of freedom. For 95 % intervals, 9.5 of ten
-stretches are inside on average, and at least nine with a probability of 0.91.
+stretches are inside on average, and at least nine are inside with a probability of 0.91.
 
-Three approximations limit this check. Estimates of stretches are one Gauss-Newton step from the fit to all windows. The
+Three approximations limit this check. The estimate of a stretch is one Gauss-Newton step from that of all windows. The
 variances d² and v contain the scatter of the windows within all stretches. A stretch that hardly determines a parameter
 keeps the value of the fit to all windows.
 """
@@ -23,11 +23,11 @@ from drake_quad.identification.results.estimates import quantile
 
 
 class HeldOut(NamedTuple):
-    """Estimates of a parameter from stretches that were held out one after another.
+    """Differences between the estimates of a parameter from held-out stretches and from the other stretches.
 
     Attributes:
-        errors: (B,) estimate from each stretch minus that from the other stretches.
-        reach: (B,) half of the length of each interval.
+        errors: (B,) estimate from each stretch minus the estimate from the other stretches.
+        reach: (B,) half-width of each interval.
     """
 
     errors: np.ndarray
@@ -35,12 +35,12 @@ class HeldOut(NamedTuple):
 
     @property
     def covered(self) -> int:
-        """Number of stretches whose estimate is inside the interval."""
+        """Number of stretches whose difference is inside the interval."""
         return int(np.sum(np.abs(self.errors) <= self.reach))
 
 
 def hold_out(evidence: Evidence) -> dict[str, HeldOut]:
-    """Return the check for each parameter, by its name; empty if there are too few windows."""
+    """Check the interval of each parameter, by its name; return nothing if there are too few windows."""
     if len(evidence.scores) < NUM_STRETCHES:
         return {}
     stretches = Stretches.of(evidence)

@@ -1,14 +1,13 @@
 """File of an identified vehicle in the scenario language, for `extends` and for studies.
 
-The file extends the vehicle that the identification began with. `vehicle` and `laboratory` have the estimates as
-normal distributions with the covariance of the estimates. The distributions are as wide as another
-stretch of flight may show: they contain the error of the mean and, where it is known, the variation from stretch to
-stretch. Their standard deviations also account for Student's distribution, so that 95 % of the samples are within the
-interval for another stretch.
+The file extends the vehicle with which the identification began. `vehicle` and `laboratory` contain the estimates as
+correlated normal distributions. The distributions describe another stretch of flight: their covariance includes the
+error of the mean and, where it is known, the variation from stretch to stretch. Their standard deviations also account
+for Student's distribution, so that 95 % of the samples are within the interval for another stretch.
 
-`nominal`, which the planner and the controllers believe, stays as in the base unless the estimates are asked for there,
-too: a controller that flew a log believed its own numbers, and a prediction of its flights must let it do so. Whoever
-designs a controller for the identified vehicle wants the estimates in `nominal`.
+`nominal`, which the planner and the controllers believe, is that of the base unless the estimates are requested there
+as well. To predict flights of the controller that flew a log, keep its own values in `nominal`. To design a controller
+for the identified vehicle, write the estimates to `nominal`.
 """
 
 import math
@@ -49,7 +48,7 @@ _FILE_WIDTH = 400  # characters, so that the coefficients of shared variables ar
 _MIN_RATIO = 0.1  # lower limit of a positive parameter, relative to its mean
 _LIMIT_SIGMA = 6.0  # distance of a limit from the mean, in standard deviations, where the language requires a limit
 _NUM_EXTRA_DECIMALS = 5  # decimals beyond the first digit of the standard deviation
-# Limit of the rotor speed, relative to that at full throttle. The limit allows a fifth more thrust, which is more than
+# Limit of the rotor speed relative to the speed at full throttle. The limit allows a fifth more thrust, which exceeds
 # the error of a thrust curve.
 _SPEED_MARGIN = 1.1
 
@@ -82,7 +81,7 @@ def write_vehicle(
         name: name of the scenario in the file.
         estimates: at least one estimate.
         base: FILE or FILE:NAME of the vehicle that the file extends, or a shipped one.
-        nominal: True to write the estimates to `nominal` as well, which planner and controllers believe.
+        nominal: True to write the estimates also to `nominal`, which the planner and the controllers believe.
         given: overrides of the base, such as a weighed mass, `nominal.mass=0.03`, with values in YAML.
         voltage: voltage of the battery for which an identified thrust curve holds, V; None if it is unknown.
 
@@ -123,7 +122,7 @@ def _relative(base: str | Path, folder: Path) -> str:
     file, name = split_spec(str(base))
     try:
         found = Path(os.path.relpath(Path(file).resolve(), folder.resolve())).as_posix()
-    except ValueError:  # on another drive
+    except ValueError:  # no relative path exists if the two are on different drives
         found = Path(file).resolve().as_posix()
     return found if name is None else f"{found}:{name}"
 
@@ -131,7 +130,7 @@ def _relative(base: str | Path, folder: Path) -> str:
 def _fields(
     name: str, estimates: Estimates, base: Scenario, nominal: bool, given: Sequence[str], voltage: float | None
 ) -> dict[str, Any]:
-    """Return the mappings of the scenario, with an entry at each leaf."""
+    """Return the scenario as nested mappings with an entry at each leaf."""
     prefix = re.sub(r"\W", "_", name, flags=re.ASCII)[:50]
     written = _values(estimates, f"v_{prefix}" if prefix[0].isdecimal() else prefix)
     comments = {each: _comment(estimates, each, written[each]) for each in estimates.names}
@@ -145,7 +144,7 @@ def _fields(
             node = node.setdefault(step, {})
         node[last] = value
         if nominal and path in Nominal.model_fields:
-            # An item that is not estimated is the one that is believed.
+            # An item that is not estimated keeps its value in `nominal`.
             own: Any = getattr(base.nominal, path)
             names = [f"{path}[{place}]" for place in range(declaration_at(path).items)]
             items = [_Entry(_median(written.get(each, own[i]))) for i, each in enumerate(names)]
@@ -162,7 +161,7 @@ def _put(tree: dict[str, Any], assignment: str) -> None:
     """Add an override to the fields, unless there is an estimate.
 
     Raises:
-        InputError: if it does not set a whole field of the vehicle, its laboratory or its control.
+        InputError: if the override does not set a whole field of the vehicle, its laboratory or its control.
     """
     path, _, value = assignment.partition("=")
     top, *steps = path.strip().split(".")
@@ -188,7 +187,7 @@ def _values(estimates: Estimates, prefix: str) -> dict[str, Any]:
     if not drawn:
         return numbers
     part = estimates.for_new_flight().part(drawn)
-    # The normal distribution gets the 95 % interval of Student's distribution.
+    # The normal distribution is widened to the 95 % interval of Student's distribution.
     wider = part.quantiles() / scipy.stats.norm.ppf(0.5 * (1.0 + CONFIDENCE))
     covariance = part.covariance * np.outer(wider, wider)
     for name, each in correlated_normals(drawn, part.values, covariance, prefix=prefix).items():
@@ -209,7 +208,7 @@ def _number(name: str, value: float) -> Any:
     """Return an estimate as a number that the language allows.
 
     Raises:
-        InputError: if it must be positive, and is not.
+        InputError: if the parameter must be positive, and the estimate is not.
     """
     declared = declaration_of(name)
     if declared.lower > 0.0 >= value:
@@ -222,7 +221,7 @@ def _number(name: str, value: float) -> Any:
 
 
 def _limits(name: str, mean: float, deviation: float) -> dict[str, float]:
-    """Return the limits of a distribution that the language requires."""
+    """Return the limits that the language requires for the distribution of a parameter."""
     declared, reach = declaration_of(name), _LIMIT_SIGMA * deviation
     limits: dict[str, float] = {}
     if declared.needs_min:
@@ -266,7 +265,7 @@ def _comment(estimates: Estimates, name: str, written: Any) -> str:
 
 
 def _listed(path: str, whole: Mapping[str, _Entry], base: Scenario) -> list[_Entry]:
-    """Return all items of a list; items that are not estimated are those of the base.
+    """Return all items of a list. Items that are not estimated are those of the base.
 
     Raises:
         InputError: if the base has no such list.
@@ -283,7 +282,7 @@ def _of_base(base: Scenario, path: str, place: int) -> _Entry:
     """
     holder, _, field = field_path(path).rpartition(".")
     owner = value_at(base, holder)
-    if owner is None:  # an effect that is switched off
+    if owner is None:  # the effect is switched off in the base
         return _Entry(0.0, "as in what this extends")
     if path == "motors.curve" and not base.vehicle.motors.take_throttles and place < 2:
         return _Entry(0.0, "not identified, and 0 at the start of the identification")
@@ -295,7 +294,7 @@ def _of_base(base: Scenario, path: str, place: int) -> _Entry:
 
 
 def _rigid(path: str, items: list[_Entry]) -> list[_Entry]:
-    """Return moments of inertia that are adjusted to those of a rigid body; other lists are returned unchanged."""
+    """Return moments of inertia, adjusted to those of a rigid body if needed; return any other list unchanged."""
     known = all(isinstance(item.value, float) or "normal" in item.value for item in items)
     if path != "inertia" or not known:
         return items
@@ -311,17 +310,17 @@ def _rigid(path: str, items: list[_Entry]) -> list[_Entry]:
 
 
 def _moved(value: Any, step: float) -> Any:
-    """Return a number, or a normal distribution, that is shifted by a step."""
+    """Return a number or a normal distribution, shifted by a step."""
     if isinstance(value, dict):
         return {"normal": {**value["normal"], "mean": _significant(value["normal"]["mean"] + step)}}
     return _significant(value + step)
 
 
 def _with_motors(tree: dict[str, Any], base: Scenario, nominal: bool, voltage: float | None) -> None:
-    """Complete the motors, if their thrust curve was estimated, and change speed limits that would cut it off.
+    """Complete the motors if their thrust curve was estimated, and raise speed limits that would limit the curve.
 
-    If the curve is not asked for in `nominal`, and the base believes in no throttle motors, `nominal` gets motors that
-    give its full thrust at full throttle.
+    If the curve is not written to `nominal`, and `nominal` of the base has no throttle motors, `nominal` gets motors
+    that give its full thrust at full throttle.
     """
     if "motors" not in tree["vehicle"]:
         return
@@ -355,7 +354,7 @@ def _median(value: Any) -> float:
 
 
 def _with_response(tree: dict[str, Any], base: Scenario) -> None:
-    """Complete the autopilot and the control, if an attitude response was estimated and the base has none.
+    """Complete the autopilot and the control if an attitude response was estimated and the base has none.
 
     Raises:
         InputError: if only one of natural frequency and damping is estimated.
@@ -426,7 +425,7 @@ def _with_comments(container: Any, items: Any, indent: int) -> Any:
 
 
 def _block(value: Any) -> Any:
-    """Return a number, or a distribution whose innermost mapping is on one line."""
+    """Return a number, or a distribution whose innermost mapping is written on one line."""
     if not isinstance(value, dict):
         return value
     mapping = CommentedMap({key: _block(each) for key, each in value.items()})

@@ -1,4 +1,4 @@
-"""Scenarios with other values of parameters, and with the effects to which the parameters belong."""
+"""Access to parameters of a scenario, and to the effects to which the parameters belong."""
 
 from collections.abc import Mapping
 
@@ -10,7 +10,7 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.motors import ThrottleMotors
 from drake_quad.scenario.paths import leaves, replaced
 
-_SPEED_FACTOR = 2.0  # of the largest rotor speed, so that it does not limit a thrust curve that turns out to be higher
+_SPEED_FACTOR = 2.0  # factor of the largest rotor speed, so that it does not limit the thrust curve that is identified
 
 
 def with_effects(scenario: Scenario, names: tuple[str, ...]) -> Scenario:
@@ -46,7 +46,7 @@ def with_throttles(scenario: Scenario) -> Scenario:
 
 
 def with_numbers(scenario: Scenario, numbers: Mapping[str, float]) -> Scenario:
-    """Return the scenario with values of parameters, by their names in `Estimates`, and with their effects."""
+    """Return the scenario with new values of parameters, by their names in `Estimates`, and with their effects."""
     own = with_effects(scenario, tuple(numbers))
     values = {scenario_path(name): value for name, value in numbers.items()}
     found: Scenario = replaced(own, lambda path, old: values.get(path, old))

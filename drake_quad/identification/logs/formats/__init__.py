@@ -1,4 +1,4 @@
-"""Formats of flight logs, each in a module of this folder that registers itself."""
+"""Formats of flight logs. Each format is a module of this folder that registers itself."""
 
 from drake_quad.scenario.unions import import_members
 

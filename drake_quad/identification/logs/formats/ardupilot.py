@@ -1,4 +1,4 @@
-"""ArduPilot's DataFlash log, by pymavlink (ardupilot.org, "Log messages")."""
+"""Reader of ArduPilot's DataFlash log, based on pymavlink (ardupilot.org, "Log messages")."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -12,15 +12,15 @@ from drake_quad.identification.logs.mapping import load_mapping
 from drake_quad.identification.logs.source import LogFile
 from drake_quad.process_settings import without_error_output, without_prints
 
-# The header of a message of type 128, which declares another type.
+# Header of a message of type 128, which declares another type.
 _MAGIC = b"\xa3\x95\x80"
 _HEADER_SIZE = 3
 _CLOCKS = {"TimeUS": 1e-6, "TimeMS": 1e-3}
-# Letters of ArduPilot's types that differ from NumPy's, with their multipliers from its documentation.
+# NumPy's types for the letters of ArduPilot that differ from NumPy's, and the multipliers in ArduPilot's documentation.
 _TYPES = {"a": "V64", "n": "S4", "N": "S16", "Z": "S64", "M": "u1", "g": "<f2", "B": "u1", "b": "i1"}
 _SCALED_TYPES = {"c": ("<i2", 0.01), "C": ("<u2", 0.01), "e": ("<i4", 0.01), "E": ("<u4", 0.01), "L": ("<i4", 1e-7)}
-# The names of the field that counts the instances of a sensor or an estimator.
-_INSTANCES = ("I", "C")
+# Names of the field that contains the number of the sensor or estimator.
+_INSTANCE_FIELDS = ("I", "C")
 _QUADROTOR, _X_LAYOUT = 1, 1
 _OTHER_FRAMES = {
     2: "a hexarotor",
@@ -53,7 +53,7 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
         """Return the formats and the offsets of all messages, by their names."""
 
         def opened(path: Any) -> Any:
-            # A constructor that fails would leave its file open.
+            # pymavlink leaves the file open if its constructor fails.
             reader = object.__new__(reader_module.DFReader_binary)
             try:
                 with without_prints(), without_error_output():
@@ -97,7 +97,7 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
 
 
 def _records(log: LogFile, form: Any, offsets: Iterable[int]) -> dict[str, np.ndarray] | None:
-    """Return the whole messages of a type by field; None if there are none, or their declaration is damaged."""
+    """Return the complete messages of a type by field; None if there are none, or their declaration is damaged."""
     letters = form.format.rstrip("\0")
     if len(letters) != len(form.columns) or len({*form.columns}) != len(letters):
         return None
@@ -136,7 +136,9 @@ def _table(log: LogFile, form: Any, offsets: Iterable[int]) -> Table | None:
     clock = next((each for each in _CLOCKS if found is not None and each in found), None)
     if found is None or clock is None:
         return None
-    instance = next((found[each] for each in _INSTANCES if each in found and found[each].dtype.kind in "iu"), None)
+    instance = next(
+        (found[each] for each in _INSTANCE_FIELDS if each in found and found[each].dtype.kind in "iu"), None
+    )
     chosen = slice(None) if instance is None else instance == instance.min()
     columns = {
         f"{form.name}.{column}": values[chosen]

@@ -1,7 +1,8 @@
-"""Betaflight's blackbox log, by betaflight-chirp-core, a port of the decoder of Betaflight's own log viewer.
+"""Reader of Betaflight's blackbox log, based on betaflight-chirp-core, a port of the decoder of its log viewer.
 
-Fields keep the names of the log, such as `gyroADC[0]`. Motors become shares of the range `motorOutput` of the header,
-and the accelerometer is in g by the header's `acc_1G`; all other fields are as they were logged.
+Fields keep the names of the log, such as `gyroADC[0]`. Motor commands are converted to shares of the range
+`motorOutput` in the header, and specific forces to g with `acc_1G` in the header. All other fields keep their logged
+values.
 """
 
 from typing import Any
@@ -16,7 +17,7 @@ from drake_quad.identification.logs.source import LogFile
 
 _MAGIC = b"H Product:Blackbox flight data recorder"
 _MICROSECOND = 1e-6
-# The decoder counts through the frames that are not logged one by one, so a damaged interval could keep it for hours.
+# The decoder iterates over all frames that are not logged, so it would take hours for a damaged interval.
 _MAX_INTERVAL = 10_000
 
 

@@ -1,14 +1,14 @@
-"""The log that a Crazyflie wrote to its SD card before firmware 2021.03.
+"""Reader of the log that a Crazyflie wrote to its SD card before firmware 2021.03.
 
-One after the other it has:
+The file contains in this order:
 
     number of columns (uint8); for each column its name with the letter of its type, as in `tick(I),` and `gyro.x(f),`
-    inverted CRC-32 of all before it (uint32)
+    inverted CRC-32 of all preceding bytes (uint32)
     blocks: number of records (uint8), the records, packed, inverted CRC-32 of the block (uint32)
 
-All is little-endian, the first column is the time in ms, and the letters are those of Python's `struct`. The format is
-that of `tools/usdlog/CF_functions.py` in github.com/bitcraze/crazyflie-firmware from May 2018 to March 2021. Newer logs
-begin with the byte 0xBC and are read by `crazyflie`.
+All numbers are little-endian, the first column is the time in ms, and the letters are those of Python's `struct`. The
+format is that of `tools/usdlog/CF_functions.py` in github.com/bitcraze/crazyflie-firmware from May 2018 to March 2021.
+Newer logs begin with the byte 0xBC; `crazyflie` reads them.
 """
 
 import re
@@ -24,7 +24,7 @@ from drake_quad.identification.logs.source import LogFile
 
 _TICK = b"tick(I),"
 _TICK_LENGTH = 1e-3  # s, a tick of the firmware's FreeRTOS
-_CHECKSUM = 4
+_CHECKSUM_SIZE = 4
 _MAX_NAME_LENGTH = 64
 _COLUMN = re.compile(rb"([\w.]{1,%d})\(([BbHhIif])\)," % _MAX_NAME_LENGTH)
 
@@ -33,7 +33,7 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
     """Read the blocks whose checksum is correct.
 
     Raises:
-        InputError: if the list of columns is damaged, or no block is whole.
+        InputError: if the list of columns is damaged, or no block is complete.
     """
     data, place = log.data, 1
     names, formats = [], []
@@ -48,7 +48,7 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
     remarks = [*log.remarks]
     if not _is_whole(data, 0, place):
         remarks.append("the checksum of the list of columns is wrong: the log is damaged")
-    blocks, end, num_damaged = _blocks(data, place + _CHECKSUM, layout)
+    blocks, end, num_damaged = _blocks(data, place + _CHECKSUM_SIZE, layout)
     if num_damaged:
         blocks_are = "blocks of records are" if num_damaged > 1 else "block of records is"
         remarks.append(f"{num_damaged:,} {blocks_are} left out because of a wrong checksum")
@@ -62,25 +62,25 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
 
 
 def _blocks(data: bytes, place: int, layout: np.dtype) -> tuple[list[np.ndarray], int, int]:
-    """Return the records of each whole block, the offset of the first unread byte, and the number of damaged blocks."""
+    """Return the records of each intact block, the offset of the first unread byte and the number of damaged blocks."""
     blocks, damaged, end = [], 0, place
     while place < len(data) and data[place]:
         after = place + 1 + data[place] * layout.itemsize
-        if after + _CHECKSUM > len(data):
+        if after + _CHECKSUM_SIZE > len(data):
             break
         if _is_whole(data, place, after):
             blocks.append(np.frombuffer(data, layout, data[place], place + 1))
-            end = after + _CHECKSUM
+            end = after + _CHECKSUM_SIZE
         else:
             damaged += 1
-        place = after + _CHECKSUM
+        place = after + _CHECKSUM_SIZE
     return blocks, end, damaged
 
 
 def _is_whole(data: bytes, start: int, end: int) -> bool:
-    """Return whether the inverted CRC-32 of some bytes follows them."""
+    """Return whether the bytes from start to end are followed by their inverted CRC-32."""
     checksum = ~zlib.crc32(memoryview(data)[start:end]) & 0xFFFFFFFF
-    return data[end : end + _CHECKSUM] == checksum.to_bytes(_CHECKSUM, "little")
+    return data[end : end + _CHECKSUM_SIZE] == checksum.to_bytes(_CHECKSUM_SIZE, "little")
 
 
 FORMATS.append(

@@ -1,7 +1,8 @@
-"""MATLAB's MAT-file, by SciPy: numeric variables and the fields of structs, over the variable that is the time.
+"""Reader of MATLAB's MAT-files, based on SciPy.
 
-A field is named as in `log.position`. A matrix with a column (or a row) for each component is a column of vectors, as
-`column` of a mapping reads it, and its components are named as in `log.position[0]`.
+The columns of the log are the numeric variables and the fields of structs that are as long as the time. A field is
+named as in `log.position`. A matrix with a column (or a row) for each component is a column of vectors, which `column`
+of a mapping reads. Its components are named as in `log.position[0]`.
 """
 
 import io
@@ -36,7 +37,7 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
     """
     if log.data.startswith(_HDF5_VERSION):
         raise InputError(f"{log.mark}: is a MAT-file of version 7.3, which is HDF5; save it in MATLAB with -v7")
-    from scipy.io import loadmat  # loads in a tenth of a second
+    from scipy.io import loadmat  # imported here because the import takes a tenth of a second
 
     options = {"simplify_cells": True, "chars_as_strings": True}
     content = log.read_by_library("a MAT-file", lambda: loadmat(io.BytesIO(log.data), **options))

@@ -1,8 +1,8 @@
-"""ROS bags of version 1 and 2, by rosbags, and MCAP, by mcap.
+"""Readers of ROS bags of version 1 and 2, based on rosbags, and of MCAP files, based on mcap.
 
 A field is named by its topic or by the type of its messages, as in `/odom.pose.pose.position.x` or
-`nav_msgs/Odometry.pose.pose.position.x`. Of several topics of a type the one with most messages is read. The time of a
-measurement is the stamp of its header.
+`nav_msgs/Odometry.pose.pose.position.x`. If several topics have the same type, the one with the most messages is read.
+The time of a measurement is the stamp in its header.
 """
 
 import contextlib
@@ -23,16 +23,16 @@ from drake_quad.identification.logs.mapping import load_mapping
 from drake_quad.identification.logs.source import LogFile, reason_of
 
 _NANOSECOND = 1e-9
-# Headers whose stamps differ from the times of recording by more have another clock, s.
+# A header whose stamp differs from the time of recording by more than this time, in s, has another clock.
 _MAX_STAMP_DIFFERENCE = 1.0
 _PART = re.compile(r"[^.\[\]]+")
-# Errors of messages that a damaged bag contains, and of fields that a message does not have.
+# Exceptions that damaged messages and missing fields raise.
 _FIELD_ERRORS = (AttributeError, KeyError, IndexError, TypeError, ValueError)
-_WAL_VERSIONS = slice(18, 20)  # two bytes of SQLite's header, which forbid to open a copy in memory
+_WAL_VERSIONS = slice(18, 20)  # bytes of SQLite's header that prevent opening a copy in memory
 
 
 class _Message(NamedTuple):
-    """A message that is not yet decoded.
+    """Message that is not yet decoded.
 
     Attributes:
         topic: name of the topic.
@@ -108,7 +108,7 @@ def _stamp(message: Any) -> int:
 
 
 def _content(log: LogFile, given: NamedMapping | None, what: str, messages: Iterator[_Message]) -> LogContent:
-    """Gather the fields that a mapping knows.
+    """Read the fields that a mapping knows.
 
     Raises:
         InputError: if none of the topics is known, or the first message cannot be read.
@@ -171,7 +171,7 @@ def _tables(topics: dict[str, _Rows], mapping: NamedMapping, remarks: list[str],
 
 
 class _Decoder:
-    """Decoder of messages, by the definitions of a bag, or by those of ROS 2 itself where the bag has none."""
+    """Decoder of messages, with the definitions in a bag, or with those of ROS 2 if the bag contains none."""
 
     def __init__(self, typesys: Any, definitions: Mapping[str, str], *, encoding: str = "cdr") -> None:
         self._typesys, self._encoding = typesys, encoding

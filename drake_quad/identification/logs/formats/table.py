@@ -1,4 +1,4 @@
-"""Logs as CSV: a row of names, then rows of numbers, or of vectors written as "[a, b, c]"."""
+"""Reader of CSV logs: a row of names, then rows of numbers, or of vectors written as "[a, b, c]"."""
 
 import csv
 import io
@@ -14,9 +14,9 @@ from drake_quad.identification.logs.source import LogFile
 from drake_quad.identification.logs.units import UNITS
 from drake_quad.written_numbers import float_in
 
-# Of a CSV file: its cells take ten times as much memory.
+# Largest size of a CSV file. Its cells take ten times as much memory.
 MOST_BYTES = 50_000_000
-_MOST_COLUMNS = 10_000
+_MAX_COLUMNS = 10_000
 _BRACKETS = str.maketrans("[](),;", "      ")
 
 
@@ -79,13 +79,13 @@ def _text_end(data: bytes) -> int:
 
 
 def _header(log: LogFile, text: str, delimiter: str) -> list[str]:
-    start = text[: _MOST_COLUMNS * 100]
+    start = text[: _MAX_COLUMNS * 100]
     try:
         row = next(csv.reader(io.StringIO(start, newline=""), delimiter=delimiter, skipinitialspace=True), [])
     except csv.Error:
         row = []
     names = [each.strip() for each in row]
-    if not any(names) or len(names) > _MOST_COLUMNS:
+    if not any(names) or len(names) > _MAX_COLUMNS:
         raise InputError(
             f"{log.mark}: is none of the logs that can be read, or its first row does not name its columns"
         )
@@ -93,7 +93,7 @@ def _header(log: LogFile, text: str, delimiter: str) -> list[str]:
 
 
 def _rows(log: LogFile, text: str, delimiter: str) -> tuple[list[str], list[list[str]], list[int], list[str]]:
-    """The names of the columns, the rows that are whole with their lines, and remarks on the others."""
+    """Return the names of the columns, the complete rows, their line numbers, and remarks on the other rows."""
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, skipinitialspace=True)
     header = [each.strip() for each in next(reader)]
     rows: list[list[str]] = []

@@ -1,4 +1,4 @@
-"""PX4's ULog, by pyulog (docs.px4.io, "ULog file format")."""
+"""Reader of PX4's ULog, based on pyulog (docs.px4.io, "ULog file format")."""
 
 import collections.abc
 import io
@@ -22,20 +22,20 @@ from drake_quad.process_settings import without_prints
 
 MAGIC = b"ULog\x01\x12\x35"
 _SECOND = 1e-6
-# Front right, back right, back left, front left: whether a rotor is in front, and to the right.
-_CLOCKWISE = [(True, True), (False, True), (False, False), (True, False)]
-# Of a topic, with those of its arrays: more than any of PX4 has.
-_MOST_FIELDS = 20_000
+# Clockwise order of the rotors from the front right one: True if a rotor is in front, and True if it is to the right.
+_CLOCKWISE_QUADRANTS = [(True, True), (False, True), (False, False), (True, False)]
+# Largest number of fields of a topic, counting each item of an array. The topics of PX4 have fewer.
+_MAX_FIELDS = 20_000
 _HEADER_SIZE = 16
 _MESSAGE_TYPES = frozenset(b"ABCDFILMOPQRS")
 
 
 class _Bounded(io.BytesIO):
-    """Bytes that can be read so often only: of some damaged logs pyulog reads the end for ever."""
+    """Bytes with a limited number of reads, since pyulog reads the end of some damaged logs forever."""
 
     def __init__(self, data: bytes) -> None:
         super().__init__(data)
-        # A message takes two reads and has ten bytes or more.
+        # A message takes two reads and has at least ten bytes, so an intact log needs fewer reads.
         self._left = 10_000 + len(data) // 2
 
     def read(self, size: int | None = -1, /) -> bytes:
@@ -92,7 +92,7 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
                 mapped_data, said = with_pulses_of_motors(data, parameters)
             except InputError as error:
                 raise InputError(f"{log.mark}: {error}") from None
-            remarks += said if "actuator_motors" not in mapped else ()  # that topic takes precedence over the pulses
+            remarks += said if "actuator_motors" not in mapped else ()  # actuator_motors takes precedence over pulses
         else:
             mapped_data = with_invalid_left_out(topic, data)
         tables.append(_table(topic, mapped_data, start))
@@ -113,7 +113,7 @@ def ulog_parameters(log: LogFile) -> dict[str, Any]:
     """Return the parameters at the start of a log, by name.
 
     Raises:
-        InputError: pyulog is not installed or cannot read the log.
+        InputError: if pyulog is not installed or cannot read the log.
     """
     parameters: dict[str, Any] = _parsed(log, log.data[: _chain_of(log).end], set()).initial_parameters
     return parameters
@@ -169,7 +169,7 @@ def _parsed(log: LogFile, data: bytes, topics: set[str]) -> Any:
     pyulog = log.library("pyulog", "ulog")
 
     def read() -> Any:
-        # The output of pyulog is hidden, since remarks contain the same information.
+        # The output of pyulog is suppressed, since the remarks contain the same information.
         with without_prints():
             _check_fields(pyulog.ULog(_Bounded(data), parse_header_only=True).message_formats)
             return pyulog.ULog(_Bounded(data), sorted(topics.union(STATUS_TOPICS)))
@@ -178,18 +178,26 @@ def _parsed(log: LogFile, data: bytes, topics: set[str]) -> Any:
 
 
 def _rotors(parameters: collections.abc.Mapping[str, Any]) -> tuple[int, ...] | None:
-    """The numbers of four rotors by where they are: forward and to the right are positive in CA_ROTORi_PX and _PY."""
-    places = [(parameters.get(f"CA_ROTOR{i}_PX"), parameters.get(f"CA_ROTOR{i}_PY")) for i in range(len(_CLOCKWISE))]
-    if parameters.get("CA_ROTOR_COUNT", len(_CLOCKWISE)) != len(_CLOCKWISE):
+    """Return the number of each of PX4's rotors in this library, from the rotor positions in the parameters.
+
+    CA_ROTORi_PX is positive for a rotor in front, and CA_ROTORi_PY for a rotor to the right.
+
+    Returns:
+        (4,) numbers; None if the rotors do not form an x with four rotors, or the positions are unknown.
+    """
+    places = [
+        (parameters.get(f"CA_ROTOR{i}_PX"), parameters.get(f"CA_ROTOR{i}_PY")) for i in range(len(_CLOCKWISE_QUADRANTS))
+    ]
+    if parameters.get("CA_ROTOR_COUNT", len(_CLOCKWISE_QUADRANTS)) != len(_CLOCKWISE_QUADRANTS):
         return None
     quadrants = [(x > 0.0, y > 0.0) for x, y in places if x and y]
-    if sorted(quadrants) != sorted(_CLOCKWISE):
+    if sorted(quadrants) != sorted(_CLOCKWISE_QUADRANTS):
         return None
-    return tuple(_CLOCKWISE.index(quadrant) + 1 for quadrant in quadrants)
+    return tuple(_CLOCKWISE_QUADRANTS.index(quadrant) + 1 for quadrant in quadrants)
 
 
 def _check_fields(formats: dict[str, Any]) -> None:
-    """Refuses topics that would be unfolded into more fields than any has."""
+    """Reject topics that contain themselves or that have more fields than any topic of PX4."""
     counts: dict[str, int] = {}
 
     def count(name: str, depth: int) -> int:
@@ -199,7 +207,7 @@ def _check_fields(formats: dict[str, Any]) -> None:
             raise ValueError(f"the topic {name} holds itself")
         if name not in counts:
             counts[name] = sum(max(1, size) * count(kind, depth + 1) for kind, size, _ in formats[name].fields)
-        if counts[name] > _MOST_FIELDS:
+        if counts[name] > _MAX_FIELDS:
             raise ValueError(f"the topic {name} has {counts[name]:,} fields")
         return counts[name]
 
