@@ -53,13 +53,13 @@ class PortBlock(Directive):
     has_content = True
 
     def run(self) -> list[nodes.Node]:
-        """The block as it is written."""
+        """Return the block as it is written."""
         text = "\n".join(self.content)
         return [nodes.literal_block(text, text, language="yaml")]
 
 
 def as_written(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
-    """Keeps formulas, the indented blocks of docstrings, as they are written, and bars in the text as bars."""
+    """Keep formulas, which are the indented blocks of docstrings, and bars in the text as they are written."""
     result: list[str] = []
     inside = False
     for i, line in enumerate(lines):
@@ -77,7 +77,7 @@ def as_written(app: Any, what: str, name: str, obj: Any, options: Any, lines: li
 
 
 def rows_of(record: Any) -> list[str]:
-    """What the rows of a record are, as text: their units, and along whose axes they are."""
+    """Return the units of the rows of a record as text, and the frames of their axes."""
     if not (isinstance(record, type) and hasattr(record, "_fields")):
         return []
     hints = get_type_hints(record, include_extras=True)
@@ -94,7 +94,7 @@ def rows_of(record: Any) -> list[str]:
 
 
 def constructor(app: Any, what: str, name: str, obj: Any, options: Any, signature: str, returns: str) -> Any:
-    """The signature of a record, without types, or of a system, which is declared with these arguments."""
+    """Return the signature of a record without types, or the arguments with which a system is declared."""
     if what == "class" and hasattr(obj, "_fields"):
         defaults = {name: f"={value!r}" for name, value in obj._field_defaults.items() if not isinstance(value, tuple)}
         return f"({', '.join(field + defaults.get(field, '') for field in obj._fields)})", ""

@@ -101,8 +101,8 @@ def draw_distribution(axes: Axes, studies: Mapping[str, Study], name: str) -> No
             linewidth=0.0,
         )
     axes.set(ylabel="share of the samples", ylim=(0.0, 1.02))
-    medians = [np.median(of_survivors(study.metrics, name)) for study in studies.values()]
-    known = [median for median in medians if median > 0.0]
+    survivors = [of_survivors(study.metrics, name) for study in studies.values()]
+    known = [median for values in survivors if len(values) and (median := np.median(values)) > 0.0]
     if known and max(known) > _LOG_AXIS_RATIO * min(known):
         axes.set_xscale("log")
     label_metric(axes.xaxis, name)

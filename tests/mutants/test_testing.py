@@ -24,7 +24,7 @@ def test_each_test_that_runs_a_formula_is_noted_though_its_machine_code_is_made_
     folder = Path(__file__).parents[2]
     result = subprocess.run([sys.executable, "-c", NOTE], cwd=folder, capture_output=True, text=True, check=True)
     assert {
-        *(f"test_battery_sag_takes_speed_from_all_rotors_evenly_over_time[{step}]" for step in ("0.01", "0.0")),
+        *(f"test_battery_sag_reduces_all_rotor_speeds_linearly_in_time[{step}]" for step in ("0.01", "0.0")),
         *(f"test_a_rotor_fails_at_its_time[{step}]" for step in ("0.01", "0.0")),
-        "test_vehicles_of_a_fleet_fail_each_in_its_own_way",
+        "test_vehicles_of_a_fleet_have_individual_faults",
     } <= set(result.stdout.split())
