@@ -159,7 +159,7 @@ def add_controller(options: argparse.ArgumentParser, *, several: str | None = No
 
     Args:
         options: options of a command.
-        several: what the command does with several controllers, in words; None if it takes one.
+        several: phrase about the use of several controllers; None if the command takes one.
     """
     help_ = (
         "controller that replaces that of the scenario: a layer as FILE:NAME, shipped or your own, or a Drake system in"
