@@ -111,7 +111,7 @@ def register_controller(system: Any) -> str:
         return kind
     place, command = _place_of(_built(system, 1))
     settings: Any = RegisteredControl if place == "control" else RegisteredPositionController
-    for num_vehicles in (1, 2) if "num_vehicles" in inspect.signature(system).parameters else (1,):
+    for num_vehicles in (1, 2) if _takes_number(system) else (1,):
         own = UserSystems(**{place: _built(system, num_vehicles)})
         check_user_systems(own, num_vehicles, command=command, sensors=SENSORS.members)
     numbers = _default_numbers(system)
@@ -138,7 +138,7 @@ def _built(system: type, num_vehicles: int, **numbers: Any) -> Any:
     Raises:
         InputError: if the constructor fails.
     """
-    takes_number = "num_vehicles" in inspect.signature(system).parameters
+    takes_number = _takes_number(system)
     if num_vehicles > 1 and not takes_number:
         raise InputError(
             f"{system.__name__} flies a single vehicle; for studies and fleets, its constructor must take num_vehicles"
@@ -150,6 +150,14 @@ def _built(system: type, num_vehicles: int, **numbers: Any) -> Any:
             f"{system.__name__} cannot be built: {error}; the constructor of a controller takes at most the number of"
             " vehicles, num_vehicles, and everything else has a default"
         ) from error
+
+
+def _takes_number(system: type) -> bool:
+    """Return whether the constructor of a class takes the number of vehicles."""
+    try:
+        return "num_vehicles" in inspect.signature(system).parameters
+    except ValueError:  # some classes that are written in C have no signature
+        return False
 
 
 def _place_of(system: Any) -> tuple[str, str]:

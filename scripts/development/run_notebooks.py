@@ -9,10 +9,6 @@ from pathlib import Path
 
 from drake_quad.command_line.running import run
 
-import nbformat
-from myst_nb.core.read import read_myst_markdown_notebook
-from nbclient import NotebookClient
-
 from drake_quad.command_line.options import bare_parser
 from drake_quad.command_line.output import print_files
 from drake_quad.files import output_folder, write_text
@@ -35,6 +31,11 @@ def with_results(page: Path) -> str:
 
     Its links lead to the same files from another folder beside that of the page.
     """
+    # These libraries are only installed for the documentation.
+    import nbformat
+    from myst_nb.core.read import read_myst_markdown_notebook
+    from nbclient import NotebookClient
+
     text = re.sub(r"\]\((?!\.\.|http|#)([^)]+)\)", rf"](../{page.parent.name}/\1)", page.read_text(encoding="utf-8"))
     notebook = read_myst_markdown_notebook(text, path=page)
     with tempfile.TemporaryDirectory() as folder:
