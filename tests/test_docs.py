@@ -285,7 +285,7 @@ def test_the_page_of_systems_lists_all_systems():
 
 
 def test_the_table_at_the_top_of_the_readme_has_the_committed_numbers():
-    """And the command below it flies the same controllers."""
+    """The command below the table flies the controllers of the table."""
     page = (ROOT / "README.md").read_text(encoding="utf-8")
     table = re.findall(r"^\| .+ \| ([\d.]+) cm \| (\d+) ms \|$", page, re.MULTILINE)
     flown = re.findall(r"--controller controllers/designed/laboratory:(\w+)", page)

@@ -23,46 +23,47 @@ from drake_quad.framework.recipe import Recipe
 from drake_quad.framework.wiring import build
 from drake_quad.scenario.controls.control import CONTROLS, Control
 from drake_quad.scenario.controls.thrust_vectoring import ThrustVectoringSettings
+from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.position_controllers.controller import POSITION_CONTROLLERS, PositionController
 from drake_quad.scenario.quantities import Number
 from drake_quad.scenario.sensors.sensor import SENSORS
 from drake_quad.scenario.setting import ControlSetting
 
-_COMMANDS = ("wrench", "attitude_target")  # of a control
+_CONTROL_COMMANDS = ("wrench", "attitude_target")
 
 
-class RegisteredPositionController(PositionController):
-    """Position controller in Python.
+class _UserSystemSettings(Model):
+    """Settings of a system in Python.
 
     Attributes:
         system: class of the system.
     """
 
-    feed_forward: FeedForward = Field(  # type: ignore[misc]
-        default="none", description="up to which derivative of the reference the attitude control feeds forward"
-    )
-    takes_correction: ClassVar = False
-    is_user_system: ClassVar = True
     system: ClassVar[type]
-
-    def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
-        """Return the recipe for the system."""
-        return {"position": _recipe(self)}
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the class of the system, so that another process imports its module."""
         return _restored, (self.system, dict(self))
 
 
-class RegisteredControl(Control):
-    """Control in Python.
+class RegisteredPositionController(_UserSystemSettings, PositionController):
+    """Position controller in Python."""
 
-    Attributes:
-        system: class of the system.
-    """
+    feed_forward: FeedForward = Field(  # type: ignore[misc]
+        default="none", description="up to which derivative of the reference the attitude control feeds forward"
+    )
+    takes_correction: ClassVar = False
+    is_user_system: ClassVar = True
+
+    def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
+        """Return the recipe for the system."""
+        return {"position": _recipe(self)}
+
+
+class RegisteredControl(_UserSystemSettings, Control):
+    """Control in Python."""
 
     network: ClassVar = None
-    system: ClassVar[type]
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:
         """Return the recipe for the system."""
@@ -85,10 +86,6 @@ class RegisteredControl(Control):
     def limits(self) -> ThrustVectoringSettings:
         """Return the default limits, which a system may ignore."""
         return ThrustVectoringSettings()
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the class of the system, so that another process imports its module."""
-        return _restored, (self.system, dict(self))
 
 
 def register_controller(system: Any) -> str:
@@ -168,9 +165,9 @@ def _place_of(system: Any) -> tuple[str, str]:
     """
     count = system.num_output_ports() if hasattr(system, "num_output_ports") else 0
     ports = {system.get_output_port(i).get_name() for i in range(count)}
-    if "acceleration_command" in ports and not ports & {*_COMMANDS}:
+    if "acceleration_command" in ports and not ports & {*_CONTROL_COMMANDS}:
         return "position_controller", "wrench"
-    command = next((name for name in _COMMANDS if name in ports), None)
+    command = next((name for name in _CONTROL_COMMANDS if name in ports), None)
     if command is None:
         raise InputError(
             f"{type(system).__name__} has no output port `acceleration_command`, `wrench` or `attitude_target`"

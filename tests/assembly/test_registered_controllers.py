@@ -51,7 +51,7 @@ class Formula(FleetSystem):
 
 
 class Plain(LeafSystem):
-    """The same PD in plain NumPy."""
+    """The PD of `Formula` in plain NumPy."""
 
     def __init__(self, num_vehicles=1):
         super().__init__()

@@ -25,7 +25,7 @@ def test_errors_of_decimetres_and_crashes_dominate_the_default_reward():
     assert reward(step(action=1.0, last_action=1.0)) == pytest.approx(1.0 - 4 * 0.01)
     assert reward(step(action=0.0, last_action=1.0)) == pytest.approx(1.0 - 4 * 0.05)
     assert reward(step(crashed=True)) == pytest.approx(-9.0)
-    # By default, a crash into an obstacle has no additional cost.
+    # A crash into an obstacle has no additional cost by default.
     assert reward(step(crashed=True, touched=1)) == pytest.approx(-9.0)
     assert TrackingReward(obstacle=2.0)(step(crashed=True, touched=1)) == pytest.approx(-11.0)
     assert has_crashed(step(crashed=True)).tolist() == [True]

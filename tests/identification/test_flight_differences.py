@@ -79,7 +79,7 @@ def test_the_next_flight_is_where_the_spread_of_the_others_says() -> None:
     deviations = np.sqrt([next_flight_variance(row) for row in spreads])
     inside = np.abs(values[:, -1] - values[:, :-1].mean(axis=1)) < scipy.stats.t.ppf(0.975, flights - 1) * deviations
     assert inside.mean() == pytest.approx(0.95, abs=0.012)
-    # What errors explain is no spread.
+    # The variance of the errors is subtracted from that of the flights.
     assert next_flight_variance([Spread(value, 0.2, "N") for value in (0.0, 0.3, 0.6)]) == pytest.approx(
         (0.09 - 0.04) * 4.0 / 3.0
     )

@@ -140,7 +140,7 @@ def test_a_crash_is_an_infinite_error():
 def test_the_typical_sample_is_that_of_the_median_error():
     errors = np.ones((5, 2, 3)) * np.array([5.0, 1.0, 4.0, 2.0, 3.0])[:, None, None]
     assert comparison_of(np.zeros((2, 3)), errors).typical_sample() == 4
-    # Of an even number, it is the smaller one in the middle.
+    # If the number is even, it is the smaller of the two in the middle.
     assert comparison_of(np.zeros((2, 3)), errors[:4]).typical_sample() == 3
     assert comparison_of(np.zeros((2, 3)), errors[:1]).typical_sample() == 0
     # The errors of all axes together count, and the first of equal samples.

@@ -120,7 +120,7 @@ def test_identified_values_are_paired_with_the_true_ones(diagrams, monkeypatch):
 
 
 def test_the_log_that_is_identified_has_the_rows_of_its_condition(diagrams, monkeypatch):
-    """Of a slow log, every fifth sample is one."""
+    """A slow log contains every fifth sample."""
     logs = []
 
     def identify(records, *_, **__):

@@ -102,7 +102,7 @@ def test_windows_that_touch_a_gap_are_left_out():
     ("period", "step", "is_gap"), [(0.01, 0.045, False), (0.01, 0.055, True), (0.05, 0.145, False), (0.05, 0.155, True)]
 )
 def test_a_gap_is_longer_than_three_samples_and_than_half_of_a_short_window(period, step, is_gap):
-    """What a fast log leaves out for less than 50 ms is on a line between its neighbours."""
+    """Samples that a fast log lacks for less than 50 ms are interpolated linearly."""
     time = period * np.arange(400.0)
     time[200:] += step - period
     grid = _on_grid({"position": np.zeros((400, 3))}, time)

@@ -70,7 +70,7 @@ def test_an_integral_that_may_be_zero_is_left_out(integral, kind):
     ("reference_velocity", "derivative", "share"),
     [
         ((0.0, 1e-3), "measurement", 0.0),
-        # Over the velocity gain of 3, a share within 5 % or within its interval is taken for 0 or 1.
+        # A share of the velocity gain of 3 is set to 0 or 1 if it is within 5 % or its interval of that.
         ((0.14, 1e-3), "measurement", 0.0),
         ((-0.14, 1e-3), "measurement", 0.0),
         ((0.16, 1e-3), None, 0.16 / 3.0),

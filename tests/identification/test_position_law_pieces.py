@@ -200,7 +200,7 @@ def test_samples_after_a_jump_of_the_reference_are_left_out(vehicle):
 
 
 def test_a_piece_ends_at_a_gap_and_two_seconds_of_it_are_compared(vehicle):
-    """Of three stretches, the middle one has 2.01 s beside what delay and smoothing need, and the others 1.98 s."""
+    """Beyond the time for delay and smoothing, the middle one of three stretches has 2.01 s, and the others 1.98 s."""
     time = PERIOD * np.arange(700)
     time = np.concatenate([time[:217], time[230:450], time[463:680]])
     record = record_of(time)
@@ -236,7 +236,7 @@ def test_samples_at_a_limit_and_on_the_ground_do_not_count(vehicle):
     # Before the landing, a second is left out.
     assert not piece.counted[time[: len(piece.time)] > 5.0].any()
     assert len(limited) == 500
-    # What is within half a percent of the range beside the limit counts to it.
+    # Values within half a per cent of the range from the limit count as at the limit.
     np.testing.assert_array_equal(limited, cut[:500, 0] >= 0.15 - 0.005 * 0.35)
     # A smoothed sample contains two others on each side.
     usable = (np.arange(500) >= 15) & ~limited

@@ -281,7 +281,7 @@ def fit_with(left, terms=("position", "velocity"), free=("delay",), last=1.0):
 @pytest.mark.parametrize(
     ("samples", "share", "last", "better"),
     [
-        # What is left falls by a fifth at least.
+        # The remaining error falls by at least a fifth.
         (2000, 0.79, 1.0, True),
         (2000, 0.81, 1.0, False),
         # The logarithm of the ratio times the number of samples is larger than 10.83.
@@ -624,7 +624,7 @@ def test_forms_are_compared_by_what_they_leave_on_all_axes_in_some_hundred_sampl
     pieces = [flown(seconds=10.0), flown(seconds=12.0, begin=20.0)]
     expected = np.log(1e-3) + np.log(1e-6) + np.log(1e-12)
     assert law._unexplained(pieces) == pytest.approx(expected, rel=1e-6)
-    # Of 2000 samples every third is more than 600.
+    # Every third of 2000 samples is more than 600 samples.
     for found, piece in zip(seen[0], pieces, strict=True):
         every = np.arange(0, len(piece.time), 3)
         np.testing.assert_array_equal(found, every[piece.counted[every]])

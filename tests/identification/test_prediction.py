@@ -298,7 +298,7 @@ def test_starts_are_a_tenth_of_a_second_apart_where_the_filter_settles_and_the_s
     assert times[times < 2.0].max() + 0.2 < 2.0
     # After a gap as well, the rotors follow commands that are not known.
     assert times[times > 2.0].min() == pytest.approx(2.31 + 0.5, abs=0.1)
-    # Of a part of the flight, only the starts at its end count.
+    # If a share of the flight is given, only the starts at the end of the flight count.
     late = prediction._starts(log, 6, (0.2,), 0.25)
     np.testing.assert_array_equal(late, [start for start in prediction._starts(log, 6, (0.2,), 1.0) if start >= 300])
 

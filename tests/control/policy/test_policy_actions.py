@@ -65,7 +65,7 @@ def test_rates_for_an_autopilot_come_without_an_attitude():
 
 
 def test_body_rates_follow_the_loop_on_the_ground_with_a_lag_of_first_order():
-    """By Euler's equations with the torque ω̇ = k (ω_r - ω), for any present rates."""
+    """The torque follows from Euler's equations with ω̇ = k (ω_r - ω), for any present rates."""
     rates, inertia = np.array([0.7, -1.1, 0.4]), np.array(RATES[3:])
     measured = State(*[0.0] * 9, *rates)
     wrench = rates_from_the_ground((0.0, 0.2, -0.5, 1.0), measured, RATES)
