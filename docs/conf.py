@@ -30,7 +30,7 @@ nb_execution_raise_on_error = True
 nb_execution_timeout = 300
 nb_merge_streams = True
 copybutton_exclude = ".linenos, .gp, .go"
-exclude_patterns = ["replication/table_ii.md", "notebooks"]  # notebooks: the pages with their figures, for code hosts
+exclude_patterns = ["replication/table_ii.md"]
 html_theme = "furo"
 html_title = "drake_quad"
 html_static_path = ["_static"]
@@ -139,8 +139,14 @@ def _module(name: str) -> str:
     return f"\n```{{eval-rst}}\n.. automodule:: drake_quad.{name}\n```\n"
 
 
+def keep_notebooks_as_files(app: Any, config: Any) -> None:
+    """Offer `docs/notebooks/*.ipynb` as downloads, since the site has these pages from their Markdown files."""
+    del config.source_suffix[".ipynb"]
+
+
 def setup(app: Any) -> None:
     """Register the extensions of this file with Sphinx."""
+    app.connect("config-inited", keep_notebooks_as_files, priority=900)  # after MyST-NB has registered the suffix
     # autosummary reads the pages at the same event, with the priority 500.
     app.connect("builder-inited", write_reference, priority=100)
     app.add_directive("pydrake_system", PortBlock)
