@@ -27,8 +27,9 @@ _CURVE = tuple(f"motors.curve[{power}]" for power in range(3))
 _SECOND_MOMENTS = 0.5 * np.array([[-1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, -1.0]])
 _RISING_CURVE = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 1.0, 2.0]])
 # Second moments are at least this share of the smallest moment of inertia on the data sheet, so that a body cannot
-# become a point. For a flat vehicle, the data sheet implies a second moment of zero across the plane.
-_MIN_SECOND_MOMENT = 0.02
+# become a point. Identified moments of inertia have errors of 0.1 % and more, so the share excludes no flat vehicle. A
+# data sheet itself may imply a second moment of zero across the plane.
+_MIN_SECOND_MOMENT = 1e-3
 # Largest thrust at zero throttle, relative to the thrust in hover, which is the scale of K0.
 _MAX_IDLE_THRUST = 0.5
 # A variable is at a limit if it is nearer to it than this share of its scale.
