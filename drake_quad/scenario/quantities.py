@@ -234,7 +234,7 @@ Step = Annotated[float, Field(ge=0.0, le=1.0), AfterValidator(_no_shorter_step)]
 IntegrationRule = Annotated[
     Integration,
     Field(
-        description="whether the command of a tick has the integral of the errors before it (forward_euler), or with"
-        " its own (backward_euler)"
+        description="whether the integral in the command of a tick excludes (forward_euler) or includes"
+        " (backward_euler) the error of this tick"
     ),
 ]

@@ -145,9 +145,9 @@ def _references(node: Any) -> list[str]:
 def _section(name: str, model: dict[str, Any]) -> str:
     required = model.get("required", [])
     lines = [f"## {name}", "", model.get("description", "").partition("\n\n")[0].replace("\n", " "), ""]
-    lines += ["| field | takes | default | meaning |", "| --- | --- | --- | --- |"]
+    lines += ["| field | type | default | meaning |", "| --- | --- | --- | --- |"]
     for field, node in model.get("properties", {}).items():
-        default = "needed" if field in required else _default(node.get("default"))
+        default = "required" if field in required else _default(node.get("default"))
         lines.append(f"| `{field}` | {_takes(node)} | {default} | {node.get('description', '')} |")
     return "\n".join(lines)
 

@@ -14,7 +14,9 @@ from drake_quad.vehicle.parameters import Inertia
 class PdAttitude(AttitudeControllerSettings):
     """PD controller of roll, pitch and yaw."""
 
-    kind: Literal["pd"] = Field(default="pd", description="default kind of an attitude controller")
+    kind: Literal["pd"] = Field(
+        default="pd", description="may be omitted, since it is the default kind of an attitude controller"
+    )
 
     def recipe(self, inertia: Inertia, period: float) -> Recipe:
         """Return the recipe for the PD."""

@@ -62,12 +62,12 @@ class AttitudeAutopilotSettings(Autopilot):
     k_rate: Gains = Field(description="gain from the error of p, q, r to an angular acceleration (1/s)")
     attitude_terms: LoopTerms | None = Field(
         default=None,
-        description="further terms of the attitude loop, whose output is a body rate (rad/s); not to be combined with"
+        description="optional terms of the attitude loop, whose output is a body rate (rad/s); not to be combined with"
         " yaw_weight",
     )
     rate_terms: LoopTerms | None = Field(
         default=None,
-        description="further terms of the rate loop, whose output is an angular acceleration (rad/s²)",
+        description="optional terms of the rate loop, whose output is an angular acceleration (rad/s²)",
     )
     max_rates: Positives | None = Field(
         default=None, description="largest commanded p, q, r (rad/s); no limit if not given"

@@ -24,7 +24,9 @@ from drake_quad.scenario.setting import ControlSetting
 class CascadeControl(Control):
     """Cascade of a position controller, thrust vectoring and, without an autopilot on board, an attitude controller."""
 
-    kind: Literal["cascade"] = Field(default="cascade", description="default kind of a control")
+    kind: Literal["cascade"] = Field(
+        default="cascade", description="may be omitted, since it is the default kind of a control"
+    )
     position: AnyPositionController
     network: Network | None = Field(  # type: ignore[misc]
         default=None, description="fuzzy network around the position controller; none if not given"

@@ -18,7 +18,7 @@ class BodyDragEffect(AirLoadEffect):
     linear: PerAxis = field_of(BodyDrag, "linear", "c1, force over airspeed along x, y, z of B")
     quadratic: PerAxis = field_of(BodyDrag, "quadratic", "c2, force over squared airspeed along x, y, z of B")
     centre_of_pressure: Position = field_of(
-        BodyDrag, "centre_of_pressure", "point of attack, x, y, z in B relative to the centre of mass"
+        BodyDrag, "centre_of_pressure", "point at which the drag acts, x, y, z in B relative to the centre of mass"
     )
     field: ClassVar = "body_drag"
     meaning: ClassVar = "drag of the body on each axis, in addition to `linear_drag` and `quadratic_drag`"
@@ -29,7 +29,7 @@ class BodyDragEffect(AirLoadEffect):
     belongs_to_airframe: ClassVar = True
 
     def symmetric(self) -> VehicleEffect:
-        """Return the drag with the centre of mass as its point of attack."""
+        """Return the drag with the centre of mass as the point at which it acts."""
         return self.model_copy(update={"centre_of_pressure": NO_OFFSET})
 
     def max_slope(self, vehicle: Any, airspeed: Row) -> Row:

@@ -15,13 +15,15 @@ class RotorAerodynamicsEffect(AirLoadEffect):
     """Aerodynamic forces on the rotors that depend on the airspeed. The paper neglects them."""
 
     lift: NonNegative = field_of(
-        RotorAerodynamics, "lift", "thrust gained by all rotors together, over the squared airspeed across z of B"
+        RotorAerodynamics,
+        "lift",
+        "thrust gained by all rotors together, over the squared airspeed perpendicular to z of B",
     )
     climb: Number = field_of(
         RotorAerodynamics, "climb", "thrust lost by all rotors together, over the speed of climb along z of B"
     )
     drag: NonNegative = field_of(
-        RotorAerodynamics, "drag", "force on a rotor across z of B, over airspeed and rotor speed"
+        RotorAerodynamics, "drag", "force on a rotor perpendicular to z of B, over airspeed and rotor speed"
     )
     inflow: NonNegative = field_of(
         RotorAerodynamics, "inflow", "thrust lost by a rotor, over the speed of climb along z of B and rotor speed"

@@ -83,12 +83,12 @@ class BlowingSource(WindSource):
     """Wind with a velocity that is given as a vector, or as a horizontal speed and a heading."""
 
     velocity: Position | None = Field(
-        default=None, description="velocity of the air, for a gust or sine its peak, in W (m/s)"
+        default=None, description="velocity of the air in W (m/s); the peak velocity of a gust or a sine"
     )
     speed: NonNegative | None = Field(
         default=None,
-        description="horizontal speed of the air, for a gust or sine its peak (m/s); given with heading, in place of"
-        " velocity",
+        description="horizontal speed of the air (m/s), the peak speed of a gust or a sine; given with heading, in"
+        " place of velocity",
     )
     heading: Direction | None = Field(
         default=None, description="direction to which the wind blows, from X towards Y (rad); required with speed"
