@@ -58,7 +58,8 @@ MIN_NOISE = 1e-5
 """Smallest standard deviation of a measurement, SI units."""
 _MAX_NOISE = 100.0  # SI units
 _MIN_DISTURBANCE = 1e-3  # m/s², rad/s²
-_NEGLIGIBLE_DISTURBANCE = 1.01 * _MIN_DISTURBANCE
+NEGLIGIBLE_DISTURBANCE = 1.01 * _MIN_DISTURBANCE
+"""Standard deviation of a disturbance, m/s² or rad/s², below which the fit needs none."""
 _MAX_DISTURBANCE = 1e3  # m/s², rad/s²
 _MIN_MEMORY = 0.02  # s
 _MAX_MEMORY = 20.0  # s
@@ -397,7 +398,7 @@ def _noise_of(
     lower = np.maximum(np.log(smallest)[first], start - _MAX_LOG_CHANGE)
     upper = np.minimum(np.log(largest)[first], start + _MAX_LOG_CHANGE)
     # The memory of a negligible disturbance has no influence.
-    fixed = (first >= m + 6) & (np.concatenate(noise)[first - 6] < _NEGLIGIBLE_DISTURBANCE)
+    fixed = (first >= m + 6) & (np.concatenate(noise)[first - 6] < NEGLIGIBLE_DISTURBANCE)
     free = np.flatnonzero(~fixed)
     best, score, information = _likelihood_of(predictor, gains, noise, logs, chosen, free)
     if not np.isfinite(best):

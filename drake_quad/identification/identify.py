@@ -45,8 +45,8 @@ from drake_quad.identification.results.vehicle_numbers import with_numbers
 from drake_quad.identification.sampling import (
     SlowFit,
     Synchronised,
+    attenuated,
     fast_command_remarks,
-    lack_commands,
     slow_fit,
     synchronised,
     with_bandwidth,
@@ -169,11 +169,9 @@ def _result(
     uncertainty = uncertainty_of_mean(fitted.uncertainty(blocks), evidence, variation)
     remarks = [*_remarks(predictor, fitted, names), *steep_remarks(logs.records)]
     if slow is not None:
-        uncertainty, more = with_bandwidth(
-            uncertainty, parameters, fitted.values, slow, logs.period, lacks_commands=lack_commands(logs.records)
-        )
-        remarks += more
+        uncertainty = with_bandwidth(uncertainty, fitted.values, slow, logs.period)
     weak = not_identified(parameters, fitted.values, uncertainty)
+    weak |= attenuated(logs.records, parameters, fitted.noise)
     if {*names} <= {*weak, DELAY}:
         raise InputError(
             "cannot identify the vehicle: the logs determine none of its parameters: "

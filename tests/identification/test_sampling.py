@@ -13,11 +13,12 @@ from drake_quad.identification.evidence import Uncertainty
 from drake_quad.identification.logs.consistency import clock_shifts
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.parameters import Parameter
+from drake_quad.identification.prediction_errors import PredictionNoise
 from drake_quad.identification.sampling import (
     SlowFit,
+    attenuated,
     fast_command_remarks,
     fast_command_share,
-    lack_commands,
     slow_fit,
     synchronised,
     with_bandwidth,
@@ -162,6 +163,10 @@ def test_clocks_are_compared_where_both_sensors_are_logged(monkeypatch):
     assert compared == [4000] * 4
 
 
+def noise_with(disturbance) -> PredictionNoise:
+    return PredictionNoise(np.full(6, 1e-3), np.array(disturbance), np.full(6, 0.1))
+
+
 def test_a_log_of_less_than_256_samples_in_flight_has_no_spectrum():
     random = np.random.default_rng(3)
     whole = rolling(np.zeros(20))
@@ -190,8 +195,17 @@ def test_the_share_of_fast_commands_is_that_of_white_and_of_smooth_commands():
     common = replace(smooth, motor_command=smooth.motor_command + 0.1 * random.normal(size=(len(TIME), 1)))
     assert fast_command_share(common) < 0.01
     assert fast_command_share(replace(still, motor_command=None)) == 0.0
-    assert lack_commands([smooth, white])
-    assert not lack_commands([smooth, common])
+    torque = noise_with(disturbance=[1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 0.2])
+    parameters = [
+        Parameter(name, 1.0, 1.0)
+        for name in ("thrust_factor", "inertia[0]", "rotor_time_constant", "rotor_time_constant_down", "delay")
+    ]
+    distorted = attenuated([smooth, white], parameters, torque)
+    assert [*distorted] == ["inertia[0]", "rotor_time_constant", "rotor_time_constant_down"]
+    assert "(rolling)" in distorted["inertia[0]"]
+    assert attenuated([smooth, common], parameters, torque) == {}
+    # A force does not replace a torque, so no commands are missing.
+    assert attenuated([smooth, white], parameters, noise_with(disturbance=[0.2, 0.2, 0.2, 1e-3, 1e-3, 1e-3])) == {}
     (remark,) = fast_command_remarks([smooth, white])
     assert remark.startswith(("rolling: 50% of the power", "rolling: 49% of the power"))
 
@@ -199,7 +213,6 @@ def test_the_share_of_fast_commands_is_that_of_white_and_of_smooth_commands():
 def test_a_slow_fit_starts_from_the_fast_one_and_is_left_out_if_the_logs_are_too_short(monkeypatch):
     parameters = [Parameter("mass", 1.0, 0.5), Parameter("linear_drag", 0.1, 0.1)]
     fast = SimpleNamespace(noise="noise", values=np.array([1.1, 0.2]))
-    covariance = np.array([[0.04, 0.01], [0.01, 0.09]])
     asked = []
 
     class Logs:
@@ -211,47 +224,26 @@ def test_a_slow_fit_starts_from_the_fast_one_and_is_left_out_if_the_logs_are_too
 
     def fit(*given):
         asked.append(given)
-        return SimpleNamespace(
-            values=np.array([1.2, 0.3]),
-            uncertainty=lambda blocks: SimpleNamespace(covariance=covariance if blocks == "blocks" else None),
-        )
+        return SimpleNamespace(values=np.array([1.2, 0.3]))
 
     def refuse(*_):
         raise InputError("only 3 windows")
 
     monkeypatch.setattr(sampling, "fit", fit)
-    monkeypatch.setattr(sampling, "window_blocks", lambda predictor: "blocks")
     found = slow_fit(SimpleNamespace(coarser=Logs), parameters, fast)
     assert asked == [(["mass", "linear_drag"], ["flying"]), ("predictor", parameters, "noise", fast.values)]
     np.testing.assert_array_equal(found.values, [1.2, 0.3])
-    np.testing.assert_array_equal(found.variances, [0.04, 0.09])
     assert found.period == 0.03
     assert slow_fit(SimpleNamespace(coarser=lambda: None), parameters, fast) is None
     monkeypatch.setattr(sampling, "fit", refuse)
     assert slow_fit(SimpleNamespace(coarser=Logs), parameters, fast) is None
 
 
-def test_an_interval_contains_the_estimate_of_another_bandwidth_if_it_differs_by_more_than_chance():
-    """By a difference of 3.5 where variances are 1 and 1.5, the variance grows by 3.5² - 0.5.
-
-    A third of the period distorts by an eighth of the difference.
-    """
-    parameters = [Parameter("linear_drag", 1.0, 1.0), Parameter("thrust_factor", 1.0, 1.0)]
+def test_the_dependence_on_the_bandwidth_widens_an_interval():
+    """A third of the period distorts by an eighth of the difference. Correlations do not change."""
     own = np.array([[1.0, 0.5], [0.5, 1.0]])
     uncertainty = Uncertainty(own, np.full(2, np.inf), own)
-    slow = SlowFit(np.array([4.0, 2.0]), np.array([1.5, 1.5]), 0.03)
-    values = np.array([0.5, 1.0])
-    found, (remark,) = with_bandwidth(uncertainty, parameters, values, slow, 0.01, lacks_commands=True)
-    expected = 1.0 + 3.5**2 - 0.5 + (3.5 / 8.0) ** 2
-    assert found.covariance[0, 0] == pytest.approx(expected)
-    assert found.covariance[1, 1] == pytest.approx(1.0 + (1.0 / 8.0) ** 2)
-    # Correlations stay.
-    assert found.covariance[0, 1] == pytest.approx(0.5 * np.sqrt(expected * (1.0 + 1.0 / 64.0)))
-    assert remark == (
-        "linear_drag depends on the bandwidth of the log: it is 0.5 at samples of 10 ms, and 4 at 30 ms; the interval"
-        " contains both"
-    )
-    # With all commands, the difference is an error of the averages.
-    found, remarks = with_bandwidth(uncertainty, parameters, values, slow, 0.01, lacks_commands=False)
-    np.testing.assert_allclose(np.diag(found.covariance), [1.0 + (3.5 / 8.0) ** 2, 1.0 + (1.0 / 8.0) ** 2])
-    assert remarks == []
+    found = with_bandwidth(uncertainty, np.array([0.5, 1.0]), SlowFit(np.array([4.0, 2.0]), 0.03), 0.01)
+    variances = 1.0 + np.array([3.5 / 8.0, 1.0 / 8.0]) ** 2
+    np.testing.assert_allclose(np.diag(found.covariance), variances)
+    assert found.covariance[0, 1] == pytest.approx(0.5 * np.sqrt(np.prod(variances)))
