@@ -126,7 +126,7 @@ class Flight(Mapping[str, np.ndarray]):
         end = self.crash or f"{self.time[-1]:.2f} s"
         end = end if self.cause is None else f"{end}, since {self.cause}"
         compiled = ", compiled" if self.compiled else ""
-        rmse = f"{self.metrics.rmse:.4g} m"
+        rmse = f"{100.0 * self.metrics.rmse:.4g} cm"
         return f"<Flight of {self.scenario.name}{compiled}: {end}, RMSE {rmse}; {', '.join(self.signals)}>"
 
     @property

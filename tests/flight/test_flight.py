@@ -274,7 +274,7 @@ def test_the_repr_of_a_flight_is_one_line_with_its_signals(diagrams):
     scenario = load_scenario(diagrams / "hover.yaml", ["duration=1"])
     for compiled, how in ((False, ""), (True, ", compiled")):
         flight = simulate(scenario, compiled=compiled)
-        line = rf"<Flight of hover{how}: 1\.00 s, RMSE \S+ m; reference, .*wind, crashed>"
+        line = rf"<Flight of hover{how}: 1\.00 s, RMSE \S+ cm; reference, .*wind, crashed>"
         assert re.fullmatch(line, repr(flight))
     with pytest.raises(KeyError, match="weights is not a signal of this flight, which has reference, "):
         flight["weights"]
