@@ -1,4 +1,4 @@
-"""Tests of linear models and designed gains with attitude control on board, as two loops or as an identified response."""
+"""Tests of linear models and designed gains with attitude control on board, as loops or as an identified response."""
 
 import re
 import shlex
@@ -95,7 +95,7 @@ def test_the_plant_on_board_is_a_double_integrator_behind_the_rotors(onboard):
 
 
 def test_poles_of_the_yaw_loop_on_board_are_those_of_the_whole_diagram(onboard):
-    """Only the autopilot acts on the yaw. A tick has eight of its periods, so multipliers are eighth powers of poles."""
+    """The autopilot alone acts on the yaw. A tick has eight of its periods, so poles appear as eighth powers."""
     scenario = with_autopilot_gains(onboard(*ASYMMETRIC), ON_BOARD_GAINS)
     yaw_plant = on_board_plant(scenario).between(["wrench.tau_z"], ["state.yaw", "state.r"])
     yaw_plant = yaw_plant.connected().scaled(0.0126, "acceleration_command")

@@ -1,4 +1,4 @@
-"""Attributes and methods of every kind of route agree with its plan, also for a user's kind."""
+"""Tests that attributes and methods of every kind of route agree with its plan, also for a user's kind."""
 
 from functools import reduce
 from typing import Literal

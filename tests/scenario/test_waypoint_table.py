@@ -1,3 +1,5 @@
+"""Tests of tables of waypoints."""
+
 import pytest
 
 from drake_quad.errors import InputError

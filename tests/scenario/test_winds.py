@@ -1,4 +1,4 @@
-"""Attributes and methods of every kind of wind agree with its system, also for a user's kind."""
+"""Tests that attributes and methods of every kind of wind agree with its system, also for a user's kind."""
 
 import pickle
 from importlib import import_module
@@ -21,13 +21,12 @@ from drake_quad.signals import Wind
 
 ROOT = Path(__file__).parent.parent.parent
 EXAMPLE = ROOT / "scripts" / "wind_shear.py"
-# Positions of four vehicles around the origin, m.
-PLACES = np.array([[0.0, 0.0, 1.0], [1.3, 0.2, 1.0], [0.4, -2.0, 1.7], [2.5, 0.1, 3.0]])
-AIR = WindSurroundings(Wind(0.3, -0.2, 0.1), period=0.01)
+POSITIONS = np.array([[0.0, 0.0, 1.0], [1.3, 0.2, 1.0], [0.4, -2.0, 1.7], [2.5, 0.1, 3.0]])
+SURROUNDINGS = WindSurroundings(Wind(0.3, -0.2, 0.1), period=0.01)
 
 
 def example(kind: type[WindSource], **changes: Any) -> WindSource:
-    """Return a source of a kind near the positions, with ones in all required fields."""
+    """Return a source of a kind near `POSITIONS`, in which all other required fields are one."""
     fields: dict[str, Any] = {"kind": kind.model_fields["kind"].annotation.__args__[0]}
     for name, field in kind.model_fields.items():
         if name in ("velocity", "direction"):
@@ -40,16 +39,16 @@ def example(kind: type[WindSource], **changes: Any) -> WindSource:
 
 
 def mean_wind(source: WindSource) -> np.ndarray:
-    """Return the wind (3, T, N) of a source without turbulence at the positions over 4 s, m/s."""
+    """Return the wind (3, T, N) of a source without turbulence at `POSITIONS` over 4 s, m/s."""
     winds = []
-    for recipe in type(source).recipes([source], AIR._replace(steady_wind=source.steady_wind())).values():
-        system = recipe.build(len(PLACES))
+    for recipe in type(source).recipes([source], SURROUNDINGS._replace(steady_wind=source.steady_wind())).values():
+        system = recipe.build(len(POSITIONS))
         context = system.CreateDefaultContext()
         for i in range(system.num_input_ports()):
             port = system.get_input_port(i)
-            rows = np.zeros((port.size() // len(PLACES), len(PLACES)))
+            rows = np.zeros((port.size() // len(POSITIONS), len(POSITIONS)))
             if port.get_name() == "state":
-                rows[:3] = PLACES.T
+                rows[:3] = POSITIONS.T
             port.FixValue(context, rows.ravel())
         simulator = Simulator(system, context)
         simulator.Initialize()
@@ -117,7 +116,7 @@ def test_a_user_s_wind_follows_the_power_law_wired_and_compiled(shear):
 
 
 def test_checks_and_analyses_include_a_user_s_wind(shear):
-    """A strong wind is refused for its drag, the error of hovers depends on the position, and linear models keep it."""
+    """Too strong a wind is refused, linear models keep the wind, and errors of hovers depend on the height."""
     with pytest.raises(InputError, match="too long for drag with a time constant"):
         simulate(hover(velocity=[200.0, 0.0, 0.0], quadratic_drag=0.5))
     assert [source.kind for source in at_rest(hover()).laboratory.wind] == ["shear"]
@@ -188,7 +187,9 @@ def test_a_command_imports_a_user_s_wind(run, tmp_path):
     study = ["study", "hover", "--samples", "4", "--workers", "2", "--set", "duration=0.5", "--set", wind]
     result = run(*study, "--output", tmp_path, "--import", EXAMPLE)
     assert (result.returncode, result.stderr) == (0, "")
-    assert result.stdout.count(f" --sample 0 --import {EXAMPLE}\n") == 1, "the worst flights are flown again like this"
+    assert result.stdout.count(f" --sample 0 --import {EXAMPLE}\n") == 1, (
+        "the output has the command that repeats a flight"
+    )
     assert "laboratory.wind.0.exponent" in (tmp_path / "results.csv").read_text(encoding="utf-8")
     (tmp_path / "broken.py").write_text("1 / 0", encoding="utf-8")
     (tmp_path / "random.py").write_text("", encoding="utf-8")
