@@ -184,17 +184,17 @@ def test_a_large_angle_change_is_measured_as_a_rotation_vector(angle, change):
     np.testing.assert_allclose(_rotation(before, middle, after_small_change), small_rotation(steps, middle), atol=1e-12)
 
 
-def test_the_measured_attitude_of_markers_that_point_straight_up_is_finite():
+def test_the_measured_attitude_of_markers_at_a_pitch_of_90_degrees_is_finite():
     """Rounding can make the sine of their pitch slightly larger than 1."""
     rng = np.random.default_rng(7)
     for _ in range(200):
         misalignment = Attitude(*rng.uniform(-0.3, 0.3, 3))
-        up = Rotation.from_euler("ZYX", [rng.uniform(-3.0, 3.0), 0.5 * np.pi, 0.0])
-        body = up * Rotation.from_euler("ZYX", misalignment[::-1]).inv()
+        vertical = Rotation.from_euler("ZYX", [rng.uniform(-3.0, 3.0), 0.5 * np.pi, 0.0])
+        body = vertical * Rotation.from_euler("ZYX", misalignment[::-1]).inv()
         attitude = Attitude(*body.as_euler("ZYX")[::-1].tolist())
         found = attitude_of_markers(attitude, BodyAxes.of(*misalignment))
         matrix = Rotation.from_euler("ZYX", found[::-1]).as_matrix()
-        np.testing.assert_allclose(matrix, up.as_matrix(), atol=1e-7)
+        np.testing.assert_allclose(matrix, vertical.as_matrix(), atol=1e-7)
 
 
 def test_a_frame_without_errors_is_the_state():
