@@ -177,7 +177,7 @@ def test_the_integral_is_subtracted_from_the_torque():
 
 
 def test_the_integral_compensates_an_offset_centre_of_mass(diagrams):
-    """Under a PD the body tilts until the torque balances the offset; an integral makes it level again."""
+    """With a PD, the body tilts until the torque balances the offset. An integral makes it level again."""
     gains = "k_p: [30.0, 30.0, 5.0], k_d: [8.0, 8.0, 3.5]"
     offset = ["vehicle.centre_of_mass=[0.0, 0.002]", "duration=6"]
     roll_errors = np.empty(2)

@@ -32,7 +32,7 @@ def corrections_for(errors, limit, num_vehicles=1, k_i=tuple(K_I), integration="
 
 
 def test_a_tick_adds_error_times_gain_times_period_up_to_the_limit():
-    """The expected values are 1 - 0.02 · 2 · 10, -1 + 0.02 · 3 · 5, and the limit; gains differ between the axes."""
+    """The expected values are 1 - 0.02 · 2 · 10, -1 + 0.02 · 3 · 5, and the limit."""
     gains = IntegralGains(PerAxis(2.0, 3.0, 4.0), 1.5)
     after = integrated(Acceleration(1.0, -1.0, 1.4), PositionError(10.0, -5.0, -2.0), gains, H)
     assert after == pytest.approx(Acceleration(0.6, -0.7, 1.5))

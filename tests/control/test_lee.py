@@ -222,7 +222,7 @@ def test_attitude_commands_in_logs_have_a_level_y_axis_instead_of_the_reference_
 def test_torques_in_a_log_have_no_transport_term(root):
     """The yaw torque of log100 follows the firmware's law without the transport term J (ω x ω_r)."""
     record = read_log(root / "tests/data/crazyflie/crazyswarm2/log100.xz")
-    # KR, Kw and KI are those of the firmware's source file; see tests/identification/test_crazyswarm2.py.
+    # KR, Kw and KI are those of the firmware's source file, as in tests/identification/test_crazyswarm2.py.
     KR, Kw, KI = 0.008, 0.002, 0.024
     attitudes = zip(record.attitude, record.attitude_command, strict=True)
     error = np.array([rotation_error(rotation_of(*own), rotation_of(*commanded))[2] for own, commanded in attitudes])

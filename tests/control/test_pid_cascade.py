@@ -244,7 +244,7 @@ def test_cascades_fly_the_same_compiled_uncompiled_alone_and_in_fleets(scenario,
 
 @pytest.mark.slow
 def test_an_integral_removes_the_error_that_a_trim_force_causes():
-    """In equilibrium the integral of the velocity loop balances the trim force; without it the error is F / (m k k)."""
+    """The integral of the velocity loop balances the trim force F. Without it, the error is F / (m k_1 k_2)."""
     hover = {"route": {"kind": "hover", "position": [0, 0, 1]}, "duration": 40.0, "vehicle.trim_force": {"x": 0.2}}
     hover |= {"vehicle.linear_drag": 0.0}
     still = {"laboratory.motion_capture": {"position_noise": 0.0, "attitude_noise": 0.0}}

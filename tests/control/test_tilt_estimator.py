@@ -45,7 +45,7 @@ def test_a_tilted_thrust_accelerates_the_vehicle_by_eq_3():
 
 
 def test_accelerations_by_tilt_and_thrust_are_not_disturbances():
-    """The velocity first changes by the mean of the accelerations at both ends of a tick, then by 1.5 times as much."""
+    """The estimate is zero for the known acceleration, and half of it for 1.5 times the known acceleration."""
     attitude = (0.1, 0.2, 0.3)
     first, last = (
         Acceleration(0.4, -0.3, 0.2),

@@ -131,7 +131,7 @@ def test_a_bandwidth_beyond_the_delay_needs_a_negative_gain(pitch):
 
 
 @pytest.mark.slow
-def test_a_regulator_is_found_under_any_delay():
+def test_a_regulator_is_found_for_any_delay():
     scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["laboratory.command_link.delay_ticks=50"])
     plant = attitude_plant(laboratory_plant(scenario), scenario, "pitch")
     family = RegulatorRequirements(0.2)
@@ -324,7 +324,7 @@ def test_the_stability_limit_of_the_gain_is_that_of_simulations(shipped, designe
 @pytest.mark.slow
 @pytest.mark.parametrize("ticks", [1, 3])
 def test_the_stability_limit_of_the_delay_is_that_of_simulations(shipped, designed, ticks):
-    """Loops with a delay margin 2 % above some ticks tolerate as many ticks of delay; loops 2 % below do not."""
+    """A loop whose delay margin exceeds a number of ticks by 2 % tolerates this delay. A loop 2 % below does not."""
     _, scenario = shipped
     loop = designed.loops["yaw"]
     resting = at_rest(as_believed(scenario))
@@ -363,7 +363,7 @@ def test_options_apply_to_their_axes():
 
 
 @pytest.mark.slow
-def test_a_vehicle_of_thirty_grams_gets_the_same_gains():
+def test_a_vehicle_of_thirty_grams_has_the_same_designed_gains():
     """Commands are accelerations, so the gains depend on the lag of the vehicle but not on its size."""
     small = [
         "nominal.mass=0.03",

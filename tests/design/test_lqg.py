@@ -174,7 +174,7 @@ def test_conditions_are_those_of_the_scenario(diagrams, low_wind):
     assert conditions.lateral.time == pytest.approx(0.7, abs=0.1)
     assert (conditions.position_noise, conditions.attitude_noise, conditions.loss_rate) == (1e-3, 4e-3, 0.01)
     bad_day = conditions_of(load_scenario(f"{diagrams}/robustness.yaml"))
-    # A log-uniform number has the mean square (b² - a²) / (2 log(b / a)); a lever of 1 mm causes 9.5 m/s⁴.
+    # A log-uniform number has the mean square (b² - a²) / (2 log(b / a)). A lever of 1 mm causes 9.5 m/s⁴.
     assert bad_day.position_noise == pytest.approx(np.sqrt((0.004**2 - 0.0005**2) / (2.0 * np.log(8.0))), rel=0.01)
     assert 5.0 < bad_day.bias < 14.0
 
@@ -353,7 +353,7 @@ def test_unstable_designs_cost_more_than_stable_ones(search_of):
         search_of(6).result()
 
 
-class Bowl(lqg_design._LqgSearch):
+class SearchWithKnownOptimum(lqg_design._LqgSearch):
     """Search whose cost is the squared distance from known logarithms, but at most 9."""
 
     best = np.log([3e-3, 0.7, 40.0])
@@ -366,9 +366,9 @@ class Bowl(lqg_design._LqgSearch):
 def test_a_search_finds_the_least_cost_for_any_initial_weight(search_of, initial_weight):
     """The other numbers start within a factor of 2.5 of their best values."""
     start = search_of(1)
-    search = Bowl(*(getattr(start, name) for name in start.__dataclass_fields__))
+    search = SearchWithKnownOptimum(*(getattr(start, name) for name in start.__dataclass_fields__))
     result = dataclasses.replace(search, numbers=(initial_weight, 0.3, 60.0)).improved()
-    np.testing.assert_allclose(result.numbers, np.exp(Bowl.best), rtol=1e-3)
+    np.testing.assert_allclose(result.numbers, np.exp(SearchWithKnownOptimum.best), rtol=1e-3)
     assert result.cost == pytest.approx(result.cost_of(np.log(result.numbers)), abs=1e-12)
     assert (result.actual_plants, result.timing) == (start.actual_plants, start.timing)
 

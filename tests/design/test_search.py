@@ -62,7 +62,7 @@ def log_gains(numbers):
     return np.log(numbers["control.position.k_p.0"] / 4.0), np.log(numbers["control.position.k_d.0"] / 2.0)
 
 
-def bowl(numbers, *_):
+def quadratic_error(numbers, *_):
     """Return an error with a minimum of 0.1 m, in which the two gains interact."""
     p, d = log_gains(numbers)
     return 0.1 * np.exp(p * p + d * d - p * d)
@@ -72,7 +72,7 @@ BUDGET = Budget(rounds=6, candidates=32, samples=1, checks=4, steps=60)
 
 
 def test_the_least_error_is_found(laboratory, stub_flights):
-    stub_flights(bowl)
+    stub_flights(quadratic_error)
     result = tune([laboratory], [K_P, K_D], None, budget=BUDGET)
     assert result.numbers == pytest.approx((4.0, 2.0), rel=0.01)
     assert result.error == pytest.approx(0.1, rel=1e-4)
@@ -81,7 +81,7 @@ def test_the_least_error_is_found(laboratory, stub_flights):
 
 def test_the_least_error_within_a_limit_is_found(laboratory, stub_flights):
     """With k_P at its limit of 2, the best k_D is 2 √(2 / 4)."""
-    stub_flights(bowl)
+    stub_flights(quadratic_error)
     result = tune([laboratory], [K_P, K_D], lambda s: np.array([2.0 / s.control.position.k_p[0], 9.0]), budget=BUDGET)
     assert result.numbers == pytest.approx((2.0, np.sqrt(2.0)), rel=0.02)
     assert 1.0 <= result.share < 1.02
@@ -89,7 +89,7 @@ def test_the_least_error_within_a_limit_is_found(laboratory, stub_flights):
 
 def test_a_discontinuous_limit_is_respected(laboratory, stub_flights):
     """An unstable loop has a single share of the limit, which is zero. A stable loop has two shares."""
-    stub_flights(bowl)
+    stub_flights(quadratic_error)
 
     def shares(scenario):
         gain = scenario.control.position.k_p[0]
@@ -100,14 +100,14 @@ def test_a_discontinuous_limit_is_respected(laboratory, stub_flights):
     assert result.numbers == pytest.approx((2.5, 2.0 * np.sqrt(2.5 / 4.0)), rel=0.03)
 
 
-def test_the_lowest_of_many_valleys_is_found(laboratory, stub_flights):
-    """There are five valleys along each axis. A search from one point would end in the nearest of them."""
+def test_the_lowest_of_many_minima_is_found(laboratory, stub_flights):
+    """There are five minima along each axis. A search from one point would end in the nearest of them."""
 
-    def valleys(numbers, *_):
+    def error_with_many_minima(numbers, *_):
         p, d = log_gains(numbers)
         return 0.1 + 0.05 * (p * p + d * d) + 0.02 * (2.0 - np.cos(10.0 * p) - np.cos(10.0 * d))
 
-    stub_flights(valleys)
+    stub_flights(error_with_many_minima)
     result = tune([laboratory], [K_P, K_D], None, budget=Budget(rounds=8, candidates=64, samples=1))
     assert result.numbers == pytest.approx((4.0, 2.0), rel=0.02)
 
@@ -118,7 +118,7 @@ def test_rounds_converge_to_the_optimum_and_stay_in_range(laboratory, stub_fligh
 
     A limit that no candidate violates has no influence.
     """
-    record = stub_flights(bowl)
+    record = stub_flights(quadratic_error)
     budget = Budget(rounds=6, candidates=64, samples=1, steps=1)
     tune([laboratory], [K_P, K_D], shares, budget=budget)
     rounds = [each for each in record["varying"] if len(each[K_P.paths[0]]) == 64]
@@ -139,7 +139,7 @@ def test_rounds_converge_to_the_optimum_and_stay_in_range(laboratory, stub_fligh
 
 def test_rounds_converge_to_the_optimum_within_a_limit(laboratory, stub_flights):
     """k_P may be 2 at most. Candidates of the last round meet the limit, although the error is smaller beyond it."""
-    record = stub_flights(bowl)
+    record = stub_flights(quadratic_error)
     budget = Budget(rounds=6, candidates=64, samples=1, checks=8, steps=1)
     tune([laboratory], [K_P, K_D], lambda scenario: np.array([2.0 / scenario.control.position.k_p[0]]), budget=budget)
     *_, last = (each[K_P.paths[0]] for each in record["varying"] if len(each[K_P.paths[0]]) == 64)
@@ -149,14 +149,14 @@ def test_rounds_converge_to_the_optimum_within_a_limit(laboratory, stub_flights)
 
 def test_each_round_simulates_the_given_number_of_candidates(laboratory, stub_flights):
     """The number need not be a power of two, although points are generated in powers of two."""
-    record = stub_flights(bowl)
+    record = stub_flights(quadratic_error)
     tune([laboratory], [K_P, K_D], None, budget=Budget(2, 12, 1, 1, 1))
     assert [len(each[K_P.paths[0]]) for each in record["varying"][:2]] == [12, 12]
 
 
 def test_each_local_search_starts_with_a_smaller_step(laboratory, stub_flights, monkeypatch):
     """The first step is less than a quarter of the box."""
-    stub_flights(bowl)
+    stub_flights(quadratic_error)
     radii, minimize = [], tuning.scipy.optimize.minimize
 
     def minimize_and_record(function, start, **given):
@@ -216,7 +216,7 @@ def test_only_crashes_count_in_flights_with_late_frames(laboratory, stub_flights
 
 
 def test_the_vertical_gain_stays_in_the_middle_of_its_range_until_the_last_rounds(laboratory, stub_flights):
-    record = stub_flights(lambda numbers, *_: bowl(numbers) if K_P.paths[0] in numbers else 1.0)
+    record = stub_flights(lambda numbers, *_: quadratic_error(numbers) if K_P.paths[0] in numbers else 1.0)
     scenarios = []
     budget = Budget(rounds=9, candidates=16, samples=1, steps=1)
     tune(
@@ -234,7 +234,7 @@ def test_the_vertical_gain_stays_in_the_middle_of_its_range_until_the_last_round
 
 def test_the_limit_is_checked_for_the_best_candidates_of_each_round(laboratory, stub_flights):
     """The first round checks four times as many candidates. The three local searches check every step."""
-    record = stub_flights(bowl)
+    record = stub_flights(quadratic_error)
     checked = []
     num_checked = []
     budget = Budget(rounds=3, candidates=32, samples=1, checks=4, steps=5)
@@ -250,7 +250,7 @@ def test_the_limit_is_checked_for_the_best_candidates_of_each_round(laboratory, 
     # The first round checks the candidates of least error, whether or not they meet the limit.
     first = record["varying"][0]
     columns = {path: first[path] for path in (K_P.paths[0], K_D.paths[0])}
-    errors = bowl(columns)
+    errors = quadratic_error(columns)
     best = np.sort(columns[K_P.paths[0]][np.argsort(errors)[:16]])
     np.testing.assert_allclose(np.sort([gain for _, gain in checked[:16]]), best)
 
@@ -329,7 +329,7 @@ def test_the_tolerated_delay_is_the_longest_without_a_crash(laboratory, stub_fli
 
 def test_predictions_of_the_limit_are_trusted_more_from_round_to_round(laboratory, stub_flights, monkeypatch):
     """The doubt falls in equal steps. In the last round it is one step from zero."""
-    stub_flights(bowl)
+    stub_flights(quadratic_error)
     doubts = []
     monkeypatch.setattr(tuning._EvaluatedPoints, "penalties", lambda known, points, doubt: doubts.append(doubt) or 0.0)
     budget = Budget(rounds=5, candidates=8, samples=1, steps=1)
@@ -348,7 +348,7 @@ def test_the_limit_is_predicted_from_one_point_more_than_a_plane_needs():
 
 def test_local_searches_end_slightly_within_the_limit(laboratory, stub_flights):
     """Predictions are not exact, so a fifth of a per cent of the limit is kept in reserve."""
-    stub_flights(bowl)
+    stub_flights(quadratic_error)
     shares, ends = [], []
 
     def limit(scenario):

@@ -23,7 +23,7 @@ ATTITUDE_RESPONSE = [
     "laboratory.autopilot={kind: response, natural_frequency: [6.8, 6.4, 3.1], damping: [0.5, 0.7, 1.1]}",
 ]
 PRIORITIES = get_args(Priority)
-# The first two flights are long; short flights cover the features that these two do not have.
+# The first two flights are long. Short flights cover the features that these two do not have.
 PD = "k_p: [1.3, 1.0, 5.0], k_d: [1.5, 1.3, 3.2]"
 FLIGHTS = {
     "pid": ("pid", []),

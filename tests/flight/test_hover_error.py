@@ -105,7 +105,7 @@ def test_the_hover_error_in_small_noise_matches_the_linear_model(name):
 
 @pytest.mark.slow
 def test_the_linear_model_underestimates_the_error_in_the_shipped_noise():
-    """Products of noise terms disturb the vehicle and lengthen the thrust vector; lost packets disturb it further."""
+    """Products of noise terms and lost packets disturb the vehicle. Products also lengthen the thrust vector."""
     layer = "designed/laboratory.yaml:indi"
     lossless = "laboratory.command_link.loss_rate=0"
     error, linear = hover_error(in_laboratory(layer, lossless)), linear_hover_error(in_laboratory(layer))

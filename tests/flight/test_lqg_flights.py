@@ -53,7 +53,7 @@ def test_a_shipped_design_has_at_most_60_percent_of_the_error_of_the_cascade(con
 
 
 @pytest.mark.slow
-def test_in_its_laboratory_a_design_for_it_has_less_error_than_a_design_for_nine_laboratories():
+def test_a_design_for_one_laboratory_has_less_error_there_than_a_design_for_nine_laboratories():
     assert mean_rmse(scenario_of(HIGH_WIND, controller="lqg_low_wind")) < 0.7 * mean_rmse(scenario_of(HIGH_WIND))
 
 

@@ -73,7 +73,7 @@ CASES = [
 def test_a_non_finite_number_of_a_user_system_is_named(spec, place, signal, row, value, word, compiled):
     scenario = load_scenario(spec, ["route={kind: hover, position: [0, 0, 1], duration: 0.6}"])
     flight = simulate(scenario, **{place: Broken(signal, value)}, compiled=compiled)
-    # The monitor sees the effect of the wind on the state at the next tick.
+    # The monitor reads the effect of the wind on the state at the next tick.
     crash_time = FAILURE_TIME if signal != "wind" else FAILURE_TIME + 0.02
     assert flight.metrics.crash_time == pytest.approx(crash_time)
     assert flight.cause == f"{place} returned {word} in {row} of `{signal}` at {crash_time:.2f} s"
@@ -135,7 +135,7 @@ def test_the_cause_of_a_crash_survives_a_round_trip_through_files(tmp_path):
 
 @pytest.mark.slow
 def test_a_vehicle_that_diverges_or_turns_over_has_no_cause():
-    """Without damping the vehicle diverges; with a gain of 1e9 it turns over. No number is invalid in either flight."""
+    """Without damping, the vehicle diverges. With a gain of 1e9, it turns over. In both flights, numbers are finite."""
     off_centre = ["vehicle.centre_of_mass=[0.01, 0]", "duration=20"]
     for gains in ("{k_p: [2, 2, 2], k_d: [0, 0, 0]}", "{k_p: [1e9, 1e9, 1], k_d: [1, 1, 1]}"):
         scenario = load_scenario("hover", [*off_centre, f"control.position={gains}"])

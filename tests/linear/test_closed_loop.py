@@ -76,7 +76,7 @@ def test_multipliers_predict_how_a_fleet_decays_or_grows(laboratory, overrides, 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_in_wind_the_vehicle_settles_beside_the_reference(laboratory, side):
-    """The offset is D / (m k_P) and the tilt atan(D / m g). The equilibrium is that four ticks after the start."""
+    """The offset is D / (m k_P) and the tilt atan(D / m g). The equilibrium is that of four ticks after the start."""
     scenario = laboratory(f"laboratory.wind=[{{kind: steady, velocity: [{2.0 * side}, 0.0, 0.0]}}]")
     loop = closed_loop(scenario)
     assert loop.context.get_time() == 4 * 0.02

@@ -53,7 +53,7 @@ def test_loops_without_an_outer_loop_have_their_designed_margins(laboratory):
 
 
 def test_loops_with_an_autopilot_are_those_of_the_position(diagrams):
-    """Roll and pitch on the link contain the commanded acceleration only; the yaw is controlled on board."""
+    """Roll and pitch on the link contain only the commanded acceleration. The yaw is controlled on board."""
     scenario = load_scenario(f"{diagrams}/onboard.yaml")
     designed = design_cascade(scenario)
     margins_by_signal = link_margins(with_gains(as_believed(scenario), designed.gains()))

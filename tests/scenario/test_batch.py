@@ -39,7 +39,7 @@ def test_choices_are_equally_likely(study):
     assert scipy.stats.chisquare(counts).pvalue > 1e-3
 
 
-def test_one_sample_alone_is_the_same_as_among_many(study):
+def test_a_sample_drawn_alone_is_the_same_as_among_many(study):
     scenario = study(
         "vehicle.mass={uniform: {min: 0.6, max: 0.8}}",
         "control.position.k_p=[{uniform: {min: 0.5, max: 1}}, 0.8, {normal: {mean: 4, standard_deviation: 1, min: 1}}]",
@@ -137,7 +137,7 @@ def test_a_fixed_moment_of_inertia_stays_and_the_others_are_adjusted(study):
 
 
 def test_samples_are_those_of_earlier_releases(study):
-    """That release wrote items of lists in brackets, and names of random streams still do."""
+    """Earlier releases wrote items of lists in brackets, and names of random streams still do."""
     inertia = "vehicle.inertia=[0.007, {uniform: {min: 0.006, max: 0.008}}, 0.012]"
     varying = Batch.draw(study("vehicle.mass={uniform: {min: 0.6, max: 0.8}}", inertia), [0, 1, 41], seed=7).varying
     mass = [0.6051061415534328, 0.675789840234045, 0.7823762288316]
@@ -182,7 +182,7 @@ def test_a_padded_batch_repeats_its_last_vehicle(study):
     np.testing.assert_array_equal(masses[2:], masses[1])
 
 
-def test_a_fleet_sees_arrays_where_numbers_vary_and_the_scenario_elsewhere(asymmetric):
+def test_the_scenario_of_a_fleet_has_arrays_where_numbers_vary_and_is_unchanged_elsewhere(asymmetric):
     """Varying numbers may be items of lists or fields of mappings in lists."""
     scenario = asymmetric("pid", "vehicle.mass={uniform: {min: 0.6, max: 0.8}}")
     varying = {"laboratory.wind.1.velocity.2": np.array([1.0, 2.0]), "vehicle.inertia.1": np.array([3.0, 4.0])}

@@ -86,8 +86,8 @@ def test_each_field_has_its_given_distribution(samples, path, arguments):
     assert scipy.stats.kstest(samples[path], "truncnorm", arguments).pvalue > 1e-3
 
 
-def test_a_normal_that_shares_nothing_is_drawn_as_before(study):
-    """Samples agree to the bit, since they use the field's own numbers only."""
+def test_a_normal_without_shared_variables_has_the_same_samples_as_before(study):
+    """Samples agree to the bit, because they use only the random numbers of their own field."""
     values = Batch.draw(study(*correlated_overrides("", "", "")), range(50), seed=3).varying
     expected = 0.68 + 0.02 * scipy.special.ndtri(
         (low := scipy.special.ndtr((0.5 - 0.68) / 0.02)) + parameter_numbers(3, range(50), MASS) * (1.0 - low)
@@ -104,7 +104,7 @@ def test_samples_of_shared_variables_are_those_of_earlier_releases(study):
 
 
 def test_a_field_without_common_variables_does_not_depend_on_others(study):
-    """Its samples stay the same if other correlated fields are added or removed."""
+    """Samples of the field stay the same if other correlated fields are added or removed."""
     both = Batch.draw(study(*correlated_overrides()), range(20), seed=5).varying
     alone = Batch.draw(study(correlated_overrides()[0]), range(20), seed=5).varying
     np.testing.assert_array_equal(alone[MASS], both[MASS])
@@ -258,7 +258,7 @@ def test_correlated_normals_share_few_variables():
     ]
 
 
-def test_a_sum_that_is_known_better_than_its_parts_keeps_its_variance():
+def test_a_sum_that_is_known_better_than_its_parts_has_the_given_variance():
     """The coefficients of a curve fitted around hover are uncertain, but the thrust in hover is well known."""
     throttle = np.linspace(0.5, 0.7, 200)
     powers = np.stack([throttle**0, throttle, throttle**2])

@@ -103,7 +103,7 @@ def test_declarations_are_those_of_the_fields():
     }
 
 
-def test_a_formula_in_parentheses_is_no_unit():
+def test_a_formula_in_parentheses_is_not_read_as_a_unit():
     """The description of `integral_fade` contains (e / e₀)² before its unit."""
     quantities = dict(quantities_in(PidCascadeControl))
     assert quantities["velocity.integral_fade"].unit == "unit of the error"

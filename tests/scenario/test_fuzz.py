@@ -25,7 +25,7 @@ from drake_quad.scenario.files.loading import load_mission
 
 DIAGRAMS = Path(__file__).parents[2] / "diagrams"
 NUM_CASES = os.environ.get("FUZZ_CASES")
-MAX_READING_TIME = 2.0  # s of processor time; an input takes a few hundredths of a second
+MAX_READING_TIME = 2.0  # s of processor time. An input takes a few hundredths of a second.
 MAX_MESSAGE_LENGTH = 300
 
 

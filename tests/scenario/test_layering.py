@@ -155,8 +155,8 @@ def test_only_the_relative_items_of_a_list_are_carried_to_another_vehicle(load):
 
 
 @pytest.mark.parametrize(("field", "count"), [("thrust_factor_error", 4), ("centre_of_mass", 2)])
-def test_another_vehicle_has_only_the_relative_errors(load, field, count):
-    """These fields have no nominal value: their references are 1 and the length of an arm."""
+def test_a_layer_with_another_vehicle_keeps_only_the_relative_errors_of_the_layers_below(load, field, count):
+    """These fields have no nominal value. Their distributions are relative to 1 and to the length of an arm."""
     items = [RELATIVE_UNIFORM, *["0.01"] * (count - 1)]
     spread = f"spread: {{extends: figure_eight, vehicle: {{{field}: [{', '.join(items)}]}}}}\n"
     _, *others = getattr(load("spread", "x500", beside=X500 + spread).vehicle, field)

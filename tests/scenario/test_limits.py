@@ -467,7 +467,7 @@ def test_a_vehicle_with_infinite_numbers_has_crashed_and_records_none_of_them(wr
 
 
 def test_a_continuous_state_that_passes_close_to_90_degrees_of_pitch_is_refused(write):
-    """There angles change by half a turn within 20 µs. The flight must not continue with wrong angles."""
+    """Near this pitch, angles change by half a turn within 20 µs. The flight must not continue with wrong angles."""
     turns_over = ["vehicle.time_step=0", "crash={tilt: null, position_error: 100, height: -100}", "duration=0.2"]
 
     def set_flip(simulator):

@@ -42,7 +42,7 @@ def refusal(write, text, *overrides):
     return message
 
 
-def test_a_small_file_is_a_whole_scenario(write):
+def test_a_small_file_is_a_complete_scenario(write):
     scenario = load_scenario(write(f"small:\n{BODY}"))
     assert scenario.name == "small"
     assert scenario.control.position.k_d == (1.0, 1.0, 1.5)
@@ -70,7 +70,7 @@ def test_extends_merges_deeply_and_later_layers_take_precedence(write):
     assert (b.route.kind, b.route.radius) == ("circle", 2.0)
 
 
-def test_another_kind_or_distribution_replaces_as_a_whole(write):
+def test_another_kind_or_distribution_replaces_a_mapping_completely(write):
     path = write(
         f"base:\n{BODY}  vehicle: {{mass: {{uniform: {{min: 0.6, max: 0.7}}}}}}\n"
         "a: {extends: base, route: {kind: circle}, vehicle: {mass: {choice: [0.5, 0.6]}}}\n"
@@ -163,7 +163,7 @@ def test_overrides_take_precedence_and_are_named_in_errors(write):
         ("\t- x", "is not YAML"),
     ],
 )
-def test_a_wrong_field_gets_one_sentence_with_file_line_and_what_is_allowed(write, line, message):
+def test_a_wrong_field_is_refused_in_one_sentence_with_file_and_line_and_what_is_allowed(write, line, message):
     with pytest.raises(InputError, match=message):
         load_scenario(write(f"a:\n{BODY}{line}\n"))
 
@@ -222,7 +222,7 @@ FAN = "kind: fan, position: [0, 0, 1]"
         ),
     ],
 )
-def test_a_wrong_laboratory_gets_one_sentence(write, field, message):
+def test_a_wrong_laboratory_is_refused_in_one_sentence(write, field, message):
     assert re.search(f"loop.yaml:6: laboratory.*{message}", refusal(write, f"a:\n{BODY}  laboratory: {{{field}}}\n"))
 
 
@@ -250,7 +250,7 @@ def test_a_wrong_laboratory_gets_one_sentence(write, field, message):
         ),
     ],
 )
-def test_a_wrong_vehicle_gets_one_sentence(write, field, message):
+def test_a_wrong_vehicle_is_refused_in_one_sentence(write, field, message):
     assert re.search(f"loop.yaml:6: .*{message}", refusal(write, f"a:\n{BODY}  vehicle: {{{field}}}\n"))
 
 
@@ -304,7 +304,7 @@ def rotors(turns="clockwise anticlockwise clockwise anticlockwise", ahead=0.0):
     ],
 )
 @pytest.mark.parametrize("vehicle", ["nominal", "vehicle"])
-def test_a_wrong_layout_gets_one_sentence(write, airframe, message, vehicle):
+def test_a_wrong_layout_is_refused_in_one_sentence(write, airframe, message, vehicle):
     assert re.search(f"loop.yaml:6: {vehicle}.{message}", refusal(write, f"a:\n{BODY}  {vehicle}: {{{airframe}}}\n"))
 
 
@@ -323,7 +323,7 @@ def test_the_nominal_vehicle_must_hover_and_have_no_distribution(write):
     assert message.endswith("but must be left out, since the layout has distances")
 
 
-def test_overrides_name_rotors_as_messages_do(write):
+def test_overrides_and_messages_number_rotors_in_the_same_way(write):
     text = f"a:\n{BODY}  vehicle: {{thrust_factor_error: [0, 0, 0, 0], layout: {rotors()}}}\n"
     overrides = ["vehicle.thrust_factor_error.rotor_3=0.1", "vehicle.layout.rotors.rotor_2.position.0=-0.12"]
     vehicle = load_scenario(write(text), overrides).vehicle
@@ -368,7 +368,7 @@ def test_a_saved_layout_with_distances_has_no_arm_length_and_the_same_rotors(
         assert rotors_of(getattr(again, name)) == rotors_of(getattr(scenario, name))
 
 
-def test_rotors_are_where_the_layout_says(write):
+def test_rotors_have_the_positions_of_their_layout(write):
     """Seen from above, rotors are numbered clockwise from the front. The arm of an x is half the diagonal."""
 
     def rotor_rows(airframe):
@@ -598,7 +598,7 @@ def test_a_robot_file_in_place_of_a_scenario_is_explained(write, tmp_path, name,
         load_scenario(write(f"a: {{extends: [figure_eight, {name}]}}"))
 
 
-def test_a_file_that_is_not_there_or_not_text(tmp_path):
+def test_a_file_that_is_missing_or_is_not_text_is_explained(tmp_path):
     with pytest.raises(InputError, match="cannot be read: no such file"):
         load_scenario(tmp_path / "nothing.yaml")
     with pytest.raises(InputError, match="cannot be read"):

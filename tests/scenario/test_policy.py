@@ -62,7 +62,7 @@ def output(scenario, inputs=INPUTS):
     return np.array(evaluate_network(network, inputs.tolist(), network.memory).output)
 
 
-def test_neurons_are_read_from_arrays(load_arrays):
+def test_the_layers_of_a_network_are_read_from_arrays(load_arrays):
     expected = layer(
         identity, ARRAYS["weights_1"], ARRAYS["biases_1"], layer(np.tanh, *list(ARRAYS.values())[:2], INPUTS)
     )
@@ -94,7 +94,7 @@ def test_activations_are_read_and_written_with_their_parameters(load_arrays, tmp
     assert load_scenario(tmp_path / "again.yaml") == scenario
 
 
-def test_numbers_that_are_exact_in_single_precision_are_kept_in_it(load_arrays):
+def test_numbers_that_are_exact_in_single_precision_are_saved_in_single_precision(load_arrays):
     single = {
         name: values.astype(np.float32) if values.dtype.kind == "f" else values for name, values in ARRAYS.items()
     }
@@ -105,7 +105,7 @@ def test_numbers_that_are_exact_in_single_precision_are_kept_in_it(load_arrays):
     np.testing.assert_allclose(output(scenario), expected, rtol=1e-12)
 
 
-def test_numbers_beyond_single_precision_are_kept_in_double_precision_without_a_warning():
+def test_numbers_beyond_single_precision_are_saved_in_double_precision_without_a_warning():
     layers = Layers()
     layers.dense(np.full((1, 6), 1e300), np.zeros(1))
     network = layers.network()
@@ -695,7 +695,7 @@ def test_a_network_with_limited_layers_has_the_output_of_the_onnx_evaluator(load
     np.testing.assert_allclose(output(load_onnx(nodes, constants)), expected[0], rtol=2e-5, atol=1e-9)
 
 
-def test_an_output_of_the_wrong_size_that_was_not_chosen_is_named(tmp_path):
+def test_an_output_of_the_wrong_size_is_named_if_none_was_chosen(tmp_path):
     nodes = [make_node("Gemm", ["seen", "W_value", "b_value"], ["value"]), *two_layers(last="mean")]
     model = model_of(nodes, {**CONSTANTS, "W_value": np.ones((6, 1)), "b_value": np.ones(1)})
     del model.graph.output[:]

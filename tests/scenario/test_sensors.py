@@ -218,26 +218,26 @@ def test_a_user_s_sensor_is_part_of_the_language_while_it_is_registered(altimete
 
 
 def test_a_sensor_with_missing_attributes_or_the_name_of_a_signal_is_refused(altimeter):
-    class Mute(SensorSettings):
-        kind: Literal["mute"]
+    class IncompleteSensor(SensorSettings):
+        kind: Literal["incomplete"]
         noise: ClassVar = ()
 
-    class Second(altimeter):
+    class SecondAccelerometer(altimeter):
         kind: Literal["accelerometer"]
 
-    with pytest.raises(TypeError, match="Mute must define law and numbers"):
-        SENSORS.member(Mute)
+    with pytest.raises(TypeError, match="IncompleteSensor must define law and numbers"):
+        SENSORS.member(IncompleteSensor)
     with pytest.raises(ValueError, match="the name accelerometer of .* is taken by AccelerometerSettings"):
-        SENSORS.member(Second)
+        SENSORS.member(SecondAccelerometer)
     for name in ("wind", "wind_2"):
-        Second.model_fields["kind"].annotation = Literal[name]
+        SecondAccelerometer.model_fields["kind"].annotation = Literal[name]
         with pytest.raises(ValueError, match=f"the kind {name} of .* is the name of an existing signal"):
-            SENSORS.member(Second)
+            SENSORS.member(SecondAccelerometer)
     assert (SIGNALS["wind"], SIGNALS["accelerometer"]) == (Wind, SpecificForce)
-    assert not any(name in SIGNALS for name in ("mute", "altimeter_", "altimeter_x"))
+    assert not any(name in SIGNALS for name in ("incomplete", "altimeter_", "altimeter_x"))
     assert [numbered("altimeter", number) for number in (1, 2, 12)] == ["altimeter", "altimeter_2", "altimeter_12"]
     with pytest.raises(KeyError):
-        SIGNALS["mute_2"]
+        SIGNALS["incomplete_2"]
 
 
 def test_a_sensor_that_is_not_registered_is_refused(altimeter, monkeypatch):

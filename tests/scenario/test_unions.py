@@ -207,7 +207,7 @@ def test_every_kind_of_control_is_tested():
 
 
 @pytest.fixture
-def sliding(monkeypatch):
+def sliding_mode(monkeypatch):
     """Return the position controller of the example, which is registered during a test."""
     monkeypatch.syspath_prepend(EXAMPLE.parent)
     return POSITION_CONTROLLERS.member(import_module(EXAMPLE.stem).SlidingPosition)
@@ -220,12 +220,12 @@ def figure_eight_with(position=SLIDING, **changes):
     return load_scenario("figure_eight", {"control.position": position, "duration": 2.0, **changes})
 
 
-def test_a_user_s_position_controller_is_checked_like_a_shipped_one(sliding, settings):
-    check_position_controller(sliding, settings["figure_eight"])
+def test_a_user_s_position_controller_is_checked_like_a_shipped_one(sliding_mode, settings):
+    check_position_controller(sliding_mode, settings["figure_eight"])
 
 
 @pytest.mark.slow
-def test_within_its_boundary_layer_a_sliding_mode_is_a_pd(sliding):
+def test_within_its_boundary_layer_a_sliding_mode_is_a_pd(sliding_mode):
     """K (ė + λ e) / φ + λ ė is a PD with k_P = K λ / φ and k_D = λ + K / φ."""
     slope, gain, width = (np.array(SLIDING[name]) for name in ("slope", "gain", "width"))
     pd = {"kind": "pd", "feed_forward": "snap", "k_p": gain * slope / width, "k_d": slope + gain / width}
@@ -235,7 +235,7 @@ def test_within_its_boundary_layer_a_sliding_mode_is_a_pd(sliding):
     np.testing.assert_allclose(*loops, rtol=0.0, atol=1e-9)
 
 
-def test_beyond_its_boundary_layer_a_sliding_mode_is_limited(sliding):
+def test_beyond_its_boundary_layer_a_sliding_mode_is_limited(sliding_mode):
     position = SLIDING | {"width": [1e-6] * 3}
     flight = simulate(figure_eight_with(position, **{"vehicle.mass": 0.5, "duration": 0.5}))
     command, reference = flight.record("acceleration_command"), flight.record("reference")
@@ -245,13 +245,13 @@ def test_beyond_its_boundary_layer_a_sliding_mode_is_limited(sliding):
 
 
 @pytest.mark.slow
-def test_a_user_s_position_controller_flies_in_fleets_wired_and_compiled(sliding):
+def test_a_user_s_position_controller_flies_in_fleets_wired_and_compiled(sliding_mode):
     gain = {"uniform": {"min": 1.0, "max": 3.0}}
     assert_flown_alike(Batch.draw(figure_eight_with(**{"control.position.gain.1": gain, "duration": 0.5}), range(3)))
 
 
 @pytest.mark.slow
-def test_a_user_s_position_controller_is_part_of_the_language(sliding):
+def test_a_user_s_position_controller_is_part_of_the_language(sliding_mode):
     assert "SlidingPosition" in file_schema()["$defs"]
     assert "| `slope` |" in language_page()
     with pytest.raises(InputError, match=r"control.position.slope.0 is -1.0, but must be larger than 0"):
@@ -267,7 +267,7 @@ def test_a_user_s_position_controller_is_part_of_the_language(sliding):
     POSITION_CONTROLLERS.remove("sliding_mode")
     with pytest.raises(InputError, match="control.position.kind is 'sliding_mode', but must be one of"):
         figure_eight_with()
-    POSITION_CONTROLLERS.member(sliding)
+    POSITION_CONTROLLERS.member(sliding_mode)
 
 
 class OwnAutopilot(AttitudeAutopilotSettings):

@@ -74,7 +74,7 @@ def test_a_vehicle_leans_against_its_trim_force():
 
 
 @pytest.fixture
-def ceiling(monkeypatch):
+def ceiling_effect(monkeypatch):
     """Return the effect of the example, which is registered during a test."""
     monkeypatch.syspath_prepend(EXAMPLE.parent)
     return EFFECTS.member(import_module(EXAMPLE.stem).CeilingEffect)
@@ -124,7 +124,7 @@ def rotates_body(name, effect):
     return np.abs(state_after(name, effect, speed=2.0)[9:12]).max() > 1e-9
 
 
-def slopes_along_axes(effect):
+def slopes_along_axes_of(effect):
     """Return the derivatives of the force along each axis by the airspeed along it, up to 5 m/s, N s/m."""
     rotors, wrench = RotorSpeed(*[PAPER.max_rotor_speed] * 4), Wrench(8.0, 0.0, 0.0, 0.0)
 
@@ -147,7 +147,7 @@ def check_member(name, kind):
     assert symmetric is None or not rotates_body(name, symmetric)
     assert effect.event_times() == ((effect.time,) if "time" in kind.model_fields else ())
     if isinstance(effect, AirLoadEffect):
-        assert max(slopes_along_axes(effect)) <= effect.max_slope(vehicle, 5.0) * (1.0 + 1e-6)
+        assert max(slopes_along_axes_of(effect)) <= effect.max_slope(vehicle, 5.0) * (1.0 + 1e-6)
     else:
         assert effect.max_slope(vehicle, 5.0) == 0.0
     if not kind.depends_on_time:
@@ -182,14 +182,14 @@ def test_every_effect_agrees_with_the_motion(name, kind):
     check_response(name, kind)
 
 
-def test_a_user_s_effect_is_checked_like_a_shipped_one(ceiling):
-    check_member("ceiling", ceiling)
-    check_response("ceiling", ceiling)
+def test_a_user_s_effect_is_checked_like_a_shipped_one(ceiling_effect):
+    check_member("ceiling", ceiling_effect)
+    check_response("ceiling", ceiling_effect)
 
 
-def test_forces_follow_the_height_within_a_step(ceiling):
+def test_forces_that_depend_on_the_height_change_within_a_step(ceiling_effect):
     """The height of a rising vehicle agrees with an integration with error control."""
-    effect, rows_at_the_end = ceiling(rotor_radius=0.3, height=0.8), []
+    effect, rows_at_the_end = ceiling_effect(rotor_radius=0.3, height=0.8), []
     for time_step in (0.01, 0.0):
         vehicle, context = vehicle_in_hover("ceiling", effect, time_step=time_step)
         simulator = Simulator(vehicle, context)
@@ -206,7 +206,7 @@ def hover(**changes):
 
 
 @pytest.mark.slow
-def test_a_user_s_effect_flies_wired_and_compiled(ceiling):
+def test_a_user_s_effect_flies_wired_and_compiled(ceiling_effect):
     """The acceleration in the first step follows from the thrust that the ceiling adds."""
     batch = Batch.draw(hover(), range(2))
     for flight, radius in zip(assert_flown_alike(batch), batch.varying["vehicle.ceiling.rotor_radius"], strict=True):
@@ -215,12 +215,12 @@ def test_a_user_s_effect_flies_wired_and_compiled(ceiling):
 
 
 @pytest.mark.slow
-def test_a_user_s_effect_is_part_of_the_language(ceiling):
+def test_a_user_s_effect_is_part_of_the_language(ceiling_effect):
     EFFECTS.remove("ceiling")
     before = load_scenario("hover")
     with pytest.raises(InputError, match="called 'ceiling.rotor_radius'"):
         declaration_of("ceiling.rotor_radius")
-    EFFECTS.member(ceiling)
+    EFFECTS.member(ceiling_effect)
     assert declaration_of("ceiling.rotor_radius").unit == "m"
     assert before.vehicle.effects() == {}
     assert as_believed(before).vehicle.effects() == {}
@@ -236,34 +236,36 @@ def test_a_user_s_effect_is_part_of_the_language(ceiling):
         hover()
 
 
-def test_an_effect_with_missing_attributes_is_refused(ceiling):
-    class Silent(VehicleEffect):
+def test_an_effect_with_missing_attributes_is_refused(ceiling_effect):
+    class IncompleteEffect(VehicleEffect):
         meaning: ClassVar = ""
-        record: ClassVar = ceiling.record
+        record: ClassVar = ceiling_effect.record
         is_believed: ClassVar = False
 
-    class Steep(AirLoadEffect):
+    class EffectWithoutSlope(AirLoadEffect):
         field: ClassVar = "steep"
         meaning: ClassVar = ""
-        record: ClassVar = ceiling.record
+        record: ClassVar = ceiling_effect.record
         is_believed: ClassVar = False
         depends_on_time: ClassVar = False
         couples_axes: ClassVar = False
         belongs_to_airframe: ClassVar = False
 
-    class Taken(ceiling):
+    class EffectNamedBattery(ceiling_effect):
         field: ClassVar = "battery"
 
-    class OfTheVehicle(ceiling):
+    class EffectNamedMass(ceiling_effect):
         field: ClassVar = "mass"
 
-    with pytest.raises(TypeError, match="Silent must define field and depends_on_time and couples_axes and belongs"):
-        EFFECTS.member(Silent)
-    with pytest.raises(TypeError, match="Steep must define max_slope"):
-        EFFECTS.member(Steep)
+    with pytest.raises(
+        TypeError, match="IncompleteEffect must define field and depends_on_time and couples_axes and belongs"
+    ):
+        EFFECTS.member(IncompleteEffect)
+    with pytest.raises(TypeError, match="EffectWithoutSlope must define max_slope"):
+        EFFECTS.member(EffectWithoutSlope)
     with pytest.raises(ValueError, match="the name battery of .* is taken by BatteryEffect"):
-        EFFECTS.member(Taken)
+        EFFECTS.member(EffectNamedBattery)
     with pytest.raises(ValueError, match="the name mass of .* is taken by another field"):
-        EFFECTS.member(OfTheVehicle)
+        EFFECTS.member(EffectNamedMass)
     with pytest.raises(TypeError, match="dict must extend VehicleEffect"):
         EFFECTS.member(dict)

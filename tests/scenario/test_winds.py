@@ -61,7 +61,7 @@ def mean_wind(source: WindSource) -> np.ndarray:
 
 
 @pytest.fixture
-def shear(monkeypatch):
+def shear_wind(monkeypatch):
     """Return the kind of wind of the example script, which is registered during a test."""
     monkeypatch.syspath_prepend(EXAMPLE.parent)
     return WINDS.member(import_module(EXAMPLE.stem).ShearSource)
@@ -88,8 +88,8 @@ def test_every_kind_of_wind_agrees_with_its_system(kind):
     check_member(kind)
 
 
-def test_a_user_s_wind_is_checked_like_a_shipped_one(shear):
-    check_member(shear)
+def test_a_user_s_wind_is_checked_like_a_shipped_one(shear_wind):
+    check_member(shear_wind)
 
 
 def hover(height=1.0, quadratic_drag=0.0, **wind):
@@ -106,7 +106,7 @@ def hover(height=1.0, quadratic_drag=0.0, **wind):
 
 
 @pytest.mark.slow
-def test_a_user_s_wind_follows_the_power_law_wired_and_compiled(shear):
+def test_a_user_s_wind_follows_the_power_law_wired_and_compiled(shear_wind):
     batch = Batch.draw(hover(height=5.0, exponent={"uniform": {"min": 0.1, "max": 0.3}}), range(3))
     for flight, exponent in zip(assert_flown_alike(batch), batch.varying["laboratory.wind.0.exponent"], strict=True):
         wind = flight.record("wind")
@@ -115,7 +115,7 @@ def test_a_user_s_wind_follows_the_power_law_wired_and_compiled(shear):
         np.testing.assert_allclose(wind.x[1:], expected[1:], atol=1e-3)
 
 
-def test_checks_and_analyses_include_a_user_s_wind(shear):
+def test_checks_and_analyses_include_a_user_s_wind(shear_wind):
     """Too strong a wind is refused, linear models keep the wind, and errors of hovers depend on the height."""
     with pytest.raises(InputError, match="too long for drag with a time constant"):
         simulate(hover(velocity=[200.0, 0.0, 0.0], quadratic_drag=0.5))
@@ -124,7 +124,7 @@ def test_checks_and_analyses_include_a_user_s_wind(shear):
     assert high / low == pytest.approx(8.0**0.143, rel=0.02)
 
 
-def test_a_user_s_wind_is_part_of_the_language(shear):
+def test_a_user_s_wind_is_part_of_the_language(shear_wind):
     assert "ShearSource" in file_schema()["$defs"]
     assert "| `exponent` |" in language_page()
     with pytest.raises(InputError, match=r"laboratory.wind.0.exponent is -1.0, but must be at least 0"):
@@ -134,36 +134,36 @@ def test_a_user_s_wind_is_part_of_the_language(shear):
     assert "ShearSource" not in file_schema()["$defs"]
     with pytest.raises(InputError, match="laboratory.wind.0.kind is 'shear', but must be one of"):
         hover()
-    WINDS.member(shear)
+    WINDS.member(shear_wind)
 
 
-def test_wind_that_depends_on_time_is_removed_in_hover(shear, monkeypatch):
-    monkeypatch.setattr(shear, "depends_on_time", True)
+def test_wind_that_depends_on_time_is_removed_in_hover(shear_wind, monkeypatch):
+    monkeypatch.setattr(shear_wind, "depends_on_time", True)
     assert in_hover(hover()).laboratory.wind == ()
     with pytest.raises(InputError, match=r"laboratory.wind.0 is a shear; .*steady wind and turbulence"):
         believed_tracking_error(hover())
 
 
 def test_a_wind_with_missing_attributes_is_refused():
-    class Silent(WindSource):
-        kind: Literal["silent"]
+    class IncompleteWind(WindSource):
+        kind: Literal["incomplete"]
         depends_on_place: ClassVar = False
 
-    class Kindless(WindSource):
+    class WindWithoutKind(WindSource):
         depends_on_place: ClassVar = False
         depends_on_time: ClassVar = False
 
-    class Taken(GustSource):
+    class WindNamedGust(GustSource):
         pass
 
     with pytest.raises(
-        TypeError, match="Silent must define depends_on_time and max_speed and recipe and without_turbulence"
+        TypeError, match="IncompleteWind must define depends_on_time and max_speed and recipe and without_turbulence"
     ):
-        WINDS.member(Silent)
-    with pytest.raises(TypeError, match="Kindless must have a field kind"):
-        WINDS.member(Kindless)
+        WINDS.member(IncompleteWind)
+    with pytest.raises(TypeError, match="WindWithoutKind must have a field kind"):
+        WINDS.member(WindWithoutKind)
     with pytest.raises(ValueError, match="the name gust of .* is taken by GustSource"):
-        WINDS.member(Taken)
+        WINDS.member(WindNamedGust)
     with pytest.raises(TypeError, match="dict must extend WindSource"):
         WINDS.member(dict)
 

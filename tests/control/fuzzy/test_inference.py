@@ -153,7 +153,7 @@ def test_each_vehicle_of_a_fleet_may_have_its_own_network():
 
 @pytest.mark.parametrize("value", [-0.3, 0.0, 0.31, 0.9, 0.97, 1.0, 4.2])
 def test_circular_sets_use_the_shorter_distance_around_the_circle(value):
-    """Firing strengths depend on the angle between directions in the plane; 0 and 1 are the same point."""
+    """Firing strengths depend on the angle between directions in the plane. 0 and 1 are the same point."""
     scale, centres, widths, a1, a2, q = 2.5, (0.2, 1.1, 2.3), (1.4, 1.1, 1.3), 1.3, 0.7, 0.4
     directions = np.exp(2j * np.pi * np.array([value, *np.array(centres) / scale]))
     u = np.abs(np.angle(directions[1:] / directions[0])) * scale / (2.0 * np.pi) / widths

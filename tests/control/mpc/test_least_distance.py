@@ -8,7 +8,10 @@ from drake_quad.control.mpc.least_distance import LeastDistance
 
 
 def by_nonnegative_least_squares(rows, bounds):
-    """Return the v of least norm with G v <= h: -r / r_n, r the residual of E u = f, E = [-Gᵀ; -hᵀ] and f = e_n."""
+    """Return the v of least norm with G v <= h.
+
+    This is -r / r_n with the residual r of E u = f, E = [-Gᵀ; -hᵀ] and f = e_n.
+    """
     E = np.vstack([-rows.T, -bounds])
     f = np.append(np.zeros(rows.shape[1]), 1.0)
     u, _ = scipy.optimize.nnls(E, f)
