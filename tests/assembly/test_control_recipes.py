@@ -30,7 +30,7 @@ from drake_quad.geometry.per_axis import PerAngle, PerAxis
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.files.loading import with_fields
 
-WEIGHT = 0.7 * 9.79
+WEIGHT = 0.7 * 9.79  # nominal, N
 
 
 def recipes_of(scenario):

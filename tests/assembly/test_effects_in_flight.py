@@ -219,7 +219,7 @@ def test_velocity_is_continuous_when_a_payload_is_picked_up_or_dropped(asymmetri
 
 
 def test_a_vehicle_with_effects_starts_trimmed(asymmetric):
-    """In still air the vehicle does not move within the first steps, with any load and at any height."""
+    """In still air, the vehicle does not move within the first steps, with any load and at any height."""
     equal_rotors = ["vehicle.battery_sag=0", "vehicle.rotor_failure=null", *CALM_WITHOUT_DRAG]
     for names in (("payload", "ground_effect", "rotor_aerodynamics"), ("slung_load", "ground_effect", "body_drag")):
         scenario = asymmetric("pid", "duration=0.1", *equal_rotors, *overrides(*names))

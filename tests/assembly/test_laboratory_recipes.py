@@ -31,7 +31,7 @@ from drake_quad.vehicle.parameters import CentreOfMass, Inertia
 from drake_quad.vehicle.quadrotor import Place
 from drake_quad.vehicle.responding import AttitudeResponse, DampingRatios, NaturalFrequencies, RespondingQuadrotor
 
-DURATION = 16.0
+DURATION = 16.0  # s
 
 
 def recipes_of(scenario, samples=(0,)):

@@ -26,11 +26,11 @@ from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.controls.mpc import MpcControl
 
-WEIGHT = 0.7 * 9.79
+WEIGHT = 0.7 * 9.79  # nominal, N
 # A command takes effect after one tick of 20 ms and acts for one tick, on average half a tick later.
 DELAY = 0.02 * (1 + 0.5)
-LATERAL = Disturbances(ChainNoise(0.01108, 0.25), ChainNoise(0.8325, 0.6), ChainNoise(16.6, 20.0), 3.296)
-VERTICAL = Disturbances(ChainNoise(0.4975, 0.25), ChainNoise(0.7479, 0.6), None, 0.03164)
+LATERAL_DISTURBANCES = Disturbances(ChainNoise(0.01108, 0.25), ChainNoise(0.8325, 0.6), ChainNoise(16.6, 20.0), 3.296)
+VERTICAL_DISTURBANCES = Disturbances(ChainNoise(0.4975, 0.25), ChainNoise(0.7479, 0.6), None, 0.03164)
 
 
 def regulator_of_scenario(scenario):
@@ -59,10 +59,12 @@ def test_without_an_autopilot_the_model_is_a_torque_chain_of_the_nominal_vehicle
     lateral, vertical, thrust, torques, target = recipe.numbers
     times = Timing(0.01, 0.02, 1)
     noise = np.array([0.0013, 0.0031 * 9.79])
-    assert_nearly_equal(lateral, axis_loop(torque_model(0.043, LATERAL), times, noise=noise, command_weight=2.0e-5))
+    assert_nearly_equal(
+        lateral, axis_loop(torque_model(0.043, LATERAL_DISTURBANCES), times, noise=noise, command_weight=2.0e-5)
+    )
     noise = np.array([0.0011])
     assert_nearly_equal(
-        vertical, axis_loop(vertical_model(0.037, VERTICAL), times, noise=noise, command_weight=7.785e-4)
+        vertical, axis_loop(vertical_model(0.037, VERTICAL_DISTURBANCES), times, noise=noise, command_weight=7.785e-4)
     )
     assert thrust == pytest.approx(
         ThrustNumbers(0.7, 9.79, math.tan(0.2), 0.95 * WEIGHT, 1.11 * WEIGHT, DELAY + 0.037), rel=1e-12
@@ -79,7 +81,11 @@ def test_with_an_autopilot_the_model_is_the_attitude_response(asymmetric, lag):
     assert (recipe.structure["signal"], recipe.structure["period"]) == ("attitude_target", 0.01)
     lateral, _, thrust, torques, target = recipe.numbers
     response = SecondOrderResponse(9.0, 0.72)
-    model = attitude_model(response, LATERAL) if lag is None else lagging_attitude_model(response, lag, LATERAL)
+    model = (
+        attitude_model(response, LATERAL_DISTURBANCES)
+        if lag is None
+        else lagging_attitude_model(response, lag, LATERAL_DISTURBANCES)
+    )
     noise = np.array([0.0013, 0.0031 * 9.79])
     assert_nearly_equal(lateral, axis_loop(model, Timing(0.01, 0.02, 1), noise=noise, command_weight=0.01))
     assert torques is None

@@ -25,7 +25,7 @@ from drake_quad.scenario.position_controllers.controller import POSITION_CONTROL
 from drake_quad.signals import Acceleration, Reference, State, Wrench
 
 SHORT_FLIGHT = "duration=0.5"
-MASSES = "vehicle.mass={uniform: {min: 0.6, max: 0.76}}"
+RANDOM_MASS = "vehicle.mass={uniform: {min: 0.6, max: 0.76}}"
 
 
 class Gains(NamedTuple):
@@ -144,7 +144,7 @@ def test_a_registered_formula_has_a_linear_model_and_margins() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("system", [Formula, Plain])
 def test_a_study_flies_a_registered_controller_in_fleets(system) -> None:
-    scenario = with_position(register_controller(system), MASSES)
+    scenario = with_position(register_controller(system), RANDOM_MASS)
     study = run_monte_carlo(scenario, 3, num_workers=1)
     errors_of_single_vehicles = [simulate(scenario, sample=sample).metrics.rmse for sample in range(3)]
     np.testing.assert_allclose(study.metrics.rmse, errors_of_single_vehicles, rtol=1e-9)
@@ -164,7 +164,7 @@ class CountingController(Plain):
 
 @pytest.mark.slow
 def test_a_study_refuses_a_registered_controller_that_changes_its_python_object() -> None:
-    scenario = with_position(register_controller(CountingController), MASSES)
+    scenario = with_position(register_controller(CountingController), RANDOM_MASS)
     with pytest.raises(InputError, match="the controller must keep nothing in Python objects"):
         run_monte_carlo(scenario, 3, num_workers=1)
 
@@ -204,7 +204,7 @@ class Single(Plain):
 
 @pytest.mark.slow
 def test_a_controller_for_a_single_vehicle_flies_alone_and_is_refused_for_a_fleet() -> None:
-    scenario = with_position(register_controller(Single), MASSES)
+    scenario = with_position(register_controller(Single), RANDOM_MASS)
     assert (
         simulate(scenario, sample=0).metrics.rmse
         == simulate(scenario, sample=0, position_controller=Plain()).metrics.rmse

@@ -21,7 +21,7 @@ from drake_quad.scenario.batch import Batch
 from drake_quad.signals import SIGNALS
 
 # These are the signals of a loop without a network. A network adds more.
-EXPORTED = {
+EXPORTED_SIGNALS = {
     "reference",
     "error",
     "error_rate",
@@ -203,10 +203,10 @@ def test_a_user_s_control_needs_only_a_wrench(figure_eight):
 def test_every_signal_of_the_loop_is_exported_and_recorded(figure_eight):
     """The name of each signal determines its rows."""
     flight = simulate(figure_eight("duration=0.5"))
-    assert set(flight.signals) == EXPORTED
+    assert set(flight.signals) == EXPORTED_SIGNALS
     diagram = build_tracking_diagram(figure_eight(), 2)
-    assert {diagram.get_output_port(i).get_name() for i in range(diagram.num_output_ports())} == EXPORTED
-    for name in EXPORTED:
+    assert {diagram.get_output_port(i).get_name() for i in range(diagram.num_output_ports())} == EXPORTED_SIGNALS
+    for name in EXPORTED_SIGNALS:
         num_rows = len(SIGNALS[name]._fields)
         assert flight[name].shape == (26, num_rows)
         assert diagram.GetOutputPort(name).size() == 2 * num_rows
@@ -271,7 +271,7 @@ def test_an_injected_command_is_added_to_the_command_of_the_link(figure_eight):
 def test_signals_of_a_network_are_exported(asymmetric):
     """The weights have a row for each of 12 rules on each of three axes."""
     flight = simulate(asymmetric("pd_t2fnn", "duration=0.5", "metrics.start=0"))
-    assert set(flight.signals) == EXPORTED | {"weights", "covariance_trace"}
+    assert set(flight.signals) == EXPORTED_SIGNALS | {"weights", "covariance_trace"}
     assert (flight["weights"].shape, flight["covariance_trace"].shape) == ((26, 36), (26, 3))
 
 

@@ -26,7 +26,7 @@ from drake_quad.signals import Number, Quantity, State, VehicleAcceleration
 from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorNumbers
 
-GRAVITY = 9.7
+GRAVITY = 9.7  # m/s²
 # With equal moments of inertia and rotors without inertia, no gyroscopic torque turns the vehicle. Idle rotors do not
 # turn.
 SYMMETRIC_VEHICLE = QuadrotorParameters(

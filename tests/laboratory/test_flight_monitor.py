@@ -22,7 +22,7 @@ from drake_quad.laboratory.flight_monitor import (
 from drake_quad.signals import SIGNALS, State
 from drake_quad.space.shapes import Ball, Cuboid, hull_of
 
-PERIOD = 0.02
+PERIOD = 0.02  # s, control tick
 
 
 def row(port, field):

@@ -30,7 +30,7 @@ from drake_quad.randomness.noise import Samples
 from drake_quad.randomness.streams import StreamKind
 from drake_quad.signals import Attitude, State
 
-H = 0.01
+H = 0.01  # s, camera frame
 
 
 def measurements_of(state, camera, *, duration, n=1):

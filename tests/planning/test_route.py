@@ -150,7 +150,7 @@ def test_a_yaw_that_turns_too_fast_for_the_rotors_is_refused(slalom):
     ],
 )
 def test_a_plan_keeps_the_narrower_of_the_limits_of_rotors_and_throttles(diagrams, overrides, limit):
-    """In hover each rotor of the paper's vehicle produces m g / 4 = 1.668 N at 200.95 rad/s."""
+    """In hover, each rotor of the paper's vehicle produces m g / 4 = 1.668 N at 200.95 rad/s."""
     curve = "nominal.motors={kind: throttle, curve: [0.1, 0.3, 3.0]}"
     mission = load_mission(diagrams / "hover.yaml", [curve, *overrides])
     if limit is None:

@@ -6,10 +6,10 @@ import pytest
 from drake_quad.vehicle.authority import hover_flaw, missing_direction
 from drake_quad.vehicle.rotors import Rotor, Rotors
 
-ALTERNATING = (-1.0, 1.0, -1.0, 1.0)
+ALTERNATING_DIRECTIONS = (-1.0, 1.0, -1.0, 1.0)
 
 
-def layout_of(positions, turns=ALTERNATING, drag_factors=(8.5e-7,) * 4):
+def layout_of(positions, turns=ALTERNATING_DIRECTIONS, drag_factors=(8.5e-7,) * 4):
     return Rotors(
         *(Rotor(x, y, 0.0, turn, 4.13e-5, d) for (x, y), turn, d in zip(positions, turns, drag_factors, strict=True))
     )
