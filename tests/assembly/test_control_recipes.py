@@ -1,4 +1,4 @@
-"""Recipes for a control contain the numbers of the scenario."""
+"""Tests that recipes for a control contain the numbers of the scenario."""
 
 import math
 
@@ -30,7 +30,7 @@ from drake_quad.geometry.per_axis import PerAngle, PerAxis
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.files.loading import with_fields
 
-WEIGHT = 0.7 * 9.79
+WEIGHT = 0.7 * 9.79  # nominal, N
 
 
 def recipes_of(scenario):
@@ -39,20 +39,23 @@ def recipes_of(scenario):
 
 
 def test_the_cascade_has_the_gains_and_the_nominal_parameters_of_the_scenario(asymmetric):
-    found, _ = recipes_of(asymmetric("pid"))
-    assert {path: recipe.system for path, recipe in found.items()} == {
+    recipes, _ = recipes_of(asymmetric("pid"))
+    assert {path: recipe.system for path, recipe in recipes.items()} == {
         "position.pd": ProportionalDerivative,
         "position.integral": IntegralCorrection,
         "thrust_vectoring": ThrustVectoring,
         "attitude": AttitudeController,
     }
-    pd, integral, vectoring, attitude = found.values()
+    pd, integral, vectoring, attitude = recipes.values()
     assert pd.numbers == PdGains(PerAxis(1.3, 1.0, 5.0), PerAxis(1.5, 1.3, 3.2))
     assert pd.structure == {"derivative": "tracking_error", "feeds_forward": True}
     assert integral.numbers == IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6)
     assert integral.structure == {"period": 0.02, "integration": "forward_euler"}
-    asked = "control.position.integration=backward_euler"
-    assert recipes_of(asymmetric("pid", asked))[0]["position.integral"].structure["integration"] == "backward_euler"
+    backward_euler = "control.position.integration=backward_euler"
+    assert (
+        recipes_of(asymmetric("pid", backward_euler))[0]["position.integral"].structure["integration"]
+        == "backward_euler"
+    )
     assert (vectoring.numbers.mass, vectoring.numbers.gravity) == (0.7, 9.79)
     assert tuple(vectoring.numbers.limits) == pytest.approx((math.tan(0.2), 0.975 * WEIGHT, 1.11 * WEIGHT))
     k_p, k_d = PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1)
@@ -61,29 +64,29 @@ def test_the_cascade_has_the_gains_and_the_nominal_parameters_of_the_scenario(as
 
 def test_a_pd_without_feed_forward_may_differentiate_the_measurement(asymmetric):
     position = "{kind: pd, k_p: [1, 2, 3], k_d: [4, 5, 6], feed_forward: none, derivative: measurement}"
-    found, _ = recipes_of(asymmetric("pid", f"control.position={position}"))
-    assert [*found] == ["position.pd", "thrust_vectoring", "attitude"]
-    assert found["position.pd"].structure == {"derivative": "measurement", "feeds_forward": False}
+    recipes, _ = recipes_of(asymmetric("pid", f"control.position={position}"))
+    assert [*recipes] == ["position.pd", "thrust_vectoring", "attitude"]
+    assert recipes["position.pd"].structure == {"derivative": "measurement", "feeds_forward": False}
 
 
 PD = "k_p: [1.3, 1.0, 5.0], k_d: [1.5, 1.3, 3.2]"
 
 
-def test_an_estimator_has_law_and_response_of_the_scenario_and_starts_at_the_first_waypoint(asymmetric):
+def test_an_estimator_has_the_law_and_the_response_of_the_scenario_and_starts_at_the_first_waypoint(asymmetric):
     response = "response: {kind: commanded, delay_ticks: 3, lag: [0.2, 0.3, 0.1], feed_forward_lag: [0.06, 0.07, 0.05]}"
     numbers = "adaptation: 2.0, bandwidth: [1.0, 2.0, 3.0], disturbance_limit: 0.8"
-    found, _ = recipes_of(asymmetric("pid", f"control.position={{kind: l1, {PD}, {response}, {numbers}}}"))
-    assert [*found] == ["position.pd", "position.estimator", "thrust_vectoring", "attitude"]
-    estimator = found["position.estimator"]
+    recipes, _ = recipes_of(asymmetric("pid", f"control.position={{kind: l1, {PD}, {response}, {numbers}}}"))
+    assert [*recipes] == ["position.pd", "position.estimator", "thrust_vectoring", "attitude"]
+    estimator = recipes["position.estimator"]
     assert estimator.structure == {"period": 0.02, "delay_ticks": 3}
     laws, lags, limit, start = estimator.numbers
     assert laws == (AdaptiveLaw(2.0, 1.0), AdaptiveLaw(2.0, 2.0), AdaptiveLaw(2.0, 3.0))
     assert lags == (AxisCommand(0.2, 0.06), AxisCommand(0.3, 0.07), AxisCommand(0.1, 0.05))
     assert (limit, start) == (0.8, PerAxis(0.3, -0.2, 1.0))
-    # The fed-forward part has the lag of the rest unless the scenario gives another.
-    plain = "bandwidth: [1.0, 2.0, 3.0], response: {kind: commanded, lag: [0.2, 0.3, 0.1]}"
-    found, _ = recipes_of(asymmetric("pid", f"control.position={{kind: indi, {PD}, {plain}}}"))
-    laws, lags, *_ = found["position.estimator"].numbers
+    # The feed-forward has the same lag as the feedback unless the scenario gives another.
+    without_feed_forward_lag = "bandwidth: [1.0, 2.0, 3.0], response: {kind: commanded, lag: [0.2, 0.3, 0.1]}"
+    recipes, _ = recipes_of(asymmetric("pid", f"control.position={{kind: indi, {PD}, {without_feed_forward_lag}}}"))
+    laws, lags, *_ = recipes["position.estimator"].numbers
     assert laws == (IncrementalLaw(1.0), IncrementalLaw(2.0), IncrementalLaw(3.0))
     assert lags == (AxisCommand(0.2, 0.2), AxisCommand(0.3, 0.3), AxisCommand(0.1, 0.1))
 
@@ -91,12 +94,12 @@ def test_an_estimator_has_law_and_response_of_the_scenario_and_starts_at_the_fir
 def test_a_kalman_filter_has_a_gain_for_each_axis(asymmetric):
     numbers = "position_noise: 0.002, deviation: [0.3, 0.4, 0.5], time_constant: [1.0, 2.0, 3.0]"
     position = f"{{kind: disturbance_observer, {PD}, {numbers}, response: {{kind: commanded, lag: [0.2, 0.3, 0.1]}}}}"
-    found, _ = recipes_of(asymmetric("pid", f"control.position={position}"))
+    recipes, _ = recipes_of(asymmetric("pid", f"control.position={position}"))
     expected = [
         KalmanLaw.of(deviation=deviation, time_constant=T, position_noise=0.002, period=0.02)
         for deviation, T in ((0.3, 1.0), (0.4, 2.0), (0.5, 3.0))
     ]
-    assert found["position.estimator"].numbers.laws == tuple(expected)
+    assert recipes["position.estimator"].numbers.laws == tuple(expected)
 
 
 def test_attitude_control_and_thrust_vectoring_have_the_kind_of_the_scenario(asymmetric):
@@ -107,30 +110,30 @@ def test_attitude_control_and_thrust_vectoring_have_the_kind_of_the_scenario(asy
     assert geometric["attitude"].system is GeometricAttitudeController
     assert geometric["attitude"].numbers == pd["attitude"].numbers
     assert geometric["attitude"].structure == {"transports": True}
-    structures = [found["thrust_vectoring"].structure for found in (pd, geometric)]
+    structures = [recipes["thrust_vectoring"].structure for recipes in (pd, geometric)]
     assert structures == [{"projects": False}, {"projects": True, "sequence": "zyx"}]
     integral = (
         "k_i: [3.0, 2.0, 1.0], integral_limit: 7.0, integration: backward_euler, euler_sequence: zxy,"
         " transport_term: false"
     )
-    found, _ = recipes_of(asymmetric("pid", f"control.attitude={{kind: geometric, {gains}, {integral}}}"))
-    attitude = found["attitude"]
+    recipes, _ = recipes_of(asymmetric("pid", f"control.attitude={{kind: geometric, {gains}, {integral}}}"))
+    attitude = recipes["attitude"]
     assert attitude.system is IntegratingAttitudeController
     assert attitude.structure == {"period": 0.02, "integration": "backward_euler", "transports": False}
     assert attitude.numbers == IntegratingAttitudeNumbers(pd["attitude"].numbers, PerAngle(3.0, 2.0, 1.0), 7.0)
-    assert found["thrust_vectoring"].structure == {"projects": True, "sequence": "zxy"}
+    assert recipes["thrust_vectoring"].structure == {"projects": True, "sequence": "zxy"}
     numbers = "delay_ticks: 2, lag: 0.08, bandwidth: 6.0, disturbance_limit: 9.0"
-    found, _ = recipes_of(asymmetric("pid", f"control.attitude={{kind: indi, {gains}, {numbers}}}"))
-    attitude = found["attitude"]
+    recipes, _ = recipes_of(asymmetric("pid", f"control.attitude={{kind: indi, {gains}, {numbers}}}"))
+    attitude = recipes["attitude"]
     assert attitude.system is IncrementalAttitudeController
     assert attitude.structure == {"period": 0.02, "delay_ticks": 2}
     assert attitude.numbers == IncrementalAttitudeNumbers(pd["attitude"].numbers, IncrementalLaw(6.0), 0.08, 9.0)
-    assert not found["thrust_vectoring"].structure["projects"]
+    assert not recipes["thrust_vectoring"].structure["projects"]
 
 
 def test_a_network_has_the_sets_and_the_law_of_the_scenario(asymmetric):
-    found, plan = recipes_of(asymmetric("pd_t2fnn"))
-    rules, learning = found["network.rules"], found["network.learning"]
+    recipes, plan = recipes_of(asymmetric("pd_t2fnn"))
+    rules, learning = recipes["network.rules"], recipes["network.learning"]
     assert (rules.system, learning.system) == (FuzzyRules, WeightLearning)
     error = FuzzySets(2.4, (-1.0, -0.1, 0.8), (1.1, 0.9, 1.0))
     rate = FuzzySets(1.4, (-0.9, -0.4, 0.3, 1.1), (0.8, 0.7, 0.9, 1.2))
@@ -141,19 +144,19 @@ def test_a_network_has_the_sets_and_the_law_of_the_scenario(asymmetric):
     assert (learning.structure["num_rules"], learning.structure["period"]) == (12, 0.02)
     law, limits = CovarianceLaw(0.8, 5.0, 0.997), LearningLimits(0.9, 0.01, 0.02)
     assert learning.numbers == LearningNumbers(1.4, law, limits, 0.05)
-    # The route begins with the first leg, before which the network cannot have learned anything.
+    # The first leg starts with the flight, when the network has not learned anything, so it needs no reset there.
     assert learning.structure["reset_times"] == tuple(plan.leg_times[1:])
     assert len(plan.leg_times) > 3
-    never, _ = recipes_of(asymmetric("pd_t2fnn", "control.network.learning.reset=never"))
-    assert never["network.learning"].structure["reset_times"] == ()
+    recipes_without_reset, _ = recipes_of(asymmetric("pd_t2fnn", "control.network.learning.reset=never"))
+    assert recipes_without_reset["network.learning"].structure["reset_times"] == ()
 
 
-def test_a_network_of_type_1_has_triangles_and_each_learning_law_has_its_numbers(asymmetric):
-    found, _ = recipes_of(asymmetric("pd_t1fnn"))
-    (sets,) = found["network.rules"].numbers.antecedents
+def test_a_type_1_network_has_triangular_sets_and_each_learning_law_has_its_parameters(asymmetric):
+    recipes, _ = recipes_of(asymmetric("pd_t1fnn"))
+    (sets,) = recipes["network.rules"].numbers.antecedents
     assert (sets.a1, sets.a2, sets.q) == (1.0, 1.0, 0.0)
     # A law that learns from the command does not use a slope.
-    learning = found["network.learning"].numbers
+    learning = recipes["network.learning"].numbers
     assert learning == LearningNumbers(0.0, SignLaw(0.05, 0.2), LearningLimits(1.5, 0.03, 0.0), -0.04)
     gradient = "control.network.learning={kind: gradient, rate: 0.4, slope: 1.7}"
     learning = recipes_of(asymmetric("pd_t1fnn", gradient))[0]["network.learning"].numbers
@@ -162,25 +165,25 @@ def test_a_network_of_type_1_has_triangles_and_each_learning_law_has_its_numbers
 
 def test_a_number_that_varies_is_an_array_with_an_entry_for_each_vehicle(asymmetric):
     """Gains and numbers of a law are arrays. Nominal parameters are the same for all vehicles."""
-    drawn = [
+    distributions = [
         "control.position.k_p.1={uniform: {min: 0.8, max: 1.2}}",
         "control.network.learning.gain={uniform: {min: 0.5, max: 1.0}}",
         "control.network.inputs.error.scale={uniform: {min: 2.0, max: 3.0}}",
         "vehicle.mass={uniform: {min: 0.6, max: 0.8}}",
     ]
-    scenario = asymmetric("pd_t2fnn", *drawn)
+    scenario = asymmetric("pd_t2fnn", *distributions)
     batch = Batch.draw(scenario, [4, 0, 7])
-    found = control_recipes(batch, plan_route(scenario))
-    k_p = found["position.pd"].numbers.k_p
+    recipes = control_recipes(batch, plan_route(scenario))
+    k_p = recipes["position.pd"].numbers.k_p
     np.testing.assert_array_equal(k_p.y, batch.varying["control.position.k_p.1"])
     assert (k_p.x, k_p.z) == (1.3, 5.0)
-    law = found["network.learning"].numbers.law
+    law = recipes["network.learning"].numbers.law
     np.testing.assert_array_equal(law.gain, batch.varying["control.network.learning.gain"])
-    (sets,) = found["network.rules"].numbers.antecedents
+    (sets,) = recipes["network.rules"].numbers.antecedents
     error, rate = sets.inputs
     np.testing.assert_array_equal(error.scale, batch.varying["control.network.inputs.error.scale"])
     assert (rate.scale, error.centres) == (1.4, (-1.0, -0.1, 0.8))
-    assert found["thrust_vectoring"].numbers.mass == 0.7
+    assert recipes["thrust_vectoring"].numbers.mass == 0.7
 
 
 @pytest.mark.parametrize("field", ["position_noise", "deviation.1", "time_constant.1"])
@@ -188,45 +191,53 @@ def test_a_kalman_filter_is_designed_for_each_vehicle_of_a_fleet(asymmetric, fie
     numbers = "position_noise: 0.002, deviation: [0.3, 0.4, 0.5], time_constant: [1.0, 2.0, 3.0]"
     position = f"{{kind: disturbance_observer, {PD}, {numbers}, response: {{kind: commanded, lag: [0.2, 0.3, 0.1]}}}}"
     scenario = asymmetric("pid", f"control.position={position}")
-    varied = np.array([0.1, 0.5])
-    batch = Batch(scenario, (0, 1), {f"control.position.{field}": varied})
+    numbers_of_vehicles = np.array([0.1, 0.5])
+    batch = Batch(scenario, (0, 1), {f"control.position.{field}": numbers_of_vehicles})
     laws = control_recipes(batch, plan_route(scenario))["position.estimator"].numbers.laws
-    for vehicle, number in enumerate(varied):
-        own = {"position_noise": 0.002, "deviation": 0.4, "time_constant": 2.0, field.removesuffix(".1"): number}
-        expected = KalmanLaw.of(**own, period=0.02)
+    for vehicle, varied_number in enumerate(numbers_of_vehicles):
+        law_numbers = {
+            "position_noise": 0.002,
+            "deviation": 0.4,
+            "time_constant": 2.0,
+            field.removesuffix(".1"): varied_number,
+        }
+        expected = KalmanLaw.of(**law_numbers, period=0.02)
         assert laws[1].gain.position[vehicle] == expected.gain.position
 
 
 def test_adaptive_sets_start_equal_on_all_axes_or_with_the_learned_sets_of_each_axis(asymmetric):
     adaptive = "control.network.adaptive={centres: 0.4, exponents: 0.2}"
-    found, _ = recipes_of(asymmetric("pd_t2fnn", adaptive))
-    rules, learning, adapting = (found[f"network.{part}"] for part in ("rules", "learning", "sets"))
+    recipes, _ = recipes_of(asymmetric("pd_t2fnn", adaptive))
+    rules, learning, set_learning = (recipes[f"network.{part}"] for part in ("rules", "learning", "sets"))
     assert rules.structure["adaptive"]
-    (begun,) = rules.numbers.antecedents
-    assert adapting.system is SetLearning
-    assert adapting.numbers == AdaptationNumbers(
-        (begun,) * 3, AdaptationRates(centres=0.4, exponents=0.2), learning.numbers
+    (initial_sets,) = rules.numbers.antecedents
+    assert set_learning.system is SetLearning
+    assert set_learning.numbers == AdaptationNumbers(
+        (initial_sets,) * 3, AdaptationRates(centres=0.4, exponents=0.2), learning.numbers
     )
-    assert (adapting.structure["parts"], adapting.structure["axes"]) == (("centres", "exponents"), ("x", "y", "z"))
-    assert (adapting.structure["period"], adapting.structure["inputs"]) == (0.02, ("error", "error_rate"))
-    layout = layout_of(Antecedents, begun)
+    assert (set_learning.structure["parts"], set_learning.structure["axes"]) == (
+        ("centres", "exponents"),
+        ("x", "y", "z"),
+    )
+    assert (set_learning.structure["period"], set_learning.structure["inputs"]) == (0.02, ("error", "error_rate"))
+    layout = layout_of(Antecedents, initial_sets)
     numbers = np.linspace(0.5, 1.5, layout.num_rows)
     axes = {
-        axis: {"weights": (place + np.linspace(0.1, 0.9, 12)).tolist(), "antecedents": (place + numbers).tolist()}
-        for place, axis in enumerate("xyz")
+        axis: {"weights": (index + np.linspace(0.1, 0.9, 12)).tolist(), "antecedents": (index + numbers).tolist()}
+        for index, axis in enumerate("xyz")
     }
-    learned = {"kind": "type_2", "inputs": ["error", "error_rate"], "sets": [3, 4], **axes}
+    learned_network = {"kind": "type_2", "inputs": ["error", "error_rate"], "sets": [3, 4], **axes}
     scenario = asymmetric("pd_t2fnn", adaptive)
     control = scenario.control.model_dump(mode="json")
-    control["network"]["learned"] = learned
-    found, _ = recipes_of(with_fields(scenario, {"control": control}))
-    known = found["network.sets"].numbers.antecedents
-    assert found["network.rules"].numbers.antecedents == known
-    for place, each in enumerate(known):
-        a1, a2, q, inputs = each
+    control["network"]["learned"] = learned_network
+    recipes, _ = recipes_of(with_fields(scenario, {"control": control}))
+    learned_sets = recipes["network.sets"].numbers.antecedents
+    assert recipes["network.rules"].numbers.antecedents == learned_sets
+    for index, axis_sets in enumerate(learned_sets):
+        a1, a2, q, inputs = axis_sets
         sets = (number for scale, centres, widths in inputs for number in (scale, *centres, *widths))
-        np.testing.assert_allclose([a1, a2, q, *sets], place + numbers)
-    weights = found["network.learning"].structure["initial_weights"]
+        np.testing.assert_allclose([a1, a2, q, *sets], index + numbers)
+    weights = recipes["network.learning"].structure["initial_weights"]
     np.testing.assert_allclose(weights, np.arange(3)[:, np.newaxis] + np.linspace(0.1, 0.9, 12))
 
 
@@ -238,8 +249,8 @@ def test_a_network_knows_the_lap_times_if_the_phase_is_an_input(asymmetric):
     ):
         learning = "{kind: gradient, rate: 1.0, signal: feedback}"
         network = f"{{kind: type_1, axes: [y], lead: 0.1, inputs: {inputs}, learning: {learning}}}"
-        found, plan = recipes_of(asymmetric("pd_t1fnn", *laps, f"control.network={network}"))
-        rules, learning = found["network.rules"], found["network.learning"]
+        recipes, plan = recipes_of(asymmetric("pd_t1fnn", *laps, f"control.network={network}"))
+        rules, learning = recipes["network.rules"], recipes["network.learning"]
         assert rules.structure["lap_times"] == (plan.lap_times if CircularSets in kinds else ())
         assert [type(sets) for sets in rules.numbers.antecedents[0].inputs] == kinds
         assert rules.structure["leads"]
@@ -259,8 +270,8 @@ def test_a_control_without_a_network_has_no_recipe_for_one(asymmetric):
 def test_a_tilt_estimator_uses_the_nominal_gravity(asymmetric):
     response = "response: {kind: tilt, delay_ticks: 2, lag: 0.13}"
     numbers = "bandwidth: [1.0, 2.0, 3.0], disturbance_limit: 0.8"
-    found, _ = recipes_of(asymmetric("pid", f"control.position={{kind: indi, {PD}, {response}, {numbers}}}"))
-    estimator = found["position.estimator"]
+    recipes, _ = recipes_of(asymmetric("pid", f"control.position={{kind: indi, {PD}, {response}, {numbers}}}"))
+    estimator = recipes["position.estimator"]
     assert estimator.system is TiltDisturbanceEstimator
     assert estimator.structure == {"period": 0.02, "delay_ticks": 2}
     laws = (IncrementalLaw(1.0), IncrementalLaw(2.0), IncrementalLaw(3.0))

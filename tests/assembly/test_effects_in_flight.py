@@ -1,4 +1,4 @@
-"""Effects from the scenario to the flight: wired and compiled, one vehicle and fleets."""
+"""Tests of effects in a flight: their numbers are those of the scenario, and compiled and wired flights agree."""
 
 import math
 
@@ -27,7 +27,7 @@ from drake_quad.vehicle.payload import Payload, PayloadPosition
 from drake_quad.vehicle.slung_load import SlungLoad
 
 PAYLOAD = "mass: 0.05, position: [0.001, 0.002, -0.03], inertia: [1e-5, 2e-5, 3e-5], time: 1.2"
-OVERRIDES = {
+EFFECT_OVERRIDES = {
     "body_drag": "{linear: [0.1, 0.2, 0.3], quadratic: [0.01, 0.02, 0.03], centre_of_pressure: [0.001, 0.002, 0.003]}",
     "rotor_aerodynamics": "{lift: 0.02, climb: -0.1, drag: 1e-4, inflow: 2e-4}",
     "ground_effect": "{rotor_radius: 0.3, ground_height: 0.2}",
@@ -38,13 +38,13 @@ OVERRIDES = {
     "slung_load": "{mass: 0.03, length: 0.6}",
     "motors": "{kind: throttle, curve: [0.11, 1.05, 2.6]}",
 }
-BELIEVED = "nominal.motors={kind: throttle, curve: [0.1, 1.0, 2.8]}"
+NOMINAL_MOTORS = "nominal.motors={kind: throttle, curve: [0.1, 1.0, 2.8]}"
 
 
 def overrides(*names):
     """Return the overrides that add effects to a scenario."""
-    believed = [BELIEVED] if "motors" in names else []
-    return [*believed, *(f"vehicle.{name}={OVERRIDES[name]}" for name in names)]
+    nominal = [NOMINAL_MOTORS] if "motors" in names else []
+    return [*nominal, *(f"vehicle.{name}={EFFECT_OVERRIDES[name]}" for name in names)]
 
 
 def recipes_of(scenario):
@@ -52,19 +52,19 @@ def recipes_of(scenario):
 
 
 def test_effects_have_the_numbers_of_the_scenario(asymmetric):
-    names = OVERRIDES.keys() - {"slung_load"}
-    found = asymmetric("pid", *overrides(*names)).vehicle.effect_numbers()
-    assert found.body_drag == BodyDrag(
+    names = EFFECT_OVERRIDES.keys() - {"slung_load"}
+    effects = asymmetric("pid", *overrides(*names)).vehicle.effect_numbers()
+    assert effects.body_drag == BodyDrag(
         LinearDrag(0.1, 0.2, 0.3), QuadraticDrag(0.01, 0.02, 0.03), CentreOfPressure(0.001, 0.002, 0.003)
     )
-    assert found.rotor_aerodynamics == RotorAerodynamics(0.02, -0.1, 1e-4, 2e-4)
-    assert found.ground_effect == GroundEffect(0.3, 0.2)
-    assert found.reaction_torque == ReactionTorque(9.0e-5)
-    assert found.spin_down == SpinDown(0.07)
-    assert found.battery == Battery(12.6, 10.2, 0.05, 0.02, 0.7)
-    assert found.thrust_curve == ThrustCurve(0.11, 1.05, 2.6)
+    assert effects.rotor_aerodynamics == RotorAerodynamics(0.02, -0.1, 1e-4, 2e-4)
+    assert effects.ground_effect == GroundEffect(0.3, 0.2)
+    assert effects.reaction_torque == ReactionTorque(9.0e-5)
+    assert effects.spin_down == SpinDown(0.07)
+    assert effects.battery == Battery(12.6, 10.2, 0.05, 0.02, 0.7)
+    assert effects.thrust_curve == ThrustCurve(0.11, 1.05, 2.6)
     payload = Payload(0.05, PayloadPosition(0.001, 0.002, -0.03), Inertia(1e-5, 2e-5, 3e-5), 0.0, 1.2)
-    assert found.payload == payload
+    assert effects.payload == payload
     picked_up = asymmetric("pid", f"vehicle.payload={{{PAYLOAD}, event: picked_up}}")
     assert picked_up.vehicle.effect_numbers().payload == payload._replace(picked_up=1.2, dropped=math.inf)
     assert asymmetric("pid", *overrides("slung_load")).vehicle.effect_numbers().slung_load == SlungLoad(0.03, 0.6)
@@ -88,91 +88,100 @@ def test_with_throttles_the_autopilot_allocates_by_the_nominal_curve(asymmetric)
     np.testing.assert_allclose([row[0] for row in flight.record("throttle_command")], hover, rtol=1e-9)
 
 
-SETS = [
-    *((name,) for name in OVERRIDES),
-    tuple(name for name in OVERRIDES if name != "slung_load"),
-    tuple(name for name in OVERRIDES if name != "payload"),
+SETS_OF_EFFECTS = [
+    *((name,) for name in EFFECT_OVERRIDES),
+    tuple(name for name in EFFECT_OVERRIDES if name != "slung_load"),
+    tuple(name for name in EFFECT_OVERRIDES if name != "payload"),
 ]
 
 
-SHORT = ("duration=1.4", "vehicle.mass={uniform: {min: 0.7, max: 0.75}}")  # the payload is dropped after 1.2 s
+# The payload is dropped after 1.2 s, within the flight.
+SHORT_FLIGHT = ("duration=1.4", "vehicle.mass={uniform: {min: 0.7, max: 0.75}}")
 
 
 @pytest.fixture(scope="module")
-def plain(asymmetric):
+def flight_without_effects(asymmetric):
     """Return a flight without effects."""
-    return simulate(asymmetric("pid", *SHORT), sample=0)
+    return simulate(asymmetric("pid", *SHORT_FLIGHT), sample=0)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("names", SETS, ids=lambda names: names[0] if len(names) == 1 else f"{len(names)} effects")
-def test_compiled_wired_and_fleet_flights_agree(asymmetric, plain, names):
-    """Each effect changes the flight."""
-    scenario = asymmetric("pid", *SHORT, *overrides(*names))
+@pytest.mark.parametrize(
+    "names", SETS_OF_EFFECTS, ids=lambda names: names[0] if len(names) == 1 else f"{len(names)} effects"
+)
+def test_compiled_and_wired_flights_of_single_vehicles_and_fleets_agree(asymmetric, flight_without_effects, names):
+    """Every set of effects also changes the flight."""
+    scenario = asymmetric("pid", *SHORT_FLIGHT, *overrides(*names))
     first, second = assert_flown_alike(Batch.draw(scenario, (0, 1)))
-    assert np.abs(first["state"] - plain["state"]).max() > 1e-6
+    assert np.abs(first["state"] - flight_without_effects["state"]).max() > 1e-6
     alone = simulate(scenario, sample=1, compiled=False)
     np.testing.assert_allclose(second["state"], alone["state"], rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.slow
 def test_numbers_of_effects_may_be_drawn(asymmetric):
-    drawn = [
+    distributions = [
         "vehicle.body_drag={linear: [{uniform: {min: 0.1, max: 0.3}}, 0, 0]}",
         "vehicle.payload={mass: {uniform: {min: 0.02, max: 0.05}}, time: {choice: [0.5, 1.2]}, event: dropped}",
         "vehicle.rotor_time_constant_down={uniform: {min: 0.04, max: 0.08}}",
         "vehicle.reaction_torque=true",
     ]
-    scenario = asymmetric("pid", "duration=1.4", *drawn)
+    scenario = asymmetric("pid", "duration=1.4", *distributions)
     flights = assert_flown_alike(Batch.draw(scenario, range(3)))
     np.testing.assert_array_equal(flights[2]["state"], simulate(scenario, sample=2, compiled=True)["state"])
     assert len({flight["state"][-1, 0] for flight in flights}) == 3
 
 
-STILL = ["laboratory.wind=[]", "vehicle.linear_drag=0", "vehicle.quadratic_drag=0"]
+CALM_WITHOUT_DRAG = ["laboratory.wind=[]", "vehicle.linear_drag=0", "vehicle.quadratic_drag=0"]
 
 
 @pytest.mark.parametrize(
-    ("drag", "steepest"),
+    ("drag", "slope_per_number"),
     [
         ("body_drag={{linear: [0.1, {0!r}, 0.2]}}", 1.0),
         ("rotor_aerodynamics={{drag: {0!r}, inflow: 1e-6}}", 4.0 * 222.0),
         ("rotor_aerodynamics={{climb: -{0!r}, drag: 1e-6}}", 1.0),
     ],
 )
-def test_a_step_is_too_long_for_drag_of_any_kind(asymmetric, drag, steepest):
+def test_a_step_is_too_long_for_drag_of_any_kind(asymmetric, drag, slope_per_number):
     """The time step may be at most 2.5 times the mass over the largest slope of the force."""
-    most = 2.5 * 0.74 / 0.01 / steepest
-    recipes_of(asymmetric("pid", *STILL, "vehicle." + drag.format((1.0 - 1e-9) * most)))
+    max_number = 2.5 * 0.74 / 0.01 / slope_per_number
+    recipes_of(asymmetric("pid", *CALM_WITHOUT_DRAG, "vehicle." + drag.format((1.0 - 1e-9) * max_number)))
     with pytest.raises(InputError, match="vehicle.time_step is 0.01 s, too long for drag with a time constant"):
-        recipes_of(asymmetric("pid", *STILL, "vehicle." + drag.format((1.0 + 1e-9) * most)))
+        recipes_of(asymmetric("pid", *CALM_WITHOUT_DRAG, "vehicle." + drag.format((1.0 + 1e-9) * max_number)))
 
 
-def test_in_wind_quadratic_drag_and_lift_have_larger_slopes(asymmetric):
+def test_wind_increases_the_slopes_of_quadratic_drag_and_lift(asymmetric):
     wind = "laboratory.wind=[{kind: steady, velocity: [3, 0, 4]}]"
     for drag in ("body_drag={{quadratic: [0.1, 0.2, {0!r}]}}", "rotor_aerodynamics={{lift: {0!r}}}"):
-        most = 2.5 * 0.74 / 0.01 / 10.0
-        recipes_of(asymmetric("pid", *STILL, wind, "vehicle." + drag.format((1.0 - 1e-9) * most)))
+        max_number = 2.5 * 0.74 / 0.01 / 10.0
+        recipes_of(asymmetric("pid", *CALM_WITHOUT_DRAG, wind, "vehicle." + drag.format((1.0 - 1e-9) * max_number)))
         with pytest.raises(InputError, match="too long for drag with a time constant"):
-            recipes_of(asymmetric("pid", *STILL, wind, "vehicle." + drag.format((1.0 + 1e-9) * most)))
+            recipes_of(asymmetric("pid", *CALM_WITHOUT_DRAG, wind, "vehicle." + drag.format((1.0 + 1e-9) * max_number)))
 
 
 def test_slopes_of_body_drag_and_rotor_drag_add_up(asymmetric):
-    """The wind is 5 m/s. The drag of the body has its largest slope along y, that of the rotors along or across z."""
+    """The wind is 5 m/s. Body drag has its largest slope along y, and rotor drag along or across z."""
     body = "vehicle.body_drag={linear: [0.1, 0.4, 0.2], quadratic: [0.03, 0.02, 0.01]}"
     rotors = "vehicle.rotor_aerodynamics={{lift: 0.07, climb: {climb}, drag: {drag}, inflow: {inflow}}}"
-    along = 0.3 + 4.0 * 222.0 * 2e-4 + 2.0 * 0.07 * 5.0
-    across = 4.0 * 222.0 * 2e-3
-    for climb, inflow, drag, largest in (("-0.3", "2e-4", "1e-6", along), ("-0.3", "2e-4", "2e-3", across)):
-        text = rotors.format(climb=climb, inflow=inflow, drag=drag)
-        for overrides, expected in (((text,), largest), ((body, text), 0.4 + 2.0 * 0.02 * 5.0 + largest)):
+    slope_along_z = 0.3 + 4.0 * 222.0 * 2e-4 + 2.0 * 0.07 * 5.0
+    slope_across_z = 4.0 * 222.0 * 2e-3
+    for climb, inflow, drag, rotor_slope in (
+        ("-0.3", "2e-4", "1e-6", slope_along_z),
+        ("-0.3", "2e-4", "2e-3", slope_across_z),
+    ):
+        rotor_override = rotors.format(climb=climb, inflow=inflow, drag=drag)
+        for overrides, expected in (
+            ((rotor_override,), rotor_slope),
+            ((body, rotor_override), 0.4 + 2.0 * 0.02 * 5.0 + rotor_slope),
+        ):
             vehicle = Batch.draw(asymmetric("pid", *overrides), (0,)).fleet_scenario.vehicle
             slopes = [effect.max_slope(vehicle, 5.0) for effect in vehicle.effects().values()]
             assert sum(slopes) == pytest.approx(expected, rel=1e-12)
 
 
 def test_the_step_must_be_short_enough_for_every_vehicle_of_a_fleet(asymmetric):
-    scenario = asymmetric("pid", *STILL, "vehicle.slung_load={mass: 0.03, length: 0.6}")
+    scenario = asymmetric("pid", *CALM_WITHOUT_DRAG, "vehicle.slung_load={mass: 0.03, length: 0.6}")
     plan = plan_route(scenario)
     for field, number, words in (
         ("vehicle.linear_drag", 200.0, "too long for drag with a time constant"),
@@ -185,12 +194,11 @@ def test_the_step_must_be_short_enough_for_every_vehicle_of_a_fleet(asymmetric):
 
 def test_a_step_is_too_long_for_a_load_that_swings_fast(asymmetric):
     """The load swings at ω² = (1 + m_L / m) g / l."""
-    shortest = 9.81 * (1.0 + 7.4 / 0.74) * (0.01 / 2.5) ** 2
-    assert shortest < 0.01
-    shortest = 9.81 * (1.0 + 100.0 / 0.74) * (0.01 / 2.5) ** 2
-    recipes_of(asymmetric("pid", f"vehicle.slung_load={{mass: 100, length: {(1.0 + 1e-9) * shortest!r}}}"))
+    assert 9.81 * (1.0 + 7.4 / 0.74) * (0.01 / 2.5) ** 2 < 0.01
+    min_length = 9.81 * (1.0 + 100.0 / 0.74) * (0.01 / 2.5) ** 2
+    recipes_of(asymmetric("pid", f"vehicle.slung_load={{mass: 100, length: {(1.0 + 1e-9) * min_length!r}}}"))
     with pytest.raises(InputError, match="vehicle.time_step is 0.01 s, too long for a slung load"):
-        recipes_of(asymmetric("pid", f"vehicle.slung_load={{mass: 100, length: {(1.0 - 1e-9) * shortest!r}}}"))
+        recipes_of(asymmetric("pid", f"vehicle.slung_load={{mass: 100, length: {(1.0 - 1e-9) * min_length!r}}}"))
 
 
 @pytest.mark.parametrize("event", ["picked_up", "dropped"])
@@ -202,19 +210,19 @@ def test_velocity_is_continuous_when_a_payload_is_picked_up_or_dropped(asymmetri
     flight = simulate(scenario)
     state = flight.record("state")
     jumps = np.abs(np.diff(np.array([state.v_x, state.v_y, state.v_z, state.p, state.q, state.r]), axis=1))
-    around = np.searchsorted(flight.time, 1.0)
+    event_tick = np.searchsorted(flight.time, 1.0)
     # A change of the mass of 0.74 kg by 0.1 kg accelerates the vehicle by at most 1.3 m/s² for a tick of 20 ms.
-    assert jumps[:3, around - 2 : around + 3].max() < 0.06
-    climb = np.diff(state.v_z)
-    change = climb[around + 1] - climb[around - 2]
-    assert (change > 0.005) if event == "dropped" else (change < -0.005)
+    assert jumps[:3, event_tick - 2 : event_tick + 3].max() < 0.06
+    velocity_steps = np.diff(state.v_z)
+    climb_change = velocity_steps[event_tick + 1] - velocity_steps[event_tick - 2]
+    assert (climb_change > 0.005) if event == "dropped" else (climb_change < -0.005)
 
 
 def test_a_vehicle_with_effects_starts_trimmed(asymmetric):
-    """In still air the vehicle does not move within the first steps, with any load and at any height."""
-    even = ["vehicle.battery_sag=0", "vehicle.rotor_failure=null", *STILL]
+    """In still air, the vehicle does not move within the first steps, with any load and at any height."""
+    equal_rotors = ["vehicle.battery_sag=0", "vehicle.rotor_failure=null", *CALM_WITHOUT_DRAG]
     for names in (("payload", "ground_effect", "rotor_aerodynamics"), ("slung_load", "ground_effect", "body_drag")):
-        scenario = asymmetric("pid", "duration=0.1", *even, *overrides(*names))
+        scenario = asymmetric("pid", "duration=0.1", *equal_rotors, *overrides(*names))
         recipe = recipes_of(scenario)["vehicle"]
         vehicle = recipe._replace(structure=recipe.structure | {"time_step": 0.0}).build(1)
         context = vehicle.CreateDefaultContext()

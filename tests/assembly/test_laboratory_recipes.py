@@ -1,4 +1,4 @@
-"""Recipes for a laboratory contain the numbers of the scenario."""
+"""Tests that recipes for a laboratory contain the numbers of the scenario."""
 
 import math
 
@@ -31,7 +31,7 @@ from drake_quad.vehicle.parameters import CentreOfMass, Inertia
 from drake_quad.vehicle.quadrotor import Place
 from drake_quad.vehicle.responding import AttitudeResponse, DampingRatios, NaturalFrequencies, RespondingQuadrotor
 
-DURATION = 16.0
+DURATION = 16.0  # s
 
 
 def recipes_of(scenario, samples=(0,)):
@@ -45,23 +45,25 @@ def recipes(asymmetric):
 
 def test_the_vehicle_has_the_numbers_of_the_scenario(asymmetric, recipes):
     vehicle = asymmetric("pid").vehicle
-    found = vehicle_parameters(vehicle)
-    np.testing.assert_allclose(found.rotors.thrust_factors, [4.1492e-5, 4.018e-5, 4.1656e-5, 4.1205e-5], rtol=1e-12)
-    assert found.centre_of_mass == CentreOfMass(-0.0003, 0.0008)
-    assert found.inertia == Inertia(0.0071, 0.0079, 0.0131)
-    for name in set(found._fields) - {"rotors", "centre_of_mass", "inertia"}:
-        assert getattr(found, name) == getattr(vehicle, name)
+    parameters = vehicle_parameters(vehicle)
+    np.testing.assert_allclose(
+        parameters.rotors.thrust_factors, [4.1492e-5, 4.018e-5, 4.1656e-5, 4.1205e-5], rtol=1e-12
+    )
+    assert parameters.centre_of_mass == CentreOfMass(-0.0003, 0.0008)
+    assert parameters.inertia == Inertia(0.0071, 0.0079, 0.0131)
+    for name in set(parameters._fields) - {"rotors", "centre_of_mass", "inertia"}:
+        assert getattr(parameters, name) == getattr(vehicle, name)
     recipe = recipes["vehicle"]
-    assert recipe.numbers.parameters == found
+    assert recipe.numbers.parameters == parameters
     assert recipe.structure == {"time_step": 0.01, "kinematics": "exact", "faulty": True, "effects": ()}
 
 
 def test_drawn_rotors_must_produce_every_torque(diagrams):
     """For one of the drawn positions, the yaw torque depends linearly on thrust, roll torque and pitch torque."""
     corners = {(0.1, -0.1): "clockwise", (-0.1, -0.1): "anticlockwise", (-0.1, 0.1): "clockwise"}
-    places = [f"{{position: [{x}, {y}, 0], turns: {turns}}}" for (x, y), turns in corners.items()]
-    places.append("{position: [0.1, 0.1, 0], turns: anticlockwise}")
-    layout = f"vehicle.layout={{kind: rotors, rotors: [{', '.join(places)}]}}"
+    rotors = [f"{{position: [{x}, {y}, 0], turns: {turns}}}" for (x, y), turns in corners.items()]
+    rotors.append("{position: [0.1, 0.1, 0], turns: anticlockwise}")
+    layout = f"vehicle.layout={{kind: rotors, rotors: [{', '.join(rotors)}]}}"
     scenario = load_scenario(diagrams / "hover.yaml", [layout])
     batch, plan = Batch.draw(scenario, range(3)), plan_route(scenario)
     field = "vehicle.layout.rotors.rotor_1.position.0"
@@ -90,7 +92,7 @@ def test_the_battery_sags_over_the_whole_flight(recipes):
     ],
 )
 def test_a_vehicle_may_be_faulty_if_its_battery_can_sag_or_a_rotor_fails(asymmetric, sag, failure, faulty):
-    """A zero may be written in any form. A vehicle may be faulty even if a sample draws no fault."""
+    """A zero may be written as an integer or as a float. A vehicle may be faulty even if a sample has no fault."""
     scenario = asymmetric("pid", f"vehicle.battery_sag={sag}", f"vehicle.rotor_failure={failure}")
     assert recipes_of(scenario)["vehicle"].structure["faulty"] == faulty
 
@@ -106,19 +108,19 @@ def test_the_rotor_with_the_given_number_fails(asymmetric, rotor):
 def test_each_vehicle_of_a_fleet_has_its_own_failing_rotor(asymmetric):
     scenario = asymmetric("pid", "vehicle.rotor_failure.rotor={choice: [1, 3, 4]}")
     batch = Batch.draw(scenario, range(30))
-    found = laboratory_recipes(batch, plan_route(scenario), DURATION)["vehicle"].numbers.faults.failure_factor
-    rotors = batch.varying["vehicle.rotor_failure.rotor"]
-    assert set(rotors) == {1.0, 3.0, 4.0}
-    for number, left in enumerate(found, start=1):
-        np.testing.assert_array_equal(left, np.where(rotors == number, 0.993, 1.0))
+    failure_factors = laboratory_recipes(batch, plan_route(scenario), DURATION)["vehicle"].numbers.faults.failure_factor
+    failing_rotors = batch.varying["vehicle.rotor_failure.rotor"]
+    assert set(failing_rotors) == {1.0, 3.0, 4.0}
+    for rotor, factors in enumerate(failure_factors, start=1):
+        np.testing.assert_array_equal(factors, np.where(failing_rotors == rotor, 0.993, 1.0))
 
 
-def test_the_vehicle_starts_where_the_plan_does(recipes):
+def test_the_vehicle_starts_where_the_plan_starts(recipes):
     np.testing.assert_allclose(recipes["vehicle"].numbers.start, Place(0.3, -0.2, 1.0, 0.4), atol=1e-12)
 
 
 def test_allocation_and_link_use_the_nominal_numbers(recipes):
-    rotors, radio = recipes["allocation"].numbers, recipes["command_link"]
+    allocation, link = recipes["allocation"].numbers, recipes["command_link"]
     # In a plus, all rotors produce thrust and yaw torque, rotors 2 and 4 roll torque, rotors 1 and 3 pitch torque.
     per_thrust, per_tilt, per_yaw = 0.25 / 4.0e-5, 0.5 / (0.16 * 4.0e-5), 0.25 / 1.1e-6
     expected = [
@@ -127,11 +129,11 @@ def test_allocation_and_link_use_the_nominal_numbers(recipes):
         [per_thrust, 0.0, per_tilt, per_yaw],
         [per_thrust, per_tilt, 0.0, -per_yaw],
     ]
-    np.testing.assert_allclose(rotors.mixer, expected, rtol=1e-12)
-    assert (rotors.min_speed, rotors.max_speed) == (194.0, 223.0)
+    np.testing.assert_allclose(allocation.mixer, expected, rtol=1e-12)
+    assert (allocation.min_speed, allocation.max_speed) == (194.0, 223.0)
     assert recipes["allocation"].structure == {"paired": True, "priority": "roll_pitch"}
-    assert radio.numbers == LinkNumbers(1, 0.03, Wrench(pytest.approx(0.7 * 9.79), 0.0, 0.0, 0.0))
-    assert radio.structure == {"signal": "wrench", "period": 0.02, "longest_delay": 1, "loses_packets": True}
+    assert link.numbers == LinkNumbers(1, 0.03, Wrench(pytest.approx(0.7 * 9.79), 0.0, 0.0, 0.0))
+    assert link.structure == {"signal": "wrench", "period": 0.02, "longest_delay": 1, "loses_packets": True}
 
 
 def test_the_cameras_have_the_errors_of_the_scenario(recipes):
@@ -141,9 +143,10 @@ def test_the_cameras_have_the_errors_of_the_scenario(recipes):
 
 
 @pytest.mark.parametrize(
-    ("override", "name", "there"),
+    ("override", "name", "expected"),
     [
-        ("position_noise=0", "noisy", True),  # the attitude is still noisy
+        # Noise is modelled even if only one of position and attitude is noisy.
+        ("position_noise=0", "noisy", True),
         ("attitude_noise=0.0", "noisy", True),
         ("dropout_rate=0", "loses_frames", False),
         ("dropout_rate={choice: [0.0, 0.1]}", "loses_frames", True),
@@ -159,13 +162,13 @@ def test_the_cameras_have_the_errors_of_the_scenario(recipes):
         ("latency_frames={choice: [0, 3, 1]}", "longest_latency", 3),
     ],
 )
-def test_cameras_model_every_imperfection_that_a_sample_can_have(asymmetric, override, name, there):
+def test_cameras_model_every_imperfection_that_a_sample_can_have(asymmetric, override, name, expected):
     """All samples fly in one diagram, so an imperfection is modelled if any sample can have it."""
     recipe = recipes_of(asymmetric("pid", f"laboratory.motion_capture.{override}"))["motion_capture"]
-    assert recipe.structure[name] == there
-    # Only the last number of the noise differs from zero.
-    none = ["laboratory.motion_capture.position_noise=0", "laboratory.motion_capture.attitude_noise=0"]
-    assert not recipes_of(asymmetric("pid", *none))["motion_capture"].structure["noisy"]
+    assert recipe.structure[name] == expected
+    # Without noise of the position and of the attitude, none is modelled.
+    without_noise = ["laboratory.motion_capture.position_noise=0", "laboratory.motion_capture.attitude_noise=0"]
+    assert not recipes_of(asymmetric("pid", *without_noise))["motion_capture"].structure["noisy"]
 
 
 def test_every_source_of_wind_has_a_recipe(recipes):
@@ -210,25 +213,25 @@ def test_steady_winds_add_up_and_calm_air_has_no_recipe(asymmetric):
     for calm in ("velocity: [0, 0.0, 0]", "speed: 0, heading: 0.7"):
         recipes = recipes_of(asymmetric("pid", f"laboratory.wind=[{{kind: steady, {calm}}}]"))
         assert not any(path.startswith("wind.") for path in recipes)
-    drawn = "laboratory.wind=[{kind: steady, speed: {choice: [0.0, 1.0]}, heading: 0.7}]"
-    assert "wind.steady" in recipes_of(asymmetric("pid", drawn))
-    # The diagram models a steady wind if the scenario can draw one, or if the batch has one.
+    drawn_speed = "laboratory.wind=[{kind: steady, speed: {choice: [0.0, 1.0]}, heading: 0.7}]"
+    assert "wind.steady" in recipes_of(asymmetric("pid", drawn_speed))
+    # The diagram contains a steady wind if the scenario can draw one or if a vehicle of the batch has one.
     calm = "laboratory.wind=[{kind: steady, speed: 0, heading: 0.7}]"
-    for text, speeds in ((drawn, (0.0, 0.0)), (calm, (0.0, 1.5))):
-        scenario = asymmetric("pid", text)
+    for wind, speeds in ((drawn_speed, (0.0, 0.0)), (calm, (0.0, 1.5))):
+        scenario = asymmetric("pid", wind)
         batch = Batch(scenario, (0, 1), {"laboratory.wind.0.speed": np.array(speeds)})
         steady = laboratory_recipes(batch, plan_route(scenario), DURATION)["wind.steady"].numbers
         np.testing.assert_allclose(np.hypot(steady.x, steady.y), speeds, rtol=1e-12)
 
 
-def test_a_step_is_too_long_for_drag_that_stops_a_vehicle_within_two_fifths_of_it(asymmetric):
+def test_a_step_may_not_exceed_two_and_a_half_time_constants_of_the_drag(asymmetric):
     """The time step may be at most 2.5 m / (c₁ + 2 c₂ |v|), with v the largest possible wind."""
     fans = sum(4.0 * flow / (math.pi * diameter**2) for flow, diameter in ((2.3, 0.8), (1.9, 0.6)))
     gusts = math.hypot(1.5, 1.2, 0.6) + 1.4
     airspeed = math.hypot(0.7, 0.5, 0.3) + gusts + fans
-    most = 2.5 * 0.74 / 0.01 - 2.0 * 0.02 * airspeed
+    max_drag = 2.5 * 0.74 / 0.01 - 2.0 * 0.02 * airspeed
     for share, fits in ((1.0 - 1e-9, True), (1.0 + 1e-9, False)):
-        scenario = asymmetric("pid", f"vehicle.linear_drag={share * most!r}")
+        scenario = asymmetric("pid", f"vehicle.linear_drag={share * max_drag!r}")
         if fits:
             recipes_of(scenario)
         else:
@@ -236,15 +239,15 @@ def test_a_step_is_too_long_for_drag_that_stops_a_vehicle_within_two_fifths_of_i
                 recipes_of(scenario)
 
 
-def test_there_is_room_for_the_longest_delay_that_can_be_drawn(asymmetric):
-    delays = ["laboratory.motion_capture.latency_frames={choice: [3, 1, 2]}"]
-    scenario = asymmetric("pid", *delays, "laboratory.command_link.delay_ticks={choice: [0, 4, 1]}")
-    found = recipes_of(scenario)
-    assert found["motion_capture"].structure["longest_latency"] == 3
-    assert found["command_link"].structure["longest_delay"] == 4
+def test_systems_have_room_for_the_longest_delay_that_can_be_drawn(asymmetric):
+    latencies = ["laboratory.motion_capture.latency_frames={choice: [3, 1, 2]}"]
+    scenario = asymmetric("pid", *latencies, "laboratory.command_link.delay_ticks={choice: [0, 4, 1]}")
+    recipes = recipes_of(scenario)
+    assert recipes["motion_capture"].structure["longest_latency"] == 3
+    assert recipes["command_link"].structure["longest_delay"] == 4
 
 
-def test_turbulence_has_speed_and_direction_of_the_steady_wind_by_default(asymmetric):
+def test_turbulence_has_the_speed_and_direction_of_the_steady_wind_by_default(asymmetric):
     sources = "[{kind: steady, velocity: [1, 2, 3]}, {kind: steady, velocity: [1, -6, 0]}, {kind: dryden}]"
     scenario = asymmetric("pid", f"laboratory.wind={sources}")
     turbulence, heading = recipes_of(scenario)["wind.dryden_0"].numbers
@@ -253,7 +256,7 @@ def test_turbulence_has_speed_and_direction_of_the_steady_wind_by_default(asymme
 
 
 def test_the_monitor_has_the_limits_and_the_window_of_the_scenario(asymmetric):
-    def read_by(monitor):
+    def numbers_of(monitor):
         (update,) = monitor.updates
         limits, window = (
             next(read for read in update.computation.reads if isinstance(read, kind)) for kind in (CrashLimits, Window)
@@ -261,13 +264,13 @@ def test_the_monitor_has_the_limits_and_the_window_of_the_scenario(asymmetric):
         return limits, window, update.period
 
     scenario = asymmetric("pid", "crash={tilt: 1.1, position_error: 3.0, height: -0.2}")
-    assert read_by(build_monitor(scenario, plan_route(scenario), 1)) == (
+    assert numbers_of(build_monitor(scenario, plan_route(scenario), 1)) == (
         CrashLimits(1.1, 3.0, -0.2),
         Window(1.0, 13.0),
         0.02,
     )
-    endless = asymmetric("pid", "metrics.end=null", "laboratory.command_link.period=0.04")
-    assert read_by(build_monitor(endless, plan_route(endless), 1))[1:] == (Window(1.0, math.inf), 0.04)
+    without_end = asymmetric("pid", "metrics.end=null", "laboratory.command_link.period=0.04")
+    assert numbers_of(build_monitor(without_end, plan_route(without_end), 1))[1:] == (Window(1.0, math.inf), 0.04)
 
 
 @pytest.mark.slow
@@ -298,7 +301,7 @@ IMPERFECTIONS_OF_A_FLEET = [
 
 
 @pytest.fixture(scope="module")
-def perfect(asymmetric):
+def perfect_laboratory(asymmetric):
     """Return a scenario without the imperfections that a fleet may have, and its plan."""
     cameras = "position_noise: 0, attitude_noise: 0"
     scenario = asymmetric(
@@ -313,28 +316,28 @@ def perfect(asymmetric):
 
 
 @pytest.mark.parametrize(("field", "part", "name"), IMPERFECTIONS_OF_A_FLEET)
-def test_an_imperfection_is_modelled_if_a_vehicle_of_a_fleet_has_it(perfect, field, part, name):
+def test_an_imperfection_is_modelled_if_a_vehicle_of_a_fleet_has_it(perfect_laboratory, field, part, name):
     """The scenario has no imperfection, but a batch may give each vehicle one, as a calibration does."""
-    scenario, plan = perfect
-    for flown, there in (((0.0, 0.0), False), ((0.0, 0.01), True)):
-        batch = Batch(scenario, (0, 1), {field: np.array(flown)})
-        assert laboratory_recipes(batch, plan, DURATION)[part].structure[name] is there
+    scenario, plan = perfect_laboratory
+    for values, is_modelled in (((0.0, 0.0), False), ((0.0, 0.01), True)):
+        batch = Batch(scenario, (0, 1), {field: np.array(values)})
+        assert laboratory_recipes(batch, plan, DURATION)[part].structure[name] is is_modelled
 
 
-def test_there_is_room_for_the_longest_delay_of_a_fleet(perfect):
-    scenario, plan = perfect
-    for flown, longest in (((0.0, 5.0), 5), ((0.0, 0.0), None)):
+def test_systems_have_room_for_the_longest_delay_in_a_fleet(perfect_laboratory):
+    scenario, plan = perfect_laboratory
+    for delays, longest in (((0.0, 5.0), 5), ((0.0, 0.0), None)):
         varying = {
-            field: np.array(flown)
+            field: np.array(delays)
             for field in ("laboratory.motion_capture.latency_frames", "laboratory.command_link.delay_ticks")
         }
-        found = laboratory_recipes(Batch(scenario, (0, 1), varying), plan, DURATION)
-        assert found["motion_capture"].structure["longest_latency"] == (longest or 2)
-        assert found["command_link"].structure["longest_delay"] == (longest or 1)
+        recipes = laboratory_recipes(Batch(scenario, (0, 1), varying), plan, DURATION)
+        assert recipes["motion_capture"].structure["longest_latency"] == (longest or 2)
+        assert recipes["command_link"].structure["longest_delay"] == (longest or 1)
 
 
-def test_the_link_to_an_autopilot_begins_with_hover_in_the_yaw_of_the_plan(perfect):
-    scenario, plan = perfect
+def test_the_link_to_an_autopilot_begins_with_hover_in_the_yaw_of_the_plan(perfect_laboratory):
+    scenario, plan = perfect_laboratory
     link = laboratory_recipes(Batch(scenario, (0,), {}), plan, DURATION)["command_link"]
     assert link.structure["signal"] == "attitude_target"
     hover = AttitudeTarget(pytest.approx(0.7 * 9.79), 0.0, 0.0, pytest.approx(0.4), 0.0, 0.0, 0.0)
@@ -355,25 +358,27 @@ def test_an_autopilot_has_the_gains_and_the_gyroscope_of_the_scenario(asymmetric
 
 
 def test_an_identified_attitude_response_has_the_numbers_of_the_scenario(asymmetric):
-    answer = "{kind: response, natural_frequency: [8.0, 9.0, 3.0], damping: [0.7, 0.8, 1.1]}"
-    found = recipes_of(asymmetric("lqg_on_board", f"laboratory.autopilot={answer}", "vehicle.rotor_failure=null"))
-    assert found["vehicle"].system is RespondingQuadrotor
-    quadrotor, response = found["vehicle"].numbers
-    assert response == AttitudeResponse(NaturalFrequencies(8.0, 9.0, 3.0), DampingRatios(0.7, 0.8, 1.1))
+    response = "{kind: response, natural_frequency: [8.0, 9.0, 3.0], damping: [0.7, 0.8, 1.1]}"
+    recipes = recipes_of(asymmetric("lqg_on_board", f"laboratory.autopilot={response}", "vehicle.rotor_failure=null"))
+    assert recipes["vehicle"].system is RespondingQuadrotor
+    quadrotor, attitude_response = recipes["vehicle"].numbers
+    assert attitude_response == AttitudeResponse(NaturalFrequencies(8.0, 9.0, 3.0), DampingRatios(0.7, 0.8, 1.1))
     assert quadrotor.start == pytest.approx(Place(0.3, -0.2, 1.0, 0.4))
-    assert found["autopilot"] == Recipe(ThrustAlone, {}, None)
+    assert recipes["autopilot"] == Recipe(ThrustAlone, {}, None)
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("damping", [0.5, 1.6])
-def test_a_step_is_too_long_if_the_attitude_responds_within_two_fifths_of_it(asymmetric, axis, damping):
+def test_a_step_may_not_exceed_two_and_a_half_time_constants_of_the_attitude_response(asymmetric, axis, damping):
     """The fastest decay of an angle has the rate ω (ζ + √(ζ² - 1)), or ω ζ if the angle overshoots."""
-    fastest = damping + math.sqrt(max(damping**2 - 1.0, 0.0))
+    fastest_decay = damping + math.sqrt(max(damping**2 - 1.0, 0.0))
     for share, fits in ((1.0 - 1e-9, True), (1.0 + 1e-9, False)):
-        frequency, ratio = ["5.0"] * 3, ["0.9"] * 3
-        frequency[axis], ratio[axis] = repr(share * 2.5 / 0.005 / fastest), repr(damping)
-        answer = f"{{kind: response, natural_frequency: [{', '.join(frequency)}], damping: [{', '.join(ratio)}]}}"
-        scenario = asymmetric("lqg_on_board", f"laboratory.autopilot={answer}", "vehicle.rotor_failure=null")
+        frequency, damping_ratio = ["5.0"] * 3, ["0.9"] * 3
+        frequency[axis], damping_ratio[axis] = repr(share * 2.5 / 0.005 / fastest_decay), repr(damping)
+        response = (
+            f"{{kind: response, natural_frequency: [{', '.join(frequency)}], damping: [{', '.join(damping_ratio)}]}}"
+        )
+        scenario = asymmetric("lqg_on_board", f"laboratory.autopilot={response}", "vehicle.rotor_failure=null")
         if fits:
             recipes_of(scenario)
         else:
@@ -389,15 +394,15 @@ def test_without_sources_there_is_no_wind(asymmetric):
 
 def test_a_sine_has_its_velocity_frequency_and_phase(asymmetric):
     sine = "{kind: sine, speed: 1.5, heading: 0.9, frequency: 0.3, phase: 0.7}"
-    found = recipes_of(asymmetric("pid", f"laboratory.wind=[{sine}]"))["wind.sine_0"]
+    recipe = recipes_of(asymmetric("pid", f"laboratory.wind=[{sine}]"))["wind.sine_0"]
     velocity = Wind(pytest.approx(1.5 * math.cos(0.9)), pytest.approx(1.5 * math.sin(0.9)), 0.0)
-    assert found == Recipe(SineWind, {"period": 0.01}, SineNumbers(velocity, 0.3, 0.7))
+    assert recipe == Recipe(SineWind, {"period": 0.01}, SineNumbers(velocity, 0.3, 0.7))
 
 
 def test_jump_times_of_a_continuous_vehicle_are_sorted(asymmetric):
     payload = "{mass: 0.05, position: [0, 0, 0], inertia: [1e-5, 1e-5, 1e-5], time: 1.0, event: dropped}"
     scenario = asymmetric("pid", "vehicle.time_step=0", f"vehicle.payload={payload}")
     for times in ([6.003, 1.25], [1.25, 6.003], [8.0, 6.003]):
-        given = {"vehicle.payload.time": np.array(times), "vehicle.rotor_failure.time": np.array([2.5, 2.5])}
-        assert jump_times(Batch(scenario, (0, 1), given)) == tuple(sorted({*times, 2.5}))
+        varying = {"vehicle.payload.time": np.array(times), "vehicle.rotor_failure.time": np.array([2.5, 2.5])}
+        assert jump_times(Batch(scenario, (0, 1), varying)) == tuple(sorted({*times, 2.5}))
     assert jump_times(Batch(asymmetric("pid"), (0,), {})) == ()

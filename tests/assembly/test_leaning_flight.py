@@ -1,4 +1,4 @@
-"""A vehicle that leans against the wind, flown by linear-quadratic-Gaussian control."""
+"""Tests of a vehicle that leans against the wind and has linear-quadratic-Gaussian control."""
 
 import numpy as np
 import pytest
@@ -9,9 +9,9 @@ from drake_quad.scenario.batch import Batch
 
 
 @pytest.mark.slow
-def test_noise_of_the_height_does_not_push_a_leaning_vehicle_aside(diagrams):
-    """The thrust responds to the noise, and at a tilt of 30° its changes must not look like rotations."""
-    places = []
+def test_noise_of_the_measured_height_does_not_shift_a_leaning_vehicle_sideways(diagrams):
+    """The thrust responds to the noise. At a tilt of 30°, the controller must not take its changes for rotations."""
+    x_positions = []
     for noise in (0.001, 1e-6):
         scenario = load_scenario(
             f"{diagrams}/neural_fly.yaml:wind_12",
@@ -23,9 +23,9 @@ def test_noise_of_the_height_does_not_push_a_leaning_vehicle_aside(diagrams):
             layers=[f"{diagrams}/controllers/designed/neural_fly.yaml:lqg"],
         )
         flights = simulate_batch(Batch.draw(scenario, range(8)), compiled=True)
-        settled = np.mean([flight["state"][flight.time > 6.0] for flight in flights], axis=(0, 1))
-        _, _, height, _, pitch, *_ = settled
+        mean_state = np.mean([flight["state"][flight.time > 6.0] for flight in flights], axis=(0, 1))
+        _, _, height, _, pitch, *_ = mean_state
         assert pitch > np.radians(25.0)
         assert abs(height - 1.0) < 0.002
-        places.append(settled[0])
-    assert abs(places[0] - places[1]) < 0.01
+        x_positions.append(mean_state[0])
+    assert abs(x_positions[0] - x_positions[1]) < 0.01

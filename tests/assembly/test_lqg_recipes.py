@@ -1,4 +1,4 @@
-"""Recipes for linear-quadratic-Gaussian and model predictive control contain the numbers of the scenario."""
+"""Tests that recipes for linear-quadratic-Gaussian and model predictive control contain the numbers of the scenario."""
 
 import math
 
@@ -26,22 +26,22 @@ from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.controls.mpc import MpcControl
 
-WEIGHT = 0.7 * 9.79
+WEIGHT = 0.7 * 9.79  # nominal, N
 # A command takes effect after one tick of 20 ms and acts for one tick, on average half a tick later.
 DELAY = 0.02 * (1 + 0.5)
-LATERAL = Disturbances(ChainNoise(0.01108, 0.25), ChainNoise(0.8325, 0.6), ChainNoise(16.6, 20.0), 3.296)
-VERTICAL = Disturbances(ChainNoise(0.4975, 0.25), ChainNoise(0.7479, 0.6), None, 0.03164)
+LATERAL_DISTURBANCES = Disturbances(ChainNoise(0.01108, 0.25), ChainNoise(0.8325, 0.6), ChainNoise(16.6, 20.0), 3.296)
+VERTICAL_DISTURBANCES = Disturbances(ChainNoise(0.4975, 0.25), ChainNoise(0.7479, 0.6), None, 0.03164)
 
 
 def regulator_of_scenario(scenario):
     return control_recipes(Batch(scenario, (0,), {}), plan_route(scenario))["regulator"]
 
 
-def assert_alike(found, expected):
+def assert_nearly_equal(actual, expected):
     """Assert that two records have the same type and nearly equal numbers."""
-    assert type(found) is type(expected)
-    for name, mine, its in zip(found._fields, found, expected, strict=True):
-        np.testing.assert_allclose(mine, its, rtol=1e-12, err_msg=name)
+    assert type(actual) is type(expected)
+    for name, field, expected_field in zip(actual._fields, actual, expected, strict=True):
+        np.testing.assert_allclose(field, expected_field, rtol=1e-12, err_msg=name)
 
 
 @pytest.mark.slow
@@ -59,9 +59,13 @@ def test_without_an_autopilot_the_model_is_a_torque_chain_of_the_nominal_vehicle
     lateral, vertical, thrust, torques, target = recipe.numbers
     times = Timing(0.01, 0.02, 1)
     noise = np.array([0.0013, 0.0031 * 9.79])
-    assert_alike(lateral, axis_loop(torque_model(0.043, LATERAL), times, noise=noise, command_weight=2.0e-5))
+    assert_nearly_equal(
+        lateral, axis_loop(torque_model(0.043, LATERAL_DISTURBANCES), times, noise=noise, command_weight=2.0e-5)
+    )
     noise = np.array([0.0011])
-    assert_alike(vertical, axis_loop(vertical_model(0.037, VERTICAL), times, noise=noise, command_weight=7.785e-4))
+    assert_nearly_equal(
+        vertical, axis_loop(vertical_model(0.037, VERTICAL_DISTURBANCES), times, noise=noise, command_weight=7.785e-4)
+    )
     assert thrust == pytest.approx(
         ThrustNumbers(0.7, 9.79, math.tan(0.2), 0.95 * WEIGHT, 1.11 * WEIGHT, DELAY + 0.037), rel=1e-12
     )
@@ -76,10 +80,14 @@ def test_with_an_autopilot_the_model_is_the_attitude_response(asymmetric, lag):
     recipe = regulator_of_scenario(scenario)
     assert (recipe.structure["signal"], recipe.structure["period"]) == ("attitude_target", 0.01)
     lateral, _, thrust, torques, target = recipe.numbers
-    answer = SecondOrderResponse(9.0, 0.72)
-    model = attitude_model(answer, LATERAL) if lag is None else lagging_attitude_model(answer, lag, LATERAL)
+    response = SecondOrderResponse(9.0, 0.72)
+    model = (
+        attitude_model(response, LATERAL_DISTURBANCES)
+        if lag is None
+        else lagging_attitude_model(response, lag, LATERAL_DISTURBANCES)
+    )
     noise = np.array([0.0013, 0.0031 * 9.79])
-    assert_alike(lateral, axis_loop(model, Timing(0.01, 0.02, 1), noise=noise, command_weight=0.01))
+    assert_nearly_equal(lateral, axis_loop(model, Timing(0.01, 0.02, 1), noise=noise, command_weight=0.01))
     assert torques is None
     assert thrust.lead == pytest.approx(DELAY + 0.037)
     # These are the coefficients of exp(T s) (1 + (2 ζ / ω) s + s² / ω²) up to s².
@@ -98,15 +106,15 @@ def test_a_controller_takes_corrections_of_a_network_and_detects_lost_frames_onl
 
 
 @pytest.fixture(scope="module")
-def predictive(asymmetric):
-    """Return a function that returns the scenario with MPC, given fields of its control."""
+def scenario_with_mpc(asymmetric):
+    """Return a function from fields of the control to the scenario with model predictive control."""
     scenario = asymmetric("lqg")
 
-    def changed(**fields):
+    def mpc_scenario(**fields):
         control = scenario.control.model_dump(mode="json") | {"kind": "mpc", "horizon": 0.375, "tilt_weight": 7.0}
         return scenario.model_copy(update={"control": MpcControl.model_validate(control | fields)})
 
-    return changed
+    return mpc_scenario
 
 
 def programme_of(scenario):
@@ -118,49 +126,51 @@ def programme_of(scenario):
 
 
 @pytest.mark.slow
-def test_a_programme_has_the_regulator_and_the_limits_of_the_scenario(predictive):
-    scenario = predictive()
-    recipe, _, believed = programme_of(scenario)
+def test_a_programme_has_the_regulator_and_the_limits_of_the_scenario(scenario_with_mpc):
+    scenario = scenario_with_mpc()
+    recipe, _, regulator_numbers = programme_of(scenario)
     assert (recipe.system, recipe.numbers) == (PredictiveProgramme, None)
     structure = recipe.structure
-    assert structure["believed"] is believed
+    assert structure["believed"] is regulator_numbers
     # The horizon corresponds to 18.75 ticks, which are rounded.
     assert (structure["tick"], structure["num_ticks"], structure["tilt_weight"]) == (0.02, 19, 7.0)
     assert structure["corridor"] is NO_WALLS
     times, control = Timing(0.01, 0.02, 1), scenario.control
-    assert_alike(structure["lateral"], regulator_of(control.lateral.model(), times, 2.0e-5))
-    assert_alike(structure["vertical"], regulator_of(control.vertical.model(), times, 7.785e-4))
-    assert programme_of(predictive(horizon=0.001))[0].structure["num_ticks"] == 1
+    assert_nearly_equal(structure["lateral"], regulator_of(control.lateral.model(), times, 2.0e-5))
+    assert_nearly_equal(structure["vertical"], regulator_of(control.vertical.model(), times, 7.785e-4))
+    assert programme_of(scenario_with_mpc(horizon=0.001))[0].structure["num_ticks"] == 1
 
 
-def test_the_preview_has_the_reference_of_each_tick_and_the_snap_of_the_tick_before(predictive):
-    """The preview begins at the first tick. The reference rests at its last entry and at the tick before."""
-    recipe, plan, _ = programme_of(predictive())
-    preview, rest = recipe.structure["preview"], plan.rest_time
+def test_the_preview_has_the_reference_of_each_tick_and_the_snap_of_the_tick_before(scenario_with_mpc):
+    """The preview begins at the first tick. The reference is at rest in the last entry and in the one before."""
+    recipe, plan, _ = programme_of(scenario_with_mpc())
+    preview, rest_time = recipe.structure["preview"], plan.rest_time
     ticks = np.arange(len(preview))
-    assert 0.02 * (len(preview) - 3) < rest <= 0.02 * (len(preview) - 2)
-    times = np.minimum(0.02 * ticks, rest)
-    position, velocity, acceleration, jerk, snap = (evaluate(plan.flown_path, times, order) for order in range(5))
+    assert 0.02 * (len(preview) - 3) < rest_time <= 0.02 * (len(preview) - 2)
+    times = np.minimum(0.02 * ticks, rest_time)
+    position, velocity, acceleration, jerk, expected_snap = (
+        evaluate(plan.flown_path, times, order) for order in range(5)
+    )
     (yaw,), (yaw_rate,), (yaw_acceleration,) = (evaluate(plan.flown_yaw, times, order) for order in range(3))
-    scale = np.abs(snap).max()
+    scale = np.abs(expected_snap).max()
     np.testing.assert_allclose(
         np.array([each.reference for each in preview]).T,
         [*position, *velocity, *acceleration, yaw, yaw_rate],
         atol=1e-9,
     )
     np.testing.assert_allclose(np.array([each.jerk for each in preview]).T, jerk, atol=1e-9 * scale)
-    found = np.array([each.snap for each in preview])
-    np.testing.assert_allclose(found.T, [*snap, yaw_acceleration], atol=1e-9 * scale)
-    before = np.array([each.before for each in preview])
-    np.testing.assert_array_equal(before[1:], found[:-1])
+    snaps = np.array([each.snap for each in preview])
+    np.testing.assert_allclose(snaps.T, [*expected_snap, yaw_acceleration], atol=1e-9 * scale)
+    previous_snaps = np.array([each.before for each in preview])
+    np.testing.assert_array_equal(previous_snaps[1:], snaps[:-1])
     # The snap before the plan begins is zero.
-    np.testing.assert_array_equal(before[0], 0.0)
-    assert np.abs(found[0]).max() > 1.0
+    np.testing.assert_array_equal(previous_snaps[0], 0.0)
+    assert np.abs(snaps[0]).max() > 1.0
 
 
-def test_a_tube_moves_with_the_reference_and_a_room_does_not(predictive):
+def test_a_tube_moves_with_the_reference_and_a_room_does_not(scenario_with_mpc):
     def corridor_of(**corridor):
-        return programme_of(predictive(corridor=corridor))[0].structure["corridor"]
+        return programme_of(scenario_with_mpc(corridor=corridor))[0].structure["corridor"]
 
     inf = math.inf
     tube = corridor_of(kind="tube", half_width=[0.1, None, 0.3], weight=4.0)
@@ -169,7 +179,7 @@ def test_a_tube_moves_with_the_reference_and_a_room_does_not(predictive):
     assert room == Corridor(PerAxis(-2.0, -inf, 0.2), PerAxis(inf, 3.0, 2.5), follows_reference=False, weight=5.0)
 
 
-def test_a_regulator_alone_has_no_programme(asymmetric):
+def test_a_controller_without_model_prediction_has_no_programme(asymmetric):
     scenario = asymmetric("lqg", "control.network=null")
     assert [*control_recipes(Batch(scenario, (0,), {}), plan_route(scenario))] == ["regulator"]
 
@@ -178,26 +188,35 @@ NETWORK = "control.network={kind: type_1, axes: [x], inputs: {error: {}}, learni
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("beside", [None, "network", "programme"])
-def test_controller_network_and_programme_are_connected_and_their_outputs_exported(asymmetric, predictive, beside):
-    """Inputs that one system takes from another are not inputs of the diagram, and all outputs are outputs of it."""
-    scenario = predictive() if beside == "programme" else asymmetric("lqg", *([NETWORK] if beside else []))
+@pytest.mark.parametrize("added_part", [None, "network", "programme"])
+def test_controller_network_and_programme_are_connected_and_their_outputs_exported(
+    asymmetric, scenario_with_mpc, added_part
+):
+    """The diagram exports all outputs, and those inputs that no other system in it is connected to."""
+    scenario = (
+        scenario_with_mpc() if added_part == "programme" else asymmetric("lqg", *([NETWORK] if added_part else []))
+    )
     plan = plan_route(scenario)
     control = build_control(scenario, control_recipes(Batch(scenario, (0,), {}), plan), 2)
     assert control.get_name() == "control"
-    assert {part.get_name() for part in control.GetSystems()} == {"regulator", *([beside] if beside else [])}
+    assert {part.get_name() for part in control.GetSystems()} == {"regulator", *([added_part] if added_part else [])}
     inputs = {control.get_input_port(i).get_name() for i in range(control.num_input_ports())}
     assert inputs == {"measurement", "reference", "reference_jerk", "reference_snap"}
     outputs = {control.get_output_port(i).get_name() for i in range(control.num_output_ports())}
     assert {"wrench", "error", "disturbance"} <= outputs
-    assert ("weights" in outputs) == (beside == "network")
+    assert ("weights" in outputs) == (added_part == "network")
     context = control.CreateDefaultContext()
     for name in inputs:
         port = control.GetInputPort(name)
         port.FixValue(context, np.linspace(0.1, 0.2, port.size()))
     regulator = control.GetSubsystemByName("regulator")
-    taken = [name for name in ("correction", "learned_disturbance", "perturbation") if regulator.HasInputPort(name)]
-    assert taken == {None: [], "network": ["correction", "learned_disturbance"], "programme": ["perturbation"]}[beside]
-    own = regulator.GetMyContextFromRoot(context)
-    assert all(regulator.GetInputPort(name).HasValue(own) for name in taken)
+    internal_inputs = [
+        name for name in ("correction", "learned_disturbance", "perturbation") if regulator.HasInputPort(name)
+    ]
+    assert (
+        internal_inputs
+        == {None: [], "network": ["correction", "learned_disturbance"], "programme": ["perturbation"]}[added_part]
+    )
+    regulator_context = regulator.GetMyContextFromRoot(context)
+    assert all(regulator.GetInputPort(name).HasValue(regulator_context) for name in internal_inputs)
     assert np.isfinite(control.GetOutputPort("wrench").Eval(context)).all()

@@ -1,4 +1,4 @@
-"""Actions and observations of a policy have the meaning that the scenario gives them."""
+"""Tests that actions and observations of a policy have the meaning that the scenario gives them."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ ROTORS = [
     {"position": [-0.16, 0.01, 0.0], "turns": "clockwise", "thrust_factor": 4.2e-5, "drag_factor": 0.9e-6},
     {"position": [0.01, 0.19, 0.03], "turns": "anticlockwise", "thrust_factor": 3.9e-5, "drag_factor": 1.2e-6},
 ]
-UNEVEN = {
+UNEVEN_VEHICLE = {
     "nominal": {
         "layout": {"kind": "rotors", "rotors": ROTORS},
         "min_rotor_speed": 60.0,
@@ -28,12 +28,12 @@ UNEVEN = {
 ATTITUDE = {"k_p": [8.0, 7.0, 3.0], "k_d": [4.0, 3.5, 2.0]}
 
 
-def task(action, observation=None, **fields):
-    scenario = load_scenario("hover", {**UNEVEN, "control.attitude": ATTITUDE, **fields})
+def task_with(action, observation=None, **fields):
+    scenario = load_scenario("hover", {**UNEVEN_VEHICLE, "control.attitude": ATTITUDE, **fields})
     return task_of(scenario, action=action, observation=observation or {"signals": ["position"]})
 
 
-def flown(scenario, *actions):
+def simulate_actions(scenario, *actions):
     return simulate(scenario, policy=action_source(np.array(actions, dtype=float), 0.02))
 
 
@@ -49,56 +49,58 @@ def flown(scenario, *actions):
     ids=lambda action: "_".join(str(each) for each in action.values() if not isinstance(each, list)),
 )
 def test_the_hovering_action_holds_the_nominal_vehicle_in_hover(action):
-    scenario = task(action)
-    believed = scenario.control.action.hovering(nominal_parameters(scenario))
-    state = flown(scenario, believed).record("state")
+    scenario = task_with(action)
+    hovering = scenario.control.action.hovering(nominal_parameters(scenario))
+    state = simulate_actions(scenario, hovering).record("state")
     for name in ("x", "y", "z", "roll", "pitch", "yaw"):
         row = getattr(state, name)
         np.testing.assert_allclose(row, row[0], rtol=0.0, atol=1e-9, err_msg=name)
-    # With another action the vehicle moves.
-    moved = flown(scenario, np.array(believed) + 0.1).record("state")
-    assert abs(moved.z[-1] - moved.z[0]) > 0.01
+    # With another action, the vehicle moves.
+    other_state = simulate_actions(scenario, np.array(hovering) + 0.1).record("state")
+    assert abs(other_state.z[-1] - other_state.z[0]) > 0.01
 
 
 def test_an_attitude_action_is_scaled_by_its_limits_of_tilt_and_yaw():
-    scenario = task({"kind": "attitude", "max_tilt": 0.3, "max_yaw": 0.8})
-    commanded = flown(scenario, [0.0, 0.5, -1.0, 0.25]).record("attitude_command")
+    scenario = task_with({"kind": "attitude", "max_tilt": 0.3, "max_yaw": 0.8})
+    commanded = simulate_actions(scenario, [0.0, 0.5, -1.0, 0.25]).record("attitude_command")
     np.testing.assert_allclose([commanded.roll[1], commanded.pitch[1], commanded.yaw[1]], [0.15, -0.3, 0.2])
 
 
 @pytest.mark.parametrize(("k_rate", "gains"), [(None, ATTITUDE["k_d"]), ([9.0, 6.0, 5.0], [9.0, 6.0, 5.0])])
 def test_body_rates_are_reached_with_the_given_gains(k_rate, gains):
-    scenario = task({"kind": "rates", "max_rates": [2.0, 3.0, 1.0], "k_rate": k_rate})
-    wrench = flown(scenario, [0.0, 0.5, -0.5, 1.0]).record("wrench")
-    expected = np.multiply(UNEVEN["nominal"]["inertia"], gains) * [1.0, -1.5, 1.0]
+    scenario = task_with({"kind": "rates", "max_rates": [2.0, 3.0, 1.0], "k_rate": k_rate})
+    wrench = simulate_actions(scenario, [0.0, 0.5, -0.5, 1.0]).record("wrench")
+    expected = np.multiply(UNEVEN_VEHICLE["nominal"]["inertia"], gains) * [1.0, -1.5, 1.0]
     np.testing.assert_allclose([row[0] for row in wrench[1:]], expected)
 
 
-def test_clearance_is_between_the_surfaces():
+def test_the_observed_clearance_is_between_the_surfaces_of_vehicle_and_obstacle():
     ball = {"kind": "sphere", "centre": [2.0, 1.0, 1.5], "radius": 0.4}
     far = {"kind": "sphere", "centre": [9.0, 1.0, 1.5], "radius": 0.4}
     space = {"obstacles": {"far": far, "ball": ball}}
-    scenario = task({"kind": "acceleration"}, {"signals": ["clearance"]}, space=space)
+    scenario = task_with({"kind": "acceleration"}, {"signals": ["clearance"]}, space=space)
     with_radius = with_fields(scenario, {"space": {**scenario.space.model_dump(mode="json"), "radius": 0.3}})
-    flight = flown(with_radius, [0.5, 0.0, 0.0])
-    state = flight.record("measurement")
-    distance = np.linalg.norm(np.subtract([state.x, state.y, state.z], np.array([[2.0], [1.0], [1.5]])), axis=0)
+    flight = simulate_actions(with_radius, [0.5, 0.0, 0.0])
+    measurement = flight.record("measurement")
+    distance = np.linalg.norm(
+        np.subtract([measurement.x, measurement.y, measurement.z], np.array([[2.0], [1.0], [1.5]])), axis=0
+    )
     np.testing.assert_allclose(flight["observation"][:, 0], distance - 0.4 - 0.3, rtol=1e-12)
 
 
 def test_the_reference_is_observed_at_future_times():
     route = load_scenario("figure_eight", {"duration": 3.0})
     scenario = task_of(route, observation={"signals": ["reference_ahead"], "ahead": [0.3, 1.1]})
-    flight = flown(scenario, [0.1, 0.2, 0.0])
-    seen, state = flight["observation"].reshape(-1, 2, 3), flight["measurement"][:, :3]
-    for place, ticks in enumerate((15, 55)):
-        there = flight["reference"][ticks:, :3]
-        np.testing.assert_allclose(seen[:-ticks, place], there - state[:-ticks], rtol=0.0, atol=1e-9)
-    assert np.ptp(seen[:, 1], axis=0).max() > 1.0
+    flight = simulate_actions(scenario, [0.1, 0.2, 0.0])
+    observed, state = flight["observation"].reshape(-1, 2, 3), flight["measurement"][:, :3]
+    for index, ticks in enumerate((15, 55)):
+        reference = flight["reference"][ticks:, :3]
+        np.testing.assert_allclose(observed[:-ticks, index], reference - state[:-ticks], rtol=0.0, atol=1e-9)
+    assert np.ptp(observed[:, 1], axis=0).max() > 1.0
 
 
 def test_an_acceleration_action_has_the_limits_of_thrust_vectoring():
     limits = {"max_tilt": 0.11, "min_thrust": 0.5, "max_thrust": 1.3}
-    scenario = task({"kind": "acceleration"}, **{"control.thrust_vectoring": limits})
-    commanded = flown(scenario, [1.0, 0.0, 0.0]).record("attitude_command")
+    scenario = task_with({"kind": "acceleration"}, **{"control.thrust_vectoring": limits})
+    commanded = simulate_actions(scenario, [1.0, 0.0, 0.0]).record("attitude_command")
     assert commanded.pitch.max() == pytest.approx(0.11)

@@ -1,4 +1,4 @@
-"""Recipes for systems."""
+"""Tests of recipes for systems."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from drake_quad.framework.recipe import Recipe
 from drake_quad.laboratory.command_link import CommandLink, LinkNumbers
 
 
-def linked(recipe):
+def nested_diagram(recipe):
     """Return a diagram that contains a diagram with the system of a recipe."""
     inner, outer = DiagramBuilder(), DiagramBuilder()
     inner.AddNamedSystem("link", recipe.build(2))
@@ -22,7 +22,7 @@ def linked(recipe):
 def test_a_recipe_builds_a_system_and_resets_it_in_nested_diagrams():
     structure = {"period": 0.04, "longest_delay": 2}
     first = Recipe(CommandLink, structure, LinkNumbers(delay_ticks=np.array([2.0, 0.0])))
-    diagram = linked(first)
+    diagram = nested_diagram(first)
     link = diagram.GetSubsystemByName("laboratory").GetSubsystemByName("link")
     context = diagram.CreateDefaultContext()
 
@@ -34,18 +34,18 @@ def test_a_recipe_builds_a_system_and_resets_it_in_nested_diagrams():
     np.testing.assert_array_equal(delays(), [1.0, 1.0])
 
 
-def test_a_recipe_for_other_ports_or_events_resets_nothing():
+def test_a_recipe_for_a_system_with_other_ports_or_events_is_refused_on_reset():
     recipe = Recipe(CommandLink, {"period": 0.04, "longest_delay": 2}, LinkNumbers())
-    diagram = linked(recipe)
-    longer = recipe._replace(structure={"period": 0.04, "longest_delay": 3})
+    diagram = nested_diagram(recipe)
+    longer_recipe = recipe._replace(structure={"period": 0.04, "longest_delay": 3})
     with pytest.raises(ValueError, match=r"laboratory.link was built with .*2.*, but these numbers need .*3"):
-        longer.reset(diagram, "laboratory.link", diagram.CreateDefaultContext())
+        longer_recipe.reset(diagram, "laboratory.link", diagram.CreateDefaultContext())
 
 
-def test_functions_of_a_user_make_systems_for_as_many_vehicles():
-    makers = UserSystems(control=lambda n: ConstantVectorSource(np.full(n, 1.0)), wind=lambda n: Demultiplexer(n))
-    assert [*makers.given] == ["control", "wind"]
-    made = makers.build(3)
-    assert [*made.given] == ["control", "wind"]
-    assert (made.control.get_output_port().size(), made.wind.num_output_ports()) == (3, 3)
+def test_functions_of_a_user_make_systems_for_the_given_number_of_vehicles():
+    functions = UserSystems(control=lambda n: ConstantVectorSource(np.full(n, 1.0)), wind=lambda n: Demultiplexer(n))
+    assert [*functions.given] == ["control", "wind"]
+    systems = functions.build(3)
+    assert [*systems.given] == ["control", "wind"]
+    assert (systems.control.get_output_port().size(), systems.wind.num_output_ports()) == (3, 3)
     assert UserSystems().build(3) == UserSystems()

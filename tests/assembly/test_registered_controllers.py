@@ -1,4 +1,4 @@
-"""Controllers in Python that are registered as kinds of the scenario language."""
+"""Tests of controllers in Python that are registered as kinds of the scenario language."""
 
 import pickle
 from pathlib import Path
@@ -24,8 +24,8 @@ from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.position_controllers.controller import POSITION_CONTROLLERS
 from drake_quad.signals import Acceleration, Reference, State, Wrench
 
-SHORT = "duration=0.5"
-MASSES = "vehicle.mass={uniform: {min: 0.6, max: 0.76}}"
+SHORT_FLIGHT = "duration=0.5"
+RANDOM_MASS = "vehicle.mass={uniform: {min: 0.6, max: 0.76}}"
 
 
 class Gains(NamedTuple):
@@ -33,7 +33,7 @@ class Gains(NamedTuple):
     k_d: float = 0.7
 
 
-def law(m: State, r: Reference, gains: Gains) -> Acceleration:
+def pd_law(m: State, r: Reference, gains: Gains) -> Acceleration:
     return Acceleration(
         x=r.a_x + gains.k_d * (r.v_x - m.v_x) + gains.k_p * (r.x - m.x),
         y=r.a_y + gains.k_d * (r.v_y - m.v_y) + gains.k_p * (r.y - m.y),
@@ -43,15 +43,15 @@ def law(m: State, r: Reference, gains: Gains) -> Acceleration:
 
 @fleet_system(float, AutoDiffXd)
 class Formula(FleetSystem):
-    """A PD as a formula."""
+    """A PD controller as a formula."""
 
     def declare(self, *, numbers=Gains()):
         gains = self.parameter("gains", lambda numbers: numbers)
-        self.output("acceleration_command", law, self.input("measurement"), self.input("reference"), gains)
+        self.output("acceleration_command", pd_law, self.input("measurement"), self.input("reference"), gains)
 
 
 class Plain(LeafSystem):
-    """The PD of `Formula` in plain NumPy."""
+    """The PD controller of `Formula` in plain NumPy."""
 
     def __init__(self, num_vehicles=1):
         super().__init__()
@@ -63,10 +63,10 @@ class Plain(LeafSystem):
     def command(self, context, output):
         m = State(*self.measurement.Eval(context).reshape(12, -1))
         r = Reference(*self.reference.Eval(context).reshape(11, -1))
-        output.SetFromVector(np.ravel(law(m, r, Gains())))
+        output.SetFromVector(np.ravel(pd_law(m, r, Gains())))
 
 
-def wrench(m: State, r: Reference) -> Wrench:
+def level_wrench(m: State, r: Reference) -> Wrench:
     return Wrench(
         thrust=0.68 * (9.81 + (r.z - m.z) + 1.4 * (r.v_z - m.v_z)),
         tau_x=-0.007 * (50.0 * m.roll + 10.0 * m.p),
@@ -76,52 +76,52 @@ def wrench(m: State, r: Reference) -> Wrench:
 
 
 @fleet_system(float, AutoDiffXd)
-class Levels(FleetSystem):
-    """A whole control, which keeps the vehicle level."""
+class LevelControl(FleetSystem):
+    """A complete control that keeps the vehicle level."""
 
     def declare(self):
-        self.output("wrench", wrench, self.input("measurement"), self.input("reference"))
+        self.output("wrench", level_wrench, self.input("measurement"), self.input("reference"))
 
 
 def with_position(kind: str, *overrides: str):
     return load_scenario(
         "laboratory:low_wind",
-        [f"control.position={{kind: {kind}, feed_forward: none}}", "control.network=null", SHORT, *overrides],
+        [f"control.position={{kind: {kind}, feed_forward: none}}", "control.network=null", SHORT_FLIGHT, *overrides],
     )
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("system", [Formula, Plain])
-def test_a_registered_position_controller_flies_as_one_that_is_given(system) -> None:
+def test_a_registered_position_controller_flies_like_one_given_as_an_object(system) -> None:
     kind = register_controller(system)
     assert kind == f"{__name__}.{system.__name__}"
-    flown = simulate(with_position(kind))
+    registered = simulate(with_position(kind))
     given = simulate(with_position(kind).model_copy(), position_controller=system())
-    np.testing.assert_allclose(flown.signals["state"], given.signals["state"], atol=1e-9)
+    np.testing.assert_allclose(registered.signals["state"], given.signals["state"], atol=1e-9)
 
 
 @pytest.mark.slow
 def test_a_registered_control_replaces_the_whole_cascade() -> None:
-    kind = register_controller(Levels)
-    scenario = load_scenario("laboratory:low_wind", [f"control={{kind: {kind}}}", SHORT])
-    flown = simulate(scenario)
-    given = simulate(load_scenario("laboratory:low_wind", [SHORT]), control=Levels())
-    np.testing.assert_allclose(flown.signals["state"], given.signals["state"], atol=1e-9)
+    kind = register_controller(LevelControl)
+    scenario = load_scenario("laboratory:low_wind", [f"control={{kind: {kind}}}", SHORT_FLIGHT])
+    registered = simulate(scenario)
+    given = simulate(load_scenario("laboratory:low_wind", [SHORT_FLIGHT]), control=LevelControl())
+    np.testing.assert_allclose(registered.signals["state"], given.signals["state"], atol=1e-9)
     assert scenario.control.contains_user_system()
 
 
 @pytest.mark.slow
-def test_numbers_of_a_formula_are_fields_with_distributions() -> None:
+def test_numbers_of_a_formula_are_fields_that_may_be_distributions() -> None:
     kind = register_controller(Formula)
-    stiff = simulate(with_position(kind, "control.position.k_p=2.0"))
+    registered = simulate(with_position(kind, "control.position.k_p=2.0"))
     given = simulate(with_position(kind), position_controller=Formula(numbers=Gains(k_p=2.0)))
-    np.testing.assert_allclose(stiff.signals["state"], given.signals["state"], atol=1e-9)
+    np.testing.assert_allclose(registered.signals["state"], given.signals["state"], atol=1e-9)
     drawn = with_position(kind, "control.position.k_p={uniform: {min: 0.2, max: 2.0}}")
     first, second = simulate_samples(drawn, range(2))
     assert first.scenario.control.position.k_p != second.scenario.control.position.k_p
     alone = simulate(first.scenario)
     np.testing.assert_allclose(alone.signals["state"], first.signals["state"], atol=1e-9)
-    # A system in plain Python has no numbers that the language could know.
+    # A system in plain Python has no numbers that the scenario language knows.
     assert set(type(with_position(register_controller(Plain)).control.position).model_fields) == {
         "kind",
         "feed_forward",
@@ -131,25 +131,27 @@ def test_numbers_of_a_formula_are_fields_with_distributions() -> None:
 @pytest.mark.slow
 def test_a_registered_formula_has_a_linear_model_and_margins() -> None:
     kind = register_controller(Formula)
-    quiet = load_scenario("hover", [f"control.position={{kind: {kind}, feed_forward: none}}", "control.network=null"])
-    given = closed_loop(quiet, position_controller=Formula())
-    np.testing.assert_allclose(closed_loop(quiet).system.A, given.system.A, atol=1e-12)
-    assert link_margins(quiet)["tau_x"].sensitivity == pytest.approx(
-        link_margins(quiet, position_controller=Formula())["tau_x"].sensitivity
+    scenario = load_scenario(
+        "hover", [f"control.position={{kind: {kind}, feed_forward: none}}", "control.network=null"]
+    )
+    given = closed_loop(scenario, position_controller=Formula())
+    np.testing.assert_allclose(closed_loop(scenario).system.A, given.system.A, atol=1e-12)
+    assert link_margins(scenario)["tau_x"].sensitivity == pytest.approx(
+        link_margins(scenario, position_controller=Formula())["tau_x"].sensitivity
     )
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("system", [Formula, Plain])
 def test_a_study_flies_a_registered_controller_in_fleets(system) -> None:
-    scenario = with_position(register_controller(system), MASSES)
+    scenario = with_position(register_controller(system), RANDOM_MASS)
     study = run_monte_carlo(scenario, 3, num_workers=1)
-    lone = [simulate(scenario, sample=sample).metrics.rmse for sample in range(3)]
-    np.testing.assert_allclose(study.metrics.rmse, lone, rtol=1e-9)
+    errors_of_single_vehicles = [simulate(scenario, sample=sample).metrics.rmse for sample in range(3)]
+    np.testing.assert_allclose(study.metrics.rmse, errors_of_single_vehicles, rtol=1e-9)
 
 
-class Remembers(Plain):
-    """A controller that keeps something in its Python object."""
+class CountingController(Plain):
+    """A controller that counts its calls in its Python object."""
 
     def __init__(self, num_vehicles=1):
         super().__init__(num_vehicles)
@@ -161,23 +163,23 @@ class Remembers(Plain):
 
 
 @pytest.mark.slow
-def test_a_study_refuses_a_registered_controller_with_a_memory_of_its_own() -> None:
-    scenario = with_position(register_controller(Remembers), MASSES)
+def test_a_study_refuses_a_registered_controller_that_changes_its_python_object() -> None:
+    scenario = with_position(register_controller(CountingController), RANDOM_MASS)
     with pytest.raises(InputError, match="the controller must keep nothing in Python objects"):
         run_monte_carlo(scenario, 3, num_workers=1)
 
 
 def test_a_worker_that_has_not_registered_a_controller_registers_it() -> None:
-    """A scenario is pickled for workers, with the class of the system."""
+    """A scenario is pickled for workers together with the class of the system."""
     kind = register_controller(Formula)
     scenario = with_position(kind, "control.position.k_p=0.5")
     pickled = pickle.dumps(scenario)
     assert pickle.loads(pickled) == scenario
     POSITION_CONTROLLERS.remove(kind)
-    found = pickle.loads(pickled).control.position
-    assert (found.kind, found.k_p, found.system) == (kind, 0.5, Formula)
-    assert POSITION_CONTROLLERS.get(kind) is type(found)
-    control = load_scenario("hover", [f"control={{kind: {register_controller(Levels)}}}"])
+    controller = pickle.loads(pickled).control.position
+    assert (controller.kind, controller.k_p, controller.system) == (kind, 0.5, Formula)
+    assert POSITION_CONTROLLERS.get(kind) is type(controller)
+    control = load_scenario("hover", [f"control={{kind: {register_controller(LevelControl)}}}"])
     assert pickle.loads(pickle.dumps(control)) == control
 
 
@@ -202,7 +204,7 @@ class Single(Plain):
 
 @pytest.mark.slow
 def test_a_controller_for_a_single_vehicle_flies_alone_and_is_refused_for_a_fleet() -> None:
-    scenario = with_position(register_controller(Single), MASSES)
+    scenario = with_position(register_controller(Single), RANDOM_MASS)
     assert (
         simulate(scenario, sample=0).metrics.rmse
         == simulate(scenario, sample=0, position_controller=Plain()).metrics.rmse
@@ -213,15 +215,15 @@ def test_a_controller_for_a_single_vehicle_flies_alone_and_is_refused_for_a_flee
         run_monte_carlo(scenario, 3, num_workers=1)
 
 
-class Needs(Plain):
-    """A controller whose constructor needs something."""
+class NeedsGain(Plain):
+    """A controller whose constructor has an argument without default."""
 
     def __init__(self, gain, num_vehicles=1):
         super().__init__(num_vehicles)
 
 
-class Ported(LeafSystem):
-    """A system whose ports are no controller's."""
+class MisnamedPort(LeafSystem):
+    """A system with a misspelt input port."""
 
     def __init__(self, num_vehicles=1):
         super().__init__()
@@ -230,24 +232,24 @@ class Ported(LeafSystem):
         self.DeclareVectorOutputPort("acceleration_command", BasicVector(3 * num_vehicles), lambda *_: None)
 
 
-class AlwaysOne(Plain):
-    """A controller with ports for one vehicle, whatever the number."""
+class OneVehiclePorts(Plain):
+    """A controller that has ports for one vehicle, also if more are requested."""
 
     def __init__(self, num_vehicles=1):
         super().__init__(1)
 
 
 @pytest.mark.parametrize(
-    ("given", "words"),
+    ("candidate", "words"),
     [
-        (Needs, "Needs cannot be built: "),
-        (Ported, "has the input port `measurment`, but may only have `measurement`, `reference`"),
-        (AlwaysOne, "must have 12 rows for each of 2 vehicles, but has 12"),
+        (NeedsGain, "NeedsGain cannot be built: "),
+        (MisnamedPort, "has the input port `measurment`, but may only have `measurement`, `reference`"),
+        (OneVehiclePorts, "must have 12 rows for each of 2 vehicles, but has 12"),
         (Plain(), "a controller must be the class of a Drake system"),
         (SimpleNamespace, "has no output port `acceleration_command`, `wrench` or `attitude_target`"),
     ],
 )
-def test_what_is_no_controller_is_refused(given, words: str) -> None:
+def test_a_class_or_object_that_is_no_controller_is_refused(candidate, words: str) -> None:
     with pytest.raises(InputError) as caught:
-        register_controller(given)
+        register_controller(candidate)
     assert words in str(caught.value)

@@ -1,4 +1,4 @@
-"""The closed loop: physics, timing, fleets, scalar types and crashes."""
+"""Tests of the closed loop: physics, timing, fleets, scalar types and crashes."""
 
 import math
 
@@ -20,8 +20,8 @@ from drake_quad.planning.duration import flight_duration
 from drake_quad.scenario.batch import Batch
 from drake_quad.signals import SIGNALS
 
-# Signals of a loop without a network, which has more.
-EXPORTED = {
+# These are the signals of a loop without a network. A network adds more.
+EXPORTED_SIGNALS = {
     "reference",
     "error",
     "error_rate",
@@ -60,7 +60,7 @@ def test_nominal_figure_eight_stays_within_three_centimetres(figure_eight):
 
 @pytest.mark.slow
 def test_derivative_on_the_measurement_lags_by_k_d_over_k_p_times_the_speed(figure_eight):
-    """On a long straight line at constant speed the error settles to (k_D / k_P) v."""
+    """On a long straight line at constant speed, the error settles to (k_D / k_P) v."""
     line = figure_eight(
         "route={kind: waypoints, waypoints: [[0, 0, 1], [16, 12, 1]], times: [0, 100]}",
         "control.position.k_p=[0.5, 0.5, 4.0]",
@@ -75,18 +75,20 @@ def test_derivative_on_the_measurement_lags_by_k_d_over_k_p_times_the_speed(figu
     velocity = np.array([reference.v_x, reference.v_y])[:, cruise]
     assert np.linalg.norm(velocity, axis=0).min() > 0.3
     np.testing.assert_allclose(error, 2.0 * velocity, rtol=0.02)
-    # On the figure eight the error is metres instead of centimetres: about (k_D / k_P) v, and more where the
-    # curves come near the bandwidth of such a slow loop.
-    paper_like = [f"control.position.{line}" for line in ("k_p=[1, 1, 4]", "k_d=[1, 1, 3]", "feed_forward=none")]
-    lagging = simulate(figure_eight(*paper_like, "control.position.derivative=measurement"))
+    # On the figure eight, the error is about (k_D / k_P) v, which is metres instead of centimetres. It is larger in
+    # curves that are too fast for the bandwidth of such a slow loop.
+    gains_of_the_paper = [
+        f"control.position.{line}" for line in ("k_p=[1, 1, 4]", "k_d=[1, 1, 3]", "feed_forward=none")
+    ]
+    lagging = simulate(figure_eight(*gains_of_the_paper, "control.position.derivative=measurement"))
     reference = lagging.record("reference")
     mean_speed = np.sqrt(np.mean(reference.v_x**2 + reference.v_y**2 + reference.v_z**2))
     assert 0.9 * mean_speed < lagging.metrics.rmse < 1.4 * mean_speed
 
 
 @pytest.mark.slow
-def test_the_stepping_vehicle_stays_with_the_continuous_one_at_every_tick(figure_eight):
-    """RK4 at 10 ms agrees within 1e-6 m with an integrator with error control at 1e-10, over the whole figure eight."""
+def test_a_stepping_vehicle_agrees_with_a_continuous_one_at_every_tick_of_a_figure_eight(figure_eight):
+    """RK4 with steps of 10 ms agrees within 1e-6 m with an integrator whose error is controlled to 1e-10."""
     paths = []
     for time_step in (0.01, 0.0):
         scenario = figure_eight(f"vehicle.time_step={time_step}")
@@ -101,7 +103,7 @@ def test_the_stepping_vehicle_stays_with_the_continuous_one_at_every_tick(figure
 
 
 @pytest.mark.slow
-def test_it_also_stays_with_it_for_an_asymmetric_vehicle_in_wind(asymmetric):
+def test_a_stepping_vehicle_agrees_with_a_continuous_one_in_wind_if_it_is_asymmetric(asymmetric):
     """The rotor failure is left out, since it occurs in the middle of a step."""
     overrides = ["duration=3.5", "vehicle.rotor_failure=null"]
     stepping, continuous = (simulate(asymmetric("pid", *overrides, f"vehicle.time_step={h}")) for h in (0.01, 0.0))
@@ -111,12 +113,14 @@ def test_it_also_stays_with_it_for_an_asymmetric_vehicle_in_wind(asymmetric):
 
 @pytest.mark.slow
 def test_each_vehicle_of_a_fleet_flies_as_it_would_alone(figure_eight):
-    """Flights agree to 1e-9 m, also beside a vehicle with other gains that crashes."""
+    """Flights agree to 1e-9 m, even if another vehicle of the fleet has other gains and crashes."""
     scenario = figure_eight("crash.position_error=0.5")
     n = 3
-    law = scenario.control.position
-    k_p, k_d = (PerAxis(*[np.array([gain, 20.0, gain]) for gain in gains]) for gains in (law.k_p, law.k_d))
-    structure = {"derivative": law.derivative, "feeds_forward": law.feed_forward != "none"}
+    controller = scenario.control.position
+    k_p, k_d = (
+        PerAxis(*[np.array([gain, 20.0, gain]) for gain in gains]) for gains in (controller.k_p, controller.k_d)
+    )
+    structure = {"derivative": controller.derivative, "feeds_forward": controller.feed_forward != "none"}
     pd = ProportionalDerivative(num_vehicles=n, numbers=PdGains(k_p, k_d), **structure)
     position = build_position_controller(pd)
     fleet = build_tracking_diagram(scenario, n, position_controller=position)
@@ -135,7 +139,7 @@ def test_each_vehicle_of_a_fleet_flies_as_it_would_alone(figure_eight):
         assert metrics.rmse[i] == pytest.approx(alone.metrics.rmse, rel=1e-9)
 
 
-def test_a_crash_is_a_result(figure_eight):
+def test_a_flight_that_ends_in_a_crash_has_metrics(figure_eight):
     flight = simulate(figure_eight("control.position.k_p=[20, 20, 20]"))
     assert flight.metrics.crashed
     assert flight.time[-1] == flight.metrics.crash_time
@@ -157,8 +161,8 @@ def test_a_crashed_vehicle_stays_where_it_crashed(figure_eight):
     np.testing.assert_array_equal(states[1], states[2])
 
 
-class Broken(LeafSystem):
-    """Position controller whose command is not a number from 2 s on."""
+class NanController(LeafSystem):
+    """Position controller whose command is NaN from 2 s on."""
 
     def __init__(self):
         super().__init__()
@@ -171,7 +175,7 @@ class Broken(LeafSystem):
 
 
 def test_a_controller_that_gives_nan_crashes_its_vehicle(figure_eight):
-    flight = simulate(figure_eight("route={kind: hover}"), position_controller=Broken())
+    flight = simulate(figure_eight("route={kind: hover}"), position_controller=NanController())
     assert flight.metrics.crash_time == pytest.approx(2.0)
     assert np.isfinite(flight["state"]).all()
     assert all(math.isfinite(value) for value in flight.metrics[:-1])
@@ -199,10 +203,10 @@ def test_a_user_s_control_needs_only_a_wrench(figure_eight):
 def test_every_signal_of_the_loop_is_exported_and_recorded(figure_eight):
     """The name of each signal determines its rows."""
     flight = simulate(figure_eight("duration=0.5"))
-    assert set(flight.signals) == EXPORTED
+    assert set(flight.signals) == EXPORTED_SIGNALS
     diagram = build_tracking_diagram(figure_eight(), 2)
-    assert {diagram.get_output_port(i).get_name() for i in range(diagram.num_output_ports())} == EXPORTED
-    for name in EXPORTED:
+    assert {diagram.get_output_port(i).get_name() for i in range(diagram.num_output_ports())} == EXPORTED_SIGNALS
+    for name in EXPORTED_SIGNALS:
         num_rows = len(SIGNALS[name]._fields)
         assert flight[name].shape == (26, num_rows)
         assert diagram.GetOutputPort(name).size() == 2 * num_rows
@@ -210,7 +214,7 @@ def test_every_signal_of_the_loop_is_exported_and_recorded(figure_eight):
 
 @pytest.mark.slow
 def test_a_loop_has_the_requested_parts(figure_eight):
-    """No input is left open, wind and noise are those of the samples, and every part has its name."""
+    """All inputs are connected. Noise is that of the samples, or Drake's if requested. Every part has its name."""
 
     def parts_of(diagram):
         return {part.get_name() for part in diagram.GetSystems()}
@@ -218,11 +222,14 @@ def test_a_loop_has_the_requested_parts(figure_eight):
     scenario = figure_eight("laboratory.motion_capture.position_noise=0.001")
     plan = plan_route(scenario)
     parts = {"reference", "control", "laboratory", "monitor"}
-    for plain in (build_tracking_diagram(scenario), build_fleet_diagram(Batch(scenario, (0,), {}), plan)):
-        assert plain.get_name() == scenario.name
-        assert plain.num_input_ports() == 0
-        assert parts_of(plain) == parts
-        assert "noise" in parts_of(plain.GetSubsystemByName("laboratory"))
+    for diagram_without_recorder in (
+        build_tracking_diagram(scenario),
+        build_fleet_diagram(Batch(scenario, (0,), {}), plan),
+    ):
+        assert diagram_without_recorder.get_name() == scenario.name
+        assert diagram_without_recorder.num_input_ports() == 0
+        assert parts_of(diagram_without_recorder) == parts
+        assert "noise" in parts_of(diagram_without_recorder.GetSubsystemByName("laboratory"))
     recorded = build_tracking_diagram(scenario, record=True, drake_random=True)
     assert parts_of(recorded) == parts | {"recorder"}
     noise = [part for part in parts_of(recorded.GetSubsystemByName("laboratory")) if "noise" in part]
@@ -238,50 +245,54 @@ def test_vehicles_fly_the_given_samples(figure_eight):
         return [context.get_numeric_parameter(i).CopyToVector() for i in range(context.num_numeric_parameter_groups())]
 
     for sample, samples in ((None, (0, 1)), (7, (7, 8))):
-        flown = scenario.model_copy(update={"sample": sample})
-        found = numbers_of(build_tracking_diagram(flown, 2))
-        for mine, its in zip(found, numbers_of(build_fleet_diagram(Batch(scenario, samples, {}), plan)), strict=True):
-            np.testing.assert_array_equal(mine, its)
+        scenario_of_sample = scenario.model_copy(update={"sample": sample})
+        actual_numbers = numbers_of(build_tracking_diagram(scenario_of_sample, 2))
+        for actual, expected in zip(
+            actual_numbers, numbers_of(build_fleet_diagram(Batch(scenario, samples, {}), plan)), strict=True
+        ):
+            np.testing.assert_array_equal(actual, expected)
 
 
-def test_an_injected_command_is_added_to_that_over_the_link(figure_eight):
+def test_an_injected_command_is_added_to_the_command_of_the_link(figure_eight):
     scenario = figure_eight("route={kind: hover}")
     plan = plan_route(scenario)
     diagram = build_fleet_diagram(Batch(scenario, (0,), {}), plan, injects=True)
     context = diagram.CreateDefaultContext()
-    added = [0.5, 0.01, -0.02, 0.03]
+    injected = [0.5, 0.01, -0.02, 0.03]
     assert diagram.num_input_ports() == 1
-    diagram.GetInputPort("injection").FixValue(context, added)
-    commanded = diagram.GetOutputPort("wrench").Eval(context)
-    np.testing.assert_allclose(diagram.GetOutputPort("injected").Eval(context), commanded + added, rtol=1e-12)
+    diagram.GetInputPort("injection").FixValue(context, injected)
+    command = diagram.GetOutputPort("wrench").Eval(context)
+    np.testing.assert_allclose(diagram.GetOutputPort("injected").Eval(context), command + injected, rtol=1e-12)
     link = diagram.GetSubsystemByName("laboratory").GetSubsystemByName("command_link")
-    sent = link.GetInputPort("wrench").Eval(link.GetMyContextFromRoot(context))
-    np.testing.assert_allclose(sent, commanded + added, rtol=1e-12)
+    link_input = link.GetInputPort("wrench").Eval(link.GetMyContextFromRoot(context))
+    np.testing.assert_allclose(link_input, command + injected, rtol=1e-12)
 
 
 def test_signals_of_a_network_are_exported(asymmetric):
     """The weights have a row for each of 12 rules on each of three axes."""
     flight = simulate(asymmetric("pd_t2fnn", "duration=0.5", "metrics.start=0"))
-    assert set(flight.signals) == EXPORTED | {"weights", "covariance_trace"}
+    assert set(flight.signals) == EXPORTED_SIGNALS | {"weights", "covariance_trace"}
     assert (flight["weights"].shape, flight["covariance_trace"].shape) == ((26, 36), (26, 3))
 
 
-def test_delay_from_state_to_rotor_command(figure_eight):
+def test_the_rotor_command_has_the_delay_of_frame_and_link(figure_eight):
     """A frame is 10 ms old when a tick samples it. The delay of the link is added to that."""
     for ticks in (0, 1, 2):
         scenario = figure_eight(f"laboratory.command_link.delay_ticks={ticks}", "duration=2.0")
         flight = simulate(scenario)
         np.testing.assert_allclose(flight["measurement"][0], flight["state"][0], atol=1e-12)
-        sent, out = flight["wrench"], flight["rotor_speed_command"]
-        thrust = 4.13e-5 * np.sum(out**2, axis=1)
+        wrench, rotor_speeds = flight["wrench"], flight["rotor_speed_command"]
+        thrust = 4.13e-5 * np.sum(rotor_speeds**2, axis=1)
         # The recorder samples a command one tick after the link has delivered it.
-        np.testing.assert_allclose(thrust[ticks + 1 :], sent[: -ticks - 1, 0], rtol=1e-9)
+        np.testing.assert_allclose(thrust[ticks + 1 :], wrench[: -ticks - 1, 0], rtol=1e-9)
         np.testing.assert_allclose(thrust[: ticks + 1], 0.68 * 9.81, rtol=1e-9)
 
 
 @pytest.mark.parametrize(("ticks", "frames"), [(0, 0), (1, 0), (2, 0), (1, 1), (1, 3)])
-def test_delay_from_a_jump_of_the_state_to_the_rotor_command(figure_eight, ticks, frames):
-    """The delay is 10 to 30 ms, as in the timing drawing of the laboratory, plus all frames and ticks of delay."""
+def test_the_rotor_command_responds_to_a_jump_of_the_state_after_the_delay_of_frames_and_ticks(
+    figure_eight, ticks, frames
+):
+    """The delay is the sum of all delays in frames and ticks and of the 10 to 20 ms until a tick reads a frame."""
     scenario = figure_eight(
         "route={kind: hover}",
         f"laboratory.command_link.delay_ticks={ticks}",
@@ -293,7 +304,7 @@ def test_delay_from_a_jump_of_the_state_to_the_rotor_command(figure_eight, ticks
     for step in range(20, 60):
         simulator = Simulator(diagram)
         context = simulator.get_mutable_context()
-        # The vehicle tilts just before the frame of this time.
+        # The roll jumps 5 ms before the frame at `start`.
         start = 0.01 * step
         simulator.AdvanceTo(start - 0.005)
         own = vehicle.GetMyMutableContextFromRoot(context)
@@ -304,18 +315,18 @@ def test_delay_from_a_jump_of_the_state_to_the_rotor_command(figure_eight, ticks
             simulator.AdvancePendingEvents()
             time += 0.01
         delays.append(context.get_time() - start)
-    # The tick a period later reads the frame of the jump, or the tick after that if the frame is taken at a tick.
-    least = 0.01 * (1 + frames) + 0.02 * ticks
-    assert min(delays) == pytest.approx(least, abs=1e-9)
-    assert max(delays) == pytest.approx(least + 0.01, abs=1e-9)
-    assert np.mean(delays) == pytest.approx(least + 0.005, abs=1e-9)
+    # A tick reads the previous frame. The next tick comes 10 ms after the frame of the jump, or 20 ms if that frame
+    # is taken at a tick.
+    shortest_delay = 0.01 * (1 + frames) + 0.02 * ticks
+    assert min(delays) == pytest.approx(shortest_delay, abs=1e-9)
+    assert max(delays) == pytest.approx(shortest_delay + 0.01, abs=1e-9)
+    assert np.mean(delays) == pytest.approx(shortest_delay + 0.005, abs=1e-9)
 
 
-FANS = (
-    "{kind: fan, position: [0, -3, 0.5], direction: [0, 1, 0], flow: 3, diameter: 0.75}",
-    "{kind: fan, position: [0, 3, 0.5], direction: [0, 1, 0], flow: 3, diameter: 0.75, turbulence: 0}",
-)
-LABORATORY = [
+FAN = "{kind: fan, position: [0, -3, 0.5], direction: [0, 1, 0], flow: 3, diameter: 0.75}"
+# The jet of this fan does not reach the vehicle and has no turbulence.
+REMOTE_FAN = "{kind: fan, position: [0, 3, 0.5], direction: [0, 1, 0], flow: 3, diameter: 0.75, turbulence: 0}"
+IMPERFECT_LABORATORY = [
     "vehicle.linear_drag=0.1",
     "vehicle.centre_of_mass=[0.002, 0.0]",
     "vehicle.battery_sag=0.02",
@@ -325,16 +336,17 @@ LABORATORY = [
     "laboratory.command_link.loss_rate=0.05",
     "laboratory.wind=[{kind: steady, velocity: [0.5, 0, 0]}, {kind: dryden, level: light},"
     " {kind: gust, velocity: [0, 1, 0], start: 0.5, rise_time: 1},"
-    f" {FANS[0]}, {FANS[1]}]",
+    f" {FAN}, {REMOTE_FAN}]",
 ]
-# This fan does not reach the vehicle and has no turbulence there.
-CALM = [f"laboratory.wind=[{FANS[1]}]"]
+CALM_LABORATORY = [f"laboratory.wind=[{REMOTE_FAN}]"]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("overrides", "n"), [(LABORATORY, 1), (LABORATORY, 2), (CALM, 2)])
+@pytest.mark.parametrize(
+    ("overrides", "n"), [(IMPERFECT_LABORATORY, 1), (IMPERFECT_LABORATORY, 2), (CALM_LABORATORY, 2)]
+)
 def test_the_closed_loop_supports_automatic_differentiation(figure_eight, overrides, n):
-    """The derivative of the state after 1.2 s by the gains of the first vehicle agrees with differences."""
+    """The derivative of the state after 1.2 s by a gain of the first vehicle agrees with a central difference."""
     scenario = figure_eight("duration=1.2", "control.position.k_p=[1.0, 1.0, 4.0]", *overrides)
     diagram = build_tracking_diagram(scenario, n)
 
@@ -367,27 +379,27 @@ def test_the_closed_loop_supports_automatic_differentiation(figure_eight, overri
 
 
 def test_a_flight_can_continue_in_another_simulator(figure_eight):
-    """Initialization events must be suppressed, since they would restart turbulence and filters."""
-    scenario = figure_eight("duration=4.0", *LABORATORY)
+    """Initialization events must be suppressed, because they would restart turbulence and filters."""
+    scenario = figure_eight("duration=4.0", *IMPERFECT_LABORATORY)
     diagram = build_tracking_diagram(scenario)
-    whole = Simulator(diagram)
-    whole.AdvanceTo(2.0)
-    context = whole.get_context().Clone()
-    whole.AdvanceTo(4.0)
+    first = Simulator(diagram)
+    first.AdvanceTo(2.0)
+    context = first.get_context().Clone()
+    first.AdvanceTo(4.0)
     continued = Simulator(diagram, context)
     parameters = InitializeParams()
     parameters.suppress_initialization_events = True
     continued.Initialize(parameters)
     continued.AdvanceTo(4.0)
-    states = [diagram.GetOutputPort("state").Eval(simulator.get_context()) for simulator in (whole, continued)]
+    states = [diagram.GetOutputPort("state").Eval(simulator.get_context()) for simulator in (first, continued)]
     np.testing.assert_array_equal(*states)
 
 
 def test_a_distribution_is_refused_where_a_number_is_needed(figure_eight):
-    drawn = figure_eight("vehicle.mass={uniform: {min: 0.6, max: 0.7}}")
+    scenario = figure_eight("vehicle.mass={uniform: {min: 0.6, max: 0.7}}")
     for use in (simulate, build_tracking_diagram):
         with pytest.raises(InputError, match="vehicle.mass is a distribution"):
-            use(drawn)
+            use(scenario)
 
 
 def test_a_window_beyond_the_flight_is_refused(figure_eight):
@@ -397,7 +409,7 @@ def test_a_window_beyond_the_flight_is_refused(figure_eight):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("yaw", [1.0, 3.0])
-def test_the_error_does_not_depend_on_the_yaw(figure_eight, yaw):
-    straight, turned = simulate(figure_eight()), simulate(figure_eight(f"route.yaw={yaw}"))
-    assert turned.metrics.rmse == pytest.approx(straight.metrics.rmse, rel=0.02)
-    np.testing.assert_allclose(turned.record("state").yaw[-1], yaw, atol=0.01)
+def test_the_tracking_error_does_not_depend_on_the_yaw(figure_eight, yaw):
+    flight_at_zero_yaw, flight_at_yaw = simulate(figure_eight()), simulate(figure_eight(f"route.yaw={yaw}"))
+    assert flight_at_yaw.metrics.rmse == pytest.approx(flight_at_zero_yaw.metrics.rmse, rel=0.02)
+    np.testing.assert_allclose(flight_at_yaw.record("state").yaw[-1], yaw, atol=0.01)

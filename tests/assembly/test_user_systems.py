@@ -1,4 +1,4 @@
-"""User's systems that do not fit are refused with a message of one sentence."""
+"""Tests that a user's systems that do not fit are refused with a message of one sentence."""
 
 import pytest
 from pydrake.systems.framework import BasicVector, LeafSystem
@@ -23,34 +23,34 @@ class WithPorts(LeafSystem):
             self.DeclareVectorOutputPort(name, BasicVector(size), lambda context, output: None)
 
 
-SEEN = {"measurement": 12, "reference": 11}
-COMMAND = {"acceleration_command": 3}
+INPUTS = {"measurement": 12, "reference": 11}
+OUTPUTS = {"acceleration_command": 3}
 
 
 @pytest.mark.parametrize(
-    ("place", "inputs", "outputs", "sentence"),
+    ("argument", "inputs", "outputs", "sentence"),
     [
-        ("control", SEEN, {"wrnch": 4}, "control needs the output port `wrench`, but has `wrnch`"),
+        ("control", INPUTS, {"wrnch": 4}, "control needs the output port `wrench`, but has `wrnch`"),
         (
             "control",
             {"refrence": 11},
             {"wrench": 4},
             "has the input port `refrence`, but may only have `meas",
         ),
-        ("control", SEEN, {"wrench": 3}, "the port `wrench` of control must have 4 rows, but has 3"),
+        ("control", INPUTS, {"wrench": 3}, "the port `wrench` of control must have 4 rows, but has 3"),
         (
             "position_controller",
-            {**SEEN, "measurement": 6},
-            COMMAND,
+            {**INPUTS, "measurement": 6},
+            OUTPUTS,
             "`measurement` of position_controller must",
         ),
         (
             "position_controller",
             {"measurement": 12},
-            COMMAND,
+            OUTPUTS,
             "needs the input port `reference`, but has `mea",
         ),
-        ("position_controller", SEEN, {}, "needs the output port `acceleration_command`, but has none"),
+        ("position_controller", INPUTS, {}, "needs the output port `acceleration_command`, but has none"),
         ("wind", {}, {"wind": 3, "gust": 3}, "wind needs a single output port, but has `wind`, `gust`"),
         ("wind", {"position": 3}, {"wind": 3}, "wind has the input port `position`, but may only have `state`"),
         ("wind", {}, {}, "wind needs a single output port, but has none"),
@@ -58,32 +58,32 @@ COMMAND = {"acceleration_command": 3}
         ("wind", {}, {"gust": 2}, "the port `gust` of wind must have 3 rows, but has 2"),
     ],
 )
-def test_ports_that_do_not_fit_are_named(diagrams, place, inputs, outputs, sentence):
+def test_ports_that_do_not_fit_are_refused_by_name(diagrams, argument, inputs, outputs, sentence):
     with pytest.raises(InputError) as caught:
-        build_tracking_diagram(load_scenario(diagrams / "hover.yaml"), **{place: WithPorts(inputs, outputs)})
+        build_tracking_diagram(load_scenario(diagrams / "hover.yaml"), **{argument: WithPorts(inputs, outputs)})
     assert sentence in str(caught.value)
 
 
-def test_objects_that_are_not_systems_or_have_too_few_rows_are_refused(diagrams):
+def test_objects_that_are_no_systems_or_whose_ports_have_too_few_rows_are_refused(diagrams):
     scenario = load_scenario(diagrams / "hover.yaml")
     with pytest.raises(InputError, match="must be a Drake system, an object and not its class or a function that"):
         simulate(scenario, position_controller=WithPorts)
     with pytest.raises(InputError, match=r"^control must be a Drake system, .*, but is <lambda>\(n\)$"):
-        simulate(scenario, control=lambda n: WithPorts(SEEN, {"wrench": 4}))
+        simulate(scenario, control=lambda n: WithPorts(INPUTS, {"wrench": 4}))
     with pytest.raises(InputError, match="^wind must be a Drake system, but is an object of type dict$"):
         simulate(scenario, wind={})
     with pytest.raises(InputError, match="must have 12 rows for each of 3 vehicles, but has 12"):
-        build_tracking_diagram(scenario, 3, position_controller=WithPorts(SEEN, COMMAND))
+        build_tracking_diagram(scenario, 3, position_controller=WithPorts(INPUTS, OUTPUTS))
     with pytest.raises(InputError, match="position_controller must not be given with it"):
-        simulate(scenario, control=WithPorts(SEEN, {"wrench": 4}), position_controller=WithPorts(SEEN, COMMAND))
+        simulate(scenario, control=WithPorts(INPUTS, {"wrench": 4}), position_controller=WithPorts(INPUTS, OUTPUTS))
 
 
 def make_without_arguments():
-    return WithPorts(SEEN, COMMAND)
+    return WithPorts(INPUTS, OUTPUTS)
 
 
 def make_with_gain(num_vehicles, gain):
-    return WithPorts(SEEN, COMMAND)
+    return WithPorts(INPUTS, OUTPUTS)
 
 
 def make_nothing(num_vehicles):
@@ -118,7 +118,7 @@ def make_number(num_vehicles):
         ),
         (make_function, r"position_controller must be .* returns make_nothing\(num_vehicles\)$"),
         (make_number, r"position_controller must be .* returns an object of type int$"),
-        # A builtin without a signature may take a number.
+        # `range` has no signature, so it is called with the number of vehicles.
         (range, r"position_controller must be .*, but range returns an object of type range$"),
     ],
 )
@@ -136,30 +136,30 @@ def test_a_system_in_place_of_a_function_is_refused():
         UserSystems(wind=WithPorts({}, {"wind": 3})).build(1)
 
 
-class Misspelt(FleetSystem):
-    """Controller whose ports can have names of signals that do not exist."""
+class NamedPorts(FleetSystem):
+    """Controller whose ports have the given names."""
 
-    def declare(self, *, seen="measurement", commanded="acceleration_command"):
-        reads = self.parameter("gains", lambda numbers: Acceleration(0.0, 0.0, 0.0)), self.input(seen)
-        self.output(commanded, lambda gains, m: gains, *reads)
+    def declare(self, *, measured="measurement", output="acceleration_command"):
+        reads = self.parameter("gains", lambda numbers: Acceleration(0.0, 0.0, 0.0)), self.input(measured)
+        self.output(output, lambda gains, m: gains, *reads)
 
 
 def test_a_misspelt_name_in_a_system_is_refused_with_close_matches():
-    system = fleet_system(float)(Misspelt)
+    system_class = fleet_system(float)(NamedPorts)
     with pytest.raises(InputError, match=r"^there is no signal called 'measurment'; did you mean measurement\?$"):
-        system(seen="measurment")
+        system_class(measured="measurment")
     with pytest.raises(InputError, match=r"'accel_command'; did you mean acceleration_command"):
-        system(commanded="accel_command")
-    made = system()
-    context = made.CreateDefaultContext()
-    assert made.get_parameter(context, "gains") == (0.0, 0.0, 0.0)
+        system_class(output="accel_command")
+    system = system_class()
+    context = system.CreateDefaultContext()
+    assert system.get_parameter(context, "gains") == (0.0, 0.0, 0.0)
     with pytest.raises(InputError, match=r"^there is no parameter called 'gain'; did you mean gains\?$"):
-        made.get_parameter(context, "gain")
+        system.get_parameter(context, "gain")
     with pytest.raises(InputError, match=r"^there is no group of the state called 'x'; there are none$"):
-        made.set_state(context, "x", ())
+        system.set_state(context, "x", ())
 
 
-def test_a_wind_may_have_random_ports(diagrams):
+def test_a_user_s_wind_may_have_random_inputs(diagrams):
     turbulence = Turbulence.at_low_altitude(height=10.0, wind_at_20_feet=5.0, airspeed=5.0)
     scenario = load_scenario(diagrams / "hover.yaml", ["duration=1"])
     winds = [DrydenTurbulence(numbers=TurbulenceNumbers(turbulence)) for _ in range(3)]

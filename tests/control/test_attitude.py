@@ -1,3 +1,5 @@
+"""Tests of the PD law of the attitude."""
+
 import math
 
 import numpy as np

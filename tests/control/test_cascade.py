@@ -1,4 +1,4 @@
-"""The cascade as a diagram: its connections and its outputs."""
+"""Tests of the cascade as a diagram: its connections and its outputs."""
 
 import math
 
@@ -43,7 +43,7 @@ def cascade(feed_forward, position=None, network=None):
     )
 
 
-def evaluated(system, **inputs):
+def output_of(system, **inputs):
     """Return the only output of a system for these inputs."""
     context = system.CreateDefaultContext()
     for name, rows in inputs.items():
@@ -51,7 +51,7 @@ def evaluated(system, **inputs):
     return system.get_output_port().Eval(context)
 
 
-def ports(system):
+def port_names(system):
     inputs = [system.get_input_port(i).get_name() for i in range(system.num_input_ports())]
     return inputs, [system.get_output_port(i).get_name() for i in range(system.num_output_ports())]
 
@@ -74,14 +74,14 @@ def test_outputs_equal_those_of_the_parts_in_sequence(feed_forward):
 
     measurement, reference = INPUTS["measurement"], INPUTS["reference"]
     pd = ProportionalDerivative(feeds_forward=True, numbers=GAINS)
-    *_, command, fed = evaluated(pd, measurement=measurement, reference=reference).reshape(4, 3)
+    *_, command, fed = output_of(pd, measurement=measurement, reference=reference).reshape(4, 3)
     np.testing.assert_allclose(output("acceleration_command"), command + fed, rtol=1e-14)
-    vectored = evaluated(ThrustVectoring(numbers=VECTORING), acceleration_command=command + fed, **given)
+    vectored = output_of(ThrustVectoring(numbers=VECTORING), acceleration_command=command + fed, **given)
     thrust, attitude, rates, accelerations = np.split(vectored, [1, 4, 7])
     assert np.any(rates[:2] != 0.0) == (feed_forward in ("jerk", "snap"))
     assert np.any(accelerations != 0.0) == (feed_forward == "snap")
     np.testing.assert_allclose(output("attitude_command"), attitude, rtol=1e-14)
-    torque = evaluated(
+    torque = output_of(
         AttitudeController(numbers=ATTITUDE),
         measurement=measurement,
         attitude_command=attitude,
@@ -101,17 +101,19 @@ def test_at_rest_on_the_reference_the_thrust_is_the_nominal_weight():
 
 
 def test_outputs_of_the_position_controller_are_outputs_of_the_cascade():
-    always = ["wrench", "acceleration_command", "attitude_command"]
-    of_the_pd = ["error", "error_rate", "pd", "correction"]
+    common_outputs = ["wrench", "acceleration_command", "attitude_command"]
+    pd_outputs = ["error", "error_rate", "pd", "correction"]
     pd = ProportionalDerivative(numbers=GAINS)
-    assert ports(cascade("none")) == (["measurement", "reference"], always + of_the_pd)
+    assert port_names(cascade("none")) == (["measurement", "reference"], common_outputs + pd_outputs)
     network = build_fuzzy_network(rules=FuzzyRules(adaptive=True), learning=WeightLearning(), sets=SetLearning())
-    still = EstimatorNumbers((IncrementalLaw(3.0),) * 3, (AxisCommand(0.1, 0.1),) * 3, 1.0)
-    corrected = build_position_controller(pd, disturbance=DisturbanceEstimator(numbers=still), takes_correction=True)
-    assert ports(cascade("snap", corrected, network)) == ([*INPUTS], [*always, *POSITION_SIGNALS])
+    estimator_numbers = EstimatorNumbers((IncrementalLaw(3.0),) * 3, (AxisCommand(0.1, 0.1),) * 3, 1.0)
+    corrected = build_position_controller(
+        pd, disturbance=DisturbanceEstimator(numbers=estimator_numbers), takes_correction=True
+    )
+    assert port_names(cascade("snap", corrected, network)) == ([*INPUTS], [*common_outputs, *POSITION_SIGNALS])
     integral = IntegralCorrection(numbers=IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6))
     pid = build_position_controller(ProportionalDerivative(numbers=GAINS), integral=integral)
-    assert ports(cascade("jerk", pid)) == ([*INPUTS][:3], always + of_the_pd)
+    assert port_names(cascade("jerk", pid)) == ([*INPUTS][:3], common_outputs + pd_outputs)
 
 
 class Constant(LeafSystem):
@@ -127,7 +129,7 @@ class Constant(LeafSystem):
 
 
 class Estimator(LeafSystem):
-    """Controller with all outputs that a network can read, and inputs for its correction and learned disturbance."""
+    """Controller with every output that a network can read, and with inputs for the outputs of a network."""
 
     def __init__(self):
         super().__init__()
@@ -135,10 +137,10 @@ class Estimator(LeafSystem):
         self.DeclareVectorInputPort("reference", BasicVector(11))
         correction = self.DeclareVectorInputPort("correction", BasicVector(3))
         self.DeclareVectorInputPort("learned_disturbance", BasicVector(3))
-        for place, name in enumerate(("error", "error_rate", "pd", "disturbance")):
-            rows = 0.1 * (place + 1.0) * np.array([1.0, -2.0, 3.0])
-            show = lambda context, output, rows=rows: output.SetFromVector(rows)  # noqa: E731
-            self.DeclareVectorOutputPort(name, BasicVector(3), show, {self.nothing_ticket()})
+        for index, name in enumerate(("error", "error_rate", "pd", "disturbance")):
+            rows = 0.1 * (index + 1.0) * np.array([1.0, -2.0, 3.0])
+            write_rows = lambda context, output, rows=rows: output.SetFromVector(rows)  # noqa: E731
+            self.DeclareVectorOutputPort(name, BasicVector(3), write_rows, {self.nothing_ticket()})
         self.DeclareVectorOutputPort(
             "acceleration_command",
             BasicVector(3),
@@ -148,12 +150,12 @@ class Estimator(LeafSystem):
 
 
 def test_a_network_works_around_any_controller_and_reads_its_estimate():
-    """The network reads the disturbance on its own axis and the measured height; its output is subtracted."""
+    """The network reads the disturbance on each axis and the measured height. Its output is subtracted."""
     inputs, sets = ("z", "disturbance"), Antecedents(1.3, 0.7, 0.4, (FuzzySets(0.6), FuzzySets(1.1)))
     learning = WeightLearning(learns_from="feedback")
     network = build_fuzzy_network(rules=FuzzyRules(inputs=inputs, numbers=RulesNumbers((sets,))), learning=learning)
     control = cascade("none", Estimator(), network)
-    assert ports(control)[0] == ["measurement", "reference"]
+    assert port_names(control)[0] == ["measurement", "reference"]
     context, weights = control.CreateDefaultContext(), np.linspace(-1.0, 1.0, 9)
     learning.set_state(learning.GetMyMutableContextFromRoot(context), "weights", (tuple(weights),) * 2)
     for name in ("measurement", "reference"):
@@ -166,7 +168,7 @@ def test_a_network_works_around_any_controller_and_reads_its_estimate():
 
 @pytest.mark.parametrize("leads", [False, True])
 def test_a_controller_gets_the_disturbance_learned_for_the_present_position(leads):
-    """The learned disturbance is that at the present position, the correction that after the lead time."""
+    """The learned disturbance is evaluated at the present position, the correction at that after the lead time."""
     lead, sets = 0.3, Antecedents(1.3, 0.7, 0.4, (FuzzySets(0.1, (-1.0, 0.2, 0.9)),))
     rules = FuzzyRules(inputs=("z",), leads=leads, numbers=RulesNumbers((sets,), Lead(lead)))
     learning, position = WeightLearning(num_rules=3, leads=leads), Estimator()
@@ -188,7 +190,7 @@ def test_any_position_controller_can_be_used():
     """Eq (7) and the attitude law need only the commanded acceleration of the position controller."""
     command = Acceleration(0.4, -0.3, 0.2)
     control = cascade("none", Constant(command))
-    assert ports(control) == (["measurement", "reference"], ["wrench", "acceleration_command", "attitude_command"])
+    assert port_names(control) == (["measurement", "reference"], ["wrench", "acceleration_command", "attitude_command"])
     context = control.CreateDefaultContext()
     control.GetInputPort("measurement").FixValue(context, [0.0] * 12)
     control.GetInputPort("reference").FixValue(context, [0.0] * 11)

@@ -1,4 +1,4 @@
-"""Laws that estimate disturbances, compared with other implementations and with published results."""
+"""Tests of laws that estimate disturbances, by comparison with other implementations and published results."""
 
 import math
 
@@ -44,11 +44,11 @@ def test_the_kalman_gain_matches_python_control(deviation, time_constant, noise)
     slope = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0 / time_constant]])
     A = scipy.linalg.expm(H * slope)
 
-    def added(s):
+    def noise_rate(s):
         column = scipy.linalg.expm(s * slope)[:, 2]
         return 2.0 * deviation**2 / time_constant * np.outer(column, column)
 
-    Q, _ = scipy.integrate.quad_vec(added, 0.0, H)
+    Q, _ = scipy.integrate.quad_vec(noise_rate, 0.0, H)
     AL, _, poles = control.dlqe(A, np.eye(3), np.array([[1.0, 0.0, 0.0]]), Q, [[noise**2]])
     np.testing.assert_allclose(A @ law.gain, AL.ravel(), rtol=1e-6)
     assert np.abs(poles).max() < 1.0
@@ -59,34 +59,32 @@ def test_the_filter_is_faster_for_less_noise_and_more_disturbance():
     gain = KalmanLaw.of(**numbers).gain.disturbance
     assert KalmanLaw.of(**numbers | {"position_noise": 1e-2}).gain.disturbance < gain
     assert KalmanLaw.of(**numbers | {"deviation": 1.0}).gain.disturbance > gain
-    # Only the ratio of noise and disturbance matters.
+    # The gain depends only on the ratio of disturbance to noise.
     tenfold = KalmanLaw.of(**numbers | {"deviation": 3.0, "position_noise": 1e-2})
     np.testing.assert_allclose(tenfold.gain, KalmanLaw.of(**numbers).gain, rtol=1e-9)
 
 
 def estimates(law, disturbances, accelerations, *, start=0.0):
     """Return the estimates of a law at the end of each tick, for v' = a + d with constant a and d, without noise."""
-    position, velocity, memory, shown = start, 0.0, law.at_rest(start), []
+    position, velocity, memory, values = start, 0.0, law.at_rest(start), []
     for a, d in zip(accelerations, disturbances, strict=True):
         memory = law.corrected(memory, AxisMeasurement(position, velocity), H)
         memory = law.predicted(memory, ModelIncrement(H * a, 0.5 * H * H * a), H)
         position += H * velocity + 0.5 * H * H * (a + d)
         velocity += H * (a + d)
-        shown.append(law.corrected(memory, AxisMeasurement(position, velocity), H).disturbance)
-    return np.array(shown)
+        values.append(law.corrected(memory, AxisMeasurement(position, velocity), H).disturbance)
+    return np.array(values)
 
 
 RNG = np.random.default_rng(0)
-DISTURBANCES = RNG.normal(size=60)
+ACCELERATIONS = RNG.normal(size=60)
 
 
 def test_l1_is_the_published_law_in_continuous_time():
-    """SciPy integrates the state predictor and the low-pass filter; the adaptation acts at the ticks only, as in the
-    papers.
-    """
-    a_s, bandwidth, pushes = 7.0, 3.0, RNG.normal(size=60)
+    """SciPy integrates the state predictor. As in the papers, the adaptation acts at the ticks only."""
+    a_s, bandwidth, disturbances = 7.0, 3.0, RNG.normal(size=60)
     sigma, filtered, v, v_hat, expected = 0.0, 0.0, 0.0, 0.0, []
-    for a, d in zip(DISTURBANCES, pushes, strict=True):
+    for a, d in zip(ACCELERATIONS, disturbances, strict=True):
 
         def slope(_, state, a=a, d=d, sigma=sigma):
             v, v_hat = state
@@ -97,61 +95,65 @@ def test_l1_is_the_published_law_in_continuous_time():
         sigma = -math.exp(-a_s * H) * (v_hat - v) / ((math.exp(-a_s * H) - 1.0) / -a_s)
         filtered += (1.0 - math.exp(-bandwidth * H)) * (sigma - filtered)
         expected.append(filtered)
-    np.testing.assert_allclose(estimates(AdaptiveLaw(a_s, bandwidth), pushes, DISTURBANCES), expected, atol=1e-8)
+    np.testing.assert_allclose(estimates(AdaptiveLaw(a_s, bandwidth), disturbances, ACCELERATIONS), expected, atol=1e-8)
 
 
 def test_l1_with_slow_predictor_and_fast_filter_estimates_the_last_disturbance():
-    pushes = RNG.normal(size=60)
-    np.testing.assert_allclose(estimates(AdaptiveLaw(1e-9, 1e9), pushes, DISTURBANCES), pushes, atol=1e-6)
+    disturbances = RNG.normal(size=60)
+    np.testing.assert_allclose(estimates(AdaptiveLaw(1e-9, 1e9), disturbances, ACCELERATIONS), disturbances, atol=1e-6)
 
 
 @pytest.mark.parametrize("frequency", [0.7, 2.0, 9.0])
-def test_l1_compensates_what_passes_its_low_pass_filter(frequency):
-    """For fast ticks and a slow state predictor u = -C(s) d has the amplitude and phase of ω / (i Ω + ω) at Ω."""
+def test_l1_compensates_the_low_pass_filtered_disturbance(frequency):
+    """For fast ticks and a slow predictor, u = -C(s) d has at Ω the amplitude and phase of ω / (i Ω + ω)."""
     bandwidth, h = 2.0, 1e-3
     law, time = AdaptiveLaw(1e-6, bandwidth), h * np.arange(20_000)
-    memory, velocities, shown = law.at_rest(0.0), (1.0 - np.cos(frequency * time)) / frequency, []
+    memory, velocities, values = law.at_rest(0.0), (1.0 - np.cos(frequency * time)) / frequency, []
     for velocity in velocities:
         memory = law.corrected(memory, AxisMeasurement(0.0, velocity), h)
-        shown.append(memory.disturbance)
+        values.append(memory.disturbance)
     waves = np.column_stack([np.sin(frequency * time), np.cos(frequency * time)])[10_000:]
-    (in_phase, ahead), *_ = np.linalg.lstsq(waves, np.array(shown)[10_000:], rcond=None)
+    (in_phase, ahead), *_ = np.linalg.lstsq(waves, np.array(values)[10_000:], rcond=None)
     assert complex(in_phase, ahead) == pytest.approx(bandwidth / (1j * frequency + bandwidth), abs=0.01)
 
 
 def test_indi_filters_the_acceleration_difference_with_a_butterworth_filter():
-    bandwidth, pushes = 6.0, RNG.normal(size=60)
+    bandwidth, disturbances = 6.0, RNG.normal(size=60)
     numerator, denominator = scipy.signal.butter(2, bandwidth, analog=True)
     # The state-space form is used because the numerator of the transfer function is small compared with rounding
     # errors.
     model = scipy.signal.tf2ss(numerator, denominator)
-    _, expected, _ = scipy.signal.dlsim(scipy.signal.cont2discrete(model, H, method="zoh"), np.append(pushes, 0.0))
+    _, expected, _ = scipy.signal.dlsim(
+        scipy.signal.cont2discrete(model, H, method="zoh"), np.append(disturbances, 0.0)
+    )
     np.testing.assert_allclose(
-        estimates(IncrementalLaw(bandwidth), pushes, DISTURBANCES), expected.ravel()[1:], atol=1e-9
+        estimates(IncrementalLaw(bandwidth), disturbances, ACCELERATIONS), expected.ravel()[1:], atol=1e-9
     )
 
 
 def test_indi_is_an_incremental_pi_on_a_linear_plant():
-    """With a fast filter and a plant without lag Δu = K h e / h - Δv / h (P. Acquatella B., W. van Ekeren and
-    Q. P. Chu, "PI(D) tuning for flight control systems via INDI", IFAC 2017). The gains of the PI do not depend on d.
+    """With a fast filter and a plant without lag, INDI is Δu = K h e / h - Δv / h for any disturbance.
+
+    This is the result of P. Acquatella B., W. van Ekeren and Q. P. Chu, "PI(D) tuning for flight control systems via
+    INDI", IFAC 2017.
     """
-    K, desired, pushes = 4.0, 1.0, 0.3 + RNG.normal(size=60)
+    K, desired, disturbances = 4.0, 1.0, 0.3 + RNG.normal(size=60)
     law = IncrementalLaw(1e6)
-    memory, v, found = law.at_rest(0.0), 0.0, []
-    for d in pushes:
+    memory, v, speeds = law.at_rest(0.0), 0.0, []
+    for d in disturbances:
         memory = law.corrected(memory, AxisMeasurement(0.0, v), H)
         u = K * (desired - v) - memory.disturbance
         memory = law.predicted(memory, ModelIncrement(H * u, 0.5 * H * H * u), H)
         v += H * (u + d)
-        found.append(v)
+        speeds.append(v)
     k_p, k_i, u, v, before, expected = 1.0 / H, K / H, 0.0, 0.0, 0.0, []
-    for d in pushes:
+    for d in disturbances:
         e = desired - v
         u += k_i * H * e + k_p * (e - (desired - before))
         before = v
         v += H * (u + d)
         expected.append(v)
-    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    np.testing.assert_allclose(speeds, expected, rtol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -164,8 +166,8 @@ def test_indi_is_an_incremental_pi_on_a_linear_plant():
     ids=lambda law: type(law).__name__,
 )
 def test_a_constant_disturbance_is_estimated_for_any_command(law):
-    pushes = np.full(400, -0.7)
-    assert estimates(law, pushes, RNG.normal(size=400), start=3.0)[-1] == pytest.approx(-0.7, abs=1e-3)
+    disturbances = np.full(400, -0.7)
+    assert estimates(law, disturbances, RNG.normal(size=400), start=3.0)[-1] == pytest.approx(-0.7, abs=1e-3)
 
 
 def test_the_kalman_filter_predicts_the_decay_of_a_disturbance():

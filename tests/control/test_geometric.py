@@ -1,4 +1,4 @@
-"""Geometric attitude control: compared with the PD near the command, and recovery from any attitude."""
+"""Tests of geometric attitude control: agreement with the PD near the command, and recovery from any attitude."""
 
 import math
 
@@ -49,9 +49,9 @@ def angles_of(R):
 
 @pytest.mark.slow
 def test_the_lyapunov_function_of_the_paper_decreases_on_the_exact_dynamics():
-    """V = ½ e_Ω·J e_Ω + k_R Ψ + c e_R·e_Ω with Ψ = ½ tr(1 - R_dᵀ R) of the paper's proof, with one k_R for all axes.
+    """The function is V = ½ e_Ω·J e_Ω + k_R Ψ + c e_R·e_Ω with Ψ = ½ tr(1 - R_dᵀ R), with one k_R for all axes.
 
-    The command is constant, and the body starts at 178° about an axis that is not one of its own.
+    The command is constant. At the start the error is a rotation by 178° about an axis that is not a body axis.
     """
     k_R, k_Omega, c = 0.12, 0.05, 0.004
     numbers = AttitudeNumbers(PerAngle(*(k_R / INERTIA)), PerAngle(*(k_Omega / INERTIA)), *INERTIA)
@@ -68,7 +68,7 @@ def test_the_lyapunov_function_of_the_paper_decreases_on_the_exact_dynamics():
         return np.concatenate([(R @ hat).ravel(), (np.array(torque) - np.cross(w, INERTIA * w)) / INERTIA])
 
     start = np.concatenate([R_0.ravel(), [0.3, -0.2, 0.1]])
-    found = scipy.integrate.solve_ivp(
+    states = scipy.integrate.solve_ivp(
         slope, (0.0, 8.0), start, rtol=1e-8, atol=1e-10, t_eval=np.linspace(0.0, 8.0, 200)
     ).y.T
 
@@ -78,15 +78,15 @@ def test_the_lyapunov_function_of_the_paper_decreases_on_the_exact_dynamics():
         e_R = np.array([skew[2, 1], skew[0, 2], skew[1, 0]])
         return 0.5 * w @ (INERTIA * w) + 0.5 * k_R * np.trace(np.eye(3) - R_d.T @ R) + c * e_R @ w
 
-    values = np.array([lyapunov(state) for state in found])
-    assert values[0] > 1.9 * k_R  # This is close to the largest possible value.
+    values = np.array([lyapunov(state) for state in states])
+    assert values[0] > 1.9 * k_R  # The largest possible value is 2 k_R.
     assert (np.diff(values) < 1e-9).all()
     assert values[-1] < 1e-5 * values[0]
-    np.testing.assert_allclose(found[-1][:9].reshape(3, 3), R_d, atol=2e-3)
+    np.testing.assert_allclose(states[-1][:9].reshape(3, 3), R_d, atol=2e-3)
 
 
-def test_whole_turns_have_no_influence():
-    """A vehicle that has rolled over takes the shorter way back, whereas a PD on the angle unwinds the whole turn."""
+def test_whole_turns_of_the_attitude_have_no_influence():
+    """After a full roll the law takes the shorter way back, whereas a PD on the angle unwinds the whole turn."""
     numbers = AttitudeNumbers(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), *INERTIA)
     rest = (0.0, 0.0, 0.0)
 
@@ -98,8 +98,8 @@ def test_whole_turns_have_no_influence():
     assert roll_torque(geometric_law, 2.0 * math.pi - 0.3) > 0.0 > roll_torque(attitude_law, 2.0 * math.pi - 0.3)
 
 
-HOME = (0.3, -0.2, 30.0)
-RECOVERY = """
+HOVER_POSITION = (0.3, -0.2, 30.0)
+RECOVERY_SCENARIO = """
 recovery:
   route: {kind: hover, position: [0.3, -0.2, 30.0], duration: 30.0}
   crash: {tilt: null, position_error: 1000.0, height: -1000.0}
@@ -113,11 +113,11 @@ recovery:
 def test_vehicles_recover_from_any_attitude_with_the_rates_and_delay_of_the_paper(tmp_path):
     """The vehicles start at rest: upside down, at 178° about several axes, and at a hundred random attitudes."""
     path = tmp_path / "recovery.yaml"
-    path.write_text(RECOVERY)
-    over = math.radians(178.0) * np.array([[1.0, 0.0, 0.0], [0.48, 0.8, 0.36], [-0.8, 0.6, 0.0]])
-    turned = scipy.spatial.transform.Rotation.from_rotvec(over).as_matrix()
-    at_random = scipy.spatial.transform.Rotation.random(100, random_state=1).as_matrix()
-    attitudes = [angles_of(R) for R in (*turned, *at_random)]
+    path.write_text(RECOVERY_SCENARIO)
+    rotation_vectors = math.radians(178.0) * np.array([[1.0, 0.0, 0.0], [0.48, 0.8, 0.36], [-0.8, 0.6, 0.0]])
+    fixed_rotations = scipy.spatial.transform.Rotation.from_rotvec(rotation_vectors).as_matrix()
+    random_rotations = scipy.spatial.transform.Rotation.random(100, random_state=1).as_matrix()
+    attitudes = [angles_of(R) for R in (*fixed_rotations, *random_rotations)]
 
     scenario = load_scenario(path)
     diagram = build_fleet_diagram(Batch.draw(scenario, range(len(attitudes))), plan_route(scenario))
@@ -129,14 +129,14 @@ def test_vehicles_recover_from_any_attitude_with_the_rates_and_delay_of_the_pape
     vehicle.set_state(context, "state", begin._replace(roll=roll, pitch=pitch, yaw=yaw))
     fly(simulator, 30.0)
     end = vehicle.get_state(context, "state")
-    np.testing.assert_allclose(np.transpose([end.x, end.y, end.z]), [HOME] * len(attitudes), atol=0.05)
+    np.testing.assert_allclose(np.transpose([end.x, end.y, end.z]), [HOVER_POSITION] * len(attitudes), atol=0.05)
     np.testing.assert_allclose([end.v_x, end.v_y, end.v_z], 0.0, atol=0.05)
     np.testing.assert_allclose([np.cos(end.roll) * np.cos(end.pitch), np.cos(end.yaw)], 1.0, atol=1e-4)
 
 
-COMMANDED = Attitude(0.2, -0.3, 0.7)
-MEASURED = State(0.0, 0.0, 0.0, -0.4, 0.5, 1.1, 0.0, 0.0, 0.0, 0.3, -0.2, 0.6)
-INTEGRATING = IntegratingAttitudeNumbers(
+COMMANDED_ATTITUDE = Attitude(0.2, -0.3, 0.7)
+MEASURED_STATE = State(0.0, 0.0, 0.0, -0.4, 0.5, 1.1, 0.0, 0.0, 0.0, 0.3, -0.2, 0.6)
+NUMBERS_WITH_INTEGRAL = IntegratingAttitudeNumbers(
     AttitudeNumbers(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), *INERTIA), PerAngle(9.0, 7.0, 5.0), 0.35
 )
 
@@ -145,7 +145,7 @@ def rotation_error():
     """Return ½ (R_dᵀ R - Rᵀ R_d)^∨, with SciPy's rotations."""
     R_d, R = (
         scipy.spatial.transform.Rotation.from_euler("ZYX", [each.yaw, each.pitch, each.roll]).as_matrix()
-        for each in (COMMANDED, MEASURED)
+        for each in (COMMANDED_ATTITUDE, MEASURED_STATE)
     )
     skew = 0.5 * (R_d.T @ R - R.T @ R_d)
     return np.array([skew[2, 1], skew[0, 2], skew[1, 0]])
@@ -153,34 +153,38 @@ def rotation_error():
 
 def test_the_integral_grows_by_gain_times_period_times_error_up_to_its_limit():
     period, before = 0.02, np.array([0.1, -0.2, 0.3])
-    step = period * np.array(INTEGRATING.k_i) * rotation_error()
-    after = integrated_rotation(AngularAcceleration(*before), MEASURED, COMMANDED, INTEGRATING, period)
+    step = period * np.array(NUMBERS_WITH_INTEGRAL.k_i) * rotation_error()
+    after = integrated_rotation(
+        AngularAcceleration(*before), MEASURED_STATE, COMMANDED_ATTITUDE, NUMBERS_WITH_INTEGRAL, period
+    )
     np.testing.assert_allclose(after, before + step, atol=1e-15)
     assert np.abs(step).min() > 0.01
     for sign in (1.0, -1.0):
-        full = AngularAcceleration(*(0.35 * sign * np.sign(step)))
-        held = np.array(integrated_rotation(full, MEASURED, COMMANDED, INTEGRATING, period))
-        np.testing.assert_allclose(held, full if sign > 0.0 else full + step, atol=1e-15)
+        at_limit = AngularAcceleration(*(0.35 * sign * np.sign(step)))
+        next_integral = np.array(
+            integrated_rotation(at_limit, MEASURED_STATE, COMMANDED_ATTITUDE, NUMBERS_WITH_INTEGRAL, period)
+        )
+        np.testing.assert_allclose(next_integral, at_limit if sign > 0.0 else at_limit + step, atol=1e-15)
 
 
 def test_the_integral_is_subtracted_from_the_torque():
-    """About each axis the moment of inertia times the integral is subtracted from the torque."""
+    """The subtracted torque is the moment of inertia times the integral, about each axis."""
     integral = np.array([0.1, -0.2, 0.3])
-    commanded = COMMANDED, BodyRates(0.1, 0.2, 0.3), AngularAcceleration(0.4, 0.5, 0.6)
-    without = geometric_law(MEASURED, *commanded, INTEGRATING.attitude)
-    found = integrating_law(AngularAcceleration(*integral), MEASURED, *commanded, INTEGRATING)
-    np.testing.assert_allclose(found, without - INERTIA * integral, atol=1e-15)
+    commanded = COMMANDED_ATTITUDE, BodyRates(0.1, 0.2, 0.3), AngularAcceleration(0.4, 0.5, 0.6)
+    without = geometric_law(MEASURED_STATE, *commanded, NUMBERS_WITH_INTEGRAL.attitude)
+    torque = integrating_law(AngularAcceleration(*integral), MEASURED_STATE, *commanded, NUMBERS_WITH_INTEGRAL)
+    np.testing.assert_allclose(torque, without - INERTIA * integral, atol=1e-15)
 
 
 def test_the_integral_compensates_an_offset_centre_of_mass(diagrams):
-    """A PD tilts until its torque balances that of the offset; with an integral the body becomes level again."""
+    """With a PD, the body tilts until the torque balances the offset. An integral makes it level again."""
     gains = "k_p: [30.0, 30.0, 5.0], k_d: [8.0, 8.0, 3.5]"
     offset = ["vehicle.centre_of_mass=[0.0, 0.002]", "duration=6"]
-    desired = np.empty(2)
+    roll_errors = np.empty(2)
     for i, integral in enumerate(("", ", k_i: [30.0, 30.0, 2.0]")):
         attitude = f"control.attitude={{kind: geometric, {gains}{integral}}}"
         flight = simulate(load_scenario(diagrams / "hover.yaml", [attitude, *offset]), compiled=True)
         lean = flight.record("attitude_command").roll - flight.record("state").roll
-        desired[i] = np.abs(lean[-50:]).max()
-    assert desired[0] > 0.02
-    assert desired[1] < 0.02 * desired[0]
+        roll_errors[i] = np.abs(lean[-50:]).max()
+    assert roll_errors[0] > 0.02
+    assert roll_errors[1] < 0.02 * roll_errors[0]

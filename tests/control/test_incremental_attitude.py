@@ -1,4 +1,4 @@
-"""INDI of the attitude on its own model, with an unknown torque."""
+"""Tests of INDI of the attitude on its own model, with an unknown torque."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,8 @@ from drake_quad.control.incremental_attitude import (
 from drake_quad.geometry.per_axis import PerAngle
 from drake_quad.signals import AngularAcceleration, Attitude, BodyRates, State
 
-H, LAG = 0.02, 0.05
+H = 0.02  # s, control tick
+LAG = 0.05  # s
 INERTIA = np.array([0.0065, 0.0085, 0.0126])
 GAINS = AttitudeNumbers(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), *INERTIA)
 NUMBERS = IncrementalAttitudeNumbers(GAINS, IncrementalLaw(5.0), LAG, 20.0)
@@ -23,7 +24,7 @@ AT_REST = Attitude(0.0, 0.0, 0.0), BodyRates(0.0, 0.0, 0.0), AngularAcceleration
 DISTURBANCE = np.array([0.9, -0.7, 0.4])
 
 
-def settled(law_of):
+def state_after_settling(law_of):
     """Return angles and rates after eight seconds under a constant additional angular acceleration.
 
     The commanded angular acceleration has the modelled lag.
@@ -40,10 +41,10 @@ def settled(law_of):
 
 
 def test_a_constant_torque_deflects_a_pd_but_not_indi():
-    angles, rates = settled(lambda measurement: attitude_law(measurement, *AT_REST, GAINS))
+    angles, rates = state_after_settling(lambda measurement: attitude_law(measurement, *AT_REST, GAINS))
     np.testing.assert_allclose(angles, DISTURBANCE / np.array(GAINS.k_p), rtol=1e-3)
-    still = ((NUMBERS.law.at_rest(0.0),) * 3, (AxisCommand(0.0, 0.0),) * 3)
-    states = [still]
+    initial_states = ((NUMBERS.law.at_rest(0.0),) * 3, (AxisCommand(0.0, 0.0),) * 3)
+    states = [initial_states]
 
     def incremental(measurement):
         memory, following = states.pop()
@@ -51,9 +52,9 @@ def test_a_constant_torque_deflects_a_pd_but_not_indi():
         states.append(next_incremental_memory(memory, following, (), *arguments)[:2])
         return incremental_torque(memory, *arguments)
 
-    angles, rates = settled(incremental)
+    angles, rates = state_after_settling(incremental)
     np.testing.assert_allclose([angles, rates], 0.0, atol=1e-3)
-    # The measured acceleration that the model does not explain is the disturbance.
+    # The estimated disturbance is the measured acceleration that the model does not explain.
     (memory, _) = states.pop()
     assert [each.disturbance for each in memory] == pytest.approx(DISTURBANCE, rel=1e-2)
 
@@ -68,17 +69,17 @@ def test_without_a_disturbance_the_torque_is_that_of_the_pd():
 
 
 def test_the_torque_follows_the_equation_of_incremental_control():
-    """The torque is I (α_c - d) + ω_r × I ω_r with d = H (ω̇ - α). The model has no gyroscopic torque."""
+    """The torque is I (α_c - d) + ω_r × I ω_r, where the filter H gives d = H (ω̇ - α)."""
     rng = np.random.default_rng(2)
     bandwidth = NUMBERS.law.bandwidth
     lag = np.array([[0.0, 1.0], [-(bandwidth**2), -np.sqrt(2.0) * bandwidth]]), np.array([[0.0], [bandwidth**2]])
     A, B, *_ = scipy.signal.cont2discrete((*lag, np.array([[1.0, 0.0]]), np.zeros((1, 1))), H)
     filtered, modelled, before = np.zeros((2, 3)), np.zeros(3), np.zeros(3)
-    rate_increment = np.zeros(3)  # change of the modelled body rates in the last tick
+    rate_increment = np.zeros(3)  # rad/s, change of the modelled body rates in the last tick
     memory = (NUMBERS.law.at_rest(0.0),) * 3
     following = (AxisCommand(0.0, 0.0),) * 3
     for _ in range(40):
-        angles, rates, attitude, wanted_rates, feed_forward = rng.normal(size=(5, 3)) * [
+        angles, rates, attitude, commanded_rates, feed_forward = rng.normal(size=(5, 3)) * [
             [0.2],
             [0.3],
             [0.2],
@@ -87,12 +88,12 @@ def test_the_torque_follows_the_equation_of_incremental_control():
         ]
         filtered = A @ filtered + B * (rates - before - rate_increment) / H
         disturbance = filtered[0]
-        desired = GAINS.k_p * (attitude - angles) + GAINS.k_d * (wanted_rates - rates) + feed_forward
-        expected = INERTIA * (desired - disturbance) + np.cross(wanted_rates, INERTIA * wanted_rates)
+        desired = GAINS.k_p * (attitude - angles) + GAINS.k_d * (commanded_rates - rates) + feed_forward
+        expected = INERTIA * (desired - disturbance) + np.cross(commanded_rates, INERTIA * commanded_rates)
         measurement = State(0.0, 0.0, 0.0, *angles, 0.0, 0.0, 0.0, *rates)
-        requested = Attitude(*attitude), BodyRates(*wanted_rates), AngularAcceleration(*feed_forward)
-        found = incremental_torque(memory, measurement, *requested, NUMBERS, H)
-        np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12)
+        requested = Attitude(*attitude), BodyRates(*commanded_rates), AngularAcceleration(*feed_forward)
+        torque = incremental_torque(memory, measurement, *requested, NUMBERS, H)
+        np.testing.assert_allclose(torque, expected, rtol=0.0, atol=1e-12)
         memory, following, _ = next_incremental_memory(memory, following, (), measurement, *requested, NUMBERS, H)
         # The model α' = (α_c - d - α) / lag is solved exactly over a tick.
         command = desired - disturbance

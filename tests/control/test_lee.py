@@ -1,4 +1,4 @@
-"""Geometric control against the published law and the Crazyflie's firmware, both implemented anew in NumPy.
+"""Tests of geometric control against the published law and the Crazyflie's firmware, both implemented anew in NumPy.
 
 The law is that of T. Lee, M. Leok and N. H. McClamroch, "Geometric tracking control of a quadrotor UAV on SE(3)",
 CDC 2010, with Z up. The firmware's is `controller_lee.c` of bitcraze/crazyflie-firmware at 2a18fc2.
@@ -22,7 +22,7 @@ G = 9.81  # m/s²
 MASS = 0.0325  # kg
 INERTIA = np.array([16.571710e-6, 16.655602e-6, 29.261652e-6])
 # These limits are never reached, so the law is the published one.
-BELIEVED = VectoringNumbers(MASS, G, ThrustLimits(1e3, 1e-6, 1e3))
+VECTORING_NUMBERS = VectoringNumbers(MASS, G, ThrustLimits(1e3, 1e-6, 1e3))
 GAINS = AttitudeNumbers(PerAngle(420.0, 430.0, 270.0), PerAngle(70.0, 69.0, 68.0), *INERTIA)
 K_P = np.array(GAINS.k_p)
 K_D = np.array(GAINS.k_d)
@@ -52,8 +52,8 @@ def rates_of(rotation, h=1e-6):
     return np.array([slope[2, 1], slope[0, 2], slope[1, 0]])
 
 
-def draw(rng):
-    """Draw a measured state, a reference, a commanded acceleration and a jerk of a vehicle that flies fast."""
+def random_inputs(rng):
+    """Return a random state, reference, commanded acceleration and jerk of a fast vehicle."""
     attitude = [*rng.uniform(-1.2, 1.2, 2), rng.uniform(-3.0, 3.0)]
     measurement = State(*rng.normal(size=3), *attitude, *rng.normal(size=3), *rng.normal(0.0, 3.0, 3))
     reference = Reference(*rng.normal(size=9), rng.uniform(-3.0, 3.0), rng.uniform(-2.0, 2.0))
@@ -62,31 +62,35 @@ def draw(rng):
 
 def vectored(drawn, sequence):
     measurement, reference, command, jerk = drawn
-    return vectored_thrust(command, measurement, reference, jerk, None, BELIEVED, True, sequence)
+    return vectored_thrust(command, measurement, reference, jerk, None, VECTORING_NUMBERS, True, sequence)
 
 
 @pytest.mark.parametrize("seed", range(50))
 def test_thrust_attitude_rates_and_torque_match_the_paper(seed):
-    """The law is the same at any attitude, heading and yaw rate."""
-    drawn = measurement, reference, command, jerk = draw(np.random.default_rng(seed))
+    """The comparison covers random attitudes, headings and yaw rates."""
+    drawn = measurement, reference, command, jerk = random_inputs(np.random.default_rng(seed))
     force = MASS * (np.add(command, [0.0, 0.0, G]))
     R = rotation_of(*measurement[3:6])
     Omega = np.array(measurement[9:12])
-    found = vectored(drawn, "zxy")
-    assert found.thrust.thrust == pytest.approx(max(force @ R[:, 2], 1e-6), abs=1e-13)
+    vectored_command = vectored(drawn, "zxy")
+    assert vectored_command.thrust.thrust == pytest.approx(max(force @ R[:, 2], 1e-6), abs=1e-13)
     R_c = commanded_rotation(force, reference.yaw)
-    np.testing.assert_allclose(rotation_of(*found.attitude_command), R_c, atol=1e-14)
+    np.testing.assert_allclose(rotation_of(*vectored_command.attitude_command), R_c, atol=1e-14)
 
     def rotation(time):
         return commanded_rotation(force + MASS * time * np.array(jerk), reference.yaw + time * reference.yaw_rate)
 
     Omega_c = rates_of(rotation)
-    np.testing.assert_allclose(found.body_rate_command, Omega_c, atol=1e-8)
-    turning = np.array([0.7, -0.4, 0.9])
-    carried = np.cross(Omega, R.T @ R_c @ Omega_c) - R.T @ R_c @ turning
+    np.testing.assert_allclose(vectored_command.body_rate_command, Omega_c, atol=1e-8)
+    angular_acceleration = np.array([0.7, -0.4, 0.9])
+    transported = np.cross(Omega, R.T @ R_c @ Omega_c) - R.T @ R_c @ angular_acceleration
     e_Omega = Omega - R.T @ R_c @ Omega_c
-    torque = -INERTIA * (K_P * rotation_error(R, R_c) + K_D * e_Omega + carried) + np.cross(Omega, INERTIA * Omega)
-    commanded = found.attitude_command, found.body_rate_command, AngularAcceleration(*turning)
+    torque = -INERTIA * (K_P * rotation_error(R, R_c) + K_D * e_Omega + transported) + np.cross(Omega, INERTIA * Omega)
+    commanded = (
+        vectored_command.attitude_command,
+        vectored_command.body_rate_command,
+        AngularAcceleration(*angular_acceleration),
+    )
     np.testing.assert_allclose(geometric_law(measurement, *commanded, GAINS), torque, atol=1e-11)
     # The firmware omits the term J (ω x ω_r).
     without = torque + INERTIA * np.cross(Omega, R.T @ R_c @ Omega_c)
@@ -104,7 +108,7 @@ def heading_between(one, other):
 def test_the_two_euler_sequences_give_the_same_thrust_and_different_headings(seed):
     """The headings differ by about the product of the tilts: 48 mrad at 2 m/s² forward and 3 m/s² to the right."""
     rng = np.random.default_rng(seed)
-    measurement, reference, _, jerk = draw(rng)
+    measurement, reference, _, jerk = random_inputs(rng)
     turn = scipy.spatial.transform.Rotation.from_euler("Z", reference.yaw)
     for level, expected in (((2.0, -3.0), 0.048), ((-2.0, -3.0), -0.048), ((2.0, 0.0), 0.0), ((0.0, 3.0), 0.0)):
         command = Acceleration(*turn.apply([*level, 1.0]))
@@ -143,7 +147,7 @@ class Firmware:
         return np.array([thrust, *(torque + np.cross(omega, self.J * omega))])
 
 
-def flown(**overrides):
+def simulated_flight(**overrides):
     """Simulate a flight at 500 Hz around an ellipse under a Lee controller, as in crazyswarm2.yaml, at constant yaw."""
     requested = {
         "control.position.feed_forward": "acceleration",
@@ -161,7 +165,7 @@ def flown(**overrides):
         # The loop oscillates and diverges with rotors as slow as those of the data sheet.
         "vehicle.rotor_time_constant": 0.01,
         "vehicle.rotor_time_constant_down": None,
-        # This thrust factor is that of the propellers of log145.
+        # The propellers of log145 have this thrust factor.
         "vehicle.thrust_factor": 2.8e-8,
         "crash.position_error": 10.0,
         "control.thrust_vectoring": {"max_tilt": 1.2, "min_thrust": 0.05, "max_thrust": 4.0},
@@ -183,9 +187,9 @@ def commanded_by_firmware(flight):
 
 
 @pytest.mark.slow
-def test_the_shipped_scenarios_fly_under_the_law_of_the_firmware():
-    """Compare every tick of a flight without jerk feed-forward, including both integrals and large tilts."""
-    flight = flown()
+def test_wrenches_in_flight_are_those_of_the_firmware():
+    """The flight has no jerk feed-forward. Both integrals act, and tilts are large."""
+    flight = simulated_flight()
     assert not flight.metrics.crashed
     assert np.abs(flight["state"][:, 3:5]).max(axis=0).min() > 0.3
     expected = commanded_by_firmware(flight)
@@ -194,31 +198,31 @@ def test_the_shipped_scenarios_fly_under_the_law_of_the_firmware():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("field", "value", "part"),
+    ("field", "value", "row"),
     [
         ("control.attitude.euler_sequence", "zyx", 3),
         ("control.attitude.integration", "forward_euler", 1),
         ("control.position.integration", "forward_euler", 0),
     ],
 )
-def test_each_option_of_the_firmware_changes_the_law(field, value, part):
-    flight = flown(**{field: value})
-    off = np.abs(flight["wrench"] - commanded_by_firmware(flight)).max(axis=0)
-    assert off[part] > 1e-5
+def test_without_any_one_option_of_the_firmware_wrenches_differ(field, value, row):
+    flight = simulated_flight(**{field: value})
+    difference = np.abs(flight["wrench"] - commanded_by_firmware(flight)).max(axis=0)
+    assert difference[row] > 1e-5
 
 
 @pytest.mark.parametrize("log", ["08", "100", "145", "180"])
-def test_logged_firmware_commands_have_a_level_y_axis_and_not_the_yaw_of_the_reference(root, log):
+def test_attitude_commands_in_logs_have_a_level_y_axis_instead_of_the_reference_yaw(root, log):
     """The reference yaw is zero, so y_d is perpendicular to X. The logs are rounded to half a milliradian."""
     command = read_log(root / f"tests/data/crazyflie/crazyswarm2/log{log}.xz").attitude_command
     y_d = BodyAxes.of(*command.T).y
     assert np.abs(y_d.x).max() < 6e-4 < 4e-3 < np.abs(command[:, 2]).max()
 
 
-def test_logged_firmware_torques_have_no_transport_term(root):
-    """The yaw torque of log100 follows the firmware's law without J (ω x ω_r), a term that is largest about z."""
+def test_torques_in_a_log_have_no_transport_term(root):
+    """The yaw torque of log100 follows the firmware's law without the transport term J (ω x ω_r)."""
     record = read_log(root / "tests/data/crazyflie/crazyswarm2/log100.xz")
-    # KR, Kw and KI are those of the firmware's source file; see tests/identification/test_crazyswarm2.py.
+    # KR, Kw and KI are those of the firmware's source file, as in tests/identification/test_crazyswarm2.py.
     KR, Kw, KI = 0.008, 0.002, 0.024
     attitudes = zip(record.attitude, record.attitude_command, strict=True)
     error = np.array([rotation_error(rotation_of(*own), rotation_of(*commanded))[2] for own, commanded in attitudes])
@@ -229,6 +233,6 @@ def test_logged_firmware_torques_have_no_transport_term(root):
     transport = (INERTIA * np.cross(omega, omega_r))[:, 2]
     logged = record.torque_command[:, 2]
     # The integral before the start of the log is unknown but constant, so it does not change the variance.
-    without, with_it = (np.var(logged - each) / np.var(logged) for each in (torque, torque - transport))
+    without, with_transport = (np.var(logged - each) / np.var(logged) for each in (torque, torque - transport))
     assert without < 0.003
-    assert with_it > 0.02
+    assert with_transport > 0.02

@@ -1,4 +1,4 @@
-"""Cascades of PIDs, compared with PX4's equations in PX4's frames and units, and in flights."""
+"""Tests of cascades of PIDs: comparison with PX4's equations in PX4's frames and units, and flights."""
 
 import math
 
@@ -31,12 +31,20 @@ from drake_quad.signals import Attitude, Reference, State
 from drake_quad.vehicle.autopilot import rotation_error
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
-MASS, GRAVITY, HOVER = 1.3, 9.80665, 0.45
+MASS = 1.3  # kg
+GRAVITY = 9.80665  # m/s²
+HOVER = 0.45  # normalised thrust in hover
 WEIGHT = MASS * GRAVITY
 PERIOD = 0.01
 P_POSITION = np.array([0.95, 0.95, 1.0])
-K_P, K_I, K_D = np.array([[1.8, 1.8, 4.0], [0.4, 0.4, 2.0], [0.2, 0.2, 0.1]])
-SPEEDS, TILT, THRUSTS, MARGIN, CUTOFF = (2.0, 1.0, 0.7), 0.6, (0.12, 0.9), 0.3, 31.0
+K_P = np.array([1.8, 1.8, 4.0])
+K_I = np.array([0.4, 0.4, 2.0])
+K_D = np.array([0.2, 0.2, 0.1])
+MAX_SPEEDS = (2.0, 1.0, 0.7)  # m/s: horizontal, up, down
+MAX_TILT = 0.6  # rad
+THRUST_LIMITS = (0.12, 0.9)  # normalised
+HORIZONTAL_MARGIN = 0.3  # normalised thrust
+CUTOFF = 31.0  # rad/s, of the filter of the derivative
 NED = np.diag([1.0, -1.0, -1.0])
 CRAZYFLIE = ["vehicles/crazyflie", "controllers/crazyflie"]
 PX4 = {
@@ -49,7 +57,7 @@ PX4 = {
 }
 
 
-def numbers():
+def cascade_numbers():
     terms = [
         Terms(Integral(i, limit), Derivative(d, first_order(CUTOFF, PERIOD)))
         for i, d, limit in zip(K_I, K_D, (1e3, 1e3, GRAVITY))
@@ -61,7 +69,9 @@ def numbers():
         1.0,
         MASS,
         GRAVITY,
-        AccelerationNumbers(1.0, *SPEEDS, math.tan(TILT), *(unit * share for share in THRUSTS), unit * MARGIN),
+        AccelerationNumbers(
+            1.0, *MAX_SPEEDS, math.tan(MAX_TILT), *(unit * share for share in THRUST_LIMITS), unit * HORIZONTAL_MARGIN
+        ),
     )
 
 
@@ -71,70 +81,73 @@ class Px4:
     def __init__(self):
         self.integral, self.before, self.rate = np.zeros(3), None, np.zeros(3)
 
-    def update(self, position, velocity, wanted, fed_velocity, acceleration, *, decoupled):
+    def update(self, position, velocity, target, fed_velocity, acceleration, *, decoupled):
         if self.before is not None:
             share = CUTOFF * PERIOD / (1.0 + CUTOFF * PERIOD)
             self.rate += share * ((velocity - self.before) / PERIOD - self.rate)
         self.before = velocity
-        first = (wanted - position) * P_POSITION
+        first = (target - position) * P_POSITION
         setpoint = np.array([*self.shortened(first[:2], fed_velocity[:2]), first[2] + fed_velocity[2]])
-        setpoint[2] = np.clip(setpoint[2], -SPEEDS[1], SPEEDS[2])
+        setpoint[2] = np.clip(setpoint[2], -MAX_SPEEDS[1], MAX_SPEEDS[2])
         error = setpoint - velocity
-        asked = acceleration + error * K_P + self.integral - self.rate * K_D
-        down = np.array([-asked[0], -asked[1], GRAVITY - (0.0 if decoupled else asked[2])])
+        demanded = acceleration + error * K_P + self.integral - self.rate * K_D
+        down = np.array([-demanded[0], -demanded[1], GRAVITY - (0.0 if decoupled else demanded[2])])
         axis = down / np.linalg.norm(down)
-        if math.acos(axis[2]) > TILT:
+        if math.acos(axis[2]) > MAX_TILT:
             level = axis[:2] / np.linalg.norm(axis[:2])
-            axis = np.array([*(math.sin(TILT) * level), math.cos(TILT)])
-        collective = min((asked[2] * HOVER / GRAVITY - HOVER) / axis[2], -THRUSTS[0])
+            axis = np.array([*(math.sin(MAX_TILT) * level), math.cos(MAX_TILT)])
+        collective = min((demanded[2] * HOVER / GRAVITY - HOVER) / axis[2], -THRUST_LIMITS[0])
         thrust = axis * collective
-        left = error.copy()
-        if (thrust[2] >= -THRUSTS[0] and error[2] >= 0.0) or (thrust[2] <= -THRUSTS[1] and error[2] <= 0.0):
-            left[2] = 0.0
+        remaining = error.copy()
+        if (thrust[2] >= -THRUST_LIMITS[0] and error[2] >= 0.0) or (thrust[2] <= -THRUST_LIMITS[1] and error[2] <= 0.0):
+            remaining[2] = 0.0
         sideways = np.linalg.norm(thrust[:2])
-        thrust[2] = max(thrust[2], -math.sqrt(THRUSTS[1] ** 2 - min(sideways, MARGIN) ** 2))
-        room = math.sqrt(max(THRUSTS[1] ** 2 - thrust[2] ** 2, 0.0))
-        if sideways > room:
-            thrust[:2] *= room / sideways
+        thrust[2] = max(thrust[2], -math.sqrt(THRUST_LIMITS[1] ** 2 - min(sideways, HORIZONTAL_MARGIN) ** 2))
+        max_sideways = math.sqrt(max(THRUST_LIMITS[1] ** 2 - thrust[2] ** 2, 0.0))
+        if sideways > max_sideways:
+            thrust[:2] *= max_sideways / sideways
         produced = thrust[:2] * GRAVITY / HOVER
-        if asked[:2] @ asked[:2] > produced @ produced:
-            left[:2] -= 2.0 / K_P[0] * (asked[:2] - produced)
-        self.integral += left * K_I * PERIOD
+        if demanded[:2] @ demanded[:2] > produced @ produced:
+            remaining[:2] -= 2.0 / K_P[0] * (demanded[:2] - produced)
+        self.integral += remaining * K_I * PERIOD
         self.integral[2] = np.clip(self.integral[2], -GRAVITY, GRAVITY)
         return thrust
 
     @staticmethod
     def shortened(first, second):
-        """Return the sum of two velocities, in which the second is shortened until the sum has the largest speed."""
-        if np.linalg.norm(first + second) <= SPEEDS[0]:
+        """Return the sum of two velocities, with the second shortened until the sum has at most the largest speed."""
+        if np.linalg.norm(first + second) <= MAX_SPEEDS[0]:
             return first + second
         size = np.linalg.norm(first)
-        if size >= SPEEDS[0]:
-            return first / size * SPEEDS[0]
+        if size >= MAX_SPEEDS[0]:
+            return first / size * MAX_SPEEDS[0]
         unit = second / np.linalg.norm(second)
         along = unit @ first
-        return first + unit * (-along + math.sqrt(along**2 - size**2 + SPEEDS[0] ** 2))
+        return first + unit * (-along + math.sqrt(along**2 - size**2 + MAX_SPEEDS[0] ** 2))
 
 
 @pytest.mark.parametrize("decoupled", [True, False])
 @pytest.mark.parametrize("size", [0.2, 1.0, 4.0])
 def test_the_thrust_matches_px4_at_every_tick_within_and_beyond_limits(decoupled, size):
-    rng, px4, memory = np.random.default_rng(5), Px4(), empty_memory(numbers())
+    rng, px4, memory = np.random.default_rng(5), Px4(), empty_memory(cascade_numbers())
     yaw = 0.7
     for tick in range(60):
-        position, velocity, desired, fed, acceleration = size * rng.normal(size=(5, 3)) * np.array([[1, 1, 1]])
+        position, velocity, position_target, fed_velocity, acceleration = (
+            size * rng.normal(size=(5, 3)) * np.array([[1, 1, 1]])
+        )
         velocity = velocity + 0.1 * tick
         thrust = px4.update(
-            *(NED @ vector for vector in (position, velocity, desired, fed, acceleration)), decoupled=decoupled
+            *(NED @ vector for vector in (position, velocity, position_target, fed_velocity, acceleration)),
+            decoupled=decoupled,
         )
         state = State(*position, 0.1, -0.2, 0.3, *velocity, 0.0, 0.0, 0.0)
-        reference = Reference(*desired, *fed, *acceleration, yaw, 0.4)
+        reference = Reference(*position_target, *fed_velocity, *acceleration, yaw, 0.4)
         target, memory = acceleration_target(
-            state, reference, numbers(), memory, PERIOD, CascadeRules(decouples_vertical=decoupled)
+            state, reference, cascade_numbers(), memory, PERIOD, CascadeRules(decouples_vertical=decoupled)
         )
         attitude = Rotation.from_euler("ZYX", [target.yaw, target.pitch, target.roll])
-        found = attitude.apply([0.0, 0.0, target.thrust]) * HOVER / WEIGHT
-        np.testing.assert_allclose(found, NED @ thrust, rtol=1e-9, atol=1e-9)
+        commanded_thrust = attitude.apply([0.0, 0.0, target.thrust]) * HOVER / WEIGHT
+        np.testing.assert_allclose(commanded_thrust, NED @ thrust, rtol=1e-9, atol=1e-9)
         rates = Rotation.from_euler("ZYX", [0.3, -0.2, 0.1]).inv().apply([0.0, 0.0, 0.4])
         np.testing.assert_allclose(target[4:], rates, atol=1e-12)
         integrals = [each.integral for each in memory.velocity]
@@ -144,8 +157,8 @@ def test_the_thrust_matches_px4_at_every_tick_within_and_beyond_limits(decoupled
 def quaternion_error(attitude, target, weight):
     """Return the error of PX4's AttitudeControl, from rotations of the thrust axis in the world."""
     q, desired = (Rotation.from_euler("ZYX", [yaw, pitch, roll]) for roll, pitch, yaw in (attitude, target))
-    here, there = q.apply([0.0, 0.0, 1.0]), desired.apply([0.0, 0.0, 1.0])
-    axis, angle = np.cross(here, there), math.acos(np.clip(here @ there, -1.0, 1.0))
+    axis_now, axis_then = q.apply([0.0, 0.0, 1.0]), desired.apply([0.0, 0.0, 1.0])
+    axis, angle = np.cross(axis_now, axis_then), math.acos(np.clip(axis_now @ axis_then, -1.0, 1.0))
     tilt = Rotation.from_rotvec(angle * axis / max(np.linalg.norm(axis), 1e-30))
     reduced = tilt * q
     turn = (reduced.inv() * desired).as_rotvec()
@@ -158,17 +171,17 @@ def test_the_rotation_error_matches_px4():
     rng = np.random.default_rng(3)
     for _ in range(100):
         attitude, target = rng.uniform(-1.0, 1.0, (2, 3)) * [1.2, 1.2, 3.1]
-        found = rotation_error(Attitude(*attitude), Attitude(*target), 0.4)
+        error = rotation_error(Attitude(*attitude), Attitude(*target), 0.4)
         expected = quaternion_error(attitude, target, 0.4)
-        np.testing.assert_allclose(found, expected / [1.0, 1.0, 0.4], rtol=1e-6, atol=1e-6)
+        np.testing.assert_allclose(error, expected / [1.0, 1.0, 0.4], rtol=1e-6, atol=1e-6)
 
 
-def test_the_first_velocity_has_priority():
+def test_of_two_velocities_the_first_has_priority_within_the_largest_speed():
     rng = np.random.default_rng(2)
     for first, second in rng.normal(size=(200, 2, 2)) * 2.0:
-        found = np.array(limited_velocity(tuple(first), tuple(second), 2.0))
-        np.testing.assert_allclose(found, Px4.shortened(first, second), atol=1e-9)
-        assert np.linalg.norm(found) <= 2.0 + 1e-9
+        velocity = np.array(limited_velocity(tuple(first), tuple(second), 2.0))
+        np.testing.assert_allclose(velocity, Px4.shortened(first, second), atol=1e-9)
+        assert np.linalg.norm(velocity) <= 2.0 + 1e-9
     assert limited_velocity((3.0, 0.0), (0.0, 0.0), 2.0) == pytest.approx((2.0, 0.0))
     assert limited_velocity((0.0, 0.0), (0.0, -3.0), 2.0) == pytest.approx((0.0, -2.0))
     assert limited_velocity((0.0, 0.0), (0.0, 0.0), 2.0) == pytest.approx((0.0, 0.0))
@@ -224,14 +237,14 @@ def test_the_target_is_held_between_the_ticks_of_the_loops():
         ("onboard", [], {**PX4, "control.velocity.k_i": [{"uniform": {"min": 0.3, "max": 0.5}}, 0.4, 2.0]}),
     ],
 )
-def test_cascades_fly_equally_uncompiled_and_compiled_alone_and_in_fleets(scenario, layers, overrides):
+def test_cascades_fly_the_same_compiled_uncompiled_alone_and_in_fleets(scenario, layers, overrides):
     loaded = load_scenario(scenario, {"duration": 1.0, **overrides}, layers=layers)
     assert_flown_alike(Batch.draw(loaded, range(2)))
 
 
 @pytest.mark.slow
 def test_an_integral_removes_the_error_that_a_trim_force_causes():
-    """In equilibrium the integral of the velocity loop balances the trim force; without it the error is F / (m k k)."""
+    """The integral of the velocity loop balances the trim force F. Without it, the error is F / (m k_1 k_2)."""
     hover = {"route": {"kind": "hover", "position": [0, 0, 1]}, "duration": 40.0, "vehicle.trim_force": {"x": 0.2}}
     hover |= {"vehicle.linear_drag": 0.0}
     still = {"laboratory.motion_capture": {"position_noise": 0.0, "attitude_noise": 0.0}}
@@ -246,7 +259,7 @@ def test_an_integral_removes_the_error_that_a_trim_force_causes():
 
 
 @pytest.mark.slow
-def test_the_linear_model_has_the_period_of_the_loops():
+def test_the_linear_model_of_a_slower_cascade_has_the_period_of_the_cascade():
     scenario = load_scenario("laboratory:nominal", layers=CRAZYFLIE)
     loop = closed_loop(scenario)
     assert loop.system.period == pytest.approx(0.01)
@@ -293,23 +306,23 @@ def test_the_parameters_and_rules_are_those_of_the_scenario():
             "control.position.integration": "backward_euler",
         },
     )
-    structure, found = scenario.control.recipes(control_setting(scenario, plan_route(scenario)))["cascade"][1:]
-    weight = found.mass * found.gravity
+    structure, numbers = scenario.control.recipes(control_setting(scenario, plan_route(scenario)))["cascade"][1:]
+    weight = numbers.mass * numbers.gravity
     assert structure["rules"] == CascadeRules(True, False, False)
     expected = AccelerationNumbers(0.6, 2.5, 1.5, 0.8, math.tan(0.5), 0.2 * weight, 1.7 * weight, 0.4 * weight)
-    assert found.command == pytest.approx(expected)
-    assert found.velocity_feed_forward == 0.7
-    assert [terms.integral is None for terms in found.position.terms] == [False, True, False]
-    assert found.position.terms[0].integral == (0.1, math.inf, None)
+    assert numbers.command == pytest.approx(expected)
+    assert numbers.velocity_feed_forward == 0.7
+    assert [terms.integral is None for terms in numbers.position.terms] == [False, True, False]
+    assert numbers.position.terms[0].integral == (0.1, math.inf, None)
     assert scenario.control.limits().max_tilt == 0.5
 
 
 def test_an_autopilot_with_commanded_body_rates_has_no_attitude_error():
     autopilot = load_scenario("onboard", ["laboratory.autopilot.yaw_weight=0.4"]).laboratory.autopilot
-    for heeds, weight in ((True, 0.4), (False, None)):
-        recipe = autopilot.recipes(QuadrotorParameters(), written=autopilot, follows_attitude=heeds)["autopilot"]
+    for follows, weight in ((True, 0.4), (False, None)):
+        recipe = autopilot.recipes(QuadrotorParameters(), written=autopilot, follows_attitude=follows)["autopilot"]
         assert recipe.numbers.yaw_weight == weight
 
 
 def test_a_cascade_without_memory_has_no_state():
-    assert not PidCascade(numbers=numbers()._replace(velocity=PidLoopGains(PerAxis(*K_P)))).states
+    assert not PidCascade(numbers=cascade_numbers()._replace(velocity=PidLoopGains(PerAxis(*K_P)))).states

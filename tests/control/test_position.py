@@ -1,3 +1,5 @@
+"""Tests of the position controller: PD, integral, feed-forward, and the correction of a network."""
+
 import math
 
 import numpy as np
@@ -12,7 +14,8 @@ from drake_quad.control.position import PdGains, ProportionalDerivative, build_p
 from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.signals import Acceleration, Reference, State
 
-K_P, K_D = np.array([1.0, 2.0, 3.0]), np.array([0.5, 0.6, 0.7])
+K_P = np.array([1.0, 2.0, 3.0])
+K_D = np.array([0.5, 0.6, 0.7])
 MEASUREMENT = State(*np.arange(12.0) / 10.0)
 REFERENCE = Reference(*np.arange(11.0)[::-1] / 3.0)
 ERROR = np.subtract([REFERENCE.x, REFERENCE.y, REFERENCE.z], [MEASUREMENT.x, MEASUREMENT.y, MEASUREMENT.z])
@@ -39,10 +42,10 @@ def test_the_integral_and_an_external_correction_are_both_subtracted():
     for name, rows in (("measurement", MEASUREMENT), ("reference", REFERENCE), ("correction", (0.4, -0.2, 0.1))):
         diagram.GetInputPort(name).FixValue(context, rows)
     integral.set_state(integral.GetMyMutableContextFromRoot(context), "correction", Acceleration(-0.5, 0.3, 0.2))
-    found = {name: diagram.GetOutputPort(name).Eval(context) for name in ("pd", "correction", "acceleration_command")}
-    np.testing.assert_allclose(found["correction"], [-0.1, 0.1, 0.3], atol=1e-15)
+    outputs = {name: diagram.GetOutputPort(name).Eval(context) for name in ("pd", "correction", "acceleration_command")}
+    np.testing.assert_allclose(outputs["correction"], [-0.1, 0.1, 0.3], atol=1e-15)
     fed = [REFERENCE.a_x, REFERENCE.a_y, REFERENCE.a_z]
-    np.testing.assert_allclose(found["acceleration_command"], found["pd"] + fed - found["correction"], atol=1e-14)
+    np.testing.assert_allclose(outputs["acceleration_command"], outputs["pd"] + fed - outputs["correction"], atol=1e-14)
 
 
 def test_the_pd_on_the_tracking_error_is_eq_8():
@@ -73,8 +76,8 @@ def test_fleet_and_single_vehicle_agree():
         np.testing.assert_array_equal(rows, np.repeat(one[name], 3, axis=1))
 
 
-def test_correction_and_disturbance_are_subtracted_and_the_estimator_models_command_plus_correction():
-    """The estimator models the command plus the correction, so that it does not estimate the corrected part again."""
+def test_the_estimator_models_the_command_plus_the_correction():
+    """Therefore the estimator does not estimate the corrected part of the disturbance again."""
     lags = (AxisCommand(0.2, 0.05), AxisCommand(0.3, 0.06), AxisCommand(0.4, 0.07))
     estimator = DisturbanceEstimator(numbers=EstimatorNumbers((IncrementalLaw(5.0),) * 3, lags, 10.0))
     pd = ProportionalDerivative(numbers=PdGains(PerAxis(*K_P), PerAxis(*K_D)), feeds_forward=True)
@@ -83,8 +86,8 @@ def test_correction_and_disturbance_are_subtracted_and_the_estimator_models_comm
     context = simulator.get_mutable_context()
     diagram.GetInputPort("measurement").FixValue(context, MEASUREMENT)
     diagram.GetInputPort("reference").FixValue(context, REFERENCE)
-    corrected = np.array([0.7, -0.4, 0.2])
-    diagram.GetInputPort("correction").FixValue(context, corrected)
+    correction = np.array([0.7, -0.4, 0.2])
+    diagram.GetInputPort("correction").FixValue(context, correction)
 
     def output(name):
         return diagram.GetOutputPort(name).Eval(context)
@@ -92,10 +95,10 @@ def test_correction_and_disturbance_are_subtracted_and_the_estimator_models_comm
     forward = np.array([REFERENCE.a_x, REFERENCE.a_y, REFERENCE.a_z])
     disturbance, command = output("disturbance"), output("acceleration_command")
     assert np.abs(disturbance).min() > 0.01
-    np.testing.assert_allclose(command, output("pd") + forward - corrected - disturbance)
+    np.testing.assert_allclose(command, output("pd") + forward - correction - disturbance)
     simulator.AdvancePendingEvents()
     following = estimator.get_state(estimator.GetMyContextFromRoot(context), "following")
     for axis, (followed, lag) in enumerate(zip(following, lags, strict=True)):
-        feedback = command[axis] + corrected[axis] - forward[axis]
+        feedback = command[axis] + correction[axis] - forward[axis]
         assert followed.feedback == pytest.approx(feedback * (1.0 - math.exp(-0.02 / lag.feedback)), rel=1e-12)
         assert followed.feed_forward == pytest.approx(forward[axis] * (1.0 - math.exp(-0.02 / lag.feed_forward)))

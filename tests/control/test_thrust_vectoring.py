@@ -1,3 +1,5 @@
+"""Tests of thrust vectoring: thrust and attitude for a commanded acceleration, and their limits."""
+
 import math
 
 import numpy as np
@@ -10,38 +12,39 @@ from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, V
 from drake_quad.geometry.flatness import HeadingVector, in_heading
 from drake_quad.signals import Acceleration
 
-G, MASS = 9.81, 0.68
+G = 9.81  # m/s²
+MASS = 0.68  # kg
 LIMITS = ThrustLimits(math.tan(0.6), 0.3 * MASS * G, 1.8 * MASS * G)
-BELIEVED = VectoringNumbers(MASS, G, LIMITS)
+NUMBERS = VectoringNumbers(MASS, G, LIMITS)
 accelerations = st.builds(Acceleration, *[st.floats(-30.0, 30.0)] * 3)
 angles = st.floats(-math.pi, math.pi)
 
 
-def limited(acceleration, yaw):
+def limited_thrust(acceleration, yaw):
     forward_left_up = in_heading(acceleration, math.sin(yaw), math.cos(yaw))
     return specific_thrust(forward_left_up, mass=MASS, gravity=G, limits=LIMITS)
 
 
 @given(st.builds(Acceleration, *[st.floats(-3.0, 3.0)] * 3), angles)
-def test_within_the_limits_gives_the_commanded_acceleration(acceleration, yaw):
+def test_within_the_limits_the_thrust_gives_the_commanded_acceleration(acceleration, yaw):
     forward_left_up = in_heading(acceleration, math.sin(yaw), math.cos(yaw))
-    np.testing.assert_allclose(limited(acceleration, yaw), forward_left_up + np.array([0.0, 0.0, G]), atol=1e-12)
+    np.testing.assert_allclose(limited_thrust(acceleration, yaw), forward_left_up + np.array([0.0, 0.0, G]), atol=1e-12)
 
 
 @given(accelerations, angles)
 def test_the_limits_hold_for_any_command(acceleration, yaw):
-    forward, left, up = limited(acceleration, yaw)
+    forward, left, up = limited_thrust(acceleration, yaw)
     thrust = math.sqrt(forward**2 + left**2 + up**2)
     assert MASS * up >= LIMITS.min_thrust * (1.0 - 1e-12)
     assert MASS * thrust <= LIMITS.max_thrust * (1.0 + 1e-12)
     assert math.hypot(forward, left) <= LIMITS.slope * up * (1.0 + 1e-12)
     # The remaining horizontal command keeps its direction.
-    wanted_forward, wanted_left, _ = in_heading(acceleration, math.sin(yaw), math.cos(yaw))
-    assert forward * wanted_left == pytest.approx(left * wanted_forward, abs=1e-9)
+    commanded_forward, commanded_left, _ = in_heading(acceleration, math.sin(yaw), math.cos(yaw))
+    assert forward * commanded_left == pytest.approx(left * commanded_forward, abs=1e-9)
 
 
 def test_the_thrust_is_vertical_if_the_vertical_command_needs_all_of_it():
-    """The horizontal force is zero and finite for any mass and limit, in machine code, too."""
+    """The horizontal force is zero, and never NaN, for any mass and limit, also in machine code."""
     rng = np.random.default_rng(0)
     n = 1000
     mass, share = rng.uniform(0.4, 1.2, n), rng.uniform(1.05, 2.5, n)
@@ -61,12 +64,12 @@ def test_the_thrust_is_vertical_if_the_vertical_command_needs_all_of_it():
 
 def test_derivatives_exist_at_the_limits():
     command = InitializeAutoDiff(np.array([0.3, -0.2, 50.0])).ravel()
-    limited = specific_thrust(HeadingVector(*command), mass=MASS, gravity=G, limits=LIMITS)
-    np.testing.assert_allclose(ExtractGradient(np.array(limited)), 0.0, atol=1e-15)
+    limited_thrust = specific_thrust(HeadingVector(*command), mass=MASS, gravity=G, limits=LIMITS)
+    np.testing.assert_allclose(ExtractGradient(np.array(limited_thrust)), 0.0, atol=1e-15)
 
 
 def test_unconnected_derivatives_of_the_reference_are_zero():
-    law = ThrustVectoring(numbers=BELIEVED)
+    law = ThrustVectoring(numbers=NUMBERS)
     context = law.CreateDefaultContext()
     law.GetInputPort("acceleration_command").FixValue(context, [0.0, 0.0, 1.0])
     law.GetInputPort("measurement").FixValue(context, [0.0] * 12)
@@ -90,7 +93,7 @@ def test_fleet_and_single_vehicle_agree():
     values = {name: 4.0 * rng.normal(size=(size, n)) for name, size in sizes.items()}
 
     def output(num_vehicles, columns):
-        law = ThrustVectoring(num_vehicles=num_vehicles, numbers=BELIEVED)
+        law = ThrustVectoring(num_vehicles=num_vehicles, numbers=NUMBERS)
         context = law.CreateDefaultContext()
         for name, rows in values.items():
             law.GetInputPort(name).FixValue(context, rows[:, columns].ravel())

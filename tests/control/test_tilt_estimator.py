@@ -1,4 +1,4 @@
-"""The estimator of disturbances that uses the measured direction of the thrust."""
+"""Tests of the disturbance estimator that uses the measured direction of the thrust."""
 
 import math
 
@@ -16,84 +16,102 @@ from drake_quad.control.disturbance.tilt import (
 )
 from drake_quad.signals import Acceleration, State
 
-H, G = 0.02, 9.79
+H = 0.02  # s, control tick
+G = 9.79  # m/s²
 LAWS = (IncrementalLaw(1e6),) * 3
 NUMBERS = TiltEstimatorNumbers(LAWS, 0.06, G, 50.0)
-ZERO = Acceleration(0.0, 0.0, 0.0)
+NO_ACCELERATION = Acceleration(0.0, 0.0, 0.0)
 
 
-def at(attitude=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0)):
+def state_at(attitude=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0)):
     return State(0.0, 0.0, 0.0, *attitude, *velocity, 0.0, 0.0, 0.0)
 
 
 def estimated_disturbance(before, measurement, thrust=G):
-    """Return the disturbance at the tick after one at rest, with a filter that is too fast to matter."""
+    """Return the estimated disturbance one tick after rest. The filter is so fast that it has no effect."""
     memory = tuple([law.at_rest(0.0) for law in LAWS])
     return np.array(estimate_by_tilt(memory, before, SpecificThrust(thrust), measurement, NUMBERS, H)[1])
 
 
 def test_a_tilted_thrust_accelerates_the_vehicle_by_eq_3():
     roll, pitch, yaw = 0.3, -0.2, 1.1
-    found = tilted_acceleration(at((roll, pitch, yaw)), SpecificThrust(11.0), G)
+    acceleration = tilted_acceleration(state_at((roll, pitch, yaw)), SpecificThrust(11.0), G)
     expected = [
         (math.sin(yaw) * math.sin(roll) + math.cos(yaw) * math.sin(pitch) * math.cos(roll)) * 11.0,
         (-math.cos(yaw) * math.sin(roll) + math.sin(yaw) * math.sin(pitch) * math.cos(roll)) * 11.0,
         math.cos(pitch) * math.cos(roll) * 11.0 - G,
     ]
-    assert found == pytest.approx(expected, rel=1e-12)
+    assert acceleration == pytest.approx(expected, rel=1e-12)
 
 
 def test_accelerations_by_tilt_and_thrust_are_not_disturbances():
-    """The velocity changes by the mean of the accelerations at both ends, and then by 1.5 times as much."""
+    """The estimate is zero for the known acceleration, and half of it for 1.5 times the known acceleration."""
     attitude = (0.1, 0.2, 0.3)
-    first, last = Acceleration(0.4, -0.3, 0.2), np.array(tilted_acceleration(at(attitude), SpecificThrust(10.5), G))
+    first, last = (
+        Acceleration(0.4, -0.3, 0.2),
+        np.array(tilted_acceleration(state_at(attitude), SpecificThrust(10.5), G)),
+    )
     explained = 0.5 * (np.array(first) + last)
-    found = estimated_disturbance(KnownAccelerations(first, ZERO), at(attitude, H * explained), 10.5)
-    np.testing.assert_allclose(found, 0.0, atol=1e-9)
-    found = estimated_disturbance(KnownAccelerations(first, ZERO), at(attitude, 1.5 * H * explained), 10.5)
-    np.testing.assert_allclose(found, 0.5 * explained, rtol=1e-9)
+    disturbance = estimated_disturbance(
+        KnownAccelerations(first, NO_ACCELERATION), state_at(attitude, H * explained), 10.5
+    )
+    np.testing.assert_allclose(disturbance, 0.0, atol=1e-9)
+    disturbance = estimated_disturbance(
+        KnownAccelerations(first, NO_ACCELERATION), state_at(attitude, 1.5 * H * explained), 10.5
+    )
+    np.testing.assert_allclose(disturbance, 0.5 * explained, rtol=1e-9)
 
 
 def test_a_learned_disturbance_is_not_estimated_again():
     acceleration, learned = np.array([0.7, -0.5, 0.3]), Acceleration(0.6, -0.4, 0.5)
-    found = estimated_disturbance(KnownAccelerations(ZERO, learned), at(velocity=H * acceleration))
-    np.testing.assert_allclose(found, acceleration - np.array(learned), rtol=1e-9)
+    disturbance = estimated_disturbance(
+        KnownAccelerations(NO_ACCELERATION, learned), state_at(velocity=H * acceleration)
+    )
+    np.testing.assert_allclose(disturbance, acceleration - np.array(learned), rtol=1e-9)
     memory = tuple([law.at_rest(0.0) for law in LAWS])
     _, before, *_ = next_tilt_states(
-        memory, KnownAccelerations(ZERO, ZERO), SpecificThrust(G), (), at(), ZERO, learned, NUMBERS, H
+        memory,
+        KnownAccelerations(NO_ACCELERATION, NO_ACCELERATION),
+        SpecificThrust(G),
+        (),
+        state_at(),
+        NO_ACCELERATION,
+        learned,
+        NUMBERS,
+        H,
     )
     assert before.learned == learned
 
 
-def test_the_distance_by_known_accelerations_is_predicted():
-    """The acceleration is linear between the ticks, with a learned disturbance added."""
+def test_the_displacement_caused_by_known_accelerations_is_predicted():
+    """The known acceleration is linear between two ticks, plus a constant learned disturbance."""
     first, last = (
         np.array([0.4, -0.3, 0.2]),
-        np.array(tilted_acceleration(at((0.1, 0.2, 0.3)), SpecificThrust(10.5), G)),
+        np.array(tilted_acceleration(state_at((0.1, 0.2, 0.3)), SpecificThrust(10.5), G)),
     )
     acceleration = np.array([0.6, -0.4, 0.5])
-    way = H**2 * (first / 3.0 + last / 6.0 + acceleration / 2.0)
+    distance = H**2 * (first / 3.0 + last / 6.0 + acceleration / 2.0)
     law = KalmanLaw.of(deviation=1.0, time_constant=5.0, position_noise=1e-3, period=H)
     numbers = NUMBERS._replace(laws=(law,) * 3)
     memory, before = (law.at_rest(0.0),) * 3, KnownAccelerations(Acceleration(*first), Acceleration(*acceleration))
 
     def disturbance(x, y, z):
-        measurement = at((0.1, 0.2, 0.3))._replace(x=x, y=y, z=z)
+        measurement = state_at((0.1, 0.2, 0.3))._replace(x=x, y=y, z=z)
         return estimate_by_tilt(memory, before, SpecificThrust(10.5), measurement, numbers, H)[1]
 
-    np.testing.assert_allclose(disturbance(*way), 0.0, atol=1e-12)
-    np.testing.assert_allclose(disturbance(*(way + 0.01)), 0.01 * law.gain.disturbance, rtol=1e-9)
+    np.testing.assert_allclose(disturbance(*distance), 0.0, atol=1e-12)
+    np.testing.assert_allclose(disturbance(*(distance + 0.01)), 0.01 * law.gain.disturbance, rtol=1e-9)
 
 
 def test_the_thrust_follows_the_length_of_the_command_after_its_delay():
     memory, thrust, under_way = tuple([law.at_rest(0.0) for law in LAWS]), SpecificThrust(G), (SpecificThrust(G),) * 2
-    before, command, found = KnownAccelerations(ZERO, ZERO), Acceleration(3.0, -2.0, 1.5), []
+    before, command, thrusts = KnownAccelerations(NO_ACCELERATION, NO_ACCELERATION), Acceleration(3.0, -2.0, 1.5), []
     for _ in range(5):
         memory, before, thrust, under_way = next_tilt_states(
-            memory, before, thrust, under_way, at(), command, ZERO, NUMBERS, H
+            memory, before, thrust, under_way, state_at(), command, NO_ACCELERATION, NUMBERS, H
         )
-        found.append(thrust.thrust)
+        thrusts.append(thrust.thrust)
     length, share = math.sqrt(9.0 + 4.0 + (1.5 + G) ** 2), 1.0 - math.exp(-H / 0.06)
-    assert found[:2] == [G, G]
-    assert found[2] == pytest.approx(G + share * (length - G), rel=1e-12)
-    assert found[4] == pytest.approx(length + (1.0 - share) ** 3 * (G - length), rel=1e-12)
+    assert thrusts[:2] == [G, G]
+    assert thrusts[2] == pytest.approx(G + share * (length - G), rel=1e-12)
+    assert thrusts[4] == pytest.approx(length + (1.0 - share) ** 3 * (G - length), rel=1e-12)

@@ -1,4 +1,4 @@
-"""Plants of a cascade: which ones are equal, and their inputs and outputs."""
+"""Tests of the plants of a cascade: their equality, and their inputs and outputs."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ from drake_quad.linear.closed_loop import laboratory_plant
 from drake_quad.linear.sampled_system import SampledSystem
 
 
-def delayed(ticks, gain=1.0):
+def delay_plant(ticks, gain=1.0):
     """Return a plant that delays its input by a number of ticks."""
     A, B, C = np.eye(ticks, k=1), np.zeros((ticks, 1)), np.zeros((1, ticks))
     B[-1], C[0, 0] = 1.0, gain
@@ -20,25 +20,25 @@ def delayed(ticks, gain=1.0):
 
 
 def test_the_impulse_response_is_twice_as_long_as_the_state():
-    plant = replace(delayed(3), A=np.diag([0.5, 0.25, 2.0]), B=np.ones((3, 1)), C=np.array([[1.0, 2.0, 3.0]]))
+    plant = replace(delay_plant(3), A=np.diag([0.5, 0.25, 2.0]), B=np.ones((3, 1)), C=np.array([[1.0, 2.0, 3.0]]))
     expected = [0.5**k + 2.0 * 0.25**k + 3.0 * 2.0**k for k in range(6)]
     np.testing.assert_allclose(_markov(plant)[:, 0, 0], expected)
-    np.testing.assert_array_equal(_markov(delayed(3))[:, 0, 0], [0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    np.testing.assert_array_equal(_markov(delay_plant(3))[:, 0, 0], [0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 
 
 def test_plants_with_equal_impulse_responses_are_equal():
-    plant = replace(delayed(2), A=np.array([[0.5, 1.0], [0.0, -0.3]]))
-    turned = plant.transformed([0, 1], np.array([[1.0, 2.0], [-3.0, 1.0]]), ["a", "b"])
-    assert _has_equal_response(plant, turned)
-    assert not _has_equal_response(delayed(2), delayed(3))
-    for share, alike in ((1e-10, True), (1e-8, False)):
-        assert _has_equal_response(plant, replace(plant, C=(1.0 + share) * plant.C)) == alike
+    plant = replace(delay_plant(2), A=np.array([[0.5, 1.0], [0.0, -0.3]]))
+    transformed = plant.transformed([0, 1], np.array([[1.0, 2.0], [-3.0, 1.0]]), ["a", "b"])
+    assert _has_equal_response(plant, transformed)
+    assert not _has_equal_response(delay_plant(2), delay_plant(3))
+    for share, is_equal in ((1e-10, True), (1e-8, False)):
+        assert _has_equal_response(plant, replace(plant, C=(1.0 + share) * plant.C)) == is_equal
         large = replace(plant, C=1e6 * plant.C)
-        assert _has_equal_response(large, replace(large, C=(1.0 + share) * large.C)) == alike
-    # The responses of two states differ in the last of four samples only.
-    late = replace(delayed(2), A=np.array([[0.0, 1.0], [0.5, 0.0]]))
-    assert _has_equal_response(delayed(2), delayed(2))
-    assert not _has_equal_response(delayed(2), late)
+        assert _has_equal_response(large, replace(large, C=(1.0 + share) * large.C)) == is_equal
+    # The responses of these two plants differ only in the last of four samples.
+    different = replace(delay_plant(2), A=np.array([[0.0, 1.0], [0.5, 0.0]]))
+    assert _has_equal_response(delay_plant(2), delay_plant(2))
+    assert not _has_equal_response(delay_plant(2), different)
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +50,7 @@ def plants():
 
 
 def test_outputs_of_plants_are_a_value_and_its_rate(plants):
-    """At low frequencies each plant is a double integrator apart from drag: of an angle 1 / s², for any inertia."""
+    """At low frequencies each plant is a double integrator for any inertia. Only the height has drag."""
     scenario, laboratory = plants
     s = 1j * 0.05
     for axis, rate in (("roll", "p"), ("pitch", "q"), ("yaw", "r"), ("z", "v_z")):
@@ -66,7 +66,7 @@ def test_outputs_of_plants_are_a_value_and_its_rate(plants):
 
 
 def test_a_position_follows_its_acceleration_through_the_tilt(plants):
-    """Pitch accelerates along x and roll against y; the tilt loop is fast compared with the tested frequencies."""
+    """Pitch accelerates along x and roll against y. The tilt loop is fast compared with the tested frequencies."""
     scenario, laboratory = plants
     s, gains = 1j * 0.05, AxisGains(6.0, 4.0)
     for axis in "xy":

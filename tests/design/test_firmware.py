@@ -1,4 +1,4 @@
-"""Controllers of PX4 and of the Crazyflie's firmware: comparison of laws with the firmware, and parameter files."""
+"""Tests of the controllers of PX4 and of the Crazyflie, by comparison with their firmware, and of parameter files."""
 
 import math
 import struct
@@ -18,13 +18,12 @@ from drake_quad.planning.believed import nominal_parameters
 from drake_quad.signals import AttitudeTarget, Reference, State
 from drake_quad.vehicle.autopilot import AutopilotMemory, autopilot_step
 
-HERE = Path(__file__).parent
+FOLDER = Path(__file__).parent
 DEGREE = math.pi / 180.0
-# Thrust of a rotor per unit of its 16-bit command, N.
-UNIT = MAX_THRUST / 65535.0
+THRUST_PER_UNIT = MAX_THRUST / 65535.0  # N, of a rotor, per unit of its 16-bit command
 VEHICLE = load_scenario("laboratory:nominal", layers=["vehicles/crazyflie", "gains/laboratory"])
-# The firmware computes in single precision; differences of angles over 2 ms magnify the rounding errors.
-SINGLE = 5e-6
+# The firmware computes in single precision. Differences of angles over 2 ms magnify its rounding errors.
+SINGLE_PRECISION_TOLERANCE = 5e-6
 
 
 def with_firmware(parameters):
@@ -36,11 +35,11 @@ def with_firmware(parameters):
 
 @pytest.fixture(scope="module")
 def recorded():
-    """Return the outputs of the compiled firmware, see scripts/development/record_crazyflie_firmware.py."""
-    return np.genfromtxt(HERE / "crazyflie_firmware.csv", delimiter=",", names=True)
+    """Return the outputs of the firmware that scripts/development/record_crazyflie_firmware.py has recorded."""
+    return np.genfromtxt(FOLDER / "crazyflie_firmware.csv", delimiter=",", names=True)
 
 
-def computed(parameters, recorded):
+def outputs_of_scenario(parameters, recorded):
     """Return the outputs of the scenario's controllers for the recorded inputs, in units of the firmware."""
     scenario = with_firmware(parameters)
     believed = nominal_parameters(scenario)
@@ -48,11 +47,11 @@ def computed(parameters, recorded):
     autopilot = scenario.laboratory.autopilot
     recipe = autopilot.recipes(believed, written=autopilot, follows_attitude=True)["autopilot"]
     context, memory = cascade.CreateDefaultContext(), AutopilotMemory.of(recipe.numbers)
-    per_unit = np.array(believed.inertia) * output_scales(believed, UNIT)
+    per_unit = np.array(believed.inertia) * output_scales(believed, THRUST_PER_UNIT)
     rows = []
     for row in recorded:
         x, y, z, v_x, v_y, v_z, roll, pitch, yaw, p, q, r, x_r, y_r, z_r, yaw_r = list(row)[:16]
-        # The firmware's pitch has the opposite sign; its gyroscope has not.
+        # The pitch of the firmware has the opposite sign, but not the pitch rate of its gyroscope.
         angles = [angle * DEGREE for angle in (roll, -pitch, yaw)]
         state = State(x, y, z, *angles, v_x, v_y, v_z, *(rate * DEGREE for rate in (p, q, r)))
         reference = Reference(x_r, y_r, z_r, *[0.0] * 6, yaw_r * DEGREE, 0.0)
@@ -64,36 +63,45 @@ def computed(parameters, recorded):
         wrench, memory = autopilot_step(
             target, state, None, recipe.numbers, memory, structure["period"], structure["rules"]
         )
-        turning = np.array(wrench[1:]) / per_unit * [1.0, -1.0, 1.0]
-        rows.append([target.roll / DEGREE, -target.pitch / DEGREE, target.thrust / (4.0 * UNIT), *turning])
+        outputs = np.array(wrench[1:]) / per_unit * [1.0, -1.0, 1.0]
+        rows.append([target.roll / DEGREE, -target.pitch / DEGREE, target.thrust / (4.0 * THRUST_PER_UNIT), *outputs])
     return dict(zip(("roll_d", "pitch_d", "thrust", "roll_out", "pitch_out", "yaw_out"), np.transpose(rows)))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("tuned", [False, True])
 def test_the_crazyflie_controller_matches_the_firmware_at_every_tick(recorded, tuned):
-    """At first no limit is active and at the end all are; tuned parameters activate all other terms and filters."""
-    parameters = read_parameters(HERE / "crazyflie_tuned.txt") if tuned else defaults_of("crazyflie")
-    for name, found in computed(parameters, recorded).items():
+    """At first no limit is active, at the end all are. The tuned parameters activate all other terms and filters."""
+    parameters = read_parameters(FOLDER / "crazyflie_tuned.txt") if tuned else defaults_of("crazyflie")
+    for name, output in outputs_of_scenario(parameters, recorded).items():
         expected = recorded[f"{name}_tuned" if tuned else name]
-        if name.endswith("_out"):  # The firmware saturates them to 16 bits in a later step.
+        if name.endswith("_out"):  # The firmware saturates these outputs to 16 bits in a later step.
             expected = np.clip(expected, -32767.0, 32767.0)
-        np.testing.assert_allclose(found, expected, rtol=SINGLE, atol=SINGLE * np.abs(expected).max(), err_msg=name)
+        np.testing.assert_allclose(
+            output,
+            expected,
+            rtol=SINGLE_PRECISION_TOLERANCE,
+            atol=SINGLE_PRECISION_TOLERANCE * np.abs(expected).max(),
+            err_msg=name,
+        )
 
 
 def test_the_shipped_controller_has_the_default_parameters():
     shipped = load_scenario("laboratory:nominal", layers=["vehicles/crazyflie", "controllers/crazyflie"])
-    made = with_firmware(defaults_of("crazyflie"))
-    assert shipped.control == made.control
-    assert shipped.laboratory.autopilot == made.laboratory.autopilot
+    from_defaults = with_firmware(defaults_of("crazyflie"))
+    assert shipped.control == from_defaults.control
+    assert shipped.laboratory.autopilot == from_defaults.laboratory.autopilot
 
 
 def test_scales_of_the_crazyflie_s_outputs_match_its_mixer(recorded):
-    """The firmware's motor commands, times their unit, produce the wrench of the outputs, rounded to integers."""
+    """The recorded motor commands, which are rounded to integers, produce the torques of the outputs."""
     rotors = nominal_parameters(VEHICLE).rotors
-    inertia, per_unit = np.array(nominal_parameters(VEHICLE).inertia), output_scales(nominal_parameters(VEHICLE), UNIT)
+    inertia, per_unit = (
+        np.array(nominal_parameters(VEHICLE).inertia),
+        output_scales(nominal_parameters(VEHICLE), THRUST_PER_UNIT),
+    )
     for row in recorded[:60]:
-        forces = [UNIT * row[f"m{number}"] for number in (1, 2, 3, 4)]
+        forces = [THRUST_PER_UNIT * row[f"m{number}"] for number in (1, 2, 3, 4)]
         torque = [
             sum(rotor.y * force for rotor, force in zip(rotors, forces)),
             sum(-rotor.x * force for rotor, force in zip(rotors, forces)),
@@ -107,13 +115,13 @@ def test_scales_of_the_crazyflie_s_outputs_match_its_mixer(recorded):
 
 
 def test_torque_units_of_px4_match_its_mixer_on_an_x():
-    """One unit of roll or pitch changes each rotor of an x by 1/√2, and one unit of yaw by 1; hover is at 0.4."""
+    """On an x, a unit of roll or pitch changes each rotor by 1/√2, a unit of yaw by 1. Hover is at a thrust of 0.4."""
     believed = nominal_parameters(load_scenario("laboratory:nominal", layers=["vehicles/racer"]))
     lever, ratio = abs(believed.rotors[0].y), believed.rotors[0].drag_factor / believed.rotors[0].thrust_factor
     unit = believed.mass * believed.gravity / (4.0 * 0.4)
     roll, _, yaw = torque_units(believed, 0.4)
     levers = {abs(rotor.y) for rotor in believed.rotors} | {abs(rotor.x) for rotor in believed.rotors}
-    # The axis with the shorter lever arms determines the scale of both.
+    # The shorter of the two lever arms determines the scale of both roll and pitch.
     assert roll == pytest.approx(4.0 * math.sqrt(0.5) * unit * min(levers), rel=1e-9)
     assert yaw == pytest.approx(4.0 * unit * ratio, rel=1e-9)
     assert lever in levers
@@ -130,7 +138,7 @@ def test_a_rate_error_causes_the_same_torque_as_in_px4():
     assert autopilot["rate_terms"]["k_i"][0] == pytest.approx(0.5 * 0.2 * unit)
     assert autopilot["rate_terms"]["k_ff"] == pytest.approx([0.01 * unit, 0.0, 0.0])
     assert autopilot["rate_terms"]["integral_limit"][0] == pytest.approx(0.3 * unit)
-    assert autopilot["period"] == 0.00125, "the nearest of the grids of the laboratory"
+    assert autopilot["period"] == 0.00125, "the nearest period that the laboratory allows"
     assert px4_layer(values, believed)["control"]["command"]["max_thrust"] == pytest.approx(1.0 / 0.4)
 
 
@@ -140,14 +148,14 @@ def test_the_climb_limit_of_a_crazyflie_is_at_least_half_a_metre_per_second():
     assert layer["control"]["position"]["limit"] == pytest.approx([0.22, 1.1, 0.55])
 
 
-QGROUNDCONTROL = """# Onboard parameters for Vehicle 1
+QGROUNDCONTROL_FILE = """# Onboard parameters for Vehicle 1
 # Vehicle-Id Component-Id Name Value Type
 1\t1\tMC_ROLL_P\t7.25\t9
 1\t1\tMPC_THR_HOVER\t0.375\t9
 1\t1\tMPC_ACC_DECOUPLE\t0\t6
 1\t1\tSYS_AUTOSTART\t4001\t6
 """
-CLIENT = """params:
+CRAZYFLIE_CLIENT_FILE = """params:
   pid_rate.roll_kp:
     default_value: 250.0
     is_stored: true
@@ -156,20 +164,22 @@ CLIENT = """params:
 type: persistent_param_state
 version: '1'
 """
-DUMP = "posCtlPid.xKp: 1.75\n# posCtlPid.yKp: 9\nvelCtlPid.vxKp = 2.2e1\npid_rate.roll_kp,71\nposCtlPid.zKp 1.5\n"
+PARAMETER_DUMP = (
+    "posCtlPid.xKp: 1.75\n# posCtlPid.yKp: 9\nvelCtlPid.vxKp = 2.2e1\npid_rate.roll_kp,71\nposCtlPid.zKp 1.5\n"
+)
 
 
 @pytest.mark.parametrize(
     ("text", "firmware", "values"),
     [
         (
-            QGROUNDCONTROL,
+            QGROUNDCONTROL_FILE,
             "px4",
             {"MC_ROLL_P": 7.25, "MPC_THR_HOVER": 0.375, "MPC_ACC_DECOUPLE": 0.0, "MC_PITCH_P": 6.5},
         ),
-        (CLIENT, "crazyflie", {"pid_rate.roll_kp": 70.5, "posCtlPid.xKp": 2.5, "posCtlPid.yKp": 2.0}),
+        (CRAZYFLIE_CLIENT_FILE, "crazyflie", {"pid_rate.roll_kp": 70.5, "posCtlPid.xKp": 2.5, "posCtlPid.yKp": 2.0}),
         (
-            DUMP,
+            PARAMETER_DUMP,
             "crazyflie",
             {
                 "posCtlPid.xKp": 1.75,
@@ -184,12 +194,12 @@ DUMP = "posCtlPid.xKp: 1.75\n# posCtlPid.yKp: 9\nvelCtlPid.vxKp = 2.2e1\npid_rat
 def test_missing_parameters_have_their_defaults(text, firmware, values, tmp_path):
     path = tmp_path / "parameters.txt"
     path.write_text(text)
-    found = read_parameters(path)
-    assert found.firmware == firmware
-    assert {name: found.values[name] for name in values} == values
+    parameters = read_parameters(path)
+    assert parameters.firmware == firmware
+    assert {name: parameters.values[name] for name in values} == values
     defaults = defaults_of(firmware)
-    assert found.values.keys() == defaults.values.keys()
-    assert {*found.missing} == {name for name in defaults.values if name not in text or f"# {name}" in text}
+    assert parameters.values.keys() == defaults.values.keys()
+    assert {*parameters.missing} == {name for name in defaults.values if name not in text or f"# {name}" in text}
 
 
 def test_parameters_are_read_from_a_ulog(tmp_path):
@@ -200,8 +210,8 @@ def test_parameters_are_read_from_a_ulog(tmp_path):
         messages.append((b"P", bytes([len(key)]) + key + struct.pack("<f", value)))
     header = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0)
     path.write_bytes(header + b"".join(struct.pack("<H", len(data)) + kind + data for kind, data in messages))
-    found = read_parameters(path)
-    assert (found.firmware, found.values["MC_ROLL_P"], found.values["MPC_XY_P"]) == ("px4", 7.25, 1.125)
+    parameters = read_parameters(path)
+    assert (parameters.firmware, parameters.values["MC_ROLL_P"], parameters.values["MPC_XY_P"]) == ("px4", 7.25, 1.125)
 
 
 @pytest.mark.parametrize(
@@ -230,14 +240,14 @@ def test_invalid_parameter_files_are_refused(content, message, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_command_writes_the_layer_and_the_scenario(tmp_path, run):
-    (tmp_path / "mine.params").write_text(QGROUNDCONTROL)
+def test_the_command_writes_the_layer_and_the_scenario(tmp_path, run):
+    (tmp_path / "mine.params").write_text(QGROUNDCONTROL_FILE)
     folder = tmp_path / "out"
     call = ["design", "vehicles/racer", "--firmware", tmp_path / "mine.params", "--output", folder]
-    shown = run(*call)
-    assert shown.returncode == 0
-    assert "the multicopter controllers of PX4, 1.15" in shown.stdout
-    assert "parameters have the defaults of the firmware: MPC_XY_P" in shown.stderr
+    completed = run(*call)
+    assert completed.returncode == 0
+    assert "the multicopter controllers of PX4, 1.15" in completed.stdout
+    assert "parameters have the defaults of the firmware: MPC_XY_P" in completed.stderr
     scenario = load_scenario(folder / "scenario.yaml")
     assert scenario.laboratory.autopilot.k_attitude == (7.25, 6.5, 2.8)
     assert not scenario.control.command.decouples_vertical

@@ -1,4 +1,4 @@
-"""Designed gains: their poles, their costs, and the margins that simulated loops tolerate."""
+"""Tests of designed gains: their poles, their costs, and the margins that simulated loops tolerate."""
 
 import argparse
 import re
@@ -43,10 +43,10 @@ from drake_quad.linear.step_response import release
 from drake_quad.scenario.hovering import as_believed, at_rest
 
 ROOT = Path(__file__).parent.parent.parent
-SHIPPED = {"figure_eight": "figure_eight", "laboratory": "laboratory:nominal"}
+SHIPPED_SCENARIOS = {"figure_eight": "figure_eight", "laboratory": "laboratory:nominal"}
 
 
-@pytest.fixture(scope="module", params=SHIPPED)
+@pytest.fixture(scope="module", params=SHIPPED_SCENARIOS)
 def shipped(request):
     return request.param, with_shipped_gains(request.param)
 
@@ -58,7 +58,7 @@ def designed(shipped):
 
 
 def with_shipped_gains(name, overrides=()):
-    return load_scenario(SHIPPED[name], overrides, layers=[ROOT / "diagrams" / "gains" / f"{name}.yaml"])
+    return load_scenario(SHIPPED_SCENARIOS[name], overrides, layers=[ROOT / "diagrams" / "gains" / f"{name}.yaml"])
 
 
 @pytest.fixture(scope="module")
@@ -106,8 +106,8 @@ def test_default_requirements_are_textbook_margins():
 
 
 def test_violated_requirements_are_reported_in_their_units():
-    found = FastMargins(gain=5.5, phase=80.0, delay=1.0)
-    violated = Requirements(delay=2.0).shortfalls(found)
+    achieved = FastMargins(gain=5.5, phase=80.0, delay=1.0)
+    violated = Requirements(delay=2.0).shortfalls(achieved)
     assert {name: (text.split()[0], text.split()[-1]) for name, text in violated.items()} == {
         "gain margin": ("5.5", "dB"),
         "delay margin": ("1000.0", "ms"),
@@ -120,9 +120,9 @@ def test_requirements_that_no_gains_meet_are_reported(pitch):
 
 
 def test_no_pd_exists_without_a_measured_rate(pitch):
-    blind = replace(pitch, C=pitch.C * [[1.0], [0.0]])
+    without_rate = replace(pitch, C=pitch.C * [[1.0], [0.0]])
     with pytest.raises(InputError, match="no gains of this family meet the requirements for pitch; at best no gains"):
-        design_loop(blind, PolePair(0.8), Requirements(), axis="pitch")
+        design_loop(without_rate, PolePair(0.8), Requirements(), axis="pitch")
 
 
 def test_a_bandwidth_beyond_the_delay_needs_a_negative_gain(pitch):
@@ -131,7 +131,7 @@ def test_a_bandwidth_beyond_the_delay_needs_a_negative_gain(pitch):
 
 
 @pytest.mark.slow
-def test_a_regulator_is_found_under_any_delay():
+def test_a_regulator_is_found_for_any_delay():
     scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["laboratory.command_link.delay_ticks=50"])
     plant = attitude_plant(laboratory_plant(scenario), scenario, "pitch")
     family = RegulatorRequirements(0.2)
@@ -144,11 +144,11 @@ def test_a_plant_that_cannot_be_stabilised_is_reported(pitch):
     n = len(pitch.A)
     A = np.block([[pitch.A, np.zeros((n, 1))], [np.zeros((1, n)), np.ones((1, 1))]])
     B, C = np.vstack([pitch.B, [[0.0]]]), np.hstack([pitch.C, [[1.0], [0.0]]])
-    stuck = replace(pitch, A=A, B=B, C=C, states=(*pitch.states, "stuck"))
+    unstabilisable = replace(pitch, A=A, B=B, C=C, states=(*pitch.states, "uncontrolled"))
     with pytest.raises(
         InputError, match="no gains of this family meet the requirements for pitch; at best no stability"
     ):
-        design_loop(stuck, PolePair(0.8), Requirements(), axis="pitch")
+        design_loop(unstabilisable, PolePair(0.8), Requirements(), axis="pitch")
 
 
 def double_integrator(h=0.02):
@@ -161,20 +161,20 @@ def test_a_pd_with_full_state_feedback_is_the_regulator():
     plant, family = double_integrator(), RegulatorRequirements(0.3)
     gains = family.gains(plant, 20.0)
     assert family.cost(plant, gains, 20.0) == pytest.approx(family.least_cost(plant, 20.0), rel=1e-6)
-    # Drake's own gain for the same weights is the reference.
+    # The reference is Drake's gain for the same weights.
     K, _ = DiscreteTimeLinearQuadraticRegulator(plant.A, plant.B, np.diag([1.0, 0.09]), np.eye(1) / 400.0)
     np.testing.assert_allclose(gains, K[0], rtol=1e-2)
 
 
 @pytest.mark.slow
-def test_the_fastest_regulator_within_its_margins_states_the_cost_of_full_state_feedback(pitch):
+def test_the_fastest_regulator_within_its_margins_reports_its_cost_relative_to_full_state_feedback(pitch):
     family, required = RegulatorRequirements(0.2), Requirements()
     design = design_loop(pitch, family, required, axis="pitch")
     assert design.limits
     assert design.bandwidth is None
     cost = [family.cost(pitch, design.gains, effort) / family.least_cost(pitch, effort) for effort in (0.01, 1e3)]
     assert design.cost_ratio >= 1.0
-    # The effort of the result is unknown; its ratio lies between those of neighbouring efforts.
+    # At the smallest and the largest effort, too, the cost exceeds that of full state feedback.
     np.testing.assert_array_less(1.0, cost)
     efforts = family.efforts(pitch)
     assert (efforts[0], efforts[-1], len(efforts)) == (pytest.approx(0.01), pytest.approx(1e3), 20)
@@ -200,7 +200,7 @@ def test_the_cost_is_the_sum_over_a_simulated_impulse(pitch):
     assert least > family.least_cost(pitch, effort)
 
 
-ASYMMETRIC = [
+ASYMMETRIC_VEHICLE = [
     "nominal.mass=0.75",
     "nominal.inertia=[0.0065, 0.0085, 0.0126]",
     "control.position={k_p: [0.22, 0.3, 6.0], k_d: [0.66, 0.8, 3.7]}",
@@ -208,9 +208,9 @@ ASYMMETRIC = [
 ]
 
 
-@pytest.mark.parametrize("overrides", [[], ASYMMETRIC])
+@pytest.mark.parametrize("overrides", [[], ASYMMETRIC_VEHICLE])
 def test_designed_poles_are_those_of_the_whole_diagram(shipped, overrides):
-    """The poles of the designed loops, inner and outer, are the multipliers of the whole diagram with these gains."""
+    """The poles of the inner and the outer designed loops are multipliers of the whole diagram with these gains."""
     scenario = with_shipped_gains(shipped[0], overrides)
     loop = closed_loop(as_believed(scenario))
     position, attitude = scenario.control.position, scenario.control.attitude
@@ -222,11 +222,11 @@ def test_designed_poles_are_those_of_the_whole_diagram(shipped, overrides):
     for axis, tilt, i in (("x", 1, 0), ("y", 0, 1)):
         plant = position_plant(laboratory, scenario, axis, AxisGains(attitude.k_p[tilt], attitude.k_d[tilt]))
         expected.append(plant.with_feedback(np.array([[position.k_p[i], position.k_d[i]]])).poles())
-    desired, found = np.concatenate(expected), loop.system.poles()
-    lasting = desired[np.abs(desired) > 0.1]
-    assert len(lasting) == (np.abs(found) > 0.1).sum()
-    for pole in lasting:
-        assert np.abs(found - pole).min() < 1e-6
+    designed_poles, multipliers = np.concatenate(expected), loop.system.poles()
+    slow_poles = designed_poles[np.abs(designed_poles) > 0.1]
+    assert len(slow_poles) == (np.abs(multipliers) > 0.1).sum()
+    for pole in slow_poles:
+        assert np.abs(multipliers - pole).min() < 1e-6
 
 
 @pytest.mark.slow
@@ -235,33 +235,35 @@ def test_shipped_gains_are_reproduced_by_their_documented_call(shipped):
     name, scenario = shipped
     text = (ROOT / "diagrams" / "gains" / f"{name}.yaml").read_text(encoding="utf-8")
     command = shlex.split(re.match(r"# drake-quad (.*)\n", text).group(1))
-    assert command == ["design", SHIPPED[name]]
+    assert command == ["design", SHIPPED_SCENARIOS[name]]
     arguments = argparse.ArgumentParser()
     arguments.add_argument("scenario")
     add_design_options(arguments)
     options = design_options(arguments.parse_args(command[1:]), scenario)
     assert options == default_options(scenario.laboratory.command_link.period)
-    made = design_cascade(scenario, options).gains()
+    designed_gains = design_cascade(scenario, options).gains()
     written = YAML(typ="safe").load(text)["gains"]["control"]
-    assert {block: {name: written[block][name] for name in gains} for block, gains in made.items()} == made
-    for block, gains in made.items():
+    assert {
+        block: {name: written[block][name] for name in gains} for block, gains in designed_gains.items()
+    } == designed_gains
+    for block, gains in designed_gains.items():
         for kind, values in gains.items():
             assert list(getattr(getattr(scenario.control, block), kind)) == values
 
 
 @pytest.mark.slow
 def test_shipped_gains_have_the_required_margins(shipped, designed):
-    """The margins are 45°, 6 dB and, in the attitude loops, two ticks, by python-control."""
+    """The required margins are 45°, 6 dB and, in the attitude loops, two ticks."""
     for axis, loop in designed.loops.items():
-        found = margins(pd_loop(loop.plant, loop.gains))
-        assert found.phase >= 45.0
-        assert found.gain >= 6.0
+        achieved = margins(pd_loop(loop.plant, loop.gains))
+        assert achieved.phase >= 45.0
+        assert achieved.gain >= 6.0
         if axis in ("roll", "pitch", "yaw"):
-            assert found.delay >= 2 * 0.02
+            assert achieved.delay >= 2 * 0.02
 
 
 def peaks(scenario, displacement, duration):
-    """Return the peak deviations of the simulated diagram in the four quarters of a time after a small displacement."""
+    """Return the peak deviations in the four quarters of a simulation that begins with a small displacement."""
     response = release(closed_loop(scenario), displacement, duration=duration)
     (row,) = displacement
     column = ("x", "y", "z", "roll", "pitch", "yaw").index(row)
@@ -269,7 +271,7 @@ def peaks(scenario, displacement, duration):
 
 
 def grows(scenario, displacement, duration):
-    """Return True if a small displacement grows after the fast modes have decayed."""
+    """Return True if a small displacement of the simulated diagram grows after the fast modes have decayed."""
     _, _, third, last = peaks(scenario, displacement, duration)
     return last > third
 
@@ -293,9 +295,9 @@ def with_delay(scenario, ticks):
 
 @pytest.mark.slow
 def test_the_simulated_loop_tolerates_its_margins(shipped):
-    """With 6 dB more gain in pitch, and with two more ticks of delay, everything still decays.
+    """With 6 dB more gain in pitch, or with two more ticks of delay, all displacements still decay.
 
-    The limits of the other loops, at 6 dB or more, are simulated below.
+    Other tests simulate the gain limits of the other loops.
     """
     _, scenario = shipped
     resting = at_rest(as_believed(scenario))
@@ -322,7 +324,7 @@ def test_the_stability_limit_of_the_gain_is_that_of_simulations(shipped, designe
 @pytest.mark.slow
 @pytest.mark.parametrize("ticks", [1, 3])
 def test_the_stability_limit_of_the_delay_is_that_of_simulations(shipped, designed, ticks):
-    """Gains with a delay margin 2 % above, or below, a number of ticks are simulated with these ticks of delay."""
+    """A loop whose delay margin exceeds a number of ticks by 2 % tolerates this delay. A loop 2 % below does not."""
     _, scenario = shipped
     loop = designed.loops["yaw"]
     resting = at_rest(as_believed(scenario))
@@ -339,15 +341,15 @@ def test_the_stability_limit_of_the_delay_is_that_of_simulations(shipped, design
 
     for share, is_tolerated in ((1.02, True), (0.98, False)):
         factor = factor_for(share * ticks * 0.02)
-        assert factor > 1.05, "the designed margin must be larger for this to mean anything"
-        # Only the yaw loop is fast: the others are slow enough to tolerate any of these delays.
+        assert factor > 1.05, "the designed delay margin must be larger than the tested delay"
+        # The other loops are made so slow that they tolerate all of these delays.
         slow = scaled(scaled(resting, "attitude", 0.3, (0, 1)), "position", 0.1, (0, 1, 2))
-        driven = with_delay(scaled(slow, "attitude", factor, (2,)), ticks)
-        assert grows(driven, {"yaw": 1e-5}, 12.0) != is_tolerated
+        changed = with_delay(scaled(slow, "attitude", factor, (2,)), ticks)
+        assert grows(changed, {"yaw": 1e-5}, 12.0) != is_tolerated
 
 
 @pytest.mark.slow
-def test_options_reach_the_axes():
+def test_options_apply_to_their_axes():
     scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml")
     options = {
         "yaw": LoopOptions(PolePair(0.9), Requirements(phase=60.0)),
@@ -361,8 +363,8 @@ def test_options_reach_the_axes():
 
 
 @pytest.mark.slow
-def test_a_vehicle_of_thirty_grams_gets_the_same_gains():
-    """Gains are those of double integrators, so that the size of the vehicle has no influence, apart from its lag."""
+def test_a_vehicle_of_thirty_grams_has_the_same_designed_gains():
+    """Commands are accelerations, so the gains depend on the lag of the vehicle but not on its size."""
     small = [
         "nominal.mass=0.03",
         "nominal.inertia=[1.4e-5, 1.4e-5, 2.2e-5]",
@@ -381,24 +383,24 @@ def test_a_vehicle_of_thirty_grams_gets_the_same_gains():
 
 
 def test_the_smallest_ratio_of_a_margin_to_its_requirement_counts():
-    found = FastMargins(gain=5.0, phase=60.0, delay=0.03)
-    assert Requirements(40.0, 4.0, 0.02).min_ratio(found) == pytest.approx(1.25)
-    assert Requirements(50.0, 4.0, 0.02).min_ratio(found) == pytest.approx(1.2)
-    assert Requirements(40.0, 10.0, 0.02).min_ratio(found) == pytest.approx(0.5)
-    assert Requirements(40.0, 4.0, 0.1).min_ratio(found) == pytest.approx(0.3)
-    assert Requirements(0.0, 4.0, 0.0).min_ratio(found) == pytest.approx(1.25)
-    assert Requirements(0.0, 0.0, 0.0).min_ratio(found) == 1.0
-    assert Requirements(60.0, 5.0, 0.03).shortfalls(found) == {}
+    achieved = FastMargins(gain=5.0, phase=60.0, delay=0.03)
+    assert Requirements(40.0, 4.0, 0.02).min_ratio(achieved) == pytest.approx(1.25)
+    assert Requirements(50.0, 4.0, 0.02).min_ratio(achieved) == pytest.approx(1.2)
+    assert Requirements(40.0, 10.0, 0.02).min_ratio(achieved) == pytest.approx(0.5)
+    assert Requirements(40.0, 4.0, 0.1).min_ratio(achieved) == pytest.approx(0.3)
+    assert Requirements(0.0, 4.0, 0.0).min_ratio(achieved) == pytest.approx(1.25)
+    assert Requirements(0.0, 0.0, 0.0).min_ratio(achieved) == 1.0
+    assert Requirements(60.0, 5.0, 0.03).shortfalls(achieved) == {}
 
 
-def test_bandwidths_up_to_a_third_of_half_the_sampling_rate_are_tried():
+def test_the_search_includes_bandwidths_up_to_a_third_of_half_the_sampling_rate():
     efforts = PolePair(0.7).efforts(double_integrator(h=0.01))
     assert (efforts[0], efforts[-1], len(efforts)) == (pytest.approx(0.05), pytest.approx(np.pi / 0.03), 120)
     np.testing.assert_allclose(efforts[1:] / efforts[:-1], efforts[1] / efforts[0])
 
 
 def test_gains_that_meet_all_requirements_have_no_limits():
-    """For a double integrator without delay the fastest gains that are tried violate no requirement."""
+    """For a double integrator without delay, even the fastest gains of the search meet the requirements."""
     design = design_loop(double_integrator(), PolePair(0.8), Requirements(1.0, 0.1), axis="x")
     assert (design.axis, design.limits) == ("x", ())
     assert design.bandwidth == pytest.approx(np.pi / 0.06)
@@ -407,12 +409,12 @@ def test_gains_that_meet_all_requirements_have_no_limits():
 
 @pytest.mark.slow
 def test_the_largest_effort_is_found_to_a_thousandth(pitch):
-    """The search bisects between two bandwidths of which the second is larger by 6 %."""
+    """The search bisects between two bandwidths that differ by 6 %."""
     requirements = Requirements(phase=50.0, gain=6.0)
-    found = design_loop(pitch, PolePair(0.8), requirements, axis="pitch").bandwidth
-    design_loop(pitch, PolePair(0.8), requirements, axis="pitch", effort=found)
+    bandwidth = design_loop(pitch, PolePair(0.8), requirements, axis="pitch").bandwidth
+    design_loop(pitch, PolePair(0.8), requirements, axis="pitch", effort=bandwidth)
     with pytest.raises(InputError, match="phase margin"):
-        design_loop(pitch, PolePair(0.8), requirements, axis="pitch", effort=1.001 * found)
+        design_loop(pitch, PolePair(0.8), requirements, axis="pitch", effort=1.001 * bandwidth)
 
 
 def with_slow_mode(decay):
@@ -424,19 +426,19 @@ def with_slow_mode(decay):
     return replace(plant, A=A, B=B, C=C, states=("x", "v", "slow"))
 
 
-@pytest.mark.parametrize(("decay", "slower"), [(1.57, False), (1.56, True)])
-def test_the_pole_pair_must_be_the_slowest_within_two_percent(decay, slower):
-    """The pair decays at ω ζ = 1.6 1/s."""
-    plant, none = with_slow_mode(decay), Requirements(0.0, 0.0, 0.0)
-    if slower:
+@pytest.mark.parametrize(("decay", "is_refused"), [(1.57, False), (1.56, True)])
+def test_the_pole_pair_must_be_the_slowest_within_two_percent(decay, is_refused):
+    """The pole pair decays at ω ζ = 1.6 1/s."""
+    plant, no_requirements = with_slow_mode(decay), Requirements(0.0, 0.0, 0.0)
+    if is_refused:
         words = r"x cannot have a bandwidth of 2 rad/s: a slower pole: it decays at 1\.56 1/s, the pair at 1\.6"
         with pytest.raises(InputError, match=words):
-            design_loop(plant, PolePair(0.8), none, axis="x", effort=2.0)
+            design_loop(plant, PolePair(0.8), no_requirements, axis="x", effort=2.0)
     else:
-        assert design_loop(plant, PolePair(0.8), none, axis="x", effort=2.0).bandwidth == 2.0
+        assert design_loop(plant, PolePair(0.8), no_requirements, axis="x", effort=2.0).bandwidth == 2.0
 
 
-class Fixed:
+class ProportionalFamily:
     """Family of gains in proportion to the effort."""
 
     def __init__(self, k_p, k_d):
@@ -462,17 +464,17 @@ class Fixed:
 )
 def test_missing_gains_have_a_reason(gains, words):
     with pytest.raises(InputError, match=words):
-        design_loop(double_integrator(), Fixed(*gains), Requirements(0.0, 0.0, 0.0), axis="x", effort=1.0)
+        design_loop(double_integrator(), ProportionalFamily(*gains), Requirements(0.0, 0.0, 0.0), axis="x", effort=1.0)
 
 
 @pytest.mark.slow
 def test_the_gains_closest_to_the_requirements_are_reported():
-    """The phase margin of these gains increases with the effort, so that the last ones are the closest."""
+    """The phase margin of these gains increases with the effort, so the last gains are the closest."""
     plant = double_integrator()
     phases = [margins(pd_loop(plant, AxisGains(effort, 0.5 * effort))).phase for effort in (1.0, 2.0, 3.0)]
     assert phases == sorted(phases)
     with pytest.raises(InputError, match=rf"at best phase margin: {phases[2]:.1f}°, less than 60°"):
-        design_loop(plant, Fixed(1.0, 0.5), Requirements(60.0, 0.0), axis="x")
+        design_loop(plant, ProportionalFamily(1.0, 0.5), Requirements(60.0, 0.0), axis="x")
 
 
 def test_an_unstable_loop_has_infinite_cost():
@@ -481,14 +483,14 @@ def test_an_unstable_loop_has_infinite_cost():
     assert family.cost(plant, AxisGains(0.0, 1.0), 10.0) == np.inf
     assert np.isfinite(family.cost(plant, AxisGains(1.0, 1.0), 10.0))
     # No feedback stabilises a mode that the command does not reach.
-    stuck = replace(plant, B=np.zeros((2, 1)))
-    assert np.isnan(family.gains(stuck, 1.0)).all()
+    unreached = replace(plant, B=np.zeros((2, 1)))
+    assert np.isnan(family.gains(unreached, 1.0)).all()
 
 
 def test_gains_are_written_axis_by_axis(pitch):
-    axes = {name: 10.0 + place for place, name in enumerate(("roll", "pitch", "yaw", "x", "y", "z"))}
-    found = margins(pd_loop(pitch, AxisGains(6.0, 4.0)))
-    design = CascadeDesign({name: LoopDesign(name, AxisGains(k, 0.5 * k), pitch, found) for name, k in axes.items()})
+    axes = {name: 10.0 + index for index, name in enumerate(("roll", "pitch", "yaw", "x", "y", "z"))}
+    achieved = margins(pd_loop(pitch, AxisGains(6.0, 4.0)))
+    design = CascadeDesign({name: LoopDesign(name, AxisGains(k, 0.5 * k), pitch, achieved) for name, k in axes.items()})
     assert design.gains() == {
         "position": {"k_p": [13.0, 14.0, 15.0], "k_d": [6.5, 7.0, 7.5]},
         "attitude": {"k_p": [10.0, 11.0, 12.0], "k_d": [5.0, 5.5, 6.0]},
@@ -506,7 +508,7 @@ def test_gains_are_written_axis_by_axis(pitch):
 
 @pytest.mark.slow
 def test_equal_axes_share_their_gains():
-    """Roll and pitch of an asymmetric vehicle are also equal, because commands are accelerations."""
+    """Even on an asymmetric vehicle roll and pitch are equal, because commands are accelerations."""
     scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["nominal.inertia=[0.0065, 0.0085, 0.0126]"])
     options = default_options(0.02)
     assert list(options) == ["roll", "pitch", "yaw", "z", "x", "y"]
@@ -518,11 +520,11 @@ def test_equal_axes_share_their_gains():
     assert [loop.axis for loop in loops.values()] == list(loops)
     assert loops["pitch"].bandwidth == 2.0
     assert loops["roll"].gains == loops["yaw"].gains != loops["pitch"].gains
-    # With another attitude loop the position loop needs other gains.
+    # Position loops around different attitude loops have different gains.
     assert loops["x"].gains != loops["y"].gains
 
 
-class Listed(Fixed):
+class ListedFamily(ProportionalFamily):
     """Family of gains from a list."""
 
     def __init__(self, *gains):
@@ -533,15 +535,15 @@ class Listed(Fixed):
 
 
 def test_unstable_gains_are_never_the_closest():
-    """The curves of the second and third gains have no crossings, so that their margins alone would be sufficient."""
-    family = Listed(AxisGains(1.0, 0.2), AxisGains(1.0, 120.0), AxisGains(np.nan, 1.0))
+    """The second gains are unstable and the third contain a NaN, but the margins of both would be sufficient."""
+    family = ListedFamily(AxisGains(1.0, 0.2), AxisGains(1.0, 120.0), AxisGains(np.nan, 1.0))
     phase = margins(pd_loop(double_integrator(), AxisGains(1.0, 0.2))).phase
     with pytest.raises(InputError, match=rf"at best phase margin: {phase:.1f}°, less than 60°"):
         design_loop(double_integrator(), family, Requirements(60.0, 0.0), axis="x")
 
 
-def behind(ticks):
-    """Return a double integrator with the given delay of its input, s, sampled once a second."""
+def delayed_integrator(ticks):
+    """Return a double integrator that is sampled once a second, with the given delay of its input, s."""
     plant = double_integrator(h=1.0)
     n = 2 + ticks
     A, B, C = np.zeros((n, n)), np.zeros((n, 1)), np.hstack([plant.C, np.zeros((2, ticks))])
@@ -557,10 +559,10 @@ def behind(ticks):
 
 @pytest.mark.parametrize(("ticks", "frequency"), [(0, 0.2), (2, 0.2), (8, 0.05), (30, 0.0125), (120, 0.003)])
 def test_the_search_for_a_regulator_starts_with_the_fastest_stable_gains(monkeypatch, ticks, frequency):
-    """A longer delay requires a slower start: already a quarter of the time for one radian is too long."""
+    """The longer the delay, the lower is the frequency of the gains with which the search starts."""
     monkeypatch.setattr("scipy.optimize.minimize", lambda function, start, **_: SimpleNamespace(x=start))
-    found = RegulatorRequirements(0.2).gains(behind(ticks), 1.0)
-    assert found == pytest.approx((frequency**2, 1.6 * frequency))
+    gains = RegulatorRequirements(0.2).gains(delayed_integrator(ticks), 1.0)
+    assert gains == pytest.approx((frequency**2, 1.6 * frequency))
 
 
 def test_a_regulator_s_gains_are_found_to_a_thousandth():
@@ -571,7 +573,7 @@ def test_a_regulator_s_gains_are_found_to_a_thousandth():
 
 
 def designed_pid(integration):
-    scenario = with_integrals(load_scenario(ROOT / "diagrams" / "laboratory.yaml:nominal", ASYMMETRIC))
+    scenario = with_integrals(load_scenario(ROOT / "diagrams" / "laboratory.yaml:nominal", ASYMMETRIC_VEHICLE))
     position = scenario.control.position.model_copy(update={"integration": integration})
     control = scenario.control.model_copy(update={"position": position})
     scenario = scenario.model_copy(update={"control": control})
@@ -588,18 +590,19 @@ def pid_design():
 def test_poles_of_a_designed_pid_are_those_of_the_whole_diagram(integration, pid_design):
     """The poles of the designed loops are multipliers of the whole diagram with these gains."""
     scenario, design = pid_design if integration == "forward_euler" else designed_pid(integration)
-    found = closed_loop(as_believed(with_gains(scenario, design.gains()))).system.poles()
+    multipliers = closed_loop(as_believed(with_gains(scenario, design.gains()))).system.poles()
     for axis in ("x", "y", "z"):
         loop = design.loops[axis]
         poles = loop.plant.with_feedback(np.array([loop.gains])).poles()
         for pole in poles[np.abs(poles) > 0.1]:
-            assert np.abs(found - pole).min() < 1e-6
+            assert np.abs(multipliers - pole).min() < 1e-6
 
 
 @pytest.mark.slow
 def test_an_integral_costs_at_most_the_given_share_of_the_phase_margin(pid_design):
-    """The PD has 45° / 0.8, of which the integral may cost a fifth. A larger one violates 45° or exceeds its largest
-    ratio.
+    """The PD has a phase margin of 45° / 0.8, of which the integral may cost a fifth.
+
+    A larger integral violates the 45° or exceeds the largest ratio of integral to proportional gain.
     """
     _, design = pid_design
     for axis in ("x", "y", "z"):
@@ -609,46 +612,46 @@ def test_an_integral_costs_at_most_the_given_share_of_the_phase_margin(pid_desig
         assert pd.phase >= 45.0 / 0.8
         assert loop.margins == margins(pd_loop(loop.plant, loop.gains))
         assert loop.margins.phase >= max(0.8 * pd.phase, 45.0) - 0.02
-        largest = k_i == pytest.approx(0.25 * k_p * pd.crossover, rel=1e-3)
-        more = margins(pd_loop(loop.plant, PidGains(k_p, k_d, 1.05 * k_i)))
+        is_largest_ratio = k_i == pytest.approx(0.25 * k_p * pd.crossover, rel=1e-3)
+        larger = margins(pd_loop(loop.plant, PidGains(k_p, k_d, 1.05 * k_i)))
         assert k_i > 0.0
-        assert largest or more.phase < max(0.8 * pd.phase, 45.0)
+        assert is_largest_ratio or larger.phase < max(0.8 * pd.phase, 45.0)
 
 
 @pytest.mark.slow
 def test_an_integral_costs_the_given_share_of_a_larger_phase_margin(pid_design):
-    """A slower PD has more than 45°, and its integral costs the given share of this larger margin."""
+    """A slower PD has a larger phase margin than 45°, of which the integral costs the given share."""
     scenario, _ = pid_design
     plant = attitude_plant(laboratory_plant(scenario), scenario, "z")
     slow = design_loop(plant, PolePair(0.8), Requirements(), axis="z", effort=1.0)
     assert slow.margins.phase > 55.0
-    found = add_integral(slow, Requirements(), cost=0.05).margins.phase
-    assert 0.95 * slow.margins.phase - 0.02 <= found < 0.96 * slow.margins.phase
-    # The requirements are met, whatever the integral may cost.
+    phase = add_integral(slow, Requirements(), cost=0.05).margins.phase
+    assert 0.95 * slow.margins.phase - 0.02 <= phase < 0.96 * slow.margins.phase
+    # The requirements are met even if the integral may cost half of the margin.
     required = slow.margins.phase - 1.0
-    found = add_integral(slow, Requirements(phase=required), cost=0.5).margins.phase
-    assert required - 0.02 <= found < required + 0.2
+    phase = add_integral(slow, Requirements(phase=required), cost=0.5).margins.phase
+    assert required - 0.02 <= phase < required + 0.2
 
 
 @pytest.mark.slow
 def test_an_integral_without_requirements_leaves_the_loop_stable(pid_design):
-    """In a loop with hardly any damping, an integral that is 5 % larger causes growing oscillations."""
+    """In a weakly damped loop, an integral that is 5 % larger than the designed one causes growing oscillations."""
     scenario, _ = pid_design
     plant = attitude_plant(laboratory_plant(scenario), scenario, "z")
     slow = design_loop(plant, PolePair(0.8), Requirements(), axis="z", effort=1.0)
-    weak = slow.gains._replace(k_d=0.1 * slow.gains.k_d)
-    weak_loop = replace(slow, gains=weak, margins=margins(pd_loop(plant, weak)))
-    found = add_integral(weak_loop, Requirements(phase=0.1, gain=0.1), cost=1.0)
+    weakly_damped_gains = slow.gains._replace(k_d=0.1 * slow.gains.k_d)
+    weakly_damped_loop = replace(slow, gains=weakly_damped_gains, margins=margins(pd_loop(plant, weakly_damped_gains)))
+    result = add_integral(weakly_damped_loop, Requirements(phase=0.1, gain=0.1), cost=1.0)
 
-    def size(factor):
-        gains = np.array(found.gains) * [1.0, 1.0, factor]
-        return np.abs(found.plant.with_feedback(gains[np.newaxis]).poles()).max()
+    def largest_pole(factor):
+        gains = np.array(result.gains) * [1.0, 1.0, factor]
+        return np.abs(result.plant.with_feedback(gains[np.newaxis]).poles()).max()
 
-    assert size(1.0) < 1.0 < size(1.05)
+    assert largest_pole(1.0) < 1.0 < largest_pole(1.05)
 
 
-@pytest.mark.parametrize(("integration", "own"), [("forward_euler", 0.0), ("backward_euler", 0.02)])
-def test_the_integral_is_the_discrete_sum_of_the_measured_value(integration, own):
+@pytest.mark.parametrize(("integration", "direct"), [("forward_euler", 0.0), ("backward_euler", 0.02)])
+def test_the_integral_is_the_discrete_sum_of_the_measured_value(integration, direct):
     """The integral is h / (z - 1) times the value by forward Euler and h z / (z - 1) by backward Euler."""
     plant = SampledSystem(
         np.array([[0.9, 0.1], [-0.2, 0.8]]),
@@ -663,7 +666,7 @@ def test_the_integral_is_the_discrete_sum_of_the_measured_value(integration, own
     z = np.array([1.1 + 0.3j, -0.7 + 0.2j])
     value, rate, integral = np.moveaxis(with_integral(plant, integration).response(z)[..., 0], -1, 0)
     np.testing.assert_allclose(np.stack([value, rate], axis=-1), plant.response(z)[..., 0])
-    np.testing.assert_allclose(integral, (0.02 / (z - 1.0) + own) * value)
+    np.testing.assert_allclose(integral, (0.02 / (z - 1.0) + direct) * value)
 
 
 def test_a_pid_is_not_converted_again():

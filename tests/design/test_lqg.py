@@ -1,4 +1,4 @@
-"""Linear models of an axis, compared with the whole diagram and with flights; designs, compared with their limits."""
+"""Tests of the models of an axis, against the whole diagram and flights, and of designs, against their limits."""
 
 import dataclasses
 import types
@@ -33,10 +33,10 @@ from drake_quad.linear.disturbances import DisturbanceStatistics
 from drake_quad.linear.link_margins import link_loops, link_margins
 from drake_quad.scenario.batch import Batch
 
-STILL = DisturbanceStatistics(0.0, 0.0, 0.5)
+NO_DISTURBANCE = DisturbanceStatistics(0.0, 0.0, 0.5)
 # Without drag the chain is an exact model of the vehicle.
-FREE = ("vehicle.linear_drag=0", "vehicle.quadratic_drag=0", "laboratory.motion_capture.dropout_rate=0")
-LATE = (*FREE, "laboratory.motion_capture.latency_frames=1", "laboratory.command_link.delay_ticks=2")
+NO_DRAG = ("vehicle.linear_drag=0", "vehicle.quadratic_drag=0", "laboratory.motion_capture.dropout_rate=0")
+NO_DRAG_BUT_DELAYS = (*NO_DRAG, "laboratory.motion_capture.latency_frames=1", "laboratory.command_link.delay_ticks=2")
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +56,7 @@ def timing_of(scenario):
 
 @pytest.fixture(scope="module")
 def low_wind(diagrams):
-    """The scenario of a shipped design that keeps the default limits, and the conditions of that scenario."""
+    """Return the scenario of a shipped design with the default limits, and the conditions of this scenario."""
     scenario = load_scenario(
         f"{diagrams}/laboratory.yaml:low_wind", layers=[f"{diagrams}/controllers/lqg.yaml:lqg_low_wind"]
     )
@@ -64,7 +64,7 @@ def low_wind(diagrams):
 
 
 def axes_of(scenario, plant, conditions):
-    """Return (loop, plant) along x and along z."""
+    """Return the loops with their actual plants along x and z, and the timing."""
     timing, gravity = timing_of(scenario), scenario.nominal.gravity
     loops = [axis.loop(timing, gravity) for axis in (scenario.control.lateral, scenario.control.vertical)]
     models = lateral_plant_model(plant, conditions), vertical_plant_model(plant, conditions)
@@ -73,29 +73,31 @@ def axes_of(scenario, plant, conditions):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("overrides", "plant"), [(FREE, (0, 1)), (LATE, (1, 2))])
+@pytest.mark.parametrize(("overrides", "plant"), [(NO_DRAG, (0, 1)), (NO_DRAG_BUT_DELAYS, (1, 2))])
 def test_the_loop_of_an_axis_equals_that_of_the_whole_diagram(shipped, overrides, plant):
     scenario = shipped(*overrides)
-    conditions = Conditions(STILL, STILL, 0.0, 1e-3, 4e-3, 0.0)
+    conditions = Conditions(NO_DISTURBANCE, NO_DISTURBANCE, 0.0, 1e-3, 4e-3, 0.0)
     axes, timing = axes_of(scenario, Plant(True, 0.05, None, *plant), conditions)
     exact = link_loops(scenario)
     z = np.exp(1j * np.geomspace(0.5, 100.0, 40) * timing.tick)
-    for (loop, truth), signal in zip(axes, ("tau_y", "thrust"), strict=True):
-        found, expected = (each.response(z)[:, 0, 0] for each in (loop_transfer(loop, truth, timing), exact[signal]))
-        np.testing.assert_allclose(found, expected, rtol=2e-2)
+    for (loop, actual_plant), signal in zip(axes, ("tau_y", "thrust"), strict=True):
+        response, expected = (
+            each.response(z)[:, 0, 0] for each in (loop_transfer(loop, actual_plant, timing), exact[signal])
+        )
+        np.testing.assert_allclose(response, expected, rtol=2e-2)
 
 
 def test_plants_have_the_same_prediction_together_and_alone(shipped):
-    """The latest plant sets the size of the matrices; an unstable one does not spoil the others."""
-    conditions = Conditions(DisturbanceStatistics(0.2, 0.3, 0.5), STILL, 2.0, 1e-3, 4e-3, 0.03)
-    late = [(0, 1), (2, 0), (0, 6), (1, 2)]
-    axes = [axes_of(shipped(), Plant(True, 0.05, None, *each), conditions) for each in late]
+    """The plant with the longest delay sets the size of the matrices. An unstable plant does not affect the others."""
+    conditions = Conditions(DisturbanceStatistics(0.2, 0.3, 0.5), NO_DISTURBANCE, 2.0, 1e-3, 4e-3, 0.03)
+    delays = [(0, 1), (2, 0), (0, 6), (1, 2)]
+    axes = [axes_of(shipped(), Plant(True, 0.05, None, *each), conditions) for each in delays]
     timing = axes[0][1]
     z = np.exp(1j * np.geomspace(0.5, 100.0, 40) * timing.tick)
     for number in (0, 1):
-        loop, actual_plants = axes[0][0][number][0], [found[number][1] for found, _ in axes]
+        loop, actual_plants = axes[0][0][number][0], [pairs[number][1] for pairs, _ in axes]
         together = lqg_design._LiftedLoops.of(loop, actual_plants, timing)
-        alone = [predicted(loop, truth, timing) for truth in actual_plants]
+        alone = [predicted(loop, actual_plant, timing) for actual_plant in actual_plants]
         assert np.isinf([each.error for each in alone]).tolist() == [False, False, True, False]
         np.testing.assert_allclose(together.predicted(), alone, rtol=1e-7)
         expected = 1.0 / (1.0 + loop_transfer(loop, actual_plants[0], timing).response(z)[:, 0, 0])
@@ -110,99 +112,101 @@ def test_stationary_covariances_match_an_independent_solver():
     roots = rng.normal(size=(2, len(sizes), 6, 6)) * np.array([1e-6, 1.0])[:, None, None, None]
     Q = roots @ roots.transpose(0, 1, 3, 2)
     for i, j in np.ndindex(2, len(sizes)):
-        (found,) = lqg_design._stationary_covariance(A[j : j + 1], Q[i, j : j + 1])
-        np.testing.assert_allclose(found, scipy.linalg.solve_discrete_lyapunov(A[j], Q[i, j]), rtol=1e-9)
+        (covariance,) = lqg_design._stationary_covariance(A[j : j + 1], Q[i, j : j + 1])
+        np.testing.assert_allclose(covariance, scipy.linalg.solve_discrete_lyapunov(A[j], Q[i, j]), rtol=1e-9)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("overrides", "plant", "loss"), [(FREE, (0, 1), 0.01), (LATE, (1, 2), 0.05)])
+@pytest.mark.parametrize(("overrides", "plant", "loss"), [(NO_DRAG, (0, 1), 0.01), (NO_DRAG_BUT_DELAYS, (1, 2), 0.05)])
 def test_the_predicted_error_matches_flights_in_hover(shipped, overrides, plant, loss):
-    """Flights have only noise and lost commands; 64 flights of 10 s determine the error to a few per cent."""
+    """Flights have only noise and lost commands. 64 flights of 10 s determine the error to a few per cent."""
     scenario = shipped(
         *overrides,
         "route={kind: hover, position: [0, 0, 1], duration: 12}",
         "metrics={start: 2, end: null}",
         f"laboratory.command_link.loss_rate={loss}",
     )
-    axes, timing = axes_of(scenario, Plant(True, 0.05, None, *plant), Conditions(STILL, STILL, 0.0, 1e-3, 4e-3, loss))
-    errors = [predicted(loop, truth, timing).error for loop, truth in axes]
+    axes, timing = axes_of(
+        scenario, Plant(True, 0.05, None, *plant), Conditions(NO_DISTURBANCE, NO_DISTURBANCE, 0.0, 1e-3, 4e-3, loss)
+    )
+    errors = [predicted(loop, actual_plant, timing).error for loop, actual_plant in axes]
     flights = simulate_batch(Batch.draw(scenario, range(64)), compiled=True)
-    flown = np.sqrt(np.mean([(flight["state"][100:, :3] - [0, 0, 1]) ** 2 for flight in flights], axis=(0, 1)))
-    np.testing.assert_allclose(flown, [errors[0], errors[0], errors[1]], rtol=0.1)
+    simulated = np.sqrt(np.mean([(flight["state"][100:, :3] - [0, 0, 1]) ** 2 for flight in flights], axis=(0, 1)))
+    np.testing.assert_allclose(simulated, [errors[0], errors[0], errors[1]], rtol=0.1)
 
 
 def test_an_unstable_loop_has_an_infinite_error(shipped):
-    axes, timing = axes_of(shipped(), Plant(True, 0.05, None, 0, 6), Conditions(STILL, STILL, 0.0, 1e-3, 4e-3, 0.0))
-    for loop, truth in axes:
-        found = predicted(loop, truth, timing)
-        assert found.error == np.inf
-        assert found.pole > 1.0
+    axes, timing = axes_of(
+        shipped(), Plant(True, 0.05, None, 0, 6), Conditions(NO_DISTURBANCE, NO_DISTURBANCE, 0.0, 1e-3, 4e-3, 0.0)
+    )
+    for loop, actual_plant in axes:
+        prediction = predicted(loop, actual_plant, timing)
+        assert prediction.error == np.inf
+        assert prediction.pole > 1.0
 
 
 def test_plants_span_the_distributions_or_the_assumed_uncertainty(diagrams):
     drawn = plants_of(load_scenario(f"{diagrams}/robustness.yaml"))
     assert {(each.latency_frames, each.delay_ticks) for each in drawn[1:]} == {(0, 1), (1, 3)}
     assert sorted({round(each.lag, 4) for each in drawn}) == [0.035, 0.055, 0.075]
-    written = plants_of(load_scenario(f"{diagrams}/laboratory.yaml:nominal"))
-    assert written[0]._replace(thrust_gain=1.0) == Plant(True, 0.05, None, 0, 1)
-    assert written[0].thrust_gain == pytest.approx(1.0, abs=0.01)
-    assert {(round(each.lag, 5), each.latency_frames, each.delay_ticks) for each in written[1:]} == {
+    nominal = plants_of(load_scenario(f"{diagrams}/laboratory.yaml:nominal"))
+    assert nominal[0]._replace(thrust_gain=1.0) == Plant(True, 0.05, None, 0, 1)
+    assert nominal[0].thrust_gain == pytest.approx(1.0, abs=0.01)
+    assert {(round(each.lag, 5), each.latency_frames, each.delay_ticks) for each in nominal[1:]} == {
         *((0.03125, 0, 1), (0.03125, 1, 2)),
         *((0.08, 0, 1), (0.08, 1, 2)),
     }
     on_board = plants_of(load_scenario(f"{diagrams}/onboard.yaml"))
     assert on_board[0].response == SecondOrderResponse(8.817, 0.7259)
     assert on_board[0].lags
-    whole, *others = plants_of(load_scenario(f"{diagrams}/vehicles/neural_fly.yaml:still"))
-    assert (whole.response, whole.lags) == (SecondOrderResponse(6.75, 0.48), False)
-    # The motor curve has a slope of 18.27 N, the nominal one 14.27 N.
-    assert whole.thrust_gain == pytest.approx(18.2656 / 14.27, rel=0.02)
-    # A vehicle with fast rotors has a fast attitude.
-    assert all((other.lag < whole.lag) == (other.response.natural_frequency > 6.75) for other in others)
+    identified, *others = plants_of(load_scenario(f"{diagrams}/vehicles/neural_fly.yaml:still"))
+    assert (identified.response, identified.lags) == (SecondOrderResponse(6.75, 0.48), False)
+    # The thrust curve of the motors has a slope of 18.27 N, the nominal curve 14.27 N.
+    assert identified.thrust_gain == pytest.approx(18.2656 / 14.27, rel=0.02)
+    # Plants with faster rotors have a faster attitude response.
+    assert all((other.lag < identified.lag) == (other.response.natural_frequency > 6.75) for other in others)
 
 
 def test_conditions_are_those_of_the_scenario(diagrams, low_wind):
-    _, found = low_wind
-    # These values were found for flights when the shipped controller was designed: 0.205 m/s² with 0.6 s, and 0.063
-    # m/s².
-    assert found.lateral.deviation == pytest.approx(0.19, abs=0.03)
-    assert found.lateral.time == pytest.approx(0.7, abs=0.1)
-    assert (found.position_noise, found.attitude_noise, found.loss_rate) == (1e-3, 4e-3, 0.01)
+    _, conditions = low_wind
+    # When the shipped controller was designed, flights had a deviation of 0.205 m/s² and a time constant of 0.6 s.
+    assert conditions.lateral.deviation == pytest.approx(0.19, abs=0.03)
+    assert conditions.lateral.time == pytest.approx(0.7, abs=0.1)
+    assert (conditions.position_noise, conditions.attitude_noise, conditions.loss_rate) == (1e-3, 4e-3, 0.01)
     bad_day = conditions_of(load_scenario(f"{diagrams}/robustness.yaml"))
-    # A log-uniform number has the mean square (b² - a²) / (2 log(b / a)); a lever of 1 mm causes 9.5 m/s⁴.
+    # A log-uniform number has the mean square (b² - a²) / (2 log(b / a)). A lever of 1 mm causes 9.5 m/s⁴.
     assert bad_day.position_noise == pytest.approx(np.sqrt((0.004**2 - 0.0005**2) / (2.0 * np.log(8.0))), rel=0.01)
     assert 5.0 < bad_day.bias < 14.0
 
 
-def test_a_vehicle_with_an_attitude_response_has_the_least_bias(diagrams):
-    """Its bias is the least that a design allows for, that of a calm and ideal laboratory."""
-    whole = conditions_of(
+def test_a_vehicle_with_an_identified_attitude_response_has_the_smallest_bias(diagrams):
+    """The bias is the smallest that a design assumes, as in a calm and ideal laboratory."""
+    identified = conditions_of(
         load_scenario(f"{diagrams}/vehicles/neural_fly.yaml:wind_8", ["duration=2", "metrics.start=0"])
     )
     ideal = conditions_of(load_scenario(f"{diagrams}/figure_eight.yaml", ["duration=2", "metrics.start=0"]))
-    assert whole.bias == ideal.bias
-    assert whole.lateral.mean > 5.0 * ideal.lateral.mean
+    assert identified.bias == ideal.bias
+    assert identified.lateral.mean > 5.0 * ideal.lateral.mean
 
 
 @pytest.mark.slow
 def test_the_snap_limit_is_at_least_twice_the_constant_torque():
-    """An offset r of the centre of mass causes m g r / I, for a Crazyflie five times that of the paper's vehicle."""
-    limits, turning, largest = LqgLimits(), {}, {}
+    """An offset r causes the angular acceleration m g r / I, on a Crazyflie five times that of the paper's vehicle."""
+    limits, constant_snap, limit_of = LqgLimits(), {}, {}
     for name in ("bad_day:crazyflie", "robustness"):
         scenario = load_scenario(name)
-        found, vehicle = conditions_of(scenario), middle_of(scenario).vehicle
+        conditions, vehicle = conditions_of(scenario), middle_of(scenario).vehicle
         levers = Batch.draw(scenario, range(32)).varying["vehicle.centre_of_mass.0"]
-        turning[name] = vehicle.mass * vehicle.gravity**2 * np.sqrt(np.mean(levers**2)) / vehicle.inertia[0]
-        # 1 rad/s² corresponds to a snap of g. Rotors that differ by half a per cent also cause an angular acceleration.
-        assert 0.6 * found.bias < turning[name] < 1.2 * found.bias
-        largest[name] = snap_limit(limits, found)
-    assert largest["robustness"] == limits.snap
-    assert largest["bad_day:crazyflie"] > 1.8 * turning["bad_day:crazyflie"] > limits.snap
+        constant_snap[name] = vehicle.mass * vehicle.gravity**2 * np.sqrt(np.mean(levers**2)) / vehicle.inertia[0]
+        # 1 rad/s² corresponds to a snap of g. Unequal rotors also cause an angular acceleration.
+        assert 0.6 * conditions.bias < constant_snap[name] < 1.2 * conditions.bias
+        limit_of[name] = snap_limit(limits, conditions)
+    assert limit_of["robustness"] == limits.snap
+    assert limit_of["bad_day:crazyflie"] > 1.8 * constant_snap["bad_day:crazyflie"] > limits.snap
 
 
 def test_candidate_delays_are_the_mean_of_the_plants_and_the_next_tick(diagrams):
-    # Frames are late by at most 10 ms and commands by 1 to 3 ticks of 20 ms: 2.3 ticks in the mean of middle and
-    # corners.
+    # Frames are at most 10 ms late and commands 1 to 3 ticks of 20 ms, so the mean delay of the plants is 2.3 ticks.
     bad_day = load_scenario(f"{diagrams}/robustness.yaml")
     assert candidate_timings(bad_day, plants_of(bad_day)) == [Timing(0.01, 0.02, ticks) for ticks in (2, 3)]
     late = [Plant(True, 0.05, None, 1, ticks) for ticks in (1, 1, 2)]
@@ -211,55 +215,55 @@ def test_candidate_delays_are_the_mean_of_the_plants_and_the_next_tick(diagrams)
 
 @pytest.mark.slow
 def test_a_shipped_design_reaches_the_default_limits(low_wind):
-    """A design of least error is at its limits, since each limit costs error: here those of peak and snap."""
+    """Each limit costs error, so a design of least error reaches some limits: the sensitivity peak and the snap."""
     scenario, conditions = low_wind
     limits, margins = LqgLimits(), [*link_margins(middle_of(scenario)).values()]
     assert 0.99 * limits.sensitivity < max(each.sensitivity for each in margins) <= limits.sensitivity
     assert min(each.delay for each in margins) >= limits.delay
     axes, timing = axes_of(scenario, plants_of(scenario)[0], conditions)
-    lateral, vertical = (predicted(loop, truth, timing).command for loop, truth in axes)
+    lateral, vertical = (predicted(loop, actual_plant, timing).command for loop, actual_plant in axes)
     assert 0.99 * limits.snap < lateral <= snap_limit(limits, conditions) == limits.snap
     assert vertical <= limits.acceleration
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("best", [1, 2])
+@pytest.mark.parametrize("best_delay", [1, 2])
 @pytest.mark.parametrize("name", ["laboratory.yaml:low_wind", "onboard.yaml"])
-def test_a_design_uses_the_delay_of_less_cost_and_limits_the_command_of_each_axis(
-    low_wind, diagrams, monkeypatch, name, best
+def test_a_design_uses_the_delay_of_least_cost_and_limits_the_command_of_each_axis(
+    low_wind, diagrams, monkeypatch, name, best_delay
 ):
-    """Along x and y the command is a snap, or an acceleration with an autopilot, and along z an acceleration."""
+    """The command is an acceleration along z and with an autopilot, otherwise a snap."""
     scenario, (shipped, conditions) = load_scenario(f"{diagrams}/{name}"), low_wind
     timings = [Timing(0.01, 0.02, ticks) for ticks in (1, 2)]
-    known = {"conditions_of": conditions, "candidate_timings": timings, "_yaw": shipped.control.yaw}
-    for function, value in known.items():
+    stubs = {"conditions_of": conditions, "candidate_timings": timings, "_yaw": shipped.control.yaw}
+    for function, value in stubs.items():
         monkeypatch.setattr(lqg_design, function, lambda *_, value=value: value)
     searches = []
 
-    def improved(search):
+    def record_search(search):
         searches.append(search)
-        return dataclasses.replace(search, cost=abs(search.timing.delay_ticks - best))
+        return dataclasses.replace(search, cost=abs(search.timing.delay_ticks - best_delay))
 
-    monkeypatch.setattr(lqg_design._LqgSearch, "improved", improved)
+    monkeypatch.setattr(lqg_design._LqgSearch, "improved", record_search)
     limits = LqgLimits(sensitivity=1e3, delay=1e-6, snap=50.0, acceleration=5.0)
     design = design_lqg(scenario, limits)
-    assert design.control.delay_ticks == best
+    assert design.control.delay_ticks == best_delay
     first, second, vertical = searches
     assert first.max_command == second.max_command == (5.0 if design.plants[0].response else 50.0)
     assert vertical.max_command == 5.0
-    assert (first.timing, second.timing, vertical.timing) == (*timings, timings[best - 1])
+    assert (first.timing, second.timing, vertical.timing) == (*timings, timings[best_delay - 1])
     assert {each.chain_limits for each in searches} == {limits}
 
 
 @pytest.mark.slow
 def test_a_design_flies_within_its_limits(diagrams, monkeypatch):
-    """A vehicle with drag leans, which the chains do not model; the whole loop meets the limits nevertheless."""
+    """The chains do not model that a vehicle with drag leans. Nevertheless the whole loop meets the limits."""
     monkeypatch.setattr(lqg_design, "_MAX_EVALUATIONS", 30)
     scenario = load_scenario(f"{diagrams}/vehicles/neural_fly.yaml:wind_8_sine", ["route.laps=2", "metrics.start=6.3"])
     design = design_lqg(scenario, LqgLimits(sensitivity=2.2, delay=0.05))
     assert all(np.isfinite(each.error) for each in (*design.lateral, *design.vertical))
     assert design.control.yaw is None
-    # The estimate along z determines the thrust, and with it the tilt, so that its disturbance must not be too large.
+    # The estimate along z affects the tilt by the thrust, so its assumed disturbance is not larger than in flights.
     assert design.control.vertical.second.deviation == pytest.approx(design.conditions.vertical.deviation, rel=1e-3)
     assert design.control.max_tilt == 1.2
     designed = scenario.model_copy(update={"control": design.control})
@@ -272,21 +276,21 @@ def test_a_design_flies_within_its_limits(diagrams, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("lags", "answer", "polynomial"),
+    ("lags", "response", "polynomial"),
     [
         (True, None, [0.05, 1.0, 0.0, 0.0]),
         (False, SecondOrderResponse(7.0, 0.6), [1.0, 2.0 * 0.6 * 7.0, 7.0**2]),
         (True, SecondOrderResponse(7.0, 0.6), [0.05, 1.0, 2.0 * 0.6 * 7.0, 7.0**2]),
     ],
 )
-def test_plant_models_have_the_transfer_functions_of_attitude_and_position(lags, answer, polynomial):
+def test_plant_models_have_the_transfer_functions_of_attitude_and_position(lags, response, polynomial):
     """Each plant has the transfer function of its lag, 1 / (s² (T s + 1)), or of the autopilot's response."""
-    conditions = Conditions(STILL, STILL, 0.0, 1e-3, 4e-3, 0.0)
-    plant = Plant(lags, 0.05, answer, 0, 1, thrust_gain=1.3)
+    conditions = Conditions(NO_DISTURBANCE, NO_DISTURBANCE, 0.0, 1e-3, 4e-3, 0.0)
+    plant = Plant(lags, 0.05, response, 0, 1, thrust_gain=1.3)
     s = 2.0 + 3.0j
     _, A, B, C, _ = lateral_plant_model(plant, conditions)
     position, thrust = (C @ np.linalg.solve(s * np.eye(len(A)) - A, B)).ravel()
-    expected = (1.0 if answer is None else answer.natural_frequency**2) / np.polyval(polynomial, s)
+    expected = (1.0 if response is None else response.natural_frequency**2) / np.polyval(polynomial, s)
     np.testing.assert_allclose([position, thrust], [expected / s**2, expected], rtol=1e-12)
     _, A, B, C, _ = vertical_plant_model(plant, conditions)
     height = (C @ np.linalg.solve(s * np.eye(len(A)) - A, B)).item()
@@ -295,20 +299,20 @@ def test_plant_models_have_the_transfer_functions_of_attitude_and_position(lags,
 
 @pytest.fixture(scope="module")
 def search_of(shipped):
-    """Return the search for the numbers of the shipped axis along x, for plants with given link delays (ticks)."""
+    """Return a function that returns a search for the numbers along x, for plants with given link delays, ticks."""
     scenario = shipped()
     timing, control = timing_of(scenario), scenario.control
     loop = control.lateral.loop(timing, scenario.nominal.gravity)
-    conditions = Conditions(STILL, STILL, 0.0, 1e-3, 4e-3, 0.0)
+    conditions = Conditions(NO_DISTURBANCE, NO_DISTURBANCE, 0.0, 1e-3, 4e-3, 0.0)
 
-    def make(*delays, limits=LqgLimits(sensitivity=1e3, delay=1e-6), most=1e6, loop_of=lambda axis: loop):
+    def make(*delays, limits=LqgLimits(sensitivity=1e3, delay=1e-6), max_command=1e6, loop_of=lambda axis: loop):
         plants = [Plant(True, 0.05, None, 0, delay) for delay in delays]
         actual_plants = [
             ActualPlant.of(lateral_plant_model(plant, conditions), plant, conditions, timing, scenario.nominal.gravity)
             for plant in plants
         ]
         return lqg_design._LqgSearch(
-            lambda number: control.lateral, loop_of, actual_plants, most, timing, (1.0,), limits
+            lambda number: control.lateral, loop_of, actual_plants, max_command, timing, (1.0,), limits
         )
 
     return make
@@ -320,13 +324,17 @@ def test_the_cost_within_the_limits_is_the_logarithm_of_the_error_over_all_plant
     cost = search.cost_of(np.zeros(1))
     assert cost == pytest.approx(0.5 * np.log(0.5 * (first.error**2 + second.error**2)), rel=1e-9)
     assert search_of(1).cost_of(np.zeros(1)) == pytest.approx(np.log(first.error), rel=1e-9)
-    for change in ({"limits": LqgLimits(1.01, 1e-6)}, {"limits": LqgLimits(1e3, 1.0)}, {"most": 0.5 * first.command}):
+    for change in (
+        {"limits": LqgLimits(1.01, 1e-6)},
+        {"limits": LqgLimits(1e3, 1.0)},
+        {"max_command": 0.5 * first.command},
+    ):
         assert search_of(1, 2, **change).cost_of(np.zeros(1)) > cost + 0.1
-    assert search_of(1, 2, most=1.01 * first.command).cost_of(np.zeros(1)) == cost
+    assert search_of(1, 2, max_command=1.01 * first.command).cost_of(np.zeros(1)) == cost
 
 
 def test_unstable_designs_cost_more_than_stable_ones(search_of):
-    """The cost increases with the poles of unstable plants; an unstable nominal plant costs most."""
+    """The cost increases with the poles of unstable plants. An unstable nominal plant costs most."""
     stable, late, later = (search_of(*delays).cost_of(np.zeros(1)) for delays in ((1,), (1, 6), (1, 9)))
     unstable, worse = (search_of(delay, 1).cost_of(np.zeros(1)) for delay in (6, 9))
     assert stable + 10.0 < late
@@ -345,8 +353,8 @@ def test_unstable_designs_cost_more_than_stable_ones(search_of):
         search_of(6).result()
 
 
-class Bowl(lqg_design._LqgSearch):
-    """Search whose cost is the squared distance of the logarithms from known ones, and constant far away."""
+class SearchWithKnownOptimum(lqg_design._LqgSearch):
+    """Search whose cost is the squared distance from known logarithms, but at most 9."""
 
     best = np.log([3e-3, 0.7, 40.0])
 
@@ -354,15 +362,15 @@ class Bowl(lqg_design._LqgSearch):
         return min(float(np.sum((logs - self.best) ** 2)), 9.0)
 
 
-@pytest.mark.parametrize("first", [3e-6, 3e-3, 3.0])
-def test_a_search_finds_the_least_cost_for_any_initial_weight(search_of, first):
-    """The other numbers start within a factor of a few."""
+@pytest.mark.parametrize("initial_weight", [3e-6, 3e-3, 3.0])
+def test_a_search_finds_the_least_cost_for_any_initial_weight(search_of, initial_weight):
+    """The other numbers start within a factor of 2.5 of their best values."""
     start = search_of(1)
-    started = Bowl(*(getattr(start, name) for name in start.__dataclass_fields__))
-    found = dataclasses.replace(started, numbers=(first, 0.3, 60.0)).improved()
-    np.testing.assert_allclose(found.numbers, np.exp(Bowl.best), rtol=1e-3)
-    assert found.cost == pytest.approx(found.cost_of(np.log(found.numbers)), abs=1e-12)
-    assert (found.actual_plants, found.timing) == (start.actual_plants, start.timing)
+    search = SearchWithKnownOptimum(*(getattr(start, name) for name in start.__dataclass_fields__))
+    result = dataclasses.replace(search, numbers=(initial_weight, 0.3, 60.0)).improved()
+    np.testing.assert_allclose(result.numbers, np.exp(SearchWithKnownOptimum.best), rtol=1e-3)
+    assert result.cost == pytest.approx(result.cost_of(np.log(result.numbers)), abs=1e-12)
+    assert (result.actual_plants, result.timing) == (start.actual_plants, start.timing)
 
 
 def test_limits_are_tightened_until_the_whole_loop_meets_them(search_of):
@@ -370,15 +378,17 @@ def test_limits_are_tightened_until_the_whole_loop_meets_them(search_of):
     limits = LqgLimits(sensitivity=3.0, delay=0.03)
     search = search_of(1, limits=limits._replace(sensitivity=2.5, delay=0.04))
 
-    def found(sensitivity, delay):
+    def margins_of_loop(sensitivity, delay):
         return types.SimpleNamespace(sensitivity=sensitivity, delay=delay)
 
-    assert search.with_tighter_limits(limits, (found(3.0, 0.03), None)) is search
+    assert search.with_tighter_limits(limits, (margins_of_loop(3.0, 0.03), None)) is search
     assert search.with_tighter_limits(limits, (None, None)) is search
-    peaked = search.with_tighter_limits(limits, (found(2.0, 0.05), found(4.0, 0.05), None)).chain_limits
+    peaked = search.with_tighter_limits(
+        limits, (margins_of_loop(2.0, 0.05), margins_of_loop(4.0, 0.05), None)
+    ).chain_limits
     assert 0.99 * 2.5 * 3.0 / 4.0 < peaked.sensitivity < 2.5 * 3.0 / 4.0
     assert peaked.delay == 0.04
-    late = search.with_tighter_limits(limits, (found(2.0, 0.02), found(2.0, 0.05))).chain_limits
+    late = search.with_tighter_limits(limits, (margins_of_loop(2.0, 0.02), margins_of_loop(2.0, 0.05))).chain_limits
     assert 0.04 * 0.03 / 0.02 < late.delay < 1.01 * 0.04 * 0.03 / 0.02
     assert late.sensitivity == 2.5
 
@@ -394,17 +404,19 @@ def test_the_yaw_has_the_pd_of_a_cascade(diagrams):
 
 @pytest.mark.slow
 def test_a_design_follows_the_nominal_vehicle_and_the_disturbances(diagrams, monkeypatch):
-    """The scenario has no autopilot, and limits that no design violates."""
+    """The scenario has no autopilot, and no design violates the limits."""
     monkeypatch.setattr(lqg_design, "_MAX_EVALUATIONS", 1)
     scenario = load_scenario(f"{diagrams}/laboratory.yaml:low_wind", ["duration=4", "metrics.start=0"])
     design = design_lqg(scenario, LqgLimits(sensitivity=1e3, delay=1e-6))
-    control, found, gravity = design.control, design.conditions, scenario.nominal.gravity
+    control, conditions, gravity = design.control, design.conditions, scenario.nominal.gravity
     x, z, plant = control.lateral, control.vertical, design.plants[0]
     assert (x.lag, x.natural_frequency, x.damping, z.lag) == (plant.lag, None, None, plant.lag)
-    assert [axis.second.time for axis in (x, z)] == pytest.approx([found.lateral.time, found.vertical.time], rel=5e-3)
-    assert x.position_noise == z.position_noise == pytest.approx(found.position_noise, rel=1e-3)
-    assert z.second.deviation == pytest.approx(found.vertical.deviation, rel=1e-3)
-    # The first disturbance represents a constant, so that it changes more slowly than the second.
+    assert [axis.second.time for axis in (x, z)] == pytest.approx(
+        [conditions.lateral.time, conditions.vertical.time], rel=5e-3
+    )
+    assert x.position_noise == z.position_noise == pytest.approx(conditions.position_noise, rel=1e-3)
+    assert z.second.deviation == pytest.approx(conditions.vertical.deviation, rel=1e-3)
+    # The first disturbance represents a constant, so it changes more slowly than the second.
     assert x.first.time == z.first.time > 10.0 * max(x.second.time, z.second.time)
     limits = scenario.control.thrust_vectoring
     assert (control.max_tilt, control.min_thrust, control.max_thrust) == (
@@ -417,22 +429,24 @@ def test_a_design_follows_the_nominal_vehicle_and_the_disturbances(diagrams, mon
         (x.loop(timing, gravity), lateral_plant_model, design.lateral),
         (z.loop(timing, gravity), vertical_plant_model, design.vertical),
     ):
-        actual_plants = [ActualPlant.of(model(plant, found), plant, found, timing, gravity) for plant in design.plants]
-        assert predictions == tuple(predicted(loop, truth, timing) for truth in actual_plants)
+        actual_plants = [
+            ActualPlant.of(model(plant, conditions), plant, conditions, timing, gravity) for plant in design.plants
+        ]
+        assert predictions == tuple(predicted(loop, actual_plant, timing) for actual_plant in actual_plants)
 
 
 def test_the_measurement_noise_of_a_plant_is_that_of_the_cameras():
     """The horizontal specific thrust is measured as the attitude times g."""
-    conditions = Conditions(STILL, STILL, 0.0, 1e-3, 4e-3, 0.03)
+    conditions = Conditions(NO_DISTURBANCE, NO_DISTURBANCE, 0.0, 1e-3, 4e-3, 0.03)
     plant, timing = Plant(True, 0.05, None, 0, 1), Timing(0.01, 0.02, 2)
-    truth = ActualPlant.of(lateral_plant_model(plant, conditions), plant, conditions, timing, 9.79)
-    np.testing.assert_allclose(truth.R, np.diag([1e-3**2, (9.79 * 4e-3) ** 2]), rtol=1e-12)
+    actual_plant = ActualPlant.of(lateral_plant_model(plant, conditions), plant, conditions, timing, 9.79)
+    np.testing.assert_allclose(actual_plant.R, np.diag([1e-3**2, (9.79 * 4e-3) ** 2]), rtol=1e-12)
     height = ActualPlant.of(vertical_plant_model(plant, conditions), plant, conditions, timing, 9.79)
     np.testing.assert_allclose(height.R, [[1e-3**2]], rtol=1e-12)
-    assert (truth.loss_rate, height.plant) == (0.03, plant)
+    assert (actual_plant.loss_rate, height.plant) == (0.03, plant)
 
 
-def test_rotors_with_two_time_constants_count_with_their_geometric_mean(diagrams):
+def test_the_lag_of_rotors_with_two_time_constants_is_their_geometric_mean(diagrams):
     scenario = load_scenario(f"{diagrams}/laboratory.yaml:nominal", ["vehicle.rotor_time_constant=0.04"])
     assert lqg_design._lag(scenario) == 0.04
     down = load_scenario(f"{diagrams}/hover.yaml", ["vehicle.rotor_time_constant=0.04"])

@@ -1,4 +1,4 @@
-"""The search for gains, on errors that are known in closed form and need no flights."""
+"""Tests of the search for gains, on errors that are known in closed form and need no flights."""
 
 import itertools
 
@@ -23,24 +23,24 @@ def laboratory(diagrams):
 
 
 @pytest.fixture
-def flown(monkeypatch):
-    """Return a function that replaces flights by an error and a crash time, given a candidate's numbers and a sample.
+def stub_flights(monkeypatch):
+    """Return a function that replaces flights by given errors and crash times.
 
-    This function returns a record of the flights: the scenario and the number of vehicles of each fleet, and the
-    samples and varied numbers of each flight.
+    Errors and crash times are functions of a candidate's numbers, a sample and a scenario. The returned function
+    returns a record of the scenarios and sizes of all fleets, and of the samples and numbers that they flew.
     """
-    kept = {"fleets": [], "samples": [], "varying": []}
+    record = {"fleets": [], "samples": [], "varying": []}
 
     def install(error, crash=lambda numbers, sample, scenario: np.inf):
         class Fleet:
             def __init__(self, scenario, _plan, count):
                 self.scenario = scenario
                 self.duration = DURATION
-                kept["fleets"].append((scenario, count))
+                record["fleets"].append((scenario, count))
 
             def fly_batch(self, batch):
-                kept["samples"].append(batch.samples)
-                kept["varying"].append(batch.varying)
+                record["samples"].append(batch.samples)
+                record["varying"].append(batch.varying)
                 rows = [{path: column[i] for path, column in batch.varying.items()} for i in range(len(batch.samples))]
                 flights = list(zip(rows, batch.samples, strict=True))
                 times = np.array([float(crash(row, sample, self.scenario)) for row, sample in flights])
@@ -52,76 +52,76 @@ def flown(monkeypatch):
                 return Metrics(*[times] * (len(Metrics._fields) - 1), times)
 
         monkeypatch.setattr(tuning, "StudyFleet", Fleet)
-        return kept
+        return record
 
     return install
 
 
-def logs(numbers):
+def log_gains(numbers):
     """Return the logarithms of a candidate's k_P and k_D, relative to the unconstrained optimum of 4 and 2."""
     return np.log(numbers["control.position.k_p.0"] / 4.0), np.log(numbers["control.position.k_d.0"] / 2.0)
 
 
-def bowl(numbers, *_):
+def quadratic_error(numbers, *_):
     """Return an error with a minimum of 0.1 m, in which the two gains interact."""
-    p, d = logs(numbers)
+    p, d = log_gains(numbers)
     return 0.1 * np.exp(p * p + d * d - p * d)
 
 
 BUDGET = Budget(rounds=6, candidates=32, samples=1, checks=4, steps=60)
 
 
-def test_the_least_error_is_found(laboratory, flown):
-    flown(bowl)
-    found = tune([laboratory], [K_P, K_D], None, budget=BUDGET)
-    assert found.numbers == pytest.approx((4.0, 2.0), rel=0.01)
-    assert found.error == pytest.approx(0.1, rel=1e-4)
-    assert found.share == np.inf
+def test_the_least_error_is_found(laboratory, stub_flights):
+    stub_flights(quadratic_error)
+    result = tune([laboratory], [K_P, K_D], None, budget=BUDGET)
+    assert result.numbers == pytest.approx((4.0, 2.0), rel=0.01)
+    assert result.error == pytest.approx(0.1, rel=1e-4)
+    assert result.share == np.inf
 
 
-def test_the_least_error_within_a_limit_is_found(laboratory, flown):
-    """With k_P at its limit of 2, the best k_D is 2 √(2 / 4), on a line through the bowl."""
-    flown(bowl)
-    found = tune([laboratory], [K_P, K_D], lambda s: np.array([2.0 / s.control.position.k_p[0], 9.0]), budget=BUDGET)
-    assert found.numbers == pytest.approx((2.0, np.sqrt(2.0)), rel=0.02)
-    assert 1.0 <= found.share < 1.02
+def test_the_least_error_within_a_limit_is_found(laboratory, stub_flights):
+    """With k_P at its limit of 2, the best k_D is 2 √(2 / 4)."""
+    stub_flights(quadratic_error)
+    result = tune([laboratory], [K_P, K_D], lambda s: np.array([2.0 / s.control.position.k_p[0], 9.0]), budget=BUDGET)
+    assert result.numbers == pytest.approx((2.0, np.sqrt(2.0)), rel=0.02)
+    assert 1.0 <= result.share < 1.02
 
 
-def test_a_discontinuous_limit_is_respected(laboratory, flown):
-    """An unstable loop has a single share of the limit, zero, whereas a stable loop has two."""
-    flown(bowl)
+def test_a_discontinuous_limit_is_respected(laboratory, stub_flights):
+    """An unstable loop has a single share of the limit, which is zero. A stable loop has two shares."""
+    stub_flights(quadratic_error)
 
     def shares(scenario):
         gain = scenario.control.position.k_p[0]
         return np.zeros(1) if gain > 3.0 else np.array([2.5 / gain, 0.9 + 1.0 / scenario.control.position.k_d[0]])
 
-    found = tune([laboratory], [K_P, K_D], shares, budget=BUDGET)
-    assert found.share >= 1.0
-    assert found.numbers == pytest.approx((2.5, 2.0 * np.sqrt(2.5 / 4.0)), rel=0.03)
+    result = tune([laboratory], [K_P, K_D], shares, budget=BUDGET)
+    assert result.share >= 1.0
+    assert result.numbers == pytest.approx((2.5, 2.0 * np.sqrt(2.5 / 4.0)), rel=0.03)
 
 
-def test_the_lowest_of_many_valleys_is_found(laboratory, flown):
-    """There are five valleys along each axis, so a search from one point would end in the nearest of them."""
+def test_the_lowest_of_many_minima_is_found(laboratory, stub_flights):
+    """There are five minima along each axis. A search from one point would end in the nearest of them."""
 
-    def valleys(numbers, *_):
-        p, d = logs(numbers)
+    def error_with_many_minima(numbers, *_):
+        p, d = log_gains(numbers)
         return 0.1 + 0.05 * (p * p + d * d) + 0.02 * (2.0 - np.cos(10.0 * p) - np.cos(10.0 * d))
 
-    flown(valleys)
-    found = tune([laboratory], [K_P, K_D], None, budget=Budget(rounds=8, candidates=64, samples=1))
-    assert found.numbers == pytest.approx((4.0, 2.0), rel=0.02)
+    stub_flights(error_with_many_minima)
+    result = tune([laboratory], [K_P, K_D], None, budget=Budget(rounds=8, candidates=64, samples=1))
+    assert result.numbers == pytest.approx((4.0, 2.0), rel=0.02)
 
 
 @pytest.mark.parametrize("shares", [None, lambda _: np.array([9.0])])
-def test_rounds_converge_to_the_optimum_and_stay_in_range(laboratory, flown, shares):
+def test_rounds_converge_to_the_optimum_and_stay_in_range(laboratory, stub_flights, shares):
     """The mean of the candidates moves to the best numbers, and their spread falls from round to round.
 
     A limit that no candidate violates has no influence.
     """
-    kept = flown(bowl)
+    record = stub_flights(quadratic_error)
     budget = Budget(rounds=6, candidates=64, samples=1, steps=1)
     tune([laboratory], [K_P, K_D], shares, budget=budget)
-    rounds = [each for each in kept["varying"] if len(each[K_P.paths[0]]) == 64]
+    rounds = [each for each in record["varying"] if len(each[K_P.paths[0]]) == 64]
     assert len(rounds) == 6
     points = np.array([[each[K_P.paths[0]], each[K_D.paths[0]]] for each in rounds])
     assert (points[:, 0] >= 0.5 * (1 - 1e-12)).all()
@@ -130,77 +130,77 @@ def test_rounds_converge_to_the_optimum_and_stay_in_range(laboratory, flown, sha
     # The first candidates fill the box evenly.
     first = np.log(points[0] / [[0.5], [0.5]]) / np.log([[12.0 / 0.5], [8.0 / 0.5]])
     assert np.histogram2d(*first, bins=4, range=[[0, 1], [0, 1]])[0].min() == 4
-    away = np.abs(np.log(points.mean(axis=2) / [4.0, 2.0])).max(axis=1)
+    distance = np.abs(np.log(points.mean(axis=2) / [4.0, 2.0])).max(axis=1)
     spread = np.log(points).std(axis=2).max(axis=1)
-    assert away[-1] < 0.05
+    assert distance[-1] < 0.05
     assert (np.diff(spread[:5]) < 0.0).all()
     assert 0.005 < spread[-1] < 0.2 * spread[0]
 
 
-def test_rounds_converge_to_the_optimum_within_a_limit(laboratory, flown):
+def test_rounds_converge_to_the_optimum_within_a_limit(laboratory, stub_flights):
     """k_P may be 2 at most. Candidates of the last round meet the limit, although the error is smaller beyond it."""
-    kept = flown(bowl)
+    record = stub_flights(quadratic_error)
     budget = Budget(rounds=6, candidates=64, samples=1, checks=8, steps=1)
     tune([laboratory], [K_P, K_D], lambda scenario: np.array([2.0 / scenario.control.position.k_p[0]]), budget=budget)
-    *_, last = (each[K_P.paths[0]] for each in kept["varying"] if len(each[K_P.paths[0]]) == 64)
+    *_, last = (each[K_P.paths[0]] for each in record["varying"] if len(each[K_P.paths[0]]) == 64)
     assert np.median(last) == pytest.approx(2.0, rel=0.1)
     assert last.max() < 3.0
 
 
-def test_each_round_simulates_the_given_number_of_candidates(laboratory, flown):
-    """Their number need not be a power of two, although points are generated in powers of two."""
-    kept = flown(bowl)
+def test_each_round_simulates_the_given_number_of_candidates(laboratory, stub_flights):
+    """The number need not be a power of two, although points are generated in powers of two."""
+    record = stub_flights(quadratic_error)
     tune([laboratory], [K_P, K_D], None, budget=Budget(2, 12, 1, 1, 1))
-    assert [len(each[K_P.paths[0]]) for each in kept["varying"][:2]] == [12, 12]
+    assert [len(each[K_P.paths[0]]) for each in record["varying"][:2]] == [12, 12]
 
 
-def test_each_local_search_starts_with_a_smaller_step(laboratory, flown, monkeypatch):
-    """Each starts within a quarter of the box, from the best point so far."""
-    flown(bowl)
+def test_each_local_search_starts_with_a_smaller_step(laboratory, stub_flights, monkeypatch):
+    """The first step is less than a quarter of the box."""
+    stub_flights(quadratic_error)
     radii, minimize = [], tuning.scipy.optimize.minimize
 
-    def kept(function, start, **given):
+    def minimize_and_record(function, start, **given):
         radii.append(given["options"]["rhobeg"])
         return minimize(function, start, **given)
 
-    monkeypatch.setattr(tuning.scipy.optimize, "minimize", kept)
+    monkeypatch.setattr(tuning.scipy.optimize, "minimize", minimize_and_record)
     tune([laboratory], [K_P, K_D], None, budget=Budget(1, 4, 1, 1, 1))
     assert len(radii) == 3
     assert 0.25 > radii[0] > radii[1] > radii[2] > 0.0
 
 
-def test_candidates_fly_every_training_sample_in_every_laboratory(laboratory, flown):
+def test_candidates_fly_every_training_sample_in_every_laboratory(laboratory, stub_flights):
     """Errors are means over samples and laboratories, and each laboratory flies its share of the samples."""
     other = laboratory.model_copy(update={"name": "other"})
 
     def error(numbers, sample, scenario):
         return 0.1 * (1 + sample) * (3.0 if scenario.name == "other" else 1.0)
 
-    kept = flown(error)
-    found = tune([laboratory, other], [K_P], None, budget=Budget(1, 8, 6, 1, 1), first_sample=5)
+    record = stub_flights(error)
+    result = tune([laboratory, other], [K_P], None, budget=Budget(1, 8, 6, 1, 1), first_sample=5)
     # Each of the two laboratories flies samples 5 to 7.
-    assert set(kept["samples"]) == {(5, 6, 7) * 8, (5, 6, 7)}
-    assert found.error == pytest.approx(np.mean([0.6, 0.7, 0.8]) * 2.0)
-    assert {count for _, count in kept["fleets"]} == {24, 3}
-    flown(error)
-    kept["samples"].clear()
+    assert set(record["samples"]) == {(5, 6, 7) * 8, (5, 6, 7)}
+    assert result.error == pytest.approx(np.mean([0.6, 0.7, 0.8]) * 2.0)
+    assert {count for _, count in record["fleets"]} == {24, 3}
+    stub_flights(error)
+    record["samples"].clear()
     tune([laboratory, other], [K_P], None, budget=Budget(1, 4, 1, 1, 1))
-    assert set(kept["samples"]) == {(0,) * 4, (0,)}
+    assert set(record["samples"]) == {(0,) * 4, (0,)}
 
 
-def test_a_crash_counts_as_an_error_of_one_to_two_metres(laboratory, flown):
+def test_a_crash_counts_as_an_error_of_one_to_two_metres(laboratory, stub_flights):
     """Two of four samples crash, after 1 s and 3 s of 4 s. Their errors before the crash do not count."""
 
     def crash(numbers, sample, scenario):
         return {0: 1.0, 2: 3.0}.get(sample, np.inf)
 
-    flown(lambda numbers, sample, scenario: 0.1 * sample, crash)
-    found = tune([laboratory], [K_P], None, budget=Budget(1, 4, 4, 1, 1))
-    assert found.error == pytest.approx((1.75 + 0.1 + 1.25 + 0.3) / 4.0)
+    stub_flights(lambda numbers, sample, scenario: 0.1 * sample, crash)
+    result = tune([laboratory], [K_P], None, budget=Budget(1, 4, 4, 1, 1))
+    assert result.error == pytest.approx((1.75 + 0.1 + 1.25 + 0.3) / 4.0)
 
 
-def test_only_crashes_count_in_flights_with_late_frames(laboratory, flown):
-    """A delay of 30 ms is 3 frames of 10 ms. Late flights crash in the second laboratory only."""
+def test_only_crashes_count_in_flights_with_late_frames(laboratory, stub_flights):
+    """The extra latency of 30 ms is three frames. Flights with it crash in the second laboratory only."""
     own = laboratory.laboratory.motion_capture.latency_frames
     other = laboratory.model_copy(update={"name": "other"})
 
@@ -209,14 +209,14 @@ def test_only_crashes_count_in_flights_with_late_frames(laboratory, flown):
         assert late or scenario.laboratory.motion_capture.latency_frames == own
         return 2.0 if late and scenario.name == "other" else np.inf
 
-    flown(lambda *_: 0.2, crash)
-    found = tune([laboratory, other], [K_P], None, budget=Budget(1, 4, 2, 1, 1), extra_latency=0.03)
-    assert found.error == pytest.approx(0.2 + 1.5 / 2.0)
+    stub_flights(lambda *_: 0.2, crash)
+    result = tune([laboratory, other], [K_P], None, budget=Budget(1, 4, 2, 1, 1), extra_latency=0.03)
+    assert result.error == pytest.approx(0.2 + 1.5 / 2.0)
     assert tune([laboratory, other], [K_P], None, budget=Budget(1, 4, 2, 1, 1)).error == pytest.approx(0.2)
 
 
-def test_the_vertical_gain_stays_in_the_middle_of_its_range_until_its_stage(laboratory, flown):
-    kept = flown(lambda numbers, *_: bowl(numbers) if K_P.paths[0] in numbers else 1.0)
+def test_the_vertical_gain_stays_in_the_middle_of_its_range_until_the_last_rounds(laboratory, stub_flights):
+    record = stub_flights(lambda numbers, *_: quadratic_error(numbers) if K_P.paths[0] in numbers else 1.0)
     scenarios = []
     budget = Budget(rounds=9, candidates=16, samples=1, steps=1)
     tune(
@@ -227,47 +227,47 @@ def test_the_vertical_gain_stays_in_the_middle_of_its_range_until_its_stage(labo
     )
     assert scenarios[0][2] == pytest.approx(np.sqrt(20.0))
     assert scenarios[0][0] == scenarios[0][1]
-    rounds = [set(each) for each in kept["varying"] if len(next(iter(each.values()))) == 16]
+    rounds = [set(each) for each in record["varying"] if len(next(iter(each.values()))) == 16]
     # Two thirds of the rounds vary the two lateral gains.
     assert rounds == [{*K_P.paths, *K_D.paths}] * 6 + [{*HEIGHT.paths}] * 3
 
 
-def test_the_limit_is_checked_for_the_best_candidates_of_each_round(laboratory, flown):
-    """The first round checks four times as many; the three local searches check it at every step."""
-    kept = flown(bowl)
+def test_the_limit_is_checked_for_the_best_candidates_of_each_round(laboratory, stub_flights):
+    """The first round checks four times as many candidates. The three local searches check every step."""
+    record = stub_flights(quadratic_error)
     checked = []
-    done = []
+    num_checked = []
     budget = Budget(rounds=3, candidates=32, samples=1, checks=4, steps=5)
 
     def shares(scenario):
-        checked.append((len(kept["varying"]), scenario.control.position.k_p[0]))
+        checked.append((len(record["varying"]), scenario.control.position.k_p[0]))
         return np.array([9.0])
 
-    tune([laboratory], [K_P, K_D], shares, budget=budget, progress=lambda: done.append(len(checked)))
-    assert done[:3] == [16, 20, 24]
-    assert len(done) == 3 + 3
-    assert all(1 <= step <= 6 for step in np.diff(done[2:]))
+    tune([laboratory], [K_P, K_D], shares, budget=budget, progress=lambda: num_checked.append(len(checked)))
+    assert num_checked[:3] == [16, 20, 24]
+    assert len(num_checked) == 3 + 3
+    assert all(1 <= step <= 6 for step in np.diff(num_checked[2:]))
     # The first round checks the candidates of least error, whether or not they meet the limit.
-    first = kept["varying"][0]
+    first = record["varying"][0]
     columns = {path: first[path] for path in (K_P.paths[0], K_D.paths[0])}
-    errors = bowl(columns)
+    errors = quadratic_error(columns)
     best = np.sort(columns[K_P.paths[0]][np.argsort(errors)[:16]])
     np.testing.assert_allclose(np.sort([gain for _, gain in checked[:16]]), best)
 
 
-def test_previous_gains_are_a_candidate(laboratory, flown):
-    """They count although the search draws no candidate near them; gains out of range are clipped to it."""
-    flown(lambda numbers, *_: 0.1 if abs(np.log(numbers[K_P.paths[0]] / 6.789)) < 1e-6 else 1.0)
+def test_previous_gains_are_a_candidate(laboratory, stub_flights):
+    """Previous gains compete although no drawn candidate is near them. Gains out of range are clipped."""
+    stub_flights(lambda numbers, *_: 0.1 if abs(np.log(numbers[K_P.paths[0]] / 6.789)) < 1e-6 else 1.0)
     budget = Budget(1, 4, 1, 1, 1)
     assert tune([laboratory], [K_P, K_D], None, budget=budget).error == 1.0
-    found = tune([laboratory], [K_P, K_D], None, budget=budget, before=(6.789, 2.0))
-    assert found.error == pytest.approx(0.1)
-    assert found.numbers == pytest.approx((6.789, 2.0))
-    flown(lambda numbers, *_: 1.0 / numbers[K_P.paths[0]])
-    found = tune([laboratory], [K_P], None, budget=budget, before=(99.0,))
-    assert found.numbers == pytest.approx((12.0,))
+    result = tune([laboratory], [K_P, K_D], None, budget=budget, before=(6.789, 2.0))
+    assert result.error == pytest.approx(0.1)
+    assert result.numbers == pytest.approx((6.789, 2.0))
+    stub_flights(lambda numbers, *_: 1.0 / numbers[K_P.paths[0]])
+    result = tune([laboratory], [K_P], None, budget=budget, before=(99.0,))
+    assert result.numbers == pytest.approx((12.0,))
     # A candidate that violates the limit, in any of its shares, is not preferred for its small error.
-    flown(lambda numbers, *_: 0.1 if abs(np.log(numbers[K_P.paths[0]] / 6.789)) < 1e-6 else 1.0)
+    stub_flights(lambda numbers, *_: 0.1 if abs(np.log(numbers[K_P.paths[0]] / 6.789)) < 1e-6 else 1.0)
 
     def shares(scenario):
         return np.array([9.0, 5.0 / scenario.control.position.k_p[0]])
@@ -287,29 +287,29 @@ def test_candidates_within_the_limit_rank_by_error_and_the_others_by_share():
 
 
 def test_predicted_violations_of_the_limit_are_penalised():
-    """The logarithms of the shares are linear and so predicted exactly, which gives the penalties in closed form."""
+    """The logarithms of the shares are linear, so predictions are exact and penalties have a closed form."""
     random = np.random.default_rng(5)
     slope = np.array([0.4, -0.3])
     known = tuning._EvaluatedPoints(2)
     points = random.uniform(size=(12, 2))
     for number, point in enumerate(points):
         if number == 3:
-            # Nothing is predicted from three points, which only just determine a plane.
+            # Three points only just determine a plane, so they give no prediction.
             assert not known.penalties(points, 0.0).any()
         known.add(point, np.exp(np.array([slope @ point - 0.05, 0.1])))
     requested = random.uniform(size=(40, 2))
     predicted = np.minimum(requested @ slope - 0.05, 0.1)
-    away = np.linalg.norm(requested[:, None] - points, axis=2).min(axis=1)
+    distance = np.linalg.norm(requested[:, None] - points, axis=2).min(axis=1)
     for doubt in (0.0, 0.3):
-        expected = 4.0 * np.maximum(0.002 - predicted - doubt * away, 0.0)
+        expected = 4.0 * np.maximum(0.002 - predicted - doubt * distance, 0.0)
         np.testing.assert_allclose(known.penalties(requested, doubt), expected, atol=2e-3)
         assert (expected > 0.01).sum() > 5
-    # Shares far from the limit need no accuracy, so they are clipped to between a fifth and one and a half of it.
+    # Shares far from the limit need no accuracy, so they are clipped to the range from 0.2 to 1.5.
     np.testing.assert_allclose(tuning._near_limit(np.array([0.01, 0.5, 9.0]), 3), np.log([0.2, 0.5, 1.5]))
     np.testing.assert_allclose(tuning._near_limit(np.zeros(1), 3), np.log([0.2] * 3))
 
 
-def test_the_tolerated_delay_is_the_longest_without_a_crash(laboratory, flown):
+def test_the_tolerated_delay_is_the_longest_without_a_crash(laboratory, stub_flights):
     """Flights crash from 40 ms on, in one of two laboratories and one of its four training samples."""
     own = laboratory.laboratory.motion_capture.latency_frames
     other = laboratory.model_copy(update={"name": "other"})
@@ -318,18 +318,18 @@ def test_the_tolerated_delay_is_the_longest_without_a_crash(laboratory, flown):
         late = scenario.laboratory.motion_capture.latency_frames - own
         return 1.0 if late >= 4.0 and scenario.name == "other" and sample == 13 else np.inf
 
-    flown(None, crash)
+    stub_flights(None, crash)
     budget = Budget(samples=8)
     assert tolerated_delay([laboratory, other], 0.1, budget=budget, first_sample=10) == pytest.approx(0.03)
     assert tolerated_delay([laboratory, other], 0.02, budget=budget, first_sample=10) == pytest.approx(0.02)
     assert tolerated_delay([laboratory, other], 0.1, budget=budget, first_sample=14) == pytest.approx(0.1)
-    flown(None, lambda *_: 1.0)
+    stub_flights(None, lambda *_: 1.0)
     assert tolerated_delay([laboratory], 0.1, budget=budget) == 0.0
 
 
-def test_predictions_of_the_limit_are_trusted_more_from_round_to_round(laboratory, flown, monkeypatch):
-    """The doubt falls in equal steps, so that in the last round it is one step from zero."""
-    flown(bowl)
+def test_predictions_of_the_limit_are_trusted_more_from_round_to_round(laboratory, stub_flights, monkeypatch):
+    """The doubt falls in equal steps. In the last round it is one step from zero."""
+    stub_flights(quadratic_error)
     doubts = []
     monkeypatch.setattr(tuning._EvaluatedPoints, "penalties", lambda known, points, doubt: doubts.append(doubt) or 0.0)
     budget = Budget(rounds=5, candidates=8, samples=1, steps=1)
@@ -340,15 +340,15 @@ def test_predictions_of_the_limit_are_trusted_more_from_round_to_round(laborator
 
 def test_the_limit_is_predicted_from_one_point_more_than_a_plane_needs():
     known = tuning._EvaluatedPoints(2)
-    far_beyond = np.array([[0.5, 0.5]])
+    candidate = np.array([[0.5, 0.5]])
     for count, point in enumerate(([0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]), start=1):
         known.add(np.array(point), np.array([0.6]))
-        assert known.penalties(far_beyond, 0.0).any() == (count == 4)
+        assert known.penalties(candidate, 0.0).any() == (count == 4)
 
 
-def test_local_searches_end_slightly_within_the_limit(laboratory, flown):
+def test_local_searches_end_slightly_within_the_limit(laboratory, stub_flights):
     """Predictions are not exact, so a fifth of a per cent of the limit is kept in reserve."""
-    flown(bowl)
+    stub_flights(quadratic_error)
     shares, ends = [], []
 
     def limit(scenario):

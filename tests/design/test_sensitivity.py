@@ -1,4 +1,4 @@
-"""Derivatives of metrics through the simulator, compared with differences of whole flights."""
+"""Tests of derivatives of metrics through the simulator, by comparison with differences of whole flights."""
 
 from pathlib import Path
 
@@ -28,7 +28,7 @@ FIELDS = (
     "laboratory.motion_capture.derivative_bandwidth",
     "laboratory.wind.0.flow",
 )
-SMOOTH = ("rmse", "rmse_y", "peak_error", "effort_x", "effort_z")
+SMOOTH_METRICS = ("rmse", "rmse_y", "peak_error", "effort_x", "effort_z")
 
 
 @pytest.fixture(scope="module")
@@ -38,51 +38,57 @@ def windy():
 
 @pytest.mark.slow
 def test_derivatives_match_differences_of_whole_flights(windy):
-    found = flight_sensitivities(windy, FIELDS, sample=2)
+    sensitivities = flight_sensitivities(windy, FIELDS, sample=2)
     nominal = simulate(windy, sample=2)
     for name in DIFFERENTIABLE:
-        assert found.metrics[name] == pytest.approx(getattr(nominal.metrics, name), rel=1e-9)
+        assert sensitivities.metrics[name] == pytest.approx(getattr(nominal.metrics, name), rel=1e-9)
     for i, field in enumerate(FIELDS):
-        step = 1e-4 * found.values[i]
+        step = 1e-4 * sensitivities.values[i]
         ends = [
-            simulate(with_number(windy, field, found.values[i] + side * step), sample=2).metrics for side in (-1.0, 1.0)
+            simulate(with_number(windy, field, sensitivities.values[i] + side * step), sample=2).metrics
+            for side in (-1.0, 1.0)
         ]
-        for name in SMOOTH:
+        for name in SMOOTH_METRICS:
             low, high = (getattr(metrics, name) for metrics in ends)
-            scale = found.metrics[name] / found.values[i]
-            assert found.gradients[name][i] == pytest.approx((high - low) / (2.0 * step), rel=1e-3, abs=1e-6 * scale)
+            scale = sensitivities.metrics[name] / sensitivities.values[i]
+            assert sensitivities.gradients[name][i] == pytest.approx(
+                (high - low) / (2.0 * step), rel=1e-3, abs=1e-6 * scale
+            )
 
 
 @pytest.mark.slow
 def test_values_that_the_vehicle_does_not_set_follow_nominal():
     """As with `--set nominal.mass`, nominal and actual value change together unless the vehicle has its own value."""
-    course = ROOT / "diagrams" / "figure_eight.yaml"
-    for own in ([], ["vehicle.mass=0.68"]):
-        scenario = load_scenario(course, ["duration=2", *own])
-        found = flight_sensitivities(scenario, ["nominal.mass"]).gradients["effort_z"][0]
+    path = ROOT / "diagrams" / "figure_eight.yaml"
+    for overrides in ([], ["vehicle.mass=0.68"]):
+        scenario = load_scenario(path, ["duration=2", *overrides])
+        derivative = flight_sensitivities(scenario, ["nominal.mass"]).gradients["effort_z"][0]
         ends = [
-            simulate(load_scenario(course, ["duration=2", f"nominal.mass={mass}", *own])) for mass in (0.6799, 0.6801)
+            simulate(load_scenario(path, ["duration=2", f"nominal.mass={mass}", *overrides]))
+            for mass in (0.6799, 0.6801)
         ]
         low, high = (flight.metrics.effort_z for flight in ends)
-        assert found == pytest.approx((high - low) / 0.0002, rel=1e-3, abs=1e-6)
+        assert derivative == pytest.approx((high - low) / 0.0002, rel=1e-3, abs=1e-6)
 
 
 def test_a_metric_that_is_zero_has_no_derivative():
-    found = flight_sensitivities(load_scenario(ROOT / "diagrams" / "hover.yaml", ["duration=1"]), ["vehicle.mass"])
-    assert found.metrics["rmse"] == 0.0
-    assert np.isnan(found.gradients["rmse"]).all()
+    sensitivities = flight_sensitivities(
+        load_scenario(ROOT / "diagrams" / "hover.yaml", ["duration=1"]), ["vehicle.mass"]
+    )
+    assert sensitivities.metrics["rmse"] == 0.0
+    assert np.isnan(sensitivities.gradients["rmse"]).all()
 
 
 def test_a_crash_before_the_first_tick_of_the_metrics_is_reported():
-    wild = ["duration=3", "metrics={start: 2.5}", "control.attitude.k_p=[900, 900, 9]"]
-    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", wild)
+    unstable_gains = ["duration=3", "metrics={start: 2.5}", "control.attitude.k_p=[900, 900, 9]"]
+    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", unstable_gains)
     with pytest.raises(InputError, match=r"crashed at \d\.\d\d s, before the first tick that the metrics include"):
         flight_sensitivities(scenario, ["vehicle.mass"])
 
 
 @pytest.mark.slow
 def test_derivatives_include_the_learning_of_a_network(windy):
-    """This includes a reset of the covariance, here after the rise of 2.3 s."""
+    """The flight includes a reset of the covariance after the rise of 2.3 s."""
     learning = {
         "kind": "type_2",
         "learning": {"kind": "covariance", "slope": 2.0, "initial_covariance": 6.0, "reset": "at_segments"},
@@ -94,14 +100,14 @@ def test_derivatives_include_the_learning_of_a_network(windy):
     }
     scenario = windy.model_copy(update={"control": windy.control.model_copy(update=parts)})
     fields = [f"control.network.{name}" for name in ("learning.slope", "learning.initial_covariance", "a1", "q")]
-    found = flight_sensitivities(scenario, fields, sample=1)
+    sensitivities = flight_sensitivities(scenario, fields, sample=1)
     for i, field in enumerate(fields):
-        step = 1e-4 * found.values[i]
+        step = 1e-4 * sensitivities.values[i]
         low, high = (
-            simulate(with_number(scenario, field, found.values[i] + side * step), sample=1).metrics.rmse
+            simulate(with_number(scenario, field, sensitivities.values[i] + side * step), sample=1).metrics.rmse
             for side in (-1.0, 1.0)
         )
-        assert found.gradients["rmse"][i] == pytest.approx((high - low) / (2.0 * step), rel=1e-4)
+        assert sensitivities.gradients["rmse"][i] == pytest.approx((high - low) / (2.0 * step), rel=1e-4)
 
 
 @pytest.mark.slow
@@ -111,11 +117,11 @@ def test_derivatives_include_the_learning_of_a_network(windy):
 def test_a_number_at_its_bound_is_varied_to_one_side(asymmetric, field, bound, step):
     """A number at its minimum is varied upwards, one at its maximum downwards."""
     scenario = asymmetric("pd_t2fnn", "duration=1", f"{field}={bound}", "metrics.start=0")
-    found = flight_sensitivities(scenario, [field])
+    sensitivities = flight_sensitivities(scenario, [field])
     with pytest.raises(InputError, match=f"{field} cannot be"):
         with_number(scenario, field, bound - step)
     ends = [simulate(with_number(scenario, field, value)).metrics.rmse for value in (bound, bound + step)]
-    assert found.gradients["rmse"][0] == pytest.approx((ends[1] - ends[0]) / step, rel=1e-3)
+    assert sensitivities.gradients["rmse"][0] == pytest.approx((ends[1] - ends[0]) / step, rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -137,12 +143,12 @@ def test_a_number_at_its_bound_is_varied_to_one_side(asymmetric, field, bound, s
     ],
 )
 def test_fields_without_a_derivative_are_refused(field, words):
-    """This includes effects that the diagram leaves out at zero, with a derivative filter that exists in any case."""
-    still = [
+    """Some of the fields belong to effects that the diagram leaves out at zero."""
+    no_wind = [
         "laboratory.wind=[{kind: steady, velocity: [0, 0, 0]}]",
         "laboratory.motion_capture.derivative_bandwidth=80",
     ]
-    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["duration=1", *still])
+    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["duration=1", *no_wind])
     with pytest.raises(InputError, match=words):
         flight_sensitivities(scenario, [field])
 
@@ -166,15 +172,15 @@ def test_an_empty_list_of_fields_is_refused():
 @pytest.mark.slow
 def test_the_sample_of_the_scenario_is_the_default(windy):
     named = windy.model_copy(update={"sample": 2, "duration": 0.3})
-    found = flight_sensitivities(named, ["vehicle.mass"])
-    assert found.fields == ("vehicle.mass",)
+    sensitivities = flight_sensitivities(named, ["vehicle.mass"])
+    assert sensitivities.fields == ("vehicle.mass",)
     for sample in (2, 1):
         other = flight_sensitivities(named.model_copy(update={"sample": None}), ["vehicle.mass"], sample=sample)
-        assert (other.metrics["rmse"] == found.metrics["rmse"]) == (sample == 2)
-    assert found.crash_time == np.inf
+        assert (other.metrics["rmse"] == sensitivities.metrics["rmse"]) == (sample == 2)
+    assert sensitivities.crash_time == np.inf
     first = flight_sensitivities(named, ["vehicle.mass"], sample=0)
     alone = flight_sensitivities(named.model_copy(update={"sample": None}), ["vehicle.mass"])
-    assert first.metrics["rmse"] == alone.metrics["rmse"] != found.metrics["rmse"]
+    assert first.metrics["rmse"] == alone.metrics["rmse"] != sensitivities.metrics["rmse"]
 
 
 def test_a_distribution_needs_a_sample():
@@ -183,14 +189,14 @@ def test_a_distribution_needs_a_sample():
     )
     with pytest.raises(InputError, match=r"vehicle\.mass"):
         flight_sensitivities(scenario, ["vehicle.linear_drag"])
-    found = flight_sensitivities(scenario, ["vehicle.mass"], sample=3)
-    assert found.values[0] == simulate(scenario, sample=3).scenario.vehicle.mass
-    assert 0.6 < found.values[0] < 0.7
+    sensitivities = flight_sensitivities(scenario, ["vehicle.mass"], sample=3)
+    assert sensitivities.values[0] == simulate(scenario, sample=3).scenario.vehicle.mass
+    assert 0.6 < sensitivities.values[0] < 0.7
 
 
-def test_derivatives_after_a_crash_are_those_until_the_crash():
-    wild = ["duration=3", "control.attitude.k_p=[900, 900, 9]"]
-    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", wild)
+def test_a_flight_that_crashes_is_differentiated_until_its_crash():
+    unstable_gains = ["duration=3", "control.attitude.k_p=[900, 900, 9]"]
+    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", unstable_gains)
     assert flight_sensitivities(scenario, ["vehicle.mass"]).crash_time == simulate(scenario).metrics.crash_time < 3.0
 
 
@@ -211,12 +217,12 @@ def test_fields_that_decide_when_something_happens_have_no_derivative(field):
 
 @pytest.mark.parametrize("weights", [_CENTRAL_WEIGHTS, _FORWARD_WEIGHTS, _BACKWARD_WEIGHTS])
 def test_differences_are_exact_for_polynomials_of_the_fourth_degree(weights):
-    """The weight of the number itself makes the sum zero. One-sided differences are of the second kind."""
+    """Differences are central or one-sided. The weight of the number itself follows, since all weights sum to zero."""
     for power in range(1, 5):
         assert sum(weight * steps**power for steps, weight in weights.items()) == pytest.approx(float(power == 1))
 
 
-def test_a_layout_that_only_nominal_has_can_be_varied_for_the_vehicle_alone():
+def test_the_layout_of_the_vehicle_can_be_varied_even_if_only_nominal_has_one():
     scenario = load_scenario(
         ROOT / "diagrams" / "figure_eight.yaml", ["nominal.layout={kind: h, length: 0.2, width: 0.3}"]
     )

@@ -1,4 +1,4 @@
-"""Maps of stable gains, compared with the poles of single loops and with single flights."""
+"""Tests of maps of stable gains, by comparison with the poles of single loops and with single flights."""
 
 from pathlib import Path
 
@@ -16,17 +16,18 @@ from drake_quad.scenario.batch import draw_sample
 from drake_quad.scenario.paths import replaced
 
 ROOT = Path(__file__).parent.parent.parent
-SOFT = ROOT / "diagrams" / "gains" / "laboratory.yaml"
-K_P, K_D = np.array([0.1, 0.3, 0.8]), np.array([0.2, 0.7, 1.5, 3.5])
+SHIPPED_GAINS = ROOT / "diagrams" / "gains" / "laboratory.yaml"
+K_P = np.array([0.1, 0.3, 0.8])
+K_D = np.array([0.2, 0.7, 1.5, 3.5])
 
 
 @pytest.fixture(scope="module")
 def scenario():
-    return soft("duration=3", "crash.position_error=0.5")
+    return nominal_laboratory("duration=3", "crash.position_error=0.5")
 
 
-def soft(*overrides):
-    return load_scenario(ROOT / "diagrams" / "laboratory.yaml:nominal", overrides, layers=[SOFT])
+def nominal_laboratory(*overrides):
+    return load_scenario(ROOT / "diagrams" / "laboratory.yaml:nominal", overrides, layers=[SHIPPED_GAINS])
 
 
 @pytest.mark.slow
@@ -34,32 +35,34 @@ def soft(*overrides):
 def test_each_point_of_the_map_equals_a_single_loop(scenario, loop):
     plant = mapped_plant(scenario, loop)
     k_p, k_d = (K_P, K_D) if loop == "position" else (np.array([1.0, 8.0, 60.0]), 8.0 * K_D)
-    found = stability_map(plant, k_p, k_d)
-    assert 0 < found.stable.sum() < found.stable.size
-    for i, j in np.ndindex(found.stable.shape):
+    gain_map = stability_map(plant, k_p, k_d)
+    assert 0 < gain_map.stable.sum() < gain_map.stable.size
+    for i, j in np.ndindex(gain_map.stable.shape):
         gains = AxisGains(k_p[i], k_d[j])
         closed = plant.with_feedback(np.array([gains]))
-        assert found.size[i, j] == pytest.approx(np.abs(closed.poles()).max(), rel=1e-9)
-        if not found.stable[i, j]:
-            assert np.isnan(found.damping[i, j])
-            assert np.isnan(found.delay[i, j])
+        assert gain_map.size[i, j] == pytest.approx(np.abs(closed.poles()).max(), rel=1e-9)
+        if not gain_map.stable[i, j]:
+            assert np.isnan(gain_map.damping[i, j])
+            assert np.isnan(gain_map.delay[i, j])
             continue
-        lasting = [mode for mode in modes(closed.A, closed.states, period=0.02) if mode.pole.real > np.log(0.05) / 0.02]
-        assert found.damping[i, j] == pytest.approx(min(mode.damping for mode in lasting), rel=1e-3)
-        assert found.delay[i, j] == pytest.approx(margins(pd_loop(plant, gains)).delay, rel=5e-3)
+        slow_modes = [
+            mode for mode in modes(closed.A, closed.states, period=0.02) if mode.pole.real > np.log(0.05) / 0.02
+        ]
+        assert gain_map.damping[i, j] == pytest.approx(min(mode.damping for mode in slow_modes), rel=1e-3)
+        assert gain_map.delay[i, j] == pytest.approx(margins(pd_loop(plant, gains)).delay, rel=5e-3)
 
 
 def test_a_position_without_k_p_is_not_stable(scenario):
-    """Without k_P the pole of the integrator stays at 1, up to rounding."""
-    found = stability_map(mapped_plant(scenario, "position"), np.array([0.0]), K_D[:3])
-    np.testing.assert_allclose(found.size, 1.0, atol=1e-8)
-    assert not found.stable.any()
+    """Without k_P, the pole of the integrator remains at 1."""
+    gain_map = stability_map(mapped_plant(scenario, "position"), np.array([0.0]), K_D[:3])
+    np.testing.assert_allclose(gain_map.size, 1.0, atol=1e-8)
+    assert not gain_map.stable.any()
 
 
 @pytest.mark.parametrize("loop", ["position", "attitude"])
 @pytest.mark.parametrize("controller", [None, "pid", "disturbance_observer", "indi"])
 def test_the_mapped_loop_has_the_poles_of_the_whole_diagram(loop, controller):
-    """With gains that differ from the scenario's, the loop has the multipliers of the diagram with these gains."""
+    """The gains differ from those of the scenario. The poles are multipliers of the diagram with these gains."""
     overrides = [
         "nominal.inertia=[0.0065, 0.0085, 0.0126]",
         "vehicle.mass=0.75",
@@ -67,16 +70,20 @@ def test_the_mapped_loop_has_the_poles_of_the_whole_diagram(loop, controller):
         "control.position={k_p: [0.25, 0.4, 5.5], k_d: [0.65, 0.9, 3.4]}",
         "control.attitude={k_p: [4.5, 6.5, 5.0], k_d: [3.1, 3.9, 3.3]}",
     ]
-    laid = [ROOT / "diagrams" / "controllers" / "designed" / f"laboratory.yaml:{controller}"] if controller else [SOFT]
-    scenario = load_scenario(ROOT / "diagrams" / "laboratory.yaml:nominal", overrides, layers=laid)
+    layers = (
+        [ROOT / "diagrams" / "controllers" / "designed" / f"laboratory.yaml:{controller}"]
+        if controller
+        else [SHIPPED_GAINS]
+    )
+    scenario = load_scenario(ROOT / "diagrams" / "laboratory.yaml:nominal", overrides, layers=layers)
     block, i = getattr(scenario.control, loop), 0 if loop == "position" else 1
     gains = {f"control.{loop}.k_p.{i}": 1.1 * block.k_p[i], f"control.{loop}.k_d.{i}": 0.95 * block.k_d[i]}
     poles = mapped_plant(scenario, loop).with_feedback(np.array([[*gains.values()]])).poles()
     changed = replaced(scenario, lambda path, value: gains.get(path, value))
     multipliers = closed_loop(changed).system.poles()
-    lasting = poles[np.abs(poles) > 0.1]
-    assert len(lasting) >= 5
-    for pole in lasting:
+    slow_poles = poles[np.abs(poles) > 0.1]
+    assert len(slow_poles) >= 5
+    for pole in slow_poles:
         assert np.abs(multipliers - pole).min() < 1e-6
 
 
@@ -85,38 +92,38 @@ def test_the_mapped_loop_has_the_poles_of_the_whole_diagram(loop, controller):
 def test_each_point_of_the_simulated_map_equals_a_single_flight(scenario, loop):
     """All flights have the wind and noise of one sample, and one of them crashes."""
     k_p, k_d = (K_P, np.array([0.2, 0.7])) if loop == "position" else (np.array([6.0, 90.0]), np.array([0.3, 4.0]))
-    found = simulated_map(scenario, loop, k_p, k_d, sample=3)
-    assert found.rmse.shape == (len(k_p), len(k_d))
+    gain_map = simulated_map(scenario, loop, k_p, k_d, sample=3)
+    assert gain_map.rmse.shape == (len(k_p), len(k_d))
     first = simulated_map(scenario, loop, k_p[:1], k_d[:1]).rmse
     np.testing.assert_array_equal(first, simulated_map(scenario, loop, k_p[:1], k_d[:1], sample=0).rmse)
-    assert first != pytest.approx(found.rmse[:1, :1], rel=1e-6)
+    assert first != pytest.approx(gain_map.rmse[:1, :1], rel=1e-6)
     crashed = 0
-    for i, j in np.ndindex(found.rmse.shape):
+    for i, j in np.ndindex(gain_map.rmse.shape):
         block = getattr(scenario.control, loop)
         gains = [
             f"control.{loop}.{name}=[{value}, {value}, {getattr(block, name)[2]}]"
             for name, value in (("k_p", k_p[i]), ("k_d", k_d[j]))
         ]
         overrides = ["duration=3", "crash.position_error=0.5", *gains]
-        alone = simulate(soft(*overrides), sample=3, compiled=False)
-        assert found.rmse[i, j] == pytest.approx(alone.metrics.rmse, rel=1e-9)
-        assert found.crash_time[i, j] == alone.metrics.crash_time
+        alone = simulate(nominal_laboratory(*overrides), sample=3, compiled=False)
+        assert gain_map.rmse[i, j] == pytest.approx(alone.metrics.rmse, rel=1e-9)
+        assert gain_map.crash_time[i, j] == alone.metrics.crash_time
         crashed += alone.metrics.crashed
     assert loop == "position" or crashed > 0
 
 
 def test_poles_of_delay_lines_do_not_count_for_the_damping():
-    """Poles below 0.05 decay within a tick and do not count, even if they alternate; one of -0.06 counts."""
+    """Poles of magnitude below 0.05 decay within a tick and do not count, even if negative. A pole at -0.06 counts."""
     for pole, damping in ((0.01, 1.0), (-0.04, 1.0), (-0.06, 0.66719)):
         plant = SampledSystem(
             np.diag([pole, 0.001]), np.zeros((2, 1)), np.eye(2), np.zeros((2, 1)), 0.02, ("a", "b"), ("u",), ("a", "b")
         )
-        found = stability_map(plant, np.array([1.0]), np.array([1.0, 2.0]))
-        np.testing.assert_allclose(found.damping, [[damping, damping]], rtol=1e-4)
-        np.testing.assert_allclose(found.size, abs(pole))
+        gain_map = stability_map(plant, np.array([1.0]), np.array([1.0, 2.0]))
+        np.testing.assert_allclose(gain_map.damping, [[damping, damping]], rtol=1e-4)
+        np.testing.assert_allclose(gain_map.size, abs(pole))
 
 
-def test_the_map_of_a_scenario_with_a_sample_is_that_of_the_sample(scenario):
+def test_a_scenario_with_a_sample_is_mapped_with_the_numbers_of_this_sample(scenario):
     drawn = load_scenario(
         ROOT / "diagrams" / "laboratory.yaml:nominal", ["vehicle.mass={uniform: {min: 0.6, max: 0.8}}"]
     )

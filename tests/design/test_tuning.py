@@ -1,4 +1,4 @@
-"""The search finds the best gains of a grid search, and meets the limit."""
+"""Tests that the search finds the best gains of a grid search and meets the limit."""
 
 import itertools
 
@@ -14,9 +14,9 @@ K_P = Knob(("control.position.k_p.0", "control.position.k_p.1"), 0.5, 12.0)
 K_D = Knob(("control.position.k_d.0", "control.position.k_d.1"), 0.5, 8.0)
 
 
-def stiffness(most):
-    """Return the share of a limit on k_P."""
-    return lambda scenario: np.array([most / scenario.control.position.k_p[0]])
+def stiffness_limit(max_k_p):
+    """Return a function that returns the share of a limit on k_P that a scenario meets."""
+    return lambda scenario: np.array([max_k_p / scenario.control.position.k_p[0]])
 
 
 @pytest.fixture(scope="module")
@@ -27,33 +27,36 @@ def laboratory(diagrams):
 @pytest.mark.slow
 def test_the_best_gains_within_the_limit_are_found(laboratory, diagrams):
     budget = Budget(rounds=4, candidates=32, samples=2, checks=4, steps=20)
-    found = tune([laboratory], [K_P, K_D], stiffness(2.0), budget=budget)
-    assert found.share >= 1.0
-    flown = fly_samples(with_numbers(laboratory, [K_P, K_D], found.numbers), range(2))
-    assert found.error == pytest.approx(float(flown.rmse.mean()), rel=1e-9)
+    result = tune([laboratory], [K_P, K_D], stiffness_limit(2.0), budget=budget)
+    assert result.share >= 1.0
+    metrics = fly_samples(with_numbers(laboratory, [K_P, K_D], result.numbers), range(2))
+    assert result.error == pytest.approx(float(metrics.rmse.mean()), rel=1e-9)
     grid = itertools.product((1.0, 2.0), (1.5, 3.0))
     gains = [f"control.position.{name}=[{{0}}, {{0}}, 6.14]" for name in ("k_p", "k_d")]
     for pair in grid:
         overrides = ["duration=2", *(text.format(gain) for text, gain in zip(gains, pair, strict=True))]
         other = fly_samples(load_scenario(diagrams / "laboratory.yaml:low_wind", overrides), range(2))
-        assert found.error < 1.02 * float(other.rmse.mean())
+        assert result.error < 1.02 * float(other.rmse.mean())
 
 
 @pytest.mark.slow
-def test_without_candidates_within_the_limit_the_closest_one_is_returned(laboratory):
-    found = tune(
-        [laboratory], [K_P], stiffness(0.25), budget=Budget(rounds=3, candidates=16, samples=1, checks=4, steps=10)
+def test_if_no_candidate_is_within_the_limit_the_closest_one_is_returned(laboratory):
+    result = tune(
+        [laboratory],
+        [K_P],
+        stiffness_limit(0.25),
+        budget=Budget(rounds=3, candidates=16, samples=1, checks=4, steps=10),
     )
-    assert found.numbers[0] == pytest.approx(0.5, rel=0.1)
-    assert found.share == pytest.approx(0.25 / found.numbers[0])
+    assert result.numbers[0] == pytest.approx(0.5, rel=0.1)
+    assert result.share == pytest.approx(0.25 / result.numbers[0])
 
 
 @pytest.mark.slow
 def test_the_share_of_a_limit_is_that_of_the_worst_loop(laboratory, diagrams):
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal")
-    found = link_margins(scenario)
-    peak = max(margins.sensitivity for margins in found.values())
-    delay = min(margins.delay for margins in found.values())
+    margins_by_signal = link_margins(scenario)
+    peak = max(margins.sensitivity for margins in margins_by_signal.values())
+    delay = min(margins.delay for margins in margins_by_signal.values())
     assert LoopLimit(0.8 * peak, 1e-3).shares_met(scenario).min() == pytest.approx(0.8, rel=5e-3)
     assert LoopLimit(50.0, 1.6 * delay).shares_met(scenario).min() == pytest.approx(1.0 / 1.6, rel=5e-3)
     stiff = load_scenario(diagrams / "laboratory.yaml:nominal", ["control.attitude.k_p=[900, 900, 5]"])
@@ -63,32 +66,34 @@ def test_the_share_of_a_limit_is_that_of_the_worst_loop(laboratory, diagrams):
 @pytest.mark.slow
 def test_gains_of_an_earlier_search_are_not_lost(laboratory):
     budget = Budget(rounds=1, candidates=4, samples=1, checks=1, steps=4)
-    alone = tune([laboratory], [K_P, K_D], stiffness(12.0), budget=budget)
-    good = tune([laboratory], [K_P, K_D], stiffness(12.0), budget=Budget(3, 32, 1, 4, 30))
-    again = tune([laboratory], [K_P, K_D], stiffness(12.0), budget=budget, before=good.numbers)
-    assert again.error <= good.error + 1e-9 < alone.error
+    alone = tune([laboratory], [K_P, K_D], stiffness_limit(12.0), budget=budget)
+    thorough = tune([laboratory], [K_P, K_D], stiffness_limit(12.0), budget=Budget(3, 32, 1, 4, 30))
+    again = tune([laboratory], [K_P, K_D], stiffness_limit(12.0), budget=budget, before=thorough.numbers)
+    assert again.error <= thorough.error + 1e-9 < alone.error
 
 
 @pytest.mark.slow
 def test_the_vertical_axis_is_tuned_separately_and_without_a_limit_the_least_error_wins(laboratory):
     height = Knob(("control.position.k_p.2",), 0.5, 30.0)
     budget = Budget(rounds=3, candidates=16, samples=1, steps=10)
-    found = tune([laboratory, laboratory], [height, K_P], None, budget=budget)
+    result = tune([laboratory, laboratory], [height, K_P], None, budget=budget)
     assert height.vertical
     assert not K_P.vertical
-    assert found.share == np.inf
-    flown = fly_samples(with_numbers(laboratory, [height, K_P], found.numbers), range(1))
-    assert found.error == pytest.approx(float(flown.rmse.mean()), rel=1e-9)
-    for number in ((0.6, found.numbers[1]), (found.numbers[0], 0.6)):
+    assert result.share == np.inf
+    metrics = fly_samples(with_numbers(laboratory, [height, K_P], result.numbers), range(1))
+    assert result.error == pytest.approx(float(metrics.rmse.mean()), rel=1e-9)
+    for number in ((0.6, result.numbers[1]), (result.numbers[0], 0.6)):
         other = fly_samples(with_numbers(laboratory, [height, K_P], number), range(1))
-        assert found.error < float(other.rmse.mean())
+        assert result.error < float(other.rmse.mean())
 
 
 def test_extra_latency_is_added_to_the_latency_of_the_scenario(diagrams):
     """The additional latency is in whole frames of 10 ms, and is also added to a random latency."""
     for name, expected in (("laboratory.yaml:nominal", 3.0), ("robustness.yaml", (3.0, 4.0))):
-        later = with_extra_latency(load_scenario(diagrams / name), 0.03).laboratory.motion_capture.latency_frames
-        assert getattr(later, "choice", later) == expected
+        extra_latency = with_extra_latency(
+            load_scenario(diagrams / name), 0.03
+        ).laboratory.motion_capture.latency_frames
+        assert getattr(extra_latency, "choice", extra_latency) == expected
 
 
 @pytest.fixture(scope="module")
@@ -101,8 +106,8 @@ def narrow(diagrams):
 
 @pytest.mark.slow
 def test_the_tolerated_delay_is_the_largest_without_a_crash_in_training(narrow):
-    def crashes(later):
-        return fly_samples(with_extra_latency(narrow, later), range(2)).crashed.any()
+    def crashes(extra_latency):
+        return fly_samples(with_extra_latency(narrow, extra_latency), range(2)).crashed.any()
 
     tolerated = tolerated_delay([narrow], 0.09, budget=Budget(samples=2))
     assert 0.0 < tolerated < 0.09
@@ -113,10 +118,12 @@ def test_the_tolerated_delay_is_the_largest_without_a_crash_in_training(narrow):
 
 @pytest.mark.slow
 def test_crashes_with_extra_latency_add_to_the_error(narrow):
-    """Each crash costs according to how early it is, in addition to the error of the flights without latency."""
+    """A crash at time t of T adds 2 - t / T metres to the error of the flights without latency."""
     knob, budget = Knob(("control.position.k_p.0",), 3.3, 3.301), Budget(rounds=1, candidates=4, samples=2, steps=1)
-    timely, late = (tune([narrow], [knob], None, budget=budget, extra_latency=later).error for later in (0.0, 0.09))
-    flown = fly_samples(with_numbers(with_extra_latency(narrow, 0.09), [knob], [3.3]), range(2))
-    assert flown.crashed.all()
-    assert timely < 0.1
-    assert late - timely == pytest.approx(float((2.0 - flown.crash_time / 3.0).mean()), rel=1e-3)
+    error_without, error_with = (
+        tune([narrow], [knob], None, budget=budget, extra_latency=extra_latency).error for extra_latency in (0.0, 0.09)
+    )
+    metrics = fly_samples(with_numbers(with_extra_latency(narrow, 0.09), [knob], [3.3]), range(2))
+    assert metrics.crashed.all()
+    assert error_without < 0.1
+    assert error_with - error_without == pytest.approx(float((2.0 - metrics.crash_time / 3.0).mean()), rel=1e-3)

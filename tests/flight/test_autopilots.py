@@ -1,4 +1,4 @@
-"""Tests of autopilots in flights: uncompiled and compiled, alone and in fleets, and with users' controllers."""
+"""Tests of autopilots in flights: compiled and uncompiled, alone and in fleets, and with controllers of a user."""
 
 import numpy as np
 import pytest
@@ -13,43 +13,45 @@ from drake_quad.scenario.batch import Batch
 from drake_quad.signals import AttitudeTarget, Reference, State
 
 
-def drawn(low, high):
+def uniform(low, high):
     return f"{{uniform: {{min: {low}, max: {high}}}}}"
 
 
-DRAWN = [
-    "vehicle.mass=" + drawn(0.66, 0.72),
+DISTRIBUTIONS = [
+    "vehicle.mass=" + uniform(0.66, 0.72),
     "laboratory.command_link.delay_ticks={choice: [0, 1, 3]}",
     "laboratory.wind=[{kind: dryden, level: light, intensity: 0.5}]",
     "seed=4",
 ]
-RATES = ", ".join([drawn(-0.01, 0.01), drawn(-0.02, 0.01), "0.005"])
-KINDS = {
+GYROSCOPE_BIAS = ", ".join([uniform(-0.01, 0.01), uniform(-0.02, 0.01), "0.005"])
+AUTOPILOT_OVERRIDES = {
     "attitude": [
-        f"laboratory.autopilot.k_attitude=[{drawn(4, 6)}, 5.0, {drawn(3, 5)}]",
-        f"laboratory.autopilot.k_rate=[12, {drawn(10, 13)}, 9]",
-        f"laboratory.autopilot.gyroscope_bias=[{RATES}]",
-        f"laboratory.autopilot.gyroscope_noise={drawn(0.0, 0.01)}",
+        f"laboratory.autopilot.k_attitude=[{uniform(4, 6)}, 5.0, {uniform(3, 5)}]",
+        f"laboratory.autopilot.k_rate=[12, {uniform(10, 13)}, 9]",
+        f"laboratory.autopilot.gyroscope_bias=[{GYROSCOPE_BIAS}]",
+        f"laboratory.autopilot.gyroscope_noise={uniform(0.0, 0.01)}",
         "laboratory.autopilot.attitude_noise=0.001",
     ],
     "response": [
-        f"laboratory.autopilot={{kind: response, natural_frequency: [{drawn(6, 7)}, 6.3, {drawn(3, 4)}],"
-        f" damping: [0.5, {drawn(0.4, 0.6)}, 0.9]}}",
+        f"laboratory.autopilot={{kind: response, natural_frequency: [{uniform(6, 7)}, 6.3, {uniform(3, 4)}],"
+        f" damping: [0.5, {uniform(0.4, 0.6)}, 0.9]}}",
         "control.position.feed_forward=acceleration",
-        f"vehicle.battery_sag={drawn(0.0, 0.03)}",
+        f"vehicle.battery_sag={uniform(0.0, 0.03)}",
     ],
 }
 
-kinds = pytest.mark.parametrize("kind", KINDS)
+for_each_autopilot = pytest.mark.parametrize("kind", AUTOPILOT_OVERRIDES)
 
 
 @pytest.fixture
 def scenario(diagrams):
-    return lambda kind, *overrides: load_scenario(diagrams / "onboard.yaml", [*DRAWN, *KINDS[kind], *overrides])
+    return lambda kind, *overrides: load_scenario(
+        diagrams / "onboard.yaml", [*DISTRIBUTIONS, *AUTOPILOT_OVERRIDES[kind], *overrides]
+    )
 
 
 @pytest.mark.slow
-@kinds
+@for_each_autopilot
 def test_a_fleet_flies_the_same_compiled_uncompiled_and_alone(scenario, kind):
     """The flights are equal to the bit, and each vehicle has its own numbers, noise and delay."""
     flights = assert_flown_alike(Batch.draw(scenario(kind, "duration=1"), range(3)))
@@ -61,7 +63,7 @@ def test_a_fleet_flies_the_same_compiled_uncompiled_and_alone(scenario, kind):
 
 
 @pytest.mark.slow
-@kinds
+@for_each_autopilot
 def test_a_later_batch_flies_like_a_first_one(scenario, kind):
     study = scenario(kind, "duration=0.5")
     plan = plan_route(study)
@@ -72,7 +74,7 @@ def test_a_later_batch_flies_like_a_first_one(scenario, kind):
     assert_metrics_alike(StudyFleet(study, plan, 4, compiled=False).fly(range(4)), first)
 
 
-@kinds
+@for_each_autopilot
 def test_a_flight_starts_in_hover_at_any_heading(scenario, kind):
     """Nothing moves before the first packet, since the initial target has the heading of the hovering vehicle."""
     still = ["vehicle.mass=0.68", "laboratory.wind=[]", "laboratory.command_link.delay_ticks=3"]
@@ -84,17 +86,17 @@ def test_a_flight_starts_in_hover_at_any_heading(scenario, kind):
 
 
 @pytest.mark.slow
-@kinds
+@for_each_autopilot
 def test_a_continuous_vehicle_has_the_same_flight(scenario, kind):
     """The tolerance of 0.1 mm covers the discretization error of the vehicle with a time step."""
-    ends = []
+    positions = []
     for time_step in (0.0025, 0.0):
         flight = simulate(
             scenario(kind, "duration=1", f"vehicle.time_step={time_step}", "laboratory.wind=[]"), sample=2
         )
-        ends.append(flight["state"][-1, 0:3])
-    assert np.abs(ends[0] - flight["state"][0, 0:3]).max() > 0.02
-    np.testing.assert_allclose(*ends, atol=1e-4)
+        positions.append(flight["state"][-1, 0:3])
+    assert np.abs(positions[0] - flight["state"][0, 0:3]).max() > 0.02
+    np.testing.assert_allclose(*positions, atol=1e-4)
 
 
 def height_law(measurement: State, reference: Reference) -> AttitudeTarget:
@@ -128,13 +130,13 @@ class PlainHeightOnly(LeafSystem):
 
 
 @pytest.mark.slow
-@kinds
+@for_each_autopilot
 def test_a_users_control_can_command_the_autopilot(scenario, kind):
     """The vehicle pitches and flies along x, with the compiled FleetSystem and with the uncompiled LeafSystem."""
     study = scenario(kind, "duration=1", "laboratory.wind=[]", "vehicle.mass=0.68")
     flights = [
-        simulate(study, sample=1, control=made(), compiled=compiled)
-        for made, compiled in ((HeightOnly, False), (HeightOnly, True), (PlainHeightOnly, True))
+        simulate(study, sample=1, control=make_control(), compiled=compiled)
+        for make_control, compiled in ((HeightOnly, False), (HeightOnly, True), (PlainHeightOnly, True))
     ]
     for other in flights[1:]:
         assert_flights_alike(other, flights[0])
@@ -172,8 +174,10 @@ def test_signals_are_exported_from_the_subsystems_that_compute_them(diagrams):
 @pytest.mark.slow
 def test_attitude_control_on_board_reduces_the_error_in_the_figure_eight(diagrams):
     """Without the delay of the link and the rotors' lag on the ground, higher PD gains leave a quarter of the error."""
-    soft = load_scenario(diagrams / "laboratory.yaml:nominal", layers=[diagrams / "gains" / "laboratory.yaml"])
-    ground = simulate(soft, compiled=True)
+    ground_scenario = load_scenario(
+        diagrams / "laboratory.yaml:nominal", layers=[diagrams / "gains" / "laboratory.yaml"]
+    )
+    ground = simulate(ground_scenario, compiled=True)
     board = simulate(load_scenario(diagrams / "onboard.yaml"), compiled=True)
     assert not board.metrics.crashed
     assert board.metrics.rmse < 0.25 * ground.metrics.rmse

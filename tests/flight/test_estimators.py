@@ -11,7 +11,7 @@ from drake_quad.signals import Acceleration, Reference, State
 
 PD = "k_p: [4.0, 3.5, 6.0], k_d: [3.5, 3.2, 4.0], feed_forward: snap"
 RESPONSE = "response: {kind: commanded, lag: [0.25, 0.26, 0.07]}"
-AWAY = [
+HEAVY_VEHICLE_IN_WIND = [
     "vehicle.mass=0.71",
     "laboratory.wind=[{kind: steady, velocity: [2.5, -1.6, 0.4]}]",
     "control.attitude={k_p: [25.0, 25.0, 5.4], k_d: [9.0, 9.0, 3.5]}",
@@ -23,7 +23,9 @@ def settled(diagrams):
     """Return error, disturbance and command at rest, with a heavier vehicle in wind."""
 
     def settle(position):
-        scenario = load_scenario(diagrams / "laboratory.yaml:nominal", [*AWAY, f"control.position={position}"])
+        scenario = load_scenario(
+            diagrams / "laboratory.yaml:nominal", [*HEAVY_VEHICLE_IN_WIND, f"control.position={position}"]
+        )
         loop = closed_loop(scenario)
 
         def signal(name):
@@ -31,38 +33,41 @@ def settled(diagrams):
 
         state, reference = State(*signal("state")), Reference(*signal("reference"))
         error = np.array([reference.x - state.x, reference.y - state.y, reference.z - state.z])
-        found = signal("disturbance") if loop.diagram.HasOutputPort("disturbance") else None
-        return error, found, Acceleration(*signal("acceleration_command"))
+        disturbance = signal("disturbance") if loop.diagram.HasOutputPort("disturbance") else None
+        return error, disturbance, Acceleration(*signal("acceleration_command"))
 
     return settle
 
 
 @pytest.mark.slow
-def test_indi_has_no_error_in_steady_wind_and_l1_the_error_of_its_decay(settled):
-    """At rest, the command compensates the disturbance, and the PD contributes u = k_P e."""
-    aside, none, command = settled(f"{{kind: pd, {PD}}}")
-    assert none is None
-    assert np.abs(aside).min() > 0.01
-    np.testing.assert_allclose(np.array([4.0, 3.5, 6.0]) * aside, command, atol=1e-8)
-    error, disturbance, pushed = settled(f"{{kind: indi, {PD}, {RESPONSE}, bandwidth: [2.0, 2.2, 3.0]}}")
+def test_in_steady_wind_indi_has_no_error_and_l1_a_known_share_of_the_error_of_the_pd(settled):
+    """At rest the command compensates the disturbance, and a PD alone has the error u / k_P for the command u.
+
+    With the adaptation rate a and a tick h, L1 leaves the share 1 - exp(-a h) of this error.
+    """
+    pd_error, no_estimate, command = settled(f"{{kind: pd, {PD}}}")
+    assert no_estimate is None
+    assert np.abs(pd_error).min() > 0.01
+    np.testing.assert_allclose(np.array([4.0, 3.5, 6.0]) * pd_error, command, atol=1e-8)
+    error, disturbance, indi_command = settled(f"{{kind: indi, {PD}, {RESPONSE}, bandwidth: [2.0, 2.2, 3.0]}}")
     np.testing.assert_allclose(error, 0.0, atol=1e-7)
-    np.testing.assert_allclose(disturbance, -np.array(pushed), atol=1e-7)
-    np.testing.assert_allclose(pushed, command, rtol=1e-6)
-    left, _, _ = settled(f"{{kind: l1, {PD}, {RESPONSE}, bandwidth: [1.5, 1.7, 2.0], adaptation: 5.0}}")
-    np.testing.assert_allclose(left, (1.0 - math.exp(-5.0 * 0.02)) * aside, rtol=1e-5)
+    np.testing.assert_allclose(disturbance, -np.array(indi_command), atol=1e-7)
+    np.testing.assert_allclose(indi_command, command, rtol=1e-6)
+    l1_error, _, _ = settled(f"{{kind: l1, {PD}, {RESPONSE}, bandwidth: [1.5, 1.7, 2.0], adaptation: 5.0}}")
+    np.testing.assert_allclose(l1_error, (1.0 - math.exp(-5.0 * 0.02)) * pd_error, rtol=1e-5)
 
 
 @pytest.mark.slow
-def test_a_kalman_filter_has_less_error_the_longer_its_time_constant_of_disturbances(settled):
+def test_the_error_of_a_kalman_filter_falls_as_its_disturbance_time_constant_grows(settled):
     numbers = "position_noise: 0.001, deviation: [0.3, 0.3, 0.3]"
 
-    def left(T):
+    def remaining_error(T):
         return settled(f"{{kind: disturbance_observer, {PD}, {RESPONSE}, {numbers}, time_constant: [{T}, {T}, {T}]}}")[
             0
         ]
 
-    aside, _, _ = settled(f"{{kind: pd, {PD}}}")
-    shares = [np.abs(left(T) / aside).max() for T in (0.5, 5.0, 5000.0)]
+    pd_error, _, _ = settled(f"{{kind: pd, {PD}}}")
+    shares = [np.abs(remaining_error(T) / pd_error).max() for T in (0.5, 5.0, 5000.0)]
     assert shares[0] < 0.5
     assert shares[1] < 0.2 * shares[0]
     assert shares[2] < 1e-3
@@ -70,7 +75,7 @@ def test_a_kalman_filter_has_less_error_the_longer_its_time_constant_of_disturba
 
 @pytest.mark.slow
 def test_the_compensated_disturbance_is_limited(settled):
-    """The PD has to compensate the rest of the disturbance."""
+    """The PD has to compensate the disturbance beyond the limit."""
     numbers = f"{PD}, {RESPONSE}, bandwidth: [2.0, 2.2, 3.0], disturbance_limit: 0.05"
     error, disturbance, command = settled(f"{{kind: indi, {numbers}}}")
     np.testing.assert_allclose(np.abs(disturbance), 0.05)

@@ -1,3 +1,5 @@
+"""Tests of flights: their signals, saved files and plots, and the samples, winds and faults that they simulate."""
+
 import csv
 import re
 
@@ -106,7 +108,7 @@ def test_path_plot_shows_the_flown_path_and_the_reference(flight):
         np.testing.assert_array_equal(drawn[label].T, [record.x, record.y])
 
 
-EVERYTHING = [
+ALL_IMPERFECTIONS = [
     "crash.position_error=50",
     "duration=6",
     "vehicle.mass={normal: {mean: 0.7, standard_deviation: 0.03, min: 0.6}}",
@@ -121,16 +123,17 @@ EVERYTHING = [
     "control.position.k_p=[{uniform: {min: 0.2, max: 0.3}}, 0.25, 5]",
 ]
 STEADY = "{kind: steady, velocity: [{uniform: {min: -1, max: 1}}, 0.5, 0]}"
-FANS = (
+FAN = (
     "{kind: fan, position: [-1.2, -5.5, 1.5], direction: [0, 1, 0], flow: {uniform: {min: 2, max: 3}}, diameter: 0.75}"
 )
-DRYDEN, GUST = "{kind: dryden, level: light}", "{kind: gust, velocity: [1, 0, 0], start: 2, rise_time: 0.5}"
-ALL_WIND = f"laboratory.wind=[{STEADY}, {FANS}, {DRYDEN}, {GUST}]"
+DRYDEN = "{kind: dryden, level: light}"
+GUST = "{kind: gust, velocity: [1, 0, 0], start: 2, rise_time: 0.5}"
+ALL_WIND = f"laboratory.wind=[{STEADY}, {FAN}, {DRYDEN}, {GUST}]"
 
 
 @pytest.fixture(scope="module")
-def everything(diagrams):
-    return load_scenario(diagrams / "laboratory.yaml:high_wind", [*EVERYTHING, ALL_WIND])
+def imperfect(diagrams):
+    return load_scenario(diagrams / "laboratory.yaml:high_wind", [*ALL_IMPERFECTIONS, ALL_WIND])
 
 
 def final_positions(scenario, samples, seed):
@@ -142,41 +145,41 @@ def final_positions(scenario, samples, seed):
 
 
 @pytest.mark.slow
-def test_the_same_sample_is_the_same_flight_bit_for_bit(everything):
-    first, again = (simulate(everything, seed=3, sample=7) for _ in range(2))
+def test_the_same_sample_is_the_same_flight_bit_for_bit(imperfect):
+    first, again = (simulate(imperfect, seed=3, sample=7) for _ in range(2))
     for name in first.signals:
         np.testing.assert_array_equal(first[name], again[name])
-    other = simulate(everything, seed=3, sample=8)
+    other = simulate(imperfect, seed=3, sample=8)
     assert np.abs(other["state"] - first["state"])[-1, :3].max() > 0.01
-    assert np.abs(simulate(everything, seed=4, sample=7)["state"] - first["state"])[-1, :3].max() > 0.01
+    assert np.abs(simulate(imperfect, seed=4, sample=7)["state"] - first["state"])[-1, :3].max() > 0.01
 
 
 @pytest.mark.slow
-def test_a_sample_flies_the_same_in_any_fleet_and_at_any_index(everything):
+def test_a_sample_flies_the_same_in_any_fleet_and_at_any_index(imperfect):
     """The final positions agree to 1e-9 m."""
-    alone = simulate(everything, seed=3, sample=7, compiled=False)["state"][-1, :3]
-    for samples, place in (([7, 2], 0), (range(12), 7), ([40, 7, 1], 1)):
-        found = final_positions(everything, samples, seed=3)[:, place]
-        np.testing.assert_allclose(found, alone, rtol=0.0, atol=1e-9)
+    alone = simulate(imperfect, seed=3, sample=7, compiled=False)["state"][-1, :3]
+    for samples, index in (([7, 2], 0), (range(12), 7), ([40, 7, 1], 1)):
+        position = final_positions(imperfect, samples, seed=3)[:, index]
+        np.testing.assert_allclose(position, alone, rtol=0.0, atol=1e-9)
 
 
 def test_identical_vehicles_have_individual_wind_and_noise(diagrams):
-    """The vehicles have the wind and noise of the scenario's sample and of the following ones."""
+    """The first vehicle has the wind and noise of the scenario's sample, the others those of the following samples."""
     scenario = load_scenario(diagrams / "outdoor.yaml", ["duration=1", "sample=3"])
     diagram = build_tracking_diagram(scenario, 3)
     alone = [simulate(scenario, sample=sample, compiled=False)["wind"][-1] for sample in (3, 4, 5)]
     assert np.ptp(alone, axis=0).min() > 1e-3
-    # The wind at a tick is that of the interval before the tick.
+    # A tick records the wind of the interval before it.
     simulator = Simulator(diagram)
     simulator.AdvanceTo(1.0)
     wind = diagram.GetOutputPort("wind").Eval(simulator.get_context()).reshape(3, 3)
     np.testing.assert_allclose(wind, np.transpose(alone), atol=1e-9)
 
 
-def test_a_recorded_fleet_has_the_flights_of_its_samples(everything):
+def test_a_recorded_fleet_has_the_flights_of_its_samples(imperfect):
     """Each flight has a scenario with its own numbers and the index of its sample."""
-    flights = simulate_samples(everything, [40, 7], seed=3)
-    alone = simulate(everything, seed=3, sample=7, compiled=False)
+    flights = simulate_samples(imperfect, [40, 7], seed=3)
+    alone = simulate(imperfect, seed=3, sample=7, compiled=False)
     assert [flight.scenario.sample for flight in flights] == [40, 7]
     assert flights[1].scenario == alone.scenario
     assert flights[0].scenario.vehicle.mass != alone.scenario.vehicle.mass
@@ -185,8 +188,8 @@ def test_a_recorded_fleet_has_the_flights_of_its_samples(everything):
 
 
 @pytest.mark.slow
-def test_wind_and_noise_do_not_depend_on_other_distributions(everything, diagrams):
-    fixed = draw_sample(everything, 5)
+def test_wind_and_noise_do_not_depend_on_other_distributions(imperfect, diagrams):
+    fixed = draw_sample(imperfect, 5)
     other = fixed.model_copy(update={"vehicle": fixed.vehicle.model_copy(update={"mass": 0.75})})
     a, b = simulate(fixed), simulate(other)
     assert np.abs(a["state"] - b["state"]).max() > 1e-3
@@ -213,21 +216,21 @@ def test_turbulence_does_not_depend_on_other_winds(diagrams):
     np.testing.assert_allclose(winds[1][:90], winds[0][:90], atol=1e-12)
 
 
-def test_a_saved_sample_repeats_its_flight(everything, tmp_path):
-    flight = simulate(everything, seed=3, sample=7)
+def test_a_saved_sample_repeats_its_flight(imperfect, tmp_path):
+    flight = simulate(imperfect, seed=3, sample=7)
     again = simulate(load_scenario(flight.save(tmp_path)[2]))
     np.testing.assert_array_equal(again["state"], flight["state"])
 
 
 @pytest.mark.parametrize(
-    "trouble",
+    "fault",
     [
         "vehicle.rotor_failure={rotor: 2, time: 3.0}",
         "laboratory.wind=[{kind: gust, velocity: [60, 0, 0], start: 3, rise_time: 0.2}]",
     ],
 )
-def test_failures_and_strong_gusts_end_in_a_crash_with_finite_metrics(diagrams, trouble):
-    flight = simulate(load_scenario(diagrams / "laboratory.yaml:nominal", [trouble]))
+def test_failures_and_strong_gusts_end_in_a_crash_with_finite_metrics(diagrams, fault):
+    flight = simulate(load_scenario(diagrams / "laboratory.yaml:nominal", [fault]))
     assert 3.0 < flight.metrics.crash_time < 8.0
     assert all(np.isfinite(value) for value in flight.metrics[:-1])
     assert np.isfinite(flight["state"]).all()
@@ -243,8 +246,8 @@ def test_a_flight_that_diverged_can_be_drawn(diagrams, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("layout", ["{kind: x}", "{kind: h, length: 0.2, width: 0.3, rotor_1_turns: anticlockwise}"])
-def test_other_layouts_fly_as_the_plus_if_rotors_do_not_saturate(diagrams, layout):
-    """The small differences are due to the lag of the rotor speeds, of which thrust is not a linear function.
+def test_other_layouts_fly_like_the_plus_if_no_rotor_saturates(diagrams, layout):
+    """Small differences remain, because rotor speeds lag their commands and thrust is not linear in them.
 
     A vehicle whose layout differs from the nominal one has a larger error.
     """
@@ -258,7 +261,7 @@ def test_other_layouts_fly_as_the_plus_if_rotors_do_not_saturate(diagrams, layou
     assert mistaken.metrics.rmse > 1.5 * plus.metrics.rmse
 
 
-def test_the_controller_uses_the_nominal_numbers(diagrams):
+def test_the_controller_uses_the_nominal_parameters(diagrams):
     """A vehicle that is heavier by Δm hovers Δm g / (m k_P) lower, since the controller does not know its mass."""
     scenario = load_scenario(diagrams / "hover.yaml", ["route.duration=20", "vehicle.mass=0.75"])
     height = simulate(scenario).record("state").z[-1]
@@ -272,16 +275,16 @@ def test_the_controller_uses_the_nominal_numbers(diagrams):
 
 def test_the_repr_of_a_flight_is_one_line_with_its_signals(diagrams):
     scenario = load_scenario(diagrams / "hover.yaml", ["duration=1"])
-    for compiled, how in ((False, ""), (True, ", compiled")):
+    for compiled, suffix in ((False, ""), (True, ", compiled")):
         flight = simulate(scenario, compiled=compiled)
-        line = rf"<Flight of hover{how}: 1\.00 s, RMSE \S+ cm; reference, .*wind, crashed>"
+        line = rf"<Flight of hover{suffix}: 1\.00 s, RMSE \S+ cm; reference, .*wind, crashed>"
         assert re.fullmatch(line, repr(flight))
     with pytest.raises(KeyError, match="weights is not a signal of this flight, which has reference, "):
         flight["weights"]
 
 
-def test_a_users_wind_is_sampled_whatever_system_it_is(diagrams):
-    """A wind that depends on the position is the same as a LeafSystem and as a FleetSystem without states."""
+def test_a_users_wind_may_be_a_leaf_system_or_a_fleet_system(diagrams):
+    """Flights are equal, although the wind depends on the position and neither system has a state."""
     scenario = load_scenario(diagrams / "figure_eight.yaml", ["duration=2", "vehicle.linear_drag=0.3"])
 
     class Leaf(LeafSystem):

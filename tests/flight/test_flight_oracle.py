@@ -17,19 +17,19 @@ ON_BOARD = [
     "laboratory.autopilot={kind: attitude, period: 0.005, k_attitude: [5.0, 4.2, 2.1], k_rate: [11.0, 9.0, 6.0],"
     " gyroscope_noise: 0.01, gyroscope_bias: [0.01, -0.006, 0.008], attitude_noise: 0.002}",
 ]
-RESPONDING = [
+ATTITUDE_RESPONSE = [
     "control.attitude=null",
     "vehicle.rotor_failure=null",
     "laboratory.autopilot={kind: response, natural_frequency: [6.8, 6.4, 3.1], damping: [0.5, 0.7, 1.1]}",
 ]
 PRIORITIES = get_args(Priority)
-# There are two long flights, and short ones for everything that these do not cover.
+# The first two flights are long. Short flights cover the features that these two do not have.
 PD = "k_p: [1.3, 1.0, 5.0], k_d: [1.5, 1.3, 3.2]"
 FLIGHTS = {
     "pid": ("pid", []),
     "pd_t2fnn": ("pd_t2fnn", []),
-    "a sign law and triangles": ("pd_t1fnn", ["duration=2"]),
-    "a gradient law, three ticks of delay and none lost, frames as they come": (
+    "a sign learning law and triangular sets": ("pd_t1fnn", ["duration=2"]),
+    "a gradient law, three ticks of link delay, no lost commands, no camera latency": (
         "pd_t1fnn",
         [
             "duration=2",
@@ -39,7 +39,7 @@ FLIGHTS = {
             "laboratory.motion_capture.latency_frames=0",
         ],
     ),
-    "maps of where the vehicle is, and when, that learn from the feedback": (
+    "a network over position, velocity and phase that learns from the feedback": (
         "pd_t2fnn",
         [
             "duration=3",
@@ -49,7 +49,7 @@ FLIGHTS = {
             "control.network.learning={kind: gradient, signal: feedback, rate: 1.5, deadzone: 0.02}",
         ],
     ),
-    "a grid of three periods, no delay, no filter": (
+    "three different periods, no link delay, no velocity filter": (
         "pid",
         [
             "duration=2",
@@ -58,7 +58,7 @@ FLIGHTS = {
             "laboratory.motion_capture.derivative_bandwidth=null",
         ],
     ),
-    "small angles, frames and ticks at once, nothing fed forward": (
+    "small-angle kinematics, frames at the ticks, no feed-forward": (
         "pid",
         [
             "duration=2",
@@ -68,7 +68,7 @@ FLIGHTS = {
         ],
     ),
     **{
-        f"rotors that are too weak for all parts of the wrench, {priority} first": (
+        f"rotors too weak for all parts of the wrench, priority {priority}": (
             "pid",
             [
                 "duration=3",
@@ -83,7 +83,7 @@ FLIGHTS = {
         )
         for priority in PRIORITIES
     },
-    "an x of measured distances that turns the other way round": (
+    "an x layout with measured distances and reversed rotor directions": (
         "pid",
         [
             "duration=2",
@@ -91,7 +91,7 @@ FLIGHTS = {
             "vehicle.layout={kind: x, length: 0.212, width: 0.25, rotor_1_turns: anticlockwise}",
         ],
     ),
-    "rotors anywhere that are too weak for all parts of the wrench": (
+    "rotors at arbitrary positions, too weak for all parts of the wrench": (
         "pid",
         [
             "duration=3",
@@ -123,7 +123,7 @@ FLIGHTS = {
             "control.attitude={kind: geometric, k_p: [17.0, 14.0, 5.0], k_d: [7.5, 6.8, 3.1], euler_sequence: zxy}",
         ],
     ),
-    "geometric attitude control with an integral, velocity that is seen too large and drifts, filtered": (
+    "geometric attitude control with an integral, filtered velocity with scale error and drift": (
         "pid",
         [
             "duration=1.6",
@@ -133,7 +133,7 @@ FLIGHTS = {
             "laboratory.motion_capture.velocity_drift=[0.02, 0.0, 0.04]",
         ],
     ),
-    "the firmware's Lee controller: fast, without a link, velocity from elsewhere": (
+    "the firmware's Lee controller at a high rate, no link delay, velocity with scale error": (
         "pid",
         [
             "duration=1.4",
@@ -146,7 +146,7 @@ FLIGHTS = {
             " 50.0], integration: backward_euler, euler_sequence: zxy, transport_term: false}",
         ],
     ),
-    "velocity of an estimator, which is too large and drifts": (
+    "unfiltered velocity with scale error and drift": (
         "pid",
         [
             "duration=1.4",
@@ -156,7 +156,7 @@ FLIGHTS = {
             "laboratory.motion_capture.drift_time=0.4",
         ],
     ),
-    "L1 and INDI of the attitude, within limits": (
+    "L1 of the position and INDI of the attitude, with limits on the estimated disturbances": (
         "pid",
         [
             "duration=1.6",
@@ -177,7 +177,7 @@ FLIGHTS = {
             " delay_ticks: 0}",
         ],
     ),
-    "INDI that sees where the thrust points": (
+    "INDI with the measured thrust direction": (
         "pid",
         [
             "duration=1.6",
@@ -185,7 +185,7 @@ FLIGHTS = {
             " response: {kind: tilt, delay_ticks: 2, lag: 0.07}}",
         ],
     ),
-    "a map around the same, ahead of time, that learns from all feedback": (
+    "a network with lead time around INDI with the measured thrust direction": (
         "pd_t2fnn",
         [
             "duration=1.6",
@@ -197,7 +197,7 @@ FLIGHTS = {
             "control.network.learning={kind: gradient, signal: feedback, rate: 1.5, weight_limit: 0.6}",
         ],
     ),
-    "a disturbance observer that sees where the thrust points, in front of an autopilot": (
+    "a disturbance observer with the measured thrust direction, and an autopilot": (
         "pid",
         [
             *ON_BOARD,
@@ -207,7 +207,7 @@ FLIGHTS = {
             " response: {kind: tilt, delay_ticks: 0, lag: 0.07}}",
         ],
     ),
-    "an estimator in front of an autopilot": (
+    "INDI of the position and an autopilot": (
         "pid",
         [
             *ON_BOARD,
@@ -217,7 +217,7 @@ FLIGHTS = {
         ],
     ),
     "an autopilot on board": ("pid", [*ON_BOARD, "duration=2", "control.position.feed_forward=jerk"]),
-    "an autopilot without noise that works every other step, and a heading along the path": (
+    "an autopilot without noise at half the step rate, and a heading along the path": (
         "pd_t2fnn",
         [
             *ON_BOARD,
@@ -227,11 +227,11 @@ FLIGHTS = {
             "laboratory.autopilot={gyroscope_noise: 0, attitude_noise: 0, k_rate: [9.0, 7.0, 5.0]}",
         ],
     ),
-    "an attitude that responds": ("pid", [*RESPONDING, "duration=2"]),
-    "an attitude that responds with small angles, from frames without a filter": (
+    "an identified attitude response": ("pid", [*ATTITUDE_RESPONSE, "duration=2"]),
+    "an identified attitude response with small angles and unfiltered frames": (
         "pd_t1fnn",
         [
-            *RESPONDING,
+            *ATTITUDE_RESPONSE,
             "duration=2",
             "vehicle.attitude_kinematics=small_angle",
             "control.position.feed_forward=none",
@@ -250,14 +250,14 @@ FLIGHTS = {
 
 
 @pytest.fixture(scope="module")
-def flown(asymmetric):
-    """Return a function that returns a flight by its name in `FLIGHTS`; each is simulated once."""
+def flight_named(asymmetric):
+    """Return a function that returns the flight of a name in `FLIGHTS`, and simulates each flight only once."""
 
-    def fly_named(name):
+    def simulate_named(name):
         scenario, overrides = FLIGHTS[name]
         return simulate(asymmetric(scenario, *overrides))
 
-    return functools.cache(fly_named)
+    return functools.cache(simulate_named)
 
 
 def assert_equal_flights(flight, signals, metrics):
@@ -265,25 +265,25 @@ def assert_equal_flights(flight, signals, metrics):
     assert flight.signals.keys() - {"crashed"} == signals.keys()
     for name, values in signals.items():
         np.testing.assert_allclose(flight[name], values, rtol=0.0, atol=1e-9, err_msg=name)
-    found = flight.metrics._asdict()
-    assert found.keys() == metrics.keys()
+    flight_metrics = flight.metrics._asdict()
+    assert flight_metrics.keys() == metrics.keys()
     for name, value in metrics.items():
-        assert found[name] == pytest.approx(value, rel=1e-9, abs=1e-12), name
+        assert flight_metrics[name] == pytest.approx(value, rel=1e-9, abs=1e-12), name
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FLIGHTS)
-def test_a_flight_equals_an_independent_implementation(flown, name):
-    flight = flown(name)
+def test_a_flight_equals_an_independent_implementation(flight_named, name):
+    flight = flight_named(name)
     assert flight.metrics.crashed == (name in ("a crash", "an obstacle"))
     assert flight.touched == ("near" if name == "an obstacle" else None)
-    if name == "a crash":  # the horizontal error alone is too small for a crash
+    if name == "a crash":  # The horizontal error alone is too small for a crash.
         reference, state = flight.record("reference"), flight.record("state")
         assert np.hypot(reference.x[-1] - state.x[-1], reference.y[-1] - state.y[-1]) < 1.1
     assert_equal_flights(flight, *fly(flight.scenario, flight.plan))
 
 
-DRAWN = [
+DISTRIBUTIONS = [
     "duration=2",
     "vehicle.mass={uniform: {min: 0.68, max: 0.76}}",
     "nominal.layout={kind: x}",
@@ -306,7 +306,7 @@ DRAWN = [
 @pytest.mark.slow
 def test_each_flight_of_a_fleet_equals_an_independent_implementation(asymmetric):
     """Each vehicle has its own numbers, delays, wind and noise."""
-    flights = simulate_samples(asymmetric("pd_t2fnn", *DRAWN), [5, 0, 9])
+    flights = simulate_samples(asymmetric("pd_t2fnn", *DISTRIBUTIONS), [5, 0, 9])
     masses = {flight.scenario.vehicle.mass for flight in flights}
     delays = {flight.scenario.laboratory.command_link.delay_ticks for flight in flights}
     assert (len(masses), len(delays)) == (3, 2)
@@ -315,12 +315,12 @@ def test_each_flight_of_a_fleet_equals_an_independent_implementation(asymmetric)
 
 
 @pytest.mark.parametrize("name", ["pid", "pd_t2fnn"])
-def test_the_long_flights_have_both_signs_on_all_axes_and_reach_their_limits(flown, name):
-    """Otherwise the comparison could miss errors."""
-    flight = flown(name)
+def test_signals_of_the_long_flights_have_both_signs_and_reach_their_limits(flight_named, name):
+    """If a signal kept its sign or stayed below its limit, the comparison could miss an error."""
+    flight = flight_named(name)
     steady = {"state": {"x", "y", "z"}, "wrench": {"thrust"}}
     if name == "pd_t2fnn":
-        steady["state"].add("yaw")  # the yaw grows along the path of the figure eight
+        steady["state"].add("yaw")  # The yaw grows along the path of the figure eight.
     for signal in ("error", "error_rate", "acceleration_command", "wind", *steady):
         for row, values in flight.record(signal)._asdict().items():
             if row not in steady.get(signal, ()):
@@ -344,16 +344,16 @@ def test_the_long_flights_have_both_signs_on_all_axes_and_reach_their_limits(flo
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in FLIGHTS if "too weak" in name])
-def test_weak_rotors_reduce_all_parts_of_the_wrench(flown, name):
-    given_up = flown(name)["shortfall"] != 0.0
-    assert given_up.any(axis=0).all()
-    assert not given_up.all(axis=0).any()
+def test_weak_rotors_reduce_each_part_of_the_wrench_at_some_ticks(flight_named, name):
+    is_cut = flight_named(name)["shortfall"] != 0.0
+    assert is_cut.any(axis=0).all()
+    assert not is_cut.all(axis=0).any()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("priority", PRIORITIES)
-def test_weak_rotors_reach_both_speed_limits(flown, priority):
-    flight = flown(f"rotors that are too weak for all parts of the wrench, {priority} first")
+def test_weak_rotors_reach_both_speed_limits(flight_named, priority):
+    flight = flight_named(f"rotors too weak for all parts of the wrench, priority {priority}")
     command = flight["rotor_speed_command"]
     vehicle = flight.scenario.vehicle
     assert (command.min(axis=0) < vehicle.min_rotor_speed).all()

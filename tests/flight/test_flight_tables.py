@@ -84,7 +84,7 @@ def test_a_flight_that_crashed_is_read_back(diagrams, tmp_path):
 
 
 def test_the_route_of_a_flight_without_a_plan_is_planned_again(flight, folder, tmp_path):
-    """Earlier versions wrote no plan."""
+    """Files of earlier versions contain no plan."""
     flight.save(tmp_path)
     with np.load(folder / "flight.npz") as loaded:
         np.savez(tmp_path / "flight.npz", **{name: loaded[name] for name in ("time", *flight)})
@@ -106,8 +106,8 @@ def test_folders_without_a_flight_and_damaged_files_are_refused(flight, tmp_path
         np.save(file, flight.time)
     with pytest.raises(InputError, match="flight.npz cannot be read, or is not the file of a flight"):
         read_flight(tmp_path)
-    for strange in ({"colour": flight.time}, {"state": flight["state"][:-1]}, {"state": np.array("x", dtype=object)}):
-        np.savez(tmp_path / "flight.npz", **{**arrays, **strange})
+    for damaged in ({"colour": flight.time}, {"state": flight["state"][:-1]}, {"state": np.array("x", dtype=object)}):
+        np.savez(tmp_path / "flight.npz", **{**arrays, **damaged})
         with pytest.raises(InputError, match="flight.npz"):
             read_flight(tmp_path)
     np.savez(tmp_path / "flight.npz", **arrays)

@@ -24,7 +24,7 @@ STILL_NEURAL_FLY = {"metrics.start": 0.0, "laboratory": {"wind": [], "motion_cap
 
 
 def base_of(controller):
-    """Return the scenario, the preceding layers and the overrides that a controller of the library is laid over."""
+    """Return the scenario, the layers before it and the overrides with which a shipped controller is flown."""
     file, _, name = controller.partition(":")
     if name == "lqg_neural_fly":
         return "neural_fly:still", [], STILL_NEURAL_FLY
@@ -38,22 +38,22 @@ def base_of(controller):
 
 
 def shipped_controllers():
-    """Return the controllers of the library, without variants that are designed for other laboratories."""
-    found = [name for name in shipped_scenarios() if name.startswith(("controllers/", "gains/"))]
+    """Return the names of the shipped controllers, without variants that are designed for other laboratories."""
+    names = [name for name in shipped_scenarios() if name.startswith(("controllers/", "gains/"))]
     # lee.yaml has no gains. Its law is tested with that of geometric attitude control.
     designed, laboratory = "controllers/designed/", "controllers/designed/laboratory:"
-    return [name for name in found if name.startswith(laboratory) or not name.startswith((designed, "controllers/lee"))]
+    return [name for name in names if name.startswith(laboratory) or not name.startswith((designed, "controllers/lee"))]
 
 
 def structure_of(value):
-    """Return the structure of a part of a control: the names of its fields and its kinds, without numbers."""
+    """Return the field names and the kinds of a part of a control, without its numbers."""
     if isinstance(value, dict):
         return tuple((name, structure_of(each)) for name, each in value.items())
     return value if isinstance(value, str) else value is not None
 
 
 def features_of(controller):
-    """Return the structures of the parts of a controller, and the combination of parts."""
+    """Return the structure of each part of a controller, and the kinds of parts that it combines."""
     scenario, layers, overrides = base_of(controller)
     scenario = load_scenario(scenario, overrides, layers=[*layers, controller])
     control, autopilot = scenario.control.model_dump(), scenario.laboratory.autopilot.kind
@@ -62,7 +62,7 @@ def features_of(controller):
     return parts | {(autopilot, control.get("kind"), position.get("kind"), control.get("network") is None)}
 
 
-def flown(controller, turn, duration=0.8):
+def states_of_flight(controller, turn, duration=0.8):
     """Return the states (ticks, 12) of a flight rotated about Z that begins with a jump of the reference velocity."""
     scenario, layers, overrides = base_of(controller)
     route = {
@@ -75,31 +75,31 @@ def flown(controller, turn, duration=0.8):
         "laps": 1,
         "yaw": 0.3 + turn,
     }
-    asked = {**overrides, "route": route, "duration": duration}
-    return simulate(load_scenario(scenario, asked, layers=[*layers, controller]), compiled=False)["state"]
+    all_overrides = {**overrides, "route": route, "duration": duration}
+    return simulate(load_scenario(scenario, all_overrides, layers=[*layers, controller]), compiled=False)["state"]
 
 
-def turned(states, angle):
+def rotated(states, angle):
     """Return states (ticks, 12) rotated about Z by an angle, rad."""
-    found = states.copy()
+    rotated_states = states.copy()
     for x, y in ((0, 1), (6, 7)):
-        found[:, x] = np.cos(angle) * states[:, x] - np.sin(angle) * states[:, y]
-        found[:, y] = np.sin(angle) * states[:, x] + np.cos(angle) * states[:, y]
-    found[:, 5] += angle
-    return found
+        rotated_states[:, x] = np.cos(angle) * states[:, x] - np.sin(angle) * states[:, y]
+        rotated_states[:, y] = np.sin(angle) * states[:, x] + np.cos(angle) * states[:, y]
+    rotated_states[:, 5] += angle
+    return rotated_states
 
 
 @pytest.mark.slow
 def test_shipped_controllers_have_the_same_flight_at_the_opposite_heading():
-    """The rotation is by π because gains on X and Y may differ, and networks act on each axis separately.
+    """Other rotations would change the flight, because gains on X and Y may differ and networks act on each axis.
 
-    Controllers that differ only in their numbers are flown once.
+    Of controllers that differ only in their numbers, one is flown.
     """
     for controller in covering({name: features_of(name) for name in shipped_controllers()}):
-        expected = flown(controller, 0.0)
+        expected = states_of_flight(controller, 0.0)
         assert np.abs(expected[:, 0]).max() > 0.003, controller
-        found = flown(controller, np.pi)
-        np.testing.assert_allclose(found, turned(expected, np.pi), rtol=0.0, atol=1e-9, err_msg=controller)
+        states = states_of_flight(controller, np.pi)
+        np.testing.assert_allclose(states, rotated(expected, np.pi), rtol=0.0, atol=1e-9, err_msg=controller)
 
 
 @pytest.mark.slow
@@ -116,6 +116,6 @@ def test_shipped_controllers_have_the_same_flight_at_the_opposite_heading():
     ],
 )
 def test_a_controller_with_equal_gains_on_x_and_y_has_the_same_flight_at_every_heading(controller):
-    expected = flown(controller, 0.0)
+    expected = states_of_flight(controller, 0.0)
     for angle in (-1.0, 12.0):
-        np.testing.assert_allclose(flown(controller, angle), turned(expected, angle), rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(states_of_flight(controller, angle), rotated(expected, angle), rtol=0.0, atol=1e-9)

@@ -26,12 +26,12 @@ def in_laboratory(layer, *overrides):
 
 
 def hovering(layer, start, end):
-    """Return `laboratory:nominal` with a hover whose error counts from `start` to `end`, s."""
+    """Return `laboratory:nominal` with a hover until `end` whose metrics begin at `start`, s."""
     route = f"route={{kind: hover, position: [0, 0, 1], duration: {end}}}"
     return in_laboratory(layer, route, f"metrics.start={start}", "seed=7")
 
 
-def values(error):
+def axis_errors(error):
     return np.array([getattr(error, axis).value for axis in AXES])
 
 
@@ -45,12 +45,12 @@ def root_mean_square(metrics):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("layer", [f"designed/laboratory.yaml:{name}" for name in ("pid", "indi_fast", "lqg")])
-def test_other_flights_have_the_predicted_error(layer):
-    """The error on each axis agrees to a tenth, later in the flight and with other random numbers."""
+def test_the_predicted_error_is_that_of_independent_flights(layer):
+    """The error on each axis agrees to 10 % with flights at a later time and with other random numbers."""
     error = hover_error(in_laboratory(layer))
     fleet = StudyFleet(hovering(layer, 40, 80), plan_route(hovering(layer, 40, 80)), 128)
-    np.testing.assert_allclose(root_mean_square(fleet.fly(range(128))), values(error), rtol=0.1)
-    assert np.all(half_widths(error) < 0.05 * values(error))
+    np.testing.assert_allclose(root_mean_square(fleet.fly(range(128))), axis_errors(error), rtol=0.1)
+    assert np.all(half_widths(error) < 0.05 * axis_errors(error))
 
 
 @pytest.mark.slow
@@ -61,12 +61,12 @@ def test_the_error_of_a_learning_controller_is_predicted_for_the_same_time_span(
         plan_route(hovering("designed/laboratory.yaml:pd_t2fnn", SETTLING_TIME, HOVER_TIME)),
         192,
     )
-    np.testing.assert_allclose(root_mean_square(fleet.fly(range(192))), values(error), rtol=0.1)
+    np.testing.assert_allclose(root_mean_square(fleet.fly(range(192))), axis_errors(error), rtol=0.1)
 
 
 @pytest.mark.slow
 def test_model_predictive_control_has_the_hover_error_of_its_regulator():
-    flown = [
+    metrics = [
         StudyFleet(
             hovering(f"designed/laboratory.yaml:{name}", 2.0, 8.0),
             plan_route(hovering(f"designed/laboratory.yaml:{name}", 2.0, 8.0)),
@@ -74,7 +74,7 @@ def test_model_predictive_control_has_the_hover_error_of_its_regulator():
         ).fly(range(8))
         for name in ("mpc", "lqg")
     ]
-    np.testing.assert_allclose(*map(root_mean_square, flown), rtol=1e-3)
+    np.testing.assert_allclose(*map(root_mean_square, metrics), rtol=1e-3)
 
 
 @pytest.mark.slow
@@ -84,8 +84,8 @@ def test_the_hover_error_is_the_root_mean_square_of_recorded_position_errors():
     flights = simulate_samples(hovering(layer, 0, HOVER_TIME), range(error.num_hovers), compiled=True)
     offset = np.array([[flight.record("state")[i] - (0, 0, 1)[i] for i in range(3)] for flight in flights])
     late = offset[:, :, flights[0].time >= SETTLING_TIME]
-    np.testing.assert_allclose(values(error), np.sqrt(np.mean(late**2, axis=(0, 2))), rtol=1e-9)
-    assert error.rms.value == pytest.approx(np.sqrt(np.sum(values(error) ** 2)))
+    np.testing.assert_allclose(axis_errors(error), np.sqrt(np.mean(late**2, axis=(0, 2))), rtol=1e-9)
+    assert error.rms.value == pytest.approx(np.sqrt(np.sum(axis_errors(error) ** 2)))
     assert error.rms.low < error.rms.value < error.rms.high
 
 
@@ -100,19 +100,19 @@ def test_the_hover_error_in_small_noise_matches_the_linear_model(name):
     scenario = in_laboratory(f"designed/laboratory.yaml:{name}", *small)
     error, linear = hover_error(scenario), linear_hover_error(scenario)
     # The half-width of a 95 % interval is two standard errors.
-    assert np.all(np.abs(values(error) - np.hypot(*linear)) < 2.0 * half_widths(error))
+    assert np.all(np.abs(axis_errors(error) - np.hypot(*linear)) < 2.0 * half_widths(error))
 
 
 @pytest.mark.slow
 def test_the_linear_model_underestimates_the_error_in_the_shipped_noise():
-    """Products of noise terms disturb the vehicle and lengthen the thrust vector; lost packets disturb it further."""
+    """Products of noise terms and lost packets disturb the vehicle. Products also lengthen the thrust vector."""
     layer = "designed/laboratory.yaml:indi"
     lossless = "laboratory.command_link.loss_rate=0"
     error, linear = hover_error(in_laboratory(layer, lossless)), linear_hover_error(in_laboratory(layer))
-    x, y, z = values(error) / np.hypot(*linear)
+    x, y, z = axis_errors(error) / np.hypot(*linear)
     assert min(x, y) > 1.4
     assert z > 3.0
-    assert np.all(values(hover_error(in_laboratory(layer)))[:2] > 2.0 * values(error)[:2])
+    assert np.all(axis_errors(hover_error(in_laboratory(layer)))[:2] > 2.0 * axis_errors(error)[:2])
 
 
 @pytest.mark.slow
@@ -123,78 +123,81 @@ def test_the_hover_error_depends_neither_on_the_seed_nor_on_the_time_step():
 
 @pytest.mark.slow
 def test_the_hover_error_without_noise_is_the_offset_in_steady_wind():
-    silent = ["laboratory.motion_capture.position_noise=0", "laboratory.motion_capture.attitude_noise=0"]
+    noiseless = ["laboratory.motion_capture.position_noise=0", "laboratory.motion_capture.attitude_noise=0"]
     wind = "laboratory.wind=[{kind: steady, velocity: [1, -0.5, 0]}]"
-    scenario = in_laboratory("designed/laboratory.yaml:pd", *silent, wind)
+    scenario = in_laboratory("designed/laboratory.yaml:pd", *noiseless, wind)
     error = hover_error(scenario)
-    np.testing.assert_allclose(values(error), np.abs(linear_hover_error(scenario).offset), rtol=1e-4, atol=1e-7)
+    np.testing.assert_allclose(axis_errors(error), np.abs(linear_hover_error(scenario).offset), rtol=1e-4, atol=1e-7)
     # Lost packets differ between hovers. Without noise they change only how the vehicle settles.
     np.testing.assert_allclose(half_widths(error), 0.0, atol=1e-8)
     assert error.num_hovers == 64
 
 
 @pytest.fixture
-def stubbed(monkeypatch):
-    """Return a function that replaces the simulated errors by a function of axis and (n,) samples."""
+def stub_errors(monkeypatch):
+    """Return a function that replaces simulated flights by given errors, and returns the list of flown samples.
+
+    The given errors are a function of the axis and of (n,) samples.
+    """
 
     def install(error):
-        flown = []
+        flown_samples = []
 
         class Fleet:
             def __init__(self, *_):
                 pass
 
             def fly(self, samples):
-                flown.extend(samples)
+                flown_samples.extend(samples)
                 x, y, z = (error(axis, np.array(samples)) for axis in AXES)
                 whole = np.sqrt(x**2 + y**2 + z**2)
                 metrics = Metrics(*[whole] * (len(Metrics._fields) - 1), np.full(len(samples), np.inf))
                 return metrics._replace(rmse_x=x, rmse_y=y, rmse_z=z)
 
         monkeypatch.setattr(hover_error_module, "StudyFleet", Fleet)
-        return flown
+        return flown_samples
 
     return install
 
 
 @pytest.mark.parametrize("spread", [0.1, 0.6, 0.9])
-def test_hovers_are_simulated_until_half_of_every_interval_is_a_twentieth_of_the_error(stubbed, spread):
+def test_hovers_are_simulated_until_the_half_width_is_a_twentieth_of_the_error_on_each_axis(stub_errors, spread):
     """The squared error along Z scatters by a fraction of its mean, so its relative half-width is ∝ 1 / (2 √n)."""
 
     def error(axis, samples):
         return np.sqrt(1.0 + np.where(samples % 2, spread, -spread) * (axis == "z"))
 
-    flown = stubbed(error)
-    found = hover_error(load_scenario("hover"))
-    assert flown == list(range(found.num_hovers))
-    assert found.num_hovers == 64 * np.ceil((1.96 * 0.5 * spread / 0.05) ** 2 / 64)
-    np.testing.assert_allclose(values(found), 1.0)
+    flown_samples = stub_errors(error)
+    prediction = hover_error(load_scenario("hover"))
+    assert flown_samples == list(range(prediction.num_hovers))
+    assert prediction.num_hovers == 64 * np.ceil((1.96 * 0.5 * spread / 0.05) ** 2 / 64)
+    np.testing.assert_allclose(axis_errors(prediction), 1.0)
 
 
 @pytest.mark.parametrize(("size", "hovers"), [(1e-8, 64), (1e-5, 1024)])
-def test_an_axis_with_rounding_errors_only_needs_no_further_hovers(stubbed, size, hovers):
-    stubbed(lambda axis, samples: np.where(samples % 64 == 0, 8.0, 0.0) * (size if axis == "y" else 0.0))
+def test_an_axis_whose_error_is_only_rounding_needs_no_further_hovers(stub_errors, size, hovers):
+    stub_errors(lambda axis, samples: np.where(samples % 64 == 0, 8.0, 0.0) * (size if axis == "y" else 0.0))
     assert hover_error(load_scenario("hover")).num_hovers == hovers
 
 
 def test_hovers_are_at_nine_points_of_the_route_if_the_wind_depends_on_the_position(monkeypatch):
-    hovered = []
+    positions = []
 
-    def at(scenario):
+    def constant_error_at(scenario):
         assert scenario.space is None
-        hovered.append(scenario.route.position)
-        size = 3.0 - abs(len(hovered) - 4)
+        positions.append(scenario.route.position)
+        size = 3.0 - abs(len(positions) - 4)
         return HoverError(*[Interval(size, size, size)] * 4, 64)
 
-    monkeypatch.setattr(hover_error_module, "hover_error", at)
+    monkeypatch.setattr(hover_error_module, "hover_error", constant_error_at)
     scenario = load_scenario("laboratory:low_wind")
     assert believed_tracking_error(scenario).rms.value == 3.0
     path = plan_route(scenario).path
     expected = evaluate(path, np.linspace(path.times[0], path.times[-1], 9)).T
-    np.testing.assert_allclose(hovered, expected, atol=1e-12)
-    hovered.clear()
+    np.testing.assert_allclose(positions, expected, atol=1e-12)
+    positions.clear()
     believed_tracking_error(load_scenario("laboratory:nominal"))
-    assert hovered == [(0.0, 0.0, 1.0)]
+    assert positions == [(0.0, 0.0, 1.0)]
 
 
 @pytest.mark.slow
@@ -205,7 +208,7 @@ def test_crashing_hovers_are_refused():
 
 
 @pytest.mark.slow
-def test_the_believed_error_is_that_of_the_nominal_vehicle_in_the_strongest_wind():
+def test_the_believed_tracking_error_is_that_of_the_nominal_vehicle_in_the_strongest_wind():
     def error(*overrides):
         return believed_tracking_error(load_scenario("laboratory:low_wind", overrides, layers=layer)).rms
 

@@ -13,20 +13,20 @@ from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.scenario.files.saving import save_scenario
 
 ADAPTIVE = "control.network.adaptive={centres: 0.4, widths: 0.3, exponents: 0.2}"
-SHORT = ("duration=0.8", "metrics.start=0")
+SHORT_FLIGHT = ("duration=0.8", "metrics.start=0")
 
 
-def flown(asymmetric, *overrides):
-    return simulate(asymmetric("pd_t2fnn", *SHORT, *overrides), sample=0)
+def simulated_flight(asymmetric, *overrides):
+    return simulate(asymmetric("pd_t2fnn", *SHORT_FLIGHT, *overrides), sample=0)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("adaptive", [[], [ADAPTIVE]])
 def test_a_network_starts_with_the_final_parameters_of_another_flight(asymmetric, tmp_path, adaptive):
-    """Each axis and each vehicle of a fleet starts with the exact numbers, which a saved scenario contains."""
-    first = flown(asymmetric, *adaptive)
+    """Each axis and each vehicle of a fleet starts with exactly these parameters. A saved scenario contains them."""
+    first = simulated_flight(asymmetric, *adaptive)
     file = save_network(first, tmp_path / "deeper" / "learned.yaml")
-    again = asymmetric("pd_t2fnn", *SHORT, *adaptive, f"control.network.learned={file}")
+    again = asymmetric("pd_t2fnn", *SHORT_FLIGHT, *adaptive, f"control.network.learned={file}")
     for flight in simulate_samples(again, [0, 3]):
         np.testing.assert_array_equal(flight["weights"][0], first["weights"][-1])
         if adaptive:
@@ -37,20 +37,20 @@ def test_a_network_starts_with_the_final_parameters_of_another_flight(asymmetric
 
 
 @pytest.mark.slow
-def test_learned_sets_are_used_if_only_the_weights_learn_further(asymmetric, tmp_path):
+def test_learned_sets_are_used_even_if_only_the_weights_learn_further(asymmetric, tmp_path):
     """The first corrections are the same whether or not the sets learn further."""
-    file = save_network(flown(asymmetric, ADAPTIVE), tmp_path / "learned.yaml")
-    known = f"control.network.learned={file}"
-    fixed, free = (flown(asymmetric, known, *more) for more in ([], [ADAPTIVE]))
+    file = save_network(simulated_flight(asymmetric, ADAPTIVE), tmp_path / "learned.yaml")
+    learned = f"control.network.learned={file}"
+    fixed, free = (simulated_flight(asymmetric, learned, *more) for more in ([], [ADAPTIVE]))
     np.testing.assert_array_equal(fixed["correction"][:2], free["correction"][:2])
     assert np.abs(fixed["correction"][1]).min() > 0.0
     assert "antecedents" not in fixed.signals
 
 
 def test_a_rate_of_zero_keeps_the_learned_parameters(asymmetric, tmp_path):
-    known = learned_file(tmp_path, FITTING + ON_AXES)
+    file = learned_file(tmp_path, MATCHING_HEADER + EQUAL_WEIGHTS)
     learning = "control.network.learning={kind: gradient, signal: feedback, rate: 0}"
-    flight = flown(asymmetric, learning, f"control.network.learned={known}", "duration=0.3")
+    flight = simulated_flight(asymmetric, learning, f"control.network.learned={file}", "duration=0.3")
     np.testing.assert_array_equal(flight["weights"], 0.25)
     np.testing.assert_allclose(flight["correction"], 0.25, rtol=1e-14)
 
@@ -61,35 +61,41 @@ def learned_file(folder, text):
     return path
 
 
-FITTING = "kind: type_2\ninputs: [error, error_rate]\nsets: [3, 4]\n"
-ON_AXES = "".join(f"{axis}: {{weights: {[0.25] * 12}}}\n" for axis in "xyz")
+MATCHING_HEADER = "kind: type_2\ninputs: [error, error_rate]\nsets: [3, 4]\n"
+EQUAL_WEIGHTS = "".join(f"{axis}: {{weights: {[0.25] * 12}}}\n" for axis in "xyz")
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (FITTING.replace("4", "3") + ON_AXES, r"weights is .*, but must have 9 numbers"),
+        (MATCHING_HEADER.replace("4", "3") + EQUAL_WEIGHTS, r"weights is .*, but must have 9 numbers"),
         (
-            FITTING.replace("type_2", "type_1") + ON_AXES,
+            MATCHING_HEADER.replace("type_2", "type_1") + EQUAL_WEIGHTS,
             "same kind: this network has type_2, .* have type_1",
         ),
-        (FITTING.replace("error, error_rate", "x, y") + ON_AXES, "the learned parameters have x, y"),
+        (MATCHING_HEADER.replace("error, error_rate", "x, y") + EQUAL_WEIGHTS, "the learned parameters have x, y"),
         (
-            FITTING.replace("3, 4", "4, 3") + ON_AXES,
+            MATCHING_HEADER.replace("3, 4", "4, 3") + EQUAL_WEIGHTS,
             "same sets: this network has 3, 4, .* have 4, 3",
         ),
         (
-            FITTING + ON_AXES.replace("z:", "# z:"),
+            MATCHING_HEADER + EQUAL_WEIGHTS.replace("z:", "# z:"),
             "same axes: this network has x, y, z, .* have x, y",
         ),
-        (FITTING + ON_AXES.replace("weights", "antecedents: [1.2], weights"), "antecedents is .*must have 19 numbers"),
-        (FITTING + ON_AXES.replace("}", f", antecedents: {[0.1] * 19}}}", 1), "antecedents on all axes or on none"),
+        (
+            MATCHING_HEADER + EQUAL_WEIGHTS.replace("weights", "antecedents: [1.2], weights"),
+            "antecedents is .*must have 19 numbers",
+        ),
+        (
+            MATCHING_HEADER + EQUAL_WEIGHTS.replace("}", f", antecedents: {[0.1] * 19}}}", 1),
+            "antecedents on all axes or on none",
+        ),
         ("[1, 2]", "must be a mapping of fields"),
         ("", "must be a mapping of fields"),
-        (FITTING + ON_AXES + "colour: red", "colour is unknown"),
+        (MATCHING_HEADER + EQUAL_WEIGHTS + "colour: red", "colour is unknown"),
     ],
 )
-def test_a_file_that_does_not_fit_the_network_is_refused(asymmetric, tmp_path, text, words):
+def test_a_file_that_does_not_match_the_network_is_refused(asymmetric, tmp_path, text, words):
     with pytest.raises(InputError, match=words) as caught:
         asymmetric("pd_t2fnn", f"control.network.learned={learned_file(tmp_path, text)}")
     assert "\n" not in str(caught.value)
@@ -101,7 +107,7 @@ def test_a_missing_file_is_named(asymmetric):
 
 
 def test_a_relative_file_name_is_relative_to_the_scenario_file(root, tmp_path):
-    learned_file(tmp_path, FITTING + ON_AXES)
+    learned_file(tmp_path, MATCHING_HEADER + EQUAL_WEIGHTS)
     path = tmp_path / "mine.yaml"
     path.write_text(
         f"mine: {{extends: '{root}/tests/asymmetric.yaml:pd_t2fnn', control: {{network: {{learned: learned.yaml}}}}}}"
@@ -141,9 +147,9 @@ def test_saving_a_flight_without_a_network_is_refused(asymmetric, tmp_path):
 @pytest.mark.slow
 def test_parameters_are_saved_per_axis_in_any_order_of_the_axes(asymmetric, tmp_path):
     axes = ["control.network.axes=[z, x]", "duration=0.3"]
-    first = flown(asymmetric, *axes)
+    first = simulated_flight(asymmetric, *axes)
     file = save_network(first, tmp_path / "learned.yaml")
-    again = flown(asymmetric, *axes, f"control.network.learned={file}")
+    again = simulated_flight(asymmetric, *axes, f"control.network.learned={file}")
     x, z = np.split(first["weights"][-1], 2)
     assert not np.array_equal(x, z)
     # The file contains the learned parameters only.

@@ -1,4 +1,4 @@
-"""Tests of flights with linear-quadratic-Gaussian control: claims of shipped designs, and networks."""
+"""Tests of flights with linear-quadratic-Gaussian control: errors of the shipped designs, and additional networks."""
 
 from pathlib import Path
 
@@ -25,13 +25,13 @@ def scenario_of(spec, *overrides, controller="lqg"):
     return load_scenario(f"{DIAGRAMS}/{spec}", overrides, layers=[f"{DIAGRAMS}/controllers/lqg.yaml:{controller}"])
 
 
-def flown(scenario, num_samples):
+def metrics_of_flights(scenario, num_samples):
     return [flight.metrics for flight in simulate_batch(Batch.draw(scenario, range(num_samples)), compiled=True)]
 
 
 def mean_rmse(scenario, num_samples=4):
     """Return the mean RMSE of a few flights, none of which crashes, m."""
-    metrics = flown(scenario, num_samples)
+    metrics = metrics_of_flights(scenario, num_samples)
     assert not any(each.crashed for each in metrics)
     return np.mean([each.rmse for each in metrics])
 
@@ -47,13 +47,13 @@ def mean_rmse(scenario, num_samples=4):
         ("lqg_robustness", "robustness.yaml"),
     ],
 )
-def test_a_shipped_design_halves_the_error_of_the_cascade_of_its_laboratory(controller, spec):
-    cascade = np.mean([metrics.rmse for metrics in flown(load_scenario(f"{DIAGRAMS}/{spec}"), 4)])
+def test_a_shipped_design_has_at_most_60_percent_of_the_error_of_the_cascade(controller, spec):
+    cascade = np.mean([metrics.rmse for metrics in metrics_of_flights(load_scenario(f"{DIAGRAMS}/{spec}"), 4)])
     assert mean_rmse(scenario_of(spec, controller=controller)) < 0.6 * cascade
 
 
 @pytest.mark.slow
-def test_a_design_for_one_laboratory_has_less_error_there_than_one_for_nine():
+def test_a_design_for_one_laboratory_has_less_error_there_than_a_design_for_nine_laboratories():
     assert mean_rmse(scenario_of(HIGH_WIND, controller="lqg_low_wind")) < 0.7 * mean_rmse(scenario_of(HIGH_WIND))
 
 
@@ -65,31 +65,33 @@ def test_the_shipped_controller_tolerates_frames_that_are_50_ms_late():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("spec", ["outdoor.yaml", "neural_fly.yaml:wind_8"])
-def test_designs_for_families_fly_within_the_limit_of_the_protocol(spec):
+def test_designs_for_scenario_families_meet_the_loop_limit_of_the_protocol(spec):
     family = spec.partition(".")[0]
     scenario = load_scenario(f"{DIAGRAMS}/{spec}", layers=[f"{DIAGRAMS}/controllers/designed/{family}.yaml:lqg"])
     assert LoopLimit().shares_met(middle_of(scenario)).min() >= 1.0
-    cascade = np.mean([metrics.rmse for metrics in flown(load_scenario(f"{DIAGRAMS}/{spec}"), 4)])
+    cascade = np.mean([metrics.rmse for metrics in metrics_of_flights(load_scenario(f"{DIAGRAMS}/{spec}"), 4)])
     assert mean_rmse(scenario) < cascade
 
 
-FIVE_PLACES = "{scale: 0.3, centres: [-1, -0.5, 0, 0.5, 1], widths: [0.5, 0.5, 0.5, 0.5, 0.5]}"
-FEWER_PLACES = f"control.network.inputs={{y: {FIVE_PLACES}, z: null}}"
-PHASES = np.arange(16) / 16
-FEWER_PHASES = f"control.network.inputs.phase={{centres: {PHASES.tolist()}, widths: {[0.1] * 16}}}"
+FIVE_SETS = "{scale: 0.3, centres: [-1, -0.5, 0, 0.5, 1], widths: [0.5, 0.5, 0.5, 0.5, 0.5]}"
+FEWER_POSITION_SETS = f"control.network.inputs={{y: {FIVE_SETS}, z: null}}"
+CENTRES_OF_PHASE = np.arange(16) / 16
+FEWER_PHASE_SETS = f"control.network.inputs.phase={{centres: {CENTRES_OF_PHASE.tolist()}, widths: {[0.1] * 16}}}"
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("controller", "override"), [("lqg_map", FEWER_PLACES), ("lqg_schedule", FEWER_PHASES)])
-def test_learning_in_a_lap_reduces_the_error_of_the_next_by_a_tenth(controller, override):
-    """The network learns over the position or the phase of the lap. It has fewer sets, to compile faster."""
+@pytest.mark.parametrize(
+    ("controller", "override"), [("lqg_map", FEWER_POSITION_SETS), ("lqg_schedule", FEWER_PHASE_SETS)]
+)
+def test_a_network_that_learned_in_one_lap_reduces_the_error_of_the_next_by_a_tenth(controller, override):
+    """The inputs of the network are the position or the phase of the lap. Fewer sets compile faster."""
     laps = "route.laps=2", "metrics={first_lap: 2}", override
-    learned = mean_rmse(scenario_of(HIGH_WIND, *laps, controller=controller))
-    assert learned < 0.9 * mean_rmse(scenario_of(HIGH_WIND, *laps, "control.network=null", controller=controller))
+    rmse = mean_rmse(scenario_of(HIGH_WIND, *laps, controller=controller))
+    assert rmse < 0.9 * mean_rmse(scenario_of(HIGH_WIND, *laps, "control.network=null", controller=controller))
 
 
 def test_a_network_around_the_regulator_causes_no_algebraic_loop():
-    """`error`, `error_rate` and `pd` are computed before the correction, which can depend on them."""
+    """The correction may depend on `error`, `error_rate` and `pd`, because they do not depend on it."""
     scenario = scenario_of("laboratory.yaml:nominal")
     recipe = control_recipes(Batch.draw(scenario, [0]), plan_route(scenario))["regulator"]
     system = LinearQuadraticGaussian(**recipe.structure | {"takes_correction": True}, numbers=recipe.numbers)
@@ -105,9 +107,9 @@ def test_a_network_around_the_regulator_causes_no_algebraic_loop():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("taken", "learned"), [(0.6, 0.6), (0.5, 0.2)])
-def test_the_filter_estimates_the_disturbance_that_the_network_has_not_learned(taken, learned):
-    """The acceleration by a steady wind v is c v / m. The filter subtracts the learned part, not the correction."""
+@pytest.mark.parametrize(("correction_share", "learned_share"), [(0.6, 0.6), (0.5, 0.2)])
+def test_the_filter_estimates_the_disturbance_that_the_network_has_not_learned(correction_share, learned_share):
+    """A steady wind v causes the acceleration c v / m. The filter subtracts the learned part, not the correction."""
     wind = np.array([1.5, -2.5, 0.0])
     scenario = scenario_of(
         "laboratory.yaml:nominal",
@@ -116,23 +118,23 @@ def test_the_filter_estimates_the_disturbance_that_the_network_has_not_learned(t
         f"laboratory.wind=[{{kind: steady, velocity: {wind.tolist()}}}]",
         controller="lqg_low_wind",
     )
-    push = 0.1 / 0.68 * wind
+    acceleration = 0.1 / 0.68 * wind
     recipe = control_recipes(Batch.draw(scenario, [0]), plan_route(scenario))["regulator"]
     system = LinearQuadraticGaussian(**recipe.structure | {"takes_correction": True}, numbers=recipe.numbers)
     builder = DiagramBuilder()
     regulator = builder.AddNamedSystem("regulator", system)
-    for name, share in (("correction", taken), ("learned_disturbance", learned)):
-        source = builder.AddNamedSystem(name, ConstantVectorSource(share * push))
+    for name, share in (("correction", correction_share), ("learned_disturbance", learned_share)):
+        source = builder.AddNamedSystem(name, ConstantVectorSource(share * acceleration))
         builder.Connect(source.get_output_port(), regulator.GetInputPort(name))
     for name in ("measurement", "reference", "reference_jerk", "reference_snap"):
         builder.ExportInput(regulator.GetInputPort(name), name)
     for name in ("wrench", "acceleration_command", "error", "disturbance"):
         builder.ExportOutput(regulator.GetOutputPort(name), name)
     flight = simulate(scenario, control=builder.Build())
-    np.testing.assert_allclose(flight["disturbance"][-1], (1.0 - learned) * push, atol=0.03)
-    # The total command at rest does not depend on its split.
-    np.testing.assert_allclose(flight["acceleration_command"][-1], -push, atol=0.03)
-    if taken == learned:
+    np.testing.assert_allclose(flight["disturbance"][-1], (1.0 - learned_share) * acceleration, atol=0.03)
+    # At rest the total command does not depend on the share of the correction.
+    np.testing.assert_allclose(flight["acceleration_command"][-1], -acceleration, atol=0.03)
+    if correction_share == learned_share:
         np.testing.assert_allclose(flight["state"][-1, :3], [0.0, 0.0, 1.0], atol=0.006)
 
 

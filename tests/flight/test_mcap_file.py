@@ -18,23 +18,24 @@ from drake_quad.flight.formats.mcap_file import messages_of, save_mcap
 from drake_quad.visualization.style import BLUE, GREEN, ORANGE, PURPLE, VERMILION
 
 # Required fields of Foxglove's messages, from schemas/jsonschema of its SDK at commit ca8a1ce.
-REQUIRED = {
+REQUIRED_FIELDS = {
     "foxglove.FrameTransform": {"timestamp", "parent_frame_id", "child_frame_id", "translation", "rotation"},
     "foxglove.PoseInFrame": {"timestamp", "frame_id", "pose"},
     "foxglove.SceneUpdate": {"deletions", "entities"},
     "foxglove.Log": {"timestamp", "level", "message", "name", "file", "line"},
 }
-ENTITY = {
+ENTITY_FIELDS = {
     *("timestamp", "frame_id", "id", "lifetime", "frame_locked", "metadata"),
     *("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models"),
 }
-CUBE, CYLINDER = {"pose", "size", "color"}, {"pose", "size", "bottom_scale", "top_scale", "color"}
-LINE = {"type", "pose", "thickness", "scale_invariant", "points", "color", "colors", "indices"}
+CUBE_FIELDS = {"pose", "size", "color"}
+CYLINDER_FIELDS = {"pose", "size", "bottom_scale", "top_scale", "color"}
+LINE_FIELDS = {"type", "pose", "thickness", "scale_invariant", "points", "color", "colors", "indices"}
 
 
 @pytest.fixture(scope="module")
 def flights(diagrams):
-    """Return a complete flight, and one with a network and an asymmetric airframe that crashes."""
+    """Return two flights: a complete one, and one with a network and an asymmetric airframe that crashes."""
     turned = {"duration": 1.0, "route.yaw": 0.4}
     failing = {"duration": 2, "vehicle.rotor_failure": {"rotor": 2, "time": 0.2}}
     return {
@@ -51,44 +52,44 @@ def path(flights, tmp_path_factory):
 @pytest.fixture(scope="module")
 def messages(path):
     """Return times (ns) and contents of all messages by topic, and the schema of each topic."""
-    found, schemas, times = {}, {}, []
+    contents, schemas, times = {}, {}, []
     with path.open("rb") as stream:
         for schema, channel, message in make_reader(stream, validate_crcs=True).iter_messages(log_time_order=False):
             assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
             assert message.publish_time == message.log_time
             schemas[channel.topic] = (schema.name, json.loads(schema.data))
             times.append(message.log_time)
-            found.setdefault(channel.topic, []).append((message.log_time, json.loads(message.data)))
+            contents.setdefault(channel.topic, []).append((message.log_time, json.loads(message.data)))
     assert times == sorted(times)
-    return found, schemas
+    return contents, schemas
 
 
-def test_there_is_a_topic_for_each_signal_and_each_display(messages, flights):
-    found, _ = messages
+def test_each_signal_and_each_display_has_a_topic(messages, flights):
+    contents, _ = messages
     for name, flight in flights.items():
         topics = {f"/{name}/{each}" for each in ("tf", "reference", *(f"signals/{signal}" for signal in flight))}
-        assert {topic: len(found[topic]) for topic in topics} == dict.fromkeys(topics, len(flight.time))
-    assert len(found["/whole/scene"]) == len(found["/failing/log"]) == 1
-    assert "/whole/log" not in found
+        assert {topic: len(contents[topic]) for topic in topics} == dict.fromkeys(topics, len(flight.time))
+    assert len(contents["/whole/scene"]) == len(contents["/failing/log"]) == 1
+    assert "/whole/log" not in contents
 
 
-def test_messages_match_their_schemas_and_have_the_fields_that_foxglove_requires(messages):
-    found, schemas = messages
+def test_messages_match_their_schemas_and_have_the_required_fields_of_foxglove(messages):
+    contents, schemas = messages
     for topic, (name, schema) in schemas.items():
         validator = jsonschema.Draft202012Validator(schema)
-        for _, content in found[topic][:: max(len(found[topic]) // 5, 1)]:
+        for _, content in contents[topic][:: max(len(contents[topic]) // 5, 1)]:
             validator.validate(content)
         if name.startswith("foxglove"):
-            assert schema["properties"].keys() == REQUIRED[name], name
-    ((_, scene),) = found["/failing/scene"]
+            assert schema["properties"].keys() == REQUIRED_FIELDS[name], name
+    ((_, scene),) = contents["/failing/scene"]
     parts = [part for entity in scene["entities"] for part in entity["cubes"] + entity["cylinders"] + entity["lines"]]
-    assert all(entity.keys() == ENTITY for entity in scene["entities"])
+    assert all(entity.keys() == ENTITY_FIELDS for entity in scene["entities"])
     assert len(parts) == 4 + 4 + 2
-    assert all(part.keys() in (CUBE, CYLINDER, LINE) for part in parts)
+    assert all(part.keys() in (CUBE_FIELDS, CYLINDER_FIELDS, LINE_FIELDS) for part in parts)
 
 
 def titles_of(schema, field=""):
-    """Return the name and the title of all fields that are objects, at any depth of a schema."""
+    """Return the names and titles of all fields of a schema that are objects, including nested fields."""
     if schema["type"] == "array":
         return titles_of(schema["items"], field)
     inside = [pair for name, part in schema.get("properties", {}).items() for pair in titles_of(part, name)]
@@ -97,8 +98,8 @@ def titles_of(schema, field=""):
 
 def test_parts_of_foxglove_schemas_have_their_titles(messages):
     _, schemas = messages
-    found = {pair for _, schema in schemas.values() for pair in titles_of(schema) if pair[0]}
-    assert found == {
+    titles = {pair for _, schema in schemas.values() for pair in titles_of(schema) if pair[0]}
+    assert titles == {
         ("timestamp", "time"),
         ("lifetime", "duration"),
         *((field, "foxglove.Vector3") for field in ("position", "translation", "size")),
@@ -116,14 +117,14 @@ def test_parts_of_foxglove_schemas_have_their_titles(messages):
 
 
 def test_signals_are_written_with_the_names_of_their_rows(messages, flights):
-    found, schemas = messages
+    contents, schemas = messages
     for name, flight in flights.items():
         state = flight.record("state")
-        for tick, (time, content) in enumerate(found[f"/{name}/signals/state"]):
+        for tick, (time, content) in enumerate(contents[f"/{name}/signals/state"]):
             assert time == round(1e9 * flight.time[tick])
             stamp = {"sec": time // 10**9, "nsec": time % 10**9}
             assert content == {"timestamp": stamp} | {row: getattr(state, row)[tick] for row in state._fields}
-    weights = np.array([content["values"] for _, content in found["/failing/signals/weights"]])
+    weights = np.array([content["values"] for _, content in contents["/failing/signals/weights"]])
     np.testing.assert_array_equal(weights, flights["failing"]["weights"])
     assert schemas["/whole/signals/wrench"][1]["properties"]["tau_x"]["description"] == "N m, along B"
     assert schemas["/whole/signals/wrench"][0] == "drake_quad.wrench"
@@ -131,35 +132,35 @@ def test_signals_are_written_with_the_names_of_their_rows(messages, flights):
 
 def test_frames_have_the_poses_of_the_vehicle_and_its_reference(messages, flights):
     """The expected quaternion is that of Drake, up to its sign."""
-    found, _ = messages
+    contents, _ = messages
     for name, flight in flights.items():
         for tick in (0, len(flight.time) // 2, len(flight.time) - 1):
-            _, transform = found[f"/{name}/tf"][tick]
+            _, transform = contents[f"/{name}/tf"][tick]
             assert (transform["parent_frame_id"], transform["child_frame_id"]) == ("world", f"{name}/body")
             assert [*transform["translation"].values()] == flight["state"][tick, :3].tolist()
             expected = RollPitchYaw(flight["state"][tick, 3:6]).ToQuaternion().wxyz()
             wxyz = np.array([transform["rotation"][axis] for axis in "wxyz"])
             np.testing.assert_allclose(wxyz * np.sign(wxyz @ expected), expected, atol=1e-14)
-            _, wanted = found[f"/{name}/reference"][tick]
-            assert wanted["frame_id"] == "world"
-            assert [*wanted["pose"]["position"].values()] == flight["reference"][tick, :3].tolist()
+            _, reference_pose = contents[f"/{name}/reference"][tick]
+            assert reference_pose["frame_id"] == "world"
+            assert [*reference_pose["pose"]["position"].values()] == flight["reference"][tick, :3].tolist()
             half = 0.5 * flight.record("reference").yaw[tick]
             turn = {"w": np.cos(half), "x": 0.0, "y": 0.0, "z": np.sin(half)}
-            assert wanted["pose"]["orientation"] == pytest.approx(turn)
+            assert reference_pose["pose"]["orientation"] == pytest.approx(turn)
     assert flights["whole"].record("reference").yaw[0] == pytest.approx(0.4)
     tilts = np.abs(flights["failing"]["state"][:, 3:5]).max()
     assert tilts > 0.3
 
 
 def test_the_scene_has_rotors_in_the_body_and_lines_in_the_world(messages, flights):
-    found, _ = messages
-    ((_, scene),) = found["/whole/scene"]
-    vehicle, reference, flown = scene["entities"]
+    contents, _ = messages
+    ((_, scene),) = contents["/whole/scene"]
+    vehicle, reference, flown_path = scene["entities"]
     assert (vehicle["frame_id"], vehicle["frame_locked"]) == ("whole/body", True)
-    places = [[*disc["pose"]["position"].values()] for disc in vehicle["cylinders"]]
+    rotor_positions = [[*disc["pose"]["position"].values()] for disc in vehicle["cylinders"]]
     arm = flights["whole"].scenario.vehicle.arm_length
-    np.testing.assert_allclose(places, [[arm, 0, 0], [0, -arm, 0], [-arm, 0, 0], [0, arm, 0]], atol=1e-15)
-    for entity, signal in ((reference, "reference"), (flown, "state")):
+    np.testing.assert_allclose(rotor_positions, [[arm, 0, 0], [0, -arm, 0], [-arm, 0, 0], [0, arm, 0]], atol=1e-15)
+    for entity, signal in ((reference, "reference"), (flown_path, "state")):
         assert entity["frame_id"] == "world"
         points = [[*point.values()] for point in entity["lines"][0]["points"]]
         np.testing.assert_array_equal(points, flights["whole"][signal][:, :3])
@@ -168,10 +169,10 @@ def test_the_scene_has_rotors_in_the_body_and_lines_in_the_world(messages, fligh
 
 def test_shapes_are_permanent_and_reach_from_the_centre_to_the_rotors(messages, flights):
     """Foxglove centres a box at its position. Line type 0 is LINE_STRIP, with a scale-invariant width in pixels."""
-    found, _ = messages
+    contents, _ = messages
     colors = {}
     for name in flights:
-        ((time, scene),) = found[f"/{name}/scene"]
+        ((time, scene),) = contents[f"/{name}/scene"]
         assert time == 0
         vehicle, *lines = scene["entities"]
         for entity in scene["entities"]:

@@ -46,7 +46,7 @@ class Cascade(LeafSystem):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("num_vehicles", [1, 3])
-def test_a_loop_closed_by_hand_has_the_flight_of_the_tracking_diagram(num_vehicles):
+def test_a_loop_connected_by_hand_flies_like_the_tracking_diagram(num_vehicles):
     """Wind, noise and lost packets are the same, and the flights are equal to the bit."""
     scenario = load_scenario("laboratory:low_wind", ["sample=5", "seed=7"])
     builder = DiagramBuilder()
@@ -58,24 +58,24 @@ def test_a_loop_closed_by_hand_has_the_flight_of_the_tracking_diagram(num_vehicl
     builder.Connect(laboratory.GetOutputPort("measurement"), control.GetInputPort("measurement"))
     builder.ExportOutput(laboratory.GetOutputPort("state"), "state")
     loops = [builder.Build(), build_tracking_diagram(scenario, num_vehicles, control=Cascade(num_vehicles))]
-    flown = []
+    states = []
     for loop in loops:
         simulator = Simulator(loop)
         simulator.AdvanceTo(2.0)
-        flown.append(loop.GetOutputPort("state").Eval(simulator.get_context()).copy())
-    np.testing.assert_array_equal(*flown)
-    assert np.linalg.norm(flown[0].reshape(12, -1)[6:9], axis=0).min() > 0.1
+        states.append(loop.GetOutputPort("state").Eval(simulator.get_context()).copy())
+    np.testing.assert_array_equal(*states)
+    assert np.linalg.norm(states[0].reshape(12, -1)[6:9], axis=0).min() > 0.1
 
 
 @pytest.mark.parametrize(
-    ("name", "overrides", "distinct"),
+    ("name", "overrides", "distinct_port"),
     [
         ("hover", [], "wrench"),
         ("onboard", [], "attitude_target"),
         ("hover", ["vehicle.slung_load={mass: 0.05, length: 0.5}"], "swing"),
     ],
 )
-def test_the_docstring_of_the_laboratory_lists_its_ports_and_rows(name, overrides, distinct):
+def test_the_docstring_of_the_laboratory_lists_its_ports_and_rows(name, overrides, distinct_port):
     text = build_laboratory_diagram.__doc__
     rows = {}
     for names, number in re.findall(r"(`[^()]+) \((\d+)\s+rows?[):,]", text):
@@ -85,7 +85,7 @@ def test_the_docstring_of_the_laboratory_lists_its_ports_and_rows(name, override
     ports += [laboratory.get_output_port(i) for i in range(laboratory.num_output_ports())]
     sizes = {port.get_name(): port.size() for port in ports}
     assert sizes == {port: 2 * rows[port] for port in sizes}
-    assert distinct in sizes
+    assert distinct_port in sizes
 
 
 def test_the_vehicle_of_a_scenario_obeys_newton_and_hovers_at_the_start_of_its_route():
@@ -102,12 +102,12 @@ def test_the_vehicle_of_a_scenario_obeys_newton_and_hovers_at_the_start_of_its_r
     np.testing.assert_allclose([state.x, state.y, state.z], [1.0, 2.0, 3.0])
     rates = vehicle.EvalTimeDerivatives(context).CopyToVector()
     np.testing.assert_allclose(rates, np.zeros(16), atol=1e-12)
-    # 10 % faster, the rotors exert 21 % more thrust.
+    # Rotors that turn 10 % faster exert 21 % more thrust.
     speeds = 1.1 * vehicle.GetOutputPort("rotor_speed").Eval(context)
     context.SetContinuousState([*state, *speeds])
     rates = State(*vehicle.EvalTimeDerivatives(context).CopyToVector()[:12])
     assert rates.v_z == pytest.approx(0.21 * gravity)
-    # A tilted thrust accelerates the vehicle by g per radian of pitch: the linear model of a hover.
+    # In the linear model of a hover, the tilted thrust accelerates the vehicle by g per radian of pitch.
     context.SetContinuousState([*state, *np.full(4, hover)])
     plant = Linearize(vehicle, context, command.get_index(), vehicle.GetOutputPort("state").get_index())
     fields = State._fields
@@ -122,7 +122,7 @@ def test_distributions_are_refused():
             build(uncertain)
 
 
-def test_the_random_ports_of_drakes_own_sources_replace_those_of_a_sample():
+def test_random_sources_of_drake_can_replace_the_noise_of_a_sample():
     scenario = load_scenario("laboratory:nominal")
     laboratory = build_laboratory_diagram(scenario, drake_random=True)
     names = {type(system).__name__ for system in laboratory.GetSystems()}

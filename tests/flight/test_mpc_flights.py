@@ -12,8 +12,9 @@ from drake_quad.scenario.batch import Batch
 
 CONTROLLERS = Path(__file__).parents[2] / "diagrams" / "controllers"
 LABORATORY = CONTROLLERS.parent / "laboratory.yaml"
-MPC, LQG = CONTROLLERS / "mpc.yaml", CONTROLLERS / "lqg.yaml"
-SHORT = ("duration=1.2", "laboratory.motion_capture={position_noise: 0.001}")
+MPC = CONTROLLERS / "mpc.yaml"
+LQG = CONTROLLERS / "lqg.yaml"
+SHORT_FLIGHT = ("duration=1.2", "laboratory.motion_capture={position_noise: 0.001}")
 
 
 def load(controller, *overrides, wind="nominal"):
@@ -21,38 +22,38 @@ def load(controller, *overrides, wind="nominal"):
 
 
 def as_lqg(scenario):
-    """Return the scenario with the regulator instead of model predictive control."""
-    flown = load(f"{LQG}:lqg_low_wind").control.model_copy(update={"max_thrust": scenario.control.max_thrust})
-    return scenario.model_copy(update={"control": flown})
+    """Return the scenario with the linear-quadratic-Gaussian regulator instead of model predictive control."""
+    regulator = load(f"{LQG}:lqg_low_wind").control.model_copy(update={"max_thrust": scenario.control.max_thrust})
+    return scenario.model_copy(update={"control": regulator})
 
 
 @pytest.mark.slow
-def test_far_from_limits_it_equals_the_regulator():
+def test_far_from_limits_mpc_equals_the_regulator():
     """The flight is the first half of the eight in the wind of the fans, with the shipped LQG design."""
     mpc = load(f"{MPC}:mpc", "duration=8", wind="high_wind")
-    found, expected = (simulate(each, compiled=True) for each in (mpc, as_lqg(mpc)))
+    flight, expected = (simulate(each, compiled=True) for each in (mpc, as_lqg(mpc)))
     assert np.abs(expected["disturbance"]).max() > 0.3
     for name in ("state", "wrench", "acceleration_command", "error", "disturbance"):
-        np.testing.assert_allclose(found[name], expected[name], atol=1e-6)
+        np.testing.assert_allclose(flight[name], expected[name], atol=1e-6)
 
 
 @pytest.mark.slow
-def test_it_stays_above_a_floor_that_the_regulator_violates():
-    """It predicts that the thrust is too small to follow the reference, and starts to climb earlier."""
+def test_mpc_stays_above_a_floor_that_the_regulator_violates():
+    """MPC predicts that the thrust is too small to follow the reference, and starts to climb earlier."""
     mpc = load(f"{MPC}:mpc_short_of_thrust", "duration=8")
-    found, regulator = (simulate(each, compiled=True) for each in (mpc, as_lqg(mpc)))
+    predictive, regulator = (simulate(each, compiled=True) for each in (mpc, as_lqg(mpc)))
     assert regulator.record("state").z.min() < 1.085
-    assert found.record("state").z.min() > 1.09
-    below = [flight.record("error").z for flight in (found, regulator)]
-    assert np.abs(below[0]).max() < 0.6 * np.abs(below[1]).max()
+    assert predictive.record("state").z.min() > 1.09
+    height_errors = [flight.record("error").z for flight in (predictive, regulator)]
+    assert np.abs(height_errors[0]).max() < 0.6 * np.abs(height_errors[1]).max()
     weight = 0.68 * 9.81
-    assert found.record("wrench").thrust.max() <= 1.2 * weight + 1e-9
+    assert predictive.record("wrench").thrust.max() <= 1.2 * weight + 1e-9
 
 
 @pytest.mark.slow
 def test_flights_are_the_same_compiled_uncompiled_and_in_a_fleet():
     """The limits are active, and there is noise."""
-    scenario = load(f"{MPC}:mpc_short_of_thrust", *SHORT)
+    scenario = load(f"{MPC}:mpc_short_of_thrust", *SHORT_FLIGHT)
     together = assert_flown_alike(Batch.draw(scenario, [4, 7]))
     for sample, flight in zip((4, 7), together, strict=True):
         alone = simulate(scenario, sample=sample, compiled=True)
@@ -75,16 +76,16 @@ def test_commands_to_an_autopilot_keep_the_tilt_limit(monkeypatch):
     written = onboard.model_dump(mode="json")
     written["control"] |= {"kind": "mpc", "corridor": {"kind": "tube", "half_width": [0.001, None, 0.1]}}
     scenario = type(onboard).model_validate(written)
-    solved = []
+    is_perturbed = []
     perturbations = Programme.perturbations
 
-    def counted(self, *args):
-        found = perturbations(self, *args)
-        solved.append(bool(found.any()))
-        return found
+    def record_perturbations(self, *args):
+        result = perturbations(self, *args)
+        is_perturbed.append(bool(result.any()))
+        return result
 
-    monkeypatch.setattr(Programme, "perturbations", counted)
+    monkeypatch.setattr(Programme, "perturbations", record_perturbations)
     (flight,) = assert_flown_alike(Batch.draw(scenario, [0]))
-    assert sum(solved) > 20
+    assert sum(is_perturbed) > 20
     target = flight.record("attitude_target")
     assert np.hypot(np.tan(target.pitch), np.tan(target.roll)).max() < 1.05 * np.tan(0.05)

@@ -1,4 +1,4 @@
-"""A non-finite number ends a flight at its tick, and the report names the system, the port and the time."""
+"""Tests that a non-finite number ends a flight at its tick, and that the report names system, port and time."""
 
 import re
 import warnings
@@ -15,7 +15,7 @@ from drake_quad.framework.fleet_system import FleetSystem, fleet_system
 from drake_quad.framework.formulas import TIME
 from drake_quad.signals import Acceleration, Wrench
 
-# s, the control tick from which on the user's system returns a non-finite number.
+# s, the first control tick at which the user's system returns a non-finite number
 FAILURE_TIME = 0.3
 NUM_ROWS = {"acceleration_command": 3, "wrench": 4, "attitude_target": 7, "wind": 3}
 
@@ -28,7 +28,7 @@ class Broken(LeafSystem):
         n = num_vehicles
         rows = NUM_ROWS[signal]
 
-        def show(context, output):
+        def write_output(context, output):
             values = np.zeros((rows, n))
             values[0] = weight if signal in ("wrench", "attitude_target") else 0.0
             values[1] = value if context.get_time() >= FAILURE_TIME else 0.0
@@ -37,7 +37,7 @@ class Broken(LeafSystem):
         if signal != "wind":
             self.DeclareVectorInputPort("measurement", BasicVector(12 * n))
             self.DeclareVectorInputPort("reference", BasicVector(11 * n))
-        self.DeclareVectorOutputPort(signal, BasicVector(rows * n), show)
+        self.DeclareVectorOutputPort(signal, BasicVector(rows * n), write_output)
 
 
 @fleet_system(float)
@@ -47,12 +47,14 @@ class BrokenFormula(FleetSystem):
     def declare(self, *, wrench=False):
         reads = self.input("measurement"), self.input("reference"), TIME
         if wrench:
-            self.output("wrench", lambda m, r, time: Wrench(0.68 * 9.81, nan_from(time), 0.0, 0.0), *reads)
+            self.output("wrench", lambda m, r, time: Wrench(0.68 * 9.81, nan_after_failure(time), 0.0, 0.0), *reads)
         else:
-            self.output("acceleration_command", lambda m, r, time: Acceleration(0.0, nan_from(time), 0.0), *reads)
+            self.output(
+                "acceleration_command", lambda m, r, time: Acceleration(0.0, nan_after_failure(time), 0.0), *reads
+            )
 
 
-def nan_from(time):
+def nan_after_failure(time):
     return where(time >= FAILURE_TIME - 1e-9, float("nan"), 0.0)
 
 
@@ -71,7 +73,7 @@ CASES = [
 def test_a_non_finite_number_of_a_user_system_is_named(spec, place, signal, row, value, word, compiled):
     scenario = load_scenario(spec, ["route={kind: hover, position: [0, 0, 1], duration: 0.6}"])
     flight = simulate(scenario, **{place: Broken(signal, value)}, compiled=compiled)
-    # The monitor sees the effect of the wind on the state at the next tick.
+    # The monitor reads the effect of the wind on the state at the next tick.
     crash_time = FAILURE_TIME if signal != "wind" else FAILURE_TIME + 0.02
     assert flight.metrics.crash_time == pytest.approx(crash_time)
     assert flight.cause == f"{place} returned {word} in {row} of `{signal}` at {crash_time:.2f} s"
@@ -80,7 +82,7 @@ def test_a_non_finite_number_of_a_user_system_is_named(spec, place, signal, row,
     assert all(np.isfinite(values).all() for values in flight.signals.values())
 
 
-# Ticks from which on signals of a flight are not finite, the user's systems, and the sentence that follows.
+# First non-finite tick of each signal, names of the user's systems, and the expected cause.
 FIRST_CAUSES = [
     ({"acceleration_command": 3, "wrench": 2}, (), "tau_x of `wrench` was nan at 0.04 s"),
     ({"wrench": 2, "acceleration_command": 2}, (), "y of `acceleration_command` was nan at 0.04 s"),
@@ -94,9 +96,9 @@ FIRST_CAUSES = [
 ]
 
 
-@pytest.mark.parametrize(("failures", "own", "sentence"), FIRST_CAUSES)
-def test_the_first_tick_decides_and_then_the_order_of_cause_and_effect(failures, own, sentence):
-    """Signals are recorded in the order in which they follow from each other, except for those of the vehicle."""
+@pytest.mark.parametrize(("failures", "user_systems", "sentence"), FIRST_CAUSES)
+def test_the_cause_is_the_earliest_failure_and_at_equal_ticks_the_one_computed_first(failures, user_systems, sentence):
+    """Signals are recorded in the order of their computation, except for those of the vehicle."""
     rows = {
         "acceleration_command": 3,
         "wrench": 4,
@@ -108,7 +110,7 @@ def test_the_first_tick_decides_and_then_the_order_of_cause_and_effect(failures,
     signals = {name: np.zeros((4, rows[name])) for name in rows}
     for name, tick in failures.items():
         signals[name][tick:, 1:] = np.nan
-    assert not_a_number(0.02 * np.arange(4), signals, dict.fromkeys(own)) == sentence
+    assert not_a_number(0.02 * np.arange(4), signals, dict.fromkeys(user_systems)) == sentence
 
 
 @pytest.mark.slow
@@ -133,21 +135,21 @@ def test_the_cause_of_a_crash_survives_a_round_trip_through_files(tmp_path):
 
 @pytest.mark.slow
 def test_a_vehicle_that_diverges_or_turns_over_has_no_cause():
-    """Without damping the vehicle diverges, and with a gain of 1e9 it turns over; both are valid results."""
-    pushed = ["vehicle.centre_of_mass=[0.01, 0]", "duration=20"]
+    """Without damping, the vehicle diverges. With a gain of 1e9, it turns over. In both flights, numbers are finite."""
+    off_centre = ["vehicle.centre_of_mass=[0.01, 0]", "duration=20"]
     for gains in ("{k_p: [2, 2, 2], k_d: [0, 0, 0]}", "{k_p: [1e9, 1e9, 1], k_d: [1, 1, 1]}"):
-        scenario = load_scenario("hover", [*pushed, f"control.position={gains}"])
+        scenario = load_scenario("hover", [*off_centre, f"control.position={gains}"])
         flight = simulate(scenario, compiled=True)
         assert flight.metrics.crashed
         assert flight.cause is None
         assert np.isfinite(flight.metrics.rmse)
 
 
-def broken(num_vehicles):
+def make_broken(num_vehicles):
     return Broken("acceleration_command", num_vehicles=num_vehicles)
 
 
-def sound(num_vehicles):
+def make_sound(num_vehicles):
     return Broken("acceleration_command", 0.0, num_vehicles=num_vehicles)
 
 
@@ -158,9 +160,9 @@ def test_a_study_warns_of_non_finite_numbers_and_counts_crashes():
     # Forked workers would warn about the threads of other tests.
     thread = ThreadPoolExecutor(1)
     with pytest.warns(UserWarning, match=words):
-        study = run_monte_carlo(scenario, 2, executor=thread, position_controller=broken)
+        study = run_monte_carlo(scenario, 2, executor=thread, position_controller=make_broken)
     assert study.metrics.crash_time == pytest.approx([FAILURE_TIME, FAILURE_TIME])
     assert np.isfinite(np.array(study.metrics)).all()
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert not run_monte_carlo(scenario, 2, executor=thread, position_controller=sound).metrics.crashed.any()
+        assert not run_monte_carlo(scenario, 2, executor=thread, position_controller=make_sound).metrics.crashed.any()

@@ -1,4 +1,4 @@
-"""Tests of policies as controllers, by comparison with equal laws, and with a published policy's package."""
+"""Tests of policies as controllers: compared with equal control laws and with the package of a published policy."""
 
 import csv
 
@@ -15,11 +15,13 @@ from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.files.loading import with_fields
 
-K_P, K_D, LIMIT = np.array([1.2, 0.9, 4.0]), np.array([1.5, 1.3, 3.1]), np.array([4.0, 5.0, 6.0])
+K_P = np.array([1.2, 0.9, 4.0])
+K_D = np.array([1.5, 1.3, 3.1])
+ACTION_LIMIT = np.array([4.0, 5.0, 6.0])
 
 
 def with_policy(scenario, arrays, folder, **control):
-    """Return a scenario whose policy is the network of these arrays."""
+    """Return a scenario whose policy is the network with the given weights and biases."""
     np.savez(folder / "net.npz", **arrays)
     fields = {"kind": "policy", "policy": str(folder / "net.npz"), **control}
     names = ("attitude", "thrust_vectoring")
@@ -42,16 +44,18 @@ def pd(diagrams):
     return with_fields(scenario, {"control": fields})
 
 
-def test_a_network_with_the_gains_of_a_pd_flies_as_the_pd(pd, tmp_path):
-    """Cascade, wind and noise are the same."""
-    weights = np.hstack([np.diag(K_P / LIMIT), np.diag(K_D / LIMIT)])
+def test_a_network_with_the_gains_of_a_pd_flies_like_the_pd(pd, tmp_path):
+    """The rest of the cascade, the wind and the noise are the same in both flights."""
+    weights = np.hstack([np.diag(K_P / ACTION_LIMIT), np.diag(K_D / ACTION_LIMIT)])
     arrays = {"weights_0": weights, "biases_0": np.zeros(3)}
-    seen = {"signals": ["position_error", "velocity_error"]}
-    policy = with_policy(pd, arrays, tmp_path, action={"kind": "acceleration", "most": LIMIT}, observation=seen)
-    flown, expected = simulate(policy), simulate(pd)
+    observation = {"signals": ["position_error", "velocity_error"]}
+    policy = with_policy(
+        pd, arrays, tmp_path, action={"kind": "acceleration", "most": ACTION_LIMIT}, observation=observation
+    )
+    flight, expected = simulate(policy), simulate(pd)
     for name in ("state", "wrench", "acceleration_command", "attitude_command"):
-        np.testing.assert_allclose(flown[name], expected[name], rtol=0.0, atol=1e-9)
-    np.testing.assert_allclose(flown.metrics.rmse, expected.metrics.rmse, rtol=1e-9)
+        np.testing.assert_allclose(flight[name], expected[name], rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(flight.metrics.rmse, expected.metrics.rmse, rtol=1e-9)
 
 
 @pytest.mark.parametrize("action", ["attitude", "rates", "rotor_speeds", "acceleration"])
@@ -59,13 +63,13 @@ def test_a_policy_flies_the_same_compiled_uncompiled_and_in_fleets(action, tmp_p
     """The network has memory and history, and flies in the conditions of robustness.yaml."""
     rng = np.random.default_rng(4)
     rows = 3 if action == "acceleration" else 4
-    seen = {
+    observation = {
         "signals": ["reference_ahead", "rotation", "body_rates", "rotor_speed", "wind", "clearance", "action"],
         "ahead": [0.1, 0.4],
         "frame": "heading" if action == "attitude" else "reference_heading",
         "history": 2,
     }
-    means = {"kind": action} | ({"frame": "reference_heading"} if action == "acceleration" else {})
+    action_fields = {"kind": action} | ({"frame": "reference_heading"} if action == "acceleration" else {})
     size = 2 * (6 + 9 + 3 + 4 + 3 + 1 + rows)
     arrays = {
         "weights_0": 0.1 * rng.normal(size=(6, size)),
@@ -79,11 +83,11 @@ def test_a_policy_flies_the_same_compiled_uncompiled_and_in_fleets(action, tmp_p
         "biases_2": 0.05 * rng.normal(size=rows),
         "limit": np.array(3.0),
     }
-    over = {"duration": 0.8, "control": load_scenario(diagrams / "laboratory.yaml:low_wind").control}
-    over["route.heading"] = "along_path"
-    over["space"] = {"obstacles": {"ball": {"kind": "sphere", "centre": [3.0, 0.0, 1.0], "radius": 0.2}}}
-    scenario = load_scenario(diagrams / "robustness.yaml", over)
-    policy = with_policy(scenario, arrays, tmp_path, action=means, observation=seen)
+    overrides = {"duration": 0.8, "control": load_scenario(diagrams / "laboratory.yaml:low_wind").control}
+    overrides["route.heading"] = "along_path"
+    overrides["space"] = {"obstacles": {"ball": {"kind": "sphere", "centre": [3.0, 0.0, 1.0], "radius": 0.2}}}
+    scenario = load_scenario(diagrams / "robustness.yaml", overrides)
+    policy = with_policy(scenario, arrays, tmp_path, action=action_fields, observation=observation)
     batch = Batch.draw(policy, range(10))
     assert_flown_alike(batch)
     alone = simulate(policy, sample=7, compiled=False)
@@ -100,9 +104,9 @@ def test_actions_of_rotor_speeds_are_the_commanded_speeds(vehicle, diagrams):
     low, high = scenario.nominal.min_rotor_speed, scenario.nominal.max_rotor_speed
     speeds = low + 0.5 * (actions[:, np.argsort([2, 0, 3, 1])] + 1.0) * (high - low)
     # The recorder logs the output of the link at the previous tick, and the link delays commands by one tick.
-    told = flight["rotor_speed_command"][2:]
-    assert len(told) > 5
-    np.testing.assert_allclose(told, speeds[: len(told)], rtol=1e-9)
+    commands = flight["rotor_speed_command"][2:]
+    assert len(commands) > 5
+    np.testing.assert_allclose(commands, speeds[: len(commands)], rtol=1e-9)
 
 
 def test_body_rates_are_tracked_on_board_at_any_attitude(diagrams):
@@ -110,8 +114,8 @@ def test_body_rates_are_tracked_on_board_at_any_attitude(diagrams):
     actions = np.tile([0.0, 0.1, -0.05, 0.2], (30, 1))
     flight = simulate(task, policy=action_source(actions, 0.02))
     state = flight.record("state")
-    wanted = actions[0, 1:] * [6.0, 6.0, 3.0]
-    np.testing.assert_allclose([state.p[-1], state.q[-1], state.r[-1]], wanted, atol=0.08)
+    commanded_rates = actions[0, 1:] * [6.0, 6.0, 3.0]
+    np.testing.assert_allclose([state.p[-1], state.q[-1], state.r[-1]], commanded_rates, atol=0.08)
     assert abs(state.roll[-1]) > 0.2
     # The same autopilot can also track attitudes.
     level = task_of(load_scenario("onboard", {"duration": 0.6}), action="attitude")
@@ -132,7 +136,7 @@ def raptor():
 
 
 def test_the_foundation_policy_has_the_actions_of_its_package(raptor):
-    """The example is that of the package, whose positions and velocities are our negative errors."""
+    """The inputs are random. Positions and velocities of the package are our errors with the opposite sign."""
     package = pytest.importorskip("foundation_policy")
     policy = package.Raptor()
     policy.reset()
@@ -179,7 +183,7 @@ def test_the_foundation_policy_has_the_flight_of_its_training_simulator(root):
 
 
 @pytest.mark.parametrize(
-    ("scenario", "layers", "most"),
+    ("scenario", "layers", "max_rmse"),
     [
         ("figure_eight", ["controllers/raptor:raptor_plus"], 0.06),
         ("figure_eight", ["vehicles/hummingbird", "controllers/raptor:raptor_plus"], 0.12),
@@ -188,10 +192,10 @@ def test_the_foundation_policy_has_the_flight_of_its_training_simulator(root):
     ],
     ids=["paper", "hummingbird", "crazyflie", "racer"],
 )
-def test_the_foundation_policy_flies_the_vehicles_of_the_library(scenario, layers, most):
+def test_the_foundation_policy_flies_the_vehicles_of_the_library(scenario, layers, max_rmse):
     flight = simulate(load_scenario(scenario, layers=layers), compiled=True)
     assert not flight.metrics.crashed
-    assert flight.metrics.rmse < most
+    assert flight.metrics.rmse < max_rmse
 
 
 # rad. RAPTOR settles in hover 0.4 to 10 mrad from the commanded yaw, depending on the vehicle.
@@ -200,7 +204,7 @@ MAX_YAW_OFFSET = 0.015
 
 @pytest.mark.parametrize("yaw", [-np.pi / 2, 0.0, np.pi / 2, np.pi, 12.0])
 def test_the_foundation_policy_follows_the_reference_yaw(yaw):
-    """The axes of the plus are rotated, because its rotors are not where those of the training vehicles were."""
+    """The layer rotates the axes of the plus, because the policy was trained on vehicles with an x layout."""
     hover = load_scenario("hover", {"route.yaw": yaw, "duration": 4.0}, layers=["controllers/raptor:raptor_plus"])
     flight = simulate(hover, compiled=True)
     assert not flight.metrics.crashed
@@ -214,11 +218,11 @@ def test_the_foundation_policy_follows_a_yaw_along_the_path(layers):
     layers[-1] = f"controllers/raptor:{layers[-1]}"
     flight = simulate(load_scenario("figure_eight", {"route.heading": "along_path"}, layers=layers), compiled=True)
     assert not flight.metrics.crashed
-    off = flight.record("state").yaw - flight.record("reference").yaw
+    yaw_error = flight.record("state").yaw - flight.record("reference").yaw
     # The policy does not observe the yaw rate, and the yaw turns by more than half a turn each way.
     assert np.ptp(flight.record("reference").yaw) > np.pi
-    assert np.abs(off).max() < 0.3
-    assert abs(off[-1]) < MAX_YAW_OFFSET
+    assert np.abs(yaw_error).max() < 0.3
+    assert abs(yaw_error[-1]) < MAX_YAW_OFFSET
 
 
 def test_a_users_policy_needs_a_control_of_kind_policy():
@@ -231,22 +235,22 @@ def test_a_users_policy_needs_a_control_of_kind_policy():
         simulate(task)
 
 
-def test_a_policy_in_plain_python_flies_as_a_network(tmp_path):
+def test_a_policy_in_plain_python_flies_like_a_network(tmp_path):
     """The user's system computes `action` from `observation`, in uncompiled and compiled diagrams."""
 
-    class Lean(LeafSystem):
+    class PlainPolicy(LeafSystem):
         def __init__(self):
             super().__init__()
-            seen = self.DeclareVectorInputPort("observation", 6)
+            observation = self.DeclareVectorInputPort("observation", 6)
 
             def act(context, output):
-                output.SetFromVector(0.1 * seen.Eval(context)[:3] + 0.05 * seen.Eval(context)[3:])
+                output.SetFromVector(0.1 * observation.Eval(context)[:3] + 0.05 * observation.Eval(context)[3:])
 
             self.DeclareVectorOutputPort("action", 3, act)
 
     hover = load_scenario("figure_eight", {"duration": 2.0})
     task = task_of(hover, observation={"signals": ["position_error", "velocity_error"]})
-    wired, compiled = (simulate(task, policy=Lean(), compiled=compiled) for compiled in (False, True))
+    wired, compiled = (simulate(task, policy=PlainPolicy(), compiled=compiled) for compiled in (False, True))
     assert_flights_alike(compiled, wired)
     arrays = {"weights_0": np.hstack([0.1 * np.eye(3), 0.05 * np.eye(3)]), "biases_0": np.zeros(3)}
     network = with_policy(

@@ -10,7 +10,7 @@ from drake_quad.identification.logs.reading import read_log
 
 @pytest.fixture(scope="module")
 def flight(diagrams):
-    """Return a flight with noise, wind, turns, and an autopilot with commands of attitude and rates."""
+    """Return a flight with noise, wind and turns, whose autopilot takes attitude and rate commands."""
     overrides = {
         "duration": 3.0,
         "route": {"heading": "along_path", "yaw": 0.4},
@@ -42,16 +42,16 @@ def test_signals_are_read_back_unchanged(flight, record):
         "reference_yaw": reference[:, 9],
         "wind": flight["wind"],
     }.items():
-        off = record.of(name) - expected
+        difference = record.of(name) - expected
         angles = ("attitude", "attitude_command", "reference_yaw")
-        turns = 2.0 * np.pi * np.round(off / (2.0 * np.pi)) if name in angles else 0.0
-        np.testing.assert_allclose(off - turns, 0.0, atol=1e-12, err_msg=name)
+        turns = 2.0 * np.pi * np.round(difference / (2.0 * np.pi)) if name in angles else 0.0
+        np.testing.assert_allclose(difference - turns, 0.0, atol=1e-12, err_msg=name)
         assert np.abs(expected).max() > 1e-3, name
     assert any("the mapping is px4" in remark for remark in record.remarks)
 
 
 def test_names_and_axes_are_those_of_px4(flight):
-    """Down and yaw to the right are positive, and times are whole microseconds."""
+    """In PX4's axes down and yaw to the right are positive. Times are whole microseconds."""
     columns, state = px4_columns(flight), flight.record("state")
     assert columns["timestamp"].dtype == np.int64
     np.testing.assert_array_equal(columns["timestamp"][:3], [0, 20_000, 40_000])
@@ -69,10 +69,12 @@ def test_names_and_axes_are_those_of_px4(flight):
     np.testing.assert_allclose(rpm, flight.record("rotor_speed").rotor_3, rtol=1e-12)
 
 
-def test_throttles_are_written_if_they_are_the_commands_of_the_motors(diagrams, flight, tmp_path):
+def test_throttles_are_written_if_the_motors_take_throttle_commands(diagrams, flight, tmp_path):
     assert not any(name.startswith("actuator_motors") for name in px4_columns(flight))
-    told = simulate(
+    flight_with_throttles = simulate(
         load_scenario(diagrams / "neural_fly.yaml:still", {"duration": 0.5, "metrics.start": 0}), compiled=True
     )
-    record = read_log(save_px4_table(told, tmp_path / "told.csv"))
-    np.testing.assert_allclose(record.motor_command, np.clip(told["throttle_command"], 0.0, 1.0), atol=1e-12)
+    record = read_log(save_px4_table(flight_with_throttles, tmp_path / "throttles.csv"))
+    np.testing.assert_allclose(
+        record.motor_command, np.clip(flight_with_throttles["throttle_command"], 0.0, 1.0), atol=1e-12
+    )

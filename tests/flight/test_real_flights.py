@@ -11,7 +11,7 @@ from drake_quad import load_scenario, simulate
 from drake_quad.flight.simulation import simulate_samples
 
 # RMS errors of measured positions over six laps, cm (O'Connell et al., Science Robotics 7(66), eabm6597, 2022).
-FLOWN = {"still": 11.9, "wind_4": 10.7, "wind_8": 16.3, "wind_12": 23.9, "wind_8_sine": 31.2}
+REAL_RMSE = {"still": 11.9, "wind_4": 10.7, "wind_8": 16.3, "wind_12": 23.9, "wind_8_sine": 31.2}
 SETTLING_TIME = 4.0 * math.pi  # s, duration of the first two laps, which do not count
 
 
@@ -21,7 +21,7 @@ def measured_rmse(flight):
     return 100.0 * math.sqrt(np.mean(np.sum(error**2, axis=1)))
 
 
-def predicted(diagrams, name, *overrides):
+def predicted_rmse(diagrams, name, *overrides):
     scenario = load_scenario(diagrams / "vehicles" / f"neural_fly.yaml:{name}", overrides)
     return measured_rmse(simulate(scenario, compiled=True))
 
@@ -34,19 +34,19 @@ def row_of_page(root, name):
 
 
 @pytest.mark.slow
-def test_simulated_errors_of_neural_fly_agree_with_the_flown_ones(diagrams, root):
-    """Measured positions agree to 20 % with the flown ones in all winds, and match the page of real flights."""
-    found = {name: predicted(diagrams, name) for name in FLOWN}
-    assert found == pytest.approx(FLOWN, rel=0.2)
-    assert row_of_page(root, "flown") == [*FLOWN.values()]
-    assert row_of_page(root, "as identified") == pytest.approx(list(found.values()), abs=0.051)
-    differences = [100.0 * (found[name] / flown - 1.0) for name, flown in FLOWN.items()]
+def test_simulated_errors_of_neural_fly_agree_with_those_of_the_real_flights(diagrams, root):
+    """RMS errors agree to 20 % with those of the real flights in all winds, and match the page of real flights."""
+    rmse = {name: predicted_rmse(diagrams, name) for name in REAL_RMSE}
+    assert rmse == pytest.approx(REAL_RMSE, rel=0.2)
+    assert row_of_page(root, "flown") == [*REAL_RMSE.values()]
+    assert row_of_page(root, "as identified") == pytest.approx(list(rmse.values()), abs=0.051)
+    differences = [100.0 * (rmse[name] / real_rmse - 1.0) for name, real_rmse in REAL_RMSE.items()]
     assert row_of_page(root, "less what was flown") == pytest.approx(differences, abs=0.51)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["still", "wind_4", "wind_8", "wind_12"])
-def test_with_isotropic_drag_and_the_nominal_thrust_errors_disagree(diagrams, name):
+def test_with_isotropic_drag_and_the_nominal_thrust_curve_errors_are_too_small(diagrams, name):
     isotropic = [
         "vehicle.body_drag=null",
         "vehicle.rotor_aerodynamics=null",
@@ -54,25 +54,25 @@ def test_with_isotropic_drag_and_the_nominal_thrust_errors_disagree(diagrams, na
         "vehicle.quadratic_drag=0.0732",
         "vehicle.motors={kind: throttle, curve: [0.0, 14.27, 0.0]}",
     ]
-    assert predicted(diagrams, name, *isotropic) < 0.75 * FLOWN[name]
+    assert predicted_rmse(diagrams, name, *isotropic) < 0.75 * REAL_RMSE[name]
 
 
 @pytest.mark.slow
-def test_errors_with_noise_and_turbulence_agree_with_the_flown_ones(diagrams, root):
-    """The mean of 16 samples in the laboratory where controllers are compared; its standard error is below 2 %."""
-    found = {}
-    for name in FLOWN:
+def test_errors_with_noise_and_turbulence_agree_with_those_of_the_real_flights(diagrams, root):
+    """Means are over 16 samples of the shipped scenarios. Their standard error is below 2 %."""
+    rmse = {}
+    for name in REAL_RMSE:
         flights = simulate_samples(load_scenario(diagrams / f"neural_fly.yaml:{name}"), range(16), compiled=True)
         assert not any(flight.metrics.crashed for flight in flights)
-        found[name] = np.mean([measured_rmse(flight) for flight in flights])
-    assert found == pytest.approx(FLOWN, rel=0.2)
-    assert row_of_page(root, "with noise and turbulence, 16 flights") == pytest.approx(list(found.values()), abs=0.051)
+        rmse[name] = np.mean([measured_rmse(flight) for flight in flights])
+    assert rmse == pytest.approx(REAL_RMSE, rel=0.2)
+    assert row_of_page(root, "with noise and turbulence, 16 flights") == pytest.approx(list(rmse.values()), abs=0.051)
 
 
 @pytest.mark.slow
 def test_the_error_depends_on_the_phase_of_the_wind(diagrams):
     against, along = (
-        predicted(diagrams, "wind_8_sine", f"laboratory.wind.1.phase={phase}") for phase in (1.57, 1.57 + math.pi)
+        predicted_rmse(diagrams, "wind_8_sine", f"laboratory.wind.1.phase={phase}") for phase in (1.57, 1.57 + math.pi)
     )
     assert against > 1.5 * along
 

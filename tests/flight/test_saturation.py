@@ -11,9 +11,9 @@ from drake_quad.vehicle.allocation import Priority
 
 
 def overloaded(priority):
-    """Return the flight of a vehicle with more than twice its nominal weight, and its load 0.5 mm off centre.
+    """Return the flight of a vehicle with more than twice its nominal weight and a centre of mass 0.5 mm off centre.
 
-    To hold its position, its controller commands the largest permitted thrust, which is more than the rotors can give.
+    To hold the position, the controller commands the largest permitted thrust, which exceeds that of the rotors.
     """
     overrides = {
         "vehicle.mass": 1.5,
@@ -28,7 +28,7 @@ def overloaded(priority):
 
 @pytest.mark.slow
 def test_an_overloaded_vehicle_sinks_level_if_roll_and_pitch_have_priority():
-    """The final torque of the rotors balances the load: it is the thrust times its offset from the centre of mass."""
+    """The final torque of the rotors is the thrust times the offset of the centre of mass."""
     flight = overloaded("roll_pitch")
     assert not flight.metrics.crashed
     state, shortfall = flight.record("state"), flight.record("shortfall")
@@ -36,13 +36,13 @@ def test_an_overloaded_vehicle_sinks_level_if_roll_and_pitch_have_priority():
     assert state.z[-1] < state.z[0] - 1.0
     assert shortfall.thrust[-1] > 0.0
     np.testing.assert_array_equal(shortfall.tau_x, 0.0)
-    given = np.subtract(flight["wrench"], flight["shortfall"])[-1]
-    assert given[1] == pytest.approx(given[0] * 0.0005, rel=0.05)
+    produced = np.subtract(flight["wrench"], flight["shortfall"])[-1]
+    assert produced[1] == pytest.approx(produced[0] * 0.0005, rel=0.05)
 
 
 @pytest.mark.slow
 def test_an_overloaded_vehicle_tips_over_if_thrust_has_priority():
-    """All rotors turn at their top speed, which leaves no torque to balance that of the load."""
+    """All rotors turn at their top speed, which leaves no torque to balance the offset of the centre of mass."""
     flight = overloaded("thrust")
     assert flight.metrics.crashed
     assert np.max(np.abs(flight.record("state").roll)) > np.radians(60.0)

@@ -10,10 +10,10 @@ from drake_quad import InputError, load_scenario, simulate
 @pytest.mark.parametrize("compiled", [False, True])
 def test_progress_is_reported_until_the_end(diagrams, compiled):
     """Progress is reported every second, and less often by a compiled diagram with hundreds of ticks per event."""
-    told, scenario = [], load_scenario(diagrams / "hover.yaml", ["duration=2.5"])
-    simulate(scenario, compiled=compiled, progress=lambda *now: told.append(now))
+    reports, scenario = [], load_scenario(diagrams / "hover.yaml", ["duration=2.5"])
+    simulate(scenario, compiled=compiled, progress=lambda *now: reports.append(now))
     times = [1.0, 2.0, 2.5]
-    assert told == [(time, 2.5) for time in (times[2:] if compiled else times)]
+    assert reports == [(time, 2.5) for time in (times[2:] if compiled else times)]
 
 
 @pytest.mark.slow
@@ -66,7 +66,7 @@ def test_distributions_need_a_sample(diagrams):
 
 @pytest.mark.slow
 def test_a_continuous_state_is_exact_to_a_tenth_of_a_nanometre(diagrams):
-    """The expected state is that of Runge-Kutta steps of less than a millisecond."""
+    """The expected state is that of Runge-Kutta steps of 0.625 ms."""
     continuous, fine = (
         simulate(load_scenario(diagrams / "figure_eight.yaml", ["duration=1", "metrics.start=0", step]))["state"]
         for step in ("vehicle.time_step=0", "vehicle.time_step=0.000625")

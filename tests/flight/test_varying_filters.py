@@ -17,7 +17,7 @@ OBSERVER = [
 
 
 @pytest.mark.slow
-def test_each_vehicle_of_a_fleet_has_the_filter_of_its_own_statistics(diagrams):
+def test_each_vehicle_of_a_fleet_has_a_filter_for_its_own_statistics(diagrams):
     scenario = load_scenario(diagrams / "laboratory.yaml:high_wind", OBSERVER)
     varying = {f"{POSITION}.deviation.0": np.array([0.3, 4.0]), f"{POSITION}.time_constant.1": np.array([0.5, 30.0])}
     batch = Batch.draw(scenario, [3, 4]).with_varying(varying)

@@ -1,4 +1,4 @@
-"""An accelerometer measures the specific force at its position, and any sensor has samples, noise and latency."""
+"""Tests of the accelerometer, and of samples, noise and latency of any sensor."""
 
 from typing import Annotated, NamedTuple
 
@@ -26,27 +26,30 @@ from drake_quad.signals import Number, Quantity, State, VehicleAcceleration
 from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorNumbers
 
-GRAVITY = 9.7
-# Equal moments of inertia avoid gyroscopic torques, and idle rotors stand still.
-BALL = QuadrotorParameters(inertia=Inertia(0.01, 0.01, 0.01), rotor_inertia=0.0, gravity=GRAVITY, min_rotor_speed=0.0)
-PLACE = np.array([0.11, -0.07, 0.05])
+GRAVITY = 9.7  # m/s²
+# With equal moments of inertia and rotors without inertia, no gyroscopic torque turns the vehicle. Idle rotors do not
+# turn.
+SYMMETRIC_VEHICLE = QuadrotorParameters(
+    inertia=Inertia(0.01, 0.01, 0.01), rotor_inertia=0.0, gravity=GRAVITY, min_rotor_speed=0.0
+)
+SENSOR_POSITION = np.array([0.11, -0.07, 0.05])
 
 
-def readings(parameters, state, speeds, duration=0.2, place=(0.0, 0.0, 0.0)):
-    """Return the (T, 3, N) readings of accelerometers in flights with held rotor speeds, and the (T, 12, N) states.
+def readings(parameters, state, speeds, duration=0.2, position=(0.0, 0.0, 0.0)):
+    """Return the (T, 3, N) readings of accelerometers in flights with constant rotor speeds, and the (T, 12, N) states.
 
     Args:
         parameters: parameters of the vehicles.
         state: (12, N) rows at the beginning.
-        speeds: (4, N) speeds of the rotors, also at the beginning.
+        speeds: (4, N) speeds of the rotors during the whole flight, rad/s.
         duration: duration of the flights, s.
-        place: place of the sensors.
+        position: position of the sensors in B, m.
     """
     num_vehicles = np.shape(state)[1]
     builder = DiagramBuilder()
     numbers = QuadrotorNumbers(parameters)
     vehicle = builder.AddNamedSystem("vehicle", Quadrotor(num_vehicles, time_step=0.001, numbers=numbers))
-    numbers = AccelerometerNumbers(SensorPosition(*place), parameters.gravity)
+    numbers = AccelerometerNumbers(SensorPosition(*position), parameters.gravity)
     sensor = Sensor(num_vehicles, name="accelerometer", law=ACCELEROMETER, period=0.001, numbers=numbers)
     builder.AddNamedSystem("accelerometer", sensor)
     for name in ACCELEROMETER.reads:
@@ -57,13 +60,13 @@ def readings(parameters, state, speeds, duration=0.2, place=(0.0, 0.0, 0.0)):
     ]
     diagram = builder.Build()
     simulator = Simulator(diagram)
-    own = vehicle.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-    vehicle.set_state(own, "state", State(*state))
-    vehicle.set_state(own, "rotor_speed", type(vehicle.get_state(own, "rotor_speed"))(*speeds))
-    vehicle.GetInputPort("rotor_speed_command").FixValue(own, np.ravel(speeds))
+    vehicle_context = vehicle.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    vehicle.set_state(vehicle_context, "state", State(*state))
+    vehicle.set_state(vehicle_context, "rotor_speed", type(vehicle.get_state(vehicle_context, "rotor_speed"))(*speeds))
+    vehicle.GetInputPort("rotor_speed_command").FixValue(vehicle_context, np.ravel(speeds))
     simulator.AdvanceTo(duration)
-    found, states = (log.FindLog(simulator.get_context()).data().T for log in logs)
-    return found.reshape(-1, 3, num_vehicles), states.reshape(-1, 12, num_vehicles)
+    measurements, states = (log.FindLog(simulator.get_context()).data().T for log in logs)
+    return measurements.reshape(-1, 3, num_vehicles), states.reshape(-1, 12, num_vehicles)
 
 
 def hovering_speed(parameters, thrust_per_weight=1.0):
@@ -71,36 +74,40 @@ def hovering_speed(parameters, thrust_per_weight=1.0):
     return np.sqrt(0.25 * thrust_per_weight * parameters.mass * parameters.gravity / rotor.thrust_factor)
 
 
-def test_at_rest_the_reading_is_gravity_upwards():
-    """In hover this is along z. For a body held at any attitude, it is g times Z in the axes of B."""
+def test_at_rest_the_reading_is_g_upwards():
+    """In hover, the reading is g along z. At rest in any attitude, it is g Z expressed in B."""
     hover = np.zeros((12, 2))
-    found, _ = readings(BALL, hover, np.full((4, 2), hovering_speed(BALL)), place=PLACE)
-    np.testing.assert_allclose(found, np.broadcast_to([[0.0], [0.0], [GRAVITY]], found.shape), atol=1e-12)
+    measurements, _ = readings(
+        SYMMETRIC_VEHICLE, hover, np.full((4, 2), hovering_speed(SYMMETRIC_VEHICLE)), position=SENSOR_POSITION
+    )
+    np.testing.assert_allclose(measurements, np.broadcast_to([[0.0], [0.0], [GRAVITY]], measurements.shape), atol=1e-12)
     for roll, pitch, yaw in np.random.default_rng(0).uniform(-1.5, 1.5, (5, 3)):
-        held = State(0.0, 0.0, 0.0, roll, pitch, yaw, *(0.0,) * 6)
-        force = specific_force(held, VehicleAcceleration(*(0.0,) * 6), SensorPosition(*PLACE), GRAVITY)
+        state = State(0.0, 0.0, 0.0, roll, pitch, yaw, *(0.0,) * 6)
+        force = specific_force(state, VehicleAcceleration(*(0.0,) * 6), SensorPosition(*SENSOR_POSITION), GRAVITY)
         rotation = scipy.spatial.transform.Rotation.from_euler("ZYX", [yaw, pitch, roll])
         np.testing.assert_allclose(force, rotation.inv().apply([0.0, 0.0, GRAVITY]), atol=1e-12)
 
 
-def test_in_free_fall_only_the_centripetal_acceleration_is_left():
-    """A body tumbles without thrust. The reading is zero at the centre of mass, and ω × (ω × r) beside it."""
+def test_in_free_fall_the_reading_is_the_centripetal_acceleration():
+    """A body without thrust rotates. The reading is 0 at the centre of mass and ω × (ω × r) at the position r."""
     state = np.zeros((12, 2))
     state[3:6], state[6:9] = [[0.3], [-0.4], [1.0]], [[1.0], [2.0], [3.0]]
     rates = np.array([[0.0, 2.0], [0.0, -1.5], [0.0, 3.0]])
     state[9:12] = rates
-    found, states = readings(BALL, state, np.zeros((4, 2)))
+    measurements, states = readings(SYMMETRIC_VEHICLE, state, np.zeros((4, 2)))
     np.testing.assert_allclose(np.diff(states[1:, 8], axis=0), -0.001 * GRAVITY, rtol=1e-9)
-    np.testing.assert_allclose(found, 0.0, atol=1e-12)
-    beside, _ = readings(BALL, state, np.zeros((4, 2)), place=PLACE)
-    swing = np.cross(rates.T, np.cross(rates.T, PLACE)).T
-    np.testing.assert_allclose(beside, np.broadcast_to(swing, beside.shape), atol=1e-9)
+    np.testing.assert_allclose(measurements, 0.0, atol=1e-12)
+    off_centre_measurements, _ = readings(SYMMETRIC_VEHICLE, state, np.zeros((4, 2)), position=SENSOR_POSITION)
+    centripetal = np.cross(rates.T, np.cross(rates.T, SENSOR_POSITION)).T
+    np.testing.assert_allclose(
+        off_centre_measurements, np.broadcast_to(centripetal, off_centre_measurements.shape), atol=1e-9
+    )
 
 
 def test_in_a_coordinated_turn_the_reading_is_the_thrust():
-    """A bank of φ, a speed v and a yaw rate of -g tan φ / v: g / cos φ along z, and the swing of its place.
+    """At the roll φ, the speed v and the yaw rate -g tan φ / v, the reading is g / cos φ along z at the centre of mass.
 
-    Nothing turns a ball under equal thrusts, so the flight is an exact circle of radius v² / (g tan φ).
+    No torque acts on the vehicle, so it flies an exact circle of the radius v² / (g tan φ).
     """
     bank, speed = np.array([0.4, -0.8]), np.array([3.0, 5.0])
     yaw_rate = -GRAVITY * np.tan(bank) / speed
@@ -108,31 +115,33 @@ def test_in_a_coordinated_turn_the_reading_is_the_thrust():
     state[3], state[6] = bank, speed
     rates = np.array([0.0 * bank, np.sin(bank) * yaw_rate, np.cos(bank) * yaw_rate])
     state[9:12] = rates
-    thrust = np.tile(hovering_speed(BALL, 1.0 / np.cos(bank)), (4, 1))
-    found, states = readings(BALL, state, thrust, duration=1.0)
+    thrust = np.tile(hovering_speed(SYMMETRIC_VEHICLE, 1.0 / np.cos(bank)), (4, 1))
+    measurements, states = readings(SYMMETRIC_VEHICLE, state, thrust, duration=1.0)
     np.testing.assert_allclose(states[:, 2], 0.0, atol=1e-9)
     radius = speed**2 / (GRAVITY * np.tan(bank))
     np.testing.assert_allclose(
         np.hypot(states[:, 0], states[:, 1] + radius), np.broadcast_to(np.abs(radius), (1001, 2))
     )
     expected = np.array([0.0 * bank, 0.0 * bank, GRAVITY / np.cos(bank)])
-    np.testing.assert_allclose(found, np.broadcast_to(expected, found.shape), atol=1e-9)
-    beside, _ = readings(BALL, state, thrust, place=PLACE)
-    swing = np.cross(rates.T, np.cross(rates.T, PLACE)).T
-    np.testing.assert_allclose(beside, np.broadcast_to(expected + swing, beside.shape), atol=1e-9)
+    np.testing.assert_allclose(measurements, np.broadcast_to(expected, measurements.shape), atol=1e-9)
+    off_centre_measurements, _ = readings(SYMMETRIC_VEHICLE, state, thrust, position=SENSOR_POSITION)
+    centripetal = np.cross(rates.T, np.cross(rates.T, SENSOR_POSITION)).T
+    np.testing.assert_allclose(
+        off_centre_measurements, np.broadcast_to(expected + centripetal, off_centre_measurements.shape), atol=1e-9
+    )
 
 
 def test_the_reading_follows_the_motion_of_the_sensor():
-    """For any motion p(t), R(t), the reference R'(d²/dt² (p + R r) + g z) uses second differences."""
+    """For motions p(t), R(t), the reading at r agrees with second differences of R' (d²/dt² (p + R r) + g Z)."""
     rng = np.random.default_rng(3)
-    path, turn = rng.uniform(-1.0, 1.0, (2, 3, 4))
+    path, angle_path = rng.uniform(-1.0, 1.0, (2, 3, 4))
 
     def pose(time):
-        place, angles = (np.polyval(rows.T, time) for rows in (path, turn))
-        return place, angles, scipy.spatial.transform.Rotation.from_euler("ZYX", angles[::-1])
+        position, angles = (np.polyval(rows.T, time) for rows in (path, angle_path))
+        return position, angles, scipy.spatial.transform.Rotation.from_euler("ZYX", angles[::-1])
 
-    def difference(of, step, order):
-        before, now, after = (of(time) for time in (-step, 0.0, step))
+    def difference(function, step, order):
+        before, now, after = (function(time) for time in (-step, 0.0, step))
         return (after - before) / (2.0 * step) if order == 1 else (before - 2.0 * now + after) / step**2
 
     _, angles, now = pose(0.0)
@@ -144,14 +153,16 @@ def test_the_reading_follows_the_motion_of_the_sensor():
     velocity = difference(lambda time: pose(time)[0], 1e-4, 1)
     state = State(*pose(0.0)[0], *angles, *velocity, *body_rates(0.0))
     acceleration = difference(lambda time: pose(time)[0], 1e-4, 2)
-    turning = difference(body_rates, 1e-3, 1)
-    found = specific_force(state, VehicleAcceleration(*acceleration, *turning), SensorPosition(*PLACE), GRAVITY)
-    seen = difference(lambda time: pose(time)[0] + pose(time)[2].apply(PLACE), 1e-4, 2)
-    np.testing.assert_allclose(found, now.inv().apply(seen + np.array([0.0, 0.0, GRAVITY])), atol=1e-4)
+    angular_acceleration = difference(body_rates, 1e-3, 1)
+    reading = specific_force(
+        state, VehicleAcceleration(*acceleration, *angular_acceleration), SensorPosition(*SENSOR_POSITION), GRAVITY
+    )
+    sensor_acceleration = difference(lambda time: pose(time)[0] + pose(time)[2].apply(SENSOR_POSITION), 1e-4, 2)
+    np.testing.assert_allclose(reading, now.inv().apply(sensor_acceleration + np.array([0.0, 0.0, GRAVITY])), atol=1e-4)
 
 
 def test_readings_have_the_given_bias_and_white_noise():
-    """Each vehicle has its own values. The noise is independent between axes, readings and vehicles."""
+    """Each vehicle has its own bias and noise. The noise is independent between axes, readings and vehicles."""
     noise, n = np.array([0.1, 0.2]), 2000
     numbers = AccelerometerNumbers(bias=SpecificForce(np.array([0.5, -1.0]), 2.0, 3.0), noise=noise)
     sensor = Sensor(2, name="accelerometer", law=ACCELEROMETER, noisy=True, numbers=numbers)
@@ -160,23 +171,23 @@ def test_readings_have_the_given_bias_and_white_noise():
     feed_noise(builder, sensor, StreamKind.NOISE, Samples(2, [0, 1]))
     log = LogVectorOutput(sensor.GetOutputPort("accelerometer"), builder, publish_period=0.01)
     simulator = Simulator(builder.Build())
-    own = sensor.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    sensor_context = sensor.GetMyMutableContextFromRoot(simulator.get_mutable_context())
     for name in ACCELEROMETER.reads:
         port = sensor.GetInputPort(name)
-        port.FixValue(own, np.zeros(port.size()))
+        port.FixValue(sensor_context, np.zeros(port.size()))
     simulator.AdvanceTo(0.01 * n)
-    found = log.FindLog(simulator.get_context()).data().T.reshape(-1, 3, 2)[1:]
+    readings_of_log = log.FindLog(simulator.get_context()).data().T.reshape(-1, 3, 2)[1:]
     bias = [[0.5, -1.0], [2.0, 2.0], [3.0 + 9.81, 3.0 + 9.81]]
-    errors = (found - bias) / noise
+    errors = (readings_of_log - bias) / noise
     # Means, covariances and products of successive readings are within five standard errors.
     np.testing.assert_allclose(errors.mean(axis=0), 0.0, atol=5.0 / np.sqrt(n))
-    flat = errors.reshape(n, 6)
-    np.testing.assert_allclose(flat.T @ flat / n, np.eye(6), atol=5.0 * np.sqrt(2.0 / n))
-    np.testing.assert_allclose(flat[1:].T @ flat[:-1] / n, 0.0, atol=5.0 / np.sqrt(n))
+    error_rows = errors.reshape(n, 6)
+    np.testing.assert_allclose(error_rows.T @ error_rows / n, np.eye(6), atol=5.0 * np.sqrt(2.0 / n))
+    np.testing.assert_allclose(error_rows[1:].T @ error_rows[:-1] / n, 0.0, atol=5.0 / np.sqrt(n))
 
 
 class Altitude(NamedTuple):
-    """Height."""
+    """Reading of an altimeter."""
 
     height: Annotated[float, Quantity("m", "W")]
 
@@ -191,11 +202,11 @@ ALTIMETER = SensorLaw(Altitude, lambda numbers, noise, state: Altitude(state.z),
 
 
 @pytest.mark.parametrize("latency", [0, 1, 3])
-def test_a_reading_is_sampled_at_its_instant_and_arrives_whole_periods_later(latency):
+def test_a_reading_arrives_a_whole_number_of_periods_after_its_sample(latency):
     """Before the first arrival, the output is the initial reading."""
-    line = PiecewisePolynomial.FirstOrderHold([0.0, 10.0], np.array([[1.0] * 12, [11.0] * 12]).T)
+    state = PiecewisePolynomial.FirstOrderHold([0.0, 10.0], np.array([[1.0] * 12, [11.0] * 12]).T)
     builder = DiagramBuilder()
-    source = builder.AddSystem(TrajectorySource(line))
+    source = builder.AddSystem(TrajectorySource(state))
     numbers = AltimeterNumbers(float(latency))
     sensor: FleetSystem = Sensor(name="altimeter", law=ALTIMETER, period=0.02, longest_latency=3, numbers=numbers)
     builder.AddSystem(sensor)
@@ -203,6 +214,6 @@ def test_a_reading_is_sampled_at_its_instant_and_arrives_whole_periods_later(lat
     log = LogVectorOutput(sensor.GetOutputPort("altimeter"), builder, publish_period=0.005)
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(0.5)
-    found = log.FindLog(simulator.get_context())
-    ticks = np.ceil(np.round(found.sample_times() / 0.02, 6)) - 1 - latency
-    np.testing.assert_allclose(found.data().ravel(), 1.0 + 0.02 * np.maximum(ticks, 0.0), atol=1e-12)
+    log_data = log.FindLog(simulator.get_context())
+    ticks = np.ceil(np.round(log_data.sample_times() / 0.02, 6)) - 1 - latency
+    np.testing.assert_allclose(log_data.data().ravel(), 1.0 + 0.02 * np.maximum(ticks, 0.0), atol=1e-12)

@@ -1,3 +1,5 @@
+"""Tests of the flight monitor: metrics, crashes and collisions."""
+
 import math
 
 import numpy as np
@@ -20,7 +22,7 @@ from drake_quad.laboratory.flight_monitor import (
 from drake_quad.signals import SIGNALS, State
 from drake_quad.space.shapes import Ball, Cuboid, hull_of
 
-PERIOD = 0.02
+PERIOD = 0.02  # s, control tick
 
 
 def row(port, field):
@@ -28,14 +30,14 @@ def row(port, field):
     return SIGNALS[port]._fields.index(field)
 
 
-def watched(tape, num_vehicles=1, **options):
-    """Return the metrics, and which vehicles have crashed, for a tape of (ticks, size) inputs by port."""
-    monitor, context = judged(tape, num_vehicles, **options)
+def metrics_of_tape(tape, num_vehicles=1, **options):
+    """Return the metrics and the output `crashed` for a tape, which has (ticks, size) inputs by port."""
+    monitor, context = monitor_of_tape(tape, num_vehicles, **options)
     return monitor.metrics(context), monitor.GetOutputPort("crashed").Eval(context)
 
 
-def judged(tape, num_vehicles=1, **options):
-    """Return the monitor of a tape, and its context at the end."""
+def monitor_of_tape(tape, num_vehicles=1, **options):
+    """Return a monitor with the inputs of a tape, and its context at the end."""
     builder = DiagramBuilder()
     monitor = builder.AddNamedSystem("monitor", FlightMonitor(num_vehicles=num_vehicles, period=PERIOD, **options))
     ticks = len(next(iter(tape.values())))
@@ -63,12 +65,12 @@ def random_tape(ticks=40, num_vehicles=1, seed=0):
     return tape
 
 
-def expected(tape, ticks):
-    """Return the metrics, computed straight from their definitions, by name."""
+def expected_metrics(tape, ticks):
+    """Return the metrics by name, computed from their definitions."""
     error = tape["reference"][ticks, :3] - tape["state"][ticks, :3]
     command = tape["acceleration_command"][ticks]
     variation = np.abs(np.diff(command, axis=0)).sum(axis=0) / (PERIOD * (len(error) - 1))
-    of_axes = {
+    metrics_of_axes = {
         "rmse": np.sqrt(np.mean(error**2, axis=0)),
         "effort": np.mean(command**2, axis=0),
         "variation": variation,
@@ -79,30 +81,30 @@ def expected(tape, ticks):
         "saturation_share": np.mean(np.any(tape["shortfall"][ticks] != 0.0, axis=1)),
         **{
             f"{name}_{axis}": value
-            for name, values in of_axes.items()
+            for name, values in metrics_of_axes.items()
             for axis, value in zip("xyz", values, strict=True)
         },
     }
 
 
-def check(metrics, wanted, vehicle=0):
+def check_metrics(metrics, expected_values, vehicle=0):
     """Check a vehicle's metrics against the expected ones, by name."""
-    found = {name: getattr(metrics, name)[vehicle] for name in wanted}
-    assert found == pytest.approx(wanted, rel=1e-12)
+    actual = {name: getattr(metrics, name)[vehicle] for name in expected_values}
+    assert actual == pytest.approx(expected_values, rel=1e-12)
 
 
 def test_metrics_follow_their_definitions():
     tape = random_tape()
-    metrics, crashed = watched(tape)
-    check(metrics, expected(tape, slice(None)))
+    metrics, crashed = metrics_of_tape(tape)
+    check_metrics(metrics, expected_metrics(tape, slice(None)))
     assert crashed == 0.0
     assert not metrics.crashed[0]
 
 
-def test_only_ticks_in_the_window_count():
+def test_metrics_use_only_the_ticks_in_their_window():
     tape = random_tape()
-    metrics, _ = watched(tape, window=Window(0.2, 0.5))
-    check(metrics, expected(tape, slice(10, 26)))
+    metrics, _ = metrics_of_tape(tape, window=Window(0.2, 0.5))
+    check_metrics(metrics, expected_metrics(tape, slice(10, 26)))
 
 
 @pytest.mark.parametrize(
@@ -126,74 +128,81 @@ def test_a_crash_is_detected_and_ends_the_metrics(port, field, value):
     if port in ("wrench", "attitude_target"):
         tape[port] = np.ones((len(tape["state"]), len(SIGNALS[port]._fields)))
     tape[port][25:, row(port, field)] = value
-    metrics, crashed = watched(tape)
+    metrics, crashed = metrics_of_tape(tape)
     assert crashed == 1.0
     assert metrics.crash_time[0] == pytest.approx(25 * PERIOD)
-    check(metrics, expected(tape, slice(25)))
+    check_metrics(metrics, expected_metrics(tape, slice(25)))
 
 
 def test_a_crash_is_permanent():
-    """This also holds if the vehicle is within all limits again at the next tick."""
+    """The vehicle remains crashed even if it is within all limits at the next tick."""
     tape = random_tape()
     tape["state"][25, row("state", "roll")] = 1.5
-    metrics, crashed = watched(tape)
+    metrics, crashed = metrics_of_tape(tape)
     assert crashed == 1.0
     assert metrics.crash_time[0] == pytest.approx(25 * PERIOD)
-    check(metrics, expected(tape, slice(25)))
+    check_metrics(metrics, expected_metrics(tape, slice(25)))
 
 
 def test_the_crash_limit_applies_to_the_euclidean_error():
-    """With a limit of 5 m, (3, 2.8, 2.8) m is within and (3, 2.9, 2.9) m is beyond, in any order of the axes."""
-    for turn in range(3):
+    """An error of (3, 2.8, 2.8) m is within the limit of 5 m and (3, 2.9, 2.9) m is not, in any order of the axes."""
+    for shift in range(3):
         tape = random_tape()
         tape["state"][:, 0:3] = 10.0
-        tape["reference"][:, 0:3] = 10.0 + np.roll([3.0, -2.8, 2.8], turn)
-        tape["reference"][25:, 0:3] = 10.0 + np.roll([3.0, -2.9, 2.9], turn)
-        metrics, _ = watched(tape)
+        tape["reference"][:, 0:3] = 10.0 + np.roll([3.0, -2.8, 2.8], shift)
+        tape["reference"][25:, 0:3] = 10.0 + np.roll([3.0, -2.9, 2.9], shift)
+        metrics, _ = metrics_of_tape(tape)
         assert metrics.crash_time[0] == pytest.approx(25 * PERIOD)
 
 
-def test_at_the_limits_a_vehicle_still_flies():
+def test_a_vehicle_exactly_at_the_limits_has_not_crashed():
     tape = {"state": np.zeros((5, 12)), "reference": np.zeros((5, 11))}
     tape["state"][:] = State(*[0.0] * 12)._replace(z=-0.5, roll=1.2, pitch=-1.2)
     tape["reference"][:, 0:3] = 3.0, -4.0, -0.5
-    assert watched(tape, limits=CrashLimits(tilt=1.2))[1] == 0.0
-    assert watched(tape, limits=CrashLimits(tilt=1.1999))[1] == 1.0
-    assert watched(tape, limits=CrashLimits(tilt=1.2, position_error=4.9999))[1] == 1.0
-    assert watched(tape, limits=CrashLimits(tilt=1.2, height=-0.4999))[1] == 1.0
+    assert metrics_of_tape(tape, limits=CrashLimits(tilt=1.2))[1] == 0.0
+    assert metrics_of_tape(tape, limits=CrashLimits(tilt=1.1999))[1] == 1.0
+    assert metrics_of_tape(tape, limits=CrashLimits(tilt=1.2, position_error=4.9999))[1] == 1.0
+    assert metrics_of_tape(tape, limits=CrashLimits(tilt=1.2, height=-0.4999))[1] == 1.0
 
 
-@pytest.mark.parametrize("part", range(4))
-def test_any_shortfall_of_the_wrench_counts_as_saturation(part):
+@pytest.mark.parametrize("component", range(4))
+def test_any_shortfall_of_the_wrench_counts_as_saturation(component):
     tape = random_tape()
     tape["shortfall"][:] = 0.0
-    tape["shortfall"][[3, 7, 8], part] = 0.1, -0.2, 1e-9
-    assert watched(tape)[0].saturation_share[0] == pytest.approx(3.0 / 40.0)
+    tape["shortfall"][[3, 7, 8], component] = 0.1, -0.2, 1e-9
+    assert metrics_of_tape(tape)[0].saturation_share[0] == pytest.approx(3.0 / 40.0)
 
 
 def test_a_single_tick_has_an_error_but_no_variation():
     tape = random_tape()
-    metrics, _ = watched(tape, window=Window(0.2, 0.21))
+    metrics, _ = metrics_of_tape(tape, window=Window(0.2, 0.21))
     error = tape["reference"][10, :3] - tape["state"][10, :3]
     assert metrics.rmse[0] == metrics.peak_error[0] == pytest.approx(np.linalg.norm(error))
     assert np.isnan([metrics.variation_x[0], metrics.variation_y[0], metrics.variation_z[0]]).all()
-    nothing, _ = watched(tape, window=Window(0.201, 0.219))
-    assert np.isnan([nothing.rmse[0], nothing.peak_error[0], nothing.effort_x[0], nothing.saturation_share[0]]).all()
+    metrics_without_ticks, _ = metrics_of_tape(tape, window=Window(0.201, 0.219))
+    assert np.isnan(
+        [
+            metrics_without_ticks.rmse[0],
+            metrics_without_ticks.peak_error[0],
+            metrics_without_ticks.effort_x[0],
+            metrics_without_ticks.saturation_share[0],
+        ]
+    ).all()
 
 
 def test_a_crash_does_not_affect_other_vehicles():
     tape = random_tape(num_vehicles=3)
     tape["state"].reshape(-1, 12, 3)[15:, 0, 1] = math.nan
-    metrics, crashed = watched(tape, num_vehicles=3)
+    metrics, crashed = metrics_of_tape(tape, num_vehicles=3)
     np.testing.assert_array_equal(crashed, [0.0, 1.0, 0.0])
     for i, ticks in enumerate((slice(None), slice(15), slice(None))):
-        alone = {name: values.reshape(len(values), -1, 3)[:, :, i] for name, values in tape.items()}
-        check(metrics, expected(alone, ticks), i)
+        tape_of_vehicle = {name: values.reshape(len(values), -1, 3)[:, :, i] for name, values in tape.items()}
+        check_metrics(metrics, expected_metrics(tape_of_vehicle, ticks), i)
 
 
 def test_metrics_of_ports_that_are_not_connected_are_nan():
     tape = random_tape()
-    metrics, _ = watched({name: tape[name] for name in ("state", "reference")})
+    metrics, _ = metrics_of_tape({name: tape[name] for name in ("state", "reference")})
     assert math.isfinite(metrics.rmse[0])
     assert np.isnan([metrics.effort_x[0], metrics.variation_z[0], metrics.saturation_share[0]]).all()
 
@@ -201,8 +210,8 @@ def test_metrics_of_ports_that_are_not_connected_are_nan():
 SOLIDS = Ball((2.0, 0.0, 1.0), radius=0.5), Cuboid((0.0, 3.0, 1.0), size=(1.0, 1.0, 1.0))
 
 
-def still(num_vehicles=1, **rows):
-    """Return five ticks in which vehicles stay at the reference, at 1 m."""
+def tape_at_rest(num_vehicles=1, **rows):
+    """Return a tape of five ticks in which vehicles are at rest at their reference, at a height of 1 m."""
     tape = {"state": np.zeros((5, 12, num_vehicles)), "reference": np.zeros((5, 11, num_vehicles))}
     for port in tape:
         tape[port][:, row(port, "z")] = 1.0
@@ -213,20 +222,20 @@ def still(num_vehicles=1, **rows):
 
 
 def test_a_vehicle_within_its_radius_of_a_solid_has_crashed_into_it():
-    """Vehicles are just within and just beyond the radius from each solid, and inside of one."""
+    """The distances to each solid are just below and just above the radius. The last vehicle is inside of a solid."""
     x = np.array([1.29, 1.31, 0.0, 0.0, 0.0])
     y = np.array([0.0, 0.0, 2.29, 2.31, 3.0])
-    monitor, context = judged(still(5, x=x, y=y), 5, surroundings=Surroundings(SOLIDS, 0.2))
+    monitor, context = monitor_of_tape(tape_at_rest(5, x=x, y=y), 5, surroundings=Surroundings(SOLIDS, 0.2))
     np.testing.assert_array_equal(monitor.touched(context), [0, 1, 0, 2, 2])
     np.testing.assert_array_equal(monitor.metrics(context).crashed, [False, True, False, True, True])
 
 
 def test_a_vehicle_that_begins_in_a_solid_has_crashed_into_it():
-    """At the beginning no ball is known to be free."""
-    for place in ((0.4, 0.0), (0.0, 0.9)):
-        tape = still(x=place[0], y=place[1])
-        solid = Ball((place[0] + 0.1, place[1], 1.1), radius=0.2)
-        monitor, context = judged(tape, surroundings=Surroundings((solid,), 0.2))
+    """At the beginning, no ball around the vehicle is known to be free of solids."""
+    for start in ((0.4, 0.0), (0.0, 0.9)):
+        tape = tape_at_rest(x=start[0], y=start[1])
+        solid = Ball((start[0] + 0.1, start[1], 1.1), radius=0.2)
+        monitor, context = monitor_of_tape(tape, surroundings=Surroundings((solid,), 0.2))
         assert monitor.touched(context) == [1]
         assert monitor.metrics(context).crash_time == [0.0]
 
@@ -236,60 +245,61 @@ def test_without_solids_the_nearest_distance_is_infinite():
 
 
 def test_the_first_collision_is_recorded_permanently():
-    tape = still()
+    tape = tape_at_rest()
     tape["state"][2:, row("state", "x")] = tape["reference"][2:, row("reference", "x")] = 1.4
     tape["state"][3:, 0:2] = tape["reference"][3:, 0:2] = 0.0, 3.0
-    monitor, context = judged(tape, surroundings=Surroundings(SOLIDS, 0.2))
+    monitor, context = monitor_of_tape(tape, surroundings=Surroundings(SOLIDS, 0.2))
     assert monitor.touched(context) == [1]
     assert monitor.metrics(context).crash_time[0] == pytest.approx(2 * PERIOD)
 
 
-def test_a_vehicle_that_crashed_before_it_reached_a_solid_touched_none():
-    tape = still()
+def test_a_vehicle_that_crashes_before_it_reaches_a_solid_has_touched_none():
+    tape = tape_at_rest()
     tape["state"][2, row("state", "roll")] = 1.5
     tape["state"][3:, row("state", "x")] = tape["reference"][3:, row("reference", "x")] = 1.4
-    monitor, context = judged(tape, surroundings=Surroundings(SOLIDS, 0.2))
+    monitor, context = monitor_of_tape(tape, surroundings=Surroundings(SOLIDS, 0.2))
     assert monitor.touched(context) == [0]
     assert monitor.metrics(context).crash_time[0] == pytest.approx(2 * PERIOD)
 
 
 @pytest.mark.parametrize("num_vehicles", [1, 11])
 def test_no_collision_is_missed_although_distances_are_skipped(num_vehicles):
-    """The reference computes the distances to all solids at every tick, for slow, fast and jumping vehicles."""
+    """Vehicles are slow, fast or jumping. For comparison, all distances are computed at every tick."""
     rng = np.random.default_rng(num_vehicles)
     ticks, radius = 400, 0.2
     rock = hull_of(rng.normal(size=(12, 3)) * 0.2 + [-1.5, -1.0, 1.2])
     solids = *SOLIDS, rock, hull_of(rng.normal(size=(8, 3)) * 0.3 + [1.0, -2.0, 1.0])
     steps = rng.normal(size=(ticks, 3, num_vehicles)) * rng.choice([0.001, 0.03, 0.3], (ticks, 1, num_vehicles))
-    places = np.cumsum(steps, axis=0) + np.array([0.0, 0.0, 1.5])[:, None]
+    positions = np.cumsum(steps, axis=0) + np.array([0.0, 0.0, 1.5])[:, None]
     if num_vehicles > 1:
-        places[20:, :, 0] = np.nan
+        positions[20:, :, 0] = np.nan
     tape = {name: np.zeros((ticks, size, num_vehicles)) for name, size in (("state", 12), ("reference", 11))}
     for values in tape.values():
-        values[:, :3] = places
+        values[:, :3] = positions
     tape = {name: values.reshape(ticks, -1) for name, values in tape.items()}
     limits = CrashLimits(height=-math.inf)
-    monitor, context = judged(tape, num_vehicles, surroundings=Surroundings(solids, radius), limits=limits)
+    monitor, context = monitor_of_tape(tape, num_vehicles, surroundings=Surroundings(solids, radius), limits=limits)
     touched, crash_time = monitor.touched(context), monitor.metrics(context).crash_time
-    touches = 0
+    num_collisions = 0
     for i in range(num_vehicles):
-        distances = np.array([solid.distances(places[:, :, i]) for solid in solids])
-        crashes = np.flatnonzero((distances.min(axis=0) < radius) | np.isnan(places[:, 0, i]))
+        distances = np.array([solid.distances(positions[:, :, i]) for solid in solids])
+        crashes = np.flatnonzero((distances.min(axis=0) < radius) | np.isnan(positions[:, 0, i]))
         if not len(crashes):
             assert (touched[i], crash_time[i]) == (0, math.inf)
             continue
         first = distances[:, crashes[0]]
         assert touched[i] == (0 if np.isnan(first[0]) else 1 + np.argmin(first))
         assert crash_time[i] == pytest.approx(PERIOD * crashes[0])
-        touches += touched[i] > 0
-    assert num_vehicles == 1 or 3 <= touches < num_vehicles
+        num_collisions += touched[i] > 0
+    assert num_vehicles == 1 or 3 <= num_collisions < num_vehicles
 
 
-class Counted:
+class CountingSolid:
     """Solid that counts how often its distance is computed."""
 
     def __init__(self, shape):
-        self.shape, self.count = shape, 0
+        self.shape = shape
+        self.count = 0
 
     def distance(self, x, y, z):
         self.count += 1
@@ -300,22 +310,26 @@ class Counted:
 
 
 def test_distances_are_computed_only_after_a_vehicle_has_left_its_free_ball():
-    solid = Counted(Ball((2.0, 0.0, 1.0), radius=0.5))
+    solid = CountingSolid(Ball((2.0, 0.0, 1.0), radius=0.5))
     surroundings, free = Surroundings((solid,), 0.2), FreeBall()
     level = State(*[0.0] * 12)._replace(z=1.0)
     counts = []
-    # The radius of the free ball is 1.3 m, then 2.61 m. Distances of a crashed vehicle are not computed.
+    # The radius of the free ball is first 1.3 m, then 2.61 m.
     for x, flies in ((0.0, True), (0.5, True), (-1.29, True), (-1.31, True), (0.5, True), (0.9, True), (1.4, True)):
         touch, free = detect_contact(level._replace(x=x), flies, free, surroundings)
         counts.append(solid.count)
         assert touch == CollidedSolid(1.0 if x == 1.4 else 0.0)
     assert counts == [1, 1, 1, 2, 2, 2, 3]
-    touch, kept = detect_contact(level._replace(x=1.5), False, free, surroundings)
-    assert (touch, kept, solid.count) == (CollidedSolid(), free, 3)
+    # Distances of a crashed vehicle are not computed.
+    touch, ball_after_crash = detect_contact(level._replace(x=1.5), False, free, surroundings)
+    assert (touch, ball_after_crash, solid.count) == (CollidedSolid(), free, 3)
 
 
 def test_the_distance_of_a_hull_is_computed_only_if_it_can_be_the_nearest():
-    near, far = Counted(Ball((1.0, 0.0, 1.0), radius=0.5)), Counted(hull_of(np.add(np.eye(4, 3), [5.0, 0.0, 0.0])))
+    near, far = (
+        CountingSolid(Ball((1.0, 0.0, 1.0), radius=0.5)),
+        CountingSolid(hull_of(np.add(np.eye(4, 3), [5.0, 0.0, 0.0]))),
+    )
     detect_contact(State(*[0.0] * 12), True, FreeBall(), Surroundings((near, far), 0.1))
     assert (near.count, far.count) == (1, 0)
     detect_contact(State(*[0.0] * 12), True, FreeBall(), Surroundings((far, near), 0.1))

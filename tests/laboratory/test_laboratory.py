@@ -1,4 +1,4 @@
-"""Timing of motion capture, command link and recorder."""
+"""Tests of the timing of motion capture, command link and recorder, and of defaults of the laboratory."""
 
 import math
 
@@ -24,19 +24,19 @@ from drake_quad.randomness.streams import StreamKind
 from drake_quad.scenario import models
 from drake_quad.signals import Wind, Wrench
 
-SEVEN = Wrench(7.0, 7.0, 7.0, 7.0)
+INITIAL_WRENCH = Wrench(7.0, 7.0, 7.0, 7.0)
 
 
-def clock(size):
-    """Return a source whose elements are all the time plus one."""
+def ramp_source(size):
+    """Return a source in which each element of the output is the time plus one."""
     line = PiecewisePolynomial.FirstOrderHold([0.0, 100.0], np.array([[1.0] * size, [101.0] * size]).T)
     return TrajectorySource(line)
 
 
-def recorded(system, output, size, duration, period=0.005, column=0):
-    """Return times and values of a system's output under a ramp, as a discrete update samples it."""
+def recorded_output(system, output, size, duration, period=0.005, column=0):
+    """Return times and values of a system's output for a ramp as the input, as a discrete update reads them."""
     builder = DiagramBuilder()
-    source = builder.AddNamedSystem("clock", clock(size))
+    source = builder.AddNamedSystem("clock", ramp_source(size))
     builder.AddNamedSystem("system", system)
     builder.Connect(source.get_output_port(), system.get_input_port())
     recorder = builder.AddNamedSystem("recorder", build_recorder({"out": size}, period=period))
@@ -49,22 +49,22 @@ def recorded(system, output, size, duration, period=0.005, column=0):
     return time, signals["out"][:, column]
 
 
-def held(times, period):
-    """Return the latest multiple of the period before each time, as a discrete update at that time sees it."""
+def latest_sample_time(times, period):
+    """Return the latest multiple of the period before each time, of which a discrete update reads the sample."""
     ticks = np.round(times / period, 6)
     return np.maximum(np.ceil(ticks) - 1, 0) * period
 
 
-def test_motion_capture_holds_its_frames_from_the_first():
-    time, value = recorded(MotionCapture(period=0.01), "measurement", 12, 0.3)
-    np.testing.assert_allclose(value - 1.0, held(time, 0.01), atol=1e-12)
+def test_motion_capture_holds_each_frame_for_a_period():
+    time, value = recorded_output(MotionCapture(period=0.01), "measurement", 12, 0.3)
+    np.testing.assert_allclose(value - 1.0, latest_sample_time(time, 0.01), atol=1e-12)
 
 
 @pytest.mark.parametrize("delay", [0, 1, 3])
 def test_the_command_link_delays_by_whole_ticks(delay):
-    link = CommandLink(period=0.02, longest_delay=delay, numbers=LinkNumbers(delay, initial=SEVEN))
-    time, value = recorded(link, "wrench", 4, 0.3)
-    # Before the update of a tick is executed, the command of that tick has not been sent.
+    link = CommandLink(period=0.02, longest_delay=delay, numbers=LinkNumbers(delay, initial=INITIAL_WRENCH))
+    time, value = recorded_output(link, "wrench", 4, 0.3)
+    # At a tick, the recorder reads the output before the link receives the command of that tick.
     tick = np.ceil(np.round(time / 0.02, 6)) - 1 - delay
     expected = np.where(tick < 0, 7.0, 1.0 + 0.02 * tick)
     np.testing.assert_allclose(value, expected, atol=1e-12)
@@ -73,42 +73,44 @@ def test_the_command_link_delays_by_whole_ticks(delay):
 def test_each_vehicle_of_a_fleet_has_its_own_delay():
     delays = np.array([2, 0, 1])
     for i, delay in enumerate(delays):
-        link = CommandLink(num_vehicles=3, period=0.02, longest_delay=2, numbers=LinkNumbers(delays, initial=SEVEN))
-        time, value = recorded(link, "wrench", 12, 0.3, column=i)
+        link = CommandLink(
+            num_vehicles=3, period=0.02, longest_delay=2, numbers=LinkNumbers(delays, initial=INITIAL_WRENCH)
+        )
+        time, value = recorded_output(link, "wrench", 12, 0.3, column=i)
         tick = np.ceil(np.round(time / 0.02, 6)) - 1 - delay
         np.testing.assert_allclose(value, np.where(tick < 0, 7.0, 1.0 + 0.02 * tick), atol=1e-12)
 
 
 @pytest.mark.parametrize("delay", [0, 2])
-def test_a_lost_packet_is_replaced_by_the_one_before(delay):
+def test_a_lost_packet_is_replaced_by_the_previous_one(delay):
     rate, n = 0.3, 20
     numbers = LinkNumbers(delay, rate)
     link = CommandLink(num_vehicles=n, period=0.02, longest_delay=delay, loses_packets=True, numbers=numbers)
     builder = DiagramBuilder()
-    source = builder.AddNamedSystem("clock", clock(4 * n))
+    source = builder.AddNamedSystem("clock", ramp_source(4 * n))
     builder.AddNamedSystem("link", link)
     builder.Connect(source.get_output_port(), link.GetInputPort("wrench"))
     feed_noise(builder, link, StreamKind.NOISE, Samples(2, range(n)))
     log = LogVectorOutput(link.GetOutputPort("wrench"), builder, publish_period=0.02)
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(20.0)
-    found = log.FindLog(simulator.get_context())
-    out = found.data().reshape(4, n, -1)[0, :, delay + 2 :]
-    time = found.sample_times()[delay + 2 :]
-    ages = np.round((time - (out - 1.0)) / 0.02)
-    # The output is the packet that was sent `delay` ticks before the last tick, or an older one if that was lost.
-    late = ages - (delay + 1)
-    assert late.min() == 0.0
+    log_data = log.FindLog(simulator.get_context())
+    output = log_data.data().reshape(4, n, -1)[0, :, delay + 2 :]
+    time = log_data.sample_times()[delay + 2 :]
+    ages = np.round((time - (output - 1.0)) / 0.02)
+    # The output is the packet that was sent `delay` ticks before the last tick, or an older packet if that was lost.
+    lateness = ages - (delay + 1)
+    assert lateness.min() == 0.0
     for ticks in (0, 1, 2):
         share = (1.0 - rate) * rate**ticks
-        assert (late == ticks).mean() == pytest.approx(share, abs=0.02)
-    fresh = late[:, 1:] == 0
-    np.testing.assert_array_equal(fresh | (late[:, 1:] == late[:, :-1] + 1), True)
+        assert (lateness == ticks).mean() == pytest.approx(share, abs=0.02)
+    is_current = lateness[:, 1:] == 0
+    np.testing.assert_array_equal(is_current | (lateness[:, 1:] == lateness[:, :-1] + 1), True)
 
 
-def test_the_recorder_stores_what_a_discrete_update_sees_at_each_tick():
+def test_the_recorder_stores_signals_as_a_discrete_update_reads_them_at_each_tick():
     builder = DiagramBuilder()
-    source = builder.AddNamedSystem("clock", clock(2))
+    source = builder.AddNamedSystem("clock", ramp_source(2))
     recorder = builder.AddNamedSystem("recorder", build_recorder({"a": 2, "b": 2}, period=0.02))
     for name in ("a", "b"):
         builder.Connect(source.get_output_port(), recorder.GetInputPort(name))
@@ -122,22 +124,21 @@ def test_the_recorder_stores_what_a_discrete_update_sees_at_each_tick():
         np.testing.assert_allclose(signals[name], np.column_stack([time, time]) + 1.0)
 
 
-FILTERED = CameraNumbers(derivative_bandwidth=50.0)
-BREEZE = Jet(Outlet(0.0, 0.0, 0.0), Direction(1.0, 0.0, 0.0), 5.0, 1.0)
-CALM = Turbulence.at_low_altitude(height=10.0, wind_at_20_feet=5.0, airspeed=5.0)
+FILTERED_CAMERAS = CameraNumbers(derivative_bandwidth=50.0)
+JET = Jet(Outlet(0.0, 0.0, 0.0), Direction(1.0, 0.0, 0.0), 5.0, 1.0)
+TURBULENCE = Turbulence.at_low_altitude(height=10.0, wind_at_20_feet=5.0, airspeed=5.0)
 
 
 def test_by_default_the_laboratory_is_ideal():
-    none = 0.0, 0.0, 0.0
-    assert LinkNumbers() == (0.0, 0.0, Wrench(0.0, *none))
+    assert LinkNumbers() == (0.0, 0.0, Wrench(0.0, 0.0, 0.0, 0.0))
     assert CameraNumbers() == record_like(CameraNumbers, models.Laboratory().motion_capture)
     assert Surroundings() == ((), 0.0)
     assert Window() == (0.0, math.inf)
     wind = Wind(1.0, 2.0, 3.0)
     assert GustNumbers(wind, 1.0, 2.0).hold_time == math.inf
     assert SineNumbers(wind, 1.0).phase == 0.0
-    assert BREEZE.turbulence == 0.0
-    assert TurbulenceNumbers(CALM).heading == 0.0
+    assert JET.turbulence == 0.0
+    assert TurbulenceNumbers(TURBULENCE).heading == 0.0
 
 
 def test_default_crash_limits_are_those_of_a_scenario():
@@ -147,14 +148,14 @@ def test_default_crash_limits_are_those_of_a_scenario():
 
 @pytest.mark.slow
 def test_before_a_simulation_begins_measurements_and_wind_are_zero():
-    """The initialization events take the first samples."""
+    """Only the initialization events take the first samples."""
     wind = Wind(1.0, 2.0, 3.0)
     for system in (
-        MotionCapture(filtered=True, drifts=True, longest_latency=2, num_vehicles=2, numbers=FILTERED),
+        MotionCapture(filtered=True, drifts=True, longest_latency=2, num_vehicles=2, numbers=FILTERED_CAMERAS),
         Gust(numbers=GustNumbers(wind, 0.0, 1.0)),
         SineWind(numbers=SineNumbers(wind, 1.0, 1.0)),
-        Fans(numbers=(BREEZE,)),
-        DrydenTurbulence(numbers=TurbulenceNumbers(CALM)),
+        Fans(numbers=(JET,)),
+        DrydenTurbulence(numbers=TurbulenceNumbers(TURBULENCE)),
     ):
         context = system.CreateDefaultContext()
         for i in range(context.num_discrete_state_groups()):

@@ -1,4 +1,4 @@
-"""Linear models and designed gains with attitude control on board: with attitude and rate loops, or as one response."""
+"""Tests of linear models and designed gains with attitude control on board, as loops or as an identified response."""
 
 import re
 import shlex
@@ -35,14 +35,14 @@ RESPONSE = [
     "laboratory.autopilot={kind: response, natural_frequency: [6.8, 6.1, 3.0], damping: [0.45, 0.5, 0.7]}",
     "control.position.feed_forward=acceleration",
 ]
-KINDS = {"attitude": [], "response": RESPONSE}
+AUTOPILOT_OVERRIDES = {"attitude": [], "response": RESPONSE}
 ASYMMETRIC = [
     "nominal.inertia=[0.0065, 0.0085, 0.0126]",
     "control.position={k_p: [1.2, 1.5, 5.5], k_d: [1.5, 1.7, 3.4]}",
 ]
 ON_BOARD_GAINS = {"k_attitude": (5.0, 6.0, 4.0), "k_rate": (14.0, 12.0, 10.0)}
-# Delays, filters, wind, an asymmetric vehicle, a biased gyroscope, and steps twice as often as the autopilot.
-REAL = [
+# These overrides add delays, a filter, wind, an asymmetric vehicle, and steps at twice the rate of the autopilot.
+IMPERFECTIONS = [
     "vehicle={time_step: 0.00125, centre_of_mass: [0.0005, -0.0003]}",
     "laboratory.motion_capture={derivative_bandwidth: 60, latency_frames: 1, misalignment: [0.01, 0.02, 0.0]}",
     "laboratory.command_link.delay_ticks=2",
@@ -57,11 +57,11 @@ def onboard(diagrams):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("overrides", [[], REAL])
+@pytest.mark.parametrize("kind", AUTOPILOT_OVERRIDES)
+@pytest.mark.parametrize("overrides", [[], IMPERFECTIONS])
 def test_the_jacobian_of_a_loop_with_an_autopilot_matches_differences(onboard, kind, overrides):
-    """In a control period the autopilot has eight periods, and the vehicle as many or twice as many steps."""
-    scenario = at_rest(onboard(*KINDS[kind], *overrides))
+    """A control period has eight periods of the autopilot, and eight or sixteen steps of the vehicle."""
+    scenario = at_rest(onboard(*AUTOPILOT_OVERRIDES[kind], *overrides))
     diagram = build_tracking_diagram(scenario)
     context = at_tick(diagram, 0.08)
     system, _ = linearize(diagram, context, period=0.02, without=PASSIVE_SYSTEMS)
@@ -74,11 +74,11 @@ def test_the_jacobian_of_a_loop_with_an_autopilot_matches_differences(onboard, k
 
 
 def test_the_plant_on_board_is_a_double_integrator_behind_the_rotors(onboard):
-    """The reference has a zero-order hold over a period of the autopilot, by matrix exponentials, and no delay."""
+    """The expected response is that of a zero-order hold over a period of the autopilot, without delay."""
     h, lag = 0.0025, 0.05
     A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0 / lag]])
     B = np.array([[0.0], [0.0], [1.0 / lag]])
-    held = scipy.linalg.expm(np.block([[A, B], [np.zeros((1, 4))]]) * h)
+    hold = scipy.linalg.expm(np.block([[A, B], [np.zeros((1, 4))]]) * h)
     for time_step in (0.0025, 0.00125):
         whole = on_board_plant(onboard(*ASYMMETRIC, f"vehicle.time_step={time_step}"))
         assert whole.period == h
@@ -90,18 +90,16 @@ def test_the_plant_on_board_is_a_double_integrator_behind_the_rotors(onboard):
             plant = whole.between([f"wrench.{torque}"], [f"state.{angle}", f"state.{rate}"])
             for frequency in (0.3, 10.0, 300.0):
                 z = np.exp(1j * frequency * h)
-                expected = np.linalg.solve(z * np.eye(3) - held[:3, :3], held[:3, 3])[:2]
+                expected = np.linalg.solve(z * np.eye(3) - hold[:3, :3], hold[:3, 3])[:2]
                 np.testing.assert_allclose(inertia * plant.response(np.array([z]))[0, :, 0], expected, rtol=1e-5)
 
 
 def test_poles_of_the_yaw_loop_on_board_are_those_of_the_whole_diagram(onboard):
-    """Only the autopilot acts on the yaw. A tick has eight of its periods, so that the multipliers are eighth powers of
-    poles.
-    """
+    """The autopilot alone acts on the yaw. A tick has eight of its periods, so poles appear as eighth powers."""
     scenario = with_autopilot_gains(onboard(*ASYMMETRIC), ON_BOARD_GAINS)
-    turned = on_board_plant(scenario).between(["wrench.tau_z"], ["state.yaw", "state.r"])
-    turned = turned.connected().scaled(0.0126, "acceleration_command")
-    outer = on_board_attitude_plant(turned, 10.0)
+    yaw_plant = on_board_plant(scenario).between(["wrench.tau_z"], ["state.yaw", "state.r"])
+    yaw_plant = yaw_plant.connected().scaled(0.0126, "acceleration_command")
+    outer = on_board_attitude_plant(yaw_plant, 10.0)
     assert (outer.inputs, outer.outputs) == (("rate_command",), ("state.yaw",))
     poles = outer.with_feedback(np.array([[4.0]])).poles() ** 8
     multipliers = closed_loop(as_believed(scenario)).system.poles()
@@ -117,38 +115,38 @@ def test_an_autopilot_of_kind_response_has_the_given_modes(onboard):
     assert np.abs(multipliers - pole).min() < 1e-9
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", AUTOPILOT_OVERRIDES)
 def test_designed_poles_are_those_of_the_whole_diagram(onboard, kind):
     """The poles of the position loops around an autopilot are the multipliers of the whole diagram with these gains."""
-    scenario = onboard(*KINDS[kind], *ASYMMETRIC)
+    scenario = onboard(*AUTOPILOT_OVERRIDES[kind], *ASYMMETRIC)
     if kind == "attitude":
         scenario = with_autopilot_gains(scenario, ON_BOARD_GAINS)
     position, laboratory = scenario.control.position, laboratory_plant(scenario)
     plants = [position_plant(laboratory, scenario, "x", None), position_plant(laboratory, scenario, "y", None)]
     plants.append(attitude_plant(laboratory, scenario, "z"))
-    found = closed_loop(as_believed(scenario)).system.poles()
+    multipliers = closed_loop(as_believed(scenario)).system.poles()
     for plant, k_p, k_d in zip(plants, position.k_p, position.k_d, strict=True):
         assert plant.outputs[1].startswith("measurement.v_")
         poles = plant.with_feedback(np.array([[k_p, k_d]])).poles()
-        lasting = poles[np.abs(poles) > 0.1]
-        assert len(lasting) >= 4
-        for pole in lasting:
-            assert np.abs(found - pole).min() < 1e-6
-    found = stability_map(mapped_plant(scenario, "position"), np.array([1.2, 40.0]), np.array([1.5]))
-    np.testing.assert_array_equal(found.stable, [[True], [False]])
+        slow_poles = poles[np.abs(poles) > 0.1]
+        assert len(slow_poles) >= 4
+        for pole in slow_poles:
+            assert np.abs(multipliers - pole).min() < 1e-6
+    gain_map = stability_map(mapped_plant(scenario, "position"), np.array([1.2, 40.0]), np.array([1.5]))
+    np.testing.assert_array_equal(gain_map.stable, [[True], [False]])
 
 
 @pytest.mark.slow
 def test_the_fastest_proportional_loop_within_its_margins_is_found(onboard):
-    """The rate loop k / (s (T s + 1)) has 60° at ω T = tan 30° with k = ω √(1 + ω² T²), without the hold of h / 2."""
+    """Without the hold of h / 2, k / (s (T s + 1)) has 60° at ω T = tan 30° for k = ω √(1 + ω² T²)."""
     plant = on_board_plant(onboard()).between(["wrench.tau_x"], ["state.p"]).connected().scaled(0.007, "a")
-    found = design_loop(plant, Proportional(), Requirements(phase=60.0, gain=10.0), axis="roll rate")
-    assert isinstance(found.gains, ProportionalGain)
-    assert found.limits == ("phase margin",)
-    assert 60.0 <= found.margins.phase < 60.05
-    omega = found.margins.crossover
+    design = design_loop(plant, Proportional(), Requirements(phase=60.0, gain=10.0), axis="roll rate")
+    assert isinstance(design.gains, ProportionalGain)
+    assert design.limits == ("phase margin",)
+    assert 60.0 <= design.margins.phase < 60.05
+    omega = design.margins.crossover
     assert np.arctan(omega * 0.05) + 0.5 * omega * 0.0025 == pytest.approx(np.radians(30.0), rel=2e-3)
-    assert found.gains.k == pytest.approx(omega * np.hypot(1.0, 0.05 * omega), rel=1e-3)
+    assert design.gains.k == pytest.approx(omega * np.hypot(1.0, 0.05 * omega), rel=1e-3)
     efforts = Proportional().efforts(plant)
     assert (efforts[0], efforts[-1]) == (pytest.approx(0.05), pytest.approx(np.pi / 0.0075))
     with pytest.raises(
@@ -169,20 +167,20 @@ def test_loops_on_board_are_designed_from_the_inside_out_within_their_margins(on
     assert list(designed.loops) == ["z", "x", "y"]
     assert designed.all_loops == {**designed.on_board, **designed.loops}
     for name, loop in designed.all_loops.items():
-        found = margins(pd_loop(loop.plant, loop.gains))
+        achieved = margins(pd_loop(loop.plant, loop.gains))
         phase, gain = (60.0, 10.0) if name in designed.on_board else (45.0, 6.0)
-        assert found.phase >= phase
-        assert found.gain >= gain
+        assert achieved.phase >= phase
+        assert achieved.gain >= gain
         assert loop.plant.period == (0.0025 if name in designed.on_board else 0.02)
-        assert min(found.phase / phase, found.gain / gain) < 1.01
+        assert min(achieved.phase / phase, achieved.gain / gain) < 1.01
     assert designed.gains().keys() == {"position"}
     assert designed.autopilot_gains()["k_rate"] == [designed.on_board[f"{angle} rate"].gains.k for angle in angles]
     # The position loop is designed around the designed attitude loops, not around those of the scenario.
-    soft = with_autopilot_gains(onboard(), {"k_attitude": (2.0,) * 3, "k_rate": (6.0,) * 3})
-    assert design_cascade(soft, on_board=True).gains() == designed.gains()
-    around_soft = design_cascade(soft)
-    assert around_soft.loops["x"].gains.k_p < designed.loops["x"].gains.k_p
-    assert (around_soft.on_board, around_soft.autopilot_gains()) == ({}, {})
+    slow_autopilot = with_autopilot_gains(onboard(), {"k_attitude": (2.0,) * 3, "k_rate": (6.0,) * 3})
+    assert design_cascade(slow_autopilot, on_board=True).gains() == designed.gains()
+    around_slow_autopilot = design_cascade(slow_autopilot)
+    assert around_slow_autopilot.loops["x"].gains.k_p < designed.loops["x"].gains.k_p
+    assert (around_slow_autopilot.on_board, around_slow_autopilot.autopilot_gains()) == ({}, {})
 
 
 @pytest.mark.slow
@@ -200,8 +198,8 @@ def test_shipped_gains_are_reproduced_by_their_documented_call(root, onboard, de
     assert written["control"] == {"kind": "cascade", "position": position}
     assert written["laboratory"] == {"autopilot": designed.autopilot_gains()}
     scenario = onboard()
-    made = with_autopilot_gains(with_gains(scenario, designed.gains()), designed.autopilot_gains())
-    assert made == scenario
+    reproduced = with_autopilot_gains(with_gains(scenario, designed.gains()), designed.autopilot_gains())
+    assert reproduced == scenario
 
 
 def grows(scenario, row, duration):
@@ -227,7 +225,7 @@ def with_position_scaled(scenario, factor, axes):
 )
 def test_flights_begin_to_oscillate_at_the_stability_limit_of_the_position(onboard, kind, row, axes, duration):
     """2 % below the stability limit a small displacement decays, 2 % above it the displacement grows."""
-    scenario = onboard(*KINDS[kind])
+    scenario = onboard(*AUTOPILOT_OVERRIDES[kind])
     loop = design_cascade(scenario).loops[row]
     resting = at_rest(as_believed(with_gains(scenario, design_cascade(scenario).gains())))
     factor = 10.0 ** (loop.margins.gain / 20.0)
@@ -238,13 +236,13 @@ def test_flights_begin_to_oscillate_at_the_stability_limit_of_the_position(onboa
 @pytest.mark.slow
 @pytest.mark.parametrize("share", [0.98, 1.02])
 def test_flights_begin_to_oscillate_at_the_stability_limit_on_board(onboard, designed, share):
-    """The limit of the yaw's attitude loop around its rate loop is correct to 2 %, at the rate of the autopilot."""
+    """For the yaw, the limit of the attitude loop around the rate loop is correct to 2 %."""
     factor = share * 10.0 ** (designed.on_board["yaw"].margins.gain / 20.0)
     resting = at_rest(as_believed(onboard()))
     gains = designed.autopilot_gains()
     roll, pitch, yaw = gains["k_attitude"]
-    driven = with_autopilot_gains(resting, {**gains, "k_attitude": (roll, pitch, factor * yaw)})
-    assert grows(driven, "yaw", 4.0) == (share > 1.0)
+    changed = with_autopilot_gains(resting, {**gains, "k_attitude": (roll, pitch, factor * yaw)})
+    assert grows(changed, "yaw", 4.0) == (share > 1.0)
 
 
 def test_an_autopilot_at_rest_has_no_noise_and_the_nominal_one_no_bias_either(onboard):
@@ -273,52 +271,53 @@ THROTTLES = [
 
 
 @pytest.mark.parametrize("motors", [[], THROTTLES], ids=["speed", "throttle"])
-def test_the_map_on_board_is_the_diagram_without_position_control(onboard, motors):
+def test_poles_of_the_map_on_board_are_those_of_the_diagram_without_position_control(onboard, motors):
     """The vehicle is the actual one, not the nominal one. A tick has eight periods of the autopilot."""
-    real = [
+    actual = [
         *("vehicle.mass=0.75", "vehicle.inertia=[0.0071, 0.0079, 0.0131]", "vehicle.rotor_time_constant=0.04"),
         "control.position={k_p: [1e-7, 1e-7, 5.5], k_d: [1e-7, 1e-7, 3.4]}",
         "laboratory.autopilot.gyroscope_bias=[0, 0, 0]",
     ]
-    scenario = onboard(*ASYMMETRIC, *real, *motors)
+    scenario = onboard(*ASYMMETRIC, *actual, *motors)
     k_attitude, k_rate = np.array([5.0, 30.0]), np.array([8.0, 14.0, 22.0])
-    found = linear_map(scenario, "attitude", k_attitude, k_rate)
-    np.testing.assert_array_equal(found.stable, [[True] * 3, [False] * 3])
+    gain_map = linear_map(scenario, "attitude", k_attitude, k_rate)
+    np.testing.assert_array_equal(gain_map.stable, [[True] * 3, [False] * 3])
     plant = mapped_plant(scenario, "attitude")
     assert plant.period == 0.0025
-    driven = with_autopilot_gains(scenario, {"k_attitude": (4.0, 5.0, 4.0), "k_rate": (12.0, 22.0, 10.0)})
-    multipliers = closed_loop(driven).system.poles()
+    changed = with_autopilot_gains(scenario, {"k_attitude": (4.0, 5.0, 4.0), "k_rate": (12.0, 22.0, 10.0)})
+    multipliers = closed_loop(changed).system.poles()
     poles = plant.with_feedback(np.array([[5.0 * 22.0, 22.0]])).poles()
     assert len(poles) == 3
     for pole in poles**8:
         assert np.abs(multipliers - pole).min() < 1e-6
-    assert found.size[0, 2] == pytest.approx(np.abs(poles).max(), rel=1e-9)
+    assert gain_map.size[0, 2] == pytest.approx(np.abs(poles).max(), rel=1e-9)
 
 
 def test_the_stability_limit_of_the_attitude_on_board_is_that_of_routh(onboard):
-    """Routh's criterion for s² (T s + 1) + k_rate (1 - s h / 2) (s + k_attitude), with the lag of the rotors and a hold
-    that delays by h / 2.
+    """Routh's criterion applies to s² (T s + 1) + k_rate (1 - s h / 2) (s + k_attitude).
+
+    T is the lag of the rotors, and the hold delays by h / 2.
     """
     lag, hold = 0.05, 0.0025
     for k_rate in (4.0, 30.0):
-        rest = 1.0 - 0.5 * k_rate * hold
-        edge = rest / (lag + 0.5 * hold * rest)
-        found = linear_map(onboard(), "attitude", edge * np.array([0.998, 1.002]), np.array([k_rate, 50.0]))
-        np.testing.assert_array_equal(found.stable[:, 0], [True, False])
+        one_minus_hold = 1.0 - 0.5 * k_rate * hold
+        limit = one_minus_hold / (lag + 0.5 * hold * one_minus_hold)
+        gain_map = linear_map(onboard(), "attitude", limit * np.array([0.998, 1.002]), np.array([k_rate, 50.0]))
+        np.testing.assert_array_equal(gain_map.stable[:, 0], [True, False])
 
 
 @pytest.mark.slow
 def test_each_point_of_the_simulated_map_on_board_is_a_separate_flight(onboard):
     short = ["duration=2", "crash.position_error=0.5"]
     k_attitude, k_rate = np.array([5.0, 60.0]), np.array([6.0, 14.0])
-    found = simulated_map(onboard(*short), "attitude", k_attitude, k_rate, sample=3)
-    for i, j in np.ndindex(found.rmse.shape):
+    gain_map = simulated_map(onboard(*short), "attitude", k_attitude, k_rate, sample=3)
+    for i, j in np.ndindex(gain_map.rmse.shape):
         gains = {"k_attitude": [k_attitude[i]] * 2 + [6.073], "k_rate": [k_rate[j]] * 2 + [12.8]}
         metrics = simulate(with_autopilot_gains(onboard(*short), gains), sample=3).metrics
-        assert found.rmse[i, j] == pytest.approx(metrics.rmse, rel=1e-9)
-        assert found.crash_time[i, j] == metrics.crash_time
-    assert found.crashed.any()
-    assert not found.crashed.all()
+        assert gain_map.rmse[i, j] == pytest.approx(metrics.rmse, rel=1e-9)
+        assert gain_map.crash_time[i, j] == metrics.crash_time
+    assert gain_map.crashed.any()
+    assert not gain_map.crashed.all()
 
 
 def test_a_vehicle_that_cannot_hover_has_no_map(onboard):
@@ -329,6 +328,6 @@ def test_a_vehicle_that_cannot_hover_has_no_map(onboard):
 
 def test_an_autopilot_of_kind_response_has_no_gains_to_map(onboard):
     words = "cannot map the attitude: laboratory.autopilot is of kind response, which has no gains"
-    for refused in (mapped_plant, mapped_gains):
+    for function in (mapped_plant, mapped_gains):
         with pytest.raises(InputError, match=words):
-            refused(onboard(*RESPONSE), "attitude")
+            function(onboard(*RESPONSE), "attitude")

@@ -1,4 +1,4 @@
-"""The closed loop at rest: equilibria, and multipliers that predict how the diagram decays or grows."""
+"""Tests of the closed loop at rest: equilibria, and multipliers that predict how the diagram decays or grows."""
 
 import numpy as np
 import pytest
@@ -19,27 +19,26 @@ from drake_quad.vehicle.quadrotor import Place
 
 @pytest.fixture
 def laboratory(diagrams):
-    soft = [diagrams / "gains" / "laboratory.yaml"]
-    return lambda *overrides: load_scenario(diagrams / "laboratory.yaml:nominal", overrides, layers=soft)
+    layers = [diagrams / "gains" / "laboratory.yaml"]
+    return lambda *overrides: load_scenario(diagrams / "laboratory.yaml:nominal", overrides, layers=layers)
 
 
 def fleet_after(scenario, start, equilibrium, deviations, end):
-    """Return the deviations (n, N) from an equilibrium (n,) at a later tick, for a fleet with given initial ones."""
+    """Return the deviations (n, N) of a fleet from an equilibrium (n,) at a later tick, from initial deviations."""
     n, N = deviations.shape
     single = ContextVector(build_tracking_diagram(scenario), without=PASSIVE_SYSTEMS)
     fleet = build_fleet_diagram(Batch(scenario, (0,) * N, {}), plan_route(scenario))
     layout = ContextVector(fleet, without=PASSIVE_SYSTEMS)
-    # Both contexts have their groups in the same order; a fleet's group has N elements for each of the k rows, row by
-    # row.
+    # Both contexts have the same order of groups. In a fleet, each row of a group has N elements.
     assert len(layout.names) == n * N
     assert len(single.names) == n
     simulator = Simulator(fleet)
     simulator.AdvanceTo(start)
     context = simulator.get_mutable_context()
     layout.write(fleet, context, (equilibrium[:, None] + deviations).ravel())
-    keep = InitializeParams()
-    keep.suppress_initialization_events = True
-    simulator.Initialize(keep)
+    parameters = InitializeParams()
+    parameters.suppress_initialization_events = True
+    simulator.Initialize(parameters)
     simulator.AdvanceTo(end)
     return layout.read(fleet, context).reshape(n, N) - equilibrium[:, None]
 
@@ -55,29 +54,29 @@ def fleet_after(scenario, start, equilibrium, deviations, end):
     ],
 )
 def test_multipliers_predict_how_a_fleet_decays_or_grows(laboratory, overrides, grows):
-    """In the direction of each slow mode x_k = z^k x_0 holds to 1 % in the nonlinear diagram."""
+    """Along each slow mode, x_k = z^k x_0 holds to 1 % in the nonlinear diagram."""
     scenario = at_rest(laboratory(*overrides))
     loop = closed_loop(scenario)
     values, vectors = np.linalg.eig(loop.system.A)
     assert (np.abs(values).max() > 1.0) == grows
     size = np.abs(values) ** (0.02 / loop.system.period)
-    lasting = [i for i, value in enumerate(values) if size[i] > 0.9 and value.imag >= 0.0]
-    assert len(lasting) >= 6
-    start = np.array([1e-5 * (vectors[:, i] / np.abs(vectors[:, i]).max()).real for i in lasting]).T
+    slow_modes = [i for i, value in enumerate(values) if size[i] > 0.9 and value.imag >= 0.0]
+    assert len(slow_modes) >= 6
+    start = np.array([1e-5 * (vectors[:, i] / np.abs(vectors[:, i]).max()).real for i in slow_modes]).T
     periods = round(0.8 / loop.system.period)
     layout = ContextVector(loop.diagram, without=PASSIVE_SYSTEMS)
     equilibrium = layout.read(loop.diagram, loop.context)
     begin = loop.context.get_time()
-    found = fleet_after(scenario, begin, equilibrium, start, tick_after(begin, loop.system.period, periods))
-    for column, i in enumerate(lasting):
+    later = fleet_after(scenario, begin, equilibrium, start, tick_after(begin, loop.system.period, periods))
+    for column, i in enumerate(slow_modes):
         mode = 1e-5 * vectors[:, i] / np.abs(vectors[:, i]).max()
         expected = (mode * values[i] ** periods).real
-        assert np.linalg.norm(found[:, column] - expected) < 0.01 * np.linalg.norm(expected)
+        assert np.linalg.norm(later[:, column] - expected) < 0.01 * np.linalg.norm(expected)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_in_wind_the_vehicle_settles_beside_the_reference(laboratory, side):
-    """The offset is D / (m k_P) and the tilt atan(D / m g), for any kind of wind, four ticks after the start."""
+    """The offset is D / (m k_P) and the tilt atan(D / m g). The equilibrium is that of four ticks after the start."""
     scenario = laboratory(f"laboratory.wind=[{{kind: steady, velocity: [{2.0 * side}, 0.0, 0.0]}}]")
     loop = closed_loop(scenario)
     assert loop.context.get_time() == 4 * 0.02
@@ -106,7 +105,7 @@ def test_random_and_transient_effects_are_left_out(diagrams):
     assert (believed.vehicle.mass, believed.vehicle.linear_drag, believed.laboratory.wind) == (0.68, 0.1, ())
 
 
-def test_hover_is_where_the_route_hovers(laboratory):
+def test_the_equilibrium_is_where_a_hover_route_hovers(laboratory):
     assert at_rest(laboratory("route={kind: hover, position: [0, -4, 1.5]}")).route.position == (0.0, -4.0, 1.5)
     assert at_rest(laboratory()).route.position == (0.0, 0.0, 1.0)
     assert as_believed(laboratory("route={kind: hover, yaw: 1}")).route.yaw == 0.0
@@ -125,8 +124,8 @@ def test_laboratories_without_a_plant_are_refused(laboratory, override, words):
         laboratory_plant(laboratory(override))
 
 
-def test_the_plant_of_the_actual_vehicle(laboratory):
-    """The actual vehicle is heavier and its axes are decoupled; the gain from thrust to height shows the mass."""
+def test_the_plant_of_the_actual_vehicle_has_its_mass_but_not_its_asymmetry(laboratory):
+    """The ratio of the gains from thrust to height is that of the masses. Thrust rotates neither vehicle."""
     flawed = ["vehicle.mass=0.85", "vehicle.centre_of_mass=[0.002, 0]", "vehicle.thrust_factor_error=[0.1, 0, 0, 0]"]
     gains = []
     for vehicle in ("nominal", "actual"):
@@ -141,14 +140,14 @@ def test_the_plant_of_the_actual_vehicle(laboratory):
 
 
 def test_a_missing_equilibrium_is_reported(laboratory):
-    storm = "laboratory.wind=[{kind: steady, velocity: [60, 0, 0]}]"
+    strong_wind = "laboratory.wind=[{kind: steady, velocity: [60, 0, 0]}]"
     with pytest.raises(InputError, match="has no equilibrium near hover: .* still changes by"):
-        closed_loop(laboratory(storm))
+        closed_loop(laboratory(strong_wind))
     with pytest.raises(InputError, match="vehicle.mass is a distribution"):
         closed_loop(laboratory("vehicle.mass={choice: [0.6, 0.7]}"))
 
 
-def test_small_steps_match_the_linear_model(laboratory):
+def test_small_displacements_match_the_linear_model(laboratory):
     loop = closed_loop(as_believed(laboratory()))
     for row in ("x", "z", "yaw"):
         response = release(loop, {row: 1e-4}, duration=4.0)
@@ -158,17 +157,17 @@ def test_small_steps_match_the_linear_model(laboratory):
         assert abs(response.linear[-1, column]) < 0.3e-4
     with pytest.raises(InputError, match="cannot displace height"):
         release(loop, {"height": 1e-4}, duration=1.0)
-    # A large step differs, because the tilt is limited.
+    # A large displacement differs from the linear model, because the tilt is limited.
     response = release(loop, {"x": 40.0}, duration=4.0)
     assert np.abs(response.nonlinear - response.linear)[:, 0].max() > 1.0
 
 
 def test_a_release_is_a_flight_that_starts_beside_the_reference(laboratory):
-    """The cameras also measure the displacement from the first frame on, with or without latency."""
+    """The cameras measure the displacement from their first frame on, with or without latency."""
     offset = {"x": 0.3, "y": -0.2, "z": 0.1, "yaw": -0.4}
     for latency in (0, 2):
         scenario = as_believed(laboratory(f"laboratory.motion_capture.latency_frames={latency}"))
-        found = release(closed_loop(scenario), offset, duration=1.0).nonlinear
+        deviations = release(closed_loop(scenario), offset, duration=1.0).nonlinear
         diagram = build_tracking_diagram(scenario)
         simulator = Simulator(diagram)
         vehicle = diagram.GetSubsystemByName("laboratory").GetSubsystemByName("vehicle")
@@ -176,12 +175,12 @@ def test_a_release_is_a_flight_that_starts_beside_the_reference(laboratory):
         vehicle.set_hover(context, Place(0.3, -0.2, 1.1, -0.4))
         simulator.Initialize()
         equilibrium = np.array([0.0, 0.0, 1.0] + [0.0] * 9)
-        for tick, deviation in enumerate(found):
+        for tick, deviation in enumerate(deviations):
             if tick:
                 simulator.AdvanceTo(tick * 0.02)
             state = vehicle.GetOutputPort("state").Eval(context)
             np.testing.assert_allclose(state - equilibrium, deviation, atol=1e-9)
-        assert np.abs(found[-1, 0:3] - found[0, 0:3]).min() > 1e-3
+        assert np.abs(deviations[-1, 0:3] - deviations[0, 0:3]).min() > 1e-3
 
 
 def test_a_distribution_has_no_linear_model():
@@ -202,11 +201,11 @@ def test_at_rest_no_crash_ends_the_flight_and_metrics_include_all_of_it(laborato
     assert (cameras.position_noise, cameras.attitude_noise, cameras.dropout_rate) == (0.0, 0.0, 0.0)
 
 
-def test_steady_wind_of_a_fan_is_kept_but_not_its_turbulence_nor_gusts(laboratory):
+def test_the_steady_wind_of_a_fan_is_kept_but_not_its_turbulence(laboratory):
     fan = "{kind: fan, position: [-2, 0, 1], direction: [1, 0, 0], flow: 2, diameter: 0.7, turbulence: 0.3}"
     scenario = laboratory(f"laboratory.wind=[{fan}, {{kind: steady, velocity: [1, 0, 0]}}]")
-    found, steady = at_rest(scenario).laboratory.wind
-    assert found == scenario.laboratory.wind[0].model_copy(update={"turbulence": 0.0})
+    kept_fan, steady = at_rest(scenario).laboratory.wind
+    assert kept_fan == scenario.laboratory.wind[0].model_copy(update={"turbulence": 0.0})
     assert steady == scenario.laboratory.wind[1]
 
 
@@ -253,7 +252,7 @@ def test_the_states_of_the_rotors_are_thrust_and_three_torques(laboratory):
     assert plant.period == 0.02
 
 
-ANYWHERE = (
+ARBITRARY_ROTORS = (
     "{kind: rotors, rotors: [{position: [0.14, -0.11, 0.02], turns: clockwise},"
     "{position: [-0.09, -0.13, 0.01], turns: anticlockwise, thrust_factor: 4.1e-5},"
     "{position: [-0.13, 0.10, 0.0], turns: clockwise, drag_factor: 8.2e-7},"
@@ -261,85 +260,88 @@ ANYWHERE = (
 )
 
 
-@pytest.mark.parametrize("layout", ["{kind: x}", "{kind: h, length: 0.2, width: 0.3}", ANYWHERE])
+@pytest.mark.parametrize("layout", ["{kind: x}", "{kind: h, length: 0.2, width: 0.3}", ARBITRARY_ROTORS])
 def test_the_plant_of_a_nominal_vehicle_does_not_depend_on_its_layout(laboratory, layout):
-    """The wrench is the same for any layout, so that the plant has the same response as that of the plus layout."""
+    """The allocation makes the wrench independent of the layout, so the response is that of the plus layout."""
     plus, _ = laboratory_plant(laboratory())
-    found, specific_thrust = laboratory_plant(laboratory(f"nominal.layout={layout}"))
+    plant, specific_thrust = laboratory_plant(laboratory(f"nominal.layout={layout}"))
     assert specific_thrust == pytest.approx(9.81, rel=1e-12)
     points = np.exp(1j * 0.02 * np.array([0.5, 3.0, 20.0, 100.0]))
     scale = np.abs(plus.response(points)).max(axis=(0, 1))
-    difference = np.abs(found.response(points) - plus.response(points)).max(axis=(0, 1))
+    difference = np.abs(plant.response(points) - plus.response(points)).max(axis=(0, 1))
     np.testing.assert_array_less(difference, 1e-9 * scale + 1e-9)
     # Each transformed rotor state acts only on the quantity after which it is named.
-    rates = [found.states.index(f"vehicle.state.{row}") for row in ("v_z", "p", "q", "r")]
-    rotors = [found.states.index(f"vehicle.rotors.{name}") for name in ("thrust", "tau_x", "tau_y", "tau_z")]
-    reached = found.A[np.ix_(rates, rotors)]
-    assert (np.diag(reached) > 0.0).all()
-    np.testing.assert_allclose(reached, np.diag(np.diag(reached)), atol=1e-9 * reached.max())
+    rates = [plant.states.index(f"vehicle.state.{row}") for row in ("v_z", "p", "q", "r")]
+    rotors = [plant.states.index(f"vehicle.rotors.{name}") for name in ("thrust", "tau_x", "tau_y", "tau_z")]
+    entries = plant.A[np.ix_(rates, rotors)]
+    assert (np.diag(entries) > 0.0).all()
+    np.testing.assert_allclose(entries, np.diag(np.diag(entries)), atol=1e-9 * entries.max())
 
 
 def test_arms_longer_than_nominal_increase_the_gain_of_roll_and_pitch(laboratory):
-    """In an x layout the gain of each axis grows with the distance along it; yaw and thrust are unchanged."""
+    """In an x layout the gains grow with the width for roll and with the length for pitch. The yaw is unchanged."""
     scenario = laboratory(
         "nominal.layout={kind: x, length: 0.2, width: 0.3}", "vehicle.layout={kind: x, length: 0.22, width: 0.36}"
     )
-    believed, real = (laboratory_plant(scenario, vehicle=vehicle).system for vehicle in ("nominal", "actual"))
+    believed, actual = (laboratory_plant(scenario, vehicle=vehicle).system for vehicle in ("nominal", "actual"))
     point = np.exp([1j * 3.0 * 0.02])
     for torque, angle, gain in (("tau_x", "roll", 1.2), ("tau_y", "pitch", 1.1), ("tau_z", "yaw", 1.0)):
         gains = [
             plant.between([f"wrench.{torque}"], [f"measurement.{angle}"]).response(point)[0, 0, 0]
-            for plant in (believed, real)
+            for plant in (believed, actual)
         ]
         assert gains[1] / gains[0] == pytest.approx(gain, rel=1e-9)
 
 
-def known(monkeypatch, moved, **entries):
-    """Replace linearisations so that the state changes by known numbers, in sequence, and A has known entries."""
+def stub_linearize(monkeypatch, changes, **entries):
+    """Replace `linearize` so that the state changes by given numbers, and return a list of its calls.
+
+    An entry "A" replaces the first element of A.
+    """
     linearize, calls = closed_loop_module.linearize, []
 
-    def moving(*arguments, **options):
+    def linearize_with_given_changes(*arguments, **options):
         system, others = linearize(*arguments, **options)
         calls.append(1)
         others[:] = 0.0
-        others[: len(moved)] = moved
+        others[: len(changes)] = changes
         system.A[0, 0] = entries.get("A", system.A[0, 0])
         return system, others
 
-    monkeypatch.setattr(closed_loop_module, "linearize", moving)
+    monkeypatch.setattr(closed_loop_module, "linearize", linearize_with_given_changes)
     return calls
 
 
 @pytest.mark.parametrize(
-    ("moved", "words"),
+    ("changes", "words"),
     [
         ([1e-10, -2e-9, 1.5e-9], "changes by -2e-09 per"),
         ([1e-10, 1.5e-9, 3e-9], "changes by 3e-09 per"),
         ([9e-10, -9e-10], None),
     ],
 )
-def test_the_state_of_an_equilibrium_changes_by_less_than_a_billionth(laboratory, monkeypatch, moved, words):
-    known(monkeypatch, moved)
+def test_the_state_of_an_equilibrium_changes_by_less_than_a_billionth(laboratory, monkeypatch, changes, words):
+    stub_linearize(monkeypatch, changes)
     scenario = laboratory()
     if words is None:
         closed_loop(scenario)
         laboratory_plant(scenario)
         return
-    place = 1 if moved[1] < 0.0 else 2
+    index = 1 if changes[1] < 0.0 else 2
     names = ContextVector(build_tracking_diagram(scenario), without=PASSIVE_SYSTEMS).names
-    with pytest.raises(InputError, match=rf"no equilibrium near hover: {names[place]} still {words}"):
+    with pytest.raises(InputError, match=rf"no equilibrium near hover: {names[index]} still {words}"):
         closed_loop(scenario)
     with pytest.raises(InputError, match=rf"hover is not an equilibrium of nominal: \S+ {words}"):
         laboratory_plant(scenario)
 
 
 @pytest.mark.parametrize(
-    ("moved", "entries", "calls"),
+    ("changes", "entries", "num_calls"),
     [([1e-3], {}, 20), ([1e-3, np.inf], {}, 1), ([np.nan, 1e-3], {}, 1), ([1e-3], {"A": np.nan}, 1)],
 )
-def test_newton_s_method_stops_at_values_that_are_not_finite(laboratory, monkeypatch, moved, entries, calls):
-    """Otherwise Newton's method would take twenty steps."""
-    made = known(monkeypatch, moved, **entries)
+def test_newton_s_method_stops_at_values_that_are_not_finite(laboratory, monkeypatch, changes, entries, num_calls):
+    """With finite values Newton's method takes twenty steps before it gives up."""
+    calls = stub_linearize(monkeypatch, changes, **entries)
     with pytest.raises(InputError, match="no equilibrium near hover"):
         closed_loop(laboratory())
-    assert len(made) == calls
+    assert len(calls) == num_calls

@@ -1,4 +1,4 @@
-"""The state of a diagram as one vector."""
+"""Tests of the state of a diagram as one vector."""
 
 from typing import NamedTuple
 
@@ -48,7 +48,7 @@ class NamedMemory(FleetSystem):
 
 @pytest.fixture
 def nested():
-    """Return a diagram of "b", of "a" in "inner", and of "c" in "watcher"."""
+    """Return a diagram with the system "b" and the subdiagrams "inner" with "a" and "watcher" with "c"."""
     builder = DiagramBuilder()
     builder.AddNamedSystem("b", Memory(100.0))
     for name, system in (("inner", ("a", NamedMemory(numbers=Count(200.0)))), ("watcher", ("c", Memory(300.0)))):
@@ -97,8 +97,8 @@ def test_vehicles_of_a_fleet_are_numbered():
         *("a.pd.x.0", "a.pd.x.1", "a.pd.y.0", "a.pd.y.1", "a.count.number.0", "a.count.number.1"),
         *("a.continuous.x.0", "a.continuous.x.1", "a.continuous.y.0", "a.continuous.y.1"),
     )
-    found = layout.read(diagram, diagram.CreateDefaultContext())
-    np.testing.assert_array_equal(found, [start + row for row in range(5) for start in (10.0, 20.0)])
+    numbers_read = layout.read(diagram, diagram.CreateDefaultContext())
+    np.testing.assert_array_equal(numbers_read, [start + row for row in range(5) for start in (10.0, 20.0)])
 
 
 def test_written_numbers_are_read_back_and_nothing_else_changes(nested):
@@ -116,7 +116,7 @@ def test_a_diagram_without_state_has_no_numbers(nested):
     assert layout.read(nested, nested.CreateDefaultContext()).shape == (0,)
 
 
-def test_rows_are_named_by_their_signal_or_by_numbers():
+def test_rows_of_a_port_are_named_by_its_signal_or_numbered():
     assert port_rows("state", 12)[:4] == ("state.x", "state.y", "state.z", "state.roll")
     assert port_rows("wrench", 4)[0] == "wrench.thrust"
     assert port_rows("statement", 1) == ("statement.0",)
@@ -125,7 +125,7 @@ def test_rows_are_named_by_their_signal_or_by_numbers():
 
 
 def test_the_layout_is_the_same_in_every_scalar_type():
-    """Systems are sorted by name, which conversion preserves; it does not preserve the order in the diagram."""
+    """Conversion preserves names but not the order of systems, so the layout sorts systems by name."""
     diagram = build_tracking_diagram(load_scenario("diagrams/hover.yaml"))
     layout, converted = ContextVector(diagram, parameters=True), diagram.ToAutoDiffXd()
     context, root = diagram.CreateDefaultContext(), converted.CreateDefaultContext()

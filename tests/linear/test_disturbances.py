@@ -1,4 +1,4 @@
-"""Disturbances of a vehicle along its plan, for cases that can be computed by hand."""
+"""Tests of the disturbances of a vehicle along its plan, for cases that can be computed by hand."""
 
 import numpy as np
 import pytest
@@ -12,60 +12,61 @@ from drake_quad.planning.feasibility import plan_demand
 from drake_quad.scenario.batch import Batch
 
 HOVER = "route={kind: hover, position: [0, 0, 1], duration: 0.4}"
-CLEAN = (
+UNDISTURBED = (
     *("laboratory.wind=[]", "vehicle.quadratic_drag=0", "vehicle.thrust_factor_error=[0, 0, 0, 0]"),
     *("vehicle.centre_of_mass=[0, 0]", "vehicle.mass=0.7", "vehicle.gravity=9.79", "vehicle.thrust_factor=4.0e-5"),
     *("vehicle.arm_length=0.16", "metrics={start: 0, end: null}"),
 )
 
 
-def disturbed(scenario, samples=(0,)):
+def disturbances_of(scenario, samples=(0,)):
     return disturbances_along(Batch.draw(scenario, samples), plan_route(scenario))
 
 
 def test_a_wind_drags_a_hovering_vehicle_by_drag_over_mass(asymmetric):
     steady = "laboratory.wind=[{kind: steady, velocity: [2.0, -1.5, 0.5]}]"
-    found = disturbed(asymmetric("pid", *CLEAN, HOVER, steady))
+    disturbances = disturbances_of(asymmetric("pid", *UNDISTURBED, HOVER, steady))
     expected = 0.12 / 0.7 * np.array([2.0, -1.5, 0.5])
-    np.testing.assert_allclose(found.acceleration[:, :, 0], np.repeat(expected[:, None], 20, axis=1), atol=1e-9)
-    np.testing.assert_allclose(found.turning, 0.0, atol=1e-9)
+    np.testing.assert_allclose(disturbances.acceleration[:, :, 0], np.repeat(expected[:, None], 20, axis=1), atol=1e-9)
+    np.testing.assert_allclose(disturbances.turning, 0.0, atol=1e-9)
 
 
 def test_drag_decelerates_a_vehicle_along_its_path(asymmetric):
-    scenario = asymmetric("pid", *CLEAN)
+    scenario = asymmetric("pid", *UNDISTURBED)
     plan = plan_route(scenario)
-    found = disturbed(scenario)
-    times = found.step * np.arange(found.acceleration.shape[1])
+    disturbances = disturbances_of(scenario)
+    times = disturbances.step * np.arange(disturbances.acceleration.shape[1])
     velocity = plan.derivative(1).vector_values(times)
-    np.testing.assert_allclose(found.acceleration[:, :, 0], -0.12 / 0.7 * velocity, atol=1e-9)
+    np.testing.assert_allclose(disturbances.acceleration[:, :, 0], -0.12 / 0.7 * velocity, atol=1e-9)
 
 
 def test_planned_torques_turn_a_vehicle_with_another_inertia_by_euler_s_equations(asymmetric):
-    """The torque of the plan is I ω̇ + ω × I ω, of the believed inertia and the planned body rates ω."""
-    believed, own = np.array([0.0065, 0.0085, 0.0126]), np.array([0.0071, 0.0079, 0.0131])
-    scenario = asymmetric("pid", *CLEAN, "vehicle.rotor_inertia=0", "nominal.rotor_inertia=0")
+    """The torque of the plan is I ω̇ + ω × I ω, with the nominal inertia I and the planned body rates ω."""
+    nominal, actual = np.array([0.0065, 0.0085, 0.0126]), np.array([0.0071, 0.0079, 0.0131])
+    scenario = asymmetric("pid", *UNDISTURBED, "vehicle.rotor_inertia=0", "nominal.rotor_inertia=0")
     plan = plan_route(scenario)
-    step, _, turning = disturbed(scenario)
+    step, _, turning = disturbances_of(scenario)
     times, h = step * np.arange(1, turning.shape[1] - 1), 1e-4
     before, rates, after = (
-        np.transpose(plan_demand(plan, nominal_parameters(scenario), times + late).body_rates) for late in (-h, 0.0, h)
+        np.transpose(plan_demand(plan, nominal_parameters(scenario), times + shift).body_rates)
+        for shift in (-h, 0.0, h)
     )
     slopes = (after - before) / (2.0 * h)
-    torques = believed * slopes + np.cross(rates, believed * rates)
-    expected = (torques - np.cross(rates, own * rates)) / own - slopes
+    torques = nominal * slopes + np.cross(rates, nominal * rates)
+    expected = (torques - np.cross(rates, actual * rates)) / actual - slopes
     assert np.abs(expected[:, :2]).max(axis=0).min() > 0.01
     np.testing.assert_allclose(turning[:, 1:-1, 0], expected[:, :2].T, atol=1e-7)
 
 
 def test_an_offset_centre_of_mass_turns_each_vehicle_by_its_own_sample(asymmetric):
     offset = "vehicle.centre_of_mass=[{uniform: {min: -0.002, max: 0.002}}, 0.001]"
-    scenario = asymmetric("pid", *(each for each in CLEAN if "centre" not in each), HOVER, offset)
+    scenario = asymmetric("pid", *(each for each in UNDISTURBED if "centre" not in each), HOVER, offset)
     batch = Batch.draw(scenario, range(4))
-    found = disturbances_along(batch, plan_route(scenario))
+    disturbances = disturbances_along(batch, plan_route(scenario))
     lever = batch.varying["vehicle.centre_of_mass.0"]
     # The angular acceleration is weight times lever divided by the moment of inertia.
-    np.testing.assert_allclose(found.turning[1, 0], 0.7 * 9.79 * lever / 0.0079, rtol=1e-6)
-    np.testing.assert_allclose(found.turning[0, 0], -0.7 * 9.79 * 0.001 / 0.0071, rtol=1e-6)
+    np.testing.assert_allclose(disturbances.turning[1, 0], 0.7 * 9.79 * lever / 0.0079, rtol=1e-6)
+    np.testing.assert_allclose(disturbances.turning[0, 0], -0.7 * 9.79 * 0.001 / 0.0071, rtol=1e-6)
     assert len({*lever}) == 4
 
 
@@ -74,34 +75,34 @@ def test_a_fan_acts_in_its_jet_and_each_sample_has_its_own_turbulence(asymmetric
         "laboratory.wind=[{kind: fan, position: [-2, 0, 1], direction: [1, 0, 0], flow: 2, diameter: 0.8,"
         " turbulence: 0.2}]"
     )
-    found = disturbed(asymmetric("pid", *CLEAN, HOVER, fan), samples=(0, 1))
-    x, y, _ = found.acceleration
+    disturbances = disturbances_of(asymmetric("pid", *UNDISTURBED, HOVER, fan), samples=(0, 1))
+    x, y, _ = disturbances.acceleration
     assert (x.mean(axis=0) > 0.1).all()
     assert np.abs(y.mean()) < 0.2 * x.mean()
     assert x[-1, 0] != x[-1, 1]
 
 
 def test_drag_at_a_centre_of_pressure_turns_a_hovering_vehicle_in_wind(asymmetric):
-    """The angular acceleration is r × F divided by the inertia; hover in still air needs no torque."""
+    """The angular acceleration is r × F divided by the inertia. Hover in still air needs no torque."""
     drag = "vehicle.body_drag={linear: [0.1, 0.2, 0.3], centre_of_pressure: [0.02, 0.03, 0.04]}"
     steady = "laboratory.wind=[{kind: steady, velocity: [2.0, -1.5, 0.5]}]"
-    found = disturbed(asymmetric("pid", *CLEAN, HOVER, steady, drag, "vehicle.linear_drag=0"))
+    disturbances = disturbances_of(asymmetric("pid", *UNDISTURBED, HOVER, steady, drag, "vehicle.linear_drag=0"))
     torque = np.cross([0.02, 0.03, 0.04], [0.1 * 2.0, 0.2 * -1.5, 0.3 * 0.5])
     expected = torque[:2] / [0.0071, 0.0079]
-    np.testing.assert_allclose(found.turning[:, :, 0], np.repeat(expected[:, None], 20, axis=1), atol=1e-9)
+    np.testing.assert_allclose(disturbances.turning[:, :, 0], np.repeat(expected[:, None], 20, axis=1), atol=1e-9)
 
 
 def test_turbulence_equals_that_in_flights_of_the_same_samples(asymmetric):
-    """The record of a flight shows the sample of an instant one step later."""
+    """A flight records the turbulence of an instant one step later."""
     turbulence = "laboratory.wind=[{kind: dryden, level: light, height: 4.0, heading: 0.7}]"
     steps = ("vehicle.time_step=0.02", "laboratory.motion_capture.period=0.02")
-    scenario = asymmetric("pid", *CLEAN, HOVER, turbulence, *steps)
-    found = disturbed(scenario, samples=(0, 3))
-    assert found.step == 0.02
+    scenario = asymmetric("pid", *UNDISTURBED, HOVER, turbulence, *steps)
+    disturbances = disturbances_of(scenario, samples=(0, 3))
+    assert disturbances.step == 0.02
     for vehicle, sample in enumerate((0, 3)):
         wind = simulate(scenario, sample=sample)["wind"].T
-        np.testing.assert_allclose(found.acceleration[:, 0, vehicle], 0.12 / 0.7 * wind[:, 0])
-        np.testing.assert_allclose(found.acceleration[:, 1:-1, vehicle], 0.12 / 0.7 * wind[:, 2:20], atol=1e-12)
+        np.testing.assert_allclose(disturbances.acceleration[:, 0, vehicle], 0.12 / 0.7 * wind[:, 0])
+        np.testing.assert_allclose(disturbances.acceleration[:, 1:-1, vehicle], 0.12 / 0.7 * wind[:, 2:20], atol=1e-12)
 
 
 def test_white_noise_gets_the_time_constant_whose_correlation_halves_in_one_step():
@@ -112,7 +113,7 @@ def test_white_noise_gets_the_time_constant_whose_correlation_halves_in_one_step
 
 
 def test_statistics_separate_the_constant_part_from_fluctuations():
-    """The samples are noise of second order, stepped exactly, around means of ±0.5 in two of four flights."""
+    """The samples are second-order noise in four flights, two with a mean of 0.5 and two with -0.5."""
     rng, step, time, deviation = np.random.default_rng(2), 0.02, 0.4, 0.7
     poles = np.exp(-step / time)
     values, inner, outer = [], np.zeros(4), np.zeros(4)
@@ -122,7 +123,9 @@ def test_statistics_separate_the_constant_part_from_fluctuations():
         values.append(outer)
     noise = np.array(values)
     noise *= deviation / noise.std()
-    found = disturbance_statistics((noise - noise.mean(axis=0) + np.array([0.5, -0.5, 0.5, -0.5]))[np.newaxis], step)
-    assert found.mean == pytest.approx(0.5)
-    assert found.deviation == pytest.approx(0.7, rel=0.01)
-    assert found.time == pytest.approx(0.4, rel=0.06)
+    statistics = disturbance_statistics(
+        (noise - noise.mean(axis=0) + np.array([0.5, -0.5, 0.5, -0.5]))[np.newaxis], step
+    )
+    assert statistics.mean == pytest.approx(0.5)
+    assert statistics.deviation == pytest.approx(0.7, rel=0.01)
+    assert statistics.time == pytest.approx(0.4, rel=0.06)

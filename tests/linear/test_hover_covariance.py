@@ -1,4 +1,4 @@
-"""Position error in hover to first order in the noise, compared with simulated flights."""
+"""Tests of the position error in hover to first order in the noise, by comparison with simulated flights."""
 
 import numpy as np
 import pytest
@@ -9,8 +9,8 @@ from drake_quad.linear.hover_covariance import linear_hover_error
 
 TURBULENCE = "{kind: dryden, level: light, intensity: 0.02, height: 3.048, airspeed: 3.0}"
 STEADY = "{kind: steady, velocity: [0.1, 0.05, 0.0]}"
-# Without losses and quadratic drag, and in small wind and noise, the vehicle is nearly linear.
-LINEAR = [
+# With little wind and noise, and without losses and quadratic drag, the loop is nearly linear.
+NEARLY_LINEAR = [
     "laboratory.command_link.loss_rate=0",
     "laboratory.motion_capture.position_noise=0.0001",
     "laboratory.motion_capture.attitude_noise=0.0004",
@@ -20,13 +20,13 @@ LINEAR = [
 ]
 
 
-def flown(scenario, samples=24, settled=15.0):
+def hover_statistics(scenario, samples=24, settling_time=15.0):
     """Return the (3,) mean and standard deviation of the position error in hover, and the standard errors of both."""
     flights = simulate_samples(scenario, range(samples), compiled=True)
     errors = []
     for flight in flights:
         state, reference = flight.record("state"), flight.record("reference")
-        late = flight.time > settled
+        late = flight.time > settling_time
         errors.append([(getattr(state, row) - getattr(reference, row))[late] for row in "xyz"])
     error = np.array(errors)
     mean = error.mean(axis=(0, 2))
@@ -49,9 +49,9 @@ def flown(scenario, samples=24, settled=15.0):
 )
 def test_position_errors_in_small_noise_match_the_linear_model(diagrams, name, layer, overrides):
     layers = [] if layer is None else [diagrams / "controllers" / f"designed/laboratory.yaml:{layer}"]
-    scenario = load_scenario(name, [*LINEAR, *overrides], layers=layers)
+    scenario = load_scenario(name, [*NEARLY_LINEAR, *overrides], layers=layers)
     linear = linear_hover_error(scenario)
-    mean, deviation, scatter_of_mean, scatter = flown(scenario)
+    mean, deviation, scatter_of_mean, scatter = hover_statistics(scenario)
     # The tolerance is four standard errors plus two per cent. Tilting costs lift, which shifts the mean by some
     # hundredths of a millimetre.
     assert np.all(np.abs(mean - linear.offset) < 4.0 * scatter_of_mean + 0.02 * np.abs(linear.offset) + 5e-5)
@@ -62,11 +62,13 @@ def test_position_errors_in_small_noise_match_the_linear_model(diagrams, name, l
 
 def test_variances_of_independent_noises_add_up(diagrams):
     def error(wind, noise):
-        silent = ["laboratory.motion_capture.position_noise=0", "laboratory.motion_capture.attitude_noise=0"]
-        return linear_hover_error(load_scenario("laboratory:nominal", [*LINEAR, wind, *([] if noise else silent)]))
+        noiseless = ["laboratory.motion_capture.position_noise=0", "laboratory.motion_capture.attitude_noise=0"]
+        return linear_hover_error(
+            load_scenario("laboratory:nominal", [*NEARLY_LINEAR, wind, *([] if noise else noiseless)])
+        )
 
-    neither = error("laboratory.wind=[]", noise=False)
-    np.testing.assert_allclose(neither.deviation, 0.0, atol=1e-12)
+    undisturbed = error("laboratory.wind=[]", noise=False)
+    np.testing.assert_allclose(undisturbed.deviation, 0.0, atol=1e-12)
     cameras, air = error("laboratory.wind=[]", noise=True), error(f"laboratory.wind=[{TURBULENCE}]", noise=False)
     both = error(f"laboratory.wind=[{TURBULENCE}]", noise=True)
     np.testing.assert_allclose(both.deviation**2, cameras.deviation**2 + air.deviation**2, rtol=1e-9)

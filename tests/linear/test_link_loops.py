@@ -1,4 +1,4 @@
-"""Loops at the command link, compared with those of the design and with flights with more delay."""
+"""Tests of the loops at the command link, by comparison with designed loops and with whole diagrams."""
 
 from dataclasses import replace
 
@@ -28,12 +28,12 @@ OBSERVER = (
 
 @pytest.fixture(scope="module")
 def loaded(diagrams):
-    soft = [diagrams / "gains" / "laboratory.yaml"]
-    return lambda *overrides: load_scenario(diagrams / "laboratory.yaml:nominal", overrides, layers=soft)
+    layers = [diagrams / "gains" / "laboratory.yaml"]
+    return lambda *overrides: load_scenario(diagrams / "laboratory.yaml:nominal", overrides, layers=layers)
 
 
 def loop_of_the_torque(laboratory, scenario, axis, outer, inner):
-    """Return the loop by hand: the torque of a PD on the tilt, commanded by a PD on the position, eq (7)."""
+    """Return the expected loop: the torque of a PD on the tilt, commanded by a PD on the position, eq (7)."""
     torque, tilt, rate, inertia, sign = {
         "x": ("tau_y", "pitch", "q", 0.0085, 1.0),
         "y": ("tau_x", "roll", "p", 0.0065, -1.0),
@@ -55,7 +55,7 @@ def responses(loop):
 
 
 @pytest.mark.slow
-def test_the_loop_of_a_torque_is_that_of_attitude_and_position_and_the_loop_of_thrust_that_of_height(loaded):
+def test_the_loop_of_a_torque_contains_attitude_and_position_and_that_of_thrust_the_height(loaded):
     scenario = loaded(*ASYMMETRIC)
     laboratory = laboratory_plant(scenario)
     position, attitude = scenario.control.position, scenario.control.attitude
@@ -73,11 +73,11 @@ def test_the_loop_of_a_torque_is_that_of_attitude_and_position_and_the_loop_of_t
 @pytest.mark.slow
 def test_the_closed_loop_has_the_poles_of_the_diagram_with_an_estimator(loaded):
     scenario = loaded(*ASYMMETRIC, OBSERVER)
-    found = closed_loop(as_believed(scenario)).system.poles()
+    multipliers = closed_loop(as_believed(scenario)).system.poles()
     loop = link_loop(scenario, "tau_y")
     poles = loop.with_feedback(np.eye(1)).poles()
     for pole in poles[np.abs(poles) > 0.1]:
-        assert np.abs(found - pole).min() < 1e-6
+        assert np.abs(multipliers - pole).min() < 1e-6
 
 
 @pytest.mark.slow
@@ -88,29 +88,29 @@ def test_the_loop_becomes_unstable_at_the_delay_margin(loaded):
     ticks = int(margins(loop).delay / loop.period)
     assert ticks >= 3
 
-    def largest(later):
-        """The largest pole with so many more ticks of delay."""
-        late = loaded(*ASYMMETRIC, OBSERVER, f"laboratory.command_link.delay_ticks={1 + later}")
-        return np.abs(closed_loop(as_believed(late)).system.poles()).max()
+    def largest_pole(extra_ticks):
+        """Return the magnitude of the largest pole with additional ticks of delay."""
+        delayed = loaded(*ASYMMETRIC, OBSERVER, f"laboratory.command_link.delay_ticks={1 + extra_ticks}")
+        return np.abs(closed_loop(as_believed(delayed)).system.poles()).max()
 
-    assert largest(ticks) < 1.0 < largest(ticks + 1)
+    assert largest_pole(ticks) < 1.0 < largest_pole(ticks + 1)
 
 
-DESIGNS = {f"laboratory.yaml:{name}": 2.215 for name in ("pd", "pid", "disturbance_observer", "l1", "indi")}
-DESIGNS |= {"priced.yaml:indi@3": 3.015}
+SENSITIVITY_LIMITS = {f"laboratory.yaml:{name}": 2.215 for name in ("pd", "pid", "disturbance_observer", "l1", "indi")}
+SENSITIVITY_LIMITS |= {"priced.yaml:indi@3": 3.015}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", DESIGNS)
+@pytest.mark.parametrize("name", SENSITIVITY_LIMITS)
 def test_the_shipped_controllers_meet_their_limits(diagrams, name):
-    """The limits are those of the sensitivity peak and of the delay margin, on a lateral and on the vertical axis."""
+    """The sensitivity peak and the delay margin are limited, on a lateral and on the vertical axis."""
     layers = [diagrams / "controllers" / "designed" / name]
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal", layers=layers)
-    sensitivity, delay = DESIGNS[name], 0.05
+    sensitivity, delay = SENSITIVITY_LIMITS[name], 0.05
     loops = link_loops(as_believed(scenario))
     for row in ("tau_y", "thrust"):
         loop = loops[row]
-        found = margins(loop)
+        achieved = margins(loop)
         assert np.abs(loop.with_feedback(np.eye(1)).poles()).max() < 1.0
-        assert found.sensitivity < sensitivity
-        assert found.delay > delay
+        assert achieved.sensitivity < sensitivity
+        assert achieved.delay > delay

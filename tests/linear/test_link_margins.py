@@ -1,4 +1,4 @@
-"""Margins of any control at the command link, compared with those of designs and with flights."""
+"""Tests of the margins of any control at the command link, by comparison with designs and with flights."""
 
 import functools
 
@@ -18,7 +18,7 @@ from drake_quad.scenario.hovering import as_believed, at_rest
 from drake_quad.signals import AttitudeTarget, Wrench
 
 pytestmark = pytest.mark.slow
-TICK = 0.02
+TICK = 0.02  # s
 
 
 @pytest.fixture(scope="module")
@@ -44,43 +44,46 @@ def grows(scenario, row, duration):
 
 
 def test_loops_without_an_outer_loop_have_their_designed_margins(laboratory):
-    """For thrust and yaw the commanded acceleration, at which a design breaks the loop, is the signal on the link."""
+    """A design breaks the loop at the commanded acceleration, which is the link's signal for thrust and yaw."""
     scenario = laboratory()
     designed = design_cascade(scenario)
-    found = link_margins(with_gains(as_believed(scenario), designed.gains()))
+    margins_by_signal = link_margins(with_gains(as_believed(scenario), designed.gains()))
     for name, axis in (("thrust", "z"), ("tau_z", "yaw")):
-        np.testing.assert_allclose(found[name], designed.loops[axis].margins, rtol=1e-4)
+        np.testing.assert_allclose(margins_by_signal[name], designed.loops[axis].margins, rtol=1e-4)
 
 
 def test_loops_with_an_autopilot_are_those_of_the_position(diagrams):
-    """Roll and pitch on the link contain the commanded acceleration only; the yaw is controlled on board."""
+    """Roll and pitch on the link contain only the commanded acceleration. The yaw is controlled on board."""
     scenario = load_scenario(f"{diagrams}/onboard.yaml")
     designed = design_cascade(scenario)
-    found = link_margins(with_gains(as_believed(scenario), designed.gains()))
-    assert [*found] == [*AttitudeTarget._fields[:4]]
-    assert found["yaw"] is None
-    # The body rates that are fed forward depend on the reference alone.
-    np.testing.assert_allclose(found["pitch"], designed.loops["x"].margins, rtol=1e-3)
-    np.testing.assert_allclose(found["roll"], designed.loops["y"].margins, rtol=1e-3)
+    margins_by_signal = link_margins(with_gains(as_believed(scenario), designed.gains()))
+    assert [*margins_by_signal] == [*AttitudeTarget._fields[:4]]
+    assert margins_by_signal["yaw"] is None
+    # The fed-forward body rates depend on the reference alone, so they do not affect the loops.
+    np.testing.assert_allclose(margins_by_signal["pitch"], designed.loops["x"].margins, rtol=1e-3)
+    np.testing.assert_allclose(margins_by_signal["roll"], designed.loops["y"].margins, rtol=1e-3)
 
 
-@pytest.mark.parametrize("stands_in", ["control", "position_controller"])
-def test_a_user_s_control_has_the_margins_of_the_equal_scenario(laboratory, stands_in):
-    """The gains of the scenario's control, which the user's system replaces, have no influence."""
+@pytest.mark.parametrize("replaced_part", ["control", "position_controller"])
+def test_a_user_s_control_has_the_margins_of_the_same_control_in_a_scenario(laboratory, replaced_part):
+    """The gains of the control that the user's system replaces have no influence."""
     scenario = laboratory("paper.yaml:pd")
     batch = Batch.draw(scenario, [0])
     own = build_control(scenario, control_recipes(batch, plan_route(scenario)), 1)
     gains = ["control.position.k_p=[1, 1, 5]"]
-    if stands_in == "control":
+    if replaced_part == "control":
         gains.append("control.attitude.k_p=[25, 25, 6]")
-    found, expected = link_margins(laboratory("paper.yaml:pd", *gains), **{stands_in: own}), link_margins(scenario)
-    assert [*found] == [*Wrench._fields]
+    margins_by_signal, expected = (
+        link_margins(laboratory("paper.yaml:pd", *gains), **{replaced_part: own}),
+        link_margins(scenario),
+    )
+    assert [*margins_by_signal] == [*Wrench._fields]
     for name in Wrench._fields:
-        np.testing.assert_allclose(found[name], expected[name], rtol=1e-6)
+        np.testing.assert_allclose(margins_by_signal[name], expected[name], rtol=1e-6)
 
 
 def test_the_loop_is_one_over_the_sensitivity_minus_one(asymmetric_lqg):
-    """L closed by hand has those poles of the whole loop that the signal reaches."""
+    """With unit feedback, L has those poles of the whole loop that its signal reaches."""
     scenario = asymmetric_lqg
     poles = closed_loop(scenario).system.poles()
     for loop in link_loops(scenario).values():
@@ -103,9 +106,9 @@ def test_model_predictive_control_has_the_margins_of_its_regulator(laboratory, m
     lqg = laboratory("lqg.yaml:lqg")
     corridor = {"kind": "tube", "half_width": (0.02, 0.02, 0.02)}
     mpc = MpcControl(**dict(lqg.control) | {"kind": "mpc", "corridor": corridor})
-    found = link_margins(lqg.model_copy(update={"control": mpc}))
+    margins_by_signal = link_margins(lqg.model_copy(update={"control": mpc}))
     for name, expected in margins_of("lqg.yaml:lqg").items():
-        np.testing.assert_allclose(found[name], expected, rtol=1e-6)
+        np.testing.assert_allclose(margins_by_signal[name], expected, rtol=1e-6)
 
 
 @pytest.mark.parametrize("controller", CONTROLLERS)
@@ -128,11 +131,11 @@ def test_fast_margins_include_loops_with_a_crossover_below_half_a_radian_per_sec
 
 @pytest.mark.parametrize("controller", CONTROLLERS)
 def test_flights_diverge_at_the_delay_margin_within_a_tick(laboratory, margins_of, controller):
-    found = margins_of(controller)
-    ticks = int(min(margins.delay for margins in found.values()) / TICK)
+    margins_by_signal = margins_of(controller)
+    ticks = int(min(margins.delay for margins in margins_by_signal.values()) / TICK)
     assert ticks >= 2
-    for more, diverges in ((ticks, False), (ticks + 1, True)):
-        scenario = at_rest(laboratory(controller, f"laboratory.command_link.delay_ticks={1 + more}"))
+    for extra_ticks, diverges in ((ticks, False), (ticks + 1, True)):
+        scenario = at_rest(laboratory(controller, f"laboratory.command_link.delay_ticks={1 + extra_ticks}"))
         assert any(grows(scenario, row, 12.0) for row in ("y", "z", "yaw")) == diverges
 
 
@@ -146,9 +149,9 @@ def test_flights_diverge_at_the_delay_margin_within_a_tick(laboratory, margins_o
     ],
 )
 def test_flights_diverge_at_the_gain_margin_within_two_percent(laboratory, margins_of, controller, signal, side):
-    """A vehicle whose moment of inertia is smaller than nominal by a factor responds more strongly by this factor.
+    """A moment of inertia that is divided by a factor increases the gain by this factor.
 
-    No rigid body has such moments of inertia, and no loaded scenario may have them.
+    No rigid body has such moments of inertia, so the scenario is changed after it has been loaded.
     """
     sign = 1.0 if side == "gain" else -1.0
     limit = 10.0 ** (sign * getattr(margins_of(controller)[signal], side) / 20.0)

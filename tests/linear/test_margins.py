@@ -1,4 +1,4 @@
-"""Stability margins, compared with their definitions."""
+"""Tests of stability margins, by comparison with their definitions."""
 
 from dataclasses import replace
 
@@ -9,7 +9,7 @@ import scipy
 from drake_quad.linear.margins import _crossings, fast_margins, frequencies, margins
 from drake_quad.linear.sampled_system import SampledSystem
 
-PERIOD = 0.02
+PERIOD = 0.02  # s
 
 
 def loop_of(k_p, k_d, *, lag=0.05, delay_ticks=2):
@@ -21,12 +21,12 @@ def loop_of(k_p, k_d, *, lag=0.05, delay_ticks=2):
     whole = np.zeros((n, n))
     whole[:3, :3], whole[:3, 3:4] = Ad, Bd
     whole[3:-1, 4:] = np.eye(delay_ticks - 1)
-    into = np.zeros((n, 1))
-    into[-1] = 1.0
-    out = np.zeros((1, n))
-    out[0, :2] = k_p, k_d
+    input_column = np.zeros((n, 1))
+    input_column[-1] = 1.0
+    output_row = np.zeros((1, n))
+    output_row[0, :2] = k_p, k_d
     names = tuple(f"x{i}" for i in range(n))
-    return SampledSystem(whole, into, out, np.zeros((1, 1)), PERIOD, names, ("u",), ("y",))
+    return SampledSystem(whole, input_column, output_row, np.zeros((1, 1)), PERIOD, names, ("u",), ("y",))
 
 
 def is_stable(loop, factor=1.0, more_delay=0):
@@ -58,54 +58,54 @@ def test_the_closed_loop_becomes_unstable_at_the_gain_margin(k_p, k_d):
 
 @pytest.mark.parametrize(("k_p", "k_d"), CASES[:2])
 def test_margins_match_python_control(k_p, k_d):
-    """python-control interpolates the same frequency response by splines; its polynomial in z has too few digits."""
+    """python-control interpolates the same frequency response, since its polynomials in z have too few digits."""
     import control
 
     loop = loop_of(k_p, k_d)
     grid = frequencies(PERIOD)
     data = control.FrequencyResponseData(loop.response(np.exp(1j * grid * PERIOD))[:, 0, 0], grid, smooth=True)
     gain, phase, _, _, crossover, _ = control.stability_margins(data)
-    found = margins(loop)
-    assert found.gain == pytest.approx(20.0 * np.log10(gain), rel=1e-8)
-    assert found.phase == pytest.approx(phase, rel=1e-8)
-    assert found.crossover == pytest.approx(crossover, rel=1e-8)
+    ours = margins(loop)
+    assert ours.gain == pytest.approx(20.0 * np.log10(gain), rel=1e-8)
+    assert ours.phase == pytest.approx(phase, rel=1e-8)
+    assert ours.crossover == pytest.approx(crossover, rel=1e-8)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("ticks", [1, 2, 5])
 def test_the_closed_loop_becomes_unstable_at_the_delay_margin(ticks):
-    """The gains are such that the margin is a whole number of ticks, and a little less or more changes stability."""
-    low, high = 0.02, 50.0  # scales of the gains
+    """At the searched gains the margin is a whole number of ticks. Larger gains are unstable with this delay."""
+    low, high = 0.02, 50.0  # factors of the gains
     grid = frequencies(PERIOD)
     for _ in range(60):
         middle = np.sqrt(low * high)
         loop = loop_of(2.0 * middle, 2.0 * np.sqrt(middle))
-        found = fast_margins(loop.response(np.exp(1j * grid * PERIOD))[:, 0, 0], grid).delay
-        low, high = (middle, high) if found > ticks * PERIOD else (low, middle)
+        delay = fast_margins(loop.response(np.exp(1j * grid * PERIOD))[:, 0, 0], grid).delay
+        low, high = (middle, high) if delay > ticks * PERIOD else (low, middle)
     for scale, is_tolerated in ((0.999 * low, True), (1.001 * low, False)):
         loop = loop_of(2.0 * scale, 2.0 * np.sqrt(scale))
         assert (margins(loop).delay > ticks * PERIOD) == is_tolerated
         assert is_stable(loop, more_delay=ticks) == is_tolerated
 
 
-def nearest(L):
-    """Return the least angle between -1 and the crossings of the unit circle by a fine Nyquist curve, degrees."""
-    passes = np.flatnonzero(np.diff(np.abs(L) > 1.0))
-    return np.degrees(np.abs(np.angle(-L[passes]))).min()
+def nearest_crossing(L):
+    """Return the smallest angle (degrees) between -1 and the crossings of the unit circle by a Nyquist curve."""
+    crossings = np.flatnonzero(np.diff(np.abs(L) > 1.0))
+    return np.degrees(np.abs(np.angle(-L[crossings]))).min()
 
 
 def resonance(*, gain, delay_ticks, frequency=4.0, damping=0.02):
-    """Return a resonance of a frequency (rad/s) with whole ticks of delay, and its sampled system without them."""
+    """Return a sampled resonance (rad/s) with whole ticks of delay, and its matrices A and B without the delay."""
     A = np.array([[0.0, 1.0], [-(frequency**2), -2.0 * damping * frequency]])
     B = np.array([[0.0], [gain * frequency**2]])
     Ad, Bd, *_ = scipy.signal.cont2discrete((A, B, np.eye(2), np.zeros((2, 1))), PERIOD)
     n = 2 + delay_ticks
-    whole, into, out = np.zeros((n, n)), np.zeros((n, 1)), np.zeros((1, n))
+    whole, input_column, output_row = np.zeros((n, n)), np.zeros((n, 1)), np.zeros((1, n))
     whole[:2, :2], whole[:2, 2:3] = Ad, Bd
     whole[2:-1, 3:] = np.eye(delay_ticks - 1)
-    into[-1], out[0, 0] = 1.0, 1.0
+    input_column[-1], output_row[0, 0] = 1.0, 1.0
     names = tuple(map(str, range(n)))
-    return SampledSystem(whole, into, out, np.zeros((1, 1)), PERIOD, names, ("u",), ("y",)), (Ad, Bd)
+    return SampledSystem(whole, input_column, output_row, np.zeros((1, 1)), PERIOD, names, ("u",), ("y",)), (Ad, Bd)
 
 
 def test_a_real_positive_response_does_not_limit_the_gain():
@@ -133,10 +133,10 @@ def test_a_phase_jump_between_two_frequencies_is_not_a_crossing():
 
 @pytest.mark.slow
 def test_a_resonance_delayed_by_more_than_a_turn_tolerates_the_rest_of_the_turn():
-    """At 4 rad/s, with a damping ratio of 0.02, a gain of 0.1 and 55 ticks of delay, closed loops confirm 0.497 s.
+    """A resonance at 4 rad/s has a damping ratio of 0.02, a gain of 0.1 and 55 ticks of delay.
 
-    At its two crossovers the phase is far below -180°. The delay margin is the delay to the next -180° below, not to
-    the nearest one.
+    At both crossovers the phase is far below -180°. The delay margin is the delay to the next -180° below, not to the
+    nearest one. Closed loops confirm a margin of 0.497 s.
     """
     delay_ticks = 55
     loop, (Ad, Bd) = resonance(gain=0.1, delay_ticks=delay_ticks)
@@ -144,12 +144,12 @@ def test_a_resonance_delayed_by_more_than_a_turn_tolerates_the_rest_of_the_turn(
     fast = fast_margins(loop.response(np.exp(1j * grid * PERIOD))[:, 0, 0], grid)
     z = np.exp(1j * np.geomspace(1.0, 20.0, 200_001) * PERIOD)
     numerator, denominator = scipy.signal.ss2tf(Ad, Bd, np.array([[1.0, 0.0]]), np.zeros((1, 1)))
-    phase = nearest(np.polyval(numerator[0], z) / np.polyval(denominator, z) * z**-delay_ticks)
-    found = margins(loop)
-    assert found.delay == pytest.approx(0.497, abs=5e-4)
-    assert fast.delay == pytest.approx(found.delay, rel=1e-3)
-    # For the phase margin the phase may change either way: the nearest -180° counts, here the one above.
-    assert found.phase == pytest.approx(phase, abs=0.05)
+    phase = nearest_crossing(np.polyval(numerator[0], z) / np.polyval(denominator, z) * z**-delay_ticks)
+    exact = margins(loop)
+    assert exact.delay == pytest.approx(0.497, abs=5e-4)
+    assert fast.delay == pytest.approx(exact.delay, rel=1e-3)
+    # For the phase margin the phase may change in either direction, so the nearest -180° counts, here the one above.
+    assert exact.phase == pytest.approx(phase, abs=0.05)
     assert fast.phase == pytest.approx(phase, abs=0.05)
     assert [is_stable(loop, more_delay=ticks) for ticks in (0, 19, 20, 24, 25)] == [True, True, True, True, False]
 
@@ -159,8 +159,8 @@ def test_every_gain_and_phase_within_the_disk_margin_is_tolerated(k_p, k_d):
     import control
 
     loop = loop_of(k_p, k_d)
-    found = margins(loop)
-    low = (1.0 - 0.5 * found.disk) / (1.0 + 0.5 * found.disk)
+    exact = margins(loop)
+    low = (1.0 - 0.5 * exact.disk) / (1.0 + 0.5 * exact.disk)
     assert is_stable(loop, 1.001 * low)
     assert is_stable(loop, 0.999 / low)
     grid = frequencies(PERIOD)
@@ -170,14 +170,14 @@ def test_every_gain_and_phase_within_the_disk_margin_is_tolerated(k_p, k_d):
     assert np.abs(response - middle).min() == pytest.approx(radius, rel=1e-3)
     top = int(np.argmax(np.abs(1.0 / (1.0 + response) - 0.5)))
     fine = np.linspace(grid[top - 1], grid[top + 1], 1001)
-    assert found.disk == pytest.approx(control.disk_margins(loop.to_state_space(), fine)[0], rel=1e-8)
+    assert exact.disk == pytest.approx(control.disk_margins(loop.to_state_space(), fine)[0], rel=1e-8)
     # The margins that the disk implies cannot be larger than the margins themselves.
-    assert -20.0 * np.log10(low) <= found.gain * (1.0 + 1e-6)
-    assert np.degrees(2.0 * np.arctan(0.5 * found.disk)) <= found.phase * (1.0 + 1e-6)
+    assert -20.0 * np.log10(low) <= exact.gain * (1.0 + 1e-6)
+    assert np.degrees(2.0 * np.arctan(0.5 * exact.disk)) <= exact.phase * (1.0 + 1e-6)
 
 
 def test_a_pole_may_cross_the_unit_circle_at_minus_one():
-    """For a double integrator without delay the phase stays above -180° up to half the sampling rate."""
+    """A double integrator with a PD and no delay has a phase above -180° up to half the sampling rate."""
     h, k_p, k_d = 0.02, 2.0, 2.0
     A, B, C = np.array([[1.0, h], [0.0, 1.0]]), np.array([[0.5 * h * h], [h]]), np.array([[k_p, k_d]])
     loop = SampledSystem(A, B, C, np.zeros((1, 1)), h, ("x", "v"), ("u",), ("y",))
@@ -191,8 +191,8 @@ def test_a_pole_may_cross_the_unit_circle_at_minus_one():
 
 @pytest.mark.parametrize(("k_p", "k_d"), CASES)
 def test_crossover_bandwidth_and_peaks_match_direct_evaluation(k_p, k_d):
-    """Evaluate L by elimination at each frequency, and find its crossings and maxima with SciPy."""
-    loop, found = loop_of(k_p, k_d), margins(loop_of(k_p, k_d))
+    """L is evaluated by elimination at each frequency, and SciPy finds its crossings and maxima."""
+    loop, exact = loop_of(k_p, k_d), margins(loop_of(k_p, k_d))
 
     def L(frequency):
         z = np.exp(1j * frequency * PERIOD)
@@ -205,11 +205,11 @@ def test_crossover_bandwidth_and_peaks_match_direct_evaluation(k_p, k_d):
         best = scipy.optimize.minimize_scalar(lambda w: -size(L(w)), bounds=ends, method="bounded")
         return -best.fun
 
-    assert found.crossover == pytest.approx(scipy.optimize.brentq(lambda w: abs(L(w)) - 1.0, 0.5, 50.0), rel=1e-8)
-    follows = scipy.optimize.brentq(lambda w: abs(L(w) / (1.0 + L(w))) - np.sqrt(0.5), found.crossover, 100.0)
-    assert found.bandwidth == pytest.approx(follows, rel=1e-8)
-    assert found.sensitivity == pytest.approx(peak(lambda L: abs(1.0 / (1.0 + L))), rel=1e-8)
-    assert found.disk == pytest.approx(1.0 / peak(lambda L: abs(1.0 / (1.0 + L) - 0.5)), rel=1e-8)
+    assert exact.crossover == pytest.approx(scipy.optimize.brentq(lambda w: abs(L(w)) - 1.0, 0.5, 50.0), rel=1e-8)
+    bandwidth = scipy.optimize.brentq(lambda w: abs(L(w) / (1.0 + L(w))) - np.sqrt(0.5), exact.crossover, 100.0)
+    assert exact.bandwidth == pytest.approx(bandwidth, rel=1e-8)
+    assert exact.sensitivity == pytest.approx(peak(lambda L: abs(1.0 / (1.0 + L))), rel=1e-8)
+    assert exact.disk == pytest.approx(1.0 / peak(lambda L: abs(1.0 / (1.0 + L) - 0.5)), rel=1e-8)
 
 
 def second_order(frequency, damping):
@@ -232,7 +232,7 @@ def second_order(frequency, damping):
 def test_peaks_of_a_second_order_loop_match_the_closed_form(frequency, damping):
     """The sensitivity S is (z - 1)² / (z² - t z + d), so |S|² is a quotient of quadratics in x = cos ω.
 
-    It is largest at an end of [-1, 1] or at a root of its derivative. The same holds for |S - 1/2|².
+    This quotient is largest at an end of [-1, 1] or at a root of its derivative. The same holds for |S - 1/2|².
     """
     loop, pole = second_order(frequency, damping)
 
@@ -244,13 +244,13 @@ def test_peaks_of_a_second_order_loop_match_the_closed_form(frequency, damping):
         N = squared(*numerator)
         D = squared(*denominator)
         roots = (N.deriv() * D - N * D.deriv()).roots
-        places = [-1.0, 1.0, *(root.real for root in roots if abs(root.imag) < 1e-9 and abs(root.real) < 1.0)]
-        return max(np.sqrt(N(x) / D(x)) for x in places)
+        candidates = [-1.0, 1.0, *(root.real for root in roots if abs(root.imag) < 1e-9 and abs(root.real) < 1.0)]
+        return max(np.sqrt(N(x) / D(x)) for x in candidates)
 
     integrators, closed = np.array([1.0, -2.0, 1.0]), np.array([1.0, -2.0 * pole.real, abs(pole) ** 2])
-    found = margins(loop)
-    assert found.sensitivity == pytest.approx(peak(integrators, closed), rel=1e-8)
-    assert found.disk == pytest.approx(1.0 / peak(integrators - 0.5 * closed, closed), rel=1e-8)
+    exact = margins(loop)
+    assert exact.sensitivity == pytest.approx(peak(integrators, closed), rel=1e-8)
+    assert exact.disk == pytest.approx(1.0 / peak(integrators - 0.5 * closed, closed), rel=1e-8)
 
 
 @pytest.mark.parametrize("damping", [1e-2, 1e-4, 1e-6])
@@ -258,13 +258,13 @@ def test_peaks_of_a_second_order_loop_match_the_closed_form(frequency, damping):
 def test_a_peak_narrower_than_the_grid_spacing_is_found(frequency, damping):
     loop, pole = second_order(frequency, damping)
 
-    def lost(turn):
+    def minus_sensitivity(turn):
         z = np.exp(1j * turn)
         return -(abs(z - 1.0) ** 2) / (abs(z - pole) * abs(z - pole.conj()))
 
     middle, reach = np.angle(pole), -np.log(abs(pole))
     best = scipy.optimize.minimize_scalar(
-        lost, bounds=(middle - reach, middle + reach), options={"xatol": 1e-6 * reach}
+        minus_sensitivity, bounds=(middle - reach, middle + reach), options={"xatol": 1e-6 * reach}
     )
     # Rounding moves a pole by about 1e-15, which changes the height of its peak.
     assert margins(loop).sensitivity == pytest.approx(-best.fun, rel=max(1e-8, 1e-14 / reach))
@@ -295,11 +295,11 @@ def test_margins_of_many_loops_equal_those_of_each():
         assert fast.delay[i] == pytest.approx(exact.delay, rel=1e-4)
 
 
-def test_a_loop_that_never_reaches_one_has_every_margin():
+def test_a_loop_whose_gain_is_always_below_one_has_infinite_margins():
     weak = replace(loop_of(1.0, 1.0), A=0.5 * np.eye(5))
-    found = margins(weak)
-    assert (found.gain, found.phase, found.delay) == (np.inf, np.inf, np.inf)
-    assert found.crossover == 0.0
+    infinite = margins(weak)
+    assert (infinite.gain, infinite.phase, infinite.delay) == (np.inf, np.inf, np.inf)
+    assert infinite.crossover == 0.0
 
 
 def test_the_grid_ends_just_below_half_the_sampling_rate():
@@ -323,59 +323,57 @@ def test_the_bandwidth_of_an_integrator_is_its_closed_form_down_to_the_lowest_fr
     """|L / (1 + L)| = |k / (z - 1 + k)| falls below -3 dB where 4 (1 - k) sin²(ω h / 2) = k²."""
     k = frequency * PERIOD
     expected = 2.0 * np.arcsin(0.5 * k / np.sqrt(1.0 - k)) / PERIOD
-    found = margins(first_order(1.0, k)).bandwidth
-    assert found == (pytest.approx(expected, rel=1e-6) if expected > 1e-4 else 0.0)
+    bandwidth = margins(first_order(1.0, k)).bandwidth
+    assert bandwidth == (pytest.approx(expected, rel=1e-6) if expected > 1e-4 else 0.0)
 
 
 @pytest.mark.slow
 def test_a_loop_that_follows_at_all_frequencies_has_infinite_bandwidth():
-    found = margins(first_order(0.5, 0.0, direct=10.0))
-    assert found.bandwidth == np.inf
-    assert found.sensitivity == pytest.approx(1.0 / 11.0)
+    exact = margins(first_order(0.5, 0.0, direct=10.0))
+    assert exact.bandwidth == np.inf
+    assert exact.sensitivity == pytest.approx(1.0 / 11.0)
 
 
 def test_a_pole_may_cross_the_unit_circle_at_one_or_minus_one():
-    """1 + f L vanishes at z = 1 and z = -1 for gains computed by hand; with the other sign the gain may increase."""
+    """For gains f that are computed by hand, 1 + f L vanishes at z = 1 or at z = -1."""
     for gain in (0.1, -0.1):
-        found, loop = margins(first_order(0.5, gain)), first_order(0.5, gain)
+        exact, loop = margins(first_order(0.5, gain)), first_order(0.5, gain)
         # L(1) = 2 gain, L(-1) = -gain / 1.5.
         limits = [-1.0 / limit for limit in (2.0 * gain, -gain / 1.5) if limit < 0.0]
-        assert 10.0 ** (found.gain / 20.0) == pytest.approx(min(limits), rel=1e-12)
+        assert 10.0 ** (exact.gain / 20.0) == pytest.approx(min(limits), rel=1e-12)
         # |S| is largest at half the sampling rate or at zero frequency.
-        assert found.sensitivity == pytest.approx(max(1.5 / (1.5 - gain), 0.5 / (0.5 + gain)), rel=1e-8)
+        assert exact.sensitivity == pytest.approx(max(1.5 / (1.5 - gain), 0.5 / (0.5 + gain)), rel=1e-8)
         assert is_stable(loop, 0.999 * min(limits))
         assert not is_stable(loop, 1.001 * min(limits))
-        assert found.gain_reduction == np.inf
+        assert exact.gain_reduction == np.inf
 
 
 def test_a_pole_near_one_is_not_an_integrator():
-    """A slow leak at 1 + 1e-6 is stabilised by a gain of at least 1e-6."""
+    """A pole at 1 + 1e-6 is unstable. A gain of 1e-6 or more stabilises it."""
     assert margins(first_order(1.0 + 1e-6, 1e-3)).gain_reduction == pytest.approx(60.0, abs=0.01)
     assert margins(first_order(1.0, 1e-3)).gain_reduction == np.inf
 
 
 def test_fast_margins_of_loops_without_crossings_are_infinite():
     grid = frequencies(PERIOD)
-    quiet = np.full((2, len(grid)), [[0.1], [-0.1]], dtype=complex)
-    found = fast_margins(quiet, grid)
-    np.testing.assert_array_equal(found.phase, [np.inf, np.inf])
-    np.testing.assert_array_equal(found.delay, [np.inf, np.inf])
-    assert found.gain[0] == np.inf
-    assert found.gain[1] == pytest.approx(20.0)
-    silent = fast_margins(np.zeros((1, len(grid)), dtype=complex), grid)
-    np.testing.assert_array_equal([silent.gain[0], silent.phase[0], silent.delay[0]], [np.inf] * 3)
+    small_responses = np.full((2, len(grid)), [[0.1], [-0.1]], dtype=complex)
+    fast = fast_margins(small_responses, grid)
+    np.testing.assert_array_equal(fast.phase, [np.inf, np.inf])
+    np.testing.assert_array_equal(fast.delay, [np.inf, np.inf])
+    assert fast.gain[0] == np.inf
+    assert fast.gain[1] == pytest.approx(20.0)
+    zero = fast_margins(np.zeros((1, len(grid)), dtype=complex), grid)
+    np.testing.assert_array_equal([zero.gain[0], zero.phase[0], zero.delay[0]], [np.inf] * 3)
 
 
 @pytest.mark.parametrize("turns", np.linspace(0.02, 0.98, 10))
 @pytest.mark.parametrize("steepness", [-7.0, 7.0])
 def test_fast_margins_are_exact_for_a_linear_logarithm_of_the_response(turns, steepness):
-    """L = (ω / ω_c)^(-1 + i steepness) e^(2πi turns): at ω_c its magnitude is one, and its phase the given number of
-    turns.
-    """
+    """At ω_c, L = (ω / ω_c)^(-1 + i steepness) e^(2πi turns) has magnitude one and the given phase in turns."""
     crossover, grid = 3.0, np.geomspace(0.11, 50.0, 20)
     # The phase changes by two radians from one frequency to the next.
     assert 2.0 < abs(steepness) * np.log(grid[1] / grid[0]) < np.pi
     logs = np.log(grid / crossover)
-    found = fast_margins(np.exp((-1.0 + 1j * steepness) * logs + 2j * np.pi * turns)[None], grid)
-    assert found.phase[0] == pytest.approx(360.0 * abs(turns - 0.5))
-    assert found.delay[0] == pytest.approx(2.0 * np.pi * ((turns - 0.5) % 1.0) / crossover)
+    fast = fast_margins(np.exp((-1.0 + 1j * steepness) * logs + 2j * np.pi * turns)[None], grid)
+    assert fast.phase[0] == pytest.approx(360.0 * abs(turns - 0.5))
+    assert fast.delay[0] == pytest.approx(2.0 * np.pi * ((turns - 0.5) % 1.0) / crossover)

@@ -1,4 +1,4 @@
-"""Operating points and linear models of vehicles with effects beyond the equations of the paper."""
+"""Tests of operating points and linear models of vehicles with effects beyond the equations of the paper."""
 
 import numpy as np
 import pytest
@@ -27,41 +27,47 @@ from drake_quad.vehicle.payload import Payload, PayloadPosition, loaded_body
 from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorNumbers
 from drake_quad.vehicle.slung_load import SlungLoad
 
-LADEN = Effects(
+MANY_EFFECTS = Effects(
     BodyDrag(LinearDrag(0.1, 0.2, 0.3), QuadraticDrag(0.04, 0.05, 0.06), CentreOfPressure(0.01, -0.02, 0.03)),
     RotorAerodynamics(lift=0.03, climb=0.11, drag=2e-4, inflow=3e-4),
     GroundEffect(rotor_radius=0.21, ground_height=-0.4),
     ReactionTorque(9.0e-5),
     payload=Payload(0.05, PayloadPosition(0.02, -0.01, -0.05), Inertia(2e-4, 3e-4, 5e-4)),
 )
-SLUNG = SlungLoad(mass=0.17, length=0.8)
+SLUNG_LOAD = SlungLoad(mass=0.17, length=0.8)
 
 
 def test_a_trim_balances_all_effects(asymmetric_vehicle):
     velocity, wind = (2.0, 1.0, -0.5), (1.0, -2.0, 0.3)
     trim = find_trim(
-        asymmetric_vehicle, velocity=velocity, wind=wind, position=(0.0, 0.0, -0.2), yaw=0.6, effects=LADEN
+        asymmetric_vehicle, velocity=velocity, wind=wind, position=(0.0, 0.0, -0.2), yaw=0.6, effects=MANY_EFFECTS
     )
-    pairs, torque = Forces(asymmetric_vehicle, LADEN).at(trim.state, trim.rotor_speed, np.array(wind), np.zeros(4))
-    carried = [(LADEN.payload.mass, np.array(LADEN.payload.position), np.diag(LADEN.payload.inertia))]
-    left = accelerations(asymmetric_vehicle, trim.state, trim.rotor_speed, pairs, torque, carried)
-    np.testing.assert_allclose(left, 0.0, atol=1e-9)
+    pairs, torque = Forces(asymmetric_vehicle, MANY_EFFECTS).at(
+        trim.state, trim.rotor_speed, np.array(wind), np.zeros(4)
+    )
+    carried = [
+        (MANY_EFFECTS.payload.mass, np.array(MANY_EFFECTS.payload.position), np.diag(MANY_EFFECTS.payload.inertia))
+    ]
+    remaining = accelerations(asymmetric_vehicle, trim.state, trim.rotor_speed, pairs, torque, carried)
+    np.testing.assert_allclose(remaining, 0.0, atol=1e-9)
 
 
 def test_a_trim_has_the_payload_at_the_beginning_of_a_flight(asymmetric_vehicle):
-    """A payload that is picked up half a second later is not included, and one that is dropped then is."""
+    """A payload that is picked up later is not included. One that is dropped later is."""
     bare = find_trim(asymmetric_vehicle)
-    later = find_trim(asymmetric_vehicle, effects=Effects(payload=LADEN.payload._replace(picked_up=0.5)))
+    later = find_trim(asymmetric_vehicle, effects=Effects(payload=MANY_EFFECTS.payload._replace(picked_up=0.5)))
     np.testing.assert_allclose(later.rotor_speed, bare.rotor_speed, rtol=1e-9)
     laden, dropped = (
         find_trim(asymmetric_vehicle, effects=Effects(payload=payload))
-        for payload in (LADEN.payload, LADEN.payload._replace(dropped=0.5))
+        for payload in (MANY_EFFECTS.payload, MANY_EFFECTS.payload._replace(dropped=0.5))
     )
     np.testing.assert_allclose(dropped.rotor_speed, laden.rotor_speed, rtol=1e-9)
     assert np.abs(laden.rotor_speed - bare.rotor_speed).min() > 1.0
 
 
-@pytest.mark.parametrize("effects", [LADEN, LADEN._replace(payload=None, slung_load=SLUNG)], ids=["laden", "slung"])
+@pytest.mark.parametrize(
+    "effects", [MANY_EFFECTS, MANY_EFFECTS._replace(payload=None, slung_load=SLUNG_LOAD)], ids=["laden", "slung"]
+)
 def test_a_linear_model_in_flight_matches_differences(asymmetric_vehicle, effects):
     velocity, wind = (2.0, 1.0, -0.5), (1.0, -2.0, 0.3)
     place = {"position": (0.0, 0.0, -0.2), "yaw": 0.6}
@@ -88,9 +94,9 @@ def test_a_linear_model_in_flight_matches_differences(asymmetric_vehicle, effect
 
 @pytest.mark.slow
 def test_a_slung_load_swings_as_a_double_pendulum():
-    """ω² = (1 + m_L / m) g / l, twice, without damping, because the load has no drag."""
+    """Both swings have ω² = (1 + m_L / m) g / l and no damping, because the load has no drag."""
     parameters = QuadrotorParameters()
-    effects = Effects(slung_load=SLUNG)
+    effects = Effects(slung_load=SLUNG_LOAD)
     trim = find_trim(parameters, effects=effects)
     assert 4.0 * 4.13e-5 * trim.rotor_speed[0] ** 2 == pytest.approx((0.68 + 0.17) * 9.81, rel=1e-12)
     system = linear_vehicle(trim, parameters, effects=effects)
@@ -106,7 +112,7 @@ def test_a_slung_load_swings_as_a_double_pendulum():
     ]
 
 
-def test_effects_before_the_rotor_speeds_are_left_out():
+def test_linear_models_leave_out_the_thrust_curve_and_the_battery():
     parameters = QuadrotorParameters()
     before = Effects(thrust_curve=ThrustCurve(0.1, 1.0, 2.8), battery=Battery(12.6, 10.0, 1.0, 0.02, 0.7))
     trim = find_trim(parameters, effects=before)
@@ -122,11 +128,11 @@ def laboratory(diagrams):
 PAYLOAD = "vehicle.payload={{mass: 0.05, position: [0.001, 0.002, -0.03], time: {}, event: {}}}"
 
 
-def test_the_loop_at_rest_has_the_payload_at_the_beginning(laboratory):
-    for time, event, there in ((2.0, "dropped", True), (2.0, "picked_up", False), (0.0, "picked_up", True)):
+def test_the_loop_at_rest_has_the_payload_of_the_beginning(laboratory):
+    for time, event, is_carried in ((2.0, "dropped", True), (2.0, "picked_up", False), (0.0, "picked_up", True)):
         resting = at_rest(laboratory(PAYLOAD.format(time, event))).vehicle
         payload = resting.effect_numbers().payload
-        assert (payload is not None) == there
+        assert (payload is not None) == is_carried
         if payload is not None:
             masses = [loaded_body(0.68, Inertia(), payload, moment).mass for moment in (0.0, 1.0, 3.0, 1e4)]
             assert masses == pytest.approx([0.73] * 4)
@@ -145,7 +151,7 @@ def test_the_nominal_vehicle_has_the_aerodynamics_of_the_actual_one(laboratory):
     assert (vehicle.ground_effect, vehicle.reaction_torque, vehicle.payload) == (None, False, None)
 
 
-ALL = [
+ALL_EFFECTS = [
     "vehicle.body_drag={linear: [0.1, 0.2, 0.3], centre_of_pressure: [0.001, 0.002, 0.01]}",
     "vehicle.rotor_aerodynamics={lift: 0.02, climb: 0.1, drag: 1e-4, inflow: 2e-4}",
     "vehicle.ground_effect={rotor_radius: 0.3, ground_height: 0.2}",
@@ -164,19 +170,19 @@ ALL = [
 )
 def test_a_loop_with_all_effects_has_an_equilibrium_and_a_model(laboratory, load):
     wind = "laboratory.wind=[{kind: steady, velocity: [1, 0.5, 0]}]"
-    loop = closed_loop(laboratory(*ALL, load, wind))
+    loop = closed_loop(laboratory(*ALL_EFFECTS, load, wind))
     poles = loop.system.poles()
     slung = "slung_load" in load
     assert any(name.endswith("swing.roll") for name in loop.system.states) == slung
-    # The load is not controlled, so that its swing may grow slowly.
+    # The load is not controlled, so its swing may grow slowly.
     assert np.abs(poles).max() < (1.01 if slung else 1.0)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("vehicle", ["nominal", "actual"])
 def test_a_laboratory_with_effects_has_a_plant(laboratory, vehicle):
-    """The gain from thrust to climb is the ratio of the slopes of the actual and the nominal thrust curve in hover."""
-    plant, specific_thrust = laboratory_plant(laboratory(*ALL[5:]), vehicle=vehicle)
+    """The specific thrust in hover follows from the throttle by the nominal thrust curve."""
+    plant, specific_thrust = laboratory_plant(laboratory(*ALL_EFFECTS[5:]), vehicle=vehicle)
     if vehicle == "nominal":
         assert specific_thrust == pytest.approx(9.81, rel=1e-9)
     else:
@@ -184,7 +190,7 @@ def test_a_laboratory_with_effects_has_a_plant(laboratory, vehicle):
         believed = 4.0 * (0.1 + throttle + 2.8 * throttle**2)
         assert specific_thrust == pytest.approx(believed / 0.68, rel=1e-9)
     assert len(plant.states) > 0
-    laboratory_plant(laboratory(*ALL, PAYLOAD.format(1.0, "dropped")), vehicle=vehicle)
+    laboratory_plant(laboratory(*ALL_EFFECTS, PAYLOAD.format(1.0, "dropped")), vehicle=vehicle)
 
 
 @pytest.mark.slow
@@ -194,8 +200,8 @@ def test_a_laboratory_with_effects_has_a_plant(laboratory, vehicle):
     ids=["payload", "slung load"],
 )
 def test_derivatives_through_a_flight_match_differences_of_flights(laboratory, load):
-    scenario = laboratory("duration=1.4", "metrics.start=0", *ALL, load)
-    # Derivatives with respect to other effects do not depend on the load, so that each is computed with one of them.
+    scenario = laboratory("duration=1.4", "metrics.start=0", *ALL_EFFECTS, load)
+    # The other effects do not depend on the kind of load, so each is tested with one load only.
     fields = {
         "payload": ("body_drag.linear.0", "rotor_aerodynamics.climb", "payload.mass"),
         "slung_load": (
@@ -203,16 +209,17 @@ def test_derivatives_through_a_flight_match_differences_of_flights(laboratory, l
         ),
     }["payload" if "payload" in load else "slung_load"]
     fields = [f"vehicle.{field}" for field in fields]
-    found = flight_sensitivities(scenario, fields)
+    sensitivities = flight_sensitivities(scenario, fields)
     for i, field in enumerate(fields):
-        step = 1e-4 * found.values[i]
+        step = 1e-4 * sensitivities.values[i]
         low, high = (
-            simulate(with_number(scenario, field, found.values[i] + side * step)).metrics.rmse for side in (-1.0, 1.0)
+            simulate(with_number(scenario, field, sensitivities.values[i] + side * step)).metrics.rmse
+            for side in (-1.0, 1.0)
         )
-        scale = found.metrics["rmse"] / found.values[i]
-        assert found.gradients["rmse"][i] == pytest.approx((high - low) / (2.0 * step), rel=1e-3, abs=1e-6 * scale), (
-            field
-        )
+        scale = sensitivities.metrics["rmse"] / sensitivities.values[i]
+        assert sensitivities.gradients["rmse"][i] == pytest.approx(
+            (high - low) / (2.0 * step), rel=1e-3, abs=1e-6 * scale
+        ), field
 
 
 def test_a_flight_depends_discontinuously_on_the_time_of_a_payload(laboratory):

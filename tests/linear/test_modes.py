@@ -1,4 +1,4 @@
-"""Modes and their participating states, for systems with known modes."""
+"""Tests of modes and their participating states, for systems with known modes."""
 
 import math
 
@@ -18,21 +18,21 @@ from drake_quad.linear.modes import modes
     ],
 )
 def test_close_poles_count_as_one_mode(poles, multiplicities):
-    """The tolerance is a thousandth of their magnitude or a hundredth of 1/s, whichever is larger."""
-    found = modes(np.diag(poles), ("a", "b"))
-    assert [mode.multiplicity for mode in found] == multiplicities
-    assert [mode.states for mode in found] == ([("a", "b")] if multiplicities == [2] else [("a",), ("b",)])
-    assert np.mean(poles) == pytest.approx(np.mean([mode.pole.real for mode in found]))
+    """Poles are close if they differ by less than a thousandth of their magnitude or by less than 0.01 1/s."""
+    found_modes = modes(np.diag(poles), ("a", "b"))
+    assert [mode.multiplicity for mode in found_modes] == multiplicities
+    assert [mode.states for mode in found_modes] == ([("a", "b")] if multiplicities == [2] else [("a",), ("b",)])
+    assert np.mean(poles) == pytest.approx(np.mean([mode.pole.real for mode in found_modes]))
 
 
 @pytest.mark.parametrize(("poles", "period"), [(-np.arange(1.0, 7.0), None), ([0.9, 0.5, 0.3, -0.6, -0.4, -0.2], 0.02)])
 def test_a_mode_names_its_main_states_in_descending_order(poles, period):
     """Participation factors are products of the entries of right and left eigenvectors.
 
-    The logarithm of a negative eigenvalue jumps across the real axis by rounding.
+    Some eigenvalues are negative, because rounding makes their logarithms jump across the real axis.
     """
     rng = np.random.default_rng(7)
-    states, left_out, orders = tuple("abcdef"), 0, set()
+    states, num_left_out, orders = tuple("abcdef"), 0, set()
     for _ in range(12):
         T = rng.normal(size=(6, 6))
         A = T @ np.diag(poles) @ np.linalg.inv(T)
@@ -40,15 +40,15 @@ def test_a_mode_names_its_main_states_in_descending_order(poles, period):
         for mode, share in zip(modes(A, states, period=period), shares.T, strict=True):
             order = [states[i] for i in np.argsort(-share) if share[i] > 0.1 * share.max()]
             assert mode.states == tuple(order)
-            left_out += 6 - len(order)
+            num_left_out += 6 - len(order)
             orders.add(tuple(order))
-    assert left_out > 20
+    assert num_left_out > 20
     assert any(order != tuple(sorted(order)) for order in orders)
 
 
 @pytest.mark.parametrize("seed", range(40))
 def test_a_repeated_negative_eigenvalue_is_one_mode(seed):
-    """Rounding may split it into a pair whose logarithms are far apart."""
+    """Rounding may split the eigenvalue into a pair whose logarithms differ by 2πi."""
     T = np.random.default_rng(seed).normal(size=(4, 4))
     A = T @ np.diag([-0.4, -0.4, 0.2, 0.9]) @ np.linalg.inv(T)
     slow, middle, fast = modes(A, tuple("abcd"), period=0.02)
@@ -58,15 +58,15 @@ def test_a_repeated_negative_eigenvalue_is_one_mode(seed):
 
 
 def test_an_integrator_has_no_damping_and_a_growing_mode_a_negative_one():
-    still, grown = modes(np.diag([0.0, 0.5]), ("a", "b"))
-    assert (still.frequency, still.multiplicity) == (0.0, 1)
-    assert math.isnan(still.damping)
+    integrator, grown = modes(np.diag([0.0, 0.5]), ("a", "b"))
+    assert (integrator.frequency, integrator.multiplicity) == (0.0, 1)
+    assert math.isnan(integrator.damping)
     assert (grown.pole, grown.frequency, grown.damping) == (0.5, 0.5, -1.0)
 
 
 def test_modes_that_decay_within_a_tick_are_left_out():
-    """A pole at zero, as of a delay line, is also left out; one that decays slightly more slowly is not."""
-    found = modes(np.diag([0.0, 0.0009, 0.0012, 0.5, -0.5]), tuple("abcde"), period=0.1)
+    """Poles at zero, as of a delay line, are left out, too. A pole of 0.0012 decays more slowly and is kept."""
+    kept_modes = modes(np.diag([0.0, 0.0009, 0.0012, 0.5, -0.5]), tuple("abcde"), period=0.1)
     expected = sorted([math.log(0.0012) / 0.1, math.log(0.5) / 0.1, complex(math.log(0.5), math.pi) / 0.1], key=abs)
-    assert [mode.pole for mode in found] == pytest.approx(expected)
+    assert [mode.pole for mode in kept_modes] == pytest.approx(expected)
     assert modes(np.diag([0.0, 1e-5]), ("a", "b"))[0].multiplicity == 2

@@ -1,4 +1,4 @@
-"""The Jacobian of a period, compared with classical sampling and with differences."""
+"""Tests of the Jacobian of a period, by comparison with classical sampling and with differences."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ from drake_quad.linear.closed_loop import PASSIVE_SYSTEMS, laboratory_plant
 from drake_quad.linear.context_vector import ContextVector
 from drake_quad.linear.sampled_system import SampledSystem, at_tick, linearize, tick_after
 
-REAL = [
+IMPERFECTIONS = [
     "route={kind: hover}",
     "vehicle.linear_drag=0.1",
     "vehicle.centre_of_mass=[0.0005, -0.0003]",
@@ -32,24 +32,24 @@ def hover(diagrams):
     return lambda *overrides: load_scenario(diagrams / "hover.yaml", overrides)
 
 
-def classical(frequency, *, delay_ticks, h=0.01):
+def classical_response(frequency, *, delay_ticks, h=0.01):
     """Return the response from a commanded acceleration to value and rate of a double integrator with rotor lag.
 
-    The input has a zero-order hold over ticks of 2h and a whole number of ticks of delay, and a frame is h old. The
-    method is the matrix exponential.
+    The input has a zero-order hold over ticks of 2h and a whole number of ticks of delay, and a frame is h old.
+    Matrix exponentials give the exact result.
     """
     A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -20.0]])
     B = np.array([[0.0], [0.0], [20.0]])
 
-    def held(time):
+    def sampled_by_hold(time):
         exponential = scipy.linalg.expm(np.block([[A, B], [np.zeros((1, 4))]]) * time)
         return exponential[:3, :3], exponential[:3, 3:]
 
-    phi, gamma = held(2.0 * h)
-    phi_half, gamma_half = held(h)
+    phi, gamma = sampled_by_hold(2.0 * h)
+    phi_half, gamma_half = sampled_by_hold(h)
     z = np.exp(2j * frequency * h)
-    x = np.linalg.solve(z * np.eye(3) - phi, gamma)  # the state at a tick, for an input that acts from that tick on
-    # The frame that a tick reads was taken h earlier, in the middle of the period before.
+    x = np.linalg.solve(z * np.eye(3) - phi, gamma)  # state at a tick, for an input that acts from this tick on
+    # A tick reads the frame that was taken h earlier, in the middle of the previous period.
     measured = (phi_half @ x + gamma_half) / z
     return (measured[:2, 0]) / z**delay_ticks
 
@@ -62,12 +62,12 @@ def test_the_ideal_laboratory_is_the_classical_sampled_model(hover, delay_ticks,
     plant = laboratory_plant(hover(f"laboratory.command_link.delay_ticks={delay_ticks}")).system
     plant = plant.between([f"wrench.{torque}"], [f"measurement.{row}" for row in rows]).connected()
     for frequency in (0.3, 3.0, 30.0, 100.0):
-        found = inertia * plant.response(np.exp(1j * np.array([frequency]) * plant.period))[0, :, 0]
-        # Runge and Kutta's step takes the integral of an exponential by Simpson's rule.
-        np.testing.assert_allclose(found, classical(frequency, delay_ticks=delay_ticks), rtol=1e-4)
+        response = inertia * plant.response(np.exp(1j * np.array([frequency]) * plant.period))[0, :, 0]
+        # The tolerance covers the Runge-Kutta step, which integrates an exponential by Simpson's rule.
+        np.testing.assert_allclose(response, classical_response(frequency, delay_ticks=delay_ticks), rtol=1e-4)
 
 
-@pytest.mark.parametrize("overrides", [[], REAL])
+@pytest.mark.parametrize("overrides", [[], IMPERFECTIONS])
 def test_the_jacobian_of_the_whole_loop_matches_differences(hover, overrides):
     scenario = hover(*overrides)
     diagram = build_tracking_diagram(scenario)
@@ -79,7 +79,7 @@ def test_the_jacobian_of_the_whole_loop_matches_differences(hover, overrides):
 
 
 def test_the_state_has_names_and_excludes_passive_systems(hover):
-    diagram = build_tracking_diagram(hover(*REAL), record=True)
+    diagram = build_tracking_diagram(hover(*IMPERFECTIONS), record=True)
     names = ContextVector(diagram, without=PASSIVE_SYSTEMS).names
     assert len(names) == len(set(names))
     assert "laboratory.vehicle.state.pitch" in names
@@ -90,15 +90,15 @@ def test_the_state_has_names_and_excludes_passive_systems(hover):
 
 
 def test_a_continuous_and_a_stepping_vehicle_have_the_same_model(hover):
-    """A stepping vehicle and one that Drake integrates have the same A in their common states."""
-    found = []
+    """The slow poles of a stepping vehicle are those of one that Drake integrates."""
+    poles_of_models = []
     for time_step in (0.01, 0.0):
         diagram = build_tracking_diagram(hover(f"vehicle.time_step={time_step}"))
         system, _ = linearize(diagram, at_tick(diagram, 0.08), period=0.02, without=PASSIVE_SYSTEMS)
-        found.append(
+        poles_of_models.append(
             {tuple(np.round(pole, 4)) for pole in np.column_stack([system.poles().real, abs(system.poles().imag)])}
         )
-    stepping, continuous = found
+    stepping, continuous = poles_of_models
     assert {pole for pole in stepping if pole[0] > 0.5} == {pole for pole in continuous if pole[0] > 0.5}
 
 
@@ -148,9 +148,9 @@ def test_system_algebra_matches_python_control():
     np.testing.assert_allclose(system.response(z), np.moveaxis(model(z), -1, 0), atol=1e-12)
     part = system.between(["u.1"], ["y.2", "y.0"])
     np.testing.assert_allclose(part.response(z), system.response(z)[:, [2, 0], 1:], atol=1e-12)
-    turned = system.transformed([1, 3], np.array([[1.0, 2.0], [-1.0, 1.0]]), ["a", "b"])
-    np.testing.assert_allclose(turned.response(z), system.response(z), atol=1e-11)
-    assert turned.states == ("x.0", "a", "x.2", "b", "x.4")
+    transformed = system.transformed([1, 3], np.array([[1.0, 2.0], [-1.0, 1.0]]), ["a", "b"])
+    np.testing.assert_allclose(transformed.response(z), system.response(z), atol=1e-11)
+    assert transformed.states == ("x.0", "a", "x.2", "b", "x.4")
     delayed = replace(system, D=0.0 * system.D)
     gain = rng.normal(size=(2, 3)) * 0.1
     G = delayed.response(z)
@@ -171,12 +171,12 @@ def test_python_control_and_scipy_have_the_same_poles_and_steps():
     times = system.period * np.arange(40)
     response = control.step_response(by_control, times, input=0).outputs
     np.testing.assert_allclose(response[:, 0].T, steps, atol=1e-12)
-    found = scipy.signal.dstep(by_scipy, n=40)
-    np.testing.assert_allclose(found[1][0], steps, atol=1e-12)
+    scipy_response = scipy.signal.dstep(by_scipy, n=40)
+    np.testing.assert_allclose(scipy_response[1][0], steps, atol=1e-12)
 
 
 def test_unreachable_and_unobservable_states_are_left_out():
-    A = np.diag([0.5, 0.6, 0.7, 0.8]) + np.diag([0.1, 0.0, 0.1], k=-1)  # 0 → 1, 2 → 3
+    A = np.diag([0.5, 0.6, 0.7, 0.8]) + np.diag([0.1, 0.0, 0.1], k=-1)  # State 0 drives state 1, and 2 drives 3.
     B, C = np.array([[1.0], [0.0], [0.0], [0.0]]), np.array([[0.0, 1.0, 0.0, 1.0]])
     system = SampledSystem(A, B, C, np.zeros((1, 1)), 0.02, ("a", "b", "c", "d"), ("u",), ("y",))
     small = system.connected()
@@ -205,7 +205,7 @@ def test_a_constant_output_has_zero_derivatives():
 
 
 def two_inputs():
-    """Return two holds over 0.1 s, of two numbers and of one, and their outputs."""
+    """Return a diagram of two zero-order holds over 0.1 s, one of two numbers and one of one, and its context."""
     builder = DiagramBuilder()
     for name, size in (("first", 2), ("second", 1)):
         hold = builder.AddNamedSystem(name, ZeroOrderHold(0.1, size))
@@ -220,21 +220,21 @@ def two_inputs():
 
 @pytest.mark.parametrize("order", [("first", "second"), ("second", "first"), ("second",)])
 def test_inputs_and_outputs_have_the_requested_order(order):
-    """The output of a hold is its input of one period earlier, and does not depend on older inputs."""
+    """The output of a hold is its input of one period earlier and depends on no older input."""
     diagram, context = two_inputs()
     inputs, outputs = [f"u_{name}" for name in order], [f"y_{name}" for name in order[::-1]]
-    system, moved = linearize(diagram, at_tick(diagram, 0.2, context), period=0.1, inputs=inputs, outputs=outputs)
+    system, change = linearize(diagram, at_tick(diagram, 0.2, context), period=0.1, inputs=inputs, outputs=outputs)
     rows = {"first": ("first.group_0.0", "first.group_0.1"), "second": ("second.group_0.0",)}
     assert system.states == (*rows["first"], *rows["second"])
     assert system.inputs == tuple(f"u_{name}.{i}" for name in order for i in range(len(rows[name])))
     assert system.outputs == tuple(f"y_{name}.{i}" for name in order[::-1] for i in range(len(rows[name])))
-    places = [system.states.index(row) for name in order for row in rows[name]]
+    columns = [system.states.index(row) for name in order for row in rows[name]]
     np.testing.assert_array_equal(system.A, np.zeros((3, 3)))
-    np.testing.assert_array_equal(system.B, np.eye(3)[:, places])
+    np.testing.assert_array_equal(system.B, np.eye(3)[:, columns])
     rows_of_states = [system.states.index(row) for name in order[::-1] for row in rows[name]]
     np.testing.assert_array_equal(system.C, np.eye(3)[rows_of_states])
-    np.testing.assert_array_equal(system.D, np.zeros((len(rows_of_states), len(places))))
-    np.testing.assert_array_equal(moved, np.zeros(3))
+    np.testing.assert_array_equal(system.D, np.zeros((len(rows_of_states), len(columns))))
+    np.testing.assert_array_equal(change, np.zeros(3))
     assert system.period == 0.1
 
 
@@ -242,8 +242,8 @@ def test_the_change_of_the_state_is_its_difference_over_a_period():
     diagram, context = two_inputs()
     root = at_tick(diagram, 0.2, context)
     diagram.GetInputPort("u_second").FixValue(root, [9.0])
-    _, moved = linearize(diagram, root, period=0.1)
-    np.testing.assert_array_equal(moved, [0.0, 0.0, 4.0])
+    _, change = linearize(diagram, root, period=0.1)
+    np.testing.assert_array_equal(change, [0.0, 0.0, 4.0])
     assert root.get_time() == 0.2
 
 
@@ -262,9 +262,7 @@ def test_times_of_ticks_equal_those_of_drake():
 
 @pytest.mark.parametrize(("size", "kept"), [(2e-12, ("a", "b")), (-2e-12, ("a", "b")), (0.5e-12, ("b",))])
 def test_an_entry_of_1e_12_relative_to_its_row_is_significant(size, kept):
-    """The entry, relative to the largest of its row, is the only path from the input through the first state to the
-    second.
-    """
+    """The tested entry is the only path from the first state to the output."""
     A = np.array([[0.5, 0.0], [size, 1.0]])
     system = SampledSystem(
         A, np.array([[1.0], [1.0]]), np.array([[0.0, 1.0]]), np.zeros((1, 1)), 0.02, ("a", "b"), ("u",), ("y",)
@@ -283,9 +281,7 @@ def test_a_scaled_input_has_another_name():
 
 
 def test_states_between_any_input_and_any_output_are_kept():
-    """There are two inputs and outputs. The first state lies between the first ones, the second between the others, and
-    the third between none.
-    """
+    """The first state connects the first input and output, the second the others, and the third reaches no output."""
     B, C = np.array([[1.0, 0.0], [0.0, -1.0], [0.0, 1.0]]), np.array([[-1.0, 0.0, 0.0], [0.0, 2.0, 0.0]])
     system = SampledSystem(
         np.diag([0.5, -0.6, 0.7]), B, C, np.zeros((2, 2)), 0.02, ("a", "b", "c"), ("u", "v"), ("y", "z")

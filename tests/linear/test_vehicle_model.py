@@ -1,4 +1,4 @@
-"""Operating points and linear models of the vehicle, compared with matrices by hand and with differences."""
+"""Tests of operating points and linear models of the vehicle, by matrices derived by hand and by differences."""
 
 import math
 
@@ -27,7 +27,7 @@ WITH_DRAG = QuadrotorParameters(linear_drag=0.1, quadratic_drag=0.01, centre_of_
 
 
 def hover_by_hand(c):
-    """Return A and B of eqs (1) to (5) and the rotors' lag in hover, with Table I and a linear drag c."""
+    """Return A and B of eqs (1) to (5) with the rotors' lag in hover, for Table I and a linear drag c."""
     m, g, b, d, arm, lag = 0.68, 9.81, 4.13e-5, 8.5e-7, 0.17, 0.05
     inertia = (0.007, 0.007, 0.012)
     speed = math.sqrt(m * g / (4.0 * b))
@@ -56,7 +56,7 @@ def test_the_model_in_hover_matches_matrices_by_hand(drag):
 
 
 def test_the_model_of_an_x_in_hover_matches_matrices_by_hand():
-    """The matrices agree to 1e-12. All four rotors roll and pitch the vehicle; 2 and 4 have the opposite yaw torque."""
+    """All four rotors roll and pitch the vehicle. Rotors 2 and 4 have the opposite yaw torque."""
     length, width, b, d, speed = 0.2, 0.3, 4.13e-5, 8.5e-7, math.sqrt(0.68 * 9.81 / (4.0 * 4.13e-5))
     parameters = QuadrotorParameters(rotors=Rotors.x(length=length, width=width))
     system = linear_vehicle(find_trim(parameters), parameters)
@@ -83,14 +83,14 @@ def test_the_model_of_a_moving_vehicle_matches_differences(kinematics):
     steps = 1e-6 * np.maximum(1.0, np.abs(point))
     numeric = np.array([(rates(point + h * e) - rates(point - h * e)) / (2.0 * h) for h, e in zip(steps, np.eye(23))]).T
     np.testing.assert_allclose(np.hstack([system.A(), system.B()]), numeric, atol=1e-6)
-    # The constant term of the model is the motion of the operating point, which flies straight on.
+    # At the operating point, the rates of the affine model are those of a straight flight.
     rate = system.A() @ point[:16] + system.B() @ point[16:] + system.f0()
     np.testing.assert_allclose(rate[:3], [4.0, 2.0, -1.0], atol=1e-9)
     np.testing.assert_allclose(rate[3:], 0.0, atol=1e-8)
 
 
 def test_a_trim_leans_into_the_wind():
-    """tan θ = D / m g, and the thrust balances drag and weight; torques of an asymmetric vehicle are balanced, too."""
+    """The tilt is tan θ = D / m g. The thrust balances drag and weight, and torques balance the offset mass."""
     wind = np.array([6.0, -3.0, 0.0])
     trim = find_trim(WITH_DRAG, wind=tuple(wind))
     speed = np.linalg.norm(wind)
@@ -125,35 +125,41 @@ def test_names_are_passed_to_python_control():
     assert model.state_labels[4] == "pitch"
     assert model.input_labels[4] == "wind_x"
     from_wind = model["state_v_x", "wind_x"]
-    assert abs(from_wind(1j * 1e-3)) == pytest.approx(1.0, rel=1e-3), "the air carries the vehicle along"
+    assert abs(from_wind(1j * 1e-3)) == pytest.approx(1.0, rel=1e-3), (
+        "in a steady wind the vehicle drifts at the speed of the air"
+    )
 
 
 def test_a_vehicle_in_hover_has_integrators_and_the_lags_of_its_rotors():
     parameters = QuadrotorParameters()
     system = linear_vehicle(find_trim(parameters), parameters)
-    found = modes(system.A(), STATES)
-    assert [(mode.multiplicity, round(mode.frequency)) for mode in found] == [(12, 0), (4, 20)]
-    assert set(found[0].states) == set(STATES[:12])
+    found_modes = modes(system.A(), STATES)
+    assert [(mode.multiplicity, round(mode.frequency)) for mode in found_modes] == [(12, 0), (4, 20)]
+    assert set(found_modes[0].states) == set(STATES[:12])
 
 
 def test_different_slow_modes_are_distinguished():
-    """Their discrete-time eigenvalues are nearly the same."""
+    """The discrete-time eigenvalues of these modes are nearly the same."""
     A = np.diag(np.exp(np.array([-0.30, -0.33, -0.33, -20.0]) * 0.02))
-    found = modes(A, ("a", "b", "c", "d"), period=0.02)
-    assert [(round(mode.pole.real, 6), mode.multiplicity) for mode in found] == [(-0.3, 1), (-0.33, 2), (-20.0, 1)]
-    assert [set(mode.states) for mode in found] == [{"a"}, {"b", "c"}, {"d"}]
+    found_modes = modes(A, ("a", "b", "c", "d"), period=0.02)
+    assert [(round(mode.pole.real, 6), mode.multiplicity) for mode in found_modes] == [
+        (-0.3, 1),
+        (-0.33, 2),
+        (-20.0, 1),
+    ]
+    assert [set(mode.states) for mode in found_modes] == [{"a"}, {"b", "c"}, {"d"}]
 
 
 @pytest.mark.parametrize(("swing", "multiplicity"), [(0.003, 2), (0.007, 1), (0.012, 1)])
 def test_a_slow_swing_is_one_mode(swing, multiplicity):
-    """Its two poles may be closer to each other than the tolerance for equal poles, or not."""
+    """The distance of its two poles may be smaller or larger than the tolerance for equal poles."""
     (mode,) = modes(np.array([[-1.0, swing], [-swing, -1.0]]), ("a", "b"))
     assert mode.multiplicity == multiplicity
     assert mode.pole.imag >= 0.0
 
 
 def test_modes_are_named_by_their_participating_states():
-    """One oscillator has a damping of 0.1 at 2 rad/s, the other of 0.5 at 5 rad/s; the same holds after sampling."""
+    """One oscillator has a damping of 0.1 at 2 rad/s, the other of 0.5 at 5 rad/s, also after sampling."""
     A = np.zeros((4, 4))
     A[0, 1], A[1, :2] = 1.0, (-4.0, -0.4)
     A[2, 3], A[3, 2:] = 1.0, (-25.0, -5.0)
@@ -171,28 +177,28 @@ def test_modes_are_named_by_their_participating_states():
         )
 
 
-HOVER = math.sqrt(0.68 * 9.81 / (4.0 * 4.13e-5))
+HOVER_SPEED = math.sqrt(0.68 * 9.81 / (4.0 * 4.13e-5))
 
 
-@pytest.mark.parametrize(("low", "high"), [(60.0, 0.9995 * HOVER), (1.0005 * HOVER, 300.0)])
+@pytest.mark.parametrize(("low", "high"), [(60.0, 0.9995 * HOVER_SPEED), (1.0005 * HOVER_SPEED, 300.0)])
 def test_rotors_that_are_slightly_too_slow_or_too_fast_cannot_trim_the_vehicle(low, high):
-    """The remaining acceleration is a thousandth of g, so that there is no equilibrium."""
+    """There is no equilibrium, because the remaining acceleration is a thousandth of g."""
     parameters = QuadrotorParameters(min_rotor_speed=low, max_rotor_speed=high)
     with pytest.raises(
         InputError, match=rf"rotors between {low:g} and {high:g} rad/s; .* acceleration is 0\.0098\d? m/s²"
     ):
         find_trim(parameters)
-    enough = QuadrotorParameters(min_rotor_speed=0.9995 * HOVER, max_rotor_speed=1.0005 * HOVER)
-    np.testing.assert_allclose(find_trim(enough).rotor_speed, HOVER, rtol=1e-12)
+    wide_enough = QuadrotorParameters(min_rotor_speed=0.9995 * HOVER_SPEED, max_rotor_speed=1.0005 * HOVER_SPEED)
+    np.testing.assert_allclose(find_trim(wide_enough).rotor_speed, HOVER_SPEED, rtol=1e-12)
 
 
-@pytest.mark.parametrize(("tilt", "found"), [(1.39, True), (1.41, False)])
-def test_operating_points_are_found_up_to_a_tilt_of_80_degrees(tilt, found):
+@pytest.mark.parametrize(("tilt", "exists"), [(1.39, True), (1.41, False)])
+def test_operating_points_are_found_up_to_a_tilt_of_80_degrees(tilt, exists):
     """The largest tilt is 1.4 rad, for wind from any direction."""
     parameters = QuadrotorParameters(linear_drag=1.0, max_rotor_speed=2000.0)
     speed = 0.68 * 9.81 * math.tan(tilt)
     for wind, angle in (((speed, 0.0, 0.0), 4), ((0.0, speed, 0.0), 3), ((-speed, 0.0, 0.0), 4)):
-        if found:
+        if exists:
             assert abs(find_trim(parameters, wind=wind).state[angle]) == pytest.approx(tilt)
         else:
             with pytest.raises(InputError, match="there is no steady flight"):

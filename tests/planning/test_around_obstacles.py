@@ -1,3 +1,5 @@
+"""Tests of plans around obstacles."""
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from drake_quad.reference.polynomial_path import evaluate, peak_norm
 from drake_quad.scenario.models import Mission
 from drake_quad.space.distance import nearest_approach
 
-# Each test plans a way around obstacles, which takes seconds.
+# Each test plans a path around obstacles, which takes seconds.
 pytestmark = pytest.mark.slow
 
 ROOM = """
@@ -34,29 +36,29 @@ def room(tmp_path_factory):
     return lambda *overrides: load_scenario(path, list(overrides))
 
 
-def least(scenario, plan):
+def smallest_clearance(scenario, plan):
     """Return the smallest distance of the centre of mass to an obstacle at dense samples of a plan, m."""
     space = space_of(scenario)
     return space.nearest(evaluate(plan.path, np.linspace(0.0, plan.duration, 10_000)).T)[0].min()
 
 
-# `tests/space/test_rooms.py` plans with the other timings.
-TIMES = {
+# The tests in `tests/space/test_rooms.py` plan with the other timings.
+TIMINGS = {
     "heuristic": "route.times=heuristic",
     "given": "route.times=[0, 5, 12]",
 }
 
 
-@pytest.mark.parametrize("times", TIMES.values(), ids=TIMES)
-def test_every_timing_keeps_the_clearance_and_its_limits(room, times):
-    scenario = room(times)
+@pytest.mark.parametrize("timing", TIMINGS.values(), ids=TIMINGS)
+def test_a_plan_with_every_timing_keeps_the_clearance_and_the_limits_of_speed_and_acceleration(room, timing):
+    scenario = room(timing)
     plan, problem, waypoints, _ = planned(scenario)
     assert space_of(scenario).clearance == pytest.approx(0.27)
-    assert least(scenario, plan) >= 0.27
-    passed = plan.waypoints[waypoints]
-    np.testing.assert_allclose(passed, [[0, 0, 1], [3, 3, 1.2], [6, 0, 1]], atol=1e-9)
+    assert smallest_clearance(scenario, plan) >= 0.27
+    passed_waypoints = plan.waypoints[waypoints]
+    np.testing.assert_allclose(passed_waypoints, [[0, 0, 1], [3, 3, 1.2], [6, 0, 1]], atol=1e-9)
     assert len(problem.waypoints) == len(plan.path.times) > 3
-    if "[0, 5, 12]" in times:
+    if "[0, 5, 12]" in timing:
         np.testing.assert_allclose(plan.path.times[waypoints], [0, 5, 12])
     else:
         assert peak_norm(plan.path, 1) <= 2.0 + 1e-9
@@ -80,64 +82,67 @@ def test_a_plan_around_obstacles_keeps_gates_and_corridors(room):
     corridors = "route.corridors=[null, null, null, {min: [-1, -2, 0.3], max: [7, 0.5, 2.0]}]"
     scenario = room(waypoints, corridors, "route.times=heuristic")
     plan, _, numbers, _ = planned(scenario)
-    assert least(scenario, plan) >= 0.27
-    gate, ball = plan.waypoints[numbers[1]], plan.waypoints[numbers[2]]
-    np.testing.assert_array_compare(np.less_equal, [3.0 - 1e-9, 2.6, 0.8], gate)
-    np.testing.assert_array_compare(np.less_equal, gate, [3.0 + 1e-9, 3.4, 1.6])
-    assert np.linalg.norm(ball - [5.5, 3.5, 1.2]) <= 0.3 + 1e-6
-    last = evaluate(plan.path, np.linspace(plan.path.times[numbers[3]], plan.duration, 3000))
-    assert last[1].max() <= 0.5 + 1e-6
+    assert smallest_clearance(scenario, plan) >= 0.27
+    gate_position, ball_position = plan.waypoints[numbers[1]], plan.waypoints[numbers[2]]
+    np.testing.assert_array_compare(np.less_equal, [3.0 - 1e-9, 2.6, 0.8], gate_position)
+    np.testing.assert_array_compare(np.less_equal, gate_position, [3.0 + 1e-9, 3.4, 1.6])
+    assert np.linalg.norm(ball_position - [5.5, 3.5, 1.2]) <= 0.3 + 1e-6
+    last_segment = evaluate(plan.path, np.linspace(plan.path.times[numbers[3]], plan.duration, 3000))
+    assert last_segment[1].max() <= 0.5 + 1e-6
 
 
 def test_a_gate_is_passed_in_its_free_part(room):
     gate = "route.waypoints=[[0, 0, 1], {box: {min: [3, 2.0, 0.8], max: [3, 3.4, 1.6]}}, [6, 0, 1]]"
     scenario = room(gate, "space.obstacles.ball.centre=[3, 2.7, 1.2]", "route.times=heuristic")
     plan, _, numbers, _ = planned(scenario)
-    assert least(scenario, plan) >= 0.27
+    assert smallest_clearance(scenario, plan) >= 0.27
     assert 2.0 - 1e-9 <= plan.waypoints[numbers[1]][1] <= 3.4 + 1e-9
 
 
 def test_an_obstacle_away_from_the_path_does_not_change_the_plan(room):
-    away = [f"space.obstacles.{name}.centre=[1, 9, 1]" for name in ("pillar", "wall", "ball")]
-    beside = plan_route(room("route.times=heuristic", "space.bounds=null", *away))
-    alone = plan_route(room("route.times=heuristic").model_copy(update={"space": None}))
-    np.testing.assert_array_equal(alone.path.coefficients, beside.path.coefficients)
+    remote_obstacles = [f"space.obstacles.{name}.centre=[1, 9, 1]" for name in ("pillar", "wall", "ball")]
+    plan_with_obstacles = plan_route(room("route.times=heuristic", "space.bounds=null", *remote_obstacles))
+    plan_without_space = plan_route(room("route.times=heuristic").model_copy(update={"space": None}))
+    np.testing.assert_array_equal(plan_without_space.path.coefficients, plan_with_obstacles.path.coefficients)
 
 
-# A smaller room is searched faster.
-SMALL = "space.bounds={min: [-0.5, -0.5, 0.5], max: [6.5, 3.6, 2.0]}"
-REFUSED = {
-    "a waypoint too near": (
+# The search is faster in a smaller room.
+SMALL_ROOM = "space.bounds={min: [-0.5, -0.5, 0.5], max: [6.5, 3.6, 2.0]}"
+IMPOSSIBLE_PLANS = {
+    "a waypoint too near to an obstacle": (
         ["space.obstacles.ball.centre=[3, 3, 1.5]"],
         r"waypoint 1, \(3, 3, 1.2\) m, is 0.1 m from ball, but the clearance is 0.27 m \(radius 0.17 \+ margin 0.1\)",
     ),
     "a waypoint out of bounds": (["space.bounds.max=[5, 5, 2]"], r"waypoint 2, \(6, 0, 1\) m, lies outside the bounds"),
-    "no bounds": (["space.bounds=null"], r"m from .* nearer than the clearance of 0.27 m; give space.bounds"),
-    "a wall across": (
-        [SMALL, "space.obstacles.wall.size=[0.2, 9, 2.6]", "space.obstacles.wall.rotation=[0, 0, 0]"],
+    "no bounds of the space": (
+        ["space.bounds=null"],
+        r"m from .* nearer than the clearance of 0.27 m; give space.bounds",
+    ),
+    "a wall across the room": (
+        [SMALL_ROOM, "space.obstacles.wall.size=[0.2, 9, 2.6]", "space.obstacles.wall.rotation=[0, 0, 0]"],
         r"no way from waypoint 1 to waypoint 2 with a clearance of 0.27 m .* without wall, there would be one",
     ),
     "a corridor that the wall closes": (
         [
-            SMALL,
+            SMALL_ROOM,
             "route.corridors=[null, {min: [2.5, -0.5, 0.5], max: [6.5, 3.5, 2.0]}]",
             "space.obstacles.wall.size.1=4.5",
         ],
         r"no way from waypoint 1 to waypoint 2 in the corridor of segment 1 with .* without wall, there would be one",
     ),
-    "a gate in a wall": (
+    "a gate inside an obstacle": (
         ["route.waypoints=[[0, 0, 1], {box: {min: [2.45, 2.55, 1.15], max: [2.55, 2.65, 1.25]}}, [6, 0, 1]]"],
         "waypoint 1, .* has no point with a clearance of 0.27 m .*: ball is too near",
     ),
-    "another route": (
+    "a route of another kind through obstacles": (
         ["route={kind: circle, radius: 2.1, height: 1.2}"],
         r"the route comes to 0 m from (pillar|ball) at .* nearer than the radius of the vehicle, 0.17 m",
     ),
 }
 
 
-@pytest.mark.parametrize(("overrides", "message"), REFUSED.values(), ids=REFUSED)
-def test_a_plan_that_is_impossible_is_explained(room, overrides, message):
+@pytest.mark.parametrize(("overrides", "message"), IMPOSSIBLE_PLANS.values(), ids=IMPOSSIBLE_PLANS)
+def test_an_impossible_plan_is_explained(room, overrides, message):
     with pytest.raises(InputError, match=message):
         plan_route(room("route.times=heuristic", *overrides))
 
@@ -146,36 +151,38 @@ def test_a_plan_around_obstacles_is_cached(room):
     assert planned(room("route.times=heuristic")) is planned(room("route.times=heuristic"))
 
 
-def test_tighter_margins_make_faster_flights(room):
-    # Other tests use the plan with a margin of 0.1 m, too, so it is cached.
-    wide, tight = (plan_route(room(f"space.margin={margin}", "route.times=heuristic")) for margin in (0.1, 0.0))
-    approach = nearest_approach(tight.path, space_of(room("space.margin=0")))
-    assert tight.duration < wide.duration
+def test_a_smaller_margin_makes_the_flight_faster(room):
+    # The plan with a margin of 0.1 m is cached, because other tests also use it.
+    plan_with_margin, plan_without_margin = (
+        plan_route(room(f"space.margin={margin}", "route.times=heuristic")) for margin in (0.1, 0.0)
+    )
+    approach = nearest_approach(plan_without_margin.path, space_of(room("space.margin=0")))
+    assert plan_without_margin.duration < plan_with_margin.duration
     assert approach.distance >= 0.17
 
 
 def test_a_plan_keeps_a_share_of_the_predicted_tracking_error(room):
-    """The prediction depends on wind and control, and so does the plan."""
+    """The predicted error depends on wind and control, so the plan depends on them, too."""
     wind = "laboratory.wind=[{kind: dryden, level: light, intensity: 0.05, height: 3.048}]"
     dragged = ["vehicle.linear_drag=0.1", "route.times=heuristic"]
     calm, windy = (planned(room("space.tracking=0.5", *dragged, *each)) for each in ((), (wind,)))
-    predicted = believed_tracking_error(room(wind, *dragged)).rms.value
-    # The share affects the plan but not the detection of collisions.
+    predicted_error = believed_tracking_error(room(wind, *dragged)).rms.value
+    # The share affects the plan, but not the detection of collisions.
     assert space_of(room("space.tracking=0.5")).clearance == pytest.approx(0.27)
-    assert windy.space.tracking == pytest.approx(0.5 * predicted)
+    assert windy.space.tracking == pytest.approx(0.5 * predicted_error)
     assert windy.space.clearance > calm.space.clearance + 0.01
-    nearest = windy.space.nearest(evaluate(windy.plan.path, np.linspace(0.0, windy.plan.duration, 10_000)).T)[0]
-    assert nearest.min() >= windy.space.clearance
+    distances = windy.space.nearest(evaluate(windy.plan.path, np.linspace(0.0, windy.plan.duration, 10_000)).T)[0]
+    assert distances.min() >= windy.space.clearance
 
 
-def test_a_way_through_the_shipped_forest_is_found():
-    """Drake's own search for a region around a point fails in this forest."""
+def test_a_path_through_the_shipped_forest_is_found():
+    """Drake's search for a convex region around a point fails in this forest."""
     scenario = load_scenario("forest", ["route.times=heuristic"])
-    found = planned(scenario)
-    assert least(scenario, found.plan) >= found.space.clearance
+    planned_mission = planned(scenario)
+    assert smallest_clearance(scenario, planned_mission.plan) >= planned_mission.space.clearance
 
 
-def test_a_share_of_the_tracking_error_needs_a_control(room):
+def test_a_share_of_the_tracking_error_needs_a_control_and_a_stationary_wind(room):
     scenario = room("space.tracking=3")
     mission = Mission(**{name: getattr(scenario, name) for name in Mission.model_fields})
     with pytest.raises(InputError, match="space.tracking needs a predicted tracking error"):

@@ -1,3 +1,5 @@
+"""Tests of plans for routes: constraints, yaw, limits of rotors, duration and saved trajectories."""
+
 import math
 
 import numpy as np
@@ -19,7 +21,7 @@ def slalom(diagrams):
     return lambda *overrides: load_mission(diagrams / "slalom.yaml", overrides)
 
 
-def samples(plan):
+def sample_times(plan):
     return np.linspace(*plan.path.times[[0, -1]], 500)
 
 
@@ -30,12 +32,12 @@ def test_the_slalom_satisfies_all_its_constraints(slalom):
     problem = mission.route.problem()
     assert peak_norm(plan.path, 1) <= 2.0 * (1.0 + 1e-6)
     assert peak_norm(plan.path, 2) <= 1.5 * (1.0 + 1e-6)
-    for place, position in zip(problem.waypoints, evaluate(plan.path, plan.path.times).T, strict=True):
-        np.testing.assert_allclose(place.nearest(position), position, atol=1e-6)
+    for waypoint, position in zip(problem.waypoints, evaluate(plan.path, plan.path.times).T, strict=True):
+        np.testing.assert_allclose(waypoint.nearest(position), position, atol=1e-6)
     for order in (1, 2, 3):
         np.testing.assert_allclose(evaluate(plan.path, plan.path.times[4:5], order), 0.0, atol=1e-9)
     np.testing.assert_allclose(evaluate(plan.path, plan.path.times[5:6], 1)[:, 0], [-1.2, 0.0, 0.0], atol=1e-9)
-    position = evaluate(plan.path, samples(plan)).T
+    position = evaluate(plan.path, sample_times(plan)).T
     assert (position >= np.array([-1.0, -2.0, 0.5]) - 1e-5).all()
     assert (position <= np.array([9.0, 3.2, 2.5]) + 1e-5).all()
 
@@ -45,9 +47,9 @@ def test_the_yaw_follows_the_heading(slalom):
     yaws = {}
     for heading in ("constant", "along_path"):
         plan = plan_route(slalom(f"route.heading={heading}", "route.yaw=0.3"))
-        yaws[heading] = evaluate(plan.yaw, samples(plan))[0]
+        yaws[heading] = evaluate(plan.yaw, sample_times(plan))[0]
     np.testing.assert_allclose(yaws["constant"], 0.3)
-    v_x, v_y, _ = evaluate(plan.path, samples(plan), 1)
+    v_x, v_y, _ = evaluate(plan.path, sample_times(plan), 1)
     fast = np.hypot(v_x, v_y) > 1.0
     assert np.mean(np.cos(yaws["along_path"] - np.arctan2(v_y, v_x))[fast]) > 0.95
 
@@ -61,16 +63,20 @@ def test_the_yaw_passes_through_waypoints_even_if_one_is_repeated(slalom):
 
 
 @pytest.mark.slow
-def test_a_saved_plan_is_flown_as_the_plan_itself(slalom, diagrams, tmp_path):
+def test_a_saved_plan_is_flown_like_the_original_plan(slalom, diagrams, tmp_path):
     plan = plan_route(slalom())
     save_plan(plan, tmp_path, name="slalom")
     path = tmp_path / "loop.yaml"
     path.write_text(f"loop:\n  extends: [{diagrams / 'figure_eight.yaml'}, trajectory.yaml:slalom]\n")
-    again = plan_route(load_mission(path))
+    loaded_plan = plan_route(load_mission(path))
     for order in range(5):
-        wanted = evaluate(plan.path, samples(plan), order)
-        np.testing.assert_allclose(evaluate(again.path, samples(plan), order), wanted, atol=1e-9 * np.abs(wanted).max())
-    np.testing.assert_allclose(evaluate(again.yaw, samples(plan)), evaluate(plan.yaw, samples(plan)), atol=1e-12)
+        expected = evaluate(plan.path, sample_times(plan), order)
+        np.testing.assert_allclose(
+            evaluate(loaded_plan.path, sample_times(plan), order), expected, atol=1e-9 * np.abs(expected).max()
+        )
+    np.testing.assert_allclose(
+        evaluate(loaded_plan.yaw, sample_times(plan)), evaluate(plan.yaw, sample_times(plan)), atol=1e-12
+    )
     table = np.genfromtxt(tmp_path / "trajectory.csv", delimiter=",", skip_header=1)
     assert table.shape[1] == 18
     np.testing.assert_allclose(table[:, 1:4].T, evaluate(plan.path, table[:, 0]), atol=1e-7)
@@ -84,15 +90,15 @@ def test_a_saved_plan_is_flown_as_the_plan_itself(slalom, diagrams, tmp_path):
 @pytest.mark.slow
 def test_a_plan_made_in_python_is_flown(slalom, diagrams):
     scenario = load_scenario(diagrams / "slalom.yaml", ["duration=6", "route.heading=constant"])
-    other = plan_route(slalom("route.heading=constant", "route.top_acceleration=0.7"))
-    flight = simulate(scenario, plan=other)
-    assert flight.plan is other
+    plan = plan_route(slalom("route.heading=constant", "route.top_acceleration=0.7"))
+    flight = simulate(scenario, plan=plan)
+    assert flight.plan is plan
     reference = flight.record("reference")
-    np.testing.assert_allclose([reference.x, reference.y, reference.z], evaluate(other.path, flight.time), atol=1e-9)
+    np.testing.assert_allclose([reference.x, reference.y, reference.z], evaluate(plan.path, flight.time), atol=1e-9)
 
 
 @pytest.mark.slow
-def test_a_turning_yaw_costs_little_accuracy(diagrams):
+def test_a_yaw_along_the_path_costs_little_accuracy(diagrams):
     rmse = [
         simulate(load_scenario(diagrams / "figure_eight.yaml", [f"route.heading={heading}"])).metrics.rmse
         for heading in ("constant", "along_path")
@@ -104,7 +110,7 @@ def test_a_trajectory_without_yaw_looks_along_x(slalom):
     knots = "[{time: 0.5, position: [0, 0, 1]}, {time: 4, position: [1, 0, 1]}]"
     plan = plan_route(slalom(f"route={{kind: trajectory, knots: {knots}}}"))
     np.testing.assert_array_equal(plan.path.times, [0.5, 4.0])
-    np.testing.assert_array_equal(evaluate(plan.yaw, samples(plan)), 0.0)
+    np.testing.assert_array_equal(evaluate(plan.yaw, sample_times(plan)), 0.0)
     assert peak_norm(plan.path, 1) == pytest.approx(2.1875 / 3.5)
 
 
@@ -118,7 +124,7 @@ def test_a_trajectory_without_yaw_looks_along_x(slalom):
         ("nominal.max_rotor_speed=205", "the rotors cannot fly this route"),
     ],
 )
-def test_a_route_that_cannot_be_flown_is_explained(slalom, override, words):
+def test_a_route_that_is_impossible_to_fly_is_explained(slalom, override, words):
     with pytest.raises(InputError, match=words):
         plan_route(slalom(override))
 
@@ -134,7 +140,8 @@ def test_a_yaw_that_turns_too_fast_for_the_rotors_is_refused(slalom):
     ("overrides", "limit"),
     [
         ([], None),
-        (["nominal.motors.curve=[0.0, 0.3, 1.36]"], 200.49),  # 1.66 N of 1.668 N in hover
+        # Full throttle produces 1.66 N per rotor, but hover needs 1.668 N.
+        (["nominal.motors.curve=[0.0, 0.3, 1.36]"], 200.49),
         (["nominal.motors.curve=[0.0, 0.3, 1.38]"], None),
         (["nominal.motors.curve=[1.68, 0.3, 2.0]"], 201.69),
         (["nominal.motors.curve=[1.66, 0.3, 2.0]"], None),
@@ -142,8 +149,8 @@ def test_a_yaw_that_turns_too_fast_for_the_rotors_is_refused(slalom):
         (["nominal.min_rotor_speed=202"], 202.0),
     ],
 )
-def test_a_plan_keeps_to_the_narrower_limits_of_rotors_and_throttles(diagrams, overrides, limit):
-    """In hover each rotor of the paper's vehicle produces m g / 4 = 1.668 N at 200.95 rad/s."""
+def test_a_plan_keeps_the_narrower_of_the_limits_of_rotors_and_throttles(diagrams, overrides, limit):
+    """In hover, each rotor of the paper's vehicle produces m g / 4 = 1.668 N at 200.95 rad/s."""
     curve = "nominal.motors={kind: throttle, curve: [0.1, 0.3, 3.0]}"
     mission = load_mission(diagrams / "hover.yaml", [curve, *overrides])
     if limit is None:
@@ -151,21 +158,22 @@ def test_a_plan_keeps_to_the_narrower_limits_of_rotors_and_throttles(diagrams, o
         return
     with pytest.raises(InputError, match=r"rotor 1 would have to turn at 201 rad/s, but its limit") as refused:
         plan_route(mission)
-    of_throttle = "" if limit in (200.0, 202.0) else ", which is the limit of the throttle"
-    assert str(refused.value).endswith(f"but its limit is {limit:.0f} rad/s{of_throttle}")
+    suffix = "" if limit in (200.0, 202.0) else ", which is the limit of the throttle"
+    assert str(refused.value).endswith(f"but its limit is {limit:.0f} rad/s{suffix}")
 
 
-def test_full_throttle_is_a_speed_by_the_mean_thrust_factor(diagrams):
-    places = [((0.2, 0.1), "clockwise", 4e-5), ((-0.1, -0.2), "anticlockwise", 4.4e-5)]
-    places += [((-0.2, -0.1), "clockwise", 4.1e-5), ((0.1, 0.2), "anticlockwise", 3.9e-5)]
+def test_limits_of_the_throttle_become_rotor_speeds_by_the_mean_thrust_factor(diagrams):
+    rotor_data = [((0.2, 0.1), "clockwise", 4e-5), ((-0.1, -0.2), "anticlockwise", 4.4e-5)]
+    rotor_data += [((-0.2, -0.1), "clockwise", 4.1e-5), ((0.1, 0.2), "anticlockwise", 3.9e-5)]
     rotors = [
-        f"{{position: [{x}, {y}, 0], turns: {turns}, thrust_factor: {factor}}}" for (x, y), turns, factor in places
+        f"{{position: [{x}, {y}, 0], turns: {turns}, thrust_factor: {factor}}}" for (x, y), turns, factor in rotor_data
     ]
     layout = f"nominal.layout={{kind: rotors, rotors: [{', '.join(rotors)}]}}"
     mission = load_mission(diagrams / "hover.yaml", [layout, "nominal.motors={kind: throttle, curve: [0.2, 0.5, 2.3]}"])
-    planned, mean = planned_parameters(mission), 4.1e-5
-    assert planned == nominal_parameters(mission)._replace(
-        min_rotor_speed=pytest.approx(np.sqrt(0.2 / mean)), max_rotor_speed=pytest.approx(np.sqrt(3.0 / mean))
+    parameters, mean_factor = planned_parameters(mission), 4.1e-5
+    assert parameters == nominal_parameters(mission)._replace(
+        min_rotor_speed=pytest.approx(np.sqrt(0.2 / mean_factor)),
+        max_rotor_speed=pytest.approx(np.sqrt(3.0 / mean_factor)),
     )
 
 
@@ -181,14 +189,21 @@ def test_rotor_speeds_of_a_vertical_oscillation_follow_from_weight_and_accelerat
     np.testing.assert_allclose(speeds, np.sqrt(thrust / (4.0 * 4.13e-5)) * np.ones((4, 1)), rtol=1e-9)
 
 
-def test_a_flight_takes_whole_ticks_of_the_control(diagrams):
-    """A tick is 20 ms, although the vehicle has a step and a frame of 10 ms."""
-    for wanted, duration in ((0.001, 0.02), (0.02, 0.02), (0.05, 0.06), (0.06, 0.06), (0.061, 0.08), (0.14, 0.14)):
-        scenario = load_scenario(diagrams / "hover.yaml", [f"duration={wanted}"])
+def test_the_duration_of_a_flight_is_a_whole_number_of_ticks(diagrams):
+    """A tick is 20 ms, although a time step and a frame are 10 ms."""
+    for given_duration, duration in (
+        (0.001, 0.02),
+        (0.02, 0.02),
+        (0.05, 0.06),
+        (0.06, 0.06),
+        (0.061, 0.08),
+        (0.14, 0.14),
+    ):
+        scenario = load_scenario(diagrams / "hover.yaml", [f"duration={given_duration}"])
         assert flight_duration(scenario, plan_route(scenario)) == pytest.approx(duration, rel=1e-12)
 
 
-def test_the_metrics_of_laps_count_whole_ticks_until_the_end_of_the_last_lap(diagrams):
+def test_the_window_of_laps_ends_with_the_tick_after_the_last_lap(diagrams):
     route = "route={kind: lissajous, amplitude: [0.4, 0.3, 0.0], period: 4.01, laps: 3}"
 
     def window(*metrics):
@@ -203,20 +218,23 @@ def test_the_metrics_of_laps_count_whole_ticks_until_the_end_of_the_last_lap(dia
     assert window("metrics={first_lap: 2, end: 6.0}") == pytest.approx((4.01, 6.0))
 
 
-def test_a_trajectory_passes_its_knots_moved_to_its_origin_and_slowed_by_its_scale(slalom):
-    """The k-th derivative is divided by the k-th power of the scale."""
-    moved = [[0.3, -0.2, 1.0], [0.4, 0.1, -0.1], [0.2, -0.3, 0.05], [0.1, 0.2, -0.15]]
+def test_a_trajectory_passes_its_knots_shifted_by_its_origin_and_slowed_by_its_time_scale(slalom):
+    """The time scale s divides the k-th derivative by sᵏ."""
+    first_knot = [[0.3, -0.2, 1.0], [0.4, 0.1, -0.1], [0.2, -0.3, 0.05], [0.1, 0.2, -0.15]]
     knots = [
         f"{{time: {time}, position: {position}, velocity: {velocity}, acceleration: {acceleration}, jerk: {jerk}}}"
-        for time, (position, velocity, acceleration, jerk) in ((1.0, moved), (3.0, (np.array(moved) + 0.5).tolist()))
+        for time, (position, velocity, acceleration, jerk) in (
+            (1.0, first_knot),
+            (3.0, (np.array(first_knot) + 0.5).tolist()),
+        )
     ]
     yaw_knots = "[{time: 1.0, yaw: 0.4, yaw_rate: 0.2}, {time: 2.0, yaw: 0.9}, {time: 3.0, yaw: 1.1, yaw_rate: -0.3}]"
-    placed = f"knots: [{', '.join(knots)}], origin: [3.0, 2.0, 1.0], time_scale: 2.5"
+    trajectory = f"knots: [{', '.join(knots)}], origin: [3.0, 2.0, 1.0], time_scale: 2.5"
     for yaws in (None, yaw_knots):
-        plan = plan_route(slalom(f"route={{kind: trajectory, {placed}, yaw_knots: {yaws or 'null'}}}"))
+        plan = plan_route(slalom(f"route={{kind: trajectory, {trajectory}, yaw_knots: {yaws or 'null'}}}"))
         assert plan.path.times.tolist() == [2.5, 7.5]
-        for order, first in enumerate(moved):
-            expected = np.column_stack([first, np.array(first) + 0.5])
+        for order, first_value in enumerate(first_knot):
+            expected = np.column_stack([first_value, np.array(first_value) + 0.5])
             if order == 0:
                 expected = expected + np.array([[3.0], [2.0], [1.0]])
             np.testing.assert_allclose(evaluate(plan.path, [2.5, 7.5], order), expected / 2.5**order, atol=1e-9)
@@ -235,8 +253,8 @@ def test_a_constant_yaw_lasts_from_the_beginning_to_the_end_of_the_path(diagrams
         assert plan.initial_yaw == 0.3
 
 
-def test_a_flight_takes_at_least_a_tick(diagrams):
-    """A trajectory without duration also takes one tick."""
+def test_a_flight_takes_at_least_one_tick(diagrams):
+    """The trajectory of this test is much shorter than a tick."""
     knots = "[{time: 0, position: [0, 0, 1]}, {time: 1, position: [0, 0, 1]}]"
     scenario = load_scenario(
         diagrams / "hover.yaml", [f"route={{kind: trajectory, knots: {knots}, time_scale: 1e-12}}"]
@@ -248,10 +266,10 @@ def test_a_flight_takes_at_least_a_tick(diagrams):
 def test_yaw_rate_along_a_path_includes_the_rate_of_its_direction():
     mission = load_scenario("figure_eight", ["route={kind: circle, heading: along_path}"])
     plan = plan_route(mission)
-    demand = plan_demand(plan, planned_parameters(mission), samples(plan))
-    (yaw,) = evaluate(plan.flown_yaw, samples(plan))
+    demand = plan_demand(plan, planned_parameters(mission), sample_times(plan))
+    (yaw,) = evaluate(plan.flown_yaw, sample_times(plan))
     assert np.ptp(yaw) > 2.0 * math.pi
     np.testing.assert_allclose(np.exp(1j * np.array(demand.attitude.yaw)), np.exp(1j * yaw), atol=1e-12)
-    # For a small tilt, the rate about the vehicle's own axis is nearly the rate of the yaw.
-    (yaw_rate,) = evaluate(plan.flown_yaw, samples(plan), 1)
+    # For a small tilt, the body rate r about the axis z of the vehicle is nearly the rate of the yaw.
+    (yaw_rate,) = evaluate(plan.flown_yaw, sample_times(plan), 1)
     np.testing.assert_allclose(demand.body_rates.r, yaw_rate, atol=0.1 * np.abs(yaw_rate).max())

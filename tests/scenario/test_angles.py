@@ -1,4 +1,4 @@
-"""Angles are in radians: an angle that must have been written in degrees is refused with its value in radians."""
+"""Tests that angles are in radians, and that an angle in degrees is refused with its value in radians."""
 
 import math
 import re
@@ -14,10 +14,10 @@ from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.files.loading import load_mission
 
 
-def models(kind=Model):
+def submodels(kind=Model):
     for each in kind.__subclasses__():
         yield each
-        yield from models(each)
+        yield from submodels(each)
 
 
 # Yaws of a trajectory may turn many times. Yaws of waypoints are checked one after another.
@@ -25,7 +25,7 @@ UNLIMITED_ANGLES = {("YawKnot", "yaw"), ("Waypoint", "yaw")}
 ANGLES = sorted(
     {
         (model.__name__, name): field
-        for model in models()
+        for model in submodels()
         for name, field in model.model_fields.items()
         if re.search(r"\(rad\)", field.description or "") and (model.__name__, name) not in UNLIMITED_ANGLES
     }.items(),
@@ -39,10 +39,10 @@ def test_every_angle_of_the_language_is_refused_in_degrees(field):
     for degrees in (90.0, [10.0, 20.0, -150.0]):
         with pytest.raises(ValidationError) as caught:
             adapter.validate_python(degrees)
-        said = " ".join(error["msg"] for error in caught.value.errors())
-        if "degrees are" in said:
+        messages = " ".join(error["msg"] for error in caught.value.errors())
+        if "degrees are" in messages:
             break
-    assert re.search(r"must be in radians, at most [\d.]+ in size; -?\d+ degrees are -?[\d.]+ rad", said)
+    assert re.search(r"must be in radians, at most [\d.]+ in size; -?\d+ degrees are -?[\d.]+ rad", messages)
 
 
 @pytest.mark.parametrize(
@@ -77,22 +77,22 @@ def test_angles_in_radians_are_accepted(diagrams, override):
     load_scenario(diagrams / "hover.yaml", [override])
 
 
-def through(*yaws):
+def route_with_yaws(*yaws):
     waypoints = [{"point": [float(i), 0.0, 1.0], "yaw": yaw} for i, yaw in enumerate(yaws)]
     return {"route": {"kind": "waypoints", "heading": "waypoints", "waypoints": waypoints, "times": "heuristic"}}
 
 
 def test_yaws_of_waypoints_may_add_up_to_several_turns(diagrams):
     yaws = [1.0 + math.pi / 2.0 * i for i in range(20)]
-    mission = load_mission(diagrams / "hover.yaml", through(*yaws))
+    mission = load_mission(diagrams / "hover.yaml", route_with_yaws(*yaws))
     plan = plan_route(mission)
     assert evaluate(plan.yaw, plan.yaw.times[-1:])[0, 0] == pytest.approx(yaws[-1])
 
 
-@pytest.mark.parametrize(("yaws", "which"), [((0, 45, 90), 1), ((20, 21, 22), 0), ((12, 15, 19), 2)])
-def test_yaws_of_waypoints_in_degrees_are_refused(diagrams, yaws, which):
-    with pytest.raises(InputError, match=rf"route.waypoints.{which}.yaw is {yaws[which]}, .*degrees are"):
-        load_mission(diagrams / "hover.yaml", through(*yaws))
+@pytest.mark.parametrize(("yaws", "index"), [((0, 45, 90), 1), ((20, 21, 22), 0), ((12, 15, 19), 2)])
+def test_yaws_of_waypoints_in_degrees_are_refused(diagrams, yaws, index):
+    with pytest.raises(InputError, match=rf"route.waypoints.{index}.yaw is {yaws[index]}, .*degrees are"):
+        load_mission(diagrams / "hover.yaml", route_with_yaws(*yaws))
 
 
 def test_trajectories_may_turn_any_number_of_times(diagrams):

@@ -1,4 +1,4 @@
-"""Samples of a study have the given distributions and do not depend on other samples or fields."""
+"""Tests that samples of a study have the given distributions and do not depend on other samples or fields."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in, value_at
 
-# Name and arguments of the same distributions in SciPy.
+# Each text of a distribution has the name and the arguments of the same distribution in SciPy.
 DISTRIBUTIONS = {
     "{uniform: {min: 0.6, max: 0.8}}": ("uniform", (0.6, 0.2)),
     "{log_uniform: {min: 0.1, max: 10}}": ("loguniform", (0.1, 10.0)),
@@ -26,10 +26,10 @@ def study(diagrams):
     return lambda *overrides: load_scenario(diagrams / "figure_eight.yaml", overrides)
 
 
-@pytest.mark.parametrize("written", DISTRIBUTIONS)
-def test_drawn_values_have_the_given_distribution(study, written):
-    masses = Batch.draw(study(f"vehicle.mass={written}"), range(4000)).varying["vehicle.mass"]
-    assert scipy.stats.kstest(masses, *DISTRIBUTIONS[written]).pvalue > 1e-3
+@pytest.mark.parametrize("text", DISTRIBUTIONS)
+def test_drawn_values_have_the_given_distribution(study, text):
+    masses = Batch.draw(study(f"vehicle.mass={text}"), range(4000)).varying["vehicle.mass"]
+    assert scipy.stats.kstest(masses, *DISTRIBUTIONS[text]).pvalue > 1e-3
 
 
 def test_choices_are_equally_likely(study):
@@ -39,7 +39,7 @@ def test_choices_are_equally_likely(study):
     assert scipy.stats.chisquare(counts).pvalue > 1e-3
 
 
-def test_one_sample_alone_is_the_same_as_among_many(study):
+def test_a_sample_drawn_alone_is_the_same_as_among_many(study):
     scenario = study(
         "vehicle.mass={uniform: {min: 0.6, max: 0.8}}",
         "control.position.k_p=[{uniform: {min: 0.5, max: 1}}, 0.8, {normal: {mean: 4, standard_deviation: 1, min: 1}}]",
@@ -58,10 +58,10 @@ def test_one_sample_alone_is_the_same_as_among_many(study):
     assert one.vehicle.mass != draw_sample(scenario, 13, seed=8).vehicle.mass
 
 
-def test_rotors_have_the_streams_of_releases_that_counted_rotors_from_0(study):
+def test_random_streams_of_rotors_are_those_of_releases_that_counted_rotors_from_0(study):
     scenario = study("vehicle.thrust_factor_error=[0, {uniform: {min: 0, max: 1}}, 0, 0]")
-    found = Batch.draw(scenario, range(5), seed=4).varying["vehicle.thrust_factor_error.rotor_2"]
-    np.testing.assert_array_equal(found, parameter_numbers(4, range(5), "vehicle.thrust_factor_error[1]"))
+    errors = Batch.draw(scenario, range(5), seed=4).varying["vehicle.thrust_factor_error.rotor_2"]
+    np.testing.assert_array_equal(errors, parameter_numbers(4, range(5), "vehicle.thrust_factor_error[1]"))
 
 
 def test_a_field_is_drawn_the_same_whatever_else_is_drawn(study):
@@ -87,7 +87,7 @@ def test_a_wrong_seed_or_sample_is_refused(study, sample, seed, words):
 
 
 def test_a_sample_may_have_a_route_of_its_own(study):
-    """Only flights of one vehicle can have such a route; a fleet flies one route and refuses the scenario."""
+    """Such a scenario is for flights of one vehicle. A fleet refuses it, since all its vehicles fly one route."""
     scenario = study("route.radius={uniform: {min: 1.2, max: 1.4}}")
     batch = Batch.draw(scenario, range(2))
     radii = [draw_sample(scenario, sample).route.radius for sample in range(2)]
@@ -103,7 +103,7 @@ def test_drawn_moments_of_inertia_are_those_of_a_rigid_body(study):
     scenario = study(f"vehicle.inertia=[{NORMAL_MOMENT}, {NORMAL_MOMENT}, {{uniform: {{min: 0.008, max: 0.016}}}}]")
     batch = Batch.draw(scenario, range(2000))
     fields = [f"vehicle.inertia.{axis}" for axis in range(3)]
-    found = np.array([batch.varying[field] for field in fields])
+    moments = np.array([batch.varying[field] for field in fields])
     distributions = distributions_in(scenario)
     drawn = np.array(
         [distributions[field].quantile(parameter_numbers(0, range(2000), f"vehicle.inertia[{axis}]"))
@@ -111,20 +111,20 @@ def test_drawn_moments_of_inertia_are_those_of_a_rigid_body(study):
     )  # fmt: skip
     rigid = 2.0 * drawn.max(axis=0) <= drawn.sum(axis=0)
     assert 0.1 < rigid.mean() < 0.9
-    np.testing.assert_array_equal(found[:, rigid], drawn[:, rigid])
-    np.testing.assert_allclose(2.0 * found.max(axis=0)[~rigid], found.sum(axis=0)[~rigid], rtol=1e-12)
+    np.testing.assert_array_equal(moments[:, rigid], drawn[:, rigid])
+    np.testing.assert_allclose(2.0 * moments.max(axis=0)[~rigid], moments.sum(axis=0)[~rigid], rtol=1e-12)
     for sample in np.flatnonzero(~rigid)[:3].tolist():
         alone = draw_sample(scenario, sample)
-        assert alone.vehicle.inertia == tuple(found[:, sample].tolist())
+        assert alone.vehicle.inertia == tuple(moments[:, sample].tolist())
         Scenario.model_validate(alone.model_dump(mode="json"))
 
 
 def test_a_fixed_moment_of_inertia_stays_and_the_others_are_adjusted(study):
     """Moments of a payload and the medians of all distributions are adjusted in the same way."""
     scenario = study(f"vehicle.inertia=[{NORMAL_MOMENT}, 0.007, 0.012]")
-    found = Batch.draw(scenario, range(500)).varying
-    assert [*found] == ["vehicle.inertia.0"]
-    assert found["vehicle.inertia.0"].min() == pytest.approx(0.005)
+    varying = Batch.draw(scenario, range(500)).varying
+    assert [*varying] == ["vehicle.inertia.0"]
+    assert varying["vehicle.inertia.0"].min() == pytest.approx(0.005)
     small = "{uniform: {min: 0.0, max: 0.001}}"
     load = study(f"vehicle.payload={{mass: 0.1, inertia: [{small}, 0.0, 0.0004], time: 1, event: dropped}}")
     moments = Batch.draw(load, range(100)).varying["vehicle.payload.inertia.0"]
@@ -137,7 +137,7 @@ def test_a_fixed_moment_of_inertia_stays_and_the_others_are_adjusted(study):
 
 
 def test_samples_are_those_of_earlier_releases(study):
-    """The numbers are those of a release that wrote items of lists in brackets, as names of streams still do."""
+    """Earlier releases wrote items of lists in brackets, and names of random streams still do."""
     inertia = "vehicle.inertia=[0.007, {uniform: {min: 0.006, max: 0.008}}, 0.012]"
     varying = Batch.draw(study("vehicle.mass={uniform: {min: 0.6, max: 0.8}}", inertia), [0, 1, 41], seed=7).varying
     mass = [0.6051061415534328, 0.675789840234045, 0.7823762288316]
@@ -158,7 +158,7 @@ def test_scenarios_of_a_batch_can_be_written_and_read(study, tmp_path):
 
 
 def test_fields_without_distributions_can_vary_in_a_batch(study):
-    """This holds for gains, items of lists and whole numbers of ticks."""
+    """The fields are a gain, which is an item of a list, and a whole number of ticks."""
     batch = Batch.draw(study("vehicle.mass={uniform: {min: 0.6, max: 0.8}}"), [4, 1, 7])
     varying = {
         "control.position.k_p.1": np.array([1.0, 2.0, 3.0]),
@@ -182,8 +182,8 @@ def test_a_padded_batch_repeats_its_last_vehicle(study):
     np.testing.assert_array_equal(masses[2:], masses[1])
 
 
-def test_a_fleet_sees_arrays_where_numbers_vary_and_the_scenario_elsewhere(asymmetric):
-    """This includes items of lists and fields of mappings in lists."""
+def test_the_scenario_of_a_fleet_has_arrays_where_numbers_vary_and_is_unchanged_elsewhere(asymmetric):
+    """Varying numbers may be items of lists or fields of mappings in lists."""
     scenario = asymmetric("pid", "vehicle.mass={uniform: {min: 0.6, max: 0.8}}")
     varying = {"laboratory.wind.1.velocity.2": np.array([1.0, 2.0]), "vehicle.inertia.1": np.array([3.0, 4.0])}
     batch = Batch.draw(scenario, [7, 2]).with_varying(varying)

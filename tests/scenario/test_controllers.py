@@ -1,4 +1,4 @@
-"""Mistakes in learning and estimating controllers are explained."""
+"""Tests that mistakes in learning and estimating controllers are explained."""
 
 import math
 from pathlib import Path
@@ -13,8 +13,7 @@ from drake_quad.scenario.files.saving import save_scenario
 ROOT = Path(__file__).parent.parent.parent
 PAPER = ROOT / "diagrams" / "controllers" / "paper.yaml"
 NETWORK = "control.network"
-# An input with nine sets.
-MANY = "{centres: [-4, -3, -2, -1, 0, 1, 2, 3, 4], widths: [1, 1, 1, 1, 1, 1, 1, 1, 1]}"
+NINE_SETS = "{centres: [-4, -3, -2, -1, 0, 1, 2, 3, 4], widths: [1, 1, 1, 1, 1, 1, 1, 1, 1]}"
 
 
 def load(controller, *overrides):
@@ -55,7 +54,11 @@ def load(controller, *overrides):
             "sets at 0.8 and 2.0 overlap",
         ),
         ("lead", "-0.1", "must be at least 0"),
-        ("inputs", f"{{x: {MANY}, y: {MANY}, error: {MANY}}}", "must result in at most 256 rules, not 2187"),
+        (
+            "inputs",
+            f"{{x: {NINE_SETS}, y: {NINE_SETS}, error: {NINE_SETS}}}",
+            "must result in at most 256 rules, not 2187",
+        ),
         ("inputs.disturbance", "{}", "disturbance .*must be left out: a position controller of kind pd estimates none"),
         ("learning.signal", "error", "must be 'surface' or 'feedback'"),
         ("learning.slope", "0", "must be larger than 0"),
@@ -72,14 +75,14 @@ def load(controller, *overrides):
         ("axes", "[x, w]", "must be 'x', 'y' or 'z'"),
     ],
 )
-def test_wrong_numbers_are_named(field, value, words):
+def test_the_field_of_an_invalid_number_is_named(field, value, words):
     with pytest.raises(InputError, match=words) as caught:
         load("pd_t2fnn", f"{NETWORK}.{field}={value}")
     assert "\n" not in str(caught.value)
     assert field.split(".")[0] in str(caught.value)
 
 
-def test_a_type_1_network_has_no_ellipses():
+def test_a_type_1_network_has_no_exponents_of_ellipses():
     for field in ("a1", "adaptive.exponents"):
         with pytest.raises(InputError, match="(a1|exponents) is unknown"):
             load("pd_t1fnn", f"{NETWORK}.{field}=1.2")
@@ -91,18 +94,18 @@ def test_numbers_of_a_network_may_be_distributions():
 
 
 def test_every_controller_of_the_file_loads_over_every_laboratory():
-    for place in ("nominal", "low_wind", "high_wind"):
+    for laboratory in ("nominal", "low_wind", "high_wind"):
         for name in ("pd", "pd_t1fnn", "pd_t2fnn", "pid", "pd_feed_forward"):
-            spec = ROOT / "diagrams" / f"laboratory.yaml:{place}"
+            spec = ROOT / "diagrams" / f"laboratory.yaml:{laboratory}"
             scenario = load_scenario(spec, layers=[f"{PAPER}:{name}"])
-            assert scenario.name == place
+            assert scenario.name == laboratory
             assert scenario.control.attitude.k_p[0] == 20.0
         for name in ("pd", "pid", "disturbance_observer", "l1", "indi"):
             scenario = load_scenario(spec, layers=[f"{PAPER.parent / 'designed' / 'laboratory.yaml'}:{name}"])
-            assert (scenario.name, scenario.control.position.kind) == (place, name)
+            assert (scenario.name, scenario.control.position.kind) == (laboratory, name)
 
 
-ESTIMATING = "k_p: [1, 1, 1], k_d: [1, 1, 1], bandwidth: [1, 1, 1]"
+ESTIMATOR_GAINS = "k_p: [1, 1, 1], k_d: [1, 1, 1], bandwidth: [1, 1, 1]"
 
 
 @pytest.mark.parametrize(
@@ -112,9 +115,9 @@ ESTIMATING = "k_p: [1, 1, 1], k_d: [1, 1, 1], bandwidth: [1, 1, 1]"
         ("control.attitude.k_q=1", "control.attitude.k_q is unknown; allowed are kind, k_p, k_d; did you mean k_p?"),
         ("control.attitude.kind=lqr", "control.attitude.kind is 'lqr', but must be one of '"),
         ("control.attitude={kind: indi, lag: 0.1}", "control.attitude.k_p is missing, and so are k_d, bandwidth"),
-        (f"control.position={{kind: l1, {ESTIMATING}}}", "control.position.response is missing"),
+        (f"control.position={{kind: l1, {ESTIMATOR_GAINS}}}", "control.position.response is missing"),
         (
-            f"control.position={{kind: indi, {ESTIMATING}, response: {{kind: commanded, lag: [0.1, 0, 0.1]}}}}",
+            f"control.position={{kind: indi, {ESTIMATOR_GAINS}, response: {{kind: commanded, lag: [0.1, 0, 0.1]}}}}",
             "control.position.response.lag.1 is 0, but must be larger than 0",
         ),
         ("crash.tilt=2", "crash.tilt is 2, but must be in radians, at most 1.571 in size; 2 degrees are 0.03491"),
@@ -133,14 +136,14 @@ def test_an_attitude_controller_without_a_kind_is_a_pd_and_stays_one_when_it_is_
     assert load_scenario(tmp_path / "saved.yaml") == scenario
 
 
-def test_a_vehicle_that_may_turn_over_has_no_limit_of_tilt():
+def test_without_a_limit_of_tilt_the_vehicle_may_turn_over():
     scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["crash.tilt=null"])
     monitor = build_monitor(scenario, plan_route(scenario), 1)
     assert monitor.structure["limits"].tilt == math.inf
 
 
 def test_geometric_control_is_the_published_law_by_default():
-    """Its defaults are the transport term of Lee et al. (2010) and the angles of eq (1)."""
+    """By default the law has the transport term of Lee et al. (2010) and the angles of eq (1)."""
     field = "control.attitude={kind: geometric, k_p: [17, 14, 5], k_d: [7, 7, 3]}"
     attitude = load("pd", field).control.attitude
     assert (attitude.transport_term, attitude.euler_sequence, attitude.k_i) == (True, "zyx", None)

@@ -1,4 +1,4 @@
-"""Correlated distributions have the given covariance and marginals, and their samples do not change."""
+"""Tests of correlated distributions: their covariance, their marginals, and their unchanged samples."""
 
 import json
 
@@ -26,19 +26,21 @@ from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.limits import MAX_SHARED
 from drake_quad.scenario.paths import distributions_in
 
-MASS, LAG, DRAG = "vehicle.mass", "vehicle.rotor_time_constant", "vehicle.linear_drag"
-DRAWN = "{uniform: {min: 0.0, max: 0.1}}"
+MASS = "vehicle.mass"
+LAG = "vehicle.rotor_time_constant"
+DRAG = "vehicle.linear_drag"
+UNIFORM = "{uniform: {min: 0.0, max: 0.1}}"
 
 
-def bell(mean, deviation, shared="", limits=""):
+def normal_text(mean, deviation, shared="", limits=""):
     return f"{{normal: {{mean: {mean}, standard_deviation: {deviation}{limits}{shared and f', shared: {shared}'}}}}}"
 
 
-def written(shared_of_mass="{a: 0.9, b: -0.3}", shared_of_lag="{a: -0.5}", shared_of_drag="{b: 1.0}"):
+def correlated_overrides(shared_of_mass="{a: 0.9, b: -0.3}", shared_of_lag="{a: -0.5}", shared_of_drag="{b: 1.0}"):
     return (
-        f"{MASS}={bell(0.68, 0.02, shared_of_mass, ', min: 0.5')}",
-        f"{LAG}={bell(0.05, 0.004, shared_of_lag, ', min: 0.03, max: 0.07')}",
-        f"{DRAG}={bell(0.2, 0.1, shared_of_drag, ', min: 0.15')}",
+        f"{MASS}={normal_text(0.68, 0.02, shared_of_mass, ', min: 0.5')}",
+        f"{LAG}={normal_text(0.05, 0.004, shared_of_lag, ', min: 0.03, max: 0.07')}",
+        f"{DRAG}={normal_text(0.2, 0.1, shared_of_drag, ', min: 0.15')}",
     )
 
 
@@ -48,26 +50,26 @@ def study(diagrams):
 
 
 @pytest.fixture(scope="module")
-def drawn(study):
-    return Batch.draw(study(*written()), range(20_000)).varying
+def samples(study):
+    return Batch.draw(study(*correlated_overrides()), range(20_000)).varying
 
 
-def test_samples_have_the_given_covariance(study, drawn):
+def test_samples_have_the_given_covariance(study, samples):
     """For untruncated distributions, a correlation of 20,000 samples has a standard deviation of at most 0.007."""
-    joint = joint_normal(distributions_in(study(*written())))
+    joint = joint_normal(distributions_in(study(*correlated_overrides())))
     assert joint.paths == (MASS, DRAG, LAG)
     deviation = np.array([0.02, 0.1, 0.004])
     correlation = np.array([[1.0, -0.3, -0.45], [-0.3, 1.0, 0.0], [-0.45, 0.0, 1.0]])
     np.testing.assert_allclose(joint.covariance, correlation * np.outer(deviation, deviation), atol=1e-15)
     np.testing.assert_array_equal(joint.mean, [0.68, 0.2, 0.05])
-    uncut = np.ix_([0, 2], [0, 2])
-    found = np.cov([drawn[MASS], drawn[LAG]]) / np.outer(deviation, deviation)[uncut]
-    assert np.abs(found - correlation[uncut]).max() < 0.03
+    untruncated = np.ix_([0, 2], [0, 2])
+    covariance = np.cov([samples[MASS], samples[LAG]]) / np.outer(deviation, deviation)[untruncated]
+    assert np.abs(covariance - correlation[untruncated]).max() < 0.03
 
 
-def test_limits_do_not_change_the_copula(drawn):
+def test_limits_do_not_change_the_copula(samples):
     """Spearman's correlation under a Gaussian copula is 6/π asin(r/2), for any limits of the distributions."""
-    ranks = scipy.stats.spearmanr(np.stack([drawn[MASS], drawn[LAG], drawn[DRAG]]), axis=1).statistic
+    ranks = scipy.stats.spearmanr(np.stack([samples[MASS], samples[LAG], samples[DRAG]]), axis=1).statistic
     for i, j, normal in ((0, 1, -0.45), (0, 2, -0.3), (1, 2, 0.0)):
         assert ranks[i, j] == pytest.approx(6.0 / np.pi * np.arcsin(0.5 * normal), abs=0.02)
 
@@ -80,44 +82,44 @@ def test_limits_do_not_change_the_copula(drawn):
         (DRAG, (-0.5, np.inf, 0.2, 0.1)),
     ],
 )
-def test_each_field_has_its_given_distribution(drawn, path, arguments):
-    assert scipy.stats.kstest(drawn[path], "truncnorm", arguments).pvalue > 1e-3
+def test_each_field_has_its_given_distribution(samples, path, arguments):
+    assert scipy.stats.kstest(samples[path], "truncnorm", arguments).pvalue > 1e-3
 
 
-def test_a_normal_that_shares_nothing_is_drawn_as_before(study):
-    """All bits agree, since only the field's own numbers are used."""
-    values = Batch.draw(study(*written("", "", "")), range(50), seed=3).varying
+def test_a_normal_without_shared_variables_has_the_same_samples_as_before(study):
+    """Samples agree to the bit, because they use only the random numbers of their own field."""
+    values = Batch.draw(study(*correlated_overrides("", "", "")), range(50), seed=3).varying
     expected = 0.68 + 0.02 * scipy.special.ndtri(
         (low := scipy.special.ndtr((0.5 - 0.68) / 0.02)) + parameter_numbers(3, range(50), MASS) * (1.0 - low)
     )
     np.testing.assert_array_equal(values[MASS], expected)
-    empty = Batch.draw(study(*written("{}", "{}", "{}")), range(50), seed=3).varying
+    empty = Batch.draw(study(*correlated_overrides("{}", "{}", "{}")), range(50), seed=3).varying
     np.testing.assert_array_equal(empty[MASS], values[MASS])
 
 
 def test_samples_of_shared_variables_are_those_of_earlier_releases(study):
     """The numbers are those of the release that introduced shared variables."""
-    values = Batch.draw(study(written()[0]), [0, 1, 41], seed=7).varying[MASS]
+    values = Batch.draw(study(correlated_overrides()[0]), [0, 1, 41], seed=7).varying[MASS]
     np.testing.assert_allclose(values, [0.6461897527911218, 0.6293774984326039, 0.6691488411462073], rtol=1e-14)
 
 
 def test_a_field_without_common_variables_does_not_depend_on_others(study):
-    """Other correlated fields may be added or removed, or other samples drawn."""
-    both = Batch.draw(study(*written()), range(20), seed=5).varying
-    alone = Batch.draw(study(written()[0]), range(20), seed=5).varying
+    """Samples of the field stay the same if other correlated fields are added or removed."""
+    both = Batch.draw(study(*correlated_overrides()), range(20), seed=5).varying
+    alone = Batch.draw(study(correlated_overrides()[0]), range(20), seed=5).varying
     np.testing.assert_array_equal(alone[MASS], both[MASS])
-    number = Batch.draw(study(*written(), f"{LAG}=0.05"), range(20), seed=5).varying
+    number = Batch.draw(study(*correlated_overrides(), f"{LAG}=0.05"), range(20), seed=5).varying
     assert [*number] == [MASS, DRAG]
     np.testing.assert_array_equal(number[DRAG], both[DRAG])
-    one = draw_sample(study(*written()), 13, seed=5)
+    one = draw_sample(study(*correlated_overrides()), 13, seed=5)
     assert (one.vehicle.mass, one.vehicle.rotor_time_constant) == (both[MASS][13], both[LAG][13])
-    assert not np.any(Batch.draw(study(*written()), range(20), seed=6).varying[MASS] == both[MASS])
+    assert not np.any(Batch.draw(study(*correlated_overrides()), range(20), seed=6).varying[MASS] == both[MASS])
 
 
 def test_shared_variables_are_distinguished_by_name(study):
     """Fields with a correlation of 1 or -1 with the same variable are equal or opposite."""
     one, same, other = (
-        Batch.draw(study(*written("{a: 1.0}", shared, "")), range(200)).varying
+        Batch.draw(study(*correlated_overrides("{a: 1.0}", shared, "")), range(200)).varying
         for shared in ("{a: 1.0}", "{a: -1.0}", "{vehicle: 1.0}")
     )
     assert scipy.stats.spearmanr(one[MASS], one[LAG]).statistic == pytest.approx(1.0)
@@ -126,24 +128,26 @@ def test_shared_variables_are_distinguished_by_name(study):
 
 
 def test_no_number_is_infinite_for_any_number_of_shared_variables(study, monkeypatch):
-    """Sixteen variables at their extremes add up to more than one variable can reach."""
+    """The sum of sixteen variables at their extremes is larger than a single variable can be."""
     monkeypatch.setattr(correlation, "_standard_normal", lambda seed, samples, stream: np.full(len(samples), 8.0))
     shared = ", ".join(f"x{i}: 0.25" for i in range(16))
-    scenario = study(f"vehicle.centre_of_mass=[{bell(0.0, 0.001, f'{{{shared}}}')}, 0]")
-    (drawn,) = Batch.draw(scenario, range(3)).varying.values()
-    np.testing.assert_allclose(drawn, 0.0082, rtol=0.01)
+    scenario = study(f"vehicle.centre_of_mass=[{normal_text(0.0, 0.001, f'{{{shared}}}')}, 0]")
+    (samples,) = Batch.draw(scenario, range(3)).varying.values()
+    np.testing.assert_allclose(samples, 0.0082, rtol=0.01)
 
 
 def test_correlated_groups_include_indirect_correlations(study):
-    scenario = study(*written("{a: 0.9}", "{a: -0.5, b: 0.5}", "{b: 0.8}"), f"vehicle.quadratic_drag={DRAWN}")
-    found = distributions_in(scenario)
-    pairs = correlated_pairs(found)
+    scenario = study(
+        *correlated_overrides("{a: 0.9}", "{a: -0.5, b: 0.5}", "{b: 0.8}"), f"vehicle.quadratic_drag={UNIFORM}"
+    )
+    distributions = distributions_in(scenario)
+    pairs = correlated_pairs(distributions)
     assert [(pair.first, pair.second) for pair in pairs] == [(MASS, LAG), (DRAG, LAG)]
     assert [pair.correlation for pair in pairs] == pytest.approx([-0.45, 0.4])
     # Drag and mass share no variable, but both share one with the lag.
-    assert correlated_groups(found) == dict.fromkeys((MASS, DRAG, LAG), (MASS, DRAG, LAG))
-    assert shared_names(found.values()) == ["a", "b"]
-    assert correlated_groups(distributions_in(study(written()[0]))) == {}
+    assert correlated_groups(distributions) == dict.fromkeys((MASS, DRAG, LAG), (MASS, DRAG, LAG))
+    assert shared_names(distributions.values()) == ["a", "b"]
+    assert correlated_groups(distributions_in(study(correlated_overrides()[0]))) == {}
     assert correlated_pairs({}) == []
 
 
@@ -159,47 +163,47 @@ def test_correlated_groups_include_indirect_correlations(study):
 )
 def test_invalid_shared_variables_are_refused(study, shared, words):
     with pytest.raises(InputError) as caught:
-        study(written(shared)[0])
+        study(correlated_overrides(shared)[0])
     assert words in str(caught.value)
 
 
 def test_correlations_may_explain_the_whole_variance(study):
     """These decimal correlations are allowed, although the squares of their binary values sum to more than 1."""
-    study(written("{a: 0.2, b: 0.4, c: 0.4, d: 0.8}")[0])
+    study(correlated_overrides("{a: 0.2, b: 0.4, c: 0.4, d: 0.8}")[0])
 
 
 def test_the_number_of_shared_variables_is_limited(study):
-    def thirds(count):
+    def study_with_shared_variables(count):
         names = [f"x{i}: 0.1" for i in range(count)]
         parts = (names[:40], names[40:], names[:3])
-        bells = [bell(0.007, 0.001, f"{{{', '.join(part)}}}", ", min: 0.001") for part in parts]
-        return study(f"vehicle.inertia=[{', '.join(bells)}]")
+        distributions = [normal_text(0.007, 0.001, f"{{{', '.join(part)}}}", ", min: 0.001") for part in parts]
+        return study(f"vehicle.inertia=[{', '.join(distributions)}]")
 
-    assert len(shared_names(distributions_in(thirds(MAX_SHARED)).values())) == MAX_SHARED
+    assert len(shared_names(distributions_in(study_with_shared_variables(MAX_SHARED)).values())) == MAX_SHARED
     with pytest.raises(InputError, match=r"vehicle\.inertia\.1\.normal\.shared is .* already has 64"):
-        thirds(MAX_SHARED + 1)
+        study_with_shared_variables(MAX_SHARED + 1)
 
 
 def test_correlations_are_written_and_read_again(study, tmp_path):
-    scenario = study(*written())
+    scenario = study(*correlated_overrides())
     save_scenario(scenario, tmp_path / "again.yaml")
     assert load_scenario(tmp_path / "again.yaml") == scenario
 
 
 def test_a_normal_without_shared_variables_is_written_as_before(study):
     """A study is identified by the text of its scenario, which must not change."""
-    kept = json.loads(study(written("")[0]).model_dump_json())["vehicle"]["mass"]
-    assert kept == {"normal": {"mean": 0.68, "standard_deviation": 0.02, "min": 0.5, "max": None}}
+    mass = json.loads(study(correlated_overrides("")[0]).model_dump_json())["vehicle"]["mass"]
+    assert mass == {"normal": {"mean": 0.68, "standard_deviation": 0.02, "min": 0.5, "max": None}}
 
 
 def test_an_extension_replaces_one_field_and_leaves_the_others(study, diagrams, tmp_path):
     """A number or distribution replaces a whole distribution, including its shared variables."""
-    base = ", ".join(override.partition(".")[2].replace("=", ": ", 1) for override in written())
+    base = ", ".join(override.partition(".")[2].replace("=", ": ", 1) for override in correlated_overrides())
     path = tmp_path / "mine.yaml"
-    quick = bell(0.05, 0.001, "", ", min: 0.03, max: 0.07")
+    faster = normal_text(0.05, 0.001, "", ", min: 0.03, max: 0.07")
     path.write_text(
         f"base: {{extends: {diagrams / 'figure_eight.yaml'}, vehicle: {{{base}}}}}\n"
-        f"light: {{extends: base, vehicle: {{mass: 0.5, rotor_time_constant: {quick}}}}}\n"
+        f"light: {{extends: base, vehicle: {{mass: 0.5, rotor_time_constant: {faster}}}}}\n"
     )
     light = distributions_in(load_scenario(f"{path}:light"))
     assert set(light) == {LAG, DRAG}
@@ -208,14 +212,14 @@ def test_an_extension_replaces_one_field_and_leaves_the_others(study, diagrams, 
     np.testing.assert_array_equal(part[DRAG], whole[DRAG])
 
 
-def normals(found):
-    return {name: Normal.model_validate(each) for name, each in found.items()}
+def normals(distributions):
+    return {name: Normal.model_validate(each) for name, each in distributions.items()}
 
 
 @settings(max_examples=40, deadline=None)
 @given(count=st.integers(1, 10), rank=st.integers(1, 12), seed=st.integers(0, 2**31))
 def test_correlated_normals_reproduce_a_covariance(count, rank, seed):
-    """Any rank and any units: standard deviations agree to the bit, those of all weighted sums to one per cent."""
+    """For any rank and any units, variances agree to rounding, and those of weighted sums to 2 %."""
     rng = np.random.default_rng(seed)
     shape = rng.normal(size=(count, rank))
     scale = 10.0 ** rng.uniform(-8.0, 3.0, count)
@@ -226,11 +230,13 @@ def test_correlated_normals_reproduce_a_covariance(count, rank, seed):
     np.testing.assert_array_equal(joint.mean, mean)
     deviation = np.sqrt(np.diag(covariance))
     np.testing.assert_allclose(np.diag(joint.covariance), deviation**2, rtol=1e-14)
-    found, meant = (each / np.outer(deviation, deviation) for each in (joint.covariance, covariance))
+    correlation, expected = (each / np.outer(deviation, deviation) for each in (joint.covariance, covariance))
     sums = rng.normal(size=(200, count))
-    np.testing.assert_allclose(*(np.einsum("ij,jk,ik->i", sums, each, sums) for each in (found, meant)), rtol=0.02)
-    size, vectors = np.linalg.eigh(meant)
-    weak = np.einsum("ji,jk,ki->i", vectors, found, vectors)
+    np.testing.assert_allclose(
+        *(np.einsum("ij,jk,ik->i", sums, each, sums) for each in (correlation, expected)), rtol=0.02
+    )
+    size, vectors = np.linalg.eigh(expected)
+    weak = np.einsum("ji,jk,ki->i", vectors, correlation, vectors)
     np.testing.assert_allclose(weak, size, rtol=0.02, atol=1e-9)
 
 
@@ -242,8 +248,8 @@ def test_correlated_normals_share_few_variables():
     uniform = np.full((6, 6), 0.3) + 0.7 * np.eye(6)
     assert len(shared_names(normals(correlated_normals("abcdef", np.zeros(6), uniform)).values())) == 1
     blocks = scipy.linalg.block_diag([[1.0, 0.5], [0.5, 1.0]], [[1.0]], [[1.0, 0.9], [0.9, 1.0]])
-    found = correlated_normals("abcde", np.zeros(5), blocks + 1e-4, prefix="mine")
-    assert [[*each["normal"].get("shared", {})] for each in found.values()] == [
+    distributions = correlated_normals("abcde", np.zeros(5), blocks + 1e-4, prefix="mine")
+    assert [[*each["normal"].get("shared", {})] for each in distributions.values()] == [
         ["mine_1"],
         ["mine_1"],
         [],
@@ -252,16 +258,16 @@ def test_correlated_normals_share_few_variables():
     ]
 
 
-def test_a_sum_that_is_known_better_than_its_parts_keeps_its_variance():
-    """Coefficients of a curve that was fitted around hover have correlations of 0.99, but the thrust is well known."""
+def test_a_sum_that_is_known_better_than_its_parts_has_the_given_variance():
+    """The coefficients of a curve fitted around hover are uncertain, but the thrust in hover is well known."""
     throttle = np.linspace(0.5, 0.7, 200)
     powers = np.stack([throttle**0, throttle, throttle**2])
     covariance = 1e-6 * np.linalg.inv(powers @ powers.T)
     joint = joint_normal(normals(correlated_normals("abc", np.zeros(3), covariance)))
     hover = np.array([1.0, 0.6, 0.36])
-    sure = np.sqrt(hover @ covariance @ hover)
-    assert sure < 5e-3 * np.sqrt(covariance[1, 1])
-    assert np.sqrt(hover @ joint.covariance @ hover) == pytest.approx(sure, rel=0.011)
+    deviation = np.sqrt(hover @ covariance @ hover)
+    assert deviation < 5e-3 * np.sqrt(covariance[1, 1])
+    assert np.sqrt(hover @ joint.covariance @ hover) == pytest.approx(deviation, rel=0.011)
 
 
 @pytest.mark.parametrize(
@@ -280,6 +286,6 @@ def test_an_invalid_covariance_is_refused(names, covariance, words):
 
 
 def test_distributions_of_other_kinds_are_correlated_with_nothing(study):
-    scenario = study(written()[0], f"{DRAG}={DRAWN}")
+    scenario = study(correlated_overrides()[0], f"{DRAG}={UNIFORM}")
     assert np.array_equal(correlation_matrix([*distributions_in(scenario).values()]), np.eye(2))
     assert joint_normal(distributions_in(scenario)).paths == (MASS,)

@@ -1,4 +1,4 @@
-"""Declared units and bounds are those by which scenarios are validated."""
+"""Tests that declared units and bounds are those by which scenarios are validated."""
 
 import math
 import re
@@ -14,7 +14,7 @@ from drake_quad.scenario.models import Laboratory, Vehicle
 LIMIT = 1e9
 DECLARED = {(model, path): each for model in (Vehicle, Laboratory) for path, each in quantities_in(model)}
 KINDS = {"motors": ["throttle"], "layout": ["x"], "autopilot": [*AUTOPILOTS.members]}
-CASES = pytest.mark.parametrize(
+for_each_quantity = pytest.mark.parametrize(
     ("model", "path", "declared"),
     [(*key, each) for key, each in DECLARED.items()],
     ids=[f"{model.__name__}.{path}" for model, path in DECLARED],
@@ -22,12 +22,12 @@ CASES = pytest.mark.parametrize(
 
 
 def is_refused(model, path, declared, value):
-    """Return whether each place of a quantity refuses a value itself, whatever the kind of the mapping around it."""
+    """Return whether all items of a quantity refuse a value, for every kind of the mapping around it."""
     first, *steps = path.split(".")
     whole = [value] * declared.items if declared.items else value
     for step in reversed(steps):
         whole = {step: whole}
-    answers = set()
+    refusals = set()
     for kind in KINDS.get(first, [None]):
         if kind is not None and first == "autopilot" and steps[0] not in AUTOPILOTS.members[kind].model_fields:
             continue
@@ -37,34 +37,34 @@ def is_refused(model, path, declared, value):
         except ValidationError as error:
             errors = [each["loc"] for each in error.errors() if each["type"] != "missing"]
         own = [loc for loc in errors if [step for step in loc if step in {first, *steps}] == [first, *steps]]
-        places = {next((step for step in loc if isinstance(step, int)), 0) for loc in own}
-        assert len(places) in (0, max(1, declared.items))
-        answers.add(bool(places))
-    (answer,) = answers
-    return answer
+        refusing_items = {next((step for step in loc if isinstance(step, int)), 0) for loc in own}
+        assert len(refusing_items) in (0, max(1, declared.items))
+        refusals.add(bool(refusing_items))
+    (is_refused_by_all,) = refusals
+    return is_refused_by_all
 
 
-def inside(declared):
+def value_within(declared):
     """Return a number between the bounds."""
     return 1.0 if declared.lower <= 1.0 <= declared.upper else 0.5 * (declared.lower + declared.upper)
 
 
-@CASES
+@for_each_quantity
 def test_a_number_is_refused_exactly_when_it_is_beyond_the_bounds(model, path, declared):
     lower, upper = float(declared.lower), float(declared.upper)
     assert -LIMIT <= lower < upper <= LIMIT
     outside = [lower - 1.0, upper + 1.0, math.nextafter(lower, -math.inf), math.nextafter(upper, math.inf)]
     if declared.is_whole:
         outside.append(lower + 0.5)
-    for value in (lower, upper, inside(declared)):
+    for value in (lower, upper, value_within(declared)):
         assert not is_refused(model, path, declared, value)
     for value in outside:
         assert is_refused(model, path, declared, value)
 
 
-@CASES
+@for_each_quantity
 def test_a_normal_distribution_is_refused_exactly_without_the_limits_that_it_needs(model, path, declared):
-    mean = inside(declared)
+    mean = value_within(declared)
     below, above = {"min": mean}, {"max": mean}
     for limits, is_enough in (
         ({}, not (declared.needs_min or declared.needs_max)),
@@ -72,19 +72,21 @@ def test_a_normal_distribution_is_refused_exactly_without_the_limits_that_it_nee
         (above, not declared.needs_min),
         (below | above, True),
     ):
-        bell = {"normal": {"mean": mean, "standard_deviation": 1e-3, **limits}}
-        assert is_refused(model, path, declared, bell) == (declared.is_whole or not is_enough)
+        distribution = {"normal": {"mean": mean, "standard_deviation": 1e-3, **limits}}
+        assert is_refused(model, path, declared, distribution) == (declared.is_whole or not is_enough)
 
 
-@CASES
+@for_each_quantity
 def test_units_are_products_of_si_units(model, path, declared):
-    relative = r"unit of the (output|error|proportional gains.*)|its unit"  # terms of any loop
+    relative = (
+        r"unit of the (output|error|proportional gains.*)|its unit"  # Terms of a loop have the unit of its signals.
+    )
     part = r"(kg|m|s|N|rad|V|A|h|Ω)[²³]?"
     assert re.fullmatch(rf"{relative}|(1|{part}( {part})*)(/(\({part}( {part})*\)|{part}))?", declared.unit)
 
 
 def test_declarations_are_those_of_the_fields():
-    """Values of the language that a reader knows by heart."""
+    """Some well-known fields have the expected units and bounds."""
     mass, error = DECLARED[Vehicle, "mass"], DECLARED[Vehicle, "thrust_factor_error"]
     assert (mass.unit, mass.items, mass.needs_min, mass.needs_max) == ("kg", 0, True, False)
     assert mass.lower == 1e-12
@@ -101,7 +103,7 @@ def test_declarations_are_those_of_the_fields():
     }
 
 
-def test_a_formula_in_parentheses_is_no_unit():
+def test_a_formula_in_parentheses_is_not_read_as_a_unit():
     """The description of `integral_fade` contains (e / e₀)² before its unit."""
-    found = dict(quantities_in(PidCascadeControl))
-    assert found["velocity.integral_fade"].unit == "unit of the error"
+    quantities = dict(quantities_in(PidCascadeControl))
+    assert quantities["velocity.integral_fade"].unit == "unit of the error"

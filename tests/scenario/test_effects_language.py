@@ -1,4 +1,4 @@
-"""Effects in the scenario language: they are off by default, and mistakes are explained in one sentence."""
+"""Tests of effects in the scenario language: they are off by default, and mistakes are explained in one sentence."""
 
 import re
 

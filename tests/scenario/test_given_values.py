@@ -1,4 +1,4 @@
-"""Overrides as Python values, and the text representation of scenarios."""
+"""Tests of overrides as Python values, and of the text representation of scenarios."""
 
 import json
 from functools import reduce
@@ -55,18 +55,18 @@ def test_python_values_have_the_effect_of_the_same_yaml(load, given, assignments
 
 def test_parts_of_other_scenarios_can_be_given(load, diagrams):
     other = load_scenario(diagrams / "figure_eight.yaml", {"vehicle.mass": 0.66, "route.radius": 1.2})
-    found = load({"vehicle": other.vehicle, "route": other.route})
-    assert (found.vehicle.mass, found.route) == (0.66, other.route)
+    combined = load({"vehicle": other.vehicle, "route": other.route})
+    assert (combined.vehicle.mass, combined.route) == (0.66, other.route)
 
 
 @pytest.mark.slow
 def test_every_shipped_value_can_be_given_as_a_mapping(load):
     """A mapping has the same effect as the corresponding text, both field by field and as a whole."""
-    nothing = Tree({}, Mark("", 0))
+    empty = Tree({}, Mark("", 0))
     scenarios = [Library().find(name)[1].plain() for name in shipped_scenarios()]
     for plain in (*scenarios, {"route": ROUTE}, load({"route": ROUTE}).model_dump(mode="json")):
         for fields in (plain, {"whole": plain}):
-            assert reduce(merged, given_trees(fields, Library()), nothing).plain() == fields
+            assert reduce(merged, given_trees(fields, Library()), empty).plain() == fields
 
 
 CORRIDOR = {"half_spaces": [{"normal": [1.0, -1.0, 0.0], "point": [0.5, 0.0, 0.0]}]}
@@ -75,9 +75,9 @@ ROUTE = {"kind": "waypoints", "waypoints": [[0.0, 0.0, 1.0], [1.0, 1.0, 1.0]], "
 
 def test_the_normal_of_a_half_space_is_not_a_normal_distribution(load):
     """The names of distributions are also names of other fields."""
-    found = load({"route": ROUTE})
-    assert found == load("route=" + json.dumps(ROUTE))
-    assert found.route.corridors[0].half_spaces[0].normal == (1.0, -1.0, 0.0)
+    scenario = load({"route": ROUTE})
+    assert scenario == load("route=" + json.dumps(ROUTE))
+    assert scenario.route.corridors[0].half_spaces[0].normal == (1.0, -1.0, 0.0)
     moved = load([{"route": ROUTE}, "route.corridors.0.half_spaces.0.point=[0.6, 0, 0]"])
     assert moved.route.corridors[0].half_spaces[0] == HalfSpace(normal=(1.0, -1.0, 0.0), point=(0.6, 0.0, 0.0))
     turned = load([{"route": ROUTE}, {"route.corridors.0.half_spaces.0": {"normal": [0.0, 0.0, -1.0]}}])
@@ -104,11 +104,11 @@ def test_errors_in_distributions_name_the_field(load, given, words):
 def test_a_distribution_replaces_another(load):
     for given in ({"uniform": {"min": 0.6, "max": 0.7}}, {"choice": [0.6, 0.7]}):
         assert isinstance(load("vehicle.mass=0.7").vehicle.mass, float)
-        found = load(["vehicle.mass={log_uniform: {min: 0.6, max: 0.8}}", {"vehicle.mass": given}])
-        assert found.vehicle.mass.model_dump(mode="json") == given
+        replaced = load(["vehicle.mass={log_uniform: {min: 0.6, max: 0.8}}", {"vehicle.mass": given}])
+        assert replaced.vehicle.mass.model_dump(mode="json") == given
 
 
-def test_a_path_is_the_name_of_a_file(load):
+def test_a_python_path_may_name_a_file(load):
     with pytest.raises(
         InputError,
         match="^override control.network.learned: control.network.learned names nowhere.yaml, which does not exist$",
@@ -123,8 +123,8 @@ def test_missions_and_vehicles_take_python_values(diagrams):
         load_mission(diagrams / "slalom.yaml", {"vehicle.mass": 0.66})
 
 
-NESTED = []
-NESTED.append(NESTED)
+LIST_OF_ITSELF = []
+LIST_OF_ITSELF.append(LIST_OF_ITSELF)
 
 
 @pytest.mark.parametrize(
@@ -139,7 +139,7 @@ NESTED.append(NESTED)
             r"^override vehicle.mass: 1j is a complex, but must be a number, text, list or mapping$",
         ),
         ({"vehicle.mass": {0.7}}, r"is a set, but"),
-        ({"vehicle.inertia": NESTED}, r"^override vehicle.inertia: is nested too deeply: .* 40 levels$"),
+        ({"vehicle.inertia": LIST_OF_ITSELF}, r"^override vehicle.inertia: is nested too deeply: .* 40 levels$"),
         ({"vehicle.inertia": [0.0] * 40_000}, r"^override vehicle.inertia: is too large: .* 30,000 names and values"),
         ({"vehicle.inertia": "x" * 2000}, r"is too long: a name or value may have 1,000 characters$"),
         ({"vehicle..mass": 1}, r"'vehicle..mass' must be the path of a field, as in vehicle.mass$"),

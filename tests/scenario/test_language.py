@@ -1,4 +1,4 @@
-"""Page and schema of the scenario language are generated from the models and accept all shipped scenarios."""
+"""Tests that page and schema of the scenario language match the models, and that the schema accepts shipped files."""
 
 import functools
 import json
@@ -22,25 +22,25 @@ def validator():
     return jsonschema.Draft202012Validator(file_schema())
 
 
-def complaints(text):
+def schema_errors(text):
     return [error.message for error in validator().iter_errors(YAML(typ="safe", pure=True).load(text))]
 
 
 def test_page_and_schema_are_not_stale():
-    again = "python scripts/development/document_scenarios.py --output docs/reference writes them again"
+    how_to_update = "python scripts/development/document_scenarios.py --output docs/reference writes them again"
     folder = ROOT / "docs" / "reference"
-    assert (folder / "scenario_language.md").read_text(encoding="utf-8") == language_page(), again
-    assert json.loads((folder / "scenario.schema.json").read_text(encoding="utf-8")) == file_schema(), again
+    assert (folder / "scenario_language.md").read_text(encoding="utf-8") == language_page(), how_to_update
+    assert json.loads((folder / "scenario.schema.json").read_text(encoding="utf-8")) == file_schema(), how_to_update
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "diagrams").rglob("*.yaml")), ids=lambda path: path.name)
-def test_the_schema_fits_every_shipped_file(path):
-    assert complaints(path.read_text(encoding="utf-8")) == []
+def test_the_schema_accepts_every_shipped_file(path):
+    assert schema_errors(path.read_text(encoding="utf-8")) == []
 
 
 @pytest.mark.parametrize("block", BLOCKS)
-def test_the_schema_fits_the_pages(block):
-    assert complaints(block) == []
+def test_the_schema_accepts_the_examples_on_the_pages(block):
+    assert schema_errors(block) == []
 
 
 @pytest.mark.parametrize(
@@ -58,11 +58,11 @@ def test_the_schema_fits_the_pages(block):
     ],
 )
 def test_the_schema_rejects_wrong_files(wrong):
-    assert complaints(wrong)
+    assert schema_errors(wrong)
 
 
-DRAWN = "{uniform: {min: 0.1, max: 0.2}}"
-PLACE = "{position: [X, 0.1, 0], turns: clockwise, drag_factor: 0.1}"
+UNIFORM = "{uniform: {min: 0.1, max: 0.2}}"
+ROTOR = "{position: [X, 0.1, 0], turns: clockwise, drag_factor: 0.1}"
 
 
 @pytest.mark.parametrize(
@@ -71,14 +71,14 @@ PLACE = "{position: [X, 0.1, 0], turns: clockwise, drag_factor: 0.1}"
         *("mass: X", "arm_length: X", "inertia: [0.1, X, 0.2]", "motors: {kind: throttle, curve: [0.0, X, 2.0]}"),
         *(f"layout: {{kind: {kind}, length: X, width: 0.1}}" for kind in ("plus", "x", "h")),
         *(f"layout: {{kind: {kind}, length: 0.1, width: X}}" for kind in ("plus", "x", "h")),
-        f"layout: {{kind: rotors, rotors: [{PLACE}, {PLACE}, {PLACE}, {PLACE}]}}",
+        f"layout: {{kind: rotors, rotors: [{ROTOR}, {ROTOR}, {ROTOR}, {ROTOR}]}}",
     ],
 )
 def test_the_schema_allows_no_distributions_in_nominal(field):
     """Only the vehicle may have distributions, not `nominal`."""
-    assert complaints(f"a: {{nominal: {{{field.replace('X', '0.15')}}}}}") == []
-    assert complaints(f"a: {{vehicle: {{{field.replace('X', DRAWN)}}}}}") == []
-    assert complaints(f"a: {{nominal: {{{field.replace('X', DRAWN)}}}}}") != []
+    assert schema_errors(f"a: {{nominal: {{{field.replace('X', '0.15')}}}}}") == []
+    assert schema_errors(f"a: {{vehicle: {{{field.replace('X', UNIFORM)}}}}}") == []
+    assert schema_errors(f"a: {{nominal: {{{field.replace('X', UNIFORM)}}}}}") != []
 
 
 def test_every_field_is_on_the_page():
@@ -86,7 +86,7 @@ def test_every_field_is_on_the_page():
     fields = set(re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE))
     assert {"centre_of_mass", "derivative_bandwidth", "initial_covariance", "turbulence", "corridors"} <= fields
     headings = {heading.lower() for heading in re.findall(r"^## (\w+)", page, re.MULTILINE)}
-    # A link to distributions leads to the section of the first one.
+    # Links to distributions lead to the section of the first distribution, so the other sections have no link.
     distributions = {model.__name__.lower() for model in DISTRIBUTIONS.values()}
-    reached = {*re.findall(r"\]\(#(\w+)\)", page), "scenario", *distributions}
-    assert reached == headings
+    linked_sections = {*re.findall(r"\]\(#(\w+)\)", page), "scenario", *distributions}
+    assert linked_sections == headings

@@ -1,4 +1,4 @@
-"""Layered scenarios: a vehicle, a control or a route leaves nothing behind when another one replaces it."""
+"""Tests of layered scenarios: a vehicle, a control or a route leaves nothing behind when another one replaces it."""
 
 import itertools
 
@@ -123,18 +123,18 @@ def test_a_relative_distribution_of_an_identified_field_is_relative_to_its_media
     assert (mass.mean, mass.standard_deviation) == pytest.approx((0.8, 0.08), rel=1e-9)
 
 
-WIDE = "{relative: {uniform: {min: 0.9, max: 1.1}}}"
+RELATIVE_UNIFORM = "{relative: {uniform: {min: 0.9, max: 1.1}}}"
 
 
 @pytest.mark.parametrize(
     ("field", "expected"),
     [
-        (f"inertia=[0.0075, 0.007, {WIDE}]", ((0.0075,) * 2, (0.007,) * 2, (0.0108, 0.0132))),
-        (f"inertia.2={WIDE}", ((0.007,) * 2, (0.007,) * 2, (0.0108, 0.0132))),
-        (f"centre_of_mass=[{WIDE}, 0.01]", ((0.153, 0.187), (0.01,) * 2)),
-        (f"centre_of_mass.1={WIDE}", ((0.0, 0.0), (0.153, 0.187))),
-        (f"thrust_factor_error=[0, {WIDE.replace('0.9', '0.1').replace('1.1', '0.2')}, 0, 0.05]", None),
-        (f"thrust_factor_error.rotor_2={WIDE.replace('0.9', '0.1').replace('1.1', '0.2')}", None),
+        (f"inertia=[0.0075, 0.007, {RELATIVE_UNIFORM}]", ((0.0075,) * 2, (0.007,) * 2, (0.0108, 0.0132))),
+        (f"inertia.2={RELATIVE_UNIFORM}", ((0.007,) * 2, (0.007,) * 2, (0.0108, 0.0132))),
+        (f"centre_of_mass=[{RELATIVE_UNIFORM}, 0.01]", ((0.153, 0.187), (0.01,) * 2)),
+        (f"centre_of_mass.1={RELATIVE_UNIFORM}", ((0.0, 0.0), (0.153, 0.187))),
+        (f"thrust_factor_error=[0, {RELATIVE_UNIFORM.replace('0.9', '0.1').replace('1.1', '0.2')}, 0, 0.05]", None),
+        (f"thrust_factor_error.rotor_2={RELATIVE_UNIFORM.replace('0.9', '0.1').replace('1.1', '0.2')}", None),
     ],
 )
 def test_one_item_of_a_list_can_be_relative(field, expected):
@@ -148,16 +148,16 @@ def test_one_item_of_a_list_can_be_relative(field, expected):
 
 
 def test_only_the_relative_items_of_a_list_are_carried_to_another_vehicle(load):
-    spread = f"spread: {{extends: figure_eight, vehicle: {{inertia: [0.007, 0.007, {WIDE}]}}}}\n"
+    spread = f"spread: {{extends: figure_eight, vehicle: {{inertia: [0.007, 0.007, {RELATIVE_UNIFORM}]}}}}\n"
     i_xx, i_yy, i_zz = load("spread", "x500", beside=X500 + spread).vehicle.inertia
     assert (i_xx, i_yy) == (0.0217, 0.0217)
     assert tuple(i_zz.extremes()) == pytest.approx((0.036, 0.044))
 
 
 @pytest.mark.parametrize(("field", "count"), [("thrust_factor_error", 4), ("centre_of_mass", 2)])
-def test_another_vehicle_has_only_the_relative_errors(load, field, count):
-    """These fields have no nominal value: their references are 1 and the length of an arm."""
-    items = [WIDE, *["0.01"] * (count - 1)]
+def test_a_layer_with_another_vehicle_keeps_only_the_relative_errors_of_the_layers_below(load, field, count):
+    """These fields have no nominal value. Their distributions are relative to 1 and to the length of an arm."""
+    items = [RELATIVE_UNIFORM, *["0.01"] * (count - 1)]
     spread = f"spread: {{extends: figure_eight, vehicle: {{{field}: [{', '.join(items)}]}}}}\n"
     _, *others = getattr(load("spread", "x500", beside=X500 + spread).vehicle, field)
     assert others == [0.0] * (count - 1)
@@ -166,11 +166,11 @@ def test_another_vehicle_has_only_the_relative_errors(load, field, count):
 @pytest.mark.parametrize(
     ("field", "path"),
     [
-        (f"slung_load={{mass: {WIDE}, length: 1}}", "slung_load.mass"),
-        (f"rotor_failure={{rotor: {WIDE}, time: 5}}", "rotor_failure.rotor"),
-        (f"layout={{kind: x, length: {WIDE}, width: 0.3}}", "layout.length"),
-        (f"payload={{mass: 0.1, position: [0, 0, {WIDE}], time: 1, event: dropped}}", "payload.position.2"),
-        (f"body_drag={{linear: [0.1, {WIDE}, 0.1]}}", "body_drag.linear.1"),
+        (f"slung_load={{mass: {RELATIVE_UNIFORM}, length: 1}}", "slung_load.mass"),
+        (f"rotor_failure={{rotor: {RELATIVE_UNIFORM}, time: 5}}", "rotor_failure.rotor"),
+        (f"layout={{kind: x, length: {RELATIVE_UNIFORM}, width: 0.3}}", "layout.length"),
+        (f"payload={{mass: 0.1, position: [0, 0, {RELATIVE_UNIFORM}], time: 1, event: dropped}}", "payload.position.2"),
+        (f"body_drag={{linear: [0.1, {RELATIVE_UNIFORM}, 0.1]}}", "body_drag.linear.1"),
     ],
 )
 def test_a_required_field_must_not_be_relative_without_a_value(field, path):
@@ -195,7 +195,7 @@ def test_fields_of_the_flight_stay_when_the_vehicle_is_replaced(load):
     assert mixed.vehicle.linear_drag == 0.0
 
 
-def test_an_identified_response_goes_with_its_vehicle(load):
+def test_an_identified_response_is_replaced_together_with_its_vehicle(load):
     assert load("vehicles/crazyflie_onboard", "x500", beside=X500, undesigned=True).laboratory.autopilot.kind == "none"
     assert load("onboard", "x500", beside=X500).laboratory.autopilot.kind == "attitude"
 
@@ -239,7 +239,7 @@ def test_a_control_without_a_kind_changes_the_one_below(load):
     assert mixed.control.network is not None
 
 
-def test_window_and_duration_go_with_their_route(load):
+def test_window_and_duration_are_replaced_together_with_their_route(load):
     assert load_scenario("vehicles/neural_fly:still").metrics.start > 0.0
     beside = "longer: {extends: vehicles/neural_fly:still, duration: 70}\n"
     mixed = load("longer", own="  route: {kind: hover}\n", beside=beside)
@@ -282,18 +282,18 @@ def test_invalid_relative_distributions_are_refused(field, message):
         load_scenario("figure_eight", [field])
 
 
-TURNS = ("clockwise", "anticlockwise", "clockwise", "anticlockwise")
+DIRECTIONS = ("clockwise", "anticlockwise", "clockwise", "anticlockwise")
 
 
-def test_a_flight_reports_that_its_controllers_believe_in_another_vehicle():
+def test_a_flight_reports_that_its_nominal_vehicle_is_a_different_one():
     (remark,) = flight_remarks(load_scenario("figure_eight", {"nominal.mass": 2.0, "vehicle.mass": 0.68}))
     assert "mass 0.68 kg (nominal 2)" in remark
     assert "inertia" not in remark
     assert flight_remarks(load_scenario("figure_eight", {"vehicle.mass": 0.8})) == ()
-    wide = {"vehicle.mass": {"normal": {"mean": 0.9, "standard_deviation": 0.1, "min": 0.2}}}
-    assert flight_remarks(load_scenario("figure_eight", wide)) == ()
-    wide["vehicle.mass"]["normal"]["standard_deviation"] = 0.03
-    assert "mass 0.9 kg (nominal 0.68)" in flight_remarks(load_scenario("figure_eight", wide))[0]
+    uncertain = {"vehicle.mass": {"normal": {"mean": 0.9, "standard_deviation": 0.1, "min": 0.2}}}
+    assert flight_remarks(load_scenario("figure_eight", uncertain)) == ()
+    uncertain["vehicle.mass"]["normal"]["standard_deviation"] = 0.03
+    assert "mass 0.9 kg (nominal 0.68)" in flight_remarks(load_scenario("figure_eight", uncertain))[0]
 
 
 def test_a_layout_with_distances_replaces_the_arm_length_below(load):
@@ -314,28 +314,28 @@ def test_a_layout_with_distances_replaces_the_arm_length_below(load):
         ({"vehicle.centre_of_mass": [0.0, 0.03]}, "centre_of_mass.1 0.03 m (nominal 0);"),
     ],
 )
-def test_every_part_of_the_airframe_that_differs_strongly_is_remarked(change, words):
+def test_every_part_of_the_airframe_that_differs_strongly_is_reported(change, words):
     (remark,) = flight_remarks(load_scenario("figure_eight", change))
     assert f"compute: {words}" in remark
 
 
-def test_sizes_and_places_that_are_drawn_are_not_compared():
-    """All other fields of the vehicle are compared."""
+def test_random_sizes_and_rotor_positions_are_not_compared_with_nominal():
+    """All other fields of the vehicle are compared, for example the centre of mass."""
     corners = [(0.3, 0.0), (0.0, -0.3), (-0.3, 0.0), (0.0, 0.3)]
-    rotors = [{"position": [x, y, 0.0], "turns": turns} for (x, y), turns in zip(corners, TURNS, strict=True)]
+    rotors = [{"position": [x, y, 0.0], "turns": turns} for (x, y), turns in zip(corners, DIRECTIONS, strict=True)]
     rotors[0]["position"][0] = {"uniform": {"min": 0.29, "max": 0.31}}
     drawn = {"vehicle.layout": {"kind": "rotors", "rotors": rotors}}
     assert flight_remarks(load_scenario("figure_eight", drawn)) == ()
     (remark,) = flight_remarks(load_scenario("figure_eight", {**drawn, "vehicle.centre_of_mass": [-0.02, 0.0]}))
     assert "compute: centre_of_mass.0 -0.02 m (nominal 0);" in remark
-    wide = {"vehicle.arm_length": {"uniform": {"min": 0.3, "max": 0.4}}}
-    assert flight_remarks(load_scenario("figure_eight", wide)) == ()
-    (remark,) = flight_remarks(load_scenario("figure_eight", {**wide, "vehicle.layout": {"kind": "x"}}))
+    uncertain = {"vehicle.arm_length": {"uniform": {"min": 0.3, "max": 0.4}}}
+    assert flight_remarks(load_scenario("figure_eight", uncertain)) == ()
+    (remark,) = flight_remarks(load_scenario("figure_eight", {**uncertain, "vehicle.layout": {"kind": "x"}}))
     assert "compute: rotor 1 at (0.247, -0.247) m (nominal (0.17, 0) m);" in remark
 
 
 @pytest.mark.parametrize(
-    ("first", "third", "remarked"),
+    ("first", "third", "is_reported"),
     [
         ((0.17, 0.033), (-0.17, 0.0), False),
         ((0.17, 0.036), (-0.17, 0.0), True),
@@ -343,40 +343,40 @@ def test_sizes_and_places_that_are_drawn_are_not_compared():
         ((0.205, 0.0), (-0.135, 0.0), True),
     ],
 )
-def test_a_rotor_is_elsewhere_if_it_is_off_by_a_fifth_of_the_arm_length(first, third, remarked):
-    """The arm length, the mean distance of the nearest and the farthest rotor, remains 0.17 m."""
+def test_a_rotor_that_is_displaced_by_a_fifth_of_the_arm_length_is_reported(first, third, is_reported):
+    """The arm length, which is the mean of the smallest and the largest distance of a rotor, remains 0.17 m."""
     corners = [first, (0.0, -0.17), third, (0.0, 0.17)]
-    rotors = [{"position": [x, y, 0.0], "turns": turns} for (x, y), turns in zip(corners, TURNS, strict=True)]
+    rotors = [{"position": [x, y, 0.0], "turns": turns} for (x, y), turns in zip(corners, DIRECTIONS, strict=True)]
     remarks = flight_remarks(load_scenario("figure_eight", {"vehicle.layout": {"kind": "rotors", "rotors": rotors}}))
-    assert bool(remarks) == remarked
-    assert not remarked or "compute: rotor 1 at" in remarks[0]
+    assert bool(remarks) == is_reported
+    assert not is_reported or "compute: rotor 1 at" in remarks[0]
 
 
-def test_a_drawn_offset_of_the_centre_of_mass_is_remarked_if_it_is_far_beyond_its_spread():
+def test_a_random_centre_of_mass_is_reported_if_it_is_far_off_compared_with_its_spread():
     """The limits are a tenth of the arm length and five standard deviations."""
-    for standard_deviation, remarked in ((0.003, True), (0.0039, True), (0.0041, False), (0.01, False)):
+    for standard_deviation, is_reported in ((0.003, True), (0.0039, True), (0.0041, False), (0.01, False)):
         normal = {"normal": {"mean": 0.02, "standard_deviation": standard_deviation}}
         remarks = flight_remarks(load_scenario("figure_eight", {"vehicle.centre_of_mass": [normal, 0.0]}))
-        assert bool(remarks) == remarked
+        assert bool(remarks) == is_reported
     assert flight_remarks(load_scenario("figure_eight", {"vehicle.centre_of_mass": [0.016, 0.0]})) == ()
     assert flight_remarks(load_scenario("figure_eight", {"vehicle.centre_of_mass": [0.018, 0.0]}))
 
 
-def test_a_drawn_mass_is_remarked_if_it_is_five_standard_deviations_off():
-    for standard_deviation, remarked in ((0.059, True), (0.061, False)):
+def test_a_random_mass_is_reported_if_it_is_five_standard_deviations_off():
+    for standard_deviation, is_reported in ((0.059, True), (0.061, False)):
         normal = {"normal": {"mean": 0.98, "standard_deviation": standard_deviation, "min": 0.2}}
-        assert bool(flight_remarks(load_scenario("figure_eight", {"vehicle.mass": normal}))) == remarked
-    for mass, remarked in ((0.81, False), (0.82, True), (0.55, False), (0.54, True)):
-        assert bool(flight_remarks(load_scenario("figure_eight", {"vehicle.mass": mass}))) == remarked
+        assert bool(flight_remarks(load_scenario("figure_eight", {"vehicle.mass": normal}))) == is_reported
+    for mass, is_reported in ((0.81, False), (0.82, True), (0.55, False), (0.54, True)):
+        assert bool(flight_remarks(load_scenario("figure_eight", {"vehicle.mass": mass}))) == is_reported
 
 
-def test_a_vehicle_of_another_size_has_its_rotors_in_the_same_places():
-    """Places of rotors are compared relative to the arm length, which has a remark of its own."""
+def test_the_rotors_of_a_larger_vehicle_are_not_reported_besides_its_arm_length():
+    """Positions of rotors are compared relative to the arm length, which has a remark of its own."""
     (remark,) = flight_remarks(load_scenario("figure_eight", {"vehicle.arm_length": 0.25}))
     assert "compute: arm length 0.25 m (nominal 0.17);" in remark
 
 
-def test_controllers_that_fly_under_unequal_conditions_are_remarked():
+def test_controllers_that_fly_under_unequal_conditions_are_reported():
     """A controller may change the laboratory. A comparison with another one that does not is then unfair."""
 
     def low_wind(*layers, changes=()):

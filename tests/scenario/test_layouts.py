@@ -1,4 +1,4 @@
-"""Attributes and methods of every kind of layout agree with its geometry, also for a user's kind."""
+"""Tests that attributes and methods of every kind of layout agree with its geometry, also for a user's kind."""
 
 from typing import ClassVar, Literal
 
@@ -11,13 +11,15 @@ from drake_quad.scenario.models import Nominal
 from drake_quad.scenario.schema import file_schema
 from drake_quad.vehicle.rotors import Rotor, Rotors
 
-PLACES = [[0.14, 0.01, 0.02], [-0.01, -0.16, 0.0], [-0.13, 0.02, 0.0], [0.02, 0.15, 0.01]]
-TURNS = ("clockwise", "anticlockwise")
+ROTOR_POSITIONS = [[0.14, 0.01, 0.02], [-0.01, -0.16, 0.0], [-0.13, 0.02, 0.0], [0.02, 0.15, 0.01]]
+DIRECTIONS = ("clockwise", "anticlockwise")
 FIELDS = {
     "plus": [{}, {"length": 0.3, "width": 0.4}],
     "x": [{}, {"length": 0.3, "width": 0.4, "rotor_1_turns": "anticlockwise"}],
     "h": [{"length": 0.3, "width": 0.4}],
-    "rotors": [{"rotors": [{"position": place, "turns": TURNS[i % 2]} for i, place in enumerate(PLACES)]}],
+    "rotors": [
+        {"rotors": [{"position": position, "turns": DIRECTIONS[i % 2]} for i, position in enumerate(ROTOR_POSITIONS)]}
+    ],
 }
 
 
@@ -32,8 +34,8 @@ class DiamondLayout(RotorLayout):
     def rotors_of(self, airframe):
         """Return the rotors of an airframe."""
         b, d, arm = airframe.thrust_factor, airframe.drag_factor, airframe.arm_length
-        places = (0.5 * arm, 0.0), (0.0, -arm), (-0.5 * arm, 0.0), (0.0, arm)
-        return Rotors._make(Rotor(x, y, 0.0, 2.0 * (i % 2) - 1.0, b, d) for i, (x, y) in enumerate(places))
+        positions = (0.5 * arm, 0.0), (0.0, -arm), (-0.5 * arm, 0.0), (0.0, arm)
+        return Rotors._make(Rotor(x, y, 0.0, 2.0 * (i % 2) - 1.0, b, d) for i, (x, y) in enumerate(positions))
 
 
 def check_member(kind, fields):

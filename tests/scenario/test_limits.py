@@ -1,4 +1,4 @@
-"""Oversized scenarios are refused before they are read, and impossible times before they are flown."""
+"""Tests that oversized scenarios are refused before they are read, and impossible times before they are flown."""
 
 import math
 import os
@@ -22,7 +22,7 @@ BODY = """\
     position: {kind: pd, k_p: [1.0, 1.0, 1.0], k_d: [1.0, 1.0, 1.5]}
     attitude: {k_p: [9.0, 9.0, 4.0], k_d: [6.0, 6.0, 3.0]}
 """
-SMALL = f"small:\n{BODY}"
+SMALL_FILE = f"small:\n{BODY}"
 
 
 @pytest.fixture
@@ -36,8 +36,8 @@ def write(tmp_path):
 
 
 @pytest.fixture
-def composed(monkeypatch):
-    """Return a list with an entry for each name and value of YAML that is composed."""
+def composed_nodes(monkeypatch):
+    """Return a list that gets an entry for each node of YAML that is composed."""
     counts = []
     compose = Composer.compose_node
     monkeypatch.setattr(Composer, "compose_node", lambda *arguments: counts.append(1) or compose(*arguments))
@@ -54,7 +54,7 @@ def refusal(load, *arguments):
 
 
 def chain(levels, *, twice=False):
-    """Return scenarios each of which extends the one before; the first one is complete."""
+    """Return scenarios each of which extends the previous one. The first scenario is complete."""
     bases = [f"[s{i}, s{i}]" if twice else f"s{i}" for i in range(levels)]
     return f"s0:\n{BODY}" + "".join(f"s{i + 1}: {{extends: {base}}}\n" for i, base in enumerate(bases))
 
@@ -74,11 +74,11 @@ def test_the_number_of_extended_scenarios_is_limited(write):
     assert load_scenario(f"{path}:s{limits.MAX_BASES}").control.position.k_d[2] == 1.5
     assert "extends too many scenarios: the limit is 100" in refusal(load_scenario, f"{path}:s{limits.MAX_BASES + 1}")
     assert "extends too many scenarios: the limit is 100" in refusal(load_scenario, f"{path}:s2000")
-    wide = write(f"{SMALL}wide: {{extends: [{'small, ' * 101}]}}\n")
+    wide = write(f"{SMALL_FILE}wide: {{extends: [{'small, ' * 101}]}}\n")
     assert "loop.yaml:6: extends too many" in refusal(load_scenario, f"{wide}:wide")
 
 
-def test_circular_extensions_are_found_behind_resolved_scenarios(write):
+def test_circular_extensions_are_found_after_other_scenarios_were_resolved(write):
     path = write("a: {extends: [b, c]}\nb: {route: {kind: hover}}\nc: {extends: [b, a]}\n")
     assert "loop.yaml:3: a extends itself" in refusal(load_scenario, f"{path}:a")
 
@@ -86,10 +86,10 @@ def test_circular_extensions_are_found_behind_resolved_scenarios(write):
 @pytest.mark.parametrize(
     "text",
     [
-        f"{SMALL}# {'x' * 10_000_000}\n",
-        f"{SMALL}  name: '{'x' * 10_000_000}'\n",
-        f"{SMALL}  vehicle:\n" + "".join(f"    k{i}: 1\n" for i in range(300_000)),
-        f"{SMALL}  duration:\n" + "    - 1\n" * 200_000,
+        f"{SMALL_FILE}# {'x' * 10_000_000}\n",
+        f"{SMALL_FILE}  name: '{'x' * 10_000_000}'\n",
+        f"{SMALL_FILE}  vehicle:\n" + "".join(f"    k{i}: 1\n" for i in range(300_000)),
+        f"{SMALL_FILE}  duration:\n" + "    - 1\n" * 200_000,
         "é" * 300_000,
     ],
 )
@@ -109,11 +109,11 @@ def test_a_table_that_is_too_large_is_not_parsed(write, monkeypatch):
 @pytest.mark.slow
 def test_the_limit_of_bytes_includes_all_files_and_overrides(write):
     path = write("a: {extends: [b, c]}\nb: {extends: one.yaml}\nc: {extends: two.yaml}\n")
-    write(f"{SMALL}# {'x' * 300_000}\n", "one.yaml")
-    write(f"{SMALL}# {'x' * 100_000}\n", "two.yaml")
+    write(f"{SMALL_FILE}# {'x' * 300_000}\n", "one.yaml")
+    write(f"{SMALL_FILE}# {'x' * 100_000}\n", "two.yaml")
     load_scenario(f"{path}:a")
     assert "is too large: a scenario" in refusal(load_scenario, f"{path}:a", [f"seed=1 # {'x' * 100_000}"])
-    write(f"{SMALL}# {'x' * 300_000}\n", "two.yaml")
+    write(f"{SMALL_FILE}# {'x' * 300_000}\n", "two.yaml")
     assert "two.yaml: is too large" in refusal(load_scenario, f"{path}:a")
 
 
@@ -121,35 +121,37 @@ def test_the_limit_of_bytes_includes_all_files_and_overrides(write):
 @pytest.mark.parametrize(
     "value", ["[" + "1," * 200_000 + "]", "\n    k: 1" + "".join(f"\n    k{i}: 1" for i in range(30_000))]
 )
-def test_parsing_stops_at_the_limit_of_names_and_values(write, composed, value):
-    message = refusal(load_scenario, write(f"{SMALL}  vehicle: {value}\n"))
+def test_parsing_stops_at_the_limit_of_names_and_values(write, composed_nodes, value):
+    message = refusal(load_scenario, write(f"{SMALL_FILE}  vehicle: {value}\n"))
     assert "is too large: a scenario and all that it extends may have 30,000 names and values" in message
-    assert len(composed) <= limits.MAX_NODES
+    assert len(composed_nodes) <= limits.MAX_NODES
 
 
 @pytest.mark.slow
-def test_the_limit_of_names_and_values_includes_all_files(write, composed, monkeypatch):
+def test_the_limit_of_names_and_values_includes_all_files(write, composed_nodes, monkeypatch):
     monkeypatch.setattr(library, "MAX_NODES", 3000)
     numbers = ", ".join(["1.0"] * 1400)
     path = write("a: {extends: [one.yaml, two.yaml]}\n")
     for name in ("one.yaml", "two.yaml"):
-        write(f"{SMALL}  vehicle: {{mass: {{choice: [{numbers}]}}}}\n", name)
+        write(f"{SMALL_FILE}  vehicle: {{mass: {{choice: [{numbers}]}}}}\n", name)
     assert load_scenario(path).vehicle.mass.choice[0] == 1.0
-    write(f"{SMALL}  vehicle: {{mass: {{choice: [{numbers}, {numbers}]}}}}\n", "two.yaml")
-    composed.clear()
+    write(f"{SMALL_FILE}  vehicle: {{mass: {{choice: [{numbers}, {numbers}]}}}}\n", "two.yaml")
+    composed_nodes.clear()
     assert "two.yaml:6: is too large" in refusal(load_scenario, path)
-    # The last file is parsed again, to find the line at which the limit is exceeded.
-    assert len(composed) <= 2 * library.MAX_NODES
+    # The last file is parsed again to find the line at which it exceeds the limit.
+    assert len(composed_nodes) <= 2 * library.MAX_NODES
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("text", ["[" * 100_000, "{" * 100_000, "- " * 100_000, "? " * 100_000, "[" * 41 + "]" * 41])
-def test_parsing_stops_at_the_limit_of_levels(write, composed, text):
+def test_parsing_stops_at_the_limit_of_levels(write, composed_nodes, text):
     assert "loop.yaml:1: is nested too deeply: a scenario may have 40 levels" in refusal(load_scenario, write(text))
-    assert len(composed) <= limits.MAX_LEVELS
+    assert len(composed_nodes) <= limits.MAX_LEVELS
 
 
-LAUGHS = "[&a [1], " + ", ".join(f"&{new} [{f'*{old}, ' * 10}]" for old, new in ("ab", "bc", "cd", "de", "ef")) + "]"
+MULTIPLYING_ALIASES = (
+    "[&a [1], " + ", ".join(f"&{new} [{f'*{old}, ' * 10}]" for old, new in ("ab", "bc", "cd", "de", "ef")) + "]"
+)
 
 
 @pytest.mark.slow
@@ -157,28 +159,31 @@ LAUGHS = "[&a [1], " + ", ".join(f"&{new} [{f'*{old}, ' * 10}]" for old, new in 
     ("value", "words"),
     [
         ("&a [*a, *a]", "is nested too deeply"),
-        (LAUGHS, "is too large"),
+        (MULTIPLYING_ALIASES, "is too large"),
     ],
 )
 def test_aliases_that_multiply_or_contain_themselves_are_refused(write, value, words):
-    assert words in refusal(load_scenario, write(f"{SMALL}  vehicle: {value}\n"))
+    assert words in refusal(load_scenario, write(f"{SMALL_FILE}  vehicle: {value}\n"))
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
         (
-            f"{SMALL}  name: {'x' * 1001}\n",
+            f"{SMALL_FILE}  name: {'x' * 1001}\n",
             "loop.yaml:6: 'xxx.* is too long: a name or value may have 1,000 char",
         ),
-        (f"{SMALL}  seed: 0x{'f' * 5000}\n", "loop.yaml:6: '0xfff.* is too long"),
-        (f"{SMALL}  name: {'x' * 101}\n", "loop.yaml:6: name is 'xxx.*, but must have at most 100 characters"),
-        (f"{SMALL}  vehicle: !!bool 3\n", "loop.yaml:6: '3' is not true or false"),
-        (f"{SMALL}  vehicle: !!float x\n", "loop.yaml:6: 'x' is not a valid number"),
-        (f"{SMALL}  vehicle: !!int ''\n", "loop.yaml:6: '' is not a valid number"),
-        (f"{SMALL}  {'y' * 900}: 1\n", "loop.yaml:6: yyyyy.*yyy is unknown; allowed are name, route, .*, and 4 more"),
+        (f"{SMALL_FILE}  seed: 0x{'f' * 5000}\n", "loop.yaml:6: '0xfff.* is too long"),
+        (f"{SMALL_FILE}  name: {'x' * 101}\n", "loop.yaml:6: name is 'xxx.*, but must have at most 100 characters"),
+        (f"{SMALL_FILE}  vehicle: !!bool 3\n", "loop.yaml:6: '3' is not true or false"),
+        (f"{SMALL_FILE}  vehicle: !!float x\n", "loop.yaml:6: 'x' is not a valid number"),
+        (f"{SMALL_FILE}  vehicle: !!int ''\n", "loop.yaml:6: '' is not a valid number"),
         (
-            f"{SMALL}  seed: 1\0\n",
+            f"{SMALL_FILE}  {'y' * 900}: 1\n",
+            "loop.yaml:6: yyyyy.*yyy is unknown; allowed are name, route, .*, and 4 more",
+        ),
+        (
+            f"{SMALL_FILE}  seed: 1\0\n",
             "loop.yaml:6: is not YAML: it contains the character '.x00'",
         ),
         ("a: {extends: x\\ny.yaml}", "loop.yaml:1: extends .*, which does not exist"),
@@ -192,7 +197,7 @@ def test_odd_text_is_explained(write, text, words):
 
 
 def test_a_redefined_anchor_causes_no_warning(write):
-    assert load_scenario(write(f"{SMALL}  seed: &a 1\n  duration: &a 2.0\n")).duration == 2.0
+    assert load_scenario(write(f"{SMALL_FILE}  seed: &a 1\n  duration: &a 2.0\n")).duration == 2.0
 
 
 @pytest.mark.parametrize(
@@ -207,7 +212,7 @@ def test_a_redefined_anchor_causes_no_warning(write):
 )
 def test_odd_names_of_files_are_explained(write, monkeypatch, name, words):
 
-    monkeypatch.chdir(write(SMALL).parent)
+    monkeypatch.chdir(write(SMALL_FILE).parent)
     assert re.search(words, refusal(load_scenario, name))
 
 
@@ -225,7 +230,7 @@ def test_the_number_of_waypoints_is_limited(write):
         path = write(header + "".join([*rows, "0,0,1\n", "x,x,x\n"]), "course.csv")
         assert "1,000" in refusal(load_mission, path)
     points = "[[0, 0, 1], " + "[1, 0, 1], " * limits.MAX_WAYPOINTS + "]"
-    text = SMALL.replace("{kind: hover}", f"{{kind: waypoints, waypoints: {points}}}")
+    text = SMALL_FILE.replace("{kind: hover}", f"{{kind: waypoints, waypoints: {points}}}")
     assert "must have at most 1000 items, not 1001" in refusal(load_scenario, write(text))
 
 
@@ -249,12 +254,12 @@ def test_the_number_of_waypoints_is_limited(write):
 )
 def test_odd_overrides_are_explained(write, override, words):
 
-    message = refusal(load_scenario, write(SMALL), [override])
+    message = refusal(load_scenario, write(SMALL_FILE), [override])
     assert re.match(f"override .*{words}", message)
 
 
 def test_errors_name_the_source_of_an_override(write):
-    path = write(SMALL)
+    path = write(SMALL_FILE)
     assert refusal(load_scenario, path, ["seed=-1"]).startswith("override seed=-1: seed is -1, but must be")
     assert refusal(load_scenario, path, [Override("seed=-1", "--seed -1")]).startswith("--seed -1: seed is -1, but")
     assert refusal(load_mission, path, ["seed=1"]) == (
@@ -282,14 +287,14 @@ def test_errors_of_a_file_do_not_name_an_override(write):
         ("vehicle={min_rotor_speed: 400}", "vehicle.min_rotor_speed is 400, but must be smaller than max_rotor_speed"),
     ],
 )
-def test_the_value_of_the_field_itself_is_shown_also_of_a_default(write, override, words):
-    assert words in refusal(load_scenario, write(SMALL), [override])
+def test_messages_show_the_value_of_the_field_even_if_it_is_a_default(write, override, words):
+    assert words in refusal(load_scenario, write(SMALL_FILE), [override])
 
 
 ON_BOARD = "laboratory.autopilot={kind: attitude, k_attitude: [6, 6, 6], k_rate: [12, 12, 12]%s}"
 RESPONSE = "laboratory.autopilot={kind: response, natural_frequency: [6, 6, 3], damping: [0.5, 0.5, 0.5]}"
 NO_ATTITUDE = "control.attitude=null"
-STEP = "vehicle.time_step=0.0025"
+SHORT_STEP = "vehicle.time_step=0.0025"
 
 
 @pytest.mark.parametrize(
@@ -322,7 +327,7 @@ STEP = "vehicle.time_step=0.0025"
             "autopilot.period is 0.04, but must not be longer than the period of the command link, 0.02 s",
         ),
         (
-            [ON_BOARD % ", period: 0.004", NO_ATTITUDE, STEP],
+            [ON_BOARD % ", period: 0.004", NO_ATTITUDE, SHORT_STEP],
             "autopilot.period is 0.004, but must be the shortest period, 0.0025, times a power of two",
         ),
         (
@@ -343,15 +348,15 @@ STEP = "vehicle.time_step=0.0025"
         ),
     ],
 )
-def test_attitude_must_be_controlled_in_one_place_and_fast_enough(write, overrides, words):
-    assert re.search(words, refusal(load_scenario, write(SMALL), overrides))
+def test_the_attitude_must_be_controlled_either_on_the_ground_or_on_board(write, overrides, words):
+    assert re.search(words, refusal(load_scenario, write(SMALL_FILE), overrides))
 
 
 def test_an_attitude_that_responds_too_fast_for_the_steps_is_refused(write):
     """The Runge-Kutta method allows a step of 2.5 time constants. The faster pole is at ω (ζ + √(ζ² - 1))."""
     fast = "laboratory.autopilot={natural_frequency: [6, 100, 3], damping: [0.5, %s, 0.5]}"
     for damping, refused in (("1.4", False), ("1.5", True)):
-        scenario = load_scenario(write(SMALL), [RESPONSE, NO_ATTITUDE, fast % damping, "duration=0.1"])
+        scenario = load_scenario(write(SMALL_FILE), [RESPONSE, NO_ATTITUDE, fast % damping, "duration=0.1"])
         if refused:
             words = "vehicle.time_step is 0.01 s, too long for an attitude response with a time constant of 0.0038 s"
             with pytest.raises(InputError, match=words):
@@ -360,7 +365,7 @@ def test_an_attitude_that_responds_too_fast_for_the_steps_is_refused(write):
             assert not simulate(scenario).metrics.crashed
 
 
-TWO = "route={kind: waypoints, waypoints: [[0, 0, 1], [1, 0, 1]], times:"
+TWO_WAYPOINTS = "route={kind: waypoints, waypoints: [[0, 0, 1], [1, 0, 1]], times:"
 KNOTS = "route={kind: trajectory, knots: [{time: 0, position: [0, 0, 1]}, {time: %s, position: [1, 0, 1]}]}"
 GUST = "laboratory.wind=[{kind: gust, velocity: [1, 0, 0], start: %s, rise_time: %s, hold_time: %s}]"
 FAN = "laboratory.wind=[{kind: fan, position: [0, 0, 1], direction: %s, flow: 1, diameter: 1}]"
@@ -377,10 +382,16 @@ FAN = "laboratory.wind=[{kind: fan, position: [0, 0, 1], direction: %s, flow: 1,
         ("duration=1e300", r"duration is 1e\+300, but must be less than or equal to 86400"),
         ("route.duration=1e300", r"route.duration is 1e\+300, but must be less than or equal to 86400"),
         ("route.duration=1e-300", "route.duration is 1e-300, but must be greater than or equal to 0.0001"),
-        (f"{TWO} [0, 1e9]}}", "route.times is .*, but must not exceed 86400"),
-        (f"{TWO} [0, 1e300]}}", r"route.times.1 is 1e\+300, but must be less"),
-        (f"{TWO} [0, 1e-300]}}", "route.times is .*, but must increase by at least 0.0001 s from one to the next"),
-        (f"{TWO} {{kind: least_snap, duration: 1e-300}}}}", "route.times.duration is 1e-300, but must be greater"),
+        (f"{TWO_WAYPOINTS} [0, 1e9]}}", "route.times is .*, but must not exceed 86400"),
+        (f"{TWO_WAYPOINTS} [0, 1e300]}}", r"route.times.1 is 1e\+300, but must be less"),
+        (
+            f"{TWO_WAYPOINTS} [0, 1e-300]}}",
+            "route.times is .*, but must increase by at least 0.0001 s from one to the next",
+        ),
+        (
+            f"{TWO_WAYPOINTS} {{kind: least_snap, duration: 1e-300}}}}",
+            "route.times.duration is 1e-300, but must be greater",
+        ),
         (KNOTS % "1e300", r"route.knots.1.time is 1e\+300, but must be less than or equal to 86400"),
         (KNOTS % "1e-300", r"route.knots.1.time is 1e-300, but must be at least 0.0001 s later than 0.0?"),
         (GUST % ("1e6", "1", "1"), r"wind.0.start is 1000000.0, but must be at least 0 and at most 86400"),
@@ -408,11 +419,11 @@ FAN = "laboratory.wind=[{kind: fan, position: [0, 0, 1], direction: %s, flow: 1,
 )
 def test_impossible_times_and_numbers_are_refused(write, override, words):
 
-    assert re.search(words, refusal(load_scenario, write(SMALL), [override]))
+    assert re.search(words, refusal(load_scenario, write(SMALL_FILE), [override]))
 
 
-FAST = [f"{field}=0.001" for field in ("vehicle.time_step", "laboratory.command_link.period")]
-FAST += ["laboratory.motion_capture.period=0.001"]
+SHORT_PERIODS = [f"{field}=0.001" for field in ("vehicle.time_step", "laboratory.command_link.period")]
+SHORT_PERIODS += ["laboratory.motion_capture.period=0.001"]
 
 
 @pytest.mark.parametrize(
@@ -420,46 +431,46 @@ FAST += ["laboratory.motion_capture.period=0.001"]
     [
         ("duration=10001", "duration"),
         ("route.duration=10001", "route.duration"),
-        (f"{TWO} [0, 10001]}}", "route.times"),
-        (f"{TWO} {{kind: given, times: [0, 10001]}}}}", "route.times"),
-        (f"{TWO} {{kind: least_snap, duration: 10001}}}}", "route.times.duration"),
+        (f"{TWO_WAYPOINTS} [0, 10001]}}", "route.times"),
+        (f"{TWO_WAYPOINTS} {{kind: given, times: [0, 10001]}}}}", "route.times"),
+        (f"{TWO_WAYPOINTS} {{kind: least_snap, duration: 10001}}}}", "route.times.duration"),
         (KNOTS % "10001", "route.knots.1.time"),
     ],
 )
 def test_a_flight_has_no_more_ticks_than_can_be_flown(write, override, field):
-    message = refusal(load_scenario, write(SMALL), [*FAST, override])
+    message = refusal(load_scenario, write(SMALL_FILE), [*SHORT_PERIODS, override])
     assert message.startswith("override ")
     assert f" {field} is " in message
     assert message.endswith("but must be at most 10000 s, 10,000,000 times the shortest period")
-    assert load_scenario(write(SMALL), [*FAST, override.replace("10001", "10000")])
+    assert load_scenario(write(SMALL_FILE), [*SHORT_PERIODS, override.replace("10001", "10000")])
 
 
 def test_a_planned_flight_has_no_more_ticks_than_can_be_flown(write):
-    tiny = [field.replace("0.001", "0.0001") for field in FAST]
-    scenario = load_scenario(write(SMALL), ["route={kind: circle, laps: 100, radius: 5}", *tiny])
+    shortest_periods = [field.replace("0.001", "0.0001") for field in SHORT_PERIODS]
+    scenario = load_scenario(write(SMALL_FILE), ["route={kind: circle, laps: 100, radius: 5}", *shortest_periods])
     with pytest.raises(InputError, match=r"the flight would take .* s, but may take at most 1000 s, which is 10,000,"):
         flight_duration(scenario, plan_route(scenario))
 
 
 def test_a_route_that_takes_longer_than_a_day_is_not_planned(write):
-    slow = load_scenario(write(SMALL), ["route={kind: circle, top_speed: 1e-6}"])
+    slow = load_scenario(write(SMALL_FILE), ["route={kind: circle, top_speed: 1e-6}"])
     with pytest.raises(InputError, match="the route would take .* s, more than the longest flight, 86400 s"):
         plan_route(slow)
 
 
 def test_a_vehicle_with_infinite_numbers_has_crashed_and_records_none_of_them(write):
 
-    flight = simulate(load_scenario(write(SMALL), ["vehicle.centre_of_mass=[1e6, 0]", "duration=0.2"]))
+    flight = simulate(load_scenario(write(SMALL_FILE), ["vehicle.centre_of_mass=[1e6, 0]", "duration=0.2"]))
     assert flight.metrics.crashed
     assert flight.time[-1] < flight.metrics.crash_time
     assert all(np.isfinite(values).all() for values in flight.signals.values())
 
 
 def test_a_continuous_state_that_passes_close_to_90_degrees_of_pitch_is_refused(write):
-    """Its angles change by half a turn within 20 µs there, and a flight must not continue with wrong angles."""
+    """Near this pitch, angles change by half a turn within 20 µs. The flight must not continue with wrong angles."""
     turns_over = ["vehicle.time_step=0", "crash={tilt: null, position_error: 100, height: -100}", "duration=0.2"]
 
-    def flips(simulator):
+    def set_flip(simulator):
         vehicle = subsystem(simulator.get_system(), ["laboratory", "vehicle"])
         context = vehicle.GetMyMutableContextFromRoot(simulator.get_mutable_context())
         state = vehicle.get_state(context, "continuous")
@@ -469,7 +480,7 @@ def test_a_continuous_state_that_passes_close_to_90_degrees_of_pitch_is_refused(
     with pytest.raises(
         InputError, match="changes too fast: .*, as near the singular pitch of 90 degrees; set vehicle.time_step"
     ):
-        simulate(load_scenario(write(SMALL), turns_over), prepare=flips)
+        simulate(load_scenario(write(SMALL_FILE), turns_over), prepare=set_flip)
 
 
 def test_a_continuous_state_that_changes_too_fast_is_explained(write):
@@ -477,7 +488,7 @@ def test_a_continuous_state_that_changes_too_fast_is_explained(write):
     with pytest.raises(
         InputError, match="vehicle.time_step is 0, but from .* s on the continuous state changes too fast"
     ):
-        simulate(load_scenario(write(SMALL), fast))
+        simulate(load_scenario(write(SMALL_FILE), fast))
 
 
 def test_the_limit_of_waypoints_includes_all_laps(diagrams):

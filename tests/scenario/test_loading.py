@@ -1,4 +1,4 @@
-"""Loading of scenarios: inputs that are accepted, and one sentence for each that is not."""
+"""Tests of the loading of scenarios: inputs that are accepted, and one sentence for each that is not."""
 
 import re
 from io import StringIO
@@ -42,7 +42,7 @@ def refusal(write, text, *overrides):
     return message
 
 
-def test_a_small_file_is_a_whole_scenario(write):
+def test_a_small_file_is_a_complete_scenario(write):
     scenario = load_scenario(write(f"small:\n{BODY}"))
     assert scenario.name == "small"
     assert scenario.control.position.k_d == (1.0, 1.0, 1.5)
@@ -70,7 +70,7 @@ def test_extends_merges_deeply_and_later_layers_take_precedence(write):
     assert (b.route.kind, b.route.radius) == ("circle", 2.0)
 
 
-def test_another_kind_or_distribution_replaces_as_a_whole(write):
+def test_another_kind_or_distribution_replaces_a_mapping_completely(write):
     path = write(
         f"base:\n{BODY}  vehicle: {{mass: {{uniform: {{min: 0.6, max: 0.7}}}}}}\n"
         "a: {extends: base, route: {kind: circle}, vehicle: {mass: {choice: [0.5, 0.6]}}}\n"
@@ -163,7 +163,7 @@ def test_overrides_take_precedence_and_are_named_in_errors(write):
         ("\t- x", "is not YAML"),
     ],
 )
-def test_a_wrong_field_gets_one_sentence_with_file_line_and_what_is_allowed(write, line, message):
+def test_a_wrong_field_is_refused_in_one_sentence_with_file_and_line_and_what_is_allowed(write, line, message):
     with pytest.raises(InputError, match=message):
         load_scenario(write(f"a:\n{BODY}{line}\n"))
 
@@ -222,7 +222,7 @@ FAN = "kind: fan, position: [0, 0, 1]"
         ),
     ],
 )
-def test_a_wrong_laboratory_gets_one_sentence(write, field, message):
+def test_a_wrong_laboratory_is_refused_in_one_sentence(write, field, message):
     assert re.search(f"loop.yaml:6: laboratory.*{message}", refusal(write, f"a:\n{BODY}  laboratory: {{{field}}}\n"))
 
 
@@ -250,7 +250,7 @@ def test_a_wrong_laboratory_gets_one_sentence(write, field, message):
         ),
     ],
 )
-def test_a_wrong_vehicle_gets_one_sentence(write, field, message):
+def test_a_wrong_vehicle_is_refused_in_one_sentence(write, field, message):
     assert re.search(f"loop.yaml:6: .*{message}", refusal(write, f"a:\n{BODY}  vehicle: {{{field}}}\n"))
 
 
@@ -264,11 +264,11 @@ def test_a_vehicle_has_the_nominal_parameters_by_default(write):
 def rotors(turns="clockwise anticlockwise clockwise anticlockwise", ahead=0.0):
     """Return the rotors of a square as YAML, with the given directions of rotation."""
     corners = ((0.1, -0.1), (-0.1, -0.1), (-0.1, 0.1), (0.1, 0.1))
-    places = [
+    rotor_texts = [
         f"{{position: [{x + ahead}, {y}, 0], turns: {turn}}}"
         for (x, y), turn in zip(corners, turns.split(), strict=True)
     ]
-    return f"{{kind: rotors, rotors: [{', '.join(places)}]}}"
+    return f"{{kind: rotors, rotors: [{', '.join(rotor_texts)}]}}"
 
 
 @pytest.mark.parametrize(
@@ -304,7 +304,7 @@ def rotors(turns="clockwise anticlockwise clockwise anticlockwise", ahead=0.0):
     ],
 )
 @pytest.mark.parametrize("vehicle", ["nominal", "vehicle"])
-def test_a_wrong_layout_gets_one_sentence(write, airframe, message, vehicle):
+def test_a_wrong_layout_is_refused_in_one_sentence(write, airframe, message, vehicle):
     assert re.search(f"loop.yaml:6: {vehicle}.{message}", refusal(write, f"a:\n{BODY}  {vehicle}: {{{airframe}}}\n"))
 
 
@@ -323,7 +323,7 @@ def test_the_nominal_vehicle_must_hover_and_have_no_distribution(write):
     assert message.endswith("but must be left out, since the layout has distances")
 
 
-def test_overrides_name_rotors_as_messages_do(write):
+def test_overrides_and_messages_number_rotors_in_the_same_way(write):
     text = f"a:\n{BODY}  vehicle: {{thrust_factor_error: [0, 0, 0, 0], layout: {rotors()}}}\n"
     overrides = ["vehicle.thrust_factor_error.rotor_3=0.1", "vehicle.layout.rotors.rotor_2.position.0=-0.12"]
     vehicle = load_scenario(write(text), overrides).vehicle
@@ -336,7 +336,7 @@ def test_overrides_name_rotors_as_messages_do(write):
 
 
 def test_an_arm_length_may_be_given_if_it_agrees_with_the_layout(write):
-    """The arm length may differ by one per cent, and a default arm length is ignored."""
+    """A given arm length may differ by one per cent. A default arm length is ignored."""
     for arm in ("0.1414", "0.1425", "0.1401"):
         text = f"a:\n{BODY}  nominal: {{arm_length: {arm}, layout: {{kind: x, length: 0.2, width: 0.2}}}}\n"
         assert load_scenario(write(text)).vehicle.layout.kind == "x"
@@ -346,7 +346,7 @@ def test_an_arm_length_may_be_given_if_it_agrees_with_the_layout(write):
 
 
 @pytest.mark.parametrize(
-    ("nominal", "vehicle", "arms"),
+    ("nominal", "vehicle", "has_arm_length"),
     [
         ("layout: {kind: x, length: 0.2, width: 0.24}", "mass: 0.7", (False, False)),
         ("layout: {kind: plus, length: 0.2, width: 0.24}, arm_length: 0.11", "mass: 0.7", (False, False)),
@@ -355,33 +355,40 @@ def test_an_arm_length_may_be_given_if_it_agrees_with_the_layout(write):
         ("layout: {kind: h, length: 0.2, width: 0.3}", "layout: {kind: plus}, arm_length: 0.21", (False, True)),
     ],
 )
-def test_a_saved_layout_with_distances_has_no_arm_length_and_the_same_rotors(write, tmp_path, nominal, vehicle, arms):
+def test_a_saved_layout_with_distances_has_no_arm_length_and_the_same_rotors(
+    write, tmp_path, nominal, vehicle, has_arm_length
+):
     scenario = load_scenario(write(f"a:\n{BODY}  nominal: {{{nominal}}}\n  vehicle: {{{vehicle}}}\n"))
     save_scenario(scenario, tmp_path / "saved.yaml")
     saved = YAML(typ="safe").load(tmp_path / "saved.yaml")["a"]
-    assert ("arm_length" in saved["nominal"], "arm_length" in saved["vehicle"]) == arms
+    assert ("arm_length" in saved["nominal"], "arm_length" in saved["vehicle"]) == has_arm_length
     again = load_scenario(tmp_path / "saved.yaml")
     assert again.model_dump() == scenario.model_dump()
     for name in ("nominal", "vehicle"):
         assert rotors_of(getattr(again, name)) == rotors_of(getattr(scenario, name))
 
 
-def test_rotors_are_where_the_layout_says(write):
-    """Rotors are numbered clockwise, seen from above, from the front. The arm of an x is half the diagonal."""
+def test_rotors_have_the_positions_of_their_layout(write):
+    """Seen from above, rotors are numbered clockwise from the front. The arm of an x is half the diagonal."""
 
-    def places(airframe):
+    def rotor_rows(airframe):
         nominal = load_scenario(write(f"a:\n{BODY}  nominal: {{{airframe}}}\n")).nominal
         return np.array(rotors_of(nominal))
 
-    plus, x = places("arm_length: 0.2"), places("arm_length: 0.2, layout: {kind: x, rotor_1_turns: anticlockwise}")
+    plus, x = (
+        rotor_rows("arm_length: 0.2"),
+        rotor_rows("arm_length: 0.2, layout: {kind: x, rotor_1_turns: anticlockwise}"),
+    )
     np.testing.assert_allclose(plus[:, :2], [[0.2, 0.0], [0.0, -0.2], [-0.2, 0.0], [0.0, 0.2]])
     np.testing.assert_allclose(x[:, :2], 0.2 * np.sqrt(0.5) * np.array([[1, -1], [-1, -1], [-1, 1], [1, 1]]))
     assert (list(plus[:, 3]), list(x[:, 3])) == ([-1.0, 1.0, -1.0, 1.0], [1.0, -1.0, 1.0, -1.0])
-    h = places("layout: {kind: h, length: 0.2, width: 0.3}")
+    h = rotor_rows("layout: {kind: h, length: 0.2, width: 0.3}")
     np.testing.assert_allclose(h[:, :2], [[0.1, -0.15], [-0.1, -0.15], [-0.1, 0.15], [0.1, 0.15]])
-    measured = places("layout: {kind: plus, length: 0.2, width: 0.3}")
+    measured = rotor_rows("layout: {kind: plus, length: 0.2, width: 0.3}")
     np.testing.assert_allclose(measured[:, :2], [[0.1, 0.0], [0.0, -0.15], [-0.1, 0.0], [0.0, 0.15]])
-    free = places(f"thrust_factor: 3e-5, layout: {rotors().replace('clockwise}', 'clockwise, drag_factor: 1e-6}', 1)}")
+    free = rotor_rows(
+        f"thrust_factor: 3e-5, layout: {rotors().replace('clockwise}', 'clockwise, drag_factor: 1e-6}', 1)}"
+    )
     np.testing.assert_allclose(free[0], [0.1, -0.1, 0.0, -1.0, 3e-5, 1e-6])
     np.testing.assert_allclose(free[1], [-0.1, -0.1, 0.0, 1.0, 3e-5, 8.5e-7])
 
@@ -591,7 +598,7 @@ def test_a_robot_file_in_place_of_a_scenario_is_explained(write, tmp_path, name,
         load_scenario(write(f"a: {{extends: [figure_eight, {name}]}}"))
 
 
-def test_a_file_that_is_not_there_or_not_text(tmp_path):
+def test_a_file_that_is_missing_or_is_not_text_is_explained(tmp_path):
     with pytest.raises(InputError, match="cannot be read: no such file"):
         load_scenario(tmp_path / "nothing.yaml")
     with pytest.raises(InputError, match="cannot be read"):
@@ -617,13 +624,13 @@ def test_a_scenario_written_and_read_again_is_the_same(diagrams, write):
 def test_a_vehicle_alone_has_no_control(diagrams):
     assert not has_control(diagrams / "vehicles" / "crazyflie.yaml")
     assert has_control(diagrams / "figure_eight.yaml")
-    assert has_control(f"{diagrams / 'laboratory.yaml'}:low_wind")  # inherited from the scenario that it extends
+    assert has_control(f"{diagrams / 'laboratory.yaml'}:low_wind")  # The control is that of the extended scenario.
     with pytest.raises(InputError, match="cannot be read"):
         has_control(diagrams / "nothing.yaml")
 
 
 @pytest.mark.parametrize(
-    ("written", "asked", "path", "found"),
+    ("written", "given", "path", "expected"),
     [
         ([], ["vehicle.inertia.0=0.006"], "vehicle.inertia", (0.006, 0.007, 0.012)),
         (
@@ -644,9 +651,9 @@ def test_a_vehicle_alone_has_no_control(diagrams):
         ([], ["route.position.2=2"], "route.position", (0.0, 0.0, 2.0)),
     ],
 )
-def test_an_item_of_a_list_can_be_given_alone(diagrams, written, asked, path, found):
-    """The other items keep the value of the file or, without one, of the default."""
-    assert value_at(load_scenario(diagrams / "hover.yaml", [*written, *asked]), path) == found
+def test_an_item_of_a_list_can_be_given_alone(diagrams, written, given, path, expected):
+    """The other items keep the values of the file, or else the default values."""
+    assert value_at(load_scenario(diagrams / "hover.yaml", [*written, *given]), path) == expected
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""A control is a cascade by default, or a controller that replaces the whole cascade."""
+"""Tests that a control is a cascade by default, and that another controller replaces the whole cascade."""
 
 import re
 from pathlib import Path
@@ -74,8 +74,8 @@ def test_with_an_autopilot_the_model_is_the_attitude_response():
         load("control.lateral={natural_frequency: 8.8, damping: 0.7}", spec=onboard)
     # An identified response already includes the lag of the rotors, which is otherwise a separate part of the model.
     for lag in (0.05, None):
-        answer = f"control.lateral={{natural_frequency: 8.8, damping: 0.7, lag: {'null' if lag is None else lag}}}"
-        assert load(answer, "control.yaw=null", spec=onboard).control.lateral.lag == lag
+        response = f"control.lateral={{natural_frequency: 8.8, damping: 0.7, lag: {'null' if lag is None else lag}}}"
+        assert load(response, "control.yaw=null", spec=onboard).control.lateral.lag == lag
 
 
 def test_errors_of_a_cascade_name_its_fields():

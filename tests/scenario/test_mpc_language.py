@@ -1,4 +1,4 @@
-"""Model predictive control in the scenario language: mistakes are explained, and limits come from its fields."""
+"""Tests of model predictive control in the scenario language: messages about mistakes, and limits from its fields."""
 
 import math
 import re
@@ -68,11 +68,16 @@ def test_the_horizon_is_rounded_to_ticks_and_follows_the_plan():
     assert structure["num_ticks"] == 12
     preview = structure["preview"]
     for tick in (0, 1, 400):
-        seen = preview[tick]
-        for order, part in ((0, seen.reference[:3]), (2, seen.reference[6:9]), (3, seen.jerk), (4, seen.snap[:3])):
+        instant = preview[tick]
+        for order, part in (
+            (0, instant.reference[:3]),
+            (2, instant.reference[6:9]),
+            (3, instant.jerk),
+            (4, instant.snap[:3]),
+        ):
             np.testing.assert_allclose(part, evaluate(plan.path, [0.02 * tick], order)[:, 0], atol=1e-9)
         before = preview[tick - 1].snap if tick else np.zeros(4)
-        np.testing.assert_allclose(seen.before, before, atol=1e-9)
+        np.testing.assert_allclose(instant.before, before, atol=1e-9)
 
 
 def test_the_horizon_beyond_the_plan_contains_rest():

@@ -1,3 +1,5 @@
+"""Tests of the paths of fields in scenarios."""
+
 import pytest
 
 from drake_quad import InputError, load_scenario
@@ -10,19 +12,19 @@ def scenario(diagrams):
     return load_scenario(diagrams / "robustness.yaml")
 
 
-def test_every_leaf_is_found_where_its_path_leads(scenario):
-    found = dict(leaves(scenario))
-    assert len(found) > 80
-    for path, value in found.items():
+def test_the_path_of_every_value_leads_to_the_value(scenario):
+    values_by_path = dict(leaves(scenario))
+    assert len(values_by_path) > 80
+    for path, value in values_by_path.items():
         assert value_at(scenario, path) is value
-    assert isinstance(found["vehicle.inertia.1"], Distribution)
-    assert found["laboratory.wind.0.kind"] == "fan"
+    assert isinstance(values_by_path["vehicle.inertia.1"], Distribution)
+    assert values_by_path["laboratory.wind.0.kind"] == "fan"
 
 
-def test_distributions_in_a_scenario_are_its_leaves_of_that_type(scenario):
-    found = distributions_in(scenario)
-    assert list(found) == [path for path, value in leaves(scenario) if isinstance(value, Distribution)]
-    assert len(found) == 31
+def test_the_distributions_of_a_scenario_are_its_values_of_that_type(scenario):
+    distributions = distributions_in(scenario)
+    assert list(distributions) == [path for path, value in leaves(scenario) if isinstance(value, Distribution)]
+    assert len(distributions) == 31
 
 
 def test_unchanged_parts_are_not_copied(scenario):
@@ -35,8 +37,8 @@ def test_unchanged_parts_are_not_copied(scenario):
 
 
 def test_rotors_are_counted_from_1(scenario):
-    found = [path for path in dict(leaves(scenario)) if "thrust_factor_error" in path]
-    assert found == [f"vehicle.thrust_factor_error.rotor_{number}" for number in (1, 2, 3, 4)]
+    paths = [path for path in dict(leaves(scenario)) if "thrust_factor_error" in path]
+    assert paths == [f"vehicle.thrust_factor_error.rotor_{number}" for number in (1, 2, 3, 4)]
     assert joined("a", "rotors", 2, "position", 0) == "a.rotors.rotor_3.position.0"
     assert steps_of("a.rotors.rotor_3.position.0") == ["a", "rotors", "2", "position", "0"]
     assert value_at(scenario, "vehicle.thrust_factor_error.rotor_4") is scenario.vehicle.thrust_factor_error[3]

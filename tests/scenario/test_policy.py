@@ -1,4 +1,4 @@
-"""Policies in the scenario language, and the files of their networks."""
+"""Tests of policies in the scenario language, and of the files of their networks."""
 
 import base64
 import sys
@@ -46,7 +46,7 @@ def identity(x):
 
 
 @pytest.fixture
-def written(tmp_path):
+def load_arrays(tmp_path):
     """Return a function that saves arrays as a network and returns a scenario with it."""
 
     def write(arrays, **control):
@@ -62,11 +62,11 @@ def output(scenario, inputs=INPUTS):
     return np.array(evaluate_network(network, inputs.tolist(), network.memory).output)
 
 
-def test_neurons_are_read_from_arrays(written):
+def test_the_layers_of_a_network_are_read_from_arrays(load_arrays):
     expected = layer(
         identity, ARRAYS["weights_1"], ARRAYS["biases_1"], layer(np.tanh, *list(ARRAYS.values())[:2], INPUTS)
     )
-    scenario = written(ARRAYS)
+    scenario = load_arrays(ARRAYS)
     np.testing.assert_allclose(output(scenario), expected, rtol=1e-12)
     assert scenario.control.policy.precision == "double"
     assert repr(scenario).count("control policy") == 1
@@ -85,8 +85,8 @@ def test_neurons_are_read_from_arrays(written):
         ),
     ],
 )
-def test_activations_are_read_and_written_with_their_parameters(written, tmp_path, arrays, activation):
-    scenario = written({**ARRAYS, **{name: np.array(each) for name, each in arrays.items()}})
+def test_activations_are_read_and_written_with_their_parameters(load_arrays, tmp_path, arrays, activation):
+    scenario = load_arrays({**ARRAYS, **{name: np.array(each) for name, each in arrays.items()}})
     hidden = layer(activation, ARRAYS["weights_0"], ARRAYS["biases_0"], INPUTS)
     expected = layer(identity, ARRAYS["weights_1"], ARRAYS["biases_1"], hidden)
     np.testing.assert_allclose(output(scenario), expected, rtol=1e-12)
@@ -94,43 +94,43 @@ def test_activations_are_read_and_written_with_their_parameters(written, tmp_pat
     assert load_scenario(tmp_path / "again.yaml") == scenario
 
 
-def test_numbers_that_are_exact_in_single_precision_are_kept_in_it(written):
+def test_numbers_that_are_exact_in_single_precision_are_saved_in_single_precision(load_arrays):
     single = {
         name: values.astype(np.float32) if values.dtype.kind == "f" else values for name, values in ARRAYS.items()
     }
-    scenario = written(single)
+    scenario = load_arrays(single)
     assert scenario.control.policy.precision == "single"
     hidden = layer(np.tanh, single["weights_0"].astype(float), single["biases_0"], INPUTS)
     expected = layer(identity, single["weights_1"].astype(float), single["biases_1"], hidden)
     np.testing.assert_allclose(output(scenario), expected, rtol=1e-12)
 
 
-def test_numbers_beyond_single_precision_are_kept_in_double_precision_without_a_warning():
+def test_numbers_beyond_single_precision_are_saved_in_double_precision_without_a_warning():
     layers = Layers()
     layers.dense(np.full((1, 6), 1e300), np.zeros(1))
     network = layers.network()
     assert network.precision == "double"
-    found = evaluate_network(network.network(), INPUTS.tolist(), ()).output
-    np.testing.assert_allclose(found, [1e300 * INPUTS.sum()], rtol=1e-12)
+    outputs = evaluate_network(network.network(), INPUTS.tolist(), ()).output
+    np.testing.assert_allclose(outputs, [1e300 * INPUTS.sum()], rtol=1e-12)
 
 
-def test_numbers_beyond_double_precision_are_refused_without_a_warning(written):
+def test_numbers_beyond_double_precision_are_refused_without_a_warning(load_arrays):
     with pytest.raises(InputError, match="net.npz: has numbers that are not finite"):
-        written({**ARRAYS, "weights_1": np.full((3, 4), np.longdouble("1e4000"))})
+        load_arrays({**ARRAYS, "weights_1": np.full((3, 4), np.longdouble("1e4000"))})
 
 
-def test_a_scenario_is_written_with_its_network_and_read_again(written, tmp_path):
+def test_a_scenario_is_written_with_its_network_and_read_again(load_arrays, tmp_path):
     preprocessing = {"offset": RNG.normal(size=6), "scale": RNG.uniform(0.5, 2.0, 6), "limit": np.array(1.5)}
-    scenario = written({**ARRAYS, **preprocessing})
+    scenario = load_arrays({**ARRAYS, **preprocessing})
     save_scenario(scenario, tmp_path / "again.yaml")
     again = load_scenario(tmp_path / "again.yaml")
     assert again == scenario
     rows = np.clip((INPUTS - preprocessing["offset"]) * preprocessing["scale"], -1.5, 1.5)
-    np.testing.assert_allclose(output(again), output(written(ARRAYS), rows), rtol=1e-12)
+    np.testing.assert_allclose(output(again), output(load_arrays(ARRAYS), rows), rtol=1e-12)
 
 
-def test_invalid_numbers_of_a_saved_network_are_refused(written, tmp_path):
-    scenario = written(ARRAYS)
+def test_invalid_numbers_of_a_saved_network_are_refused(load_arrays, tmp_path):
+    scenario = load_arrays(ARRAYS)
     numbers = np.frombuffer(base64.b64decode("".join(scenario.control.policy.numbers)))
     save_scenario(scenario, tmp_path / "again.yaml")
     field = "control.policy.numbers"
@@ -143,7 +143,7 @@ def test_invalid_numbers_of_a_saved_network_are_refused(written, tmp_path):
             load_scenario(tmp_path / "again.yaml", {field: [given]})
 
 
-def test_recurrent_units_are_read_from_arrays(written):
+def test_recurrent_units_are_read_from_arrays(load_arrays):
     gru = {
         "weights_input_0": RNG.normal(size=(9, 6)),
         "biases_input_0": RNG.normal(size=9),
@@ -151,7 +151,7 @@ def test_recurrent_units_are_read_from_arrays(written):
         "biases_hidden_0": RNG.normal(size=9),
     }
     for initial in ({}, {"initial_0": np.array([0.1, -0.2, 0.3])}):
-        network = written({**gru, **initial}).control.policy.network()
+        network = load_arrays({**gru, **initial}).control.policy.network()
         assert network.memory == (tuple(initial.get("initial_0", np.zeros(3)).tolist()),)
         h = np.array(network.memory[0])
         new = (gru["weights_input_0"] @ INPUTS + gru["biases_input_0"]).reshape(3, 3)
@@ -163,20 +163,20 @@ def test_recurrent_units_are_read_from_arrays(written):
         )
 
 
-FLAWS = {
+INVALID_NETWORKS = {
     "no layers": ({}, "has no layers"),
     "another array": ({**ARRAYS, "w": np.zeros(2)}, "has unknown arrays: w"),
-    "a strange part": ({**ARRAYS, "momentum_1": np.zeros(2)}, "has unknown arrays: momentum_1"),
+    "an unknown part of a layer": ({**ARRAYS, "momentum_1": np.zeros(2)}, "has unknown arrays: momentum_1"),
     "no biases": ({"weights_0": np.zeros((3, 6))}, "has a layer without biases"),
     "biases of another layer": (
         {"weights_0": np.zeros((3, 6)), "biases_0": np.zeros(4)},
         r"and biases of shape \(4,\)",
     ),
-    "words": (
+    "text instead of weights": (
         {"weights_0": np.array("many"), "biases_0": np.zeros(4)},
         "has an array weights_0 of type <U4, which must be numeric",
     ),
-    "a limit of words": (
+    "text instead of a limit": (
         {**ARRAYS, "limit": np.array("much")},
         "has an array limit of type <U4, which must be numeric",
     ),
@@ -200,7 +200,7 @@ FLAWS = {
         "has gated recurrent units whose weights and biases have shapes that do not match",
     ),
     "not finite": ({**ARRAYS, "biases_1": np.array([1.0, np.nan, 0.0])}, "not finite"),
-    "an activation": ({**ARRAYS, "activation_0": np.array("sine")}, "layers.0.activation must be 'identity'"),
+    "an unknown activation": ({**ARRAYS, "activation_0": np.array("sine")}, "layers.0.activation must be 'identity'"),
     "too few rows": (
         {"weights_0": np.zeros((3, 5)), "biases_0": np.zeros(3)},
         r"control.policy.layers.0.inputs is 5, but must be 6, the number of rows of this control's",
@@ -209,7 +209,7 @@ FLAWS = {
         {"weights_0": np.zeros((4, 6)), "biases_0": np.zeros(4)},
         r"control.policy.layers.0.outputs is 4, but must be 3, the number of rows of this control's",
     ),
-    "layers that do not fit": (
+    "layers whose sizes do not match": (
         {**ARRAYS, "weights_1": np.zeros((3, 5))},
         "must be 4, the number of outputs of the layer before",
     ),
@@ -229,21 +229,21 @@ FLAWS = {
 }
 
 
-@pytest.mark.parametrize(("arrays", "words"), FLAWS.values(), ids=FLAWS)
-def test_a_wrong_network_is_explained_in_one_sentence(written, arrays, words):
+@pytest.mark.parametrize(("arrays", "words"), INVALID_NETWORKS.values(), ids=INVALID_NETWORKS)
+def test_a_wrong_network_is_explained_in_one_sentence(load_arrays, arrays, words):
     with pytest.raises(InputError, match=words) as error:
-        written(arrays)
+        load_arrays(arrays)
     assert "\n" not in str(error.value)
 
 
-def test_a_layer_has_no_more_than_4096_rows(written):
+def test_a_layer_has_no_more_than_4096_rows(load_arrays):
     def arrays(rows):
         weights = {"weights_0": np.zeros((rows, 6)), "weights_1": np.zeros((3, rows))}
         return weights | {"biases_0": np.zeros(rows), "biases_1": np.zeros(3)}
 
-    assert written(arrays(4096)).control.policy.layers[0].outputs == 4096
+    assert load_arrays(arrays(4096)).control.policy.layers[0].outputs == 4096
     with pytest.raises(InputError, match=r"layers\.0\.outputs must be less than or equal to 4096"):
-        written(arrays(4097))
+        load_arrays(arrays(4097))
 
 
 @pytest.mark.parametrize(
@@ -285,23 +285,23 @@ def test_an_npz_that_would_fill_the_memory_is_refused(tmp_path):
 def test_a_file_that_is_damaged_is_read_or_refused_in_a_sentence(kind, tmp_path):
     whole = tmp_path / f"whole.{kind[:4] if kind == 'onnx' else 'npz'}"
     if kind == "onnx":
-        onnx.save(model_of(layers_of(), MORE), whole)
+        onnx.save(model_of(two_layers(), CONSTANTS), whole)
     else:
         (np.savez_compressed if kind == "packed" else np.savez)(whole, **ARRAYS)
     data, rng = whole.read_bytes(), np.random.default_rng(8)
-    found = {"read": 0, "refused": 0}
+    counts = {"read": 0, "refused": 0}
     for _ in range(300):
         damaged = bytearray(data)
-        for place in rng.integers(len(data), size=rng.integers(1, 4)).tolist():
-            damaged[place] = rng.integers(256)
+        for index in rng.integers(len(data), size=rng.integers(1, 4)).tolist():
+            damaged[index] = rng.integers(256)
         whole.write_bytes(bytes(damaged[: rng.integers(len(data))]) if rng.random() < 0.1 else bytes(damaged))
         try:
             policy_network(whole)
-            found["read"] += 1
+            counts["read"] += 1
         except InputError as error:
             assert "\n" not in str(error)
-            found["refused"] += 1
-    assert min(found.values()) > 10
+            counts["refused"] += 1
+    assert min(counts.values()) > 10
 
 
 def model_of(nodes, constants):
@@ -317,7 +317,7 @@ def model_of(nodes, constants):
 
 
 @pytest.fixture
-def of_onnx(tmp_path):
+def load_onnx(tmp_path):
     def load(nodes, constants):
         onnx.save(model_of(nodes, constants), tmp_path / "net.onnx")
         (tmp_path / "mine.yaml").write_text(POLICY.format(file="net.onnx"), encoding="utf-8")
@@ -326,12 +326,14 @@ def of_onnx(tmp_path):
     return load
 
 
-W, B = ARRAYS["weights_0"].astype(np.float32), ARRAYS["biases_0"].astype(np.float32)
-V, C = ARRAYS["weights_1"], ARRAYS["biases_1"]
+W = ARRAYS["weights_0"].astype(np.float32)
+B = ARRAYS["biases_0"].astype(np.float32)
+V = ARRAYS["weights_1"]
+C = ARRAYS["biases_1"]
 
 
-def test_onnx_is_read_as_its_own_evaluator_reads_it(of_onnx):
-    """Nodes: Sub, Div and Clip of the input, Gemm in both orders, MatMul, Add, and nodes that change no number."""
+def test_an_onnx_network_has_the_output_of_the_onnx_evaluator(load_onnx):
+    """The nodes are Sub, Div and Clip of the input, two layers with arithmetic, and nodes that change nothing."""
     constants = {
         "mean": RNG.normal(size=6),
         "deviation": RNG.uniform(0.5, 2.0, 6),
@@ -358,22 +360,22 @@ def test_onnx_is_read_as_its_own_evaluator_reads_it(of_onnx):
         node("Sub", ["scaled", "half"], ["shifted"]),
         node("Tanh", ["shifted"], ["done"]),
     ]
-    found = output(of_onnx(nodes, constants))
+    action = output(load_onnx(nodes, constants))
     evaluator = onnx.reference.ReferenceEvaluator(model_of(nodes, constants))
     (expected,) = evaluator.run(None, {"seen": INPUTS[None].astype(np.float32)})
-    np.testing.assert_allclose(found, expected[0], rtol=2e-5)
+    np.testing.assert_allclose(action, expected[0], rtol=2e-5)
 
 
-def layers_of(*, first=("seen", "hidden"), activation=(("Tanh", ["hidden"], ["active"]),), last="done"):
-    """Return two layers, with nodes between them. The first layer reads and writes `first`."""
+def two_layers(*, first=("seen", "hidden"), activation=(("Tanh", ["hidden"], ["active"]),), last="done"):
+    """Return nodes of two layers with an activation between them. `first` names input and output of the first."""
     begin = helper.make_node("Gemm", [first[0], "W", "B"], [first[1]], transB=1)
     between = [each if not isinstance(each, tuple) else helper.make_node(*each) for each in activation]
     return [begin, *between, helper.make_node("Gemm", ["active", "V", "C"], [last], transB=1)]
 
 
 def approximated_gelu(power, coefficient):
-    """Return two layers, and between them four times the GELU of a half, written as arithmetic with named constants."""
-    return layers_of(
+    """Return two layers with 4 GELU(x / 2) between them, written as arithmetic with named constants."""
+    return two_layers(
         activation=[
             ("Mul", ["hidden", "half"], ["u"]),
             ("Pow", ["u", power], ["raised"]),
@@ -388,8 +390,8 @@ def approximated_gelu(power, coefficient):
     )
 
 
-NODE = helper.make_node
-MORE = {
+make_node = helper.make_node
+CONSTANTS = {
     "W": W,
     "B": B,
     "V": V,
@@ -411,31 +413,39 @@ MORE = {
 @pytest.mark.parametrize(
     "nodes",
     [
-        # The value function of an actor-critic, which branches off before or after a layer.
-        [*layers_of(), NODE("Gemm", ["active", "V", "C"], ["value"], transB=1)],
-        [NODE("Gemm", ["seen", "U", "D"], ["other"], transB=1), NODE("Tanh", ["other"], ["value"]), *layers_of()],
-        # SiLU as PyTorch writes it, and with the factors of the gate exchanged.
-        layers_of(activation=[("Sigmoid", ["hidden"], ["gate"]), ("Mul", ["hidden", "gate"], ["active"])]),
-        layers_of(activation=[("Sigmoid", ["hidden"], ["gate"]), ("Mul", ["gate", "hidden"], ["active"])]),
-        # Arithmetic with a single number on the input.
-        [NODE("Sub", ["one", "seen"], ["a"]), NODE("Mul", ["two", "a"], ["b"]), *layers_of(first=("b", "hidden"))],
-        # Weights that are computed from constants.
+        # The value function of an actor-critic may branch off before or after a layer.
+        [*two_layers(), make_node("Gemm", ["active", "V", "C"], ["value"], transB=1)],
         [
-            NODE("Transpose", ["W"], ["W_turned"], perm=[1, 0]),
-            NODE("Constant", [], ["quarter"], value_float=0.25),
-            NODE("Mul", ["seen", "quarter"], ["less"]),
-            NODE("MatMul", ["less", "W_turned"], ["product"]),
-            NODE("Add", ["B", "product"], ["hidden"]),
-            *layers_of()[1:],
+            make_node("Gemm", ["seen", "U", "D"], ["other"], transB=1),
+            make_node("Tanh", ["other"], ["value"]),
+            *two_layers(),
+        ],
+        # PyTorch writes SiLU as the first of these networks. The factors may also be exchanged.
+        two_layers(activation=[("Sigmoid", ["hidden"], ["gate"]), ("Mul", ["hidden", "gate"], ["active"])]),
+        two_layers(activation=[("Sigmoid", ["hidden"], ["gate"]), ("Mul", ["gate", "hidden"], ["active"])]),
+        # The input may be changed by arithmetic with single numbers.
+        [
+            make_node("Sub", ["one", "seen"], ["a"]),
+            make_node("Mul", ["two", "a"], ["b"]),
+            *two_layers(first=("b", "hidden")),
+        ],
+        # Weights may be computed from constants.
+        [
+            make_node("Transpose", ["W"], ["W_turned"], perm=[1, 0]),
+            make_node("Constant", [], ["quarter"], value_float=0.25),
+            make_node("Mul", ["seen", "quarter"], ["less"]),
+            make_node("MatMul", ["less", "W_turned"], ["product"]),
+            make_node("Add", ["B", "product"], ["hidden"]),
+            *two_layers()[1:],
         ],
         # LeakyRelu and Elu have a parameter, and Gelu has two forms.
-        layers_of(activation=[NODE("LeakyRelu", ["hidden"], ["active"], alpha=0.3)]),
-        layers_of(activation=[("LeakyRelu", ["hidden"], ["active"])]),
-        layers_of(activation=[NODE("Elu", ["hidden"], ["active"], alpha=0.5)]),
-        layers_of(activation=[("Gelu", ["hidden"], ["active"])]),
-        layers_of(activation=[NODE("Gelu", ["hidden"], ["active"], approximate="tanh")]),
+        two_layers(activation=[make_node("LeakyRelu", ["hidden"], ["active"], alpha=0.3)]),
+        two_layers(activation=[("LeakyRelu", ["hidden"], ["active"])]),
+        two_layers(activation=[make_node("Elu", ["hidden"], ["active"], alpha=0.5)]),
+        two_layers(activation=[("Gelu", ["hidden"], ["active"])]),
+        two_layers(activation=[make_node("Gelu", ["hidden"], ["active"], approximate="tanh")]),
         # PyTorch writes GELU as arithmetic in older opsets, and so do other exporters.
-        layers_of(
+        two_layers(
             activation=[
                 ("Div", ["hidden", "root_of_2"], ["a"]),
                 ("Erf", ["a"], ["b"]),
@@ -444,7 +454,7 @@ MORE = {
                 ("Mul", ["d", "half"], ["active"]),
             ]
         ),
-        layers_of(
+        two_layers(
             activation=[
                 ("Mul", ["half", "hidden"], ["z"]),
                 ("Mul", ["hidden", "two"], ["y"]),
@@ -454,8 +464,8 @@ MORE = {
                 ("Mul", ["e", "z"], ["active"]),
             ]
         ),
-        # The approximation of GELU as PyTorch exports it, with a node Pow, and with the constants in other places.
-        layers_of(
+        # The approximation of GELU may be written with products or with a node Pow.
+        two_layers(
             activation=[
                 ("Mul", ["hidden", "hidden"], ["square"]),
                 ("Mul", ["hidden", "square"], ["third"]),
@@ -468,8 +478,8 @@ MORE = {
                 ("Mul", ["half", "c"], ["active"]),
             ]
         ),
-        # The same approximation with a difference in place of a sum.
-        layers_of(
+        # The same approximation may have a difference in place of a sum.
+        two_layers(
             activation=[
                 ("Pow", ["hidden", "three"], ["third"]),
                 ("Mul", ["cube", "third"], ["little"]),
@@ -482,8 +492,8 @@ MORE = {
                 ("Mul", ["half", "c"], ["active"]),
             ]
         ),
-        # SiLU whose factors are divided by numbers.
-        layers_of(
+        # The factors of SiLU may be divided by numbers.
+        two_layers(
             activation=[
                 ("Sigmoid", ["hidden"], ["a"]),
                 ("Div", ["a", "three"], ["b"]),
@@ -492,64 +502,66 @@ MORE = {
             ]
         ),
         approximated_gelu("three", "cube"),
-        # SiLU of a multiple, which is also used for GELU.
-        layers_of(
+        # SiLU of a multiple of its input also approximates GELU.
+        two_layers(
             activation=[
                 ("Div", ["hidden", "half"], ["u"]),
                 ("Sigmoid", ["u"], ["a"]),
                 ("Mul", ["hidden", "a"], ["active"]),
             ]
         ),
-        # Arithmetic follows an activation before a layer, at the end or before an activation, or it follows a limit.
-        layers_of(
+        # Arithmetic may follow an activation or a limit, also at the end of the network.
+        two_layers(
             activation=[("Tanh", ["hidden"], ["a"]), ("Mul", ["a", "two"], ["b"]), ("Sub", ["half", "b"], ["active"])]
         ),
         [
-            *layers_of(last="sum"),
-            NODE("Tanh", ["sum"], ["a"]),
-            NODE("Mul", ["a", "spread"], ["b"]),
-            NODE("Add", ["b", "C"], ["c"]),
-            NODE("Div", ["c", "two"], ["done"]),
+            *two_layers(last="sum"),
+            make_node("Tanh", ["sum"], ["a"]),
+            make_node("Mul", ["a", "spread"], ["b"]),
+            make_node("Add", ["b", "C"], ["c"]),
+            make_node("Div", ["c", "two"], ["done"]),
         ],
-        layers_of(activation=[("Tanh", ["hidden"], ["a"]), ("Sub", ["a", "half"], ["b"]), ("Relu", ["b"], ["active"])]),
+        two_layers(
+            activation=[("Tanh", ["hidden"], ["a"]), ("Sub", ["a", "half"], ["b"]), ("Relu", ["b"], ["active"])]
+        ),
         [
-            NODE("Clip", ["seen", "minus", "one"], ["a"]),
-            NODE("Mul", ["a", "two"], ["b"]),
-            NODE("Add", ["b", "D"], ["c"]),
-            *layers_of(first=("c", "hidden")),
+            make_node("Clip", ["seen", "minus", "one"], ["a"]),
+            make_node("Mul", ["a", "two"], ["b"]),
+            make_node("Add", ["b", "D"], ["c"]),
+            *two_layers(first=("c", "hidden")),
         ],
-        # Limits of the action that have no effect, since actions are limited to [-1, 1].
-        [*layers_of(last="sum"), NODE("Clip", ["sum", "minus", "one"], ["done"])],
+        # Limits of the action to [-1, 1] have no effect, since every action is limited to this range.
+        [*two_layers(last="sum"), make_node("Clip", ["sum", "minus", "one"], ["done"])],
     ],
 )
-def test_nodes_of_onnx_that_do_not_affect_the_action_are_ignored(of_onnx, nodes):
-    constants = {**MORE, "V": 0.1 * V, "C": 0.1 * C}
-    found = output(of_onnx(nodes, constants))
+def test_networks_in_all_these_forms_have_the_output_of_the_onnx_evaluator(load_onnx, nodes):
+    constants = {**CONSTANTS, "V": 0.1 * V, "C": 0.1 * C}
+    action = output(load_onnx(nodes, constants))
     evaluator = onnx.reference.ReferenceEvaluator(model_of(nodes, constants))
     (expected,) = evaluator.run(None, {"seen": INPUTS[None].astype(np.float32)})
-    np.testing.assert_allclose(found, expected[0], rtol=2e-5)
+    np.testing.assert_allclose(action, expected[0], rtol=2e-5)
 
 
 @pytest.mark.parametrize(
     ("nodes", "words"),
     [
         (
-            layers_of(activation=[("Tanh", ["hidden"], ["a"]), ("Add", ["a", "hidden"], ["active"])]),
+            two_layers(activation=[("Tanh", ["hidden"], ["a"]), ("Add", ["a", "hidden"], ["active"])]),
             "has branches that meet in a node Add.*; export activations as nodes, with opset 20 or later",
         ),
         # The exponent or the coefficient differs from the approximation of GELU.
         (approximated_gelu("two", "cube"), "has branches that meet in a node Mul"),
         (approximated_gelu("three", "half"), "has branches that meet in a node Mul"),
         (
-            layers_of(activation=[NODE("Gelu", ["hidden"], ["active"], approximate="erf")]),
+            two_layers(activation=[make_node("Gelu", ["hidden"], ["active"], approximate="erf")]),
             "has a Gelu with approximation b'erf', which must be none or tanh",
         ),
         (
-            layers_of(activation=[("Tanh", ["hidden"], ["a"]), ("Mul", ["a", "D"], ["active"])]),
+            two_layers(activation=[("Tanh", ["hidden"], ["a"]), ("Mul", ["a", "D"], ["active"])]),
             "has arithmetic with . numbers after 4 neurons",
         ),
         (
-            layers_of(
+            two_layers(
                 activation=[
                     ("Erf", ["hidden"], ["b"]),
                     ("Add", ["b", "two"], ["c"]),
@@ -559,59 +571,75 @@ def test_nodes_of_onnx_that_do_not_affect_the_action_are_ignored(of_onnx, nodes)
             "has branches that meet in a node Mul",
         ),
         (
-            layers_of(activation=[NODE("Cast", ["hidden"], ["active"], to=TensorProto.INT32)]),
+            two_layers(activation=[make_node("Cast", ["hidden"], ["active"], to=TensorProto.INT32)]),
             "has a Cast to a type other than single or double precision",
         ),
         (
             [
-                NODE("Clip", ["seen", "minus", "one"], ["a"]),
-                NODE("Clip", ["a", "minus", "one"], ["b"]),
-                *layers_of(first=("b", "hidden")),
+                make_node("Clip", ["seen", "minus", "one"], ["a"]),
+                make_node("Clip", ["a", "minus", "one"], ["b"]),
+                *two_layers(first=("b", "hidden")),
             ],
             "limits its input twice",
         ),
         (
-            [NODE("Clip", ["seen", "minus", "half"], ["a"]), *layers_of(first=("a", "hidden"))],
+            [make_node("Clip", ["seen", "minus", "half"], ["a"]), *two_layers(first=("a", "hidden"))],
             "has a Clip of the input to -1 and 0.5; only limits that are symmetric about zero",
         ),
-        (layers_of(activation=[("Add", ["hidden", "C"], ["active"])]), "arithmetic with . numbers after"),
-        ([NODE("Add", ["seen", "C"], ["a"]), *layers_of(first=("a", "hidden"))], "3 rows|different sizes|must have 6"),
-        ([NODE("Div", ["one", "seen"], ["a"]), *layers_of(first=("a", "hidden"))], "has a Div by zero or by its input"),
-        ([NODE("MatMul", ["seen", "D"], ["done"])], r"weights of shape \(6,\), which must be a matrix"),
-        ([NODE("Identity", ["C"], ["done"])], "has an output that does not depend on its input seen"),
+        (two_layers(activation=[("Add", ["hidden", "C"], ["active"])]), "arithmetic with . numbers after"),
         (
-            [NODE("Sub", ["one", "root_of_2"], ["number"]), NODE("Identity", ["number"], ["done"])],
+            [make_node("Add", ["seen", "C"], ["a"]), *two_layers(first=("a", "hidden"))],
+            "3 rows|different sizes|must have 6",
+        ),
+        (
+            [make_node("Div", ["one", "seen"], ["a"]), *two_layers(first=("a", "hidden"))],
+            "has a Div by zero or by its input",
+        ),
+        ([make_node("MatMul", ["seen", "D"], ["done"])], r"weights of shape \(6,\), which must be a matrix"),
+        ([make_node("Identity", ["C"], ["done"])], "has an output that does not depend on its input seen"),
+        (
+            [make_node("Sub", ["one", "root_of_2"], ["number"]), make_node("Identity", ["number"], ["done"])],
             "has an output that does not depend on its input seen",
         ),
         ([], "has an output that does not depend on its input seen"),
-        (layers_of(activation=[("Clip", ["hidden", "D"], ["active"])]), "a Clip whose bounds are not constant numbers"),
-        (layers_of(activation=[("Clip", ["one", "hidden"], ["active"])]), "a Clip whose bounds are not constant"),
         (
-            layers_of(activation=[("Clip", ["hidden", "", "million"], ["active"])]),
+            two_layers(activation=[("Clip", ["hidden", "D"], ["active"])]),
+            "a Clip whose bounds are not constant numbers",
+        ),
+        (two_layers(activation=[("Clip", ["one", "hidden"], ["active"])]), "a Clip whose bounds are not constant"),
+        (
+            two_layers(activation=[("Clip", ["hidden", "", "million"], ["active"])]),
             r"has a limit larger than 1e\+06 on the output of a layer",
         ),
-        ([NODE("Nonsense", ["C"], ["done"])], "is not a valid ONNX model: No Op registered for Nonsense"),
+        ([make_node("Nonsense", ["C"], ["done"])], "is not a valid ONNX model: No Op registered for Nonsense"),
         (
-            [NODE("GRU", ["seen", "W", "B"], ["", "done"], linear_before_reset=1, activations=["Sigmoid", "Relu"])],
+            [
+                make_node(
+                    "GRU", ["seen", "W", "B"], ["", "done"], linear_before_reset=1, activations=["Sigmoid", "Relu"]
+                )
+            ],
             "has a GRU with other activations",
         ),
-        ([NODE("GRU", ["seen", "W", "B"], ["", "done"], linear_before_reset=1)], "has a GRU without constant weights"),
+        (
+            [make_node("GRU", ["seen", "W", "B"], ["", "done"], linear_before_reset=1)],
+            "has a GRU without constant weights",
+        ),
     ],
 )
-def test_unsupported_onnx_models_are_refused(of_onnx, nodes, words):
+def test_unsupported_onnx_models_are_refused(load_onnx, nodes, words):
     with pytest.raises(InputError, match=words) as wrong:
-        of_onnx(nodes, {**MORE, "million": np.array(1.1e6)} | ({} if nodes else {"done": C}))
+        load_onnx(nodes, {**CONSTANTS, "million": np.array(1.1e6)} | ({} if nodes else {"done": C}))
     assert "\n" not in str(wrong.value)
 
 
-def test_a_graph_of_onnx_that_runs_in_a_circle_is_refused(of_onnx):
-    nodes = [NODE("Relu", ["b"], ["a"]), NODE("Relu", ["a"], ["b"]), NODE("Identity", ["a"], ["done"])]
+def test_an_onnx_graph_with_a_cycle_is_refused(load_onnx):
+    nodes = [make_node("Relu", ["b"], ["a"]), make_node("Relu", ["a"], ["b"]), make_node("Identity", ["a"], ["done"])]
     with pytest.raises(InputError, match="is not a valid ONNX model"):
-        of_onnx(nodes, {})
+        load_onnx(nodes, {})
 
 
 def test_an_onnx_file_with_numbers_in_another_file_is_refused(tmp_path):
-    model = model_of(layers_of(), MORE)
+    model = model_of(two_layers(), CONSTANTS)
     onnx.save(model, tmp_path / "net.onnx", save_as_external_data=True, location="net.onnx.data", size_threshold=0)
     (tmp_path / "mine.yaml").write_text(POLICY.format(file="net.onnx"), encoding="utf-8")
     with pytest.raises(InputError, match="keeps its numbers in another file; export it with external_data=False"):
@@ -619,20 +647,20 @@ def test_an_onnx_file_with_numbers_in_another_file_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("names", "taken"), [(("done", "value"), 0), (("value", "done"), 0), (("value", "Actions"), 1)]
+    ("names", "chosen"), [(("done", "value"), 0), (("value", "done"), 0), (("value", "Actions"), 1)]
 )
-def test_the_output_actions_or_else_the_first_output_is_the_action(tmp_path, names, taken):
-    model = model_of([*layers_of(last=names[0]), NODE("Tanh", [names[0]], [names[1]])], MORE)
+def test_the_output_actions_or_else_the_first_output_is_the_action(tmp_path, names, chosen):
+    model = model_of([*two_layers(last=names[0]), make_node("Tanh", [names[0]], [names[1]])], CONSTANTS)
     del model.graph.output[:]
     for name in names:
         model.graph.output.append(helper.make_tensor_value_info(name, TensorProto.FLOAT, [1, 3]))
     onnx.save(model, tmp_path / "net.onnx")
     (tmp_path / "mine.yaml").write_text(POLICY.format(file="net.onnx"), encoding="utf-8")
-    words = f"net.onnx: has the outputs {names[0]}, {names[1]}, of which {names[taken]} is used as the action"
+    words = f"net.onnx: has the outputs {names[0]}, {names[1]}, of which {names[chosen]} is used as the action"
     with pytest.warns(InputWarning, match=words):
-        found = output(load_scenario(tmp_path / "mine.yaml"))
+        action = output(load_scenario(tmp_path / "mine.yaml"))
     expected = onnx.reference.ReferenceEvaluator(model).run(None, {"seen": INPUTS[None].astype(np.float32)})
-    np.testing.assert_allclose(found, expected[taken][0], rtol=2e-5)
+    np.testing.assert_allclose(action, expected[chosen][0], rtol=2e-5)
     # Each output can be selected by name, without a warning.
     for name, numbers in zip(names, expected, strict=True):
         (tmp_path / "mine.yaml").write_text(POLICY.format(file=f"net.onnx:{name}"), encoding="utf-8")
@@ -642,34 +670,34 @@ def test_the_output_actions_or_else_the_first_output_is_the_action(tmp_path, nam
 
 
 @pytest.mark.parametrize("bounds", [(-0.05, 0.05), (0.0, 1.0), (-0.02, 0.03), (-1.0, 1.0), (0.01, None), (None, 0.02)])
-@pytest.mark.parametrize("place", ["hidden", "action", "scaled action", "activated action"])
-def test_a_limit_of_a_layer_is_read_as_the_evaluator_of_onnx_reads_it(of_onnx, place, bounds):
+@pytest.mark.parametrize("position", ["hidden", "action", "scaled action", "activated action"])
+def test_a_network_with_limited_layers_has_the_output_of_the_onnx_evaluator(load_onnx, position, bounds):
     names = [name if each is not None else "" for name, each in zip(("low", "high"), bounds, strict=True)]
     limits = {name: np.array(each) for name, each in zip(names, bounds, strict=True) if each is not None}
     nodes = {
-        "hidden": layers_of(activation=[("Clip", ["hidden", *names], ["active"])]),
-        "action": [*layers_of(last="sum"), NODE("Clip", ["sum", *names], ["done"])],
+        "hidden": two_layers(activation=[("Clip", ["hidden", *names], ["active"])]),
+        "action": [*two_layers(last="sum"), make_node("Clip", ["sum", *names], ["done"])],
         "scaled action": [
-            *layers_of(last="sum"),
-            NODE("Clip", ["sum", *names], ["clipped"]),
-            NODE("Mul", ["clipped", "half"], ["done"]),
+            *two_layers(last="sum"),
+            make_node("Clip", ["sum", *names], ["clipped"]),
+            make_node("Mul", ["clipped", "half"], ["done"]),
         ],
         "activated action": [
-            *layers_of(last="sum"),
-            NODE("Tanh", ["sum"], ["tanh"]),
-            NODE("Clip", ["tanh", *names], ["done"]),
+            *two_layers(last="sum"),
+            make_node("Tanh", ["sum"], ["tanh"]),
+            make_node("Clip", ["tanh", *names], ["done"]),
         ],
-    }[place]
-    constants = {**MORE, "V": 0.1 * V, "C": 0.1 * C, **limits}
+    }[position]
+    constants = {**CONSTANTS, "V": 0.1 * V, "C": 0.1 * C, **limits}
     (expected,) = onnx.reference.ReferenceEvaluator(model_of(nodes, constants)).run(
         None, {"seen": INPUTS[None].astype(np.float32)}
     )
-    np.testing.assert_allclose(output(of_onnx(nodes, constants)), expected[0], rtol=2e-5, atol=1e-9)
+    np.testing.assert_allclose(output(load_onnx(nodes, constants)), expected[0], rtol=2e-5, atol=1e-9)
 
 
-def test_an_output_of_the_wrong_size_that_was_not_chosen_is_named(tmp_path):
-    nodes = [NODE("Gemm", ["seen", "W_value", "b_value"], ["value"]), *layers_of(last="mean")]
-    model = model_of(nodes, {**MORE, "W_value": np.ones((6, 1)), "b_value": np.ones(1)})
+def test_an_output_of_the_wrong_size_is_named_if_none_was_chosen(tmp_path):
+    nodes = [make_node("Gemm", ["seen", "W_value", "b_value"], ["value"]), *two_layers(last="mean")]
+    model = model_of(nodes, {**CONSTANTS, "W_value": np.ones((6, 1)), "b_value": np.ones(1)})
     del model.graph.output[:]
     for name, rows in (("value", 1), ("mean", 3)):
         model.graph.output.append(helper.make_tensor_value_info(name, TensorProto.FLOAT, [1, rows]))
@@ -682,13 +710,13 @@ def test_an_output_of_the_wrong_size_that_was_not_chosen_is_named(tmp_path):
 
 def test_a_clip_of_older_opsets_has_its_bounds_as_attributes(tmp_path):
     """In opset 10 the bounds are attributes. They may limit the observations and, at the end, the actions."""
-    clip = NODE("Clip", ["seen"], ["within"], min=-0.5, max=0.5)
+    clip = make_node("Clip", ["seen"], ["within"], min=-0.5, max=0.5)
     nodes = [
         clip,
-        *layers_of(first=("within", "hidden"), last="sum"),
-        NODE("Clip", ["sum"], ["done"], min=-1.0, max=1.0),
+        *two_layers(first=("within", "hidden"), last="sum"),
+        make_node("Clip", ["sum"], ["done"], min=-1.0, max=1.0),
     ]
-    model = model_of(nodes, {**MORE, "V": 0.1 * V, "C": 0.1 * C})
+    model = model_of(nodes, {**CONSTANTS, "V": 0.1 * V, "C": 0.1 * C})
     del model.opset_import[:]
     model.opset_import.append(helper.make_opsetid("", 10))
     model.ir_version = 5
@@ -706,7 +734,9 @@ def test_a_clip_of_older_opsets_has_its_bounds_as_attributes(tmp_path):
 
 def test_operators_of_another_library_are_refused(tmp_path):
     """The optimiser of onnxruntime writes operators with the names of ONNX and possibly another meaning."""
-    model = model_of(layers_of(activation=[NODE("Gelu", ["hidden"], ["active"], domain="com.microsoft")]), MORE)
+    model = model_of(
+        two_layers(activation=[make_node("Gelu", ["hidden"], ["active"], domain="com.microsoft")]), CONSTANTS
+    )
     model.opset_import.append(helper.make_opsetid("com.microsoft", 1))
     onnx.save(model, tmp_path / "net.onnx")
     (tmp_path / "mine.yaml").write_text(POLICY.format(file="net.onnx"), encoding="utf-8")
@@ -716,7 +746,7 @@ def test_operators_of_another_library_are_refused(tmp_path):
 
 @pytest.mark.parametrize("version", [2147483647, 0, 10_000])
 def test_an_unknown_opset_is_refused(tmp_path, version):
-    model = model_of(layers_of(), MORE)
+    model = model_of(two_layers(), CONSTANTS)
     model.opset_import[0].version = version
     onnx.save(model, tmp_path / "net.onnx")
     (tmp_path / "mine.yaml").write_text(POLICY.format(file="net.onnx"), encoding="utf-8")
@@ -725,14 +755,14 @@ def test_an_unknown_opset_is_refused(tmp_path, version):
         load_scenario(tmp_path / "mine.yaml")
 
 
-def test_recurrent_units_of_onnx_are_read_as_its_own_evaluator_reads_them(of_onnx):
+def test_recurrent_units_have_the_output_of_the_onnx_evaluator(load_onnx):
     units, shapes = 3, {"W": (1, 9, 6), "R": (1, 9, 3), "B": (1, 18)}
     constants = {name: RNG.normal(size=shape) for name, shape in shapes.items()}
     nodes = [helper.make_node("GRU", ["seen", "W", "R", "B"], ["", "done"], hidden_size=units, linear_before_reset=1)]
-    found = output(of_onnx(nodes, constants))
+    action = output(load_onnx(nodes, constants))
     evaluator = onnx.reference.ReferenceEvaluator(model_of(nodes, constants))
     (expected,) = evaluator.run(None, {"seen": INPUTS[None, None].astype(np.float32)})
-    np.testing.assert_allclose(found, expected.ravel(), rtol=1e-5)
+    np.testing.assert_allclose(action, expected.ravel(), rtol=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -754,9 +784,9 @@ def test_recurrent_units_of_onnx_are_read_as_its_own_evaluator_reads_them(of_onn
         ),
     ],
 )
-def test_unsupported_nodes_of_onnx_are_named(of_onnx, nodes, words):
+def test_unsupported_nodes_of_onnx_are_named(load_onnx, nodes, words):
     with pytest.raises(InputError, match=words):
-        of_onnx(nodes, {"W": np.zeros((6, 3))})
+        load_onnx(nodes, {"W": np.zeros((6, 3))})
 
 
 def test_the_field_of_a_scenario_that_is_wrong_is_named():
@@ -814,69 +844,73 @@ def test_the_field_of_a_scenario_that_is_wrong_is_named():
             policy(**given)
 
 
-def test_a_missing_library_for_onnx_is_named(of_onnx, monkeypatch):
+def test_a_missing_library_for_onnx_is_named(load_onnx, monkeypatch):
     monkeypatch.setitem(sys.modules, "onnx", None)
     with pytest.raises(InputError, match=r"net\.onnx: cannot be read: onnx is not installed; .*'drake_quad\[onnx\]'"):
-        of_onnx(layers_of(), MORE)
+        load_onnx(two_layers(), CONSTANTS)
 
 
 @pytest.mark.parametrize("cube", [0.05, 0.04])
-def test_a_gate_that_only_resembles_gelu_is_refused(of_onnx, cube):
+def test_a_gate_that_only_resembles_gelu_is_refused(load_onnx, cube):
     """Single precision changes the coefficient of x³ by far less than a tenth."""
     with pytest.raises(InputError, match="has branches that meet in a node Mul"):
-        of_onnx(approximated_gelu("three", "cube"), {**MORE, "cube": np.array(cube)})
+        load_onnx(approximated_gelu("three", "cube"), {**CONSTANTS, "cube": np.array(cube)})
 
 
 @pytest.mark.parametrize("shapes", [{"B": (1, 9)}, {"W": (1, 6, 6)}, {"W": (2, 9, 6)}])
-def test_recurrent_units_of_onnx_need_weights_and_biases_of_three_gates(of_onnx, shapes):
+def test_recurrent_units_of_onnx_need_weights_and_biases_of_three_gates(load_onnx, shapes):
     shapes = {"W": (1, 9, 6), "R": (1, 9, 3), "B": (1, 18), **shapes}
-    node = NODE("GRU", ["seen", "W", "R", "B"], ["", "done"], hidden_size=3, linear_before_reset=1)
+    node = make_node("GRU", ["seen", "W", "R", "B"], ["", "done"], hidden_size=3, linear_before_reset=1)
     with pytest.raises(InputError, match="has a GRU whose weights and biases have shapes that do not match"):
-        of_onnx([node], {name: np.ones(shape) for name, shape in shapes.items()})
+        load_onnx([node], {name: np.ones(shape) for name, shape in shapes.items()})
 
 
 @pytest.mark.parametrize(
     ("nodes", "words"),
     [
         (
-            [NODE("Reshape", ["D", "two"], ["a"]), NODE("Add", ["seen", "a"], ["done"])],
+            [make_node("Reshape", ["D", "two"], ["a"]), make_node("Add", ["seen", "a"], ["done"])],
             "has a node Reshape of constants that cannot be computed",
         ),
         (
-            [NODE("Gemm", ["W", "seen"], ["done"], transB=1)],
+            [make_node("Gemm", ["W", "seen"], ["done"], transB=1)],
             "has a Gemm that is not a product of its input and a constant matrix",
         ),
         (
-            [NODE("Gemm", ["seen", "W"], ["done"], transA=1)],
+            [make_node("Gemm", ["seen", "W"], ["done"], transA=1)],
             "has a Gemm that is not a product of its input and a constant matrix",
         ),
         (
-            layers_of(activation=[NODE("Swish", ["hidden"], ["active"], alpha=0.5)]),
+            two_layers(activation=[make_node("Swish", ["hidden"], ["active"], alpha=0.5)]),
             "activation Swish with an alpha of 0.5",
         ),
         (
-            [NODE("Add", ["seen", "D"], ["a"]), NODE("Mul", ["a", "C"], ["b"]), *layers_of(first=("b", "hidden"))],
+            [
+                make_node("Add", ["seen", "D"], ["a"]),
+                make_node("Mul", ["a", "C"], ["b"]),
+                *two_layers(first=("b", "hidden")),
+            ],
             "has arithmetic on its input with arrays of different sizes",
         ),
         (
             [
-                NODE("Sub", ["one", "one"], ["zero"]),
-                NODE("Mul", ["seen", "zero"], ["a"]),
-                *layers_of(first=("a", "hidden")),
+                make_node("Sub", ["one", "one"], ["zero"]),
+                make_node("Mul", ["seen", "zero"], ["a"]),
+                *two_layers(first=("a", "hidden")),
             ],
             "multiplies its input by zero",
         ),
         (
-            layers_of(
+            two_layers(
                 activation=[("Tanh", ["hidden"], ["a"]), ("Add", ["a", "D"], ["b"]), ("Add", ["b", "C"], ["active"])]
             ),
             "has arithmetic with arrays of different sizes",
         ),
     ],
 )
-def test_arithmetic_that_no_network_has_is_refused(of_onnx, nodes, words):
+def test_arithmetic_that_no_network_has_is_refused(load_onnx, nodes, words):
     with pytest.raises(InputError, match=words):
-        of_onnx(nodes, MORE)
+        load_onnx(nodes, CONSTANTS)
 
 
 @pytest.mark.parametrize(
@@ -888,7 +922,7 @@ def test_arithmetic_that_no_network_has_is_refused(of_onnx, nodes, words):
     ],
 )
 def test_a_network_of_onnx_has_one_input_and_an_output(tmp_path, inputs, outputs, words):
-    model = model_of(layers_of() if inputs else [NODE("Identity", ["C"], ["done"])], MORE)
+    model = model_of(two_layers() if inputs else [make_node("Identity", ["C"], ["done"])], CONSTANTS)
     del model.graph.input[:], model.graph.output[:]
     for graph, names in ((model.graph.input, inputs), (model.graph.output, outputs)):
         graph.extend(helper.make_tensor_value_info(name, TensorProto.FLOAT, [1, 6]) for name in names)

@@ -1,4 +1,4 @@
-"""Attributes and methods of every kind of route agree with its plan, also for a user's kind."""
+"""Tests that attributes and methods of every kind of route agree with its plan, also for a user's kind."""
 
 from functools import reduce
 from typing import Literal
@@ -67,7 +67,7 @@ def test_every_kind_of_route_agrees_with_its_plan(kind, fields):
 
 
 @pytest.mark.slow
-def test_a_user_s_route_is_checked_planned_and_part_of_the_language():
+def test_a_user_s_kind_of_route_is_checked_and_planned_and_is_part_of_the_language():
     with pytest.raises(InputError, match="route.kind is 'line', but must be one of"):
         load_mission("hover", {"route": {"kind": "line"}})
     ROUTES.member(LineRoute)
@@ -81,9 +81,9 @@ def test_a_user_s_route_is_checked_planned_and_part_of_the_language():
 
 
 def test_a_kind_without_a_plan_is_refused():
-    class Aimless(MissionRoute):
-        kind: Literal["aimless"]
+    class RouteWithoutPlan(MissionRoute):
+        kind: Literal["without_plan"]
 
-    with pytest.raises(TypeError, match="Aimless must define plan"):
-        ROUTES.member(Aimless)
+    with pytest.raises(TypeError, match="RouteWithoutPlan must define plan"):
+        ROUTES.member(RouteWithoutPlan)
     assert WaypointTimes.__abstractmethods__ == {"timing"}

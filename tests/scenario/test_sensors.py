@@ -1,4 +1,4 @@
-"""Sensors in scenarios: attributes agree with the systems, compiled and wired flights agree, also for a user's kind."""
+"""Tests of sensors in scenarios: their attributes, and flights with shipped and with a user's sensors."""
 
 import pickle
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
@@ -27,7 +27,7 @@ SENSORS_ON_BOARD = (
     " bias: [{uniform: {min: -0.2, max: 0.2}}, 0.1, 0], noise_density: {uniform: {min: 0.001, max: 0.01}}},"
     " {kind: accelerometer, period: 0.04}]"
 )
-WHOLE = "metrics={start: 0, end: null}"
+WHOLE_FLIGHT = "metrics={start: 0, end: null}"
 
 
 class Altitude(NamedTuple):
@@ -45,8 +45,8 @@ class AltimeterNumbers(NamedTuple):
 
 def altitude(numbers: AltimeterNumbers, noise: Altitude | None, state: State, wind: Wind) -> Altitude:
     """Return the height, which the dynamic pressure of the wind from the front makes too small."""
-    seen = state.z - 0.05 * wind.x * wind.x
-    return Altitude(seen if noise is None else seen + numbers.noise * noise.height)
+    height = state.z - 0.05 * wind.x * wind.x
+    return Altitude(height if noise is None else height + numbers.noise * noise.height)
 
 
 class AltimeterSettings(SensorSettings):
@@ -71,8 +71,8 @@ def check_member(kind, name):
     """Assert that the system of a sensor has the ports and the noise that the model states."""
     vehicle = load_scenario("hover").vehicle
     exact = kind.model_validate({"kind": name})
-    wrong = kind.model_validate({"kind": name, "latency_samples": 2.0} | dict.fromkeys(kind.noise, 0.5))
-    for sensor, noisy in ((exact, False), (wrong, True)):
+    imperfect = kind.model_validate({"kind": name, "latency_samples": 2.0} | dict.fromkeys(kind.noise, 0.5))
+    for sensor, noisy in ((exact, False), (imperfect, True)):
         system = sensor.recipe(sensor, vehicle).build(2)
         assert [*system.random_inputs] == ["noise"] * noisy
         assert {update.period for update in system.updates} == {sensor.period}
@@ -108,14 +108,14 @@ def test_a_user_s_sensor_is_checked_like_a_shipped_one(altimeter):
     ids=["vehicle", "response"],
 )
 def test_readings_of_wired_compiled_and_fleet_flights_agree(asymmetric, scenario):
-    """Numbers are drawn, and periods are longer and shorter than that of the control."""
-    drawn = asymmetric(scenario[0], *scenario[1:], SENSORS_ON_BOARD, WHOLE, "duration=0.5")
+    """Numbers are random. One sensor has a shorter period than the control, the other a longer one."""
+    drawn = asymmetric(scenario[0], *scenario[1:], SENSORS_ON_BOARD, WHOLE_FLIGHT, "duration=0.5")
     flights = assert_flown_alike(Batch.draw(drawn, range(3)))
     (alone,) = simulate_samples(drawn, [2])
     for name, values in alone.items():
         np.testing.assert_array_equal(values, flights[2][name], err_msg=name)
     assert np.ptp(flights[2]["accelerometer"], axis=0).min() > 0.01
-    # The second sensor samples at every other tick.
+    # The second sensor takes a sample at every other tick.
     second = flights[2]["accelerometer_2"]
     np.testing.assert_array_equal(second[1:-1:2], second[2::2])
     assert (second[2:-1:2] != second[3::2]).all()
@@ -123,19 +123,19 @@ def test_readings_of_wired_compiled_and_fleet_flights_agree(asymmetric, scenario
 
 @pytest.mark.slow
 def test_readings_have_the_same_bits_wired_and_compiled():
-    """The comparison starts at the first tick. Before it, formulas use the elementary functions of NumPy."""
+    """The initial readings are not compared, since their formulas use the elementary functions of NumPy."""
     drawn = load_scenario("figure_eight", [SENSORS_ON_BOARD, "duration=0.5"])
     wired, compiled = (simulate_samples(drawn, range(3), compiled=compiled) for compiled in (False, True))
-    for found, expected in zip(compiled, wired, strict=True):
+    for flight, expected in zip(compiled, wired, strict=True):
         for name in ("state", *drawn.laboratory.named_sensors):
-            np.testing.assert_array_equal(found[name][1:], expected[name][1:], err_msg=name)
+            np.testing.assert_array_equal(flight[name][1:], expected[name][1:], err_msg=name)
 
 
 @pytest.mark.slow
 def test_sensors_do_not_change_the_flight(asymmetric):
-    """Neither the motion nor random numbers change by a bit, and a document without sensors does not change."""
+    """Motion and random numbers agree to the bit, and a scenario without sensors is written as before."""
     plain, sensing = (
-        simulate(asymmetric("pid", WHOLE, "duration=0.3", f"laboratory.sensors={sensors}"))
+        simulate(asymmetric("pid", WHOLE_FLIGHT, "duration=0.3", f"laboratory.sensors={sensors}"))
         for sensors in ("[]", "[{kind: accelerometer, noise_density: 0.01}]")
     )
     assert sensing.signals.keys() - plain.signals.keys() == {"accelerometer"}
@@ -146,8 +146,8 @@ def test_sensors_do_not_change_the_flight(asymmetric):
     assert "sensors" in sensing.scenario.laboratory.model_dump()
 
 
-def test_a_scenario_gives_an_accelerometer_its_numbers(asymmetric):
-    """Its position is relative to the true centre of mass, and its noise follows from the density and the period."""
+def test_an_accelerometer_has_the_numbers_of_its_scenario(asymmetric):
+    """The position is relative to the true centre of mass. The noise follows from the density and the period."""
     scenario = asymmetric("pid", SENSORS_ON_BOARD, "laboratory.sensors.1.noise_density=0.003", "vehicle.gravity=9.7")
     batch = Batch.draw(scenario, range(4))
     recipes = laboratory_recipes(batch, plan_route(scenario), 10.0)
@@ -168,9 +168,9 @@ def test_a_scenario_gives_an_accelerometer_its_numbers(asymmetric):
     assert (numbers.bias.y, numbers.gravity) == (0.1, 9.7)
     assert second.structure["longest_latency"] == 0
     assert second.numbers.noise == pytest.approx(0.003 / 0.2)
-    silent = Batch.draw(asymmetric("pid", SENSORS_ON_BOARD), range(4))
-    loud = silent.with_varying({"laboratory.sensors.1.noise_density": np.full(4, 0.1)})
-    for batch, noisy in ((silent, False), (loud, True)):
+    noiseless = Batch.draw(asymmetric("pid", SENSORS_ON_BOARD), range(4))
+    with_noise = noiseless.with_varying({"laboratory.sensors.1.noise_density": np.full(4, 0.1)})
+    for batch, noisy in ((noiseless, False), (with_noise, True)):
         recipe = laboratory_recipes(batch, plan_route(scenario), 10.0)["sensors.accelerometer_2"]
         assert recipe.structure["noisy"] == noisy
     default = AccelerometerSettings(kind="accelerometer")
@@ -218,26 +218,26 @@ def test_a_user_s_sensor_is_part_of_the_language_while_it_is_registered(altimete
 
 
 def test_a_sensor_with_missing_attributes_or_the_name_of_a_signal_is_refused(altimeter):
-    class Mute(SensorSettings):
-        kind: Literal["mute"]
+    class IncompleteSensor(SensorSettings):
+        kind: Literal["incomplete"]
         noise: ClassVar = ()
 
-    class Second(altimeter):
+    class SecondAccelerometer(altimeter):
         kind: Literal["accelerometer"]
 
-    with pytest.raises(TypeError, match="Mute must define law and numbers"):
-        SENSORS.member(Mute)
+    with pytest.raises(TypeError, match="IncompleteSensor must define law and numbers"):
+        SENSORS.member(IncompleteSensor)
     with pytest.raises(ValueError, match="the name accelerometer of .* is taken by AccelerometerSettings"):
-        SENSORS.member(Second)
+        SENSORS.member(SecondAccelerometer)
     for name in ("wind", "wind_2"):
-        Second.model_fields["kind"].annotation = Literal[name]
+        SecondAccelerometer.model_fields["kind"].annotation = Literal[name]
         with pytest.raises(ValueError, match=f"the kind {name} of .* is the name of an existing signal"):
-            SENSORS.member(Second)
+            SENSORS.member(SecondAccelerometer)
     assert (SIGNALS["wind"], SIGNALS["accelerometer"]) == (Wind, SpecificForce)
-    assert not any(name in SIGNALS for name in ("mute", "altimeter_", "altimeter_x"))
+    assert not any(name in SIGNALS for name in ("incomplete", "altimeter_", "altimeter_x"))
     assert [numbered("altimeter", number) for number in (1, 2, 12)] == ["altimeter", "altimeter_2", "altimeter_12"]
     with pytest.raises(KeyError):
-        SIGNALS["mute_2"]
+        SIGNALS["incomplete_2"]
 
 
 def test_a_sensor_that_is_not_registered_is_refused(altimeter, monkeypatch):
@@ -270,7 +270,7 @@ def test_sensors_do_not_change_linear_models():
     assert (sensing.states, sensing.period) == (plain.states, plain.period)
 
 
-class Weighing(LeafSystem):
+class SpecificForceControl(LeafSystem):
     """Control of the thrust alone, which keeps the specific force equal to gravity."""
 
     def __init__(self):
@@ -285,28 +285,28 @@ class Weighing(LeafSystem):
 def test_a_user_s_control_can_read_sensors():
     """If the command is twice the specific force minus half of gravity, hover is an equilibrium."""
     flight = simulate(
-        hover({"kind": "accelerometer", "bias": [0, 0, 1]}, {"kind": "accelerometer"}), control=Weighing()
+        hover({"kind": "accelerometer", "bias": [0, 0, 1]}, {"kind": "accelerometer"}), control=SpecificForceControl()
     )
     np.testing.assert_allclose(flight.record("wrench").thrust, 0.68 * 9.81, rtol=1e-9)
     with pytest.raises(
         InputError, match="control has the input port `accelerometer_2`, but may only have .*accelerometer`"
     ):
-        simulate(hover({"kind": "accelerometer"}), control=Weighing())
+        simulate(hover({"kind": "accelerometer"}), control=SpecificForceControl())
 
 
 @pytest.mark.slow
-def test_environments_show_sensors():
-    kept = []
+def test_environments_provide_the_readings_of_sensors():
+    forces = []
     envs = QuadrotorVectorEnv(
         "hover",
         {"laboratory.sensors": [{"kind": "accelerometer"}, {"kind": "accelerometer", "bias": [0.0, 0.0, 0.5]}]},
         num_envs=2,
         action="rates",
         signals=["accelerometer_2"],
-        reward=lambda step: kept.append(step.signals["accelerometer_2"]) or np.zeros(2),
+        reward=lambda step: forces.append(step.signals["accelerometer_2"]) or np.zeros(2),
     )
     envs.reset(seed=0)
     envs.step(np.zeros((2, 4)))
-    (force,) = kept
+    (force,) = forces
     assert isinstance(force, SpecificForce)
     assert (force.z > 0.5).all()

@@ -1,4 +1,4 @@
-"""Routes of setpoints, each held until the next one."""
+"""Tests of routes of setpoints, each of which is held until the next one."""
 
 import numpy as np
 import pytest
@@ -23,11 +23,11 @@ def test_each_setpoint_is_held_until_the_next_and_the_last_for_ever():
     np.testing.assert_array_equal(evaluate(plan.flown_yaw, times)[0], expected[:, 3])
 
 
-def test_nothing_is_fed_forward():
-    """Velocity to snap of the position, and both derivatives of the yaw, are zero although the setpoints jump."""
+def test_setpoints_have_no_feed_forward():
+    """All derivatives of position and yaw are zero, although the setpoints jump."""
     rows = plan_of(SETPOINTS).reference().vector_values(np.linspace(-0.5, 3.0, 50))
-    moving = [row for row in range(len(rows)) if row not in (0, 1, 2, 9)]
-    assert not rows[moving].any()
+    fed_forward = [row for row in range(len(rows)) if row not in (0, 1, 2, 9)]
+    assert not rows[fed_forward].any()
     assert np.ptp(rows[[0, 1, 2, 9]], axis=1).min() > 0.1
 
 
@@ -41,6 +41,6 @@ def test_nothing_is_fed_forward():
         ([], r"setpoints is .*at least 1 item"),
     ],
 )
-def test_setpoints_without_order_are_refused(setpoints, message):
+def test_invalid_setpoints_are_refused(setpoints, message):
     with pytest.raises(InputError, match=message):
         load_mission("vehicles/paper", [ROUTE % setpoints])

@@ -1,4 +1,4 @@
-"""Names of shipped scenarios do not depend on the working directory."""
+"""Tests that names of shipped scenarios do not depend on the working directory."""
 
 import pytest
 
@@ -9,9 +9,9 @@ from drake_quad.scenario.files.shipped import shipped_file, shipped_folder, ship
 
 
 def test_a_name_has_the_same_meaning_in_every_working_directory(diagrams, tmp_path, monkeypatch):
-    here = load_scenario(diagrams / "laboratory.yaml:high_wind")
+    expected = load_scenario(diagrams / "laboratory.yaml:high_wind")
     monkeypatch.chdir(tmp_path)
-    assert load_scenario("laboratory:high_wind") == here
+    assert load_scenario("laboratory:high_wind") == expected
     assert load_scenario("figure_eight").name == "figure_eight"
     assert (
         load_undesigned("vehicles/hummingbird").vehicle
@@ -34,10 +34,10 @@ def test_a_file_can_extend_a_shipped_scenario(tmp_path):
     (tmp_path / "mine.yaml").write_text(
         "a: {extends: ['laboratory:low_wind', gains/laboratory]}\nhover: {extends: a}\n"
     )
-    asked = load_scenario("laboratory:low_wind", layers=["gains/laboratory"])
-    assert load_scenario(tmp_path / "mine.yaml:a").control == asked.control
+    layered = load_scenario("laboratory:low_wind", layers=["gains/laboratory"])
+    assert load_scenario(tmp_path / "mine.yaml:a").control == layered.control
     # A name without a file is a scenario of the same file, if that contains one.
-    assert load_scenario(tmp_path / "mine.yaml:hover").route == asked.route
+    assert load_scenario(tmp_path / "mine.yaml:hover").route == layered.route
     (tmp_path / "other.yaml").write_text(
         "mine: {extends: hover}\nfaulty: {extends: laboratory}\nmore: {extends: nowhere}\n"
     )

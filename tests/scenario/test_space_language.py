@@ -1,3 +1,5 @@
+"""Tests of spaces and obstacles in the scenario language."""
+
 import struct
 
 import numpy as np
@@ -30,18 +32,18 @@ CORNERS = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 TRIANGLES = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
 
 
-def obj():
+def obj_mesh():
     inside = "v 0.1 0.1 0.1 1.0\n"
     vertices = "".join(f"v {x} {y} {z}\n" for x, y, z in CORNERS)
     return f"# a rock\n{vertices}{inside}vn 9 9 9\nf 1/1/1 2/2/2 3/3/3\n".encode()
 
 
-def binary_stl():
+def binary_stl_mesh():
     rows = [struct.pack("<12fH", 0, 0, 0, *np.ravel([CORNERS[i] for i in each]), 0) for each in TRIANGLES]
     return b"solid".ljust(80) + struct.pack("<I", len(rows)) + b"".join(rows)
 
 
-def text_stl():
+def text_stl_mesh():
     facets = (
         "facet normal 0 0 0\nouter loop\n"
         + "".join("vertex {} {} {}\n".format(*CORNERS[i]) for i in each)
@@ -54,7 +56,7 @@ def text_stl():
 @pytest.fixture
 def folder(tmp_path):
     (tmp_path / "rooms.yaml").write_text(ROOM)
-    (tmp_path / "rock.obj").write_bytes(obj())
+    (tmp_path / "rock.obj").write_bytes(obj_mesh())
     return tmp_path
 
 
@@ -87,7 +89,7 @@ def test_obstacles_are_merged_by_name(folder):
 
 
 @pytest.mark.parametrize(
-    ("name", "data"), [("rock.obj", obj()), ("binary.stl", binary_stl()), ("text.STL", text_stl())]
+    ("name", "data"), [("rock.obj", obj_mesh()), ("binary.stl", binary_stl_mesh()), ("text.STL", text_stl_mesh())]
 )
 def test_meshes_give_the_corners_of_their_hull(folder, name, data):
     (folder / name).write_bytes(data)
@@ -201,12 +203,12 @@ def test_files_of_other_formats_are_refused_with_their_names(folder, name, words
     assert f"{name}: {words}" in str(error.value)
 
 
-PRISM = [[float(np.cos(i)), float(np.sin(i)), float(i % 2)] for i in range(200)]
+MANY_CORNERS = [[float(np.cos(i)), float(np.sin(i)), float(i % 2)] for i in range(200)]
 
 
 def test_a_mesh_of_many_corners_is_replaced_by_a_hull_around_it(folder):
-    """The mesh is a file or a list of points. A warning states the growth, and a saved hull equals the loaded one."""
-    (folder / "rock.obj").write_text("".join("v {} {} {}\n".format(*corner) for corner in PRISM))
+    """The mesh may be a file or a list of points. A saved hull is loaded again without a change."""
+    (folder / "rock.obj").write_text("".join("v {} {} {}\n".format(*corner) for corner in MANY_CORNERS))
     with pytest.warns(
         InputWarning,
         match=r"rock.obj: its convex hull with 200 corners is replaced by a hull with 100 corners around it",
@@ -215,13 +217,15 @@ def test_a_mesh_of_many_corners_is_replaced_by_a_hull_around_it(folder):
     assert len(rock.points) == 100
     solid = rock.shape()
     assert (
-        solid.distances(transformed_points(PRISM, centre=rock.centre, rotation=rock.rotation, scale=rock.scale)).max()
+        solid.distances(
+            transformed_points(MANY_CORNERS, centre=rock.centre, rotation=rock.rotation, scale=rock.scale)
+        ).max()
         <= 0.0
     )
     again = {"kind": "hull", "points": rock.points, "centre": (3.0, 3.0, 0.0), "scale": 0.5, "rotation": rock.rotation}
     assert load_scenario("figure_eight", {"space.obstacles.rock": again}).space.obstacles["rock"] == rock
     with pytest.warns(InputWarning, match=r"^obstacle of kind hull: its convex hull with 200 corners is replaced"):
-        same = load_scenario("figure_eight", {"space.obstacles.rock": {**again, "points": PRISM}})
+        same = load_scenario("figure_eight", {"space.obstacles.rock": {**again, "points": MANY_CORNERS}})
     assert same.space.obstacles["rock"] == rock
 
 
@@ -237,6 +241,6 @@ def test_the_number_of_obstacles_is_limited_and_names_are_unique(folder):
 
 def test_a_mesh_of_too_many_bytes_is_refused(folder):
     with (folder / "rock.obj").open("r+b") as file:
-        file.truncate(50_000_001)  # a sparse file, which takes no space on the disk
+        file.truncate(50_000_001)  # The file is sparse and takes no space on the disk.
     with pytest.raises(InputError, match=r"rock\.obj: is too large: a mesh may have 50,000,000 bytes"):
         load_scenario(folder / "rooms.yaml:room")

@@ -1,4 +1,4 @@
-"""Attributes of every member of every open union agree with its systems, also for a user's members."""
+"""Tests that attributes of every member of every open union agree with its systems, also for a user's members."""
 
 import pickle
 from importlib import import_module
@@ -36,7 +36,7 @@ ROOT = Path(__file__).parent.parent.parent
 EXAMPLE = ROOT / "scripts" / "sliding_mode_in_yaml.py"
 
 
-FLOWN = [
+TESTED_CONTROLS = [
     ("figure_eight", []),
     ("onboard", []),
     ("laboratory:nominal", ["controllers/lqg:lqg"]),
@@ -48,12 +48,12 @@ FLOWN = [
 
 
 def example(kind: type[Model]) -> Any:
-    """Return a member with ones in all required numbers, and the first kind of each part."""
-    fields = {name: _value(info) for name, info in kind.model_fields.items() if info.is_required()}
+    """Return a member in which all required numbers are one and each part has its first kind."""
+    fields = {name: value_for(info) for name, info in kind.model_fields.items() if info.is_required()}
     return kind.model_validate(fields)
 
 
-def _value(field: Any) -> Any:
+def value_for(field: Any) -> Any:
     unions = [union for union in field.metadata if isinstance(union, OpenUnion)]
     models = [*unions[0]] if unions else [field.annotation, *get_args(field.annotation)]
     models = [model for model in models if isinstance(model, type) and issubclass(model, Model)]
@@ -66,7 +66,7 @@ def _value(field: Any) -> Any:
 
 @pytest.fixture(scope="module")
 def settings():
-    """Return the setting of a control without and with an autopilot."""
+    """Return the settings of controls without and with an autopilot, by the name of the scenario."""
     return {name: setting_of(load_scenario(name)) for name in ("figure_eight", "onboard")}
 
 
@@ -74,12 +74,12 @@ def setting_of(scenario):
     return control_setting(scenario, plan_route(scenario))
 
 
-def ports(system):
+def port_names(system):
     inputs = {system.get_input_port(i).get_name() for i in range(system.num_input_ports())}
     return inputs, {system.get_output_port(i).get_name() for i in range(system.num_output_ports())}
 
 
-def members(union):
+def for_each_member(union):
     return pytest.mark.parametrize("kind", union.members.values(), ids=lambda kind: kind.__name__)
 
 
@@ -88,7 +88,7 @@ def check_position_controller(kind, setting):
     systems = {path: recipe.build(2) for path, recipe in position.recipes(setting).items()}
     assert all(path == "position" or path.startswith("position.") for path in systems)
     built = position.build(systems, takes_correction=kind.takes_correction)
-    inputs, outputs = ports(built)
+    inputs, outputs = port_names(built)
     assert inputs >= {"measurement", "reference"}
     assert ("correction" in inputs) == kind.takes_correction
     assert "acceleration_command" in outputs
@@ -97,7 +97,7 @@ def check_position_controller(kind, setting):
     assert position.feed_forward in setting.autopilot.feeds_forward
 
 
-@members(POSITION_CONTROLLERS)
+@for_each_member(POSITION_CONTROLLERS)
 def test_every_position_controller_agrees_with_its_systems(kind, settings):
     check_position_controller(kind, settings["figure_eight"])
     plain = example(kind).plain()
@@ -106,21 +106,21 @@ def test_every_position_controller_agrees_with_its_systems(kind, settings):
     assert (plain.k_p, plain.k_d, plain.feed_forward) == ((1.0,) * 3, (1.0,) * 3, "none")
 
 
-@members(ATTITUDE_CONTROLLERS)
+@for_each_member(ATTITUDE_CONTROLLERS)
 def test_every_attitude_controller_agrees_with_its_system(kind, settings):
     attitude, believed = example(kind), settings["figure_eight"].believed
-    inputs, outputs = ports(attitude.recipe(believed.inertia, 0.02).build(2))
+    inputs, outputs = port_names(attitude.recipe(believed.inertia, 0.02).build(2))
     assert inputs >= {"measurement", "attitude_command"}
     assert outputs == {"torque"}
     vectoring = load_scenario("figure_eight").control.thrust_vectoring.recipe(believed, attitude)
-    assert ports(vectoring.build(2))[0] >= {"measurement", "acceleration_command"}
+    assert port_names(vectoring.build(2))[0] >= {"measurement", "acceleration_command"}
     plain = attitude.plain()
     assert plain.plain() is plain
     assert (plain.k_p, plain.k_d) == (attitude.k_p, attitude.k_d)
-    assert not plain.recipe(believed.inertia, 0.02).build(2).updates, "it remembers nothing"
+    assert not plain.recipe(believed.inertia, 0.02).build(2).updates, "a plain controller has no memory"
 
 
-@members(AUTOPILOTS)
+@for_each_member(AUTOPILOTS)
 def test_every_autopilot_agrees_with_its_system(kind, settings):
     autopilot, believed = example(kind), settings["onboard"].believed
 
@@ -133,7 +133,7 @@ def test_every_autopilot_agrees_with_its_system(kind, settings):
     assert ("wrench" in kind.accepts) != autopilot.controls_attitude
     for recipe in recipes.values():
         system = recipe.build(2)
-        inputs, outputs = ports(system)
+        inputs, outputs = port_names(system)
         assert "attitude_target" in inputs
         assert outputs == {"wrench"}
         assert {update.period for update in system.updates} == {autopilot.period} - {None}
@@ -143,10 +143,10 @@ def test_every_autopilot_agrees_with_its_system(kind, settings):
     assert vehicle.HasInputPort("attitude_target") == kind.models_vehicle
     noises = {name: 0.1 for name in kind.model_fields if "noise" in name}
     biases = {name: (0.1, 0.2, 0.3) for name in kind.model_fields if "bias" in name}
-    wrong = autopilot.model_copy(update=noises | biases)
-    assert (recipes_of(wrong) != recipes_of(autopilot)) == bool(noises | biases)
-    assert recipes_of(wrong.without_noise().without_bias()) == recipes_of(autopilot)
-    assert recipes_of(wrong.without_noise()) == recipes_of(autopilot.model_copy(update=biases))
+    imperfect = autopilot.model_copy(update=noises | biases)
+    assert (recipes_of(imperfect) != recipes_of(autopilot)) == bool(noises | biases)
+    assert recipes_of(imperfect.without_noise().without_bias()) == recipes_of(autopilot)
+    assert recipes_of(imperfect.without_noise()) == recipes_of(autopilot.model_copy(update=biases))
 
 
 def test_an_identified_response_decays_with_its_poles():
@@ -166,7 +166,7 @@ def check_action(kind, settings):
         attitude = example(PdAttitude) if action.needs_attitude(setting.autopilot) else None
         assert action.needs_attitude(setting.autopilot) == (not on_board and kind.commands in ("attitude", "rates"))
         system = action.recipe(setting, turn=0.0, attitude=attitude).build(2)
-        _, outputs = ports(system)
+        _, outputs = port_names(system)
         commands = {"attitude": "thrust_and_attitude", "rates": "wrench", "wrench": "wrench"}[kind.commands]
         if kind.vectors_thrust:
             commands = "acceleration_command"
@@ -178,12 +178,12 @@ def check_action(kind, settings):
         assert max(map(abs, action.hovering(setting.believed))) < 1.0
 
 
-@members(ACTIONS)
+@for_each_member(ACTIONS)
 def test_every_action_agrees_with_its_system(kind, settings):
     check_action(kind, settings)
 
 
-@pytest.mark.parametrize(("scenario", "layers"), FLOWN)
+@pytest.mark.parametrize(("scenario", "layers"), TESTED_CONTROLS)
 def test_every_control_agrees_with_its_diagram(scenario, layers):
     scenario = load_scenario(scenario, layers=layers)
     control, setting = scenario.control, setting_of(scenario)
@@ -191,7 +191,7 @@ def test_every_control_agrees_with_its_diagram(scenario, layers):
     for starts in control.user_system_paths.values():
         assert any(path.startswith(starts) for path in recipes)
     built = control.build({path: recipe.build(2) for path, recipe in recipes.items()}, UserSystems().given)
-    inputs, outputs = ports(built)
+    inputs, outputs = port_names(built)
     assert built.get_name() == "control"
     assert setting.autopilot.command in outputs
     assert ("reference_ahead" in inputs) == bool(control.ahead())
@@ -203,11 +203,11 @@ def test_every_control_agrees_with_its_diagram(scenario, layers):
 
 
 def test_every_kind_of_control_is_tested():
-    assert {load_scenario(name, layers=layers).control.kind for name, layers in FLOWN} == {*CONTROLS.members}
+    assert {load_scenario(name, layers=layers).control.kind for name, layers in TESTED_CONTROLS} == {*CONTROLS.members}
 
 
 @pytest.fixture
-def sliding(monkeypatch):
+def sliding_mode(monkeypatch):
     """Return the position controller of the example, which is registered during a test."""
     monkeypatch.syspath_prepend(EXAMPLE.parent)
     return POSITION_CONTROLLERS.member(import_module(EXAMPLE.stem).SlidingPosition)
@@ -216,58 +216,58 @@ def sliding(monkeypatch):
 SLIDING = {"kind": "sliding_mode", "slope": [1.5, 1.4, 2.0], "gain": [2.0, 2.1, 4.0], "width": [0.9, 0.8, 1.0]}
 
 
-def flying(position=SLIDING, **changes):
+def figure_eight_with(position=SLIDING, **changes):
     return load_scenario("figure_eight", {"control.position": position, "duration": 2.0, **changes})
 
 
-def test_a_user_s_position_controller_is_checked_like_a_shipped_one(sliding, settings):
-    check_position_controller(sliding, settings["figure_eight"])
+def test_a_user_s_position_controller_is_checked_like_a_shipped_one(sliding_mode, settings):
+    check_position_controller(sliding_mode, settings["figure_eight"])
 
 
 @pytest.mark.slow
-def test_within_its_boundary_layer_a_sliding_mode_is_a_pd(sliding):
+def test_within_its_boundary_layer_a_sliding_mode_is_a_pd(sliding_mode):
     """K (ė + λ e) / φ + λ ė is a PD with k_P = K λ / φ and k_D = λ + K / φ."""
     slope, gain, width = (np.array(SLIDING[name]) for name in ("slope", "gain", "width"))
     pd = {"kind": "pd", "feed_forward": "snap", "k_p": gain * slope / width, "k_d": slope + gain / width}
-    mine, its = (simulate(flying(position)) for position in (SLIDING, pd))
-    np.testing.assert_allclose(mine["state"], its["state"], rtol=0.0, atol=1e-12)
-    loops = [closed_loop(at_rest(flying(position))).system.A for position in (SLIDING, pd)]
+    sliding_flight, pd_flight = (simulate(figure_eight_with(position)) for position in (SLIDING, pd))
+    np.testing.assert_allclose(sliding_flight["state"], pd_flight["state"], rtol=0.0, atol=1e-12)
+    loops = [closed_loop(at_rest(figure_eight_with(position))).system.A for position in (SLIDING, pd)]
     np.testing.assert_allclose(*loops, rtol=0.0, atol=1e-9)
 
 
-def test_beyond_its_boundary_layer_a_sliding_mode_is_limited(sliding):
+def test_beyond_its_boundary_layer_a_sliding_mode_is_limited(sliding_mode):
     position = SLIDING | {"width": [1e-6] * 3}
-    flight = simulate(flying(position, **{"vehicle.mass": 0.5, "duration": 0.5}))
+    flight = simulate(figure_eight_with(position, **{"vehicle.mass": 0.5, "duration": 0.5}))
     command, reference = flight.record("acceleration_command"), flight.record("reference")
-    seen = flight.record("measurement")
-    answer = command.z - reference.a_z - SLIDING["slope"][2] * (reference.v_z - seen.v_z)
-    np.testing.assert_allclose(np.abs(answer[2:]), SLIDING["gain"][2], rtol=1e-9)
+    measurement = flight.record("measurement")
+    switching_term = command.z - reference.a_z - SLIDING["slope"][2] * (reference.v_z - measurement.v_z)
+    np.testing.assert_allclose(np.abs(switching_term[2:]), SLIDING["gain"][2], rtol=1e-9)
 
 
 @pytest.mark.slow
-def test_a_user_s_position_controller_flies_in_fleets_wired_and_compiled(sliding):
+def test_a_user_s_position_controller_flies_in_fleets_wired_and_compiled(sliding_mode):
     gain = {"uniform": {"min": 1.0, "max": 3.0}}
-    assert_flown_alike(Batch.draw(flying(**{"control.position.gain.1": gain, "duration": 0.5}), range(3)))
+    assert_flown_alike(Batch.draw(figure_eight_with(**{"control.position.gain.1": gain, "duration": 0.5}), range(3)))
 
 
 @pytest.mark.slow
-def test_a_user_s_position_controller_is_part_of_the_language(sliding):
+def test_a_user_s_position_controller_is_part_of_the_language(sliding_mode):
     assert "SlidingPosition" in file_schema()["$defs"]
     assert "| `slope` |" in language_page()
     with pytest.raises(InputError, match=r"control.position.slope.0 is -1.0, but must be larger than 0"):
-        flying(SLIDING | {"slope": [-1.0, 1.0, 1.0]})
+        figure_eight_with(SLIDING | {"slope": [-1.0, 1.0, 1.0]})
     network = {"kind": "type_1", "learning": {"kind": "gradient"}}
     with pytest.raises(InputError, match="position controller of kind sliding_mode takes no correction"):
-        flying(**{"control.network": network})
-    assert pickle.loads(pickle.dumps(flying())) == flying()
+        figure_eight_with(**{"control.network": network})
+    assert pickle.loads(pickle.dumps(figure_eight_with())) == figure_eight_with()
     refusal = "the gains of control.position of kind sliding_mode cannot be designed"
     for design in (with_integrals, lambda scenario: with_gains(scenario, {"position": {"k_p": [1.0] * 3}})):
         with pytest.raises(InputError, match=refusal):
-            design(flying())
+            design(figure_eight_with())
     POSITION_CONTROLLERS.remove("sliding_mode")
     with pytest.raises(InputError, match="control.position.kind is 'sliding_mode', but must be one of"):
-        flying()
-    POSITION_CONTROLLERS.member(sliding)
+        figure_eight_with()
+    POSITION_CONTROLLERS.member(sliding_mode)
 
 
 class OwnAutopilot(AttitudeAutopilotSettings):

@@ -1,4 +1,4 @@
-"""Attributes and methods of every effect agree with the motion of the vehicle, also for a user's effect."""
+"""Tests that attributes and methods of every effect agree with the motion of the vehicle, also for a user's effect."""
 
 import math
 from importlib import import_module
@@ -40,7 +40,7 @@ EXAMPLE = Path(__file__).parent.parent.parent / "scripts" / "ceiling_effect.py"
 PAPER = QuadrotorParameters()
 HEIGHT = 0.3
 NUM_STATES = len(State._fields) + len(RotorSpeed._fields)
-# Values of fields. Other effects have 0.1 in all required fields.
+# Effects without an entry have 0.1 in all required fields.
 FIELDS = {
     "body_drag": {"linear": [0.1, 0.2, 0.3], "quadratic": [0.03, 0.01, 0.02], "centre_of_pressure": [0.01, 0.0, 0.03]},
     "rotor_aerodynamics": {"lift": 0.02, "climb": -0.1, "drag": 1e-4, "inflow": 2e-4},
@@ -57,7 +57,7 @@ def test_a_payload_that_is_dropped_later_stays_in_hover():
     """The vehicle is trimmed with the payload, but not with one that is dropped at time zero."""
     dropped = {**FIELDS["payload"], "event": "dropped"}
     payload = EFFECTS.members["payload"](**dropped)
-    assert stays("payload", payload.in_hover())
+    assert has_constant_acceleration("payload", payload.in_hover())
     assert payload.model_copy(update={"time": 0.0}).in_hover() is None
 
 
@@ -74,7 +74,7 @@ def test_a_vehicle_leans_against_its_trim_force():
 
 
 @pytest.fixture
-def ceiling(monkeypatch):
+def ceiling_effect(monkeypatch):
     """Return the effect of the example, which is registered during a test."""
     monkeypatch.syspath_prepend(EXAMPLE.parent)
     return EFFECTS.member(import_module(EXAMPLE.stem).CeilingEffect)
@@ -89,7 +89,7 @@ def with_effect(name, effect):
     return Vehicle(**{name: effect})
 
 
-def built(name, effect, speed=0.0, time_step=0.01):
+def vehicle_in_hover(name, effect, speed=0.0, time_step=0.01):
     """Return the paper's vehicle in hover with an effect, in a context that holds the initial rotor speeds."""
     effects = with_effect(name, effect).effect_numbers()
     faults = effect.numbers() if name == "rotor_failure" else RotorFaults()
@@ -106,52 +106,52 @@ def built(name, effect, speed=0.0, time_step=0.01):
     return vehicle, context
 
 
-def flown(name, effect, speed=0.0, until=0.4):
-    """Return the state after a time with the commanded rotor speeds of hover, starting at a velocity."""
-    vehicle, context = built(name, effect, speed)
+def state_after(name, effect, speed=0.0, until=0.4):
+    """Return the state after a flight that begins at a speed, with the rotor speeds of hover as commands."""
+    vehicle, context = vehicle_in_hover(name, effect, speed)
     simulator = Simulator(vehicle, context)
-    simulator.AdvanceTo(until + 1e-9)  # beyond the last update
+    simulator.AdvanceTo(until + 1e-9)  # The end is just beyond the last update.
     return vehicle.GetOutputPort("state").Eval(context)
 
 
-def stays(name, effect):
-    """Return whether the acceleration stays constant; it is zero unless the vehicle must tilt against the effect."""
-    start, half, whole = (flown(name, effect, until=until)[6:] for until in (0.0, 0.2, 0.4))
+def has_constant_acceleration(name, effect):
+    """Return whether the acceleration is constant. It is zero unless the vehicle must tilt against the effect."""
+    start, half, whole = (state_after(name, effect, until=until)[6:] for until in (0.0, 0.2, 0.4))
     return np.abs(whole - 2.0 * half + start).max() < 1e-9
 
 
-def couples(name, effect):
-    return np.abs(flown(name, effect, speed=2.0)[9:12]).max() > 1e-9
+def rotates_body(name, effect):
+    return np.abs(state_after(name, effect, speed=2.0)[9:12]).max() > 1e-9
 
 
-def slopes_along_axes(effect):
-    """Return the derivatives of the force on each axis by the airspeed along it, up to 5 m/s, N s/m."""
+def slopes_along_axes_of(effect):
+    """Return the derivatives of the force along each axis by the airspeed along it, up to 5 m/s, N s/m."""
     rotors, wrench = RotorSpeed(*[PAPER.max_rotor_speed] * 4), Wrench(8.0, 0.0, 0.0, 0.0)
 
     def force(air):
         return np.array(effect.numbers().load(Flow(Vector(*air), Vector(*air), rotors, wrench, HEIGHT, PAPER)).force)
 
-    ends = [(s - 1e-5, s) for s in np.linspace(-4.99, 5.0, 31)]
-    return [abs((force(b * e) - force(a * e)) @ e) / (b - a) for e in np.eye(3) for a, b in ends]
+    intervals = [(s - 1e-5, s) for s in np.linspace(-4.99, 5.0, 31)]
+    return [abs((force(b * e) - force(a * e)) @ e) / (b - a) for e in np.eye(3) for a, b in intervals]
 
 
 def check_member(name, kind):
     effect = example(name, kind)
     vehicle = with_effect(name, effect)
     assert isinstance(effect.numbers(), kind.record)
-    assert stays(name, effect) != kind.depends_on_time
-    lasting = effect.in_hover()
-    assert lasting is None or stays(name, lasting)
-    assert couples(name, effect) == kind.couples_axes
-    even = effect.symmetric()
-    assert even is None or not couples(name, even)
+    assert has_constant_acceleration(name, effect) != kind.depends_on_time
+    hovering = effect.in_hover()
+    assert hovering is None or has_constant_acceleration(name, hovering)
+    assert rotates_body(name, effect) == kind.couples_axes
+    symmetric = effect.symmetric()
+    assert symmetric is None or not rotates_body(name, symmetric)
     assert effect.event_times() == ((effect.time,) if "time" in kind.model_fields else ())
     if isinstance(effect, AirLoadEffect):
-        assert max(slopes_along_axes(effect)) <= effect.max_slope(vehicle, 5.0) * (1.0 + 1e-6)
+        assert max(slopes_along_axes_of(effect)) <= effect.max_slope(vehicle, 5.0) * (1.0 + 1e-6)
     else:
         assert effect.max_slope(vehicle, 5.0) == 0.0
     if not kind.depends_on_time:
-        system, context = built(name, effect, time_step=0.0)
+        system, context = vehicle_in_hover(name, effect, time_step=0.0)
         ports = system.GetInputPort("rotor_speed_command").get_index(), system.GetOutputPort("state").get_index()
         matrix = FirstOrderTaylorApproximation(system, context, *ports).A()
         has_states = len(matrix) > NUM_STATES
@@ -172,32 +172,32 @@ def check_response(name, kind):
         assert not allowed
         assert name in str(error)
     else:
-        assert allowed or name == "rotor_failure", "a response contains how the vehicle turns"
+        assert allowed or name == "rotor_failure", "an identified response models the rotation of the vehicle"
 
 
 @pytest.mark.parametrize(("name", "kind"), EFFECTS.members.items(), ids=[*EFFECTS.members])
 def test_every_effect_agrees_with_the_motion(name, kind):
-    """The vehicle stays in hover, couples its axes and oscillates as the attributes of the effect state."""
+    """The attributes state whether the vehicle stays in hover, couples its axes and oscillates."""
     check_member(name, kind)
     check_response(name, kind)
 
 
-def test_a_user_s_effect_is_checked_like_a_shipped_one(ceiling):
-    check_member("ceiling", ceiling)
-    check_response("ceiling", ceiling)
+def test_a_user_s_effect_is_checked_like_a_shipped_one(ceiling_effect):
+    check_member("ceiling", ceiling_effect)
+    check_response("ceiling", ceiling_effect)
 
 
-def test_steps_take_the_height_within_them(ceiling):
+def test_forces_that_depend_on_the_height_change_within_a_step(ceiling_effect):
     """The height of a rising vehicle agrees with an integration with error control."""
-    effect, ends = ceiling(rotor_radius=0.3, height=0.8), []
+    effect, rows_at_the_end = ceiling_effect(rotor_radius=0.3, height=0.8), []
     for time_step in (0.01, 0.0):
-        vehicle, context = built("ceiling", effect, time_step=time_step)
+        vehicle, context = vehicle_in_hover("ceiling", effect, time_step=time_step)
         simulator = Simulator(vehicle, context)
         simulator.get_mutable_integrator().set_target_accuracy(1e-11)
-        simulator.AdvanceTo(0.3 + 1e-9)  # beyond the last update
-        ends.append(vehicle.GetOutputPort("state").Eval(context)[[2, 8]])
-    assert ends[0][1] > 0.05
-    np.testing.assert_allclose(*ends, rtol=1e-7)
+        simulator.AdvanceTo(0.3 + 1e-9)  # The end is just beyond the last update.
+        rows_at_the_end.append(vehicle.GetOutputPort("state").Eval(context)[[2, 8]])
+    assert rows_at_the_end[0][1] > 0.05
+    np.testing.assert_allclose(*rows_at_the_end, rtol=1e-7)
 
 
 def hover(**changes):
@@ -206,8 +206,8 @@ def hover(**changes):
 
 
 @pytest.mark.slow
-def test_a_user_s_effect_flies_wired_and_compiled(ceiling):
-    """The acceleration in the first step follows from the gained thrust."""
+def test_a_user_s_effect_flies_wired_and_compiled(ceiling_effect):
+    """The acceleration in the first step follows from the thrust that the ceiling adds."""
     batch = Batch.draw(hover(), range(2))
     for flight, radius in zip(assert_flown_alike(batch), batch.varying["vehicle.ceiling.rotor_radius"], strict=True):
         gained = 9.81 * (0.25 * radius / 0.3) ** 2
@@ -215,12 +215,12 @@ def test_a_user_s_effect_flies_wired_and_compiled(ceiling):
 
 
 @pytest.mark.slow
-def test_a_user_s_effect_is_part_of_the_language(ceiling):
+def test_a_user_s_effect_is_part_of_the_language(ceiling_effect):
     EFFECTS.remove("ceiling")
     before = load_scenario("hover")
     with pytest.raises(InputError, match="called 'ceiling.rotor_radius'"):
         declaration_of("ceiling.rotor_radius")
-    EFFECTS.member(ceiling)
+    EFFECTS.member(ceiling_effect)
     assert declaration_of("ceiling.rotor_radius").unit == "m"
     assert before.vehicle.effects() == {}
     assert as_believed(before).vehicle.effects() == {}
@@ -236,34 +236,36 @@ def test_a_user_s_effect_is_part_of_the_language(ceiling):
         hover()
 
 
-def test_an_effect_with_missing_attributes_is_refused(ceiling):
-    class Silent(VehicleEffect):
+def test_an_effect_with_missing_attributes_is_refused(ceiling_effect):
+    class IncompleteEffect(VehicleEffect):
         meaning: ClassVar = ""
-        record: ClassVar = ceiling.record
+        record: ClassVar = ceiling_effect.record
         is_believed: ClassVar = False
 
-    class Steep(AirLoadEffect):
+    class EffectWithoutSlope(AirLoadEffect):
         field: ClassVar = "steep"
         meaning: ClassVar = ""
-        record: ClassVar = ceiling.record
+        record: ClassVar = ceiling_effect.record
         is_believed: ClassVar = False
         depends_on_time: ClassVar = False
         couples_axes: ClassVar = False
         belongs_to_airframe: ClassVar = False
 
-    class Taken(ceiling):
+    class EffectNamedBattery(ceiling_effect):
         field: ClassVar = "battery"
 
-    class OfTheVehicle(ceiling):
+    class EffectNamedMass(ceiling_effect):
         field: ClassVar = "mass"
 
-    with pytest.raises(TypeError, match="Silent must define field and depends_on_time and couples_axes and belongs"):
-        EFFECTS.member(Silent)
-    with pytest.raises(TypeError, match="Steep must define max_slope"):
-        EFFECTS.member(Steep)
+    with pytest.raises(
+        TypeError, match="IncompleteEffect must define field and depends_on_time and couples_axes and belongs"
+    ):
+        EFFECTS.member(IncompleteEffect)
+    with pytest.raises(TypeError, match="EffectWithoutSlope must define max_slope"):
+        EFFECTS.member(EffectWithoutSlope)
     with pytest.raises(ValueError, match="the name battery of .* is taken by BatteryEffect"):
-        EFFECTS.member(Taken)
+        EFFECTS.member(EffectNamedBattery)
     with pytest.raises(ValueError, match="the name mass of .* is taken by another field"):
-        EFFECTS.member(OfTheVehicle)
+        EFFECTS.member(EffectNamedMass)
     with pytest.raises(TypeError, match="dict must extend VehicleEffect"):
         EFFECTS.member(dict)

@@ -1,3 +1,5 @@
+"""Tests of tables of waypoints."""
+
 import pytest
 
 from drake_quad.errors import InputError
@@ -25,7 +27,7 @@ def test_three_columns_need_no_names(write):
     assert mission.route.times.kind == "shortest"
 
 
-def test_columns_may_come_in_any_order_with_times_and_yaws(write):
+def test_columns_have_any_order_and_may_contain_times_and_yaws(write):
     text = "\ufeffyaw, Z,y,x,time\n,1,2,3,0\n0.5,4,5,6,7\n"
     mission = load_mission(write(text, "a course.csv"), ["route.top_speed=3"])
     assert mission.name == "a_course"
@@ -36,7 +38,7 @@ def test_columns_may_come_in_any_order_with_times_and_yaws(write):
     assert mission.route.top_speed == 3.0
 
 
-def test_an_override_reaches_into_lists(write):
+def test_an_override_can_change_an_item_of_a_list(write):
     path = write("0,0,1\n1,0,1\n2,0,1\n")
     mission = load_mission(path, ["route.waypoints.1=[5, 5, 5]", "route.waypoints.2.0=7"])
     assert points(mission) == [(0.0, 0.0, 1.0), (5.0, 5.0, 5.0), (7.0, 0.0, 1.0)]

@@ -1,4 +1,4 @@
-"""Attributes and methods of every kind of wind agree with its system, also for a user's kind."""
+"""Tests that attributes and methods of every kind of wind agree with its system, also for a user's kind."""
 
 import pickle
 from importlib import import_module
@@ -21,13 +21,12 @@ from drake_quad.signals import Wind
 
 ROOT = Path(__file__).parent.parent.parent
 EXAMPLE = ROOT / "scripts" / "wind_shear.py"
-# Positions of four vehicles around the origin, m.
-PLACES = np.array([[0.0, 0.0, 1.0], [1.3, 0.2, 1.0], [0.4, -2.0, 1.7], [2.5, 0.1, 3.0]])
-AIR = WindSurroundings(Wind(0.3, -0.2, 0.1), period=0.01)
+POSITIONS = np.array([[0.0, 0.0, 1.0], [1.3, 0.2, 1.0], [0.4, -2.0, 1.7], [2.5, 0.1, 3.0]])
+SURROUNDINGS = WindSurroundings(Wind(0.3, -0.2, 0.1), period=0.01)
 
 
 def example(kind: type[WindSource], **changes: Any) -> WindSource:
-    """Return a source of a kind near the positions, with ones in all required fields."""
+    """Return a source of a kind near `POSITIONS`, in which all other required fields are one."""
     fields: dict[str, Any] = {"kind": kind.model_fields["kind"].annotation.__args__[0]}
     for name, field in kind.model_fields.items():
         if name in ("velocity", "direction"):
@@ -40,16 +39,16 @@ def example(kind: type[WindSource], **changes: Any) -> WindSource:
 
 
 def mean_wind(source: WindSource) -> np.ndarray:
-    """Return the wind (3, T, N) of a source without turbulence at the positions over 4 s, m/s."""
+    """Return the wind (3, T, N) of a source without turbulence at `POSITIONS` over 4 s, m/s."""
     winds = []
-    for recipe in type(source).recipes([source], AIR._replace(steady_wind=source.steady_wind())).values():
-        system = recipe.build(len(PLACES))
+    for recipe in type(source).recipes([source], SURROUNDINGS._replace(steady_wind=source.steady_wind())).values():
+        system = recipe.build(len(POSITIONS))
         context = system.CreateDefaultContext()
         for i in range(system.num_input_ports()):
             port = system.get_input_port(i)
-            rows = np.zeros((port.size() // len(PLACES), len(PLACES)))
+            rows = np.zeros((port.size() // len(POSITIONS), len(POSITIONS)))
             if port.get_name() == "state":
-                rows[:3] = PLACES.T
+                rows[:3] = POSITIONS.T
             port.FixValue(context, rows.ravel())
         simulator = Simulator(system, context)
         simulator.Initialize()
@@ -62,7 +61,7 @@ def mean_wind(source: WindSource) -> np.ndarray:
 
 
 @pytest.fixture
-def shear(monkeypatch):
+def shear_wind(monkeypatch):
     """Return the kind of wind of the example script, which is registered during a test."""
     monkeypatch.syspath_prepend(EXAMPLE.parent)
     return WINDS.member(import_module(EXAMPLE.stem).ShearSource)
@@ -89,8 +88,8 @@ def test_every_kind_of_wind_agrees_with_its_system(kind):
     check_member(kind)
 
 
-def test_a_user_s_wind_is_checked_like_a_shipped_one(shear):
-    check_member(shear)
+def test_a_user_s_wind_is_checked_like_a_shipped_one(shear_wind):
+    check_member(shear_wind)
 
 
 def hover(height=1.0, quadratic_drag=0.0, **wind):
@@ -107,7 +106,7 @@ def hover(height=1.0, quadratic_drag=0.0, **wind):
 
 
 @pytest.mark.slow
-def test_a_user_s_wind_follows_the_power_law_wired_and_compiled(shear):
+def test_a_user_s_wind_follows_the_power_law_wired_and_compiled(shear_wind):
     batch = Batch.draw(hover(height=5.0, exponent={"uniform": {"min": 0.1, "max": 0.3}}), range(3))
     for flight, exponent in zip(assert_flown_alike(batch), batch.varying["laboratory.wind.0.exponent"], strict=True):
         wind = flight.record("wind")
@@ -116,8 +115,8 @@ def test_a_user_s_wind_follows_the_power_law_wired_and_compiled(shear):
         np.testing.assert_allclose(wind.x[1:], expected[1:], atol=1e-3)
 
 
-def test_checks_and_analyses_include_a_user_s_wind(shear):
-    """A strong wind is refused for its drag, the error of hovers depends on the position, and linear models keep it."""
+def test_checks_and_analyses_include_a_user_s_wind(shear_wind):
+    """Too strong a wind is refused, linear models keep the wind, and errors of hovers depend on the height."""
     with pytest.raises(InputError, match="too long for drag with a time constant"):
         simulate(hover(velocity=[200.0, 0.0, 0.0], quadratic_drag=0.5))
     assert [source.kind for source in at_rest(hover()).laboratory.wind] == ["shear"]
@@ -125,7 +124,7 @@ def test_checks_and_analyses_include_a_user_s_wind(shear):
     assert high / low == pytest.approx(8.0**0.143, rel=0.02)
 
 
-def test_a_user_s_wind_is_part_of_the_language(shear):
+def test_a_user_s_wind_is_part_of_the_language(shear_wind):
     assert "ShearSource" in file_schema()["$defs"]
     assert "| `exponent` |" in language_page()
     with pytest.raises(InputError, match=r"laboratory.wind.0.exponent is -1.0, but must be at least 0"):
@@ -135,36 +134,36 @@ def test_a_user_s_wind_is_part_of_the_language(shear):
     assert "ShearSource" not in file_schema()["$defs"]
     with pytest.raises(InputError, match="laboratory.wind.0.kind is 'shear', but must be one of"):
         hover()
-    WINDS.member(shear)
+    WINDS.member(shear_wind)
 
 
-def test_wind_that_depends_on_time_is_removed_in_hover(shear, monkeypatch):
-    monkeypatch.setattr(shear, "depends_on_time", True)
+def test_wind_that_depends_on_time_is_removed_in_hover(shear_wind, monkeypatch):
+    monkeypatch.setattr(shear_wind, "depends_on_time", True)
     assert in_hover(hover()).laboratory.wind == ()
     with pytest.raises(InputError, match=r"laboratory.wind.0 is a shear; .*steady wind and turbulence"):
         believed_tracking_error(hover())
 
 
 def test_a_wind_with_missing_attributes_is_refused():
-    class Silent(WindSource):
-        kind: Literal["silent"]
+    class IncompleteWind(WindSource):
+        kind: Literal["incomplete"]
         depends_on_place: ClassVar = False
 
-    class Kindless(WindSource):
+    class WindWithoutKind(WindSource):
         depends_on_place: ClassVar = False
         depends_on_time: ClassVar = False
 
-    class Taken(GustSource):
+    class WindNamedGust(GustSource):
         pass
 
     with pytest.raises(
-        TypeError, match="Silent must define depends_on_time and max_speed and recipe and without_turbulence"
+        TypeError, match="IncompleteWind must define depends_on_time and max_speed and recipe and without_turbulence"
     ):
-        WINDS.member(Silent)
-    with pytest.raises(TypeError, match="Kindless must have a field kind"):
-        WINDS.member(Kindless)
+        WINDS.member(IncompleteWind)
+    with pytest.raises(TypeError, match="WindWithoutKind must have a field kind"):
+        WINDS.member(WindWithoutKind)
     with pytest.raises(ValueError, match="the name gust of .* is taken by GustSource"):
-        WINDS.member(Taken)
+        WINDS.member(WindNamedGust)
     with pytest.raises(TypeError, match="dict must extend WindSource"):
         WINDS.member(dict)
 
@@ -188,7 +187,9 @@ def test_a_command_imports_a_user_s_wind(run, tmp_path):
     study = ["study", "hover", "--samples", "4", "--workers", "2", "--set", "duration=0.5", "--set", wind]
     result = run(*study, "--output", tmp_path, "--import", EXAMPLE)
     assert (result.returncode, result.stderr) == (0, "")
-    assert result.stdout.count(f" --sample 0 --import {EXAMPLE}\n") == 1, "the worst flights are flown again like this"
+    assert result.stdout.count(f" --sample 0 --import {EXAMPLE}\n") == 1, (
+        "the output has the command that repeats a flight"
+    )
     assert "laboratory.wind.0.exponent" in (tmp_path / "results.csv").read_text(encoding="utf-8")
     (tmp_path / "broken.py").write_text("1 / 0", encoding="utf-8")
     (tmp_path / "random.py").write_text("", encoding="utf-8")

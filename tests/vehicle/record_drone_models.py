@@ -1,12 +1,13 @@
-"""Write `drone_models.json`, derivatives of Crazyflies from the package drone-models, for `test_drone_models.py`.
+"""Write `drone_models.json`: derivatives of the state of Crazyflies by the package drone-models.
 
-The script needs an environment of its own, since the package requires CasADi:
+`test_drone_models.py` reads the file. The script needs a separate environment, because the package requires CasADi:
 
     pip install drone-models==0.1.0
     python tests/vehicle/record_drone_models.py
 
-The script evaluates the package's model `first_principles` (utiasDSL, MIT licence) in random states. The parameters of
-the drones are those of its data/params.toml, with rotor speeds in rpm; states and derivatives are in SI units.
+The script evaluates the model `first_principles` of the package (utiasDSL, MIT licence) in random states. The
+parameters of the drones are those of its data/params.toml, with rotor speeds in rpm. States and derivatives are in SI
+units.
 """
 
 import importlib.metadata
@@ -20,12 +21,12 @@ from drone_models.first_principles import dynamics
 from scipy.spatial.transform import Rotation
 
 DRONES = ("cf2x_L250", "cf21B_500")
-NUMBERS = (
+PARAMETERS = (
     *("mass", "L", "prop_inertia", "gravity_vec", "J", "rpm2thrust", "rpm2torque", "mixing_matrix", "drag_matrix"),
     "rotor_dyn_coef",
 )
 NUM_STATES = 25
-RPM = 2.0 * np.pi / 60.0
+RPM = 2.0 * np.pi / 60.0  # one revolution per minute, rad/s
 
 
 def main() -> None:
@@ -33,7 +34,7 @@ def main() -> None:
     rng = np.random.default_rng(23)
     drones = {}
     for drone in DRONES:
-        numbers = {name: tables[drone][name] for name in NUMBERS}
+        numbers = {name: tables[drone][name] for name in PARAMETERS}
         drones[drone] = {"numbers": numbers, "samples": [sample(rng, numbers) for _ in range(NUM_STATES)]}
     record = {"package": f"drone-models {importlib.metadata.version('drone-models')}", "drones": drones}
     text = json.dumps(record, indent=1).replace("\n     ", "").replace("\n    ]", "]")
@@ -46,7 +47,7 @@ def sample(rng: np.random.Generator, numbers: dict) -> dict:
     velocity, rates = 2.0 * rng.normal(size=3), 5.0 * rng.normal(size=3)
     speeds, commands = rng.uniform(900.0, 2500.0, (2, 4))
     arrays = {name: np.array(value) for name, value in numbers.items()}
-    _, _, acceleration, turning, spinning = dynamics(
+    _, _, acceleration, angular_acceleration, rotor_acceleration = dynamics(
         np.zeros(3),
         Rotation.from_euler("ZYX", attitude[::-1]).as_quat(),
         velocity,
@@ -63,8 +64,8 @@ def sample(rng: np.random.Generator, numbers: dict) -> dict:
         "speeds": speeds,
         "commands": commands,
         "acceleration": acceleration,
-        "turning": turning,
-        "spinning": spinning * RPM,
+        "turning": angular_acceleration,
+        "spinning": rotor_acceleration * RPM,
     }
     return {name: row.tolist() for name, row in rows.items()}
 

@@ -1,4 +1,4 @@
-"""The acceleration output of a vehicle is the time derivative of its motion."""
+"""Tests that the acceleration output of a vehicle is the time derivative of its motion."""
 
 import numpy as np
 import pytest
@@ -10,9 +10,9 @@ from drake_quad.signals import Attitude, State, VehicleAcceleration
 from drake_quad.vehicle.quadrotor import Quadrotor
 from drake_quad.vehicle.responding import RespondingQuadrotor
 
-STEP = 1e-4
-MOTION = ["v_x", "v_y", "v_z", "p", "q", "r"]
-INPUTS = {
+TIME_STEP = 1e-4
+MOTION_ROWS = ["v_x", "v_y", "v_z", "p", "q", "r"]
+INPUT_VALUES = {
     "rotor_speed_command": [222.0, 190.0, 236.0, 205.0],
     "throttle_command": [0.42, 0.35, 0.45, 0.38],
     "attitude_target": [0.0, 0.4, -0.5, 0.9, 0.0, 0.0, 0.0],
@@ -30,53 +30,53 @@ VEHICLES = {
 }
 
 
-def with_inputs(system, context):
+def fix_inputs(system, context):
     for i in range(system.num_input_ports()):
         port = system.get_input_port(i)
-        if port.get_name() in INPUTS:
-            port.FixValue(context, INPUTS[port.get_name()])
+        if port.get_name() in INPUT_VALUES:
+            port.FixValue(context, INPUT_VALUES[port.get_name()])
     return context
 
 
-def motion_and_acceleration(system, context):
+def motion_and_acceleration_of(system, context):
     state = State(*system.GetOutputPort("state").Eval(context))
     acceleration = VehicleAcceleration(*system.GetOutputPort("acceleration").Eval(context))
-    return [getattr(state, name) for name in MOTION], list(acceleration)
+    return [getattr(state, name) for name in MOTION_ROWS], list(acceleration)
 
 
 @pytest.mark.parametrize(("kind", "numbers", "structure"), VEHICLES.values(), ids=VEHICLES)
 def test_the_acceleration_of_a_discrete_vehicle_is_the_rate_of_its_motion(kind, numbers, structure):
-    """The reference is central differences over steps of 0.1 ms, from 1 s on."""
-    vehicle = kind(time_step=STEP, numbers=numbers, **structure)
+    """The output agrees with central differences over steps of 0.1 ms, from 1 s on."""
+    vehicle = kind(time_step=TIME_STEP, numbers=numbers, **structure)
     simulator = Simulator(vehicle)
-    context = with_inputs(vehicle, simulator.get_mutable_context())
+    context = fix_inputs(vehicle, simulator.get_mutable_context())
     context.SetTime(1.0)
     simulator.Initialize()
     motions, accelerations = [], []
     for step in range(10, 43):
-        simulator.AdvanceTo(1.0 + (step + 0.5) * STEP)
-        motion, acceleration = motion_and_acceleration(vehicle, context)
+        simulator.AdvanceTo(1.0 + (step + 0.5) * TIME_STEP)
+        motion, acceleration = motion_and_acceleration_of(vehicle, context)
         motions.append(motion)
         accelerations.append(acceleration)
-    rates = (np.array(motions[2:]) - np.array(motions[:-2])) / (2.0 * STEP)
+    rates = (np.array(motions[2:]) - np.array(motions[:-2])) / (2.0 * TIME_STEP)
     assert np.abs(rates).min(axis=0).max() > 0.1
     np.testing.assert_allclose(np.array(accelerations)[1:-1], rates, rtol=0.0, atol=2e-5 * np.abs(rates).max())
 
 
 @pytest.mark.parametrize(("kind", "numbers", "structure"), VEHICLES.values(), ids=VEHICLES)
 def test_the_acceleration_of_a_continuous_state_is_its_derivative(kind, numbers, structure):
-    """The reference is one small step of Euler's method."""
+    """The output agrees with one small step of Euler's method."""
     vehicle = kind(time_step=0.0, numbers=numbers, **structure)
-    context = with_inputs(vehicle, vehicle.CreateDefaultContext())
+    context = fix_inputs(vehicle, vehicle.CreateDefaultContext())
     context.SetTime(1.0)
     rng = np.random.default_rng(1)
     state = context.get_continuous_state_vector().CopyToVector()
     context.SetContinuousState(state * rng.uniform(0.9, 1.1, len(state)) + rng.uniform(-0.1, 0.1, len(state)))
-    before, acceleration = motion_and_acceleration(vehicle, context)
-    slope = vehicle.EvalTimeDerivatives(context).CopyToVector()
-    context.SetContinuousState(context.get_continuous_state_vector().CopyToVector() + 1e-7 * slope)
-    after, _ = motion_and_acceleration(vehicle, context)
-    rates = (np.array(after) - np.array(before)) / 1e-7
+    motion, acceleration = motion_and_acceleration_of(vehicle, context)
+    derivative = vehicle.EvalTimeDerivatives(context).CopyToVector()
+    context.SetContinuousState(context.get_continuous_state_vector().CopyToVector() + 1e-7 * derivative)
+    next_motion, _ = motion_and_acceleration_of(vehicle, context)
+    rates = (np.array(next_motion) - np.array(motion)) / 1e-7
     np.testing.assert_allclose(acceleration, rates, rtol=0.0, atol=1e-5 * np.abs(rates).max())
 
 
@@ -88,14 +88,14 @@ def test_a_vehicle_that_has_crashed_has_no_acceleration(kind, numbers, time_step
     context = vehicle.CreateDefaultContext()
     for i in range(vehicle.num_input_ports()):
         port = vehicle.get_input_port(i)
-        port.FixValue(context, np.repeat(INPUTS.get(port.get_name(), [0.0]), 2))
-    moving = [group.vector(vehicle, context).CopyToVector() + 0.2 for group in vehicle.states.values()]
-    for group, numbers in zip(vehicle.states.values(), moving, strict=True):
+        port.FixValue(context, np.repeat(INPUT_VALUES.get(port.get_name(), [0.0]), 2))
+    moving_states = [group.vector(vehicle, context).CopyToVector() + 0.2 for group in vehicle.states.values()]
+    for group, numbers in zip(vehicle.states.values(), moving_states, strict=True):
         group.mutable_vector(context).SetFromVector(numbers)
     vehicle.GetInputPort("crashed").FixValue(context, [1.0, 0.0])
-    crashed, flying = vehicle.GetOutputPort("acceleration").Eval(context).reshape(-1, 2).T
-    assert not crashed.any()
-    assert np.abs(flying).max() > 0.5
+    crashed_acceleration, flying_acceleration = vehicle.GetOutputPort("acceleration").Eval(context).reshape(-1, 2).T
+    assert not crashed_acceleration.any()
+    assert np.abs(flying_acceleration).max() > 0.5
 
 
 def test_angular_acceleration_is_the_derivative_of_equation_2():
@@ -106,5 +106,5 @@ def test_angular_acceleration_is_the_derivative_of_equation_2():
         attitude = angles + rates * time + 0.5 * accelerations * time**2
         return np.array(small_rotation(Attitude(*(rates + accelerations * time)), Attitude(*attitude)))
 
-    found = angular_acceleration(Attitude(*accelerations), Attitude(*rates), Attitude(*angles))
-    np.testing.assert_allclose(found, (body_rates(1e-5) - body_rates(-1e-5)) / 2e-5, atol=1e-9)
+    acceleration = angular_acceleration(Attitude(*accelerations), Attitude(*rates), Attitude(*angles))
+    np.testing.assert_allclose(acceleration, (body_rates(1e-5) - body_rates(-1e-5)) / 2e-5, atol=1e-9)

@@ -1,3 +1,5 @@
+"""Tests of the allocation of wrenches to rotors."""
+
 from typing import get_args
 
 import numpy as np
@@ -17,18 +19,18 @@ from drake_quad.vehicle.rotors import Rotor, Rotors
 
 TABLE_I = QuadrotorParameters()
 ROTORS = RotorModel.of(TABLE_I)
-TOP_THRUST = 4.0 * 4.13e-5 * 300.0**2
-BOTTOM_THRUST = 4.0 * 4.13e-5 * 60.0**2
+MAX_THRUST = 4.0 * 4.13e-5 * 300.0**2
+MIN_THRUST = 4.0 * 4.13e-5 * 60.0**2
 
 wrenches = st.builds(Wrench, st.floats(-20.0, 40.0), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(-0.5, 0.5))
 rotor_speeds = st.builds(RotorSpeed, *[st.floats(60.0, 300.0)] * 4)
 
 
-both_forms = pytest.mark.parametrize("allocate", [allocate, allocate_to_pairs])
-both_orders = pytest.mark.parametrize("priority", get_args(Priority))
+with_both_allocations = pytest.mark.parametrize("allocate", [allocate, allocate_to_pairs])
+with_both_priorities = pytest.mark.parametrize("priority", get_args(Priority))
 
 
-@both_forms
+@with_both_allocations
 @given(rotor_speed=rotor_speeds)
 def test_allocation_inverts_eq_5_within_the_limits(allocate, rotor_speed):
     speeds, shortfall = allocate(rotor_action(rotor_speed, TABLE_I).wrench, ROTORS)
@@ -37,8 +39,8 @@ def test_allocation_inverts_eq_5_within_the_limits(allocate, rotor_speed):
     np.testing.assert_allclose(shortfall, 0.0, atol=1e-9)
 
 
-@both_forms
-@both_orders
+@with_both_allocations
+@with_both_priorities
 @given(wrench=wrenches)
 def test_speeds_are_within_the_limits_and_the_shortfall_is_the_missing_wrench(allocate, priority, wrench):
     speeds, shortfall = allocate(wrench, ROTORS, priority)
@@ -66,10 +68,11 @@ def random_layout(rng):
 
 
 def best_wrench(wrench, rotors, priority):
-    """Return the best wrench of rotors between 60 and 300 rad/s, and flags for cuts of share, thrust and yaw torque.
+    """Return the best wrench of rotors between 60 and 300 rad/s, and which of its parts are less than commanded.
 
-    There is one linear programme for each part of the wrench, in the order of the priority. Unknowns are the share of
-    roll and pitch torque, the thrust, the share of yaw torque, and the distance of the thrust from the commanded one.
+    The parts are roll and pitch torque, thrust, and yaw torque. There is one linear programme for each part, in the
+    order of the priority. Unknowns are the share of roll and pitch torque, the thrust, the share of yaw torque, and the
+    distance of the thrust from the commanded one.
     """
     x, y, _, turns, b, d = np.array(rotors).T
     inverse = np.linalg.inv([b, y * b, -x * b, -turns * d]) / 300.0**2
@@ -78,91 +81,92 @@ def best_wrench(wrench, rotors, priority):
     rows = np.vstack([squares, -squares, [0.0, 1.0, 0.0, -1.0], [0.0, -1.0, 0.0, -1.0]])
     limits = np.array([*[1.0] * 4, *[-((60.0 / 300.0) ** 2)] * 4, wrench.thrust, -wrench.thrust])
     bounds = [(0.0, 1.0), (None, None), (0.0, 1.0), (0.0, None)]
-    rounding = 1e-9  # tolerance on the results of earlier programmes, as exact as the solver is
+    # Each programme keeps the results of the previous ones within the accuracy of the solver.
+    tolerance = 1e-9
 
     def best(objective, bounds):
         options = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
-        found = scipy.optimize.linprog(objective, rows, limits + rounding, bounds=bounds, options=options)
-        assert found.status == 0, found.message
-        return found.x
+        solution = scipy.optimize.linprog(objective, rows, limits + tolerance, bounds=bounds, options=options)
+        assert solution.status == 0, solution.message
+        return solution.x
 
-    most_share, nearest, most_yaw = [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], [0.0, 0.0, -1.0, 0.0]
+    max_share, min_distance, max_yaw = [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], [0.0, 0.0, -1.0, 0.0]
     if priority == "roll_pitch":
-        bounds[0] = best(most_share, bounds)[0] - rounding, 1.0
-        bounds[3] = 0.0, best(nearest, bounds)[3] + rounding
+        bounds[0] = best(max_share, bounds)[0] - tolerance, 1.0
+        bounds[3] = 0.0, best(min_distance, bounds)[3] + tolerance
     else:
         without_torque = [(0.0, 0.0), (None, None), (0.0, 0.0), (0.0, None)]
-        thrust = best(nearest, without_torque)[1]
-        bounds[1] = thrust - rounding, thrust + rounding
-        bounds[0] = best(most_share, bounds)[0] - rounding, 1.0
-    share, thrust, yaw_share, distance = best(most_yaw, bounds)
-    given = Wrench(thrust, share * wrench.tau_x, share * wrench.tau_y, yaw_share * wrench.tau_z)
-    return given, np.array([share < 1.0 - 1e-9, distance > 1e-9, yaw_share < 1.0 - 1e-9])
+        thrust = best(min_distance, without_torque)[1]
+        bounds[1] = thrust - tolerance, thrust + tolerance
+        bounds[0] = best(max_share, bounds)[0] - tolerance, 1.0
+    share, thrust, yaw_share, distance = best(max_yaw, bounds)
+    produced = Wrench(thrust, share * wrench.tau_x, share * wrench.tau_y, yaw_share * wrench.tau_z)
+    return produced, np.array([share < 1.0 - 1e-9, distance > 1e-9, yaw_share < 1.0 - 1e-9])
 
 
-def demand_on(rotors, rng):
+def random_demand(rotors, rng):
     """Return a random wrench that the rotors can produce, or one that exceeds this by a little or by much."""
     x, y, _, turns, b, d = np.array(rotors).T
-    given = np.array([b, y * b, -x * b, -turns * d]) @ rng.uniform(60.0**2, 300.0**2, 4)
+    feasible = np.array([b, y * b, -x * b, -turns * d]) @ rng.uniform(60.0**2, 300.0**2, 4)
     spread = rng.choice([0.0, 0.5, 5.0])
-    return Wrench(*(given * (1.0 + spread * rng.uniform(-1.0, 1.0, 4))).tolist())
+    return Wrench(*(feasible * (1.0 + spread * rng.uniform(-1.0, 1.0, 4))).tolist())
 
 
 @pytest.mark.slow
-@both_orders
+@with_both_priorities
 @pytest.mark.parametrize("shape", [Rotors.plus, Rotors.x, random_layout])
-def test_each_part_of_a_wrench_is_the_best_that_the_parts_before_it_allow(shape, priority):
+def test_each_part_of_a_wrench_is_the_best_that_the_previous_parts_allow(shape, priority):
     """Allocation agrees with linear programmes for a plus, an x or h of any size, and any four rotors."""
     rng = np.random.default_rng(5)
     paired = shape is not random_layout
-    cut = np.zeros(3)
+    num_reduced = np.zeros(3)
     for _ in range(50):
         length, width = rng.uniform(0.1, 0.6, 2)
         rotors = shape(length=length, width=width) if paired else random_layout(rng)
-        wrench = demand_on(rotors, rng)
-        expected, parts = best_wrench(wrench, rotors, priority)
-        for form in (allocate, allocate_to_pairs) if paired else (allocate,):
-            speeds, shortfall = form(wrench, RotorModel.of(QuadrotorParameters(rotors=rotors)), priority)
-            given_up = np.subtract(wrench, shortfall)
-            np.testing.assert_allclose(given_up, expected, rtol=0.0, atol=1e-6)
+        wrench = random_demand(rotors, rng)
+        expected, reduced_parts = best_wrench(wrench, rotors, priority)
+        for allocation in (allocate, allocate_to_pairs) if paired else (allocate,):
+            speeds, shortfall = allocation(wrench, RotorModel.of(QuadrotorParameters(rotors=rotors)), priority)
+            produced = np.subtract(wrench, shortfall)
+            np.testing.assert_allclose(produced, expected, rtol=0.0, atol=1e-6)
             action = rotor_action(speeds, QuadrotorParameters(rotors=rotors)).wrench
-            np.testing.assert_allclose(action, given_up, rtol=0.0, atol=1e-9)
-        cut += parts
-    assert (cut > 4).all(), "each part of the wrench must be cut in several samples"
+            np.testing.assert_allclose(action, produced, rtol=0.0, atol=1e-9)
+        num_reduced += reduced_parts
+    assert (num_reduced > 4).all(), "each part of the wrench should be less than commanded in several samples"
 
 
 @pytest.mark.slow
-@both_forms
-@both_orders
+@with_both_allocations
+@with_both_priorities
 @pytest.mark.parametrize(
     "wrench",
-    # Yaw torque moves the two rotors of roll or pitch from 40 % or 60 % of their range to its middle and beyond.
+    # The yaw torque moves the two rotors of roll or pitch from 40 % or 60 % of their range beyond its middle.
     [
-        Wrench(0.6 * BOTTOM_THRUST + 0.4 * TOP_THRUST, 0.0, 2.0, 0.5),
-        Wrench(0.4 * BOTTOM_THRUST + 0.6 * TOP_THRUST, 0.0, -2.0, -0.5),
-        Wrench(0.6 * BOTTOM_THRUST + 0.4 * TOP_THRUST, -2.0, 0.0, -0.5),
-        Wrench(0.4 * BOTTOM_THRUST + 0.6 * TOP_THRUST, 2.0, 0.0, 0.5),
+        Wrench(0.6 * MIN_THRUST + 0.4 * MAX_THRUST, 0.0, 2.0, 0.5),
+        Wrench(0.4 * MIN_THRUST + 0.6 * MAX_THRUST, 0.0, -2.0, -0.5),
+        Wrench(0.6 * MIN_THRUST + 0.4 * MAX_THRUST, -2.0, 0.0, -0.5),
+        Wrench(0.4 * MIN_THRUST + 0.6 * MAX_THRUST, 2.0, 0.0, 0.5),
     ],
 )
-def test_yaw_torque_makes_room_for_roll_and_pitch_torque(allocate, priority, wrench):
+def test_yaw_torque_increases_the_range_of_roll_and_pitch_torque(allocate, priority, wrench):
     _, shortfall = allocate(wrench, ROTORS, priority)
     expected, _ = best_wrench(wrench, Rotors.plus(), priority)
     np.testing.assert_allclose(np.subtract(wrench, shortfall), expected, rtol=0.0, atol=1e-6)
 
 
-@both_forms
+@with_both_allocations
 @given(rotor_speed=st.builds(RotorSpeed, *[st.floats(61.0, 299.0)] * 4))
-def test_the_priority_changes_no_bit_of_a_wrench_that_fits(allocate, rotor_speed):
+def test_the_priority_does_not_change_a_wrench_within_the_limits(allocate, rotor_speed):
     wrench = rotor_action(rotor_speed, TABLE_I).wrench
     by_priority = [allocate(wrench, ROTORS, priority) for priority in get_args(Priority)]
     assert by_priority[0] == by_priority[1]
     assert by_priority[0].shortfall == (0.0, 0.0, 0.0, 0.0)
 
 
-@both_forms
-@pytest.mark.parametrize("thrust", [0.0, BOTTOM_THRUST, TOP_THRUST, 2.0 * TOP_THRUST])
-def test_a_large_roll_torque_moves_the_thrust_half_way_between_the_limits(allocate, thrust):
-    """The thrust is raised from idle, and lowered from full thrust."""
+@with_both_allocations
+@pytest.mark.parametrize("thrust", [0.0, MIN_THRUST, MAX_THRUST, 2.0 * MAX_THRUST])
+def test_a_large_roll_torque_requires_the_mean_of_smallest_and_largest_thrust(allocate, thrust):
+    """The thrust increases if the rotors idle and decreases from full thrust."""
     speeds, shortfall = allocate(Wrench(thrust, 9.0, 0.0, 0.0), ROTORS)
     middle = 0.5 * (60.0**2 + 300.0**2)
     np.testing.assert_allclose(np.square(speeds), [middle, 60.0**2, middle, 300.0**2], rtol=1e-12)
@@ -170,15 +174,16 @@ def test_a_large_roll_torque_moves_the_thrust_half_way_between_the_limits(alloca
     assert thrust - shortfall.thrust == pytest.approx(4.0 * 4.13e-5 * middle)
 
 
-@both_forms
-@pytest.mark.parametrize(("thrust", "share"), [(0.0, 0.0), (2.0 * TOP_THRUST, 1.0)])
-def test_two_free_rotors_give_thrust_if_roll_torque_saturates_the_others(allocate, thrust, share):
-    """The other two rotors are free to produce thrust, and also yaw torque in the commanded direction."""
-    commanded = 4.0 * 8.5e-7 * 1000.0  # 1000 rad²/s² for each rotor
-    speeds, shortfall = allocate(Wrench(thrust, 9.0, 0.0, commanded), ROTORS)
+@with_both_allocations
+@pytest.mark.parametrize(("thrust", "share"), [(0.0, 0.0), (2.0 * MAX_THRUST, 1.0)])
+def test_two_rotors_produce_thrust_if_roll_torque_saturates_the_others(allocate, thrust, share):
+    """The two rotors can also produce yaw torque in the commanded direction."""
+    # This torque requires 1000 rad²/s² of each rotor.
+    yaw_torque = 4.0 * 8.5e-7 * 1000.0
+    speeds, shortfall = allocate(Wrench(thrust, 9.0, 0.0, yaw_torque), ROTORS)
     level = 0.5 * (60.0**2 + 300.0**2) + share * 2000.0
     np.testing.assert_allclose(np.square(speeds), [level, 60.0**2, level, 300.0**2], rtol=1e-12)
-    assert shortfall.tau_z == pytest.approx((1.0 - share) * commanded, abs=1e-12)
+    assert shortfall.tau_z == pytest.approx((1.0 - share) * yaw_torque, abs=1e-12)
 
 
 @given(
@@ -193,16 +198,16 @@ def test_allocation_to_pairs_agrees_with_the_general_allocation(wrench, shape, l
     rotors = shape(length=length, width=width, rotor_1_direction=direction)
     model = RotorModel.of(QuadrotorParameters(rotors=rotors))
     speeds, shortfall = allocate(wrench, model, priority)
-    other_speeds, other_shortfall = allocate_to_pairs(wrench, model, priority)
-    np.testing.assert_allclose(np.square(speeds), np.square(other_speeds), rtol=0.0, atol=1e-6)
-    np.testing.assert_allclose(shortfall, other_shortfall, rtol=0.0, atol=1e-9)
+    paired_speeds, paired_shortfall = allocate_to_pairs(wrench, model, priority)
+    np.testing.assert_allclose(np.square(speeds), np.square(paired_speeds), rtol=0.0, atol=1e-6)
+    np.testing.assert_allclose(shortfall, paired_shortfall, rtol=0.0, atol=1e-9)
 
 
 def test_a_rotor_without_yaw_torque_does_not_limit_yaw():
     model = RotorModel.of(QuadrotorParameters(rotors=Rotors.x(length=0.3, width=0.3)))
-    still = model._replace(mixer=model.mixer._replace(rotor_1=model.mixer.rotor_1._replace(tau_z=0.0)))
+    model_without_yaw = model._replace(mixer=model.mixer._replace(rotor_1=model.mixer.rotor_1._replace(tau_z=0.0)))
     hover = model.mixer.rotor_1.thrust * 6.67
-    speeds, shortfall = allocate(Wrench(6.67, 0.0, 0.0, 1.0), still)
+    speeds, shortfall = allocate(Wrench(6.67, 0.0, 0.0, 1.0), model_without_yaw)
     per_yaw = model.mixer.rotor_3.tau_z
     yaw = min((300.0**2 - hover) / per_yaw, (hover - 60.0**2) / per_yaw)
     assert shortfall == pytest.approx((0.0, 0.0, 0.0, 1.0 - yaw), abs=1e-12)
@@ -222,13 +227,13 @@ def test_a_saturated_rotor_does_not_limit_torque_that_it_does_not_produce():
     assert shortfall.tau_y == pytest.approx(-0.1)
 
 
-def test_yaw_torque_is_sacrificed_before_roll():
+def test_yaw_torque_is_reduced_before_roll_torque():
     _, shortfall = allocate(Wrench(6.67, 0.3, 0.0, 0.3), ROTORS)
     assert shortfall == Wrench(0.0, 0.0, 0.0, shortfall.tau_z)
     assert 0.0 < shortfall.tau_z < 0.3
 
 
-def test_fleet_and_single_vehicle_agree():
+def test_allocations_of_a_fleet_and_of_single_vehicles_agree():
     rng = np.random.default_rng(0)
     wrench = np.array([rng.uniform(0, 15, 50), *rng.normal(size=(2, 50)), 0.1 * rng.normal(size=50)])
     fleet = Allocation(num_vehicles=50)
@@ -240,7 +245,7 @@ def test_fleet_and_single_vehicle_agree():
         np.testing.assert_allclose(rows[:, i], speeds + shortfall, rtol=1e-14, atol=1e-16)
 
 
-def test_the_packed_output_has_both_signals_under_their_names():
+def test_the_output_is_split_into_rotor_speed_commands_and_shortfall():
     builder = DiagramBuilder()
     for name, port in split_output(builder, "allocation", Allocation()).items():
         builder.ExportOutput(port, name)
@@ -253,8 +258,8 @@ def test_the_packed_output_has_both_signals_under_their_names():
     np.testing.assert_array_equal(diagram.GetOutputPort("shortfall").Eval(context), 0.0)
 
 
-def test_small_remaining_room_is_used_completely():
-    """At 0.5 rad²/s² below the maximum, a demand of 0.1 rad²/s² fits."""
+def test_a_demand_that_fits_just_below_a_limit_is_met():
+    """At 0.5 rad²/s² below the maximum of the squared speed, a demand of 0.1 rad²/s² fits."""
     level, roll = 300.0**2 - 0.5, 0.1
     wrench = Wrench(4.0 * 4.13e-5 * level, 2.0 * 4.13e-5 * 0.17 * roll, 0.0, 0.0)
     speeds, shortfall = allocate(wrench, ROTORS)
@@ -262,10 +267,10 @@ def test_small_remaining_room_is_used_completely():
     np.testing.assert_allclose(shortfall, 0.0, atol=1e-12)
 
 
-@both_forms
+@with_both_allocations
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_small_demand_is_limited_to_the_remaining_room(allocate, sign):
-    """At 0.1 rad²/s² below the maximum, a fifth of a roll demand of 0.5 rad²/s² fits."""
+def test_a_small_demand_near_a_limit_is_reduced_to_the_limit(allocate, sign):
+    """At 0.1 rad²/s² below the maximum of the squared speed, a fifth of a demand of 0.5 rad²/s² fits."""
     level, roll = 300.0**2 - 0.1, sign * 0.5
     tau_x = 2.0 * 4.13e-5 * 0.17 * roll
     speeds, shortfall = allocate(Wrench(4.0 * 4.13e-5 * level, tau_x, 0.0, 0.0), ROTORS, "thrust")
@@ -274,10 +279,10 @@ def test_a_small_demand_is_limited_to_the_remaining_room(allocate, sign):
 
 
 @pytest.mark.slow
-@both_forms
-@both_orders
+@with_both_allocations
+@with_both_priorities
 def test_rounding_takes_no_rotor_below_its_limit(allocate, priority):
-    """No squared speed becomes negative either, which would make its root NaN."""
+    """Negative squared speeds would make the speeds NaN."""
     for low in (0.0, 60.0):
         rotors, rng = RotorModel.of(TABLE_I._replace(min_rotor_speed=low)), np.random.default_rng(3)
         speeds, _ = allocate(Wrench(*(rng.normal(size=(1500, 4)) * [10.0, 3.0, 3.0, 0.3]).T), rotors, priority)
@@ -285,7 +290,7 @@ def test_rounding_takes_no_rotor_below_its_limit(allocate, priority):
 
 
 def test_rounding_takes_no_rotor_above_its_limit():
-    """The coefficients of rotors at arbitrary positions are less exact than those of pairs."""
+    """This applies to the general allocation, whose coefficients are less exact than those of pairs."""
     rng = np.random.default_rng(3)
     speeds, _ = allocate(Wrench(*(rng.normal(size=(300, 4)) * [10.0, 3.0, 3.0, 0.3]).T), ROTORS)
     assert np.max(speeds) <= 300.0

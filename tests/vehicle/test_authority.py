@@ -1,4 +1,4 @@
-"""Layouts that cannot produce every wrench, or cannot hover, are rejected with the reason."""
+"""Tests that layouts that cannot produce every wrench, or cannot hover, are rejected with the reason."""
 
 import numpy as np
 import pytest
@@ -6,12 +6,12 @@ import pytest
 from drake_quad.vehicle.authority import hover_flaw, missing_direction
 from drake_quad.vehicle.rotors import Rotor, Rotors
 
-ALTERNATING = (-1.0, 1.0, -1.0, 1.0)
+ALTERNATING_DIRECTIONS = (-1.0, 1.0, -1.0, 1.0)
 
 
-def layout(places, turns=ALTERNATING, drag_factors=(8.5e-7,) * 4):
+def layout_of(positions, turns=ALTERNATING_DIRECTIONS, drag_factors=(8.5e-7,) * 4):
     return Rotors(
-        *(Rotor(x, y, 0.0, turn, 4.13e-5, d) for (x, y), turn, d in zip(places, turns, drag_factors, strict=True))
+        *(Rotor(x, y, 0.0, turn, 4.13e-5, d) for (x, y), turn, d in zip(positions, turns, drag_factors, strict=True))
     )
 
 
@@ -25,40 +25,40 @@ def test_plus_and_x_layouts_produce_every_wrench(rotors):
 
 
 @pytest.mark.parametrize(
-    ("rotors", "lacking"),
+    ("rotors", "missing"),
     [
-        (layout(SQUARE, (1.0,) * 4), "yaw torque without thrust, since its rotors all turn the same way"),
-        (layout(SQUARE, (1.0, 1.0, -1.0, -1.0)), "yaw torque without roll torque"),
-        (layout(SQUARE, (1.0, -1.0, -1.0, 1.0)), "yaw torque without pitch torque"),
-        (layout([(0.2, 0.0), (0.1, 0.0), (-0.1, 0.0), (-0.2, 0.0)]), "roll torque, since its rotors are in a line"),
-        (layout([(0.0, 0.2), (0.0, 0.1), (0.0, -0.1), (0.0, -0.2)]), "pitch torque, since its rotors are in a line"),
-        (layout([(0.2, 0.1), (0.1, 0.1), (-0.1, 0.1), (-0.2, 0.1)]), "roll torque without thrust"),
+        (layout_of(SQUARE, (1.0,) * 4), "yaw torque without thrust, since its rotors all turn the same way"),
+        (layout_of(SQUARE, (1.0, 1.0, -1.0, -1.0)), "yaw torque without roll torque"),
+        (layout_of(SQUARE, (1.0, -1.0, -1.0, 1.0)), "yaw torque without pitch torque"),
+        (layout_of([(0.2, 0.0), (0.1, 0.0), (-0.1, 0.0), (-0.2, 0.0)]), "roll torque, since its rotors are in a line"),
+        (layout_of([(0.0, 0.2), (0.0, 0.1), (0.0, -0.1), (0.0, -0.2)]), "pitch torque, since its rotors are in a line"),
+        (layout_of([(0.2, 0.1), (0.1, 0.1), (-0.1, 0.1), (-0.2, 0.1)]), "roll torque without thrust"),
         (
-            layout([(0.2, 0.2), (0.1, 0.1), (-0.1, -0.1), (-0.2, -0.2)]),
+            layout_of([(0.2, 0.2), (0.1, 0.1), (-0.1, -0.1), (-0.2, -0.2)]),
             r"torque about the axis (0.71, 0.71, 0), since its rotors are in a line",
         ),
-        (layout([(0.0, 0.0)] * 4), "roll and pitch torque, since all its rotors are at the centre"),
+        (layout_of([(0.0, 0.0)] * 4), "roll and pitch torque, since all its rotors are at the centre"),
     ],
 )
-def test_the_missing_part_of_a_wrench_is_named(rotors, lacking):
+def test_the_missing_part_of_a_wrench_is_named(rotors, missing):
     """The map from squared speeds to the wrench of these layouts is singular."""
-    assert missing_direction(rotors) == lacking
+    assert missing_direction(rotors) == missing
     x, y, _, turns, b, d = np.array(rotors).T
     assert np.linalg.matrix_rank([b, y * b, -x * b, -turns * d * 10.0]) < 4
 
 
 def test_one_deficient_vehicle_of_several_is_reported():
     arm = np.array([0.2, 0.2])
-    places = ((arm, -arm), (-arm, -arm), (-arm, arm), (arm, arm))
-    assert missing_direction(layout(places)) is None
-    one_way = (1.0, np.array([-1.0, 1.0]), 1.0, np.array([-1.0, 1.0]))
-    assert missing_direction(layout(places, one_way)).startswith("yaw torque without thrust")
+    positions = ((arm, -arm), (-arm, -arm), (-arm, arm), (arm, arm))
+    assert missing_direction(layout_of(positions)) is None
+    directions = (1.0, np.array([-1.0, 1.0]), 1.0, np.array([-1.0, 1.0]))
+    assert missing_direction(layout_of(positions, directions)).startswith("yaw torque without thrust")
 
 
 def test_one_vehicle_of_several_with_all_rotors_at_the_centre_is_reported():
     arm = np.array([0.2, 0.0])
-    places = ((arm, -arm), (-arm, -arm), (-arm, arm), (arm, arm))
-    assert missing_direction(layout(places)) == "roll and pitch torque, since all its rotors are at the centre"
+    positions = ((arm, -arm), (-arm, -arm), (-arm, arm), (arm, arm))
+    assert missing_direction(layout_of(positions)) == "roll and pitch torque, since all its rotors are at the centre"
 
 
 def test_yaw_authority_depends_on_the_ratio_of_drag_to_thrust_factor():
@@ -73,40 +73,40 @@ def test_yaw_authority_depends_on_the_ratio_of_drag_to_thrust_factor():
     assert missing_direction(rotors).startswith("yaw torque without")
 
 
-@pytest.mark.parametrize(("share", "stands"), [(1e-10, True), (-1e-10, True), (1e-8, False), (-1e-8, False)])
-def test_a_rotor_with_almost_no_share_of_the_thrust_would_stand_still(share, stands):
+@pytest.mark.parametrize(("share", "stops"), [(1e-10, True), (-1e-10, True), (1e-8, False), (-1e-8, False)])
+def test_a_rotor_with_almost_no_thrust_in_hover_would_have_to_stand_still(share, stops):
     """In a plus with arms of 0.2 m, if rotors 2 and 4 are e forward, rotor 1 has (0.2 - e) / 0.8 of the thrust."""
     e = 0.2 - 0.8 * (0.5 * share)
-    flaw = hover_flaw(layout([(0.2, 0.0), (e, -0.2), (-0.2, 0.0), (e, 0.2)]), min_speed=0.0, max_speed=300.0)
-    if stands:
+    flaw = hover_flaw(layout_of([(0.2, 0.0), (e, -0.2), (-0.2, 0.0), (e, 0.2)]), min_speed=0.0, max_speed=300.0)
+    if stops:
         assert flaw == "rotor 1 would have to stand still"
     else:
         assert flaw == (None if share > 0.0 else "rotor 1 would have to push down")
 
 
 def test_three_rotors_with_the_same_direction_cannot_hover():
-    """Zero yaw torque requires that the other rotor carries half of the weight, and so must its opposite."""
-    rotors = layout(SQUARE, (1.0, 1.0, 1.0, -1.0))
+    """Without yaw torque, the fourth rotor carries half of the weight, and so does the rotor opposite to it."""
+    rotors = layout_of(SQUARE, (1.0, 1.0, 1.0, -1.0))
     assert missing_direction(rotors) is None
     assert hover_flaw(rotors, min_speed=60.0, max_speed=300.0) == "rotor 1 would have to stand still"
 
 
-def test_a_centre_of_mass_outside_the_rotors_has_no_hover():
-    ahead = layout([(x + 0.25, y) for x, y in SQUARE])
-    assert hover_flaw(ahead, min_speed=60.0, max_speed=300.0) == "rotor 1 would have to push down"
+def test_a_vehicle_with_all_rotors_in_front_of_the_centre_of_mass_cannot_hover():
+    rotors = layout_of([(x + 0.25, y) for x, y in SQUARE])
+    assert hover_flaw(rotors, min_speed=60.0, max_speed=300.0) == "rotor 1 would have to push down"
 
 
 def test_a_too_large_ratio_of_hover_speeds_is_a_flaw():
-    """Front rotors 0.35 m ahead carry a seventh of the thrust of rear rotors 0.05 m behind: 0.38 in speed."""
-    uneven = layout([(x + 0.15, y) for x, y in SQUARE])
-    assert hover_flaw(uneven, min_speed=60.0, max_speed=300.0) is None
-    flaw = hover_flaw(uneven, min_speed=60.0, max_speed=150.0)
+    """Rotors 0.35 m in front produce a seventh of the thrust of rotors 0.05 m behind, at 0.38 times their speed."""
+    rotors = layout_of([(x + 0.15, y) for x, y in SQUARE])
+    assert hover_flaw(rotors, min_speed=60.0, max_speed=300.0) is None
+    flaw = hover_flaw(rotors, min_speed=60.0, max_speed=150.0)
     assert flaw.startswith("rotor 1 would have to turn 0.38 times as fast as the fastest")
 
 
-def test_the_rotor_with_the_too_small_speed_is_named():
+def test_the_rotor_whose_speed_would_be_too_small_is_named():
     """The right rotor of a plus is eight times as far from the centre as the left one."""
-    rotors = layout([(0.2, 0.0), (0.0, -0.8), (-0.2, 0.0), (0.0, 0.1)])
+    rotors = layout_of([(0.2, 0.0), (0.0, -0.8), (-0.2, 0.0), (0.0, 0.1)])
     assert hover_flaw(rotors, min_speed=60.0, max_speed=300.0) is None
     assert hover_flaw(rotors, min_speed=150.0, max_speed=300.0).startswith(
         "rotor 2 would have to turn 0.35 times as fast"

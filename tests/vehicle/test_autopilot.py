@@ -1,4 +1,4 @@
-"""Attitude and rate loops on board, compared with equations of their own, and the response of a vehicle with them."""
+"""Tests of attitude and rate loops on board against independent equations, and of flights with them."""
 
 import numpy as np
 import pytest
@@ -49,48 +49,52 @@ def wrench_of(noise, numbers):
     return wrench
 
 
-def law(target, state, numbers, noise=((0.0,) * 3, (0.0,) * 3)):
+def expected_wrench(target, state, numbers, noise=((0.0,) * 3, (0.0,) * 3)):
     """Return the wrench by the equations of the two proportional loops, with vectors and matrices."""
     inertia = np.diag(numbers.inertia)
     rates = np.array(state[9:12]) + numbers.gyroscope.bias + numbers.gyroscope.noise * np.array(noise[0])
     error = np.array(target[1:4]) - np.array(state[3:6]) - numbers.attitude_noise * np.array(noise[1])
     error[2] -= 2.0 * np.pi * np.round(error[2] / (2.0 * np.pi))
-    wanted = np.array(target[4:]) + np.array(numbers.k_attitude) * error
-    torque = inertia @ (np.array(numbers.k_rate) * (wanted - rates)) + np.cross(rates, inertia @ rates)
+    rate_command = np.array(target[4:]) + np.array(numbers.k_attitude) * error
+    torque = inertia @ (np.array(numbers.k_rate) * (rate_command - rates)) + np.cross(rates, inertia @ rates)
     return [target[0], *torque]
 
 
-def test_the_wrench_is_that_of_two_proportional_loops():
+def test_the_wrench_agrees_with_two_proportional_loops():
     """From a yaw of -3.1 rad to one of 3.0 rad, the shorter rotation is -0.18 rad."""
-    np.testing.assert_allclose(wrench_of(None, NUMBERS), law(TARGET, STATE, NUMBERS), rtol=1e-13)
+    np.testing.assert_allclose(wrench_of(None, NUMBERS), expected_wrench(TARGET, STATE, NUMBERS), rtol=1e-13)
     noise = SensorNoise((0.7, -1.2, 0.4), (1.1, -0.3, 0.9))
-    found = wrench_of(noise, NUMBERS)
-    np.testing.assert_allclose(found, law(TARGET, STATE, NUMBERS, noise), rtol=1e-13)
+    noisy_wrench = wrench_of(noise, NUMBERS)
+    np.testing.assert_allclose(noisy_wrench, expected_wrench(TARGET, STATE, NUMBERS, noise), rtol=1e-13)
     np.testing.assert_array_equal(wrench_without_torque(TARGET), [6.6, 0.0, 0.0, 0.0])
 
 
 class Px4Rates:
-    """PX4's RateControl with the filters of its gyroscope, the same for each axis, in PX4's order of operations."""
+    """PX4's RateControl with the filters of its gyroscope, in PX4's order of operations. All axes are equal."""
 
     def __init__(self, period, gains, limit, cutoffs):
         self.period, self.gains, self.limit = period, gains, limit
         self.low_pass = scipy.signal.butter(2, cutoffs[0], fs=2.0 * np.pi / period)
-        self.state, self.share = np.zeros((3, 2)), cutoffs[1] * period / (1.0 + cutoffs[1] * period)
-        self.before, self.acceleration, self.integral = None, np.zeros(3), np.zeros(3)
+        self.filter_state = np.zeros((3, 2))
+        self.share = cutoffs[1] * period / (1.0 + cutoffs[1] * period)
+        self.previous_rates = None
+        self.acceleration, self.integral = np.zeros(3), np.zeros(3)
 
-    def update(self, shown, wanted):
+    def update(self, measured_rates, rate_command):
         rates = np.zeros(3)
         for axis in range(3):
-            (rates[axis],), self.state[axis] = scipy.signal.lfilter(*self.low_pass, [shown[axis]], zi=self.state[axis])
-        if self.before is not None:
-            self.acceleration += self.share * ((rates - self.before) / self.period - self.acceleration)
-        self.before = rates
+            (rates[axis],), self.filter_state[axis] = scipy.signal.lfilter(
+                *self.low_pass, [measured_rates[axis]], zi=self.filter_state[axis]
+            )
+        if self.previous_rates is not None:
+            self.acceleration += self.share * ((rates - self.previous_rates) / self.period - self.acceleration)
+        self.previous_rates = rates
         k_p, k_i, k_d, k_ff = self.gains
-        error = wanted - rates
-        out = k_p * error + self.integral - k_d * self.acceleration + k_ff * wanted
-        fade = np.maximum(0.0, 1.0 - (error / np.radians(400.0)) ** 2)
-        self.integral = np.clip(self.integral + fade * k_i * error * self.period, -self.limit, self.limit)
-        return out
+        error = rate_command - rates
+        torque = k_p * error + self.integral - k_d * self.acceleration + k_ff * rate_command
+        integration_share = np.maximum(0.0, 1.0 - (error / np.radians(400.0)) ** 2)
+        self.integral = np.clip(self.integral + integration_share * k_i * error * self.period, -self.limit, self.limit)
+        return torque
 
 
 def test_the_rate_loop_agrees_with_px4_at_each_tick():
@@ -105,47 +109,49 @@ def test_the_rate_loop_agrees_with_px4_at_each_tick():
         max_rates=BodyRates(2.0, 1.0, 0.5),
     )
     px4, memory, rng = Px4Rates(period, gains, limit, cutoffs), AutopilotMemory.of(numbers), np.random.default_rng(4)
-    clipped = 0
+    num_limited = 0
     for tick in range(200):
-        shown = np.array([3.0, -2.0, 0.4]) * np.sin(0.05 * tick) + 0.3 * rng.normal(size=3)
-        state = STATE._replace(p=shown[0], q=shown[1], r=shown[2])
+        rates = np.array([3.0, -2.0, 0.4]) * np.sin(0.05 * tick) + 0.3 * rng.normal(size=3)
+        state = STATE._replace(p=rates[0], q=rates[1], r=rates[2])
         target = TARGET._replace(roll=0.3 * np.sin(0.03 * tick), q=3.0 * rng.normal())
-        asked = np.array(target[4:]) + np.array(numbers.k_attitude) * [
+        rate_command = np.array(target[4:]) + np.array(numbers.k_attitude) * [
             target.roll - state.roll,
             target.pitch - state.pitch,
             target.yaw - state.yaw - 2.0 * np.pi,
         ]
-        limited = np.clip(asked, [-2.0, -1.0, -0.5], [2.0, 1.0, 0.5])
-        clipped += np.any(asked != limited)
+        limited_command = np.clip(rate_command, [-2.0, -1.0, -0.5], [2.0, 1.0, 0.5])
+        num_limited += np.any(rate_command != limited_command)
         wrench, memory = autopilot_step(target, state, None, numbers, memory, period, LoopRules(gyroscopic=False))
-        expected = np.array(numbers.inertia) * px4.update(shown, limited)
+        expected = np.array(numbers.inertia) * px4.update(rates, limited_command)
         np.testing.assert_allclose(wrench[1:], expected, rtol=1e-9, atol=1e-9)
-    assert clipped > 20
+    assert num_limited > 20
     assert np.abs(px4.integral).max() == limit
 
 
-def test_an_estimator_without_drag_mistakes_drag_for_a_tilt():
-    """In flight at a constant velocity, the error approaches -v d / g with a first-order lag."""
+def test_an_estimator_that_neglects_drag_measures_the_drag_as_a_tilt():
+    """At a constant velocity v, the error approaches that of the neglected drag with a first-order lag."""
     drag, period = NeglectedDrag(0.04, 0.5), 0.002
-    lean = LeanError(0.0, 0.0)
+    error = LeanError(0.0, 0.0)
     state = STATE._replace(v_x=1.5, v_y=-0.8)
     for _ in range(200):
-        lean = next_lean_error(lean, state, drag, period)
-    np.testing.assert_allclose(lean, -0.04 * np.array([1.5, -0.8]) * (1.0 - np.exp(-200 * period / 0.5)), rtol=1e-12)
+        error = next_lean_error(error, state, drag, period)
+    np.testing.assert_allclose(error, -0.04 * np.array([1.5, -0.8]) * (1.0 - np.exp(-200 * period / 0.5)), rtol=1e-12)
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.5 * np.pi, 2.3])
-def test_the_estimated_thrust_leans_less_in_the_direction_of_flight(yaw):
-    """For small angles the thrust direction changes by the error along X and Y, whatever the yaw."""
+def test_the_estimated_thrust_direction_has_the_error_of_the_estimator_along_x_and_y(yaw):
+    """For small angles and any yaw, the error of the thrust direction along X and Y is the error of the estimator."""
 
     def direction(attitude):
         return Rotation.from_euler("ZYX", [attitude.yaw, attitude.pitch, attitude.roll]).apply([0.0, 0.0, 1.0])
 
     state = STATE._replace(roll=0.0, pitch=0.0, yaw=yaw)
-    true, _ = estimated_attitude_and_rates(state, None, NUMBERS)
-    seen, _ = estimated_attitude_and_rates(state, None, NUMBERS, LeanError(-2e-3, 1e-3))
-    np.testing.assert_allclose((direction(seen) - direction(true))[:2], [-2e-3, 1e-3], atol=1e-8)
-    assert seen.yaw == true.yaw
+    exact_attitude, _ = estimated_attitude_and_rates(state, None, NUMBERS)
+    estimated_attitude, _ = estimated_attitude_and_rates(state, None, NUMBERS, LeanError(-2e-3, 1e-3))
+    np.testing.assert_allclose(
+        (direction(estimated_attitude) - direction(exact_attitude))[:2], [-2e-3, 1e-3], atol=1e-8
+    )
+    assert estimated_attitude.yaw == exact_attitude.yaw
 
 
 def test_sensors_are_exact_by_default():
@@ -155,7 +161,7 @@ def test_sensors_are_exact_by_default():
     assert numbers.gyroscope.bias == numbers.initial[1:] == (0.0, 0.0, 0.0)
 
 
-def test_target_and_state_are_sampled_at_a_tick_and_the_wrench_is_held():
+def test_target_and_state_are_sampled_at_ticks_and_the_wrench_is_constant_between_them():
     autopilot = AttitudeAutopilot(period=0.005, numbers=NUMBERS)
     simulator = Simulator(autopilot)
     context = simulator.get_mutable_context()
@@ -165,17 +171,17 @@ def test_target_and_state_are_sampled_at_a_tick_and_the_wrench_is_held():
     wrench = autopilot.GetOutputPort("wrench")
     np.testing.assert_array_equal(wrench.Eval(context), np.zeros(4))
     simulator.AdvanceTo(0.001)
-    np.testing.assert_allclose(wrench.Eval(context), law(targets[0], STATE, NUMBERS), rtol=1e-13)
+    np.testing.assert_allclose(wrench.Eval(context), expected_wrench(targets[0], STATE, NUMBERS), rtol=1e-13)
     autopilot.GetInputPort("attitude_target").FixValue(context, list(targets[1]))
     simulator.AdvanceTo(0.0049)
-    np.testing.assert_allclose(wrench.Eval(context), law(targets[0], STATE, NUMBERS), rtol=1e-13)
+    np.testing.assert_allclose(wrench.Eval(context), expected_wrench(targets[0], STATE, NUMBERS), rtol=1e-13)
     simulator.AdvanceTo(0.0051)
-    np.testing.assert_allclose(wrench.Eval(context), law(targets[1], STATE, NUMBERS), rtol=1e-13)
+    np.testing.assert_allclose(wrench.Eval(context), expected_wrench(targets[1], STATE, NUMBERS), rtol=1e-13)
 
 
 @pytest.mark.slow
 def test_a_gyroscope_bias_causes_a_steady_attitude_error(diagrams):
-    """In equilibrium, k_attitude (φ_r - φ) is the bias, except for the effect of ω x I ω."""
+    """In equilibrium, k_attitude (φ_r - φ) is the bias, apart from the effect of ω × I ω."""
     bias = np.array([0.02, -0.03, 0.01])
     flight = simulate(
         load_scenario(
@@ -190,16 +196,16 @@ def test_a_gyroscope_bias_causes_a_steady_attitude_error(diagrams):
         compiled=True,
     )
     autopilot, inertia = flight.scenario.laboratory.autopilot, np.array(flight.scenario.nominal.inertia)
-    turned = bias - np.cross(bias, inertia * bias) / (inertia * np.array(autopilot.k_rate))
+    rate_error = bias - np.cross(bias, inertia * bias) / (inertia * np.array(autopilot.k_rate))
     error = flight["attitude_command"][-1] - flight["state"][-1, 3:6]
-    np.testing.assert_allclose(error, turned / np.array(autopilot.k_attitude), rtol=1e-6)
+    np.testing.assert_allclose(error, rate_error / np.array(autopilot.k_attitude), rtol=1e-6)
     np.testing.assert_allclose(flight["state"][-1, 3:5], 0.0, atol=1e-8)
 
 
 @pytest.mark.slow
 def test_the_autopilot_is_not_delayed_by_the_link(diagrams):
-    """For any delay of the link the yaw decays in the same way, since no position loop affects it."""
-    flown = []
+    """The yaw decays in the same way for any delay of the link, because no position loop affects it."""
+    yaws = []
     for delay in (0, 5):
         flight = simulate(
             load_scenario(
@@ -213,10 +219,11 @@ def test_the_autopilot_is_not_delayed_by_the_link(diagrams):
             ),
             compiled=True,
         )
-        flown.append(flight.record("state").yaw)
-    assert np.abs(flown[0]).max() > 0.02
-    # Rotors with changing speeds produce a little lift, and the height is controlled from the ground.
-    np.testing.assert_allclose(flown[0], flown[1], atol=1e-6)
+        yaws.append(flight.record("state").yaw)
+    assert np.abs(yaws[0]).max() > 0.02
+    # The yaws differ slightly, because changing rotor speeds change the thrust, and the height is controlled over the
+    # link.
+    np.testing.assert_allclose(yaws[0], yaws[1], atol=1e-6)
 
 
 @pytest.mark.parametrize("noisy", [False, True])

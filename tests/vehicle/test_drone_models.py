@@ -1,7 +1,7 @@
-"""The model agrees with derivatives of the package drone-models, which `record_drone_models.py` has recorded.
+"""Tests that the model agrees with derivatives of the package drone-models, which `record_drone_models.py` recorded.
 
-docs/reference/effects.md lists the terms in which the equations of the package differ from ours. The tests add these
-terms one by one.
+docs/reference/effects.md lists the terms in which the equations of the package differ from ours. The test adds these
+terms to our derivatives.
 """
 
 import json
@@ -19,13 +19,12 @@ from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorNumbers
 from drake_quad.vehicle.rotors import Rotor, Rotors
 
 RECORD = json.loads(Path(__file__).with_name("drone_models.json").read_text(encoding="utf-8"))
-# rad/s
-RPM = 2.0 * np.pi / 60.0
+RPM = 2.0 * np.pi / 60.0  # one revolution per minute, rad/s
 RESULTS = {"acceleration": slice(6, 9), "turning": slice(9, 12), "spinning": slice(12, 16)}
 
 
-def lag(coefficient):
-    """Return the time constant (s) of rotors with a linear lag, for its coefficient; infinite if it is 0."""
+def time_constant(coefficient):
+    """Return the time constant of a linear lag with a coefficient of the package, s. It is infinite for 0."""
     return 1.0 / coefficient if coefficient else np.inf
 
 
@@ -58,50 +57,58 @@ class Drone:
             gravity=self.gravity,
             min_rotor_speed=0.0,
             max_rotor_speed=1e4,
-            rotor_time_constant=lag(up),
+            rotor_time_constant=time_constant(up),
             linear_drag=0.0,
             quadratic_drag=0.0,
         )
         effects = Effects(
             body_drag=BodyDrag(LinearDrag(*self.drag)),
             reaction_torque=ReactionTorque(rotor_inertia),
-            spin_down=SpinDown(lag(down)),
+            spin_down=SpinDown(time_constant(down)),
         )
         return Quadrotor(time_step=0.0, effects=effects.names, numbers=QuadrotorNumbers(parameters, effects=effects))
 
     def rates(self, sample):
         """Return the (16,) derivatives of our state."""
-        still = [0.0, 0.0, 0.0]
+        zero = [0.0, 0.0, 0.0]
         names = "attitude", "velocity", "rates", "speeds"
-        self.context.SetContinuousState(np.concatenate([still, *(sample[name] for name in names)]))
+        self.context.SetContinuousState(np.concatenate([zero, *(sample[name] for name in names)]))
         self.vehicle.GetInputPort("rotor_speed_command").FixValue(self.context, sample["commands"])
-        self.vehicle.GetInputPort("wind").FixValue(self.context, still)
+        self.vehicle.GetInputPort("wind").FixValue(self.context, zero)
         return self.vehicle.EvalTimeDerivatives(self.context).CopyToVector()
 
-    def further_terms(self, sample):
-        """Return the terms that the package adds to the accelerations of body and rotors, by their reason."""
+    def additional_terms(self, sample):
+        """Return, by a description, the terms that the package adds to the accelerations of body and rotors."""
         speeds, commands = np.array(sample["speeds"]), np.array(sample["commands"])
         (k_0, k_1, _), (c_0, c_1, _) = self.numbers["rpm2thrust"], self.numbers["rpm2torque"]
         force, drag = k_0 + k_1 * speeds / RPM, c_0 + c_1 * speeds / RPM
-        _, of_squares_up, _, of_squares_down = self.numbers["rotor_dyn_coef"]
-        of_squares = np.where(commands > speeds, of_squares_up, of_squares_down)
-        spinning = of_squares * (commands**2 - speeds**2) / RPM
+        _, square_coefficient_up, _, square_coefficient_down = self.numbers["rotor_dyn_coef"]
+        square_coefficient = np.where(commands > speeds, square_coefficient_up, square_coefficient_down)
+        rotor_acceleration = square_coefficient * (commands**2 - speeds**2) / RPM
         p_inertia = self.numbers["prop_inertia"]
         spin = -p_inertia * (self.yaw @ speeds)
         _, q, _ = sample["rates"]
-        nothing, none = np.zeros(3), np.zeros(4)
+        no_vector, no_rotors = np.zeros(3), np.zeros(4)
 
-        def turned(x, y, z):
+        def angular_acceleration(x, y, z):
             return np.array([x, y, z]) / self.inertia
 
         return {
             "thrust and torque that are linear in the speed": (
                 rotation(*sample["attitude"])[:, 2] * force.sum() / self.mass,
-                turned(self.roll @ force, self.pitch @ force, self.yaw @ drag),
-                none,
+                angular_acceleration(self.roll @ force, self.pitch @ force, self.yaw @ drag),
+                no_rotors,
             ),
-            "a lag with the difference of squares": (nothing, turned(0, 0, p_inertia * self.yaw @ spinning), spinning),
-            "the sign of the gyroscopic torque about x": (nothing, turned(2.0 * q * spin, 0, 0), none),
+            "a lag with the difference of squares": (
+                no_vector,
+                angular_acceleration(0, 0, p_inertia * self.yaw @ rotor_acceleration),
+                rotor_acceleration,
+            ),
+            "the sign of the gyroscopic torque about x": (
+                no_vector,
+                angular_acceleration(2.0 * q * spin, 0, 0),
+                no_rotors,
+            ),
         }
 
 
@@ -110,17 +117,17 @@ def drone(request):
     return Drone(RECORD["drones"][request.param])
 
 
-def test_derivatives_of_drone_models_are_ours_plus_three_terms(drone):
-    """Without any one of the terms they differ."""
+def test_derivatives_of_drone_models_are_ours_and_three_additional_terms(drone):
+    """Every term is large enough that the derivatives would differ without it."""
     assert RECORD["package"] == "drone-models 0.1.0"
-    worst = dict.fromkeys(drone.further_terms(drone.samples[0]), 0.0)
+    largest_shares = dict.fromkeys(drone.additional_terms(drone.samples[0]), 0.0)
     for sample in drone.samples:
-        ours, terms = drone.rates(sample), drone.further_terms(sample)
-        for place, (name, rows) in enumerate(RESULTS.items()):
-            theirs = np.array(sample[name])
-            parts = {reason: term[place] for reason, term in terms.items()}
-            scale = np.abs(theirs).max()
-            np.testing.assert_allclose(ours[rows] + sum(parts.values()), theirs, rtol=0.0, atol=1e-9 * scale)
+        ours, terms = drone.rates(sample), drone.additional_terms(sample)
+        for index, (name, rows) in enumerate(RESULTS.items()):
+            expected = np.array(sample[name])
+            parts = {reason: term[index] for reason, term in terms.items()}
+            scale = np.abs(expected).max()
+            np.testing.assert_allclose(ours[rows] + sum(parts.values()), expected, rtol=0.0, atol=1e-9 * scale)
             for reason, part in parts.items():
-                worst[reason] = max(worst[reason], np.abs(part).max() / scale)
-    assert min(worst.values()) > 1e-3, worst
+                largest_shares[reason] = max(largest_shares[reason], np.abs(part).max() / scale)
+    assert min(largest_shares.values()) > 1e-3, largest_shares

@@ -1,4 +1,4 @@
-"""The equations of motion agree with Drake's plants, with the paper, and with conservation laws of mechanics."""
+"""Tests that the equations of motion agree with Drake's plants, the paper and the conservation laws of mechanics."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ from drake_quad.vehicle.rotors import Rotor, Rotors
 from drake_quad.vehicle.stepping import VehicleState, quadrotor_slope
 
 TABLE_I = QuadrotorParameters()
-STILL = Wind(0.0, 0.0, 0.0)
+NO_WIND = Wind(0.0, 0.0, 0.0)
 NO_WRENCH = Wrench(0.0, 0.0, 0.0, 0.0)
 
 
@@ -39,7 +39,7 @@ def random_states(count, seed):
     )
 
 
-def body_derivative(state, parameters, wind=STILL, kinematics=RIGID_KINEMATICS):
+def body_derivative(state, parameters, wind=NO_WIND, kinematics=RIGID_KINEMATICS):
     rotors = rotor_action(RotorSpeed(*state[12:]), parameters)
     return np.array(rigid_body_derivative(State(*state[:12]), rotors, wind, parameters, kinematics))
 
@@ -50,16 +50,16 @@ def assert_close(actual, expected):
 
 
 @pytest.fixture(scope="module")
-def uneven(asymmetric_vehicle):
-    """Return uneven parameters without the effects that Drake's plants do not have: rotor inertia and drag."""
+def parameters_without_drag(asymmetric_vehicle):
+    """Return asymmetric parameters without rotor inertia and drag, which Drake's plants do not have."""
     return asymmetric_vehicle._replace(rotor_inertia=0.0, linear_drag=0.0, quadratic_drag=0.0)
 
 
-def test_accelerations_agree_with_drake_s_quadrotor_plant(uneven):
-    """The rotors of this plant are equal, and its centre of mass is in their middle."""
+def test_accelerations_agree_with_drake_s_quadrotor_plant(parameters_without_drag):
+    """In this plant, the rotors are equal and the centre of mass is in their middle."""
     b, d, arm = 4.15e-5, 1.1e-6, 0.165
     rotors = Rotors.plus(length=2.0 * arm, width=2.0 * arm, thrust_factor=b, drag_factor=d)
-    parameters = uneven._replace(rotors=rotors, centre_of_mass=CentreOfMass(), gravity=9.81)
+    parameters = parameters_without_drag._replace(rotors=rotors, centre_of_mass=CentreOfMass(), gravity=9.81)
     plant = QuadrotorPlant(
         m_arg=parameters.mass,
         L_arg=arm,
@@ -83,7 +83,7 @@ def test_accelerations_agree_with_drake_s_quadrotor_plant(uneven):
         assert_close(euler_acceleration, theirs[9:12])
 
 
-def multibody(parameters):
+def multibody_plant(parameters):
     """Return a MultibodyPlant of a free body with four propellers."""
     builder = DiagramBuilder()
     plant, _ = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
@@ -115,7 +115,7 @@ def random_rotors(rng):
 
 
 def assert_accelerates_as_multibody(parameters, states):
-    diagram, plant, body = multibody(parameters)
+    diagram, plant, body = multibody_plant(parameters)
     root = diagram.CreateDefaultContext()
     context = plant.GetMyContextFromRoot(root)
     for state in states:
@@ -130,32 +130,34 @@ def assert_accelerates_as_multibody(parameters, states):
         assert_close(ours[9:12], R_WB.inverse() @ acceleration.rotational())
 
 
-def test_accelerations_agree_with_a_multibody_plant_with_propellers(uneven):
-    assert_accelerates_as_multibody(uneven, random_states(300, seed=2))
+def test_accelerations_agree_with_a_multibody_plant_with_propellers(parameters_without_drag):
+    assert_accelerates_as_multibody(parameters_without_drag, random_states(300, seed=2))
 
 
 @pytest.mark.slow
-def test_accelerations_of_a_hundred_layouts_agree_with_multibody_plants(uneven):
+def test_accelerations_of_a_hundred_layouts_agree_with_multibody_plants(parameters_without_drag):
     rng = np.random.default_rng(12)
     for seed in range(100):
-        parameters = uneven._replace(rotors=random_rotors(rng), centre_of_mass=CentreOfMass(*rng.normal(size=2) * 0.05))
+        parameters = parameters_without_drag._replace(
+            rotors=random_rotors(rng), centre_of_mass=CentreOfMass(*rng.normal(size=2) * 0.05)
+        )
         assert_accelerates_as_multibody(parameters, random_states(5, seed=seed))
 
 
-def test_the_paper_s_rotors_follow_eqs_4_and_5():
-    b, d, length, speed = 4.13e-5, 8.5e-7, 0.17, RotorSpeed(210.0, 190.0, 205.0, 180.0)
-    w_1, w_2, w_3, w_4 = speed
-    found = rotor_action(speed, TABLE_I)
-    assert found.residual == pytest.approx(-w_1 + w_2 - w_3 + w_4)
-    assert found.wrench.thrust == pytest.approx(b * (w_1**2 + w_2**2 + w_3**2 + w_4**2))
-    assert found.wrench.tau_x == pytest.approx(length * b * (w_4**2 - w_2**2))
-    assert found.wrench.tau_y == pytest.approx(length * b * (w_3**2 - w_1**2))
-    assert found.wrench.tau_z == pytest.approx(d * (w_1**2 - w_2**2 + w_3**2 - w_4**2))
+def test_rotors_in_a_plus_agree_with_eqs_4_and_5():
+    b, d, length, speeds = 4.13e-5, 8.5e-7, 0.17, RotorSpeed(210.0, 190.0, 205.0, 180.0)
+    w_1, w_2, w_3, w_4 = speeds
+    action = rotor_action(speeds, TABLE_I)
+    assert action.residual == pytest.approx(-w_1 + w_2 - w_3 + w_4)
+    assert action.wrench.thrust == pytest.approx(b * (w_1**2 + w_2**2 + w_3**2 + w_4**2))
+    assert action.wrench.tau_x == pytest.approx(length * b * (w_4**2 - w_2**2))
+    assert action.wrench.tau_y == pytest.approx(length * b * (w_3**2 - w_1**2))
+    assert action.wrench.tau_z == pytest.approx(d * (w_1**2 - w_2**2 + w_3**2 - w_4**2))
 
 
-def test_spinning_rotors_keep_the_total_angular_momentum(uneven):
+def test_the_total_angular_momentum_of_body_and_rotors_is_constant(parameters_without_drag):
     """For rotors with constant speed and without thrust, R_WB (I w + J_r w_r z) is constant."""
-    parameters = uneven._replace(rotor_inertia=1e-3)
+    parameters = parameters_without_drag._replace(rotor_inertia=1e-3)
     residual = rotor_action(RotorSpeed(100.0, 300.0, 120.0, 280.0), parameters).residual
     assert residual == 360.0
     state = np.array([0.0] * 3 + [0.1, -0.2, 0.3] + [0.0] * 3 + [1.0, -2.0, 0.5])
@@ -167,7 +169,7 @@ def test_spinning_rotors_keep_the_total_angular_momentum(uneven):
 
     def derivative(state):
         rotors = RotorAction(NO_WRENCH, residual)
-        return np.array(rigid_body_derivative(State(*state), rotors, STILL, parameters, RIGID_KINEMATICS))
+        return np.array(rigid_body_derivative(State(*state), rotors, NO_WIND, parameters, RIGID_KINEMATICS))
 
     start = momentum(state)
     step = 1e-4
@@ -177,19 +179,19 @@ def test_spinning_rotors_keep_the_total_angular_momentum(uneven):
         k_3 = derivative(state + 0.5 * step * k_2)
         k_4 = derivative(state + step * k_3)
         state = state + step / 6.0 * (k_1 + 2.0 * k_2 + 2.0 * k_3 + k_4)
-    assert np.abs(state[9:12] - [1.0, -2.0, 0.5]).max() > 0.5, "the body must have moved for this to mean anything"
+    assert np.abs(state[9:12] - [1.0, -2.0, 0.5]).max() > 0.5, "the body rates should change"
     np.testing.assert_allclose(momentum(state), start, rtol=0.0, atol=1e-12)
 
 
 def test_gyroscopic_torques_have_the_signs_of_the_paper(asymmetric_vehicle):
-    """Eq (3) has -J_r θ' w_r in roll and +J_r φ' w_r in pitch."""
+    """Eq (3) contains -J_r θ' w_r in roll and +J_r φ' w_r in pitch."""
     parameters = asymmetric_vehicle._replace(linear_drag=0.0, quadratic_drag=0.0)
-    (i_xx, i_yy, i_zz), spin = parameters.inertia, parameters.rotor_inertia
+    (i_xx, i_yy, i_zz), rotor_inertia = parameters.inertia, parameters.rotor_inertia
     state = State(*[0.0] * 9, p=2.0, q=3.0, r=0.0)
     rotors = RotorAction(NO_WRENCH, 50.0)
-    slope = rigid_body_derivative(state, rotors, STILL, parameters, SMALL_ANGLE_KINEMATICS)
-    assert slope.p == pytest.approx(-spin * 3.0 * 50.0 / i_xx)
-    assert slope.q == pytest.approx(spin * 2.0 * 50.0 / i_yy)
+    slope = rigid_body_derivative(state, rotors, NO_WIND, parameters, SMALL_ANGLE_KINEMATICS)
+    assert slope.p == pytest.approx(-rotor_inertia * 3.0 * 50.0 / i_xx)
+    assert slope.q == pytest.approx(rotor_inertia * 2.0 * 50.0 / i_yy)
     assert slope.r == pytest.approx((i_xx - i_yy) * 2.0 * 3.0 / i_zz)
 
 
@@ -197,14 +199,14 @@ def test_small_angles_agree_with_the_exact_form_to_second_order(asymmetric_vehic
     direction = np.random.default_rng(3).normal(size=16)
     direction[:3] = direction[6:9] = 0.0
 
-    def gap(size):
+    def largest_difference(size):
         state = size * direction
         state[12:] += 200.0
         kinematics = RIGID_KINEMATICS, SMALL_ANGLE_KINEMATICS
-        exact, small = (body_derivative(state, asymmetric_vehicle, STILL, each) for each in kinematics)
-        return np.abs(exact - small).max()
+        exact, approximate = (body_derivative(state, asymmetric_vehicle, NO_WIND, each) for each in kinematics)
+        return np.abs(exact - approximate).max()
 
-    ratios = [gap(size) / gap(size / 2.0) for size in (1e-2, 1e-3, 1e-4)]
+    ratios = [largest_difference(size) / largest_difference(size / 2.0) for size in (1e-2, 1e-3, 1e-4)]
     np.testing.assert_allclose(ratios, 4.0, rtol=2e-2)
 
 
@@ -212,11 +214,11 @@ def test_a_vehicle_at_hover_speeds_has_no_acceleration():
     speeds = hover_rotor_speeds(TABLE_I)
     assert speeds == pytest.approx([200.9] * 4, abs=0.05)
     state = VehicleState(State(*[0.0] * 12), speeds)
-    body, rotors, *_ = quadrotor_slope(state, speeds, STILL, None, TABLE_I, None, NO_EFFECTS, 0.0, RIGID_KINEMATICS)
+    body, rotors, *_ = quadrotor_slope(state, speeds, NO_WIND, None, TABLE_I, None, NO_EFFECTS, 0.0, RIGID_KINEMATICS)
     np.testing.assert_allclose([*body, *rotors], 0.0, atol=1e-14)
 
 
-def test_power_of_the_rotors_and_of_the_air_is_the_rate_of_the_energy(asymmetric_vehicle):
+def test_the_power_of_rotors_and_air_is_the_rate_of_the_energy(asymmetric_vehicle):
     parameters = asymmetric_vehicle._replace(linear_drag=0.2, quadratic_drag=0.05)
     wind = Wind(1.0, -2.0, 0.5)
     for state in random_states(100, seed=4):
@@ -235,24 +237,24 @@ def test_power_of_the_rotors_and_of_the_air_is_the_rate_of_the_energy(asymmetric
 
 
 def test_rotor_speed_commands_are_clipped_and_multiplied_by_fault_factors(asymmetric_vehicle):
-    """The commands of each rotor are in turn too large, too small, NaN and feasible, and each rotor has a factor."""
+    """The command of each rotor is in turn too large, too small, NaN and feasible. Each rotor has its own factor."""
     low, high = asymmetric_vehicle.min_rotor_speed, asymmetric_vehicle.max_rotor_speed
-    commands, held, shares = [1e4, -1e4, np.nan, 250.0], [high, low, low, 250.0], [1.0, 0.9, 0.8, 0.7]
-    for turn in range(4):
-        command = RotorSpeed(*np.roll(commands, turn).tolist())
-        found = target_rotor_speed(command, asymmetric_vehicle, SpeedFactors(*shares))
-        np.testing.assert_allclose(found, shares * np.roll(held, turn), rtol=1e-15)
+    commands, limited, factors = [1e4, -1e4, np.nan, 250.0], [high, low, low, 250.0], [1.0, 0.9, 0.8, 0.7]
+    for shift in range(4):
+        command = RotorSpeed(*np.roll(commands, shift).tolist())
+        speeds = target_rotor_speed(command, asymmetric_vehicle, SpeedFactors(*factors))
+        np.testing.assert_allclose(speeds, factors * np.roll(limited, shift), rtol=1e-15)
 
 
 def test_drag_is_parallel_to_the_airspeed():
     force = np.array(drag(Wind(-3.0, 4.0, 0.0), 0.2, 0.01))
     assert np.linalg.norm(force) == pytest.approx(0.2 * 5.0 + 0.01 * 25.0)
     np.testing.assert_allclose(force / np.linalg.norm(force), [-0.6, 0.8, 0.0])
-    assert drag(STILL, 0.2, 0.01) == (0.0, 0.0, 0.0)
+    assert drag(NO_WIND, 0.2, 0.01) == (0.0, 0.0, 0.0)
 
 
-def test_a_vehicle_that_moves_with_the_air_has_no_drag(asymmetric_vehicle, uneven):
+def test_a_vehicle_that_moves_with_the_air_has_no_drag(asymmetric_vehicle, parameters_without_drag):
     state = random_states(1, seed=8)[0]
     parameters = asymmetric_vehicle._replace(rotor_inertia=0.0)
-    still_air = body_derivative(state, uneven, STILL)
+    still_air = body_derivative(state, parameters_without_drag, NO_WIND)
     np.testing.assert_allclose(body_derivative(state, parameters, Wind(*state[6:9])), still_air, rtol=1e-12)

@@ -1,4 +1,4 @@
-"""Throttles, time constants in both directions, the reaction torque, and the battery."""
+"""Tests of throttles, time constants in both directions, the reaction torque and the battery."""
 
 import numpy as np
 import pytest
@@ -25,17 +25,17 @@ from drake_quad.vehicle.parameters import CentreOfMass, QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorNumbers
 from drake_quad.vehicle.rotors import Rotors
 
-# The last curve is that of Eschmann, Albani and Loianno (arXiv 2404.07837) for a Crazyflie, which falls at first.
-RISING = [
+RISING_CURVES = [
     ThrustCurve(0.1, 1.0, 2.8),
     ThrustCurve(0.0, 0.0, 3.0),
     ThrustCurve(0.2, 4.0, 0.0),
     ThrustCurve(0.0, 4.0, -1.9),
 ]
+# Eschmann, Albani and Loianno (arXiv 2404.07837) identified this curve. It falls before it rises.
 CRAZYFLIE = ThrustCurve(0.0227, -0.0119, 0.1284)
 
 
-@pytest.mark.parametrize("curve", RISING)
+@pytest.mark.parametrize("curve", RISING_CURVES)
 def test_the_throttle_for_a_thrust_inverts_the_curve(curve):
     """A root finder agrees with the closed form over the whole curve."""
     for throttle in np.linspace(0.0, 1.0, 21).tolist():
@@ -45,9 +45,9 @@ def test_the_throttle_for_a_thrust_inverts_the_curve(curve):
 
 
 def test_the_throttle_is_on_the_rising_branch_of_a_curve_that_falls_at_first():
-    found = throttle_for(0.05, CRAZYFLIE)
+    throttle = throttle_for(0.05, CRAZYFLIE)
     root = scipy.optimize.brentq(lambda u: np.polyval(CRAZYFLIE[::-1], u) - 0.05, 0.1, 1.0)
-    assert found == pytest.approx(root, rel=1e-12)
+    assert throttle == pytest.approx(root, rel=1e-12)
 
 
 def test_throttles_command_rotor_speeds_by_the_thrust_curve():
@@ -55,8 +55,8 @@ def test_throttles_command_rotor_speeds_by_the_thrust_curve():
     curve = ThrustCurve(0.1, 1.0, 2.8)
     rotors = Rotors.plus().with_thrust_factors(4.0e-5, 4.1e-5, 4.2e-5, 4.3e-5)
     parameters = QuadrotorParameters(rotors=rotors)
-    told = rotor_speeds_of_throttles(Throttle(0.5, -1.0, 7.0, np.nan), curve, parameters)
-    np.testing.assert_allclose(np.square(told) * 4.15e-5, [0.1 + 0.5 + 0.7, 0.1, 3.9, 0.1], rtol=1e-12)
+    speeds = rotor_speeds_of_throttles(Throttle(0.5, -1.0, 7.0, np.nan), curve, parameters)
+    np.testing.assert_allclose(np.square(speeds) * 4.15e-5, [0.1 + 0.5 + 0.7, 0.1, 3.9, 0.1], rtol=1e-12)
 
 
 def test_allocated_throttles_produce_the_wrench(asymmetric_vehicle):
@@ -64,17 +64,17 @@ def test_allocated_throttles_produce_the_wrench(asymmetric_vehicle):
     b = 4.1e-5
     rotors = asymmetric_vehicle.rotors.with_thrust_factors(b, b, b, b)
     parameters = asymmetric_vehicle._replace(rotors=rotors, centre_of_mass=CentreOfMass())
-    model = ThrottleModel.of(parameters, RISING[0])
+    model = ThrottleModel.of(parameters, RISING_CURVES[0])
     wrench = Wrench(7.1, 0.05, -0.08, 0.003)
     command, shortfall = allocate_throttle(wrench, model)
     assert all(0.0 < throttle < 1.0 for throttle in command)
     assert shortfall == (0.0, 0.0, 0.0, 0.0)
-    told = rotor_speeds_of_throttles(command, model.curve, parameters)
-    np.testing.assert_allclose(rotor_action(told, parameters).wrench, wrench, rtol=1e-12)
+    speeds = rotor_speeds_of_throttles(command, model.curve, parameters)
+    np.testing.assert_allclose(rotor_action(speeds, parameters).wrench, wrench, rtol=1e-12)
 
 
-def test_full_throttle_limits_the_wrench():
-    """The rotors could turn faster than at full throttle. At the other end, zero throttle limits the wrench."""
+def test_zero_and_full_throttle_limit_the_wrench():
+    """The limits of the rotor speeds are wider than those of the throttle, which are zero and full throttle."""
     parameters = QuadrotorParameters(max_rotor_speed=1e4, min_rotor_speed=0.0)
     model = ThrottleModel.of(parameters, ThrustCurve(0.3, 1.0, 1.2))
     command, shortfall = allocate_throttle(Wrench(20.0, 0.0, 0.0, 0.0), model)
@@ -98,33 +98,33 @@ def test_rotor_speed_limits_also_apply_to_throttles(asymmetric_vehicle):
 
 
 def test_a_wrong_thrust_curve_causes_a_wrong_thrust(asymmetric_vehicle):
-    """`believed_rotor_speeds` returns the command with which the rotors turn at the wanted speeds."""
+    """`believed_rotor_speeds` returns the command at which the rotors turn at the given speeds."""
     vehicle = ThrottleModel.of(asymmetric_vehicle, ThrustCurve(0.2, 0.9, 3.3))
-    believed = ThrottleModel.of(QuadrotorParameters(), ThrustCurve(0.1, 1.1, 2.7))
-    wanted = RotorSpeed(200.0, 210.0, 190.0, 205.0)
-    commanded = believed_rotor_speeds(wanted, vehicle, believed)
-    thrusts = believed.thrust_factor * np.square(commanded)
-    command = Throttle(*(throttle_for(thrust, believed.curve) for thrust in thrusts))
+    nominal = ThrottleModel.of(QuadrotorParameters(), ThrustCurve(0.1, 1.1, 2.7))
+    speeds = RotorSpeed(200.0, 210.0, 190.0, 205.0)
+    commanded_speeds = believed_rotor_speeds(speeds, vehicle, nominal)
+    thrusts = nominal.thrust_factor * np.square(commanded_speeds)
+    command = Throttle(*(throttle_for(thrust, nominal.curve) for thrust in thrusts))
     np.testing.assert_allclose(
-        rotor_speeds_of_throttles(command, vehicle.curve, asymmetric_vehicle), wanted, rtol=1e-12
+        rotor_speeds_of_throttles(command, vehicle.curve, asymmetric_vehicle), speeds, rtol=1e-12
     )
-    assert np.abs(np.subtract(commanded, wanted)).min() > 1.0
+    assert np.abs(np.subtract(commanded_speeds, speeds)).min() > 1.0
 
 
 @pytest.mark.parametrize("paired", [False, True])
 def test_the_system_allocates_throttles(asymmetric_vehicle, paired):
-    model = ThrottleModel.of(QuadrotorParameters() if paired else asymmetric_vehicle, RISING[0])
+    model = ThrottleModel.of(QuadrotorParameters() if paired else asymmetric_vehicle, RISING_CURVES[0])
     system = ThrottleAllocation(paired=paired, numbers=model)
     context = system.CreateDefaultContext()
     wrench = Wrench(6.0, 0.01, 0.02, 0.001)
     system.GetInputPort("wrench").FixValue(context, wrench)
     command, shortfall = allocate_throttle(wrench, model)
-    found = system.get_output_port().Eval(context)
-    np.testing.assert_allclose(found, [*command, *shortfall], rtol=1e-12, atol=1e-15)
+    output = system.get_output_port().Eval(context)
+    np.testing.assert_allclose(output, [*command, *shortfall], rtol=1e-12, atol=1e-15)
 
 
-def flown(effects, command, duration, time_step, parameters, initial=None):
-    """Return the simulator of a vehicle after some time under a constant command."""
+def vehicle_and_context_after(effects, command, duration, time_step, parameters, initial=None):
+    """Return a vehicle and its context after some time with a constant command."""
     numbers = QuadrotorNumbers(parameters, effects=effects)
     vehicle = Quadrotor(time_step=time_step, effects=effects.names, numbers=numbers)
     simulator = Simulator(vehicle)
@@ -147,41 +147,43 @@ def test_rotors_speed_up_and_slow_down_with_different_time_constants(time_step):
     parameters = QuadrotorParameters(rotor_time_constant=0.03)
     effects = Effects(spin_down=SpinDown(0.08))
     initial, command = RotorSpeed(100.0, 280.0, 150.0, 200.0), [200.0, 150.0, 260.0, 90.0]
-    vehicle, context = flown(effects, command, 0.05, time_step, parameters, initial)
-    found = vehicle.GetOutputPort("rotor_speed").Eval(context)
+    vehicle, context = vehicle_and_context_after(effects, command, 0.05, time_step, parameters, initial)
+    speeds = vehicle.GetOutputPort("rotor_speed").Eval(context)
     lags = np.array([0.03, 0.08, 0.03, 0.08])
     expected = command + (np.array(initial) - command) * np.exp(-0.05 / lags)
-    np.testing.assert_allclose(found, expected, rtol=1e-6 if time_step == 0.0 else 1e-12)
+    np.testing.assert_allclose(speeds, expected, rtol=1e-6 if time_step == 0.0 else 1e-12)
 
 
 @pytest.mark.parametrize("time_step", [0.01, 0.0])
 def test_body_and_rotors_conserve_angular_momentum(time_step):
-    """Without drag of the rotors, the body loses the angular momentum about z that the rotors gain."""
-    spin = 2.0e-4
-    parameters = QuadrotorParameters(rotor_inertia=spin, rotors=Rotors.plus(drag_factor=1e-30))
-    effects = Effects(reaction_torque=ReactionTorque(spin), spin_down=SpinDown(0.09))
+    """Without rotor drag, the sum of the angular momenta of body and rotors about z is constant."""
+    rotor_inertia = 2.0e-4
+    parameters = QuadrotorParameters(rotor_inertia=rotor_inertia, rotors=Rotors.plus(drag_factor=1e-30))
+    effects = Effects(reaction_torque=ReactionTorque(rotor_inertia), spin_down=SpinDown(0.09))
     initial, command = RotorSpeed(200.0, 200.0, 200.0, 200.0), [150.0, 250.0, 150.0, 250.0]
-    vehicle, context = flown(effects, command, 0.2, time_step, parameters, initial)
+    vehicle, context = vehicle_and_context_after(effects, command, 0.2, time_step, parameters, initial)
     speeds = RotorSpeed(*vehicle.GetOutputPort("rotor_speed").Eval(context))
     *_, r = vehicle.GetOutputPort("state").Eval(context)
     residual = -speeds.rotor_1 + speeds.rotor_2 - speeds.rotor_3 + speeds.rotor_4
     assert residual > 150.0
     # The step integrates an exponential by Simpson's rule, whose error is of order h⁵.
-    assert parameters.inertia.i_zz * r + spin * residual == pytest.approx(0.0, abs=1e-5 * spin * residual)
+    assert parameters.inertia.i_zz * r + rotor_inertia * residual == pytest.approx(
+        0.0, abs=1e-5 * rotor_inertia * residual
+    )
 
 
 BATTERY = Battery(voltage=12.6, empty_voltage=10.2, capacity=0.05, resistance=0.04, efficiency=0.65)
 
 
 def test_the_voltage_under_load_satisfies_the_circuit_equations():
-    """The reference solves Kirchhoff's voltage law and the power balance numerically."""
+    """The closed form agrees with a numerical solution of Kirchhoff's voltage law and the power balance."""
     for drawn, power in ((0.0, 0.0), (0.01, 80.0), (0.04, 150.0)):
         voltage, current = terminals(Charge(drawn), power, BATTERY)
-        at_rest = np.interp(drawn, [0.0, 0.05], [12.6, 10.2])
+        open_circuit_voltage = np.interp(drawn, [0.0, 0.05], [12.6, 10.2])
 
-        def circuit(unknown, at_rest=at_rest, power=power):
+        def circuit(unknown, open_circuit_voltage=open_circuit_voltage, power=power):
             v, i = unknown
-            return [v - at_rest + 0.04 * i, 0.65 * v * i - power]
+            return [v - open_circuit_voltage + 0.04 * i, 0.65 * v * i - power]
 
         np.testing.assert_allclose(
             [voltage, current], scipy.optimize.fsolve(circuit, [12.0, 5.0]), rtol=1e-9, atol=1e-9
@@ -197,23 +199,25 @@ def test_an_overloaded_battery_delivers_its_maximum_power():
 
 @pytest.mark.parametrize("time_step", [0.01, 0.0])
 def test_the_rotors_discharge_the_battery(time_step):
-    """The reference integrates an independent equation for the charge and one rotor speed."""
+    """The vehicle agrees with an independent integration of the charge and one rotor speed."""
     parameters = QuadrotorParameters(rotors=Rotors.plus(drag_factor=1.2e-6))
-    vehicle, context = flown(Effects(battery=BATTERY), [240.0] * 4, 3.0, time_step, parameters)
+    vehicle, context = vehicle_and_context_after(Effects(battery=BATTERY), [240.0] * 4, 3.0, time_step, parameters)
 
-    def slope(_, y):
-        w, drawn = y
-        electrical = 4.0 * 1.2e-6 * w**3 / 0.65
-        at_rest = 12.6 - 2.4 * drawn / 0.05
-        voltage = scipy.optimize.brentq(lambda v: v * (at_rest - v) / 0.04 - electrical, 0.6 * at_rest, at_rest)
-        return [(240.0 * voltage / 12.6 - w) / 0.05, electrical / voltage / 3600.0]
+    def derivative(_, y):
+        speed_of_rotor, drawn = y
+        power = 4.0 * 1.2e-6 * speed_of_rotor**3 / 0.65
+        open_circuit_voltage = 12.6 - 2.4 * drawn / 0.05
+        voltage = scipy.optimize.brentq(
+            lambda v: v * (open_circuit_voltage - v) / 0.04 - power, 0.6 * open_circuit_voltage, open_circuit_voltage
+        )
+        return [(240.0 * voltage / 12.6 - speed_of_rotor) / 0.05, power / voltage / 3600.0]
 
     start = [np.sqrt(0.68 * 9.81 / 4.0 / 4.13e-5), 0.0]
-    speed, drawn = scipy.integrate.solve_ivp(slope, (0.0, 3.0), start, rtol=1e-9, atol=1e-12).y[:, -1]
+    speed, drawn = scipy.integrate.solve_ivp(derivative, (0.0, 3.0), start, rtol=1e-9, atol=1e-12).y[:, -1]
     assert speed < 230.0
-    found = vehicle.GetOutputPort("rotor_speed").Eval(context)
-    # A step uses the voltage at its beginning.
-    np.testing.assert_allclose(found, speed, rtol=2e-4 if time_step else 1e-5)
+    speeds = vehicle.GetOutputPort("rotor_speed").Eval(context)
+    # A time step uses the voltage at its beginning, so it is less exact.
+    np.testing.assert_allclose(speeds, speed, rtol=2e-4 if time_step else 1e-5)
     charge = vehicle.GetOutputPort("charge").Eval(context)
     np.testing.assert_allclose(charge, drawn, rtol=1e-3 if time_step else 1e-5)
 

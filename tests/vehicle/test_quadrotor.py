@@ -1,3 +1,5 @@
+"""Tests of the quadrotor as a system: time steps, fleets, scalar types, parameters and initial conditions."""
+
 import math
 
 import numpy as np
@@ -23,12 +25,12 @@ PARAMETERS = QuadrotorParameters(
 )
 
 
-def quadrotor(parameters=PARAMETERS, place=Place(), **structure):
-    return Quadrotor(numbers=QuadrotorNumbers(parameters=parameters, start=place), **structure)
+def quadrotor(parameters=PARAMETERS, start=Place(), **structure):
+    return Quadrotor(numbers=QuadrotorNumbers(parameters=parameters, start=start), **structure)
 
 
-def flown(vehicle, duration, command=COMMAND, wind=(1.0, 0.5, -0.2), crashed=None, accuracy=1e-11):
-    """Return the (16, N) state after a flight under constant inputs."""
+def final_state(vehicle, duration, command=COMMAND, wind=(1.0, 0.5, -0.2), crashed=None, accuracy=1e-11):
+    """Return the (16, N) states of body and rotors after a flight with constant inputs."""
     n = vehicle.num_vehicles
     context = vehicle.CreateDefaultContext()
     vehicle.GetInputPort("rotor_speed_command").FixValue(context, np.broadcast_to(command, (n, 4)).T.ravel())
@@ -44,45 +46,47 @@ def flown(vehicle, duration, command=COMMAND, wind=(1.0, 0.5, -0.2), crashed=Non
 
 
 def test_discrete_steps_converge_to_the_continuous_vehicle_with_fourth_order():
-    exact = flown(quadrotor(time_step=0.0), 0.32)
-    errors = [np.abs(flown(quadrotor(time_step=step), 0.32) - exact).max() for step in (0.02, 0.01)]
+    exact = final_state(quadrotor(time_step=0.0), 0.32)
+    errors = [np.abs(final_state(quadrotor(time_step=step), 0.32) - exact).max() for step in (0.02, 0.01)]
     assert errors[1] < 1e-6
     assert errors[0] / errors[1] == pytest.approx(16.0, rel=0.25)
 
 
-def test_rotors_of_a_discrete_vehicle_have_an_exact_lag():
-    final = flown(Quadrotor(), 0.1)[12:, 0]
+def test_rotors_of_a_discrete_vehicle_follow_the_exact_solution_of_their_lag():
+    final = final_state(Quadrotor(), 0.1)[12:, 0]
     hover = np.array(hover_rotor_speeds(QuadrotorParameters()))
     np.testing.assert_allclose(final, COMMAND + (hover - COMMAND) * np.exp(-0.1 / 0.05), rtol=1e-13)
 
 
 @pytest.mark.parametrize("time_step", [0.0, 0.01])
-@pytest.mark.parametrize("turn", range(4))
-def test_commands_beyond_the_limits_are_clipped(time_step, turn, asymmetric_vehicle):
-    """Each rotor in turn has such a command."""
-    command, limited = (np.roll(x, turn) for x in ([1e4, -1e4, np.nan, 250.0], [290.0, 70.0, 70.0, 250.0]))
+@pytest.mark.parametrize("shift", range(4))
+def test_commands_beyond_the_limits_are_clipped(time_step, shift, asymmetric_vehicle):
+    """Each rotor in turn has a command that is too large, too small, NaN and feasible."""
+    command, limited = (np.roll(x, shift) for x in ([1e4, -1e4, np.nan, 250.0], [290.0, 70.0, 70.0, 250.0]))
     vehicle = quadrotor(asymmetric_vehicle, time_step=time_step)
-    final, hover = flown(vehicle, 0.08, command=command, accuracy=1e-7), hover_rotor_speeds(asymmetric_vehicle)
+    final, hover = final_state(vehicle, 0.08, command=command, accuracy=1e-7), hover_rotor_speeds(asymmetric_vehicle)
     np.testing.assert_allclose(final[12:, 0], limited + (hover - limited) * np.exp(-2.0), rtol=1e-6)
 
 
 def test_each_vehicle_of_a_fleet_flies_as_it_would_alone():
     masses = np.array([0.6, 0.68, 0.75])
     commands = COMMAND + np.array([[0.0], [3.0], [-4.0]])
-    fleet = flown(quadrotor(PARAMETERS._replace(mass=masses), num_vehicles=3), 0.6, command=commands)
+    fleet = final_state(quadrotor(PARAMETERS._replace(mass=masses), num_vehicles=3), 0.6, command=commands)
     for i, mass in enumerate(masses):
-        alone = flown(quadrotor(PARAMETERS._replace(mass=float(mass))), 0.6, command=commands[i])
+        alone = final_state(quadrotor(PARAMETERS._replace(mass=float(mass))), 0.6, command=commands[i])
         np.testing.assert_allclose(fleet[:, i], alone[:, 0], rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("time_step", [0.0, 0.01])
-def test_a_crashed_vehicle_is_frozen_and_others_are_not_affected(time_step):
+def test_a_crashed_vehicle_stops_and_others_are_not_affected(time_step):
     vehicle = quadrotor(QuadrotorParameters(), Place(1.0, 2.0, 3.0), num_vehicles=2, time_step=time_step)
-    both = flown(vehicle, 0.2, accuracy=1e-8)
-    one = flown(vehicle, 0.2, crashed=[1.0, 0.0], accuracy=1e-8)
+    flying_states = final_state(vehicle, 0.2, accuracy=1e-8)
+    states_with_crash = final_state(vehicle, 0.2, crashed=[1.0, 0.0], accuracy=1e-8)
     start = np.array([1.0, 2.0, 3.0] + [0.0] * 9 + [*hover_rotor_speeds(QuadrotorParameters())])
-    np.testing.assert_allclose(one[:, 0], start, rtol=1e-15)
-    np.testing.assert_allclose(one[:, 1], both[:, 1], rtol=0.0, atol=1e-6 if time_step == 0.0 else 1e-14)
+    np.testing.assert_allclose(states_with_crash[:, 0], start, rtol=1e-15)
+    np.testing.assert_allclose(
+        states_with_crash[:, 1], flying_states[:, 1], rtol=0.0, atol=1e-6 if time_step == 0.0 else 1e-14
+    )
 
 
 def test_autodiff_derivatives_of_a_step_agree_with_finite_differences():
@@ -112,7 +116,7 @@ def test_autodiff_derivatives_of_a_step_agree_with_finite_differences():
 
 
 @pytest.mark.parametrize("num_vehicles", [1, 2])
-def test_symbolic_derivative_has_the_values_of_the_numeric_one(num_vehicles):
+def test_the_symbolic_derivative_has_the_values_of_the_numeric_one(num_vehicles):
     vehicle = quadrotor(num_vehicles=num_vehicles, time_step=0.0)
     symbolic = vehicle.ToSymbolic()
     context, symbolic_context = vehicle.CreateDefaultContext(), symbolic.CreateDefaultContext()
@@ -130,22 +134,24 @@ def test_symbolic_derivative_has_the_values_of_the_numeric_one(num_vehicles):
     np.testing.assert_allclose(values, expected, rtol=1e-12, atol=1e-12)
 
 
-def test_parameters_live_in_the_context():
+def test_parameters_belong_to_the_context():
     vehicle = quadrotor(QuadrotorParameters(mass=np.array([0.68, 0.7])), num_vehicles=2)
     context = vehicle.CreateDefaultContext()
-    heavy = QuadrotorParameters(mass=np.array([0.68, 0.9]))
-    vehicle.set_parameter(context, "parameters", heavy)
-    before = vehicle.get_parameter(context, "parameters")
-    np.testing.assert_array_equal(before.mass, [0.68, 0.9])
-    # Parameters that all vehicles share are written once, and read for each vehicle.
-    np.testing.assert_array_equal(before.rotors.rotor_1.x, [0.17, 0.17])
+    heavier = QuadrotorParameters(mass=np.array([0.68, 0.9]))
+    vehicle.set_parameter(context, "parameters", heavier)
+    old_parameters = vehicle.get_parameter(context, "parameters")
+    np.testing.assert_array_equal(old_parameters.mass, [0.68, 0.9])
+    # Parameters that are equal for all vehicles are written once and read for each vehicle.
+    np.testing.assert_array_equal(old_parameters.rotors.rotor_1.x, [0.17, 0.17])
     # Parameters that were read can be changed and written back.
-    vehicle.set_parameter(context, "parameters", before._replace(quadratic_drag=0.1))
-    after = vehicle.get_parameter(context, "parameters")
-    np.testing.assert_array_equal(before.quadratic_drag, 0.0)
-    np.testing.assert_array_equal(after.quadratic_drag, 0.1)
-    for found, old in zip(after._replace(quadratic_drag=before.quadratic_drag), before, strict=True):
-        np.testing.assert_array_equal(found, old)
+    vehicle.set_parameter(context, "parameters", old_parameters._replace(quadratic_drag=0.1))
+    new_parameters = vehicle.get_parameter(context, "parameters")
+    np.testing.assert_array_equal(old_parameters.quadratic_drag, 0.0)
+    np.testing.assert_array_equal(new_parameters.quadratic_drag, 0.1)
+    for new, old in zip(
+        new_parameters._replace(quadratic_drag=old_parameters.quadratic_drag), old_parameters, strict=True
+    ):
+        np.testing.assert_array_equal(new, old)
     vehicle.set_hover(context, Place(0.0, 0.0, 1.0, 0.5))
     speeds = RotorSpeed(*vehicle.GetOutputPort("rotor_speed").Eval(context).reshape(4, 2))
     np.testing.assert_allclose(speeds.rotor_1, [200.9, np.sqrt(0.9 * 9.81 / (4 * 4.13e-5))], rtol=1e-3)
@@ -153,7 +159,7 @@ def test_parameters_live_in_the_context():
 
 
 def test_each_vehicle_of_a_fleet_has_its_own_parameters():
-    """Each row of each parameter can be changed later, even if all vehicles are equal at first."""
+    """Parameters of each vehicle can be changed later, even if all vehicles are equal at first."""
     fleet = quadrotor(QuadrotorParameters(), num_vehicles=2)
     context = fleet.CreateDefaultContext()
     rows = fleet.parameters["parameters"].layout.flatten(QuadrotorParameters())
@@ -164,13 +170,13 @@ def test_each_vehicle_of_a_fleet_has_its_own_parameters():
 
 
 def test_parameters_for_too_many_vehicles_are_rejected():
-    three = QuadrotorParameters(mass=np.array([0.68, 0.7, 0.8]))
+    parameters = QuadrotorParameters(mass=np.array([0.68, 0.7, 0.8]))
     with pytest.raises(ValueError, match=r"\(3,\)"):
-        quadrotor(three, num_vehicles=2)
+        quadrotor(parameters, num_vehicles=2)
     fleet = quadrotor(QuadrotorParameters(), num_vehicles=2)
     context = fleet.CreateDefaultContext()
     with pytest.raises(ValueError, match=r"\(3,\)"):
-        fleet.set_parameter(context, "parameters", three)
+        fleet.set_parameter(context, "parameters", parameters)
     np.testing.assert_array_equal(fleet.get_parameter(context, "parameters").mass, 0.68)
 
 
@@ -188,7 +194,7 @@ def test_set_hover_uses_the_parameters_of_the_context(time_step):
     np.testing.assert_allclose(speeds, hover_rotor_speeds(PARAMETERS._replace(mass=masses)), rtol=1e-14)
 
 
-def test_the_linearisation_at_hover_is_that_of_textbooks():
+def test_the_linear_model_in_hover_agrees_with_textbooks():
     from pydrake.systems.primitives import Linearize
 
     vehicle = Quadrotor(time_step=0.0)

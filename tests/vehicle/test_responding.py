@@ -1,4 +1,4 @@
-"""A vehicle with a second-order attitude response agrees with closed forms, and with the translation of a Quadrotor."""
+"""Tests that a vehicle with a second-order attitude response agrees with closed forms and a `Quadrotor`."""
 
 import numpy as np
 import pytest
@@ -36,14 +36,14 @@ RESPONSE = AttitudeResponse(NaturalFrequencies(*OMEGA), DampingRatios(*ZETA))
 TARGET = AttitudeTarget(0.0, 0.3, -0.2, 0.5, 9.0, 9.0, 9.0)
 
 
-def made(parameters=QuadrotorParameters(), start=Place(), faults=RotorFaults(), **structure):
+def responding_vehicle(parameters=QuadrotorParameters(), start=Place(), faults=RotorFaults(), **structure):
     return RespondingQuadrotor(
         numbers=RespondingNumbers(QuadrotorNumbers(parameters, faults, start), RESPONSE), **structure
     )
 
 
-def flown(vehicle, end, target=TARGET, speed=200.0, **inputs):
-    """Return the context of a vehicle after some time under constant inputs."""
+def context_after(vehicle, end, target=TARGET, speed=200.0, **inputs):
+    """Return the context of a vehicle after some time with constant inputs."""
     simulator = Simulator(vehicle)
     context = simulator.get_mutable_context()
     if vehicle.HasInputPort("attitude_target"):
@@ -56,8 +56,8 @@ def flown(vehicle, end, target=TARGET, speed=200.0, **inputs):
     return context
 
 
-def lag(omega, zeta, target, start, end):
-    """Return angle and rate of a second-order lag under a constant command, by a matrix exponential."""
+def lag_response(omega, zeta, target, start, end):
+    """Return angle and rate of a second-order lag with a constant command, by a matrix exponential."""
     A = np.array([[0.0, 1.0], [-(omega**2), -2.0 * zeta * omega]])
     return target + (scipy.linalg.expm(A * end) @ [start - target, 0.0])[0], (
         scipy.linalg.expm(A * end) @ [start - target, 0.0]
@@ -66,14 +66,15 @@ def lag(omega, zeta, target, start, end):
 
 @pytest.mark.parametrize("time_step", [0.01, 0.0])
 def test_each_angle_follows_its_command_with_its_own_lag(time_step):
-    """The yaw takes the short way from 3 rad to -3 rad. Thrust and body rates of the target have no effect."""
-    vehicle = made(start=Place(yaw=3.0), time_step=time_step)
+    """From 3 rad to -3 rad, the yaw turns in the shorter direction. Thrust and rates of the target do not matter."""
+    vehicle = responding_vehicle(start=Place(yaw=3.0), time_step=time_step)
     for end in (0.1, 0.5):
-        context = flown(vehicle, end, TARGET._replace(yaw=-3.0))
+        context = context_after(vehicle, end, TARGET._replace(yaw=-3.0))
         state = vehicle.GetOutputPort("state").Eval(context)
-        wanted = [0.3, -0.2, 2.0 * np.pi - 3.0]
+        targets = [0.3, -0.2, 2.0 * np.pi - 3.0]
         angles, rates = zip(
-            *(lag(*numbers, end) for numbers in zip(OMEGA, ZETA, wanted, [0.0, 0.0, 3.0], strict=True)), strict=True
+            *(lag_response(*numbers, end) for numbers in zip(OMEGA, ZETA, targets, [0.0, 0.0, 3.0], strict=True)),
+            strict=True,
         )
         np.testing.assert_allclose(state[3:6], angles, atol=2e-6)
         # Body rates follow from the rates of the angles by eq (2).
@@ -83,28 +84,30 @@ def test_each_angle_follows_its_command_with_its_own_lag(time_step):
 
 
 def test_with_small_angles_body_rates_are_those_of_the_angles():
-    vehicle = made(kinematics="small_angle")
-    state = vehicle.GetOutputPort("state").Eval(flown(vehicle, 0.2))
+    vehicle = responding_vehicle(kinematics="small_angle")
+    state = vehicle.GetOutputPort("state").Eval(context_after(vehicle, 0.2))
     numbers = zip(OMEGA, ZETA, [0.3, -0.2, 0.5], [0.0] * 3, strict=True)
-    np.testing.assert_allclose(state[9:12], [lag(*each, 0.2)[1] for each in numbers], atol=2e-5)
+    np.testing.assert_allclose(state[9:12], [lag_response(*each, 0.2)[1] for each in numbers], atol=2e-5)
 
 
-def test_its_translation_is_that_of_a_quadrotor(asymmetric_vehicle):
-    """Both vehicles are level under equal thrusts and in wind, so that nothing rotates them."""
-    even = asymmetric_vehicle._replace(rotors=Rotors.plus(), centre_of_mass=QuadrotorParameters().centre_of_mass)
+def test_the_translation_of_a_responding_vehicle_is_that_of_a_quadrotor(asymmetric_vehicle):
+    """Both vehicles are level, with equal thrusts of all rotors and in wind, so no torque acts on them."""
+    equal_rotors = asymmetric_vehicle._replace(
+        rotors=Rotors.plus(), centre_of_mass=QuadrotorParameters().centre_of_mass
+    )
     level = AttitudeTarget(*[0.0] * 7)
-    ends = []
-    for vehicle in (made(even), Quadrotor(numbers=QuadrotorNumbers(even))):
-        context = flown(vehicle, 1.0, level, 220.0, wind=[3.0, -2.0, 1.0])
-        ends.append([vehicle.GetOutputPort(name).Eval(context).copy() for name in ("state", "rotor_speed")])
-    for found, expected in zip(*ends, strict=True):
-        np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-15)
-    assert np.abs(ends[0][0][0:3]).min() > 0.05
+    outputs = []
+    for vehicle in (responding_vehicle(equal_rotors), Quadrotor(numbers=QuadrotorNumbers(equal_rotors))):
+        context = context_after(vehicle, 1.0, level, 220.0, wind=[3.0, -2.0, 1.0])
+        outputs.append([vehicle.GetOutputPort(name).Eval(context).copy() for name in ("state", "rotor_speed")])
+    for actual, expected in zip(*outputs, strict=True):
+        np.testing.assert_allclose(actual, expected, rtol=1e-13, atol=1e-15)
+    assert np.abs(outputs[0][0][0:3]).min() > 0.05
 
 
 @pytest.mark.parametrize("time_step", [0.01, 0.0])
-def test_effects_on_its_translation_are_those_on_a_quadrotor(time_step):
-    """Both vehicles are level near the ground, and wind drags at the centre of mass, so nothing rotates them."""
+def test_effects_on_the_translation_of_a_responding_vehicle_are_those_on_a_quadrotor(time_step):
+    """Both vehicles are level near the ground. Drag acts at the centre of mass, so no torque acts on them."""
     effects = Effects(
         body_drag=BodyDrag(LinearDrag(0.2, 0.1, 0.3), QuadraticDrag(0.02, 0.03, 0.01), CentreOfPressure(0.0, 0.0, 0.0)),
         rotor_aerodynamics=RotorAerodynamics(0.02, -0.1, 1e-5, 2e-5),
@@ -120,7 +123,7 @@ def test_effects_on_its_translation_are_those_on_a_quadrotor(time_step):
         RespondingQuadrotor(numbers=RespondingNumbers(numbers, RESPONSE), **structure),
         Quadrotor(numbers=numbers, **structure),
     )
-    ends = []
+    outputs = []
     for vehicle in vehicles:
         simulator = Simulator(vehicle)
         simulator.get_mutable_integrator().set_target_accuracy(1e-7)
@@ -131,10 +134,12 @@ def test_effects_on_its_translation_are_those_on_a_quadrotor(time_step):
                 vehicle.GetInputPort(name).FixValue(context, values)
         simulator.AdvanceTo(0.3)
         simulator.AdvancePendingEvents()
-        ends.append([vehicle.GetOutputPort(name).Eval(context).copy() for name in ("state", "rotor_speed")])
-    for found, expected in zip(*ends, strict=True):
-        np.testing.assert_allclose(found, expected, rtol=1e-9 if time_step else 1e-6, atol=1e-12 if time_step else 1e-6)
-    assert np.abs(ends[0][0][0:2] - [0.3, 0.2]).min() > 0.01
+        outputs.append([vehicle.GetOutputPort(name).Eval(context).copy() for name in ("state", "rotor_speed")])
+    for actual, expected in zip(*outputs, strict=True):
+        np.testing.assert_allclose(
+            actual, expected, rtol=1e-9 if time_step else 1e-6, atol=1e-12 if time_step else 1e-6
+        )
+    assert np.abs(outputs[0][0][0:2] - [0.3, 0.2]).min() > 0.01
 
 
 def test_an_unsupported_effect_is_rejected():
@@ -144,31 +149,31 @@ def test_an_unsupported_effect_is_rejected():
         RespondingQuadrotor(numbers=numbers, effects=("battery",))
 
 
-def test_only_the_sum_of_the_rotor_thrusts_matters(asymmetric_vehicle):
-    """Uneven rotors and a displaced centre of mass do not rotate the vehicle."""
-    vehicle = made(asymmetric_vehicle)
-    context = flown(vehicle, 0.5, AttitudeTarget(*[0.0] * 7))
+def test_only_the_sum_of_the_rotor_thrusts_acts_on_the_vehicle(asymmetric_vehicle):
+    """Different rotors and a displaced centre of mass do not rotate the vehicle."""
+    vehicle = responding_vehicle(asymmetric_vehicle)
+    context = context_after(vehicle, 0.5, AttitudeTarget(*[0.0] * 7))
     state = vehicle.GetOutputPort("state").Eval(context)
     np.testing.assert_array_equal(state[[3, 4, 5, 9, 10, 11]], 0.0)
     speeds = RotorSpeed(*vehicle.GetOutputPort("rotor_speed").Eval(context))
-    begun = RotorSpeed(*vehicle.GetOutputPort("rotor_speed").Eval(vehicle.CreateDefaultContext()))
-    later = [200.0 + (w - 200.0) * np.exp(-0.5 / 0.04) for w in begun]
-    np.testing.assert_allclose(speeds, later, rtol=1e-12)
+    initial = RotorSpeed(*vehicle.GetOutputPort("rotor_speed").Eval(vehicle.CreateDefaultContext()))
+    expected = [200.0 + (w - 200.0) * np.exp(-0.5 / 0.04) for w in initial]
+    np.testing.assert_allclose(speeds, expected, rtol=1e-12)
 
 
-def test_a_crashed_vehicle_is_frozen():
+def test_a_crashed_vehicle_stops():
     for time_step in (0.01, 0.0):
-        vehicle = made(start=Place(1.0, 2.0, 3.0, 0.4), time_step=time_step)
-        context = flown(vehicle, 0.3, crashed=[1.0])
-        begun = vehicle.CreateDefaultContext()
+        vehicle = responding_vehicle(start=Place(1.0, 2.0, 3.0, 0.4), time_step=time_step)
+        context = context_after(vehicle, 0.3, crashed=[1.0])
+        initial_context = vehicle.CreateDefaultContext()
         for name in ("state", "rotor_speed"):
             port = vehicle.GetOutputPort(name)
-            np.testing.assert_array_equal(port.Eval(context), port.Eval(begun))
+            np.testing.assert_array_equal(port.Eval(context), port.Eval(initial_context))
 
 
-def test_battery_sag_reduces_the_thrust():
-    """A loss of 10 % of the speed is a loss of about a fifth of the thrust, and the vehicle falls."""
-    vehicle = made(faulty=True, faults=RotorFaults(battery_sag=0.1))
-    context = flown(vehicle, 1.0, AttitudeTarget(*[0.0] * 7))
+def test_battery_sag_reduces_the_rotor_speeds():
+    """After one second, the rotors turn at 90 % of the commanded speed."""
+    vehicle = responding_vehicle(faulty=True, faults=RotorFaults(battery_sag=0.1))
+    context = context_after(vehicle, 1.0, AttitudeTarget(*[0.0] * 7))
     np.testing.assert_allclose(vehicle.GetOutputPort("rotor_speed").Eval(context), 200.0 * 0.9, rtol=0.02)
-    assert "faults" not in made().parameters
+    assert "faults" not in responding_vehicle().parameters

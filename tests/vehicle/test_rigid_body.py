@@ -1,4 +1,4 @@
-"""Moments of inertia of random bodies are possible, and impossible ones become the nearest possible ones."""
+"""Tests of the conditions that moments of inertia of a body satisfy, and of the nearest moments that satisfy them."""
 
 import numpy as np
 import pytest
@@ -8,21 +8,21 @@ from drake_quad.vehicle.rigid_body import inertia_flaw, nearest_rigid
 
 
 @pytest.fixture(scope="module")
-def clouds():
-    """Return (500, 3) moments of inertia of random bodies about their axes; some bodies are flat and some are rods."""
+def moments_of_bodies():
+    """Return (500, 3) moments of inertia of random bodies about their axes. Some bodies are flat and some are rods."""
     rng = np.random.default_rng(0)
-    places = rng.normal(size=(500, 20, 3)) * rng.choice([0.0, 0.1, 1.0], size=(500, 1, 3))
-    squares = (places - places.mean(axis=1, keepdims=True)) ** 2
+    positions = rng.normal(size=(500, 20, 3)) * rng.choice([0.0, 0.1, 1.0], size=(500, 1, 3))
+    squares = (positions - positions.mean(axis=1, keepdims=True)) ** 2
     return (squares.sum(axis=(1, 2))[:, None] - squares.sum(axis=1)) * 0.05
 
 
-def test_moments_of_inertia_of_any_body_are_possible(clouds):
-    assert all(inertia_flaw(moments) == "" for moments in clouds.tolist())
+def test_moments_of_inertia_of_any_body_are_possible(moments_of_bodies):
+    assert all(inertia_flaw(moments) == "" for moments in moments_of_bodies.tolist())
     # The moments of flat bodies and rods are possible up to rounding.
-    np.testing.assert_allclose(nearest_rigid(clouds.T).T, clouds, atol=1e-14)
+    np.testing.assert_allclose(nearest_rigid(moments_of_bodies.T).T, moments_of_bodies, atol=1e-14)
 
 
-def test_rounding_of_data_sheets_is_allowed_and_no_more():
+def test_moments_may_be_impossible_by_the_rounding_of_data_sheets_but_not_by_more():
     assert inertia_flaw([0.0061, 0.0061, 0.0123]) == ""
     assert inertia_flaw([0.007, 0.007, 0.03]) == "I_zz, 0.03, is larger than I_xx + I_yy, 0.014 kg m²"
     assert inertia_flaw([1.0, 3.0, 1.5]) == "I_yy, 3, is larger than I_xx + I_zz, 2.5 kg m²"
@@ -31,40 +31,45 @@ def test_rounding_of_data_sheets_is_allowed_and_no_more():
 
 
 @pytest.mark.slow
-def test_the_nearest_moments_are_those_of_a_quadratic_programme():
-    """The bounds are such that some of them leave a moment no room."""
+def test_the_nearest_moments_are_the_solution_of_a_quadratic_programme():
+    """In some samples, no possible moments are within the bounds."""
     rng = np.random.default_rng(1)
-    apart = np.array([[1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]])
+    triangle_inequalities = np.array([[1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]])
     for _ in range(100):
         moments = rng.lognormal(sigma=1.5, size=3)
         low = moments * rng.choice([1.0, 0.7, 0.0], size=3)
         high = moments * rng.choice([1.0, 1.5, 100.0], size=3)
-        found = nearest_rigid(moments, low, high)
-        assert ((found >= low) & (found <= high)).all()
-        if (apart @ moments >= 0.0).all():
-            np.testing.assert_array_equal(found, moments)
+        nearest = nearest_rigid(moments, low, high)
+        assert ((nearest >= low) & (nearest <= high)).all()
+        if (triangle_inequalities @ moments >= 0.0).all():
+            np.testing.assert_array_equal(nearest, moments)
             continue
         largest = np.arange(3) == np.argmax(moments)
-        if low[largest].sum() > high[~largest].sum():  # no body has moments within these bounds
-            assert (apart @ found).min() < 0.0
+        # No body has moments within these bounds.
+        if low[largest].sum() > high[~largest].sum():
+            assert (triangle_inequalities @ nearest).min() < 0.0
             continue
         expected = scipy.optimize.minimize(
             lambda x, m=moments: ((x - m) ** 2).sum(),
             0.5 * (low + np.minimum(high, moments.max())),
             jac=lambda x, m=moments: 2.0 * (x - m),
             bounds=list(zip(low, high, strict=True)),
-            constraints={"type": "ineq", "fun": lambda x: apart @ x, "jac": lambda x: apart},
+            constraints={
+                "type": "ineq",
+                "fun": lambda x: triangle_inequalities @ x,
+                "jac": lambda x: triangle_inequalities,
+            },
             method="SLSQP",
             options={"ftol": 1e-14, "maxiter": 500},
         ).x
-        np.testing.assert_allclose(found, expected, atol=1e-5 * moments.max())
+        np.testing.assert_allclose(nearest, expected, atol=1e-5 * moments.max())
 
 
-def test_samples_of_a_fleet_have_the_same_moments_as_alone():
+def test_moments_of_many_samples_are_those_of_single_samples():
     rng = np.random.default_rng(2)
     moments = rng.lognormal(size=(3, 50))
     low = np.zeros(3)
     high = np.array([2.0, 3.0, np.inf])
-    together = nearest_rigid(moments, low, high)
+    nearest = nearest_rigid(moments, low, high)
     for i in range(50):
-        np.testing.assert_array_equal(together[:, i], nearest_rigid(moments[:, i], low, high))
+        np.testing.assert_array_equal(nearest[:, i], nearest_rigid(moments[:, i], low, high))

@@ -1,4 +1,4 @@
-"""Adaptive membership functions: their gradient, their bounds, and their system."""
+"""Tests of adaptive membership functions: their gradient, their bounds, and their system."""
 
 import numpy as np
 import pytest
@@ -25,40 +25,41 @@ from drake_quad.control.fuzzy.systems import (
 )
 from drake_quad.framework.records import layout_of
 
-ALL = ("centres", "widths", "exponents")
+ALL_PARTS = ("centres", "widths", "exponents")
 SETS = (
     FuzzySets(1.8, (-1.0, -0.1, 0.5, 1.2), (1.1, 0.9, 1.3, 0.8)),
     FuzzySets(0.7, (-0.9, 0.2, 0.8), (1.2, 1.0, 1.4)),
     CircularSets(3.9, (-0.7, 1.1), (1.5, 1.6)),
 )
-START = Antecedents(1.4, 0.6, 0.3, SETS)
+INITIAL = Antecedents(1.4, 0.6, 0.3, SETS)
 
 
-def varied(antecedents, place, change):
+def with_change(antecedents, index, change):
     """Return the antecedents with one of their numbers changed."""
     layout = layout_of(Antecedents, antecedents)
     rows = layout.flatten(antecedents)
-    rows[place] += change
+    rows[index] += change
     return layout.build(rows)
 
 
 @pytest.mark.parametrize("a1", [1.0, 1.4])
 def test_the_gradient_matches_differences_of_the_output(a1):
-    """Compare all numbers but scales and outermost centres, which clamp the input, with central differences."""
+    """Derivatives agree with central differences, except those by the scales, which never learn."""
     rng = np.random.default_rng(7)
-    start = START._replace(a1=a1)
+    start = INITIAL._replace(a1=a1)
     layout = layout_of(Antecedents, start)
     for values in rng.uniform(-0.4, 0.35, (6, 3)).tolist():
         weights = rng.normal(size=start.num_rules)
         gradient = layout.flatten(output_gradient(values, start, weights.tolist()))
-        for place, (name, found) in enumerate(zip(layout.names, gradient, strict=True)):
+        for index, (name, derivative) in enumerate(zip(layout.names, gradient, strict=True)):
             if "scale" in name:
-                assert found == 0.0
+                assert derivative == 0.0
                 continue
             up, down = (
-                np.dot(weights, firing_strengths(values, varied(start, place, side * 1e-6))) for side in (1.0, -1.0)
+                np.dot(weights, firing_strengths(values, with_change(start, index, side * 1e-6)))
+                for side in (1.0, -1.0)
             )
-            assert found == pytest.approx((up - down) / 2e-6, rel=1e-5, abs=1e-7), name
+            assert derivative == pytest.approx((up - down) / 2e-6, rel=1e-5, abs=1e-7), name
 
 
 def test_slopes_are_finite_at_the_centre_and_the_edge_and_zero_outside():
@@ -75,14 +76,16 @@ def test_slopes_are_finite_at_the_centre_and_the_edge_and_zero_outside():
 @settings(max_examples=100, deadline=None)
 @given(st.integers(0, 2**32), st.floats(0.01, 1e3))
 def test_sets_stay_valid_for_any_learning_signal(seed, size):
-    rng, sets = np.random.default_rng(seed), START
+    rng, sets = np.random.default_rng(seed), INITIAL
     for _ in range(5):
         values, weights = rng.uniform(-1.0, 1.0, 3).tolist(), rng.normal(size=24).tolist()
         gradient = output_gradient(values, sets, weights)
-        sets = adapted(sets, gradient, rng.normal() * size, AdaptationRates(1.0, 1.0, 1.0), initial=START, parts=ALL)
+        sets = adapted(
+            sets, gradient, rng.normal() * size, AdaptationRates(1.0, 1.0, 1.0), initial=INITIAL, parts=ALL_PARTS
+        )
         assert sets.a1 > 1.0 > sets.a2 > 0.0
         assert 0.0 <= sets.q <= 1.0
-        for after, before in zip(sets.inputs, START.inputs, strict=True):
+        for after, before in zip(sets.inputs, INITIAL.inputs, strict=True):
             centres, widths = np.array(after.centres), np.array(after.widths)
             assert (centres[[0, -1]] == np.array(before.centres)[[0, -1]]).all()
             assert (np.diff(centres) >= 0.5 * np.diff(before.centres) - 1e-12).all()
@@ -95,28 +98,28 @@ def test_sets_stay_valid_for_any_learning_signal(seed, size):
         assert sum(firing_strengths(values, sets)) == pytest.approx(1.0, abs=1e-12)
 
 
-@pytest.mark.parametrize("part", ALL)
+@pytest.mark.parametrize("part", ALL_PARTS)
 def test_only_the_selected_parts_learn(part):
-    gradient = output_gradient([0.2, 0.3, -0.1], START, np.arange(24.0).tolist())
+    gradient = output_gradient([0.2, 0.3, -0.1], INITIAL, np.arange(24.0).tolist())
     rates = AdaptationRates(0.5, 0.3, 0.2)
-    after = adapted(START, gradient, 0.001, rates, initial=START, parts=(part,))
+    after = adapted(INITIAL, gradient, 0.001, rates, initial=INITIAL, parts=(part,))
     changed = {
-        "exponents": after[:3] != START[:3],
+        "exponents": after[:3] != INITIAL[:3],
         "centres": any(new.centres != old.centres for new, old in zip(after.inputs, SETS, strict=True)),
         "widths": any(new.widths != old.widths for new, old in zip(after.inputs, SETS, strict=True)),
     }
-    assert [name for name, is_so in changed.items() if is_so] == [part]
-    # Away from bounds each part moves at its own rate; the step is too small to reach any bound.
-    layout = layout_of(Antecedents, START)
-    before, slopes, found = (np.array(layout.flatten(record)) for record in (START, gradient, after))
-    moved = found != before
-    np.testing.assert_allclose((found - before)[moved], -0.001 * getattr(rates, part) * slopes[moved], rtol=1e-9)
+    assert [name for name, has_changed in changed.items() if has_changed] == [part]
+    # The step is too small to reach a bound, so each part moves at its own rate.
+    layout = layout_of(Antecedents, INITIAL)
+    before, slopes, final = (np.array(layout.flatten(record)) for record in (INITIAL, gradient, after))
+    is_moved = final != before
+    np.testing.assert_allclose((final - before)[is_moved], -0.001 * getattr(rates, part) * slopes[is_moved], rtol=1e-9)
 
 
 @pytest.mark.parametrize("learns_from", ["surface", "feedback"])
 def test_a_tick_of_the_system_is_a_gradient_step_on_each_axis(learns_from):
-    """Compare the numbers of one of two vehicles with the equations."""
-    sets = (START._replace(inputs=SETS[:2]), START._replace(a1=1.2, inputs=SETS[:2]))
+    """The parameters of two vehicles follow the equations of the gradient law with a dead zone."""
+    sets = (INITIAL._replace(inputs=SETS[:2]), INITIAL._replace(a1=1.2, inputs=SETS[:2]))
     learning = LearningNumbers(1.7, GradientLaw(0.4), LearningLimits(deadzone=0.05))
     numbers = AdaptationNumbers(sets, AdaptationRates(0.5, 0.3, 0.2), learning)
     system = SetLearning(num_vehicles=2, axes=("x", "z"), learns_from=learns_from, numbers=numbers)
@@ -129,22 +132,22 @@ def test_a_tick_of_the_system_is_a_gradient_step_on_each_axis(learns_from):
             system.GetInputPort(name).FixValue(context, values.ravel())
     context.SetDiscreteState(system.EvalUniquePeriodicDiscreteUpdate(context))
     layout = layout_of(tuple[Antecedents, ...], sets)
-    found = np.reshape(system.GetOutputPort("antecedents").Eval(context), (-1, 2))
+    final = np.reshape(system.GetOutputPort("antecedents").Eval(context), (-1, 2))
     for vehicle in range(2):
         expected = []
-        for place, (axis, initial) in enumerate(zip((0, 2), sets, strict=True)):
+        for index, (axis, initial) in enumerate(zip((0, 2), sets, strict=True)):
             e, rate, pd, d = (given[name][axis, vehicle] for name in ("error", "error_rate", "pd", "disturbance"))
             signal = rate + 1.7 * e if learns_from == "surface" else pd - d
             step = 0.02 * signal if abs(signal) >= 0.05 else 0.0
-            weights = given["weights"][12 * place : 12 * (place + 1), vehicle].tolist()
+            weights = given["weights"][12 * index : 12 * (index + 1), vehicle].tolist()
             gradient = output_gradient((float(e), float(rate)), initial, weights)
-            expected.append(adapted(initial, gradient, step, numbers.rates, initial=initial, parts=ALL))
-        np.testing.assert_allclose(found[:, vehicle], layout.flatten(tuple(expected)), rtol=1e-12)
+            expected.append(adapted(initial, gradient, step, numbers.rates, initial=initial, parts=ALL_PARTS))
+        np.testing.assert_allclose(final[:, vehicle], layout.flatten(tuple(expected)), rtol=1e-12)
 
 
-def test_a_network_with_zero_adaptation_rates_is_the_constant_one():
-    """With rates of zero the firing strengths are those of constant antecedents."""
-    sets, numbers = START._replace(inputs=SETS[:2]), LearningNumbers(1.7, GradientLaw(0.4), initial_weight=0.3)
+def test_a_network_with_zero_adaptation_rates_equals_one_with_constant_sets():
+    """The corrections of both networks are equal for the same weights and inputs."""
+    sets, numbers = INITIAL._replace(inputs=SETS[:2]), LearningNumbers(1.7, GradientLaw(0.4), initial_weight=0.3)
 
     def command(**more):
         network = build_fuzzy_network(
@@ -165,16 +168,16 @@ def test_a_network_with_zero_adaptation_rates_is_the_constant_one():
 
 
 @pytest.mark.slow
-def test_adaptive_sets_stay_valid_in_flight_and_reduce_the_error(asymmetric):
-    """With a gradient law and few rules, adaptive sets do not increase the error on the figure eight."""
+def test_adaptive_sets_move_in_flight_and_do_not_increase_the_error(asymmetric):
+    """The network has a gradient law and few rules, and the error may be at most 2 % larger."""
     own = ["control.network.learning={kind: gradient, rate: 0.6}", "metrics.start=5", "crash.position_error=5"]
     plain = simulate(asymmetric("pd_t2fnn", *own), sample=0, compiled=True)
     rates = "control.network.adaptive={centres: 0.5, widths: 0.5, exponents: 0.5}"
     adaptive = simulate(asymmetric("pd_t2fnn", *own, rates), sample=0, compiled=True)
     numbers = adaptive["antecedents"]
     assert numbers.shape[1] == 3 * 19
-    moved = np.ptp(numbers, axis=0) > 0.0
-    assert 20 < moved.sum() < 60
+    is_moved = np.ptp(numbers, axis=0) > 0.0
+    assert 20 < is_moved.sum() < 60
     assert adaptive.metrics.rmse <= 1.02 * plain.metrics.rmse
     assert "antecedents" not in plain.signals
 

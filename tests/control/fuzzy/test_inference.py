@@ -1,4 +1,4 @@
-"""Fuzzy inference, compared with pyit2fls and with its mathematical properties."""
+"""Tests of fuzzy inference, by comparison with pyit2fls and by its mathematical properties."""
 
 import numpy as np
 import pytest
@@ -13,9 +13,10 @@ from drake_quad.control.fuzzy.inference import (
     firing_strengths,
 )
 
-uppers, lowers = st.floats(1.001, 3.0), st.floats(0.1, 0.999)
-normalised_memberships = st.floats(0.0, 1.0)
-inside = st.floats(-1.0, 1.0)
+upper_exponents = st.floats(1.001, 3.0)
+lower_exponents = st.floats(0.1, 0.999)
+weights_of_lower = st.floats(0.0, 1.0)
+inputs_in_universe = st.floats(-1.0, 1.0)
 
 
 def sixteenths(least, most):
@@ -24,8 +25,9 @@ def sixteenths(least, most):
 
 @st.composite
 def fuzzy_sets(draw):
-    """Two to five overlapping sets with any position and scale, in sixteenths so that supports end without rounding
-    errors.
+    """Draw two to five overlapping sets with any scale.
+
+    Their centres are multiples of 1/16, so that the ends of their supports have no rounding errors.
     """
     centres = np.cumsum([draw(sixteenths(-3, 3)), *draw(st.lists(sixteenths(1, 2), min_size=1, max_size=4))])
     gaps = np.diff(centres)
@@ -34,12 +36,12 @@ def fuzzy_sets(draw):
     return FuzzySets(draw(st.floats(0.1, 10.0)), tuple(centres.tolist()), tuple(map(float, widths)))
 
 
-def oracle(antecedents, weights):
-    """Build the same network in pyit2fls, whose import takes two seconds."""
-    import pyit2fls
+def pyit2fls_network(antecedents, weights):
+    """Return the same network in pyit2fls."""
+    import pyit2fls  # The import takes two seconds.
 
     network = pyit2fls.IT2TSK(pyit2fls.product_t_norm, pyit2fls.probabilistic_sum_s_norm)
-    # Its solver takes a pair as an interval and uses the middle of it.
+    # The output of pyit2fls is the middle of an interval, which is the only point of this one.
     q = antecedents.q
     network.algorithm = lambda intervals: (pyit2fls.BMM_algorithm(intervals, (q, 1.0 - q)),) * 2
     inputs = {}
@@ -59,13 +61,13 @@ def oracle(antecedents, weights):
 
 @pytest.mark.slow
 @settings(max_examples=60, deadline=None)
-@given(uppers, lowers, normalised_memberships, fuzzy_sets(), fuzzy_sets(), st.integers(0, 2**32))
+@given(upper_exponents, lower_exponents, weights_of_lower, fuzzy_sets(), fuzzy_sets(), st.integers(0, 2**32))
 def test_inference_matches_pyit2fls(a1, a2, q, error, rate, seed):
-    """Each of many networks is compared at 50 points."""
+    """Each network is compared at 50 points."""
     rng = np.random.default_rng(seed)
     antecedents = Antecedents(a1, a2, q, (error, rate))
     weights = rng.normal(size=antecedents.num_rules)
-    network = oracle(antecedents, weights)
+    network = pyit2fls_network(antecedents, weights)
     for _ in range(50):
         x = [rng.uniform(sets.centres[0], sets.centres[-1]) for sets in (error, rate)]
         firing = firing_strengths((x[0] / error.scale, x[1] / rate.scale), antecedents)
@@ -74,12 +76,12 @@ def test_inference_matches_pyit2fls(a1, a2, q, error, rate, seed):
 
 
 @settings(max_examples=200, deadline=None)
-@given(st.floats(0.1, 5.0), inside)
+@given(st.floats(0.1, 5.0), inputs_in_universe)
 def test_memberships_are_elliptic(exponent, u):
     grade = elliptic_membership(u, exponent)
     assert grade**exponent + abs(u) ** exponent == pytest.approx(1.0, abs=1e-12)
     assert elliptic_membership(-u, exponent) == grade
-    # At the edge of the support the last bit of a power matters.
+    # Near the edge of the support, the rounding error of the power is amplified.
     assert elliptic_membership(np.array([u]), exponent)[0] == pytest.approx(grade, abs=1e-15 if abs(u) < 0.99 else 1e-4)
 
 
@@ -93,10 +95,16 @@ def test_memberships_are_zero_outside_the_sets():
 @pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(
-    uppers, lowers, normalised_memberships, fuzzy_sets(), fuzzy_sets(), st.floats(-50.0, 50.0), st.floats(-50.0, 50.0)
+    upper_exponents,
+    lower_exponents,
+    weights_of_lower,
+    fuzzy_sets(),
+    fuzzy_sets(),
+    st.floats(-50.0, 50.0),
+    st.floats(-50.0, 50.0),
 )
 def test_firing_strengths_are_not_negative_and_sum_to_one(a1, a2, q, error_sets, rate_sets, error, rate):
-    """They are not negative and sum to one for any inputs; a fleet has those of its vehicles."""
+    """This holds for any inputs. A fleet has the firing strengths of its vehicles."""
     antecedents = Antecedents(a1, a2, q, (error_sets, rate_sets))
     firing = firing_strengths((error, rate), antecedents)
     assert min(firing) >= 0.0
@@ -118,8 +126,8 @@ def test_inputs_are_clamped_to_the_universe():
 
 
 @settings(max_examples=100, deadline=None)
-@given(st.lists(st.floats(-5.0, 5.0), min_size=9, max_size=9), inside, inside)
-def test_type_1_interpolates_between_the_weights(weights, error, rate):
+@given(st.lists(st.floats(-5.0, 5.0), min_size=9, max_size=9), inputs_in_universe, inputs_in_universe)
+def test_a_type_1_network_interpolates_between_its_weights(weights, error, rate):
     triangles = Antecedents(a1=1.0, a2=1.0)
     table = np.reshape(weights, (3, 3))
     i, j = min(int(error + 1.0), 1), min(int(rate + 1.0), 1)
@@ -144,12 +152,12 @@ def test_each_vehicle_of_a_fleet_may_have_its_own_network():
 
 
 @pytest.mark.parametrize("value", [-0.3, 0.0, 0.31, 0.9, 0.97, 1.0, 4.2])
-def test_distances_on_a_circle_are_the_shorter_ones(value):
-    """Firing strengths depend on the angle between directions in the plane; 0 and 1 are the same point."""
+def test_circular_sets_use_the_shorter_distance_around_the_circle(value):
+    """Firing strengths depend on the angle between directions in the plane. 0 and 1 are the same point."""
     scale, centres, widths, a1, a2, q = 2.5, (0.2, 1.1, 2.3), (1.4, 1.1, 1.3), 1.3, 0.7, 0.4
-    towards = np.exp(2j * np.pi * np.array([value, *np.array(centres) / scale]))
-    u = np.abs(np.angle(towards[1:] / towards[0])) * scale / (2.0 * np.pi) / widths
+    directions = np.exp(2j * np.pi * np.array([value, *np.array(centres) / scale]))
+    u = np.abs(np.angle(directions[1:] / directions[0])) * scale / (2.0 * np.pi) / widths
     strengths = [np.where(u < 1.0, (1.0 - np.minimum(u, 1.0) ** a) ** (1.0 / a), 0.0) for a in (a1, a2)]
     expected = (1.0 - q) * strengths[0] / strengths[0].sum() + q * strengths[1] / strengths[1].sum()
-    found = firing_strengths((value,), Antecedents(a1, a2, q, (CircularSets(scale, centres, widths),)))
-    np.testing.assert_allclose(found, expected, atol=1e-9)
+    firing = firing_strengths((value,), Antecedents(a1, a2, q, (CircularSets(scale, centres, widths),)))
+    np.testing.assert_allclose(firing, expected, atol=1e-9)

@@ -1,4 +1,4 @@
-"""Inputs of the rules of a network."""
+"""Tests of the inputs of a network's rules."""
 
 import itertools
 
@@ -21,7 +21,7 @@ SIGNALS = {
 }
 
 
-def test_inputs_are_signals_on_the_axis_of_the_network_and_coordinates_in_the_room():
+def test_inputs_are_signals_on_the_axis_of_the_network_coordinates_or_the_phase():
     inputs = ("error", "error_rate", "z", "v_x", "phase", "disturbance")
     assert signals_of(inputs) == ("error", "error_rate", "measurement", "disturbance")
     for axis, own in (("x", (0.1, 0.4, -0.7)), ("y", (0.2, 0.5, -0.8)), ("z", (0.3, 0.6, -0.9))):
@@ -42,7 +42,7 @@ def test_the_phase_of_a_route_rises_from_0_to_1(time, phase):
 
 
 def test_the_phase_restarts_with_each_lap():
-    """The laps may have different durations."""
+    """The laps have different durations."""
     laps = (1.0, 4.0, 6.0, 8.0, 13.0)
     middles = [route_phase(0.5 * (start + end), laps) for start, end in itertools.pairwise(laps)]
     assert middles == pytest.approx([0.5] * 4)
@@ -52,8 +52,9 @@ def test_the_phase_restarts_with_each_lap():
 
 
 def test_firing_strengths_of_four_inputs_are_products_of_memberships():
-    """The firing strengths of two pairs of inputs are multiplied. This holds for type 1, where separate and joint
-    normalisation are the same.
+    """Firing strengths of four inputs are products of those of two pairs of inputs.
+
+    This holds for type 1, where the pairs may be normalised separately or together.
     """
     rng = np.random.default_rng(4)
     sets = [FuzzySets(1.0 + 0.1 * n, tuple(np.linspace(-1.0, 1.0, n)), (1.3,) * n) for n in (2, 3, 4, 2)]
@@ -66,10 +67,10 @@ def test_firing_strengths_of_four_inputs_are_products_of_memberships():
 
 
 def test_the_extrapolated_position_follows_the_velocity():
-    """Attitude, velocity and rates remain unchanged."""
-    here, ahead = np.array(SIGNALS["measurement"]), np.array(extrapolated(SIGNALS["measurement"], 0.2))
+    """Attitude, velocity and body rates remain unchanged."""
+    now, ahead = np.array(SIGNALS["measurement"]), np.array(extrapolated(SIGNALS["measurement"], 0.2))
     np.testing.assert_allclose(ahead[:3], [1.0 + 0.2 * 7.0, 2.0 + 0.2 * 8.0, 3.0 + 0.2 * 9.0], rtol=1e-15)
-    np.testing.assert_array_equal(ahead[3:], here[3:])
+    np.testing.assert_array_equal(ahead[3:], now[3:])
 
 
 def test_the_phase_has_a_derivative_with_respect_to_time():
@@ -78,8 +79,8 @@ def test_the_phase_has_a_derivative_with_respect_to_time():
 
 
 @pytest.mark.slow
-def test_a_network_over_the_phase_flies_equally_compiled_and_uncompiled(diagrams):
-    """The flight has several laps of a third of a second, and each set learns only in its part of a lap."""
+def test_a_network_over_the_phase_flies_the_same_compiled_and_uncompiled(diagrams):
+    """The flight has laps of a third of a second, and each set learns only in its part of a lap."""
     scenario = load_scenario(
         diagrams / "laboratory.yaml:nominal",
         [
@@ -92,11 +93,11 @@ def test_a_network_over_the_phase_flies_equally_compiled_and_uncompiled(diagrams
     )
     flight, _ = assert_flown_alike(Batch.draw(scenario, [3, 0]))
     on_x, _ = np.split(flight["weights"], 2, axis=1)
-    # In the rules v_x comes before the phase.
+    # The sum is over the sets of v_x, the first input of the rules.
     change = np.abs(np.diff(on_x, axis=0)).reshape(-1, 3, 3).sum(axis=1)
-    # A tick is 20 ms and a lap 16 ticks. The first set learns nothing in the middle of a lap, but at both of its ends.
+    # A lap has 16 ticks of 20 ms. The first set, around phase 0, learns at both ends of a lap but not in its middle.
     phase = (np.arange(len(change)) % 16) / 16.0
-    amid, late, early = (phase > 0.36) & (phase < 0.64), phase > 0.66, phase < 0.34
-    assert change[amid, 0].max() == 0.0 < min(change[late, 0].max(), change[early, 0].max())
-    assert change[early & (phase > 0.06), 2].max() == 0.0 < min(change[amid, 2].max(), change[phase < 0.04, 2].max())
+    middle, late, early = (phase > 0.36) & (phase < 0.64), phase > 0.66, phase < 0.34
+    assert change[middle, 0].max() == 0.0 < min(change[late, 0].max(), change[early, 0].max())
+    assert change[early & (phase > 0.06), 2].max() == 0.0 < min(change[middle, 2].max(), change[phase < 0.04, 2].max())
     assert len(change) > 48

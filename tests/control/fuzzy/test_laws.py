@@ -1,4 +1,4 @@
-"""Learning laws, compared with matrix equations and with differential equations."""
+"""Tests of learning laws, by comparison with matrix equations and with differential equations."""
 
 import itertools
 import math
@@ -11,14 +11,14 @@ from drake_quad.control.fuzzy.inference import Antecedents, firing_strengths
 from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, LearningLimits, SignLaw, trace
 from drake_quad.control.fuzzy.systems import LearningNumbers, WeightLearning
 
-H = 0.02
+H = 0.02  # s, period of learning
 
 
 class Learner:
-    """Compiled learning on X with the same law for n vehicles, from a given signal."""
+    """System that learns on X from a given signal, with the same law for n vehicles."""
 
     def __init__(self, law, num_rules=9, n=1, *, limits=LearningLimits(), initial_weight=0.0, period=H):
-        # Without a slope s_p is the rate of the error.
+        # With a slope of zero, the learning signal s_p is the rate of the error.
         numbers = LearningNumbers(slope=0.0, law=law, limits=limits, initial_weight=initial_weight)
         self.learns_from = "feedback" if isinstance(law, SignLaw) else "surface"
         self.system = WeightLearning(
@@ -54,7 +54,7 @@ class Learner:
 
     @property
     def memory(self):
-        """Memory (m, n)."""
+        """Memory of the law (m, n)."""
         (rows,) = self.system.get_state(self.context, self.law.memory_name)
         return np.reshape(rows, (-1, self.n))
 
@@ -65,11 +65,11 @@ class Learner:
     @property
     def P(self):
         """Covariances (n, R, R)."""
-        return square(self.memory)
+        return symmetric_matrices(self.memory)
 
 
-def square(memory):
-    """Return matrices (n, R, R) for their upper triangles."""
+def symmetric_matrices(memory):
+    """Return the symmetric matrices (n, R, R) with the given upper triangles."""
     rows, n = memory.shape
     size = math.isqrt(2 * rows)
     P = np.zeros((n, size, size))
@@ -78,26 +78,26 @@ def square(memory):
     return P
 
 
-def triangles(P):
+def upper_triangles(P):
     i, j = np.triu_indices(P.shape[-1])
     return P[:, i, j].T
 
 
-def strengths(rng, n):
+def random_firing(rng, n):
     """Return random firing strengths (9, n)."""
     return np.array(firing_strengths(rng.uniform(-1.2, 1.2, (2, n)), Antecedents()))
 
 
 @pytest.mark.parametrize("n", [1, 3, 48, 200])
 @pytest.mark.parametrize("size", [1, 2, 9, 12])
-def test_the_law_on_the_triangle_matches_the_matrix_equations(n, size):
-    """Compare one tick with matrix equations, for any covariance and firing strengths, one vehicle and many."""
+def test_a_tick_of_the_covariance_law_matches_the_matrix_equations(n, size):
+    """Covariances and firing strengths are random, for one vehicle and for many."""
     rng = np.random.default_rng(n)
     half = rng.normal(size=(n, size, size))
     P, firing, signal = half @ half.transpose(0, 2, 1), rng.normal(size=(size, n)), rng.normal(size=n)
     learner = Learner(CovarianceLaw(0.8), size, n)
-    learner.memory = triangles(P)
-    np.testing.assert_allclose(trace(tuple(triangles(P))), np.trace(P, axis1=1, axis2=2), rtol=1e-12)
+    learner.memory = upper_triangles(P)
+    np.testing.assert_allclose(trace(tuple(upper_triangles(P))), np.trace(P, axis1=1, axis2=2), rtol=1e-12)
     learner.learn(firing, signal)
     g = np.einsum("nij,jn->in", P, firing)
     c = np.einsum("in,in->n", firing, g)
@@ -110,14 +110,14 @@ def test_the_law_on_the_triangle_matches_the_matrix_equations(n, size):
 @pytest.mark.parametrize(
     ("initial", "n"), [(1e-2, 5), (1.0, 5), (1.0, 100), (1e2, 5), (1e4, 5), (1e6, 5)], ids=lambda value: f"{value:g}"
 )
-def test_the_covariance_stays_a_covariance(initial, n):
-    """It is positive definite and decreases, and its inverse is the sum of all outer products of firing strengths."""
+def test_the_covariance_stays_positive_definite_and_decreases(initial, n):
+    """The inverse of the covariance grows by the integral of the outer products of the firing strengths."""
     rng = np.random.default_rng(1)
     law = CovarianceLaw(gain=1.0, initial_covariance=initial)
     learner, information = Learner(law, n=n), np.zeros((n, 9, 9))
     before = learner.P
     for _ in range(400):
-        firing = strengths(rng, n)
+        firing = random_firing(rng, n)
         learner.learn(firing, rng.normal(size=n))
         information += H * np.einsum("in,jn->nij", firing, firing)
         P = learner.P
@@ -129,19 +129,19 @@ def test_the_covariance_stays_a_covariance(initial, n):
     np.testing.assert_allclose(accumulated, information, atol=tolerance * np.abs(information).max())
 
 
-def signals(t):
-    """Return firing strengths, which move through the sets, and s_p at a time."""
+def signals_at(t):
+    """Return the firing strengths and the learning signal s_p at a time. The inputs move through all sets."""
     firing = np.array(firing_strengths((0.9 * math.sin(1.3 * t), 0.8 * math.cos(0.7 * t)), Antecedents()))
     return firing, math.sin(0.9 * t) + 0.3
 
 
 @pytest.mark.slow
 def test_the_sampled_law_converges_to_the_differential_equations():
-    """Eqs (16) and (17) are solved by an integrator of order 8; half the period gives half the error."""
+    """An integrator of order 8 solves eqs (16) and (17). Half the period gives half the error."""
     gain, initial, duration = 0.7, 20.0, 4.0
 
     def slope(t, y):
-        P, (firing, surface) = y[9:].reshape(9, 9), signals(t)
+        P, (firing, surface) = y[9:].reshape(9, 9), signals_at(t)
         g = P @ firing
         return np.concatenate([-gain * surface * g, -np.outer(g, g).ravel()])
 
@@ -151,7 +151,7 @@ def test_the_sampled_law_converges_to_the_differential_equations():
     for period in (0.005, 0.0025, 0.00125):
         learner = Learner(CovarianceLaw(gain, initial), period=period)
         for tick in range(round(duration / period)):
-            firing, surface = signals(tick * period)
+            firing, surface = signals_at(tick * period)
             learner.learn(firing, np.array([surface]))
         errors.append(
             [np.abs(learner.weights[:, 0] - exact[:9]).max(), np.abs(learner.P[0] - exact[9:].reshape(9, 9)).max()]
@@ -163,24 +163,24 @@ def test_the_sampled_law_converges_to_the_differential_equations():
 
 @pytest.mark.parametrize("initial", [1.0, 1e6])
 def test_a_tick_with_constant_inputs_is_exact(initial):
-    """One long period gives the same result as many short ones."""
+    """One tick of 0.64 s gives the same result as 64 ticks of 0.01 s."""
     rng = np.random.default_rng(5)
-    firing, surface = strengths(rng, 4), rng.normal(size=4)
-    found = []
+    firing, surface = random_firing(rng, 4), rng.normal(size=4)
+    results = []
     for ticks in (1, 64):
         learner = Learner(CovarianceLaw(0.5, initial), n=4, period=0.64 / ticks)
         for _ in range(ticks):
             learner.learn(firing, surface)
-        found.append((learner.weights, learner.memory))
-    np.testing.assert_allclose(found[0][0], found[1][0], rtol=1e-8)
-    np.testing.assert_allclose(found[0][1], found[1][1], rtol=1e-8, atol=1e-9 * initial)
+        results.append((learner.weights, learner.memory))
+    np.testing.assert_allclose(results[0][0], results[1][0], rtol=1e-8)
+    np.testing.assert_allclose(results[0][1], results[1][1], rtol=1e-8, atol=1e-9 * initial)
 
 
 @pytest.mark.slow
-def test_forgetting_keeps_the_covariance_alive_and_bounded():
+def test_forgetting_keeps_the_covariance_bounded_and_away_from_zero():
     rng = np.random.default_rng(2)
     ticks, n = 2000, 60
-    firing = np.stack([strengths(rng, n) for _ in range(ticks)])
+    firing = np.stack([random_firing(rng, n) for _ in range(ticks)])
     traces = {}
     for forgetting in (1.0, 0.999, 0.9):
         learner, path = Learner(CovarianceLaw(1.0, 5.0, forgetting), n=n), []
@@ -191,7 +191,7 @@ def test_forgetting_keeps_the_covariance_alive_and_bounded():
         assert max(path) <= 45.0 * (1.0 + 1e-12)
         traces[forgetting] = path[-1]
     assert 2.0 * traces[1.0] < traces[0.999] < traces[0.9]
-    # Without firing it grows back to its initial value and stays there.
+    # Without firing, the covariance grows back to its initial value and stays there.
     learner = Learner(CovarianceLaw(1.0, 5.0, 0.99))
     learner.memory = 1e-3 * learner.memory[:, 0]
     for _ in range(5000):
@@ -201,7 +201,7 @@ def test_forgetting_keeps_the_covariance_alive_and_bounded():
 
 def test_the_gradient_law_has_a_constant_covariance():
     rng = np.random.default_rng(4)
-    firing, surface = strengths(rng, 3), rng.normal(size=3)
+    firing, surface = random_firing(rng, 3), rng.normal(size=3)
     learner = Learner(GradientLaw(2.5), n=3)
     learner.learn(firing, surface)
     np.testing.assert_allclose(learner.weights, -H * 2.5 * firing * surface)
@@ -212,34 +212,34 @@ def test_the_sign_law_changes_the_correction_by_its_slope():
     law = SignLaw(rate=0.5, initial_slope=0.2)
     command = np.array([0.3, -0.4, 0.0])
     learner = Learner(law, n=3)
-    firing = strengths(rng, 3)
+    firing = random_firing(rng, 3)
     learner.learn(firing, command)
-    # WᵀΔF is the change of the correction: α against the command, for any strengths.
+    # The correction changes at the rate α against the sign of the command, for any firing strengths.
     np.testing.assert_allclose((firing * learner.weights).sum(axis=0), [-0.2 * H, 0.2 * H, 0.0], atol=1e-15)
     np.testing.assert_allclose(learner.memory[0], 0.2 + 2.0 * 0.5 * H * np.abs(command))
 
 
 def test_learning_stays_within_its_limits():
     rng = np.random.default_rng(6)
-    firing = strengths(rng, 2)
+    firing = random_firing(rng, 2)
 
-    def learned(law, limits, signal):
+    def weights_after(law, limits, signal):
         learner = Learner(law, n=2, limits=limits, initial_weight=0.5)
         learner.learn(firing, np.array(signal))
         return learner.weights
 
-    weights = learned(GradientLaw(100.0), LearningLimits(weight=0.6), [-5.0, 5.0])
+    weights = weights_after(GradientLaw(100.0), LearningLimits(weight=0.6), [-5.0, 5.0])
     assert weights.max() == 0.6
     assert weights.min() == -0.6
-    np.testing.assert_array_equal(learned(GradientLaw(1.0), LearningLimits(deadzone=0.1), [0.09, -0.09]), 0.5)
+    np.testing.assert_array_equal(weights_after(GradientLaw(1.0), LearningLimits(deadzone=0.1), [0.09, -0.09]), 0.5)
     np.testing.assert_allclose(
-        learned(GradientLaw(1.0), LearningLimits(leakage=2.0), [0.0, 0.0]), 0.5 * math.exp(-2.0 * H)
+        weights_after(GradientLaw(1.0), LearningLimits(leakage=2.0), [0.0, 0.0]), 0.5 * math.exp(-2.0 * H)
     )
 
 
 @pytest.mark.slow
 def test_a_constant_disturbance_is_learned_at_the_predicted_rate():
-    """For one rule with W = 1 on a double integrator e falls as t^(-K_D λ / k_P), because P = 1 / t."""
+    """For one rule with firing strength 1 on a double integrator, e falls as t^(-K_D λ / k_P), because P = 1 / t."""
     k_p, k_d, slope, gain, h, disturbance = 2.0, 2.5, 1.0, 1.5, 0.02, 0.4
     learner = Learner(CovarianceLaw(gain, 1.0), 1, period=h)
     one = np.ones(1)
@@ -262,7 +262,7 @@ def test_a_constant_disturbance_is_learned_at_the_predicted_rate():
 def test_a_vehicle_in_a_large_fleet_learns_as_it_does_alone(law):
     """The vehicles learn on X, with a dead zone, leakage and a limit that some of them reach."""
     n, limits, rng = 150, LearningLimits(weight=0.4, deadzone=0.1, leakage=0.3), np.random.default_rng(5)
-    firing, signal = strengths(rng, n), rng.normal(size=n)
+    firing, signal = random_firing(rng, n), rng.normal(size=n)
     fleet, alone = Learner(law, n=n, limits=limits, period=0.5), Learner(law, limits=limits, period=0.5)
     for _ in range(3):
         fleet.learn(firing, signal)
@@ -276,7 +276,7 @@ def test_a_vehicle_in_a_large_fleet_learns_as_it_does_alone(law):
     assert 0 < np.sum(np.abs(fleet.weights) == 0.4) < fleet.weights.size
 
 
-def test_defaults_of_laws():
-    """Defaults are unit gains and no limits."""
+def test_laws_have_unit_gains_and_no_limits_by_default():
+    """By default gains are one, and there are no limits."""
     assert (CovarianceLaw(), GradientLaw(), SignLaw()) == ((1.0, 1.0, 1.0), (1.0,), (1.0, 0.0))
     assert LearningLimits() == (np.inf, 0.0, 0.0)

@@ -1,4 +1,4 @@
-"""The fuzzy network as a diagram, and in the loop."""
+"""Tests of the fuzzy network as a diagram, and in flights."""
 
 import numpy as np
 import pytest
@@ -19,22 +19,22 @@ from drake_quad.control.fuzzy.systems import (
 )
 from drake_quad.studies.comparison import fly_samples
 
-H = 0.02
+H = 0.02  # s, control tick
 
 
 @pytest.fixture(scope="module")
 def scenario_with(diagrams):
-    """Return a scenario of the laboratory with one of the paper's controllers."""
+    """Return a function that loads a scenario of the laboratory with one of the paper's controllers."""
 
-    def load(controller, *overrides, place="nominal"):
+    def load(controller, *overrides, laboratory="nominal"):
         paper = f"{diagrams / 'controllers' / 'paper.yaml'}:{controller}"
-        return load_scenario(diagrams / f"laboratory.yaml:{place}", overrides, layers=[paper])
+        return load_scenario(diagrams / f"laboratory.yaml:{laboratory}", overrides, layers=[paper])
 
     return load
 
 
-def driven(network, inputs, ticks, num_vehicles=1):
-    """Return the simulator and the corrections (ticks, 3, N) of a network whose inputs (3 N,) are polynomials."""
+def simulated(network, inputs, ticks, num_vehicles=1):
+    """Return the simulator and the corrections (ticks, 3, N) of a network with given trajectories (3 N,) as inputs."""
     builder = DiagramBuilder()
     builder.AddNamedSystem("network", network)
     for name, trajectory in inputs.items():
@@ -44,17 +44,17 @@ def driven(network, inputs, ticks, num_vehicles=1):
     builder.ExportOutput(network.GetOutputPort("correction"), "correction")
     diagram = builder.Build()
     simulator = Simulator(diagram)
-    found = []
+    corrections = []
     simulator.Initialize()
     for tick in range(ticks):
         if tick:
             simulator.AdvanceTo(tick * H)
-        found.append(diagram.GetOutputPort("correction").Eval(simulator.get_context()).reshape(3, num_vehicles))
-    return simulator, np.array(found)
+        corrections.append(diagram.GetOutputPort("correction").Eval(simulator.get_context()).reshape(3, num_vehicles))
+    return simulator, np.array(corrections)
 
 
-def waves(rng, num_vehicles):
-    """Return trajectories of the three inputs that pass through all sets."""
+def smooth_inputs(rng, num_vehicles):
+    """Return random trajectories of all inputs, which pass through all sets."""
     times = np.linspace(0.0, 2.0, 9)
     names = ("error", "error_rate", "pd", "disturbance")
     return {
@@ -68,7 +68,7 @@ LAWS = [CovarianceLaw(0.8, 30.0), CovarianceLaw(0.8, 30.0, 0.99), GradientLaw(3.
 
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize(
-    ("axes", "learns_from", "estimates"),
+    ("axes", "learns_from", "has_estimator"),
     [
         (("x", "y"), "surface", True),
         (("x", "z"), "feedback", True),
@@ -76,38 +76,38 @@ LAWS = [CovarianceLaw(0.8, 30.0), CovarianceLaw(0.8, 30.0, 0.99), GradientLaw(3.
         (("y",), "surface", True),
     ],
 )
-def test_the_diagram_matches_the_equations(law, axes, learns_from, estimates):
-    """Compare each tick with the equations of the law: the correction of a tick follows from the weights before it.
+def test_the_diagram_matches_the_equations(law, axes, learns_from, has_estimator):
+    """The correction of each tick follows from the weights before it, and the weights from the equations of the law.
 
-    For a controller without an estimator the feedback is that of its PD.
+    Without an estimator, the network learns from the feedback of the PD alone.
     """
     rng = np.random.default_rng(3)
-    inputs, sets = waves(rng, 1), Antecedents(1.3, 0.7, 0.4, (FuzzySets(1.5), FuzzySets(0.7)))
+    inputs, sets = smooth_inputs(rng, 1), Antecedents(1.3, 0.7, 0.4, (FuzzySets(1.5), FuzzySets(0.7)))
     numbers = LearningNumbers(slope=1.7, law=law, initial_weight=0.2)
     learning = WeightLearning(axes=axes, learns_from=learns_from, numbers=numbers)
     network = build_fuzzy_network(rules=FuzzyRules(axes=axes, numbers=RulesNumbers((sets,))), learning=learning)
-    if not estimates:
+    if not has_estimator:
         del inputs["disturbance"]
-    _, found = driven(network, inputs, 80)
+    _, corrections = simulated(network, inputs, 80)
     for axis in axes:
         i = "xyz".index(axis)
         weights, memory = (0.2,) * 9, law.memory(9)
         for tick in range(80):
             e, rate, pd = (float(inputs[name].value(tick * H)[i, 0]) for name in ("error", "error_rate", "pd"))
             firing = firing_strengths((e, rate), sets)
-            assert found[tick, i, 0] == pytest.approx(np.dot(firing, weights), abs=1e-12)
-            d = float(inputs["disturbance"].value(tick * H)[i, 0]) if estimates else 0.0
+            assert corrections[tick, i, 0] == pytest.approx(np.dot(firing, weights), abs=1e-12)
+            d = float(inputs["disturbance"].value(tick * H)[i, 0]) if has_estimator else 0.0
             signal = rate + 1.7 * e if learns_from == "surface" else pd - d
             weights, memory = law.learned(weights, memory, firing, signal, H)
     others = [i for i in range(3) if "xyz"[i] not in axes]
-    np.testing.assert_array_equal(found[:, others], 0.0)
+    np.testing.assert_array_equal(corrections[:, others], 0.0)
 
 
-def test_a_fleet_learns_as_its_vehicles_do_alone():
-    """This also holds if each vehicle has its own network, and for fleets so large that sums have another order."""
+def test_each_vehicle_of_a_fleet_learns_as_it_does_alone():
+    """Each vehicle has its own network. The fleet is so large that its sums are in a different order."""
     rng = np.random.default_rng(4)
     n = 40
-    inputs = waves(rng, n)
+    inputs = smooth_inputs(rng, n)
     rows = {name: rng.uniform(*limits, n) for name, limits in (("a1", (1.1, 2.0)), ("gain", (0.2, 1.0)))}
     slope, scale, q = rng.uniform(0.5, 2.0, n), rng.uniform(0.8, 2.0, n), rng.uniform(0.0, 1.0, n)
 
@@ -119,7 +119,7 @@ def test_a_fleet_learns_as_its_vehicles_do_alone():
             rules=FuzzyRules(num_vehicles=count, numbers=RulesNumbers((sets,))), learning=learning
         )
 
-    _, fleet = driven(network(lambda row: row, n), inputs, 60, n)
+    _, fleet = simulated(network(lambda row: row, n), inputs, 60, n)
     for i in (0, 7, 39):
         picked = {
             name: PiecewisePolynomial.CubicShapePreserving(
@@ -128,34 +128,34 @@ def test_a_fleet_learns_as_its_vehicles_do_alone():
             )
             for name, trajectory in inputs.items()
         }
-        _, alone = driven(network(lambda row, i=i: float(row[i]), 1), picked, 60)
+        _, alone = simulated(network(lambda row, i=i: float(row[i]), 1), picked, 60)
         np.testing.assert_allclose(fleet[:, :, i], alone[:, :, 0], atol=1e-11)
 
 
 @pytest.mark.parametrize(("reset_time", "tick"), [(0.8, 40), (0.801, 41), (0.819, 41), (0.82, 41)])
-def test_a_reset_acts_at_the_first_tick_that_is_not_earlier(reset_time, tick):
-    """Learning at that tick already uses the initial covariance."""
-    inputs, law = waves(np.random.default_rng(5), 1), CovarianceLaw(0.8, 30.0)
+def test_a_reset_acts_at_the_first_tick_that_is_not_before_its_time(reset_time, tick):
+    """Learning at this tick already uses the initial covariance."""
+    inputs, law = smooth_inputs(np.random.default_rng(5), 1), CovarianceLaw(0.8, 30.0)
     learning = WeightLearning(axes=("x", "z"), reset_times=(reset_time,), numbers=LearningNumbers(law=law))
     network = build_fuzzy_network(rules=FuzzyRules(axes=("x", "z")), learning=learning)
-    # After this number of ticks the learning of the last tick is still pending.
-    simulator, _ = driven(network, inputs, tick + 1)
+    # The learning of the last of these ticks is still pending.
+    simulator, _ = simulated(network, inputs, tick + 1)
     port = simulator.get_system().GetSubsystemByName("network").GetOutputPort("covariance_trace")
     context = network.GetMyContextFromRoot(simulator.get_context())
     assert (port.Eval(context) < 0.9 * 270.0).all()
     simulator.AdvancePendingEvents()
-    for axis, found in zip((0, 2), port.Eval(context), strict=True):
+    for axis, covariance_trace in zip((0, 2), port.Eval(context), strict=True):
         firing = np.array(
             firing_strengths([inputs[name].value(tick * H)[axis, 0] for name in ("error", "error_rate")], Antecedents())
         )
-        fresh = 30.0 * np.eye(9)
-        g = fresh @ firing
-        after = fresh - H * np.outer(g, g) / (1.0 + H * firing @ g)
-        assert found == pytest.approx(np.trace(after), rel=1e-12)
+        initial = 30.0 * np.eye(9)
+        g = initial @ firing
+        after = initial - H * np.outer(g, g) / (1.0 + H * firing @ g)
+        assert covariance_trace == pytest.approx(np.trace(after), rel=1e-12)
 
 
-def test_the_loop_diverges_with_the_other_sign_of_eq_14():
-    """The correction reduces a steady error; with the opposite sign it increases the error."""
+def test_the_error_grows_with_the_opposite_sign_of_eq_14():
+    """The correction reduces a steady error of 0.5 / k_P. With the opposite sign it increases the error."""
     errors = {}
     for sign in (1.0, -1.0):
         sets = Antecedents(1.2, 0.8, 0.5, (FuzzySets(1.8), FuzzySets(0.55)))
@@ -173,21 +173,23 @@ def test_the_loop_diverges_with_the_other_sign_of_eq_14():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("place", ["nominal", "low_wind"])
-def test_the_network_reduces_the_error_as_reported_in_the_paper(scenario_with, place):
+@pytest.mark.parametrize("laboratory", ["nominal", "low_wind"])
+def test_the_network_reduces_the_error_as_reported_in_the_paper(scenario_with, laboratory):
     """The error falls by 43 % in at least 95 of 100 samples, and none crashes."""
-    pd, network = (fly_samples(scenario_with(controller, place=place), range(100)) for controller in ("pd", "pd_t2fnn"))
+    pd, network = (
+        fly_samples(scenario_with(controller, laboratory=laboratory), range(100)) for controller in ("pd", "pd_t2fnn")
+    )
     assert not pd.crashed.any()
     assert not network.crashed.any()
     assert (network.rmse <= (1.0 - 0.43) * pd.rmse).sum() >= 95
-    # The errors have the size of those in the paper: 0.97 m and 0.5 m.
+    # The paper reports errors of 0.97 m and 0.5 m.
     assert pd.rmse.mean() == pytest.approx(0.95, abs=0.05)
     assert network.rmse.mean() == pytest.approx(0.5, abs=0.05)
 
 
 @pytest.mark.parametrize("controller", ["pd_t1fnn", "pid", "pd_feed_forward"])
-def test_a_sample_flies_equally_alone_and_in_a_fleet(scenario_with, controller):
-    scenario = scenario_with(controller, "duration=3", place="low_wind")
+def test_a_sample_has_the_same_error_alone_and_in_a_fleet(scenario_with, controller):
+    scenario = scenario_with(controller, "duration=3", laboratory="low_wind")
     fleet = fly_samples(scenario, [4, 2, 9])
     alone = simulate(scenario, sample=2, compiled=False).metrics
     assert fleet.rmse[1] == pytest.approx(alone.rmse, rel=1e-9)
@@ -221,7 +223,7 @@ def test_the_axes_of_the_network_can_be_chosen(scenario_with):
 
 
 def test_weights_are_ordered_by_axis_and_the_set_of_the_last_input_varies_fastest():
-    """On each axis a single rule fires, for an error at one centre and an error rate at another."""
+    """On each axis a single rule fires: the error and the error rate are at centres of their sets."""
     sets = FuzzySets(1.0, (-1.0, 0.0, 1.0), (1.0, 1.0, 1.0))
     antecedents = Antecedents(1.0, 1.0, 0.5, (sets, sets))
     (x, y) = (firing_strengths(inputs, antecedents) for inputs in ((-1.0, 1.0), (0.0, -1.0)))

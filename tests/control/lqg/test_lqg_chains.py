@@ -1,4 +1,4 @@
-"""The models of linear-quadratic-Gaussian control match the equations on their page."""
+"""Tests that the models of linear-quadratic-Gaussian control match the equations on their page."""
 
 import re
 from pathlib import Path
@@ -52,14 +52,14 @@ def page_equations():
 
 def python_of(text):
     """Return a formula of the page as Python, with names for subscripts and explicit products."""
-    for written, name in (("₁", "_1"), ("₂", "_2"), ("²", " ** 2")):
-        text = text.replace(written, name)
+    for symbol, name in (("₁", "_1"), ("₂", "_2"), ("²", " ** 2")):
+        text = text.replace(symbol, name)
     return re.sub(r"(?<=[\w)]) (?=[\w(])", " * ", text)
 
 
 @pytest.mark.parametrize("chain", MODELS)
 def test_a_model_matches_the_equations_on_the_page(chain):
-    """Each side is linear in states and command, so its value at a unit vector is an entry of A or B."""
+    """A right-hand side is linear in states and command, so its value at a unit vector is an entry of A or B."""
     model = MODELS[chain]
     equations = page_equations()
     rows = equations[chain] | equations["noises"]
@@ -67,21 +67,21 @@ def test_a_model_matches_the_equations_on_the_page(chain):
     unknowns = [*fields, "u"]
     for state in fields:
         names = dict.fromkeys((*FIELD_NAMES, "u", "w_1", "w_2", "w_δ"), 0.0) | SYMBOL_VALUES
-        found = [eval(rows[state], {}, names | {unknown: 1.0}) for unknown in unknowns]
-        place = model.kind._fields.index(FIELD_NAMES[state])
+        coefficients = [eval(rows[state], {}, names | {unknown: 1.0}) for unknown in unknowns]
+        row = model.kind._fields.index(FIELD_NAMES[state])
         order = [model.kind._fields.index(FIELD_NAMES[name]) for name in fields]
-        np.testing.assert_allclose(found, [*model.A[place, order], model.B[place, 0]], rtol=1e-12, err_msg=state)
+        np.testing.assert_allclose(coefficients, [*model.A[row, order], model.B[row, 0]], rtol=1e-12, err_msg=state)
         disturbed = "w" in rows[state]
-        assert disturbed == (model.Q[place, place] > 0.0), state
+        assert disturbed == (model.Q[row, row] > 0.0), state
 
 
 def test_disturbances_have_the_given_deviations_and_the_second_is_critically_damped():
     model = MODELS["torques"]
-    places = [model.kind._fields.index(name) for name in ("first", "second", "second_rate", "bias")]
-    block = np.ix_(places, places)
+    indices = [model.kind._fields.index(name) for name in ("first", "second", "second_rate", "bias")]
+    block = np.ix_(indices, indices)
     covariance = scipy.linalg.solve_continuous_lyapunov(model.A[block], -model.Q[block])
     deviations = np.sqrt(np.diag(covariance))[[0, 1, 3]]
     np.testing.assert_allclose(deviations, [noise.deviation for noise in LATERAL[:3]], rtol=1e-12)
     # Both poles of the second disturbance are at -1 / T, which is critical damping.
-    characteristic = np.poly(model.A[np.ix_(places[1:3], places[1:3])])
+    characteristic = np.poly(model.A[np.ix_(indices[1:3], indices[1:3])])
     np.testing.assert_allclose(characteristic, np.poly([-1.0 / 0.6] * 2), rtol=1e-12)

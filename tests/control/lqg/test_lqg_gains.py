@@ -1,4 +1,4 @@
-"""Chains and gains, compared with python-control, SciPy and closed forms."""
+"""Tests of the models and gains of linear-quadratic-Gaussian control, by python-control, SciPy and closed forms."""
 
 import numpy as np
 import pytest
@@ -29,11 +29,12 @@ MODELS = {
     "attitude": attitude_model(SecondOrderResponse(9.0, 0.6), DISTURBANCES),
     "vertical": vertical_model(0.07, VERTICAL),
 }
-models = pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
-H, TICK = 0.01, 0.02
+for_each_model = pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
+H = 0.01  # s, camera frame
+TICK = 0.02  # s, control tick
 
 
-@models
+@for_each_model
 def test_a_sampled_model_matches_scipy(model):
     A, B = sampled(model.A, model.B, TICK)
     expected, forced, *_ = scipy.signal.cont2discrete((model.A, model.B, model.C, np.zeros((len(model.C), 1))), TICK)
@@ -41,7 +42,7 @@ def test_a_sampled_model_matches_scipy(model):
     np.testing.assert_allclose(B, forced, atol=1e-12)
 
 
-@models
+@for_each_model
 def test_sampled_noise_is_the_integral_of_propagated_white_noise(model):
     nodes, weights = np.polynomial.legendre.leggauss(20)
     parts = [sampled(model.A, model.B, 0.5 * TICK * (1.0 + node))[0] for node in nodes]
@@ -50,14 +51,14 @@ def test_sampled_noise_is_the_integral_of_propagated_white_noise(model):
 
 
 def test_noise_of_modes_that_decay_within_a_period_is_stationary():
-    """Modes that decay within a period contribute their stationary covariance."""
+    """The time constant of the fast mode is a thousandth of the period."""
     A, Q = np.array([[-2000.0, 500.0], [0.0, -1.0]]), np.diag([3.0, 0.5])
     P = scipy.linalg.solve_continuous_lyapunov(A, -Q)
-    over, _ = sampled(A, np.zeros((2, 1)), 0.5)
-    np.testing.assert_allclose(sampled_noise(A, Q, 0.5), P - over @ P @ over.T, rtol=1e-9)
+    transition, _ = sampled(A, np.zeros((2, 1)), 0.5)
+    np.testing.assert_allclose(sampled_noise(A, Q, 0.5), P - transition @ P @ transition.T, rtol=1e-9)
 
 
-@models
+@for_each_model
 def test_coloured_noises_have_their_deviation_and_time_constant(model):
     """The autocorrelations of first and second order are exp(-τ/T) and (1 + τ/T) exp(-τ/T)."""
     names = [*model.kind._fields]
@@ -68,13 +69,13 @@ def test_coloured_noises_have_their_deviation_and_time_constant(model):
     later = sampled(A, np.zeros((len(A), 1)), 0.2)[0] @ P
     decays = {"first": np.exp(-0.2 / 0.25), "second": (1.0 + 0.2 / 0.6) * np.exp(-0.2 / 0.6), "bias": np.exp(-0.01)}
     deviations = {"first": 0.3, "second": 0.8, "bias": 12.0}
-    for place, i in enumerate(noisy):
+    for index, i in enumerate(noisy):
         if names[i] in decays:
-            assert P[place, place] == pytest.approx(deviations[names[i]] ** 2)
-            assert later[place, place] == pytest.approx(deviations[names[i]] ** 2 * decays[names[i]])
+            assert P[index, index] == pytest.approx(deviations[names[i]] ** 2)
+            assert later[index, index] == pytest.approx(deviations[names[i]] ** 2 * decays[names[i]])
 
 
-@models
+@for_each_model
 def test_gains_match_python_control(model):
     import control
 
@@ -91,7 +92,7 @@ def test_gains_match_python_control(model):
 
 
 def test_the_filter_has_the_least_variance():
-    """Any other gain has a larger error variance; here the gain is changed by 5 %."""
+    """If the gain is changed by 5 % in either direction, the error variance is larger."""
     model = MODELS["torque"]
     A, _ = sampled(model.A, model.B, H)
     Q, R = sampled_noise(model.A, model.Q, H), np.diag([1e-6, 2e-3])
@@ -119,8 +120,8 @@ def test_commands_under_way_act_after_the_delay(delay):
         np.testing.assert_array_equal(z[len(A) :].ravel(), np.r_[np.zeros(delay), commands[: tick + 1]][-delay or 99 :])
 
 
-def test_the_outer_gain_is_that_in_equilibrium():
-    """A constant deviation of the position causes the specific thrust -K_p p / k, with constant commands."""
+def test_the_outer_gain_is_the_gain_of_the_position_in_equilibrium():
+    """With constant commands, a position deviation p causes the specific thrust -K_p p / k, with the outer gain k."""
     timing = Timing(H, TICK, 2)
     for name, noise in (("torque", [1e-3, 0.02]), ("attitude", [1e-3, 0.02]), ("vertical", [1e-3])):
         model = MODELS[name]
@@ -139,7 +140,7 @@ def test_the_outer_gain_is_that_in_equilibrium():
 
 
 def test_the_shipped_numbers_give_the_recorded_gains():
-    """The gains agree to the four digits with which those of the search were recorded."""
+    """The gains of the search were recorded with four digits."""
     lateral = torque_model(
         0.05, Disturbances(ChainNoise(0.01108, 0.25), ChainNoise(0.8325, 0.6), ChainNoise(16.6, 20.0), 3.296)
     )

@@ -1,4 +1,4 @@
-"""The equations of linear-quadratic-Gaussian control, compared with matrix equations and with differential flatness."""
+"""Tests of the equations of linear-quadratic-Gaussian control, against matrix equations and differential flatness."""
 
 import math
 
@@ -28,23 +28,25 @@ from drake_quad.signals import Acceleration, Jerk, PositionError, PositionErrorR
 from drake_quad.vehicle.inverse_dynamics import rotor_demand
 from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters
 
-H, TICK = 0.01, 0.02
-UPWARD = 8.9
+H = 0.01  # s, camera frame
+TICK = 0.02  # s, control tick
+UPWARD = 8.9  # m/s², vertical specific thrust of the last command
 RNG = np.random.default_rng(5)
 MEASUREMENT = State(0.31, -0.42, 1.13, 0.11, -0.17, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 REFERENCE = Reference(0.35, -0.5, 1.2, 0.2, 0.3, -0.1, 0.4, -0.6, 0.5, 0.7, 0.2)
-JERK, SNAP = Jerk(0.3, -0.5, 0.7), Snap(1.1, -1.7, 0.9, 0.6)
+JERK = Jerk(0.3, -0.5, 0.7)
+SNAP = Snap(1.1, -1.7, 0.9, 0.6)
 
 
-def chain(kind, scale=0.1):
+def random_chain(kind, scale=0.1):
     return kind(*(scale * RNG.normal(size=len(kind._fields))).tolist())
 
 
-def running(kind):
-    return KalmanState(Estimate(chain(kind), chain(kind), chain(VerticalChain)), 1.0, 0.3)
+def running_filter(kind):
+    return KalmanState(Estimate(random_chain(kind), random_chain(kind), random_chain(VerticalChain)), 1.0, 0.3)
 
 
-def under_way(delay, snap):
+def sent_commands(delay, snap):
     commands = tuple(ChainCommands(*RNG.normal(size=3).tolist()) for _ in range(delay + 1))
     return SentCommands(
         commands, tuple(ChainCommands(*RNG.normal(size=3).tolist()) for _ in range(delay)), UPWARD, snap
@@ -62,8 +64,8 @@ def rotation(state):
 
 
 def test_the_filter_is_a_textbook_kalman_filter_with_the_thrust_of_the_measured_attitude():
-    before, sent = running(TorqueChain), under_way(2, SNAP)
-    found = estimated(MEASUREMENT, before, sent, None, WITH_TORQUES, H, True)
+    before, sent = running_filter(TorqueChain), sent_commands(2, SNAP)
+    estimate = estimated(MEASUREMENT, before, sent, None, WITH_TORQUES, H, True)
     x_B, y_B, z_B = rotation(MEASUREMENT)[:, 2]
     thrust = UPWARD * np.array([x_B, y_B]) / z_B
     for axis, measured, s, u in zip(
@@ -74,18 +76,18 @@ def test_the_filter_is_a_textbook_kalman_filter_with_the_thrust_of_the_measured_
         x, A, B, L = np.array(chain_before), np.array(loop.A), np.array(loop.B), np.array(loop.L).T
         innovation = [measured - chain_before.position, *([] if s is None else [s - chain_before.thrust])]
         expected = A @ (x + L @ innovation) + B * u
-        # The thrust in excess of f̄, which keeps the height, acts along the measured attitude.
+        # The specific thrust f̄ keeps the height. The thrust beyond it acts along the measured attitude.
         offset = 0.0 if s is None else chain_before.thrust * (9.81 + before.estimate.z.thrust - UPWARD) / UPWARD
         expected[:2] += 0.5 * H**2 * offset, H * offset
-        np.testing.assert_allclose(getattr(found, axis), expected, rtol=1e-12)
+        np.testing.assert_allclose(getattr(estimate, axis), expected, rtol=1e-12)
 
 
 def test_a_repeated_frame_is_ignored():
-    before, sent = running(TorqueChain), under_way(2, SNAP)
+    before, sent = running_filter(TorqueChain), sent_commands(2, SNAP)
     lost = before._replace(last_x=MEASUREMENT.x)
-    found = estimated(MEASUREMENT, lost, sent, None, WITH_TORQUES, H, True)
+    estimate = estimated(MEASUREMENT, lost, sent, None, WITH_TORQUES, H, True)
     x = np.array(WITH_TORQUES.lateral.A) @ before.estimate.x + np.array(WITH_TORQUES.lateral.B) * sent.commands[0].x
-    np.testing.assert_allclose(found.x[2:], x[2:], rtol=1e-12)
+    np.testing.assert_allclose(estimate.x[2:], x[2:], rtol=1e-12)
     # Cameras that lose no frames may measure the same position twice.
     assert estimated(MEASUREMENT, lost, sent, None, WITH_TORQUES, H, False) == estimated(
         MEASUREMENT, before, sent, None, WITH_TORQUES, H, True
@@ -93,8 +95,8 @@ def test_a_repeated_frame_is_ignored():
 
 
 def test_the_filter_starts_at_rest_at_the_measured_position():
-    first = running(TorqueChain)._replace(has_started=0.0)
-    after = filter_after(MEASUREMENT, first, under_way(2, SNAP), None, WITH_TORQUES, H, True)
+    first = running_filter(TorqueChain)._replace(has_started=0.0)
+    after = filter_after(MEASUREMENT, first, sent_commands(2, SNAP), None, WITH_TORQUES, H, True)
     assert (after.has_started, after.last_x) == (1.0, MEASUREMENT.x)
     assert error_of(after.estimate, REFERENCE) == pytest.approx((0.04, -0.08, 0.07))
     assert error_rate_of(after.estimate, REFERENCE) == pytest.approx((0.2, 0.3, -0.1))
@@ -102,19 +104,19 @@ def test_the_filter_starts_at_rest_at_the_measured_position():
 
 
 def test_a_known_acceleration_moves_the_chain_without_changing_the_estimated_disturbance():
-    before, sent, known = running(TorqueChain), under_way(2, SNAP), Acceleration(0.7, -1.1, 1.3)
+    before, sent, known = running_filter(TorqueChain), sent_commands(2, SNAP), Acceleration(0.7, -1.1, 1.3)
     plain, with_acceleration = (
         estimated(MEASUREMENT, before, sent, each, WITH_TORQUES, H, True) for each in (None, known)
     )
     for axis in "xyz":
-        moved = np.subtract(getattr(with_acceleration, axis), getattr(plain, axis))
-        expected = np.zeros_like(moved)
+        change = np.subtract(getattr(with_acceleration, axis), getattr(plain, axis))
+        expected = np.zeros_like(change)
         expected[:2] = 0.5 * H**2 * getattr(known, axis), H * getattr(known, axis)
-        np.testing.assert_allclose(moved, expected, atol=1e-13)
+        np.testing.assert_allclose(change, expected, atol=1e-13)
 
 
 def expected_deviation(chain_now, axis, subtracted=0.0):
-    """Return the chain minus the motion of the reference."""
+    """Return the deviation of a chain from the motion of the reference, with a subtracted acceleration."""
     r = REFERENCE
     motion = {
         "x": [r.x, r.v_x, r.a_x - subtracted, JERK.x, SNAP.x],
@@ -127,14 +129,14 @@ def expected_deviation(chain_now, axis, subtracted=0.0):
     return e
 
 
-FREE = BELIEVED._replace(slope=1e6, min_thrust=-1e6, max_thrust=1e6)
+UNLIMITED_THRUST = BELIEVED._replace(slope=1e6, min_thrust=-1e6, max_thrust=1e6)
 
 
 def test_the_snap_command_contains_state_feedback_and_feed_forward_with_lead():
-    numbers = WITH_TORQUES._replace(thrust=FREE, torques=WITH_TORQUES.torques._replace(max_snap=1e6))
-    estimate, sent = running(TorqueChain).estimate, under_way(2, Snap(0.8, -1.0, 0.3, 0.0))
+    numbers = WITH_TORQUES._replace(thrust=UNLIMITED_THRUST, torques=WITH_TORQUES.torques._replace(max_snap=1e6))
+    estimate, sent = running_filter(TorqueChain).estimate, sent_commands(2, Snap(0.8, -1.0, 0.3, 0.0))
     correction = Acceleration(0.2, -0.3, 0.1)
-    found = regulated(estimate, REFERENCE, JERK, SNAP, sent, correction, None, numbers, TICK)
+    output = regulated(estimate, REFERENCE, JERK, SNAP, sent, correction, None, numbers, TICK)
     for axis, forward in (
         ("x", SNAP.x + 0.09 * (SNAP.x - 0.8) / TICK),
         ("y", SNAP.y + 0.09 * (SNAP.y + 1.0) / TICK),
@@ -144,14 +146,16 @@ def test_the_snap_command_contains_state_feedback_and_feed_forward_with_lead():
         e = expected_deviation(getattr(estimate, axis), axis, getattr(correction, axis))
         pending = [getattr(each, axis) for each in sent.deviations]
         feedback = np.dot(loop.K, e) + np.dot(loop.K_pending, pending)
-        assert getattr(found.command, axis) == pytest.approx(forward - feedback)
-        assert getattr(found.deviation, axis) == pytest.approx(-feedback)
-    # This is the command of an outer loop: the PD plus the compensation of the disturbance.
+        assert getattr(output.command, axis) == pytest.approx(forward - feedback)
+        assert getattr(output.deviation, axis) == pytest.approx(-feedback)
+    # The acceleration is the command of an outer loop: the PD plus the compensation of the disturbance.
     pd = outer_feedback(error_of(estimate, REFERENCE), error_rate_of(estimate, REFERENCE), numbers)
     K = numbers.lateral.K
-    against = (K.first * estimate.x.first + K.second * estimate.x.second + K.second_rate * estimate.x.second_rate) / 1.8
-    assert found.acceleration.x == pytest.approx(REFERENCE.a_x - 0.2 + pd.x - against)
-    assert found.acceleration.z == found.command.z
+    compensation = (
+        K.first * estimate.x.first + K.second * estimate.x.second + K.second_rate * estimate.x.second_rate
+    ) / 1.8
+    assert output.acceleration.x == pytest.approx(REFERENCE.a_x - 0.2 + pd.x - compensation)
+    assert output.acceleration.z == output.command.z
 
 
 @pytest.mark.parametrize("numbers", [WITH_TORQUES, WITH_TARGETS])
@@ -159,31 +163,31 @@ def test_outer_feedback_has_the_regulator_gains_divided_by_the_outer_gain(number
     for i, loop in enumerate((numbers.lateral, numbers.lateral, numbers.vertical)):
         error, rate = np.zeros(3), np.zeros(3)
         error[i], rate[i] = 0.3, -0.7
-        found = outer_feedback(PositionError(*error), PositionErrorRate(*rate), numbers)
+        feedback = outer_feedback(PositionError(*error), PositionErrorRate(*rate), numbers)
         expected = np.zeros(3)
         expected[i] = (loop.K.position * 0.3 - loop.K.velocity * 0.7) / loop.outer
-        np.testing.assert_allclose(found, expected, rtol=1e-12)
+        np.testing.assert_allclose(feedback, expected, rtol=1e-12)
 
 
 def test_the_command_to_an_autopilot_is_an_acceleration_with_lead():
-    numbers = WITH_TARGETS._replace(thrust=FREE)
-    estimate, sent = running(AttitudeChain).estimate, under_way(1, None)
-    found = regulated(estimate, REFERENCE, JERK, SNAP, sent, None, None, numbers, TICK)
+    numbers = WITH_TARGETS._replace(thrust=UNLIMITED_THRUST)
+    estimate, sent = running_filter(AttitudeChain).estimate, sent_commands(1, None)
+    output = regulated(estimate, REFERENCE, JERK, SNAP, sent, None, None, numbers, TICK)
     e = expected_deviation(estimate.y, "y")
     feedback = np.dot(numbers.lateral.K, e) + numbers.lateral.K_pending[0] * sent.deviations[0].y
-    assert found.command.y == pytest.approx(REFERENCE.a_y + 0.2 * JERK.y + 0.03 * SNAP.y - feedback)
-    assert found.acceleration[:2] == found.command[:2]
+    assert output.command.y == pytest.approx(REFERENCE.a_y + 0.2 * JERK.y + 0.03 * SNAP.y - feedback)
+    assert output.acceleration[:2] == output.command[:2]
 
 
 def test_commands_stay_within_limits_of_tilt_thrust_and_snap():
-    """The horizontal part is shortened without changing its direction; a deviation is that of the sent command."""
+    """The horizontal part is shortened in its own direction. Deviations are those of the limited command."""
     far = REFERENCE._replace(x=40.0, y=-30.0, z=300.0)
     attitude = regulated(
-        running(AttitudeChain).estimate, far, JERK, SNAP, under_way(1, None), None, None, WITH_TARGETS, TICK
+        running_filter(AttitudeChain).estimate, far, JERK, SNAP, sent_commands(1, None), None, None, WITH_TARGETS, TICK
     )
     assert math.hypot(*attitude.command[:2]) == pytest.approx(0.7 * 9.81)
-    free = WITH_TARGETS._replace(thrust=FREE)
-    estimate, sent = running(AttitudeChain).estimate, under_way(1, None)
+    free = WITH_TARGETS._replace(thrust=UNLIMITED_THRUST)
+    estimate, sent = running_filter(AttitudeChain).estimate, sent_commands(1, None)
     limited, desired = (
         regulated(estimate, far, JERK, SNAP, sent, None, None, each, TICK).command for each in (WITH_TARGETS, free)
     )
@@ -194,7 +198,7 @@ def test_commands_stay_within_limits_of_tilt_thrust_and_snap():
     narrow = WITH_TORQUES._replace(torques=WITH_TORQUES.torques._replace(max_snap=3.0))
     farther = far._replace(x=400.0, y=-300.0)
     torques = regulated(
-        running(TorqueChain).estimate, farther, JERK, SNAP, under_way(2, SNAP), None, None, narrow, TICK
+        running_filter(TorqueChain).estimate, farther, JERK, SNAP, sent_commands(2, SNAP), None, None, narrow, TICK
     )
     assert [abs(u) for u in torques.command[:2]] == [3.0, 3.0]
     assert math.hypot(*torques.acceleration[:2]) == pytest.approx(0.7 * 9.81)
@@ -202,18 +206,20 @@ def test_commands_stay_within_limits_of_tilt_thrust_and_snap():
 
 
 def test_sent_commands_advance_at_each_tick():
-    sent = under_way(2, SNAP)
-    requested = regulated(running(TorqueChain).estimate, REFERENCE, JERK, SNAP, sent, None, None, WITH_TORQUES, TICK)
+    sent = sent_commands(2, SNAP)
+    requested = regulated(
+        running_filter(TorqueChain).estimate, REFERENCE, JERK, SNAP, sent, None, None, WITH_TORQUES, TICK
+    )
     after = next_sent(requested, SNAP, sent)
     assert after.upward == requested.upward
     assert after.commands == (*sent.commands[1:], requested.command)
     assert after.deviations == (*sent.deviations[1:], requested.deviation)
-    alone = under_way(0, None)
+    alone = sent_commands(0, None)
     assert next_sent(requested, SNAP, alone) == SentCommands((requested.command,), (), requested.upward, None)
 
 
-def flown(kind):
-    """Return estimate and measurement of a vehicle on its path, and the derivatives of the path, by flatness."""
+def vehicle_on_path(kind):
+    """Return the demand of the path, the measurement and the estimate of a vehicle on its path, by flatness."""
     parameters = QuadrotorParameters()._replace(mass=0.68, gravity=9.81, inertia=Inertia(0.01, 0.01, 0.01))
     demand = rotor_demand(REFERENCE, JERK, SNAP, parameters)
     measured = State(REFERENCE.x, REFERENCE.y, REFERENCE.z, *demand.attitude, 0.0, 0.0, 0.0, *demand.body_rates)
@@ -226,18 +232,18 @@ def flown(kind):
     return demand, measured, Estimate(*chains)
 
 
-def asked_for(x, y, z):
-    """Return the commands for a vehicle without disturbances."""
+def undisturbed_output(x, y, z):
+    """Return the regulator's output for given commands without disturbances."""
     command = ChainCommands(x, y, z)
     return RegulatorOutput(command, command, Acceleration(x, y, z), BELIEVED.gravity + REFERENCE.a_z)
 
 
 def test_the_wrench_for_a_vehicle_on_its_path_is_that_of_flatness():
     """With equal moments of inertia there is no gyroscopic torque, which the controller neglects."""
-    demand, measured, estimate = flown(TorqueChain)
-    alike = WITH_TORQUES.torques._replace(i_xx=0.01, i_yy=0.01, i_zz=0.01)
-    numbers = WITH_TORQUES._replace(torques=alike, thrust=FREE)
-    requested = asked_for(SNAP.x, SNAP.y, REFERENCE.a_z)
+    demand, measured, estimate = vehicle_on_path(TorqueChain)
+    equal_inertia = WITH_TORQUES.torques._replace(i_xx=0.01, i_yy=0.01, i_zz=0.01)
+    numbers = WITH_TORQUES._replace(torques=equal_inertia, thrust=UNLIMITED_THRUST)
+    requested = undisturbed_output(SNAP.x, SNAP.y, REFERENCE.a_z)
     wrench = wrench_for(requested, estimate, measured, REFERENCE, JERK, SNAP, numbers)
     assert wrench[:3] == pytest.approx(demand.wrench[:3])
     yaw = 3.1 * (REFERENCE.yaw_rate - measured.r) + SNAP.yaw
@@ -249,51 +255,53 @@ def test_the_wrench_for_a_vehicle_on_its_path_is_that_of_flatness():
 
 
 def test_the_attitude_target_of_a_vehicle_on_its_path_is_its_attitude():
-    demand, measured, estimate = flown(AttitudeChain)
-    requested = asked_for(REFERENCE.a_x, REFERENCE.a_y, REFERENCE.a_z)
-    target = target_for(requested, estimate, measured, REFERENCE, WITH_TARGETS._replace(thrust=FREE))
+    demand, measured, estimate = vehicle_on_path(AttitudeChain)
+    requested = undisturbed_output(REFERENCE.a_x, REFERENCE.a_y, REFERENCE.a_z)
+    target = target_for(requested, estimate, measured, REFERENCE, WITH_TARGETS._replace(thrust=UNLIMITED_THRUST))
     assert target == pytest.approx((demand.wrench.thrust, *demand.attitude, 0.0, 0.0, REFERENCE.yaw_rate))
 
 
 def test_the_thrust_that_keeps_the_height_compensates_the_disturbance():
-    estimate, sent = running(AttitudeChain).estimate, under_way(1, None)
-    free = WITH_TARGETS._replace(thrust=FREE)
+    estimate, sent = running_filter(AttitudeChain).estimate, sent_commands(1, None)
+    free = WITH_TARGETS._replace(thrust=UNLIMITED_THRUST)
     correction = Acceleration(0.2, -0.3, 0.1)
-    found = regulated(estimate, REFERENCE, JERK, SNAP, sent, correction, None, free, TICK)
-    against = estimate.z.first + estimate.z.second
-    assert found.upward == pytest.approx(9.81 + REFERENCE.a_z - 0.1 - against)
-    # The value stays within the limits of the thrust, which avoids a division by zero.
+    output = regulated(estimate, REFERENCE, JERK, SNAP, sent, correction, None, free, TICK)
+    disturbance = estimate.z.first + estimate.z.second
+    assert output.upward == pytest.approx(9.81 + REFERENCE.a_z - 0.1 - disturbance)
+    # The value stays within the limits of the thrust, so that no division by zero occurs.
     falling = REFERENCE._replace(a_z=-50.0)
-    held = regulated(estimate, falling, JERK, SNAP, sent, None, None, WITH_TARGETS, TICK)
-    assert held.upward == pytest.approx(2.0 / 0.68)
+    limited = regulated(estimate, falling, JERK, SNAP, sent, None, None, WITH_TARGETS, TICK)
+    assert limited.upward == pytest.approx(2.0 / 0.68)
 
 
 @pytest.mark.parametrize("change", [-4.0, 3.0])
 def test_thrust_changes_do_not_affect_the_commanded_and_the_estimated_attitude(change):
     """Additional thrust accelerates a tilted vehicle sideways, which the filter does not attribute to the attitude."""
-    _, measured, estimate = flown(AttitudeChain)
-    free = WITH_TARGETS._replace(thrust=FREE)
-    shaken = estimate._replace(z=estimate.z._replace(thrust=estimate.z.thrust + change))
-    calm, other = asked_for(1.3, -0.7, 0.4), asked_for(1.3, -0.7, 0.4 + change)
-    commanded = target_for(calm, estimate, measured, REFERENCE, free)
-    harder = target_for(other, shaken, measured, REFERENCE, free)
-    assert harder[1:] == commanded[1:]
+    _, measured, estimate = vehicle_on_path(AttitudeChain)
+    free = WITH_TARGETS._replace(thrust=UNLIMITED_THRUST)
+    changed_estimate = estimate._replace(z=estimate.z._replace(thrust=estimate.z.thrust + change))
+    usual, other = undisturbed_output(1.3, -0.7, 0.4), undisturbed_output(1.3, -0.7, 0.4 + change)
+    commanded = target_for(usual, estimate, measured, REFERENCE, free)
+    changed_target = target_for(other, changed_estimate, measured, REFERENCE, free)
+    assert changed_target[1:] == commanded[1:]
     # The thrust points along the attitude, and its vertical component is the commanded one.
     up = rotation(measured)[2, 2]
-    assert harder.thrust - commanded.thrust == pytest.approx(0.68 * change / up)
-    _, seen_too, turning = flown(TorqueChain)
-    shaken_too = turning._replace(z=turning.z._replace(thrust=turning.z.thrust + change))
-    torques = WITH_TORQUES._replace(thrust=FREE)
-    turned, turned_too = (
-        wrench_for(requested, estimate, seen_too, REFERENCE, JERK, SNAP, torques)
-        for requested, estimate in ((calm, turning), (other, shaken_too))
+    assert changed_target.thrust - commanded.thrust == pytest.approx(0.68 * change / up)
+    _, torque_measurement, torque_estimate = vehicle_on_path(TorqueChain)
+    changed_torque_estimate = torque_estimate._replace(
+        z=torque_estimate.z._replace(thrust=torque_estimate.z.thrust + change)
     )
-    assert turned_too[1:] == turned[1:]
-    assert turned_too.thrust - turned.thrust == pytest.approx(0.68 * change / up)
+    torques = WITH_TORQUES._replace(thrust=UNLIMITED_THRUST)
+    wrench, changed_wrench = (
+        wrench_for(requested, estimate, torque_measurement, REFERENCE, JERK, SNAP, torques)
+        for requested, estimate in ((usual, torque_estimate), (other, changed_torque_estimate))
+    )
+    assert changed_wrench[1:] == wrench[1:]
+    assert changed_wrench.thrust - wrench.thrust == pytest.approx(0.68 * change / up)
     # The measured attitude causes no innovation, but the velocity follows the thrust.
-    sent = under_way(1, None)._replace(upward=9.81 + REFERENCE.a_z)
-    before = KalmanState(estimate, 1.0, 0.0), KalmanState(shaken, 1.0, 0.0)
-    plain, pulled = (estimated(measured, each, sent, None, free, H, True) for each in before)
-    assert pulled.x[2:] == plain.x[2:]
+    sent = sent_commands(1, None)._replace(upward=9.81 + REFERENCE.a_z)
+    before = KalmanState(estimate, 1.0, 0.0), KalmanState(changed_estimate, 1.0, 0.0)
+    plain, changed = (estimated(measured, each, sent, None, free, H, True) for each in before)
+    assert changed.x[2:] == plain.x[2:]
     sideways = REFERENCE.a_x * change / (9.81 + REFERENCE.a_z)
-    assert pulled.x.velocity - plain.x.velocity == pytest.approx(H * sideways)
+    assert changed.x.velocity - plain.x.velocity == pytest.approx(H * sideways)

@@ -1,4 +1,4 @@
-"""Least distance programming, compared with nonnegative least squares (Lawson and Hanson, 1974, algorithm LDP)."""
+"""Tests of least distance programming, by nonnegative least squares (Lawson and Hanson, 1974, algorithm LDP)."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,10 @@ from drake_quad.control.mpc.least_distance import LeastDistance
 
 
 def by_nonnegative_least_squares(rows, bounds):
-    """Return the least |v| with G v <= h: -r / r_n for the residual r of E u = f, with E = [-Gᵀ; -hᵀ] and f = e_n."""
+    """Return the v of least norm with G v <= h.
+
+    This is -r / r_n with the residual r of E u = f, E = [-Gᵀ; -hᵀ] and f = e_n.
+    """
     E = np.vstack([-rows.T, -bounds])
     f = np.append(np.zeros(rows.shape[1]), 1.0)
     u, _ = scipy.optimize.nnls(E, f)
@@ -18,7 +21,7 @@ def by_nonnegative_least_squares(rows, bounds):
 
 @pytest.mark.parametrize("seed", range(12))
 def test_the_nearest_point_matches_another_algorithm(seed):
-    """The polyhedra do not contain the origin; one program solves all bounds."""
+    """The polyhedra do not contain the origin. The same `LeastDistance` solves all bounds."""
     rng = np.random.default_rng(seed)
     rows, inside = rng.normal(size=(40, 6)), rng.normal(size=6)
     programme = LeastDistance(rows, group=4)
@@ -36,8 +39,8 @@ def test_the_origin_is_the_nearest_point_of_a_polyhedron_that_contains_it():
     assert not binding.any()
 
 
-def test_rows_that_a_first_solution_violates_are_added():
-    """The point nearest to one wall lies beyond the next one."""
+def test_constraints_that_a_first_solution_violates_are_added():
+    """The nearest point on the first wall lies beyond the second wall."""
     rows = np.array([[-1.0, 0.0], [1.0, -1.0]])
     point, binding = LeastDistance(rows, group=1).solve(np.array([-1.0, 0.5]))
     np.testing.assert_allclose(point, [1.0, 0.5], atol=1e-12)

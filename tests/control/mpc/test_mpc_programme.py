@@ -1,4 +1,4 @@
-"""The quadratic programmes of model predictive control, compared with the same problems in explicit states."""
+"""Tests of the quadratic programmes of model predictive control, by the same problems in explicit states."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,9 @@ from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.signals import Jerk, Reference, Snap
 
 TIMING = Timing(0.01, 0.02, 2)
-NUM_TICKS, NUM_INSTANTS, NOW = 7, 12, 3
+NUM_TICKS = 7  # of the horizon
+NUM_INSTANTS = 12  # of the preview
+NOW = 3  # instant of the preview at which the horizon begins
 WEIGHT = {"lateral": 2e-6, "vertical": 3e-4}
 ATTITUDE_WEIGHT = 2e-3
 THRUST = ThrustNumbers(0.7, 9.8, np.tan(0.1), 4.0, 7.2, 0.07)
@@ -64,7 +66,7 @@ def lateral_weight(kind):
 
 
 class ExplicitAxis:
-    """One axis, simulated tick by tick, with its infinite cost after the horizon."""
+    """One axis, simulated tick by tick, with the cost of all time after the horizon."""
 
     def __init__(self, model, command_weight):
         self.A, B = with_commands_under_way(*sampled(model.A, model.B, TIMING.tick), TIMING.delay_ticks)
@@ -85,15 +87,15 @@ class ExplicitAxis:
 
 def minimised(cost, margins, size, scale):
     """Return the solution of a convex problem by sequential least squares."""
-    found = scipy.optimize.minimize(
+    result = scipy.optimize.minimize(
         lambda v: cost(scale * v),
         np.zeros(size),
         constraints={"type": "ineq", "fun": lambda v: margins(scale * v)},
         method="SLSQP",
         options={"ftol": 1e-14, "maxiter": 500},
     )
-    assert found.success
-    return scale * found.x
+    assert result.success
+    return scale * result.x
 
 
 def excess(values):
@@ -103,7 +105,7 @@ def excess(values):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["torques", "attitude"])
 def test_horizontal_commands_solve_the_problem_in_explicit_states(kind):
-    """Each limit applies at its own tick, and slacks have their cost."""
+    """Each limit applies at its tick, and the slack variables add their cost."""
     horizon = horizon_of(kind)
     axis, r = ExplicitAxis(MODELS[kind], lateral_weight(kind)), horizon.preview.reference
     n = len(axis.A)
@@ -131,22 +133,22 @@ def test_horizontal_commands_solve_the_problem_in_explicit_states(kind):
 
     def margins(v):
         u_x, u_y, (x_k, _), (y_k, _), (over_x, over_y, over_tilt) = parts(v)
-        found = []
+        rows = []
         for p, p_r, over, low, high in (
             (x_k, r.x, over_x, -0.2, 0.21),
             (y_k, r.y, over_y, -0.31, 0.3),
         ):
-            place = p_r[later] + p[1:, 0]
-            found += [high + over - place, place - low + over]
+            position = p_r[later] + p[1:, 0]
+            rows += [high + over - position, position - low + over]
         if kind == "torques":
             for u, forward in ((u_x, ahead[0]), (u_y, ahead[1])):
-                found += [(40.0 - (forward[now] + u)) / 40.0, (40.0 + forward[now] + u) / 40.0]
+                rows += [(40.0 - (forward[now] + u)) / 40.0, (40.0 + forward[now] + u) / 40.0]
             s_x, s_y = r.a_x[later] - 0.1 + x_k[1:, 2], r.a_y[later] + 0.2 + y_k[1:, 2]
-            found += [(reach - c * s_x - s * s_y) / 9.8 + over_tilt for c, s in normals]
+            rows += [(reach - c * s_x - s * s_y) / 9.8 + over_tilt for c, s in normals]
         else:
             w_x, w_y = ahead[0][now] + u_x, ahead[1][now] + u_y
-            found += [(reach - c * w_x - s * w_y) / 9.8 for c, s in normals]
-        return np.concatenate(found)
+            rows += [(reach - c * w_x - s * w_y) / 9.8 for c, s in normals]
+        return np.concatenate(rows)
 
     scale = np.repeat([20.0 if kind == "torques" else 0.5, 0.05], [2 * NUM_TICKS, 3 * NUM_TICKS])
     solution = minimised(cost, margins, 5 * NUM_TICKS, scale)
@@ -162,7 +164,7 @@ def test_horizontal_commands_solve_the_problem_in_explicit_states(kind):
 
 @pytest.mark.parametrize("follows_reference", [False, True])
 def test_a_corridor_bounds_the_distance_beyond_a_wall(follows_reference):
-    """The distance is in metres along each axis of W. A moving corridor is centred on the reference."""
+    """Distances are in metres along each axis of W. A corridor that follows the reference is centred on it."""
     horizon = horizon_of("torques", CORRIDOR._replace(follows_reference=follows_reference))
     rng = np.random.default_rng(6)
     later = slice(NOW + 1, NOW + 1 + NUM_TICKS)
@@ -176,21 +178,21 @@ def test_a_corridor_bounds_the_distance_beyond_a_wall(follows_reference):
         expected = {}
         for name, x, c in zip(names, starts, added, strict=True):
             states = [x]
-            for more in c:
-                states.append((axis.A - np.outer(axis.b, regulator.K)) @ states[-1] + axis.b * more)
-            place = np.array(states)[1:, 0] + (
+            for perturbation in c:
+                states.append((axis.A - np.outer(axis.b, regulator.K)) @ states[-1] + axis.b * perturbation)
+            position = np.array(states)[1:, 0] + (
                 0.0 if follows_reference else getattr(horizon.preview.reference, name)[later]
             )
             low, high = walls[name]
-            expected[f"corridor along {name}"] = {tuple((place - high).round(9)), tuple((low - place).round(9))}
-        found = {name: set() for name in expected}
+            expected[f"corridor along {name}"] = {tuple((position - high).round(9)), tuple((low - position).round(9))}
+        distances = {name: set() for name in expected}
         for each in constraints(regulator, horizon):
-            if each.slack is not None and each.slack.name in found:
+            if each.slack is not None and each.slack.name in distances:
                 assert each.starts_next_tick
-                left = np.broadcast_to(each.bound, NUM_INSTANTS)[later]
-                beyond = each.free @ starts.ravel() + each.forced @ added.ravel() - left
-                found[each.slack.name].add(tuple(beyond.round(9)))
-        assert found == expected
+                room = np.broadcast_to(each.bound, NUM_INSTANTS)[later]
+                beyond = each.free @ starts.ravel() + each.forced @ added.ravel() - room
+                distances[each.slack.name].add(tuple(beyond.round(9)))
+        assert distances == expected
 
 
 @pytest.mark.parametrize("height", [0.35, -0.3])
@@ -200,16 +202,16 @@ def test_vertical_commands_solve_the_problem_in_explicit_states(height):
     z = np.array([height, 0.3, 0.1, 0.2, -0.1, 0.1, 0.3, -0.2])
     now, later = slice(NOW, NOW + NUM_TICKS), slice(NOW + 1, NOW + 1 + NUM_TICKS)
     forward = (r.a_z - 0.15 + 0.07 * horizon.preview.jerk.z)[now]
-    most = np.sqrt((7.2 / 0.7) ** 2 - r.a_x**2 - r.a_y**2)[now] - 9.8
+    max_command = np.sqrt((7.2 / 0.7) ** 2 - r.a_x**2 - r.a_y**2)[now] - 9.8
 
     def cost(v):
         return axis.roll_out(z, v[:NUM_TICKS])[1] + 25.0 * v[NUM_TICKS:] @ v[NUM_TICKS:]
 
     def margins(v):
         u, over = v[:NUM_TICKS], v[NUM_TICKS:]
-        place = r.z[later] + axis.roll_out(z, u)[0][1:, 0]
+        position = r.z[later] + axis.roll_out(z, u)[0][1:, 0]
         return np.concatenate(
-            [most - forward - u, forward + u - 4.0 / 0.7 + 9.8, 1.2 + over - place, place - 0.9 + over]
+            [max_command - forward - u, forward + u - 4.0 / 0.7 + 9.8, 1.2 + over - position, position - 0.9 + over]
         )
 
     scale = np.repeat([1.0, 0.05], NUM_TICKS)
@@ -222,7 +224,7 @@ def test_vertical_commands_solve_the_problem_in_explicit_states(height):
 
 
 def test_a_limit_beyond_the_horizon_has_no_influence():
-    """The reference demands too much snap at one tick, which changes nothing until the horizon includes it."""
+    """The reference demands too much snap at one tick. Nothing changes until the horizon includes this tick."""
     still = horizon_of("torques", CORRIDOR._replace(follows_reference=True))
     calm = Preview(
         *(record(*np.zeros((len(record._fields), NUM_INSTANTS))) for record in (Reference, Jerk, Snap, Snap))
@@ -236,17 +238,17 @@ def test_a_limit_beyond_the_horizon_has_no_influence():
         list(horizontal_constraints(regulator, still._replace(preview=preview, numbers=limited))), regulator.weight
     )
     n = len(regulator.K)
-    found = [
+    perturbations = [
         programme.perturbations(tick, np.zeros((2 * n, 1)), np.zeros((3, 1)))[:, 0] for tick in range(NUM_INSTANTS)
     ]
-    assert not np.array(found)[:3].any()
-    # The smallest possible perturbation is 10 of the 30, the excess at that tick, and no other tick can replace it.
-    assert found[9] == pytest.approx([-10.0, 0.0], abs=1e-6)
-    assert not np.array(found)[10:].any()
+    assert not np.array(perturbations)[:3].any()
+    # The snap of 30 exceeds the limit of 20 by 10, which only the command of this tick can compensate.
+    assert perturbations[9] == pytest.approx([-10.0, 0.0], abs=1e-6)
+    assert not np.array(perturbations)[10:].any()
 
 
 def test_there_is_always_a_solution():
-    """There is a solution for any deviation of the vehicle, and it satisfies the limits on commands."""
+    """Deviations may have any size. The solution satisfies the limits on commands."""
     regulator = regulator_of(MODELS["torques"], TIMING, WEIGHT["lateral"])
     horizon = horizon_of("torques")
     programme = Programme(list(horizontal_constraints(regulator, horizon)), regulator.weight)
@@ -267,18 +269,19 @@ def test_derivatives_are_those_for_fixed_active_constraints():
     regulator = regulator_of(MODELS["height"], TIMING, WEIGHT["vertical"])
     programme = Programme(list(vertical_constraints(regulator, horizon)), regulator.weight)
     z, correction, step = np.array([0.35, 0.05, 0.1, 0.02, -0.01, 0.01, 0.03, -0.02]), np.zeros((3, 1)), 1e-5
-    ((found,),) = programme.perturbations(NOW, InitializeAutoDiff(z), correction)
+    ((perturbation,),) = programme.perturbations(NOW, InitializeAutoDiff(z), correction)
     expected = [
-        np.diff([programme.perturbations(NOW, (z + d)[:, None], correction).item() for d in (-way, way)]) / (2.0 * step)
-        for way in step * np.eye(len(z))
+        np.diff([programme.perturbations(NOW, (z + d)[:, None], correction).item() for d in (-direction, direction)])
+        / (2.0 * step)
+        for direction in step * np.eye(len(z))
     ]
-    assert found.value() == pytest.approx(programme.perturbations(NOW, z[:, None], correction).item())
+    assert perturbation.value() == pytest.approx(programme.perturbations(NOW, z[:, None], correction).item())
     assert np.abs(expected).max() > 1.0
-    np.testing.assert_allclose(found.derivatives(), np.ravel(expected), atol=1e-4)
+    np.testing.assert_allclose(perturbation.derivatives(), np.ravel(expected), atol=1e-4)
 
 
 def test_predictions_match_the_simulated_axis():
-    """The axis is simulated with perturbed commands."""
+    """The axis is simulated tick by tick with random perturbations of its commands."""
     regulator = regulator_of(MODELS["torques"], TIMING, WEIGHT["lateral"])
     A, B, K = (np.array(part) for part in regulator[:3])
     rng = np.random.default_rng(3)
@@ -286,8 +289,8 @@ def test_predictions_match_the_simulated_axis():
     predicted = Prediction(regulator, NUM_TICKS)
     commands, thrusts = [], []
     state = x
-    for more in c:
-        commands.append(-K @ state + more)
+    for perturbation in c:
+        commands.append(-K @ state + perturbation)
         state = A @ state + B * commands[-1]
         thrusts.append(state[2])
     for response, expected in ((predicted.command(), commands), (predicted.state(2), thrusts)):
@@ -295,7 +298,7 @@ def test_predictions_match_the_simulated_axis():
 
 
 def test_a_perturbation_adds_its_weighted_square_to_the_cost():
-    """For any commands the sum of p² + ρ u² over all time is the regulator's own cost plus w Σ c²."""
+    """The sum of p² + ρ u² over all time is the regulator's own cost plus w Σ c² for the perturbations c."""
     regulator, axis = regulator_of(MODELS["torques"], TIMING, WEIGHT["lateral"]), ExplicitAxis(MODELS["torques"], 2e-6)
     K = np.array(regulator.K)
     rng = np.random.default_rng(6)
@@ -303,8 +306,8 @@ def test_a_perturbation_adds_its_weighted_square_to_the_cost():
     costs = []
     for added in (np.zeros(NUM_TICKS), c):
         state, commands = x, []
-        for more in added:
-            commands.append(-K @ state + more)
+        for perturbation in added:
+            commands.append(-K @ state + perturbation)
             state = axis.A @ state + axis.b * commands[-1]
         costs.append(axis.roll_out(x, np.array(commands))[1])
     assert costs[0] == pytest.approx(x @ axis.S @ x, rel=1e-6)

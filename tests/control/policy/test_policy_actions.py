@@ -1,4 +1,4 @@
-"""Commands of a policy's actions."""
+"""Tests of the commands that follow from the actions of a policy."""
 
 import numpy as np
 import pytest
@@ -38,12 +38,12 @@ def test_an_acceleration_is_scaled_axis_by_axis():
 @pytest.mark.parametrize(("frame", "yaw"), [("heading", 1.1), ("reference_heading", REFERENCE.yaw)])
 def test_an_acceleration_along_a_heading_is_rotated_into_the_world_frame(frame, yaw, turn):
     measured = State(*[0.0] * 3, 0.3, -0.2, 1.1, *[0.0] * 6)
-    found = commanded_acceleration((0.5, -0.25, 1.0), measured, REFERENCE, SCALE, frame, turn)
+    command = commanded_acceleration((0.5, -0.25, 1.0), measured, REFERENCE, SCALE, frame, turn)
     expected = RotationMatrix.MakeZRotation(yaw + turn) @ np.array([2.5, -1.0, 3.0])
-    np.testing.assert_allclose(found, expected, atol=1e-14)
+    np.testing.assert_allclose(command, expected, atol=1e-14)
 
 
-def test_thrust_ranges_from_least_to_most():
+def test_the_thrust_of_an_action_ranges_from_the_smallest_to_the_largest():
     for action, thrust in ((-1.0, 2.0), (0.0, 7.0), (1.0, 12.0), (3.0, 12.0), (-3.0, 2.0)):
         assert rates_on_board((action, 0.0, 0.0, 0.0), RATES).thrust == thrust
         assert rates_from_the_ground((action, 0.0, 0.0, 0.0), State(*[0.0] * 12), RATES).thrust == thrust
@@ -59,12 +59,12 @@ def test_the_yaw_of_an_action_is_relative_to_the_reference():
     assert saturated == beyond
 
 
-def test_rates_for_an_autopilot_come_without_an_attitude():
+def test_rates_for_an_autopilot_command_no_attitude():
     assert rates_on_board((0.0, 0.2, -0.5, 1.0), RATES) == (7.0, 0.0, 0.0, 0.0, 1.0, -2.0, 2.0)
     assert rates_on_board(SATURATED_ACTIONS[0], RATES) == rates_on_board(SATURATED_ACTIONS[1], RATES)
 
 
-def test_body_rates_follow_the_loop_on_the_ground_with_a_lag_of_first_order():
+def test_the_rate_loop_on_the_ground_makes_body_rates_a_first_order_lag():
     """The torque follows from Euler's equations with ω̇ = k (ω_r - ω), for any present rates."""
     rates, inertia = np.array([0.7, -1.1, 0.4]), np.array(RATES[3:])
     measured = State(*[0.0] * 9, *rates)

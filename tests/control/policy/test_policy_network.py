@@ -1,4 +1,4 @@
-"""Networks of policies, compared with NumPy and with a published package."""
+"""Tests of the networks of policies, by comparison with NumPy and SciPy."""
 
 import numpy as np
 import pytest
@@ -15,12 +15,12 @@ def matrix_of(rng, rows, columns):
     return Matrix(rng.normal(size=(rows, columns)), rng.normal(size=rows))
 
 
-def numbers(matrix):
+def arrays_of(matrix):
     biases, weights = zip(*matrix.biases_and_weights(), strict=True)
     return np.array(weights), np.array(biases)
 
 
-EXPECTED = {
+FORMULAS = {
     "identity": lambda x: x,
     "relu": lambda x: np.maximum(x, 0.0),
     "tanh": np.tanh,
@@ -36,13 +36,13 @@ EXPECTED = {
 @pytest.mark.parametrize("activation", ACTIVATIONS)
 def test_activations_match_their_formulas(activation):
     x = np.linspace(-4.0, 4.0, 41)
-    found = [ACTIVATIONS[activation](each) for each in x.tolist()]
-    np.testing.assert_allclose(found, EXPECTED[activation](x), rtol=1e-12, atol=1e-15)
-    np.testing.assert_allclose(ACTIVATIONS[activation](x), found, rtol=1e-12, atol=1e-15)
+    values = [ACTIVATIONS[activation](each) for each in x.tolist()]
+    np.testing.assert_allclose(values, FORMULAS[activation](x), rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(ACTIVATIONS[activation](x), values, rtol=1e-12, atol=1e-15)
 
 
 def test_gelu_is_close_to_its_approximation():
-    """The two differ by at most 5e-4, as the authors of GELU state."""
+    """According to the authors of GELU, the two differ by at most 5e-4."""
     x = np.linspace(-6.0, 6.0, 401)
     np.testing.assert_allclose(ACTIVATIONS["gelu_tanh"](x), ACTIVATIONS["gelu"](x), atol=5e-4)
 
@@ -58,7 +58,7 @@ def test_elu_and_leaky_relu_have_a_parameter(activation, alpha):
 
 @pytest.mark.parametrize("activation", ACTIVATIONS)
 def test_compiled_activations_and_their_derivatives_are_correct(activation):
-    """Compare compiled values with NumPy to rounding, and derivatives with central differences."""
+    """Compiled values agree with NumPy to rounding, and derivatives with central differences."""
     x = np.linspace(-4.0, 4.05, 60)
     alpha = 0.3 if activation in WITH_ALPHA else None
     network = Network((Dense(Matrix(np.eye(1), np.zeros(1)), activation, alpha),), 1)
@@ -66,9 +66,9 @@ def test_compiled_activations_and_their_derivatives_are_correct(activation):
     def formula(row):
         return evaluate_network(network, [row], ()).output[0]
 
-    found = np.empty_like(x)
-    kernel(formula, (ROW,), (ROW,), single_vehicle=False)(len(x), 0.0, found, x)
-    np.testing.assert_allclose(found, formula(x), rtol=1e-13, atol=1e-15)
+    compiled = np.empty_like(x)
+    kernel(formula, (ROW,), (ROW,), single_vehicle=False)(len(x), 0.0, compiled, x)
+    np.testing.assert_allclose(compiled, formula(x), rtol=1e-13, atol=1e-15)
     step = 1e-5
     slopes = [(formula(AutoDiffXd(each, [1.0])) + AutoDiffXd(0.0, [0.0])).derivatives()[0] for each in x.tolist()]
     differences = (formula(x + step) - formula(x - step)) / (2.0 * step)
@@ -84,8 +84,8 @@ def test_dense_layers_follow_the_scaled_input():
     rows = np.clip((inputs - offset) * scale, -1.5, 1.5)
     assert rows[2] == 1.5
     for layer in layers:
-        weights, biases = numbers(layer.matrix)
-        rows = EXPECTED[layer.activation](weights @ rows + biases)
+        weights, biases = arrays_of(layer.matrix)
+        rows = FORMULAS[layer.activation](weights @ rows + biases)
     step = evaluate_network(network, inputs.tolist(), ())
     np.testing.assert_allclose(step.output, rows, rtol=1e-13)
     assert step.memory == network.memory == ()
@@ -98,7 +98,7 @@ def test_recurrent_units_match_their_equations():
     layer = Gru(matrix_of(rng, 9, inputs), matrix_of(rng, 9, units), (0.1, -0.2, 0.3))
     network = Network((layer,), inputs)
     assert network.num_outputs == units
-    (W, b), (U, c) = numbers(layer.of_input), numbers(layer.of_memory)
+    (W, b), (U, c) = arrays_of(layer.of_input), arrays_of(layer.of_memory)
     memory, h = network.memory, np.array(layer.initial)
     for x in rng.normal(size=(6, inputs)):
         step = evaluate_network(network, x.tolist(), memory)

@@ -1,4 +1,4 @@
-"""Observations of a policy, compared with Drake's rotations."""
+"""Tests of the observations of a policy, by comparison with Drake's rotations."""
 
 from typing import get_args
 
@@ -18,15 +18,19 @@ from drake_quad.signals import Reference, RotorSpeed, State, Wind
 
 STATE = State(0.3, -0.2, 1.1, 0.4, -0.3, 0.7, 0.5, 0.6, -0.4, 1.1, -1.2, 1.3)
 REFERENCE = Reference(0.5, 0.1, 1.4, 0.2, -0.1, 0.3, 0.11, 0.12, 0.13, 0.9, 0.05)
-AHEAD = (0.6, 0.2, 1.5, 0.8, 0.1, 1.7)
-ROTORS, WIND, ACTION = RotorSpeed(100.0, 110.0, 120.0, 130.0), Wind(1.0, 2.0, -3.0), (0.1, -0.2, 0.3)
+REFERENCE_AHEAD = (0.6, 0.2, 1.5, 0.8, 0.1, 1.7)
+ROTOR_SPEEDS = RotorSpeed(100.0, 110.0, 120.0, 130.0)
+WIND = Wind(1.0, 2.0, -3.0)
+ACTION = (0.1, -0.2, 0.3)
 ROTATION = RollPitchYaw(STATE[3:6]).ToRotationMatrix()
 
 
-def seen(name, frame="world", turn=0.0):
+def observed_signal(name, frame="world", turn=0.0):
     spec = ObservationSpec((name,), frame, 1, turn)
     numbers = ObservationNumbers(200.0, ACTION)
-    rows = observed(STATE, REFERENCE, AHEAD, ROTORS, WIND, ACTION, numbers, lambda x, y, z: x + 10.0 * y - z, spec)
+    rows = observed(
+        STATE, REFERENCE, REFERENCE_AHEAD, ROTOR_SPEEDS, WIND, ACTION, numbers, lambda x, y, z: x + 10.0 * y - z, spec
+    )
     assert len(rows) == num_observed(spec, num_actions=3, num_ahead=2)
     return np.array(rows)
 
@@ -56,59 +60,67 @@ VECTORS = {
 def test_vectors_are_along_the_axes_of_the_frame(frame, turn):
     to_frame = axes_of(frame, turn).inverse()
     for name, vector in VECTORS.items():
-        np.testing.assert_allclose(seen(name, frame, turn), to_frame @ np.array(vector), atol=1e-14, err_msg=name)
-    ahead = [to_frame @ np.subtract(AHEAD[k : k + 3], STATE[:3]) for k in (0, 3)]
-    np.testing.assert_allclose(seen("reference_ahead", frame, turn), np.concatenate(ahead), atol=1e-14)
+        np.testing.assert_allclose(
+            observed_signal(name, frame, turn), to_frame @ np.array(vector), atol=1e-14, err_msg=name
+        )
+    ahead = [to_frame @ np.subtract(REFERENCE_AHEAD[k : k + 3], STATE[:3]) for k in (0, 3)]
+    np.testing.assert_allclose(observed_signal("reference_ahead", frame, turn), np.concatenate(ahead), atol=1e-14)
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.6])
-def test_the_rotation_is_that_of_the_body_row_by_row(turn):
-    in_frame = RotationMatrix.MakeZRotation(turn)
-    body = ROTATION @ in_frame
+def test_the_observed_rotation_is_the_matrix_of_the_body_row_by_row(turn):
+    turn_rotation = RotationMatrix.MakeZRotation(turn)
+    body = ROTATION @ turn_rotation
     for frame in ("world", "body"):
-        np.testing.assert_allclose(seen("rotation", frame, turn), body.matrix().ravel(), atol=1e-14)
+        np.testing.assert_allclose(observed_signal("rotation", frame, turn), body.matrix().ravel(), atol=1e-14)
     for frame in ("heading", "reference_heading"):
         relative = axes_of(frame, turn).inverse() @ body
-        np.testing.assert_allclose(seen("rotation", frame, turn), relative.matrix().ravel(), atol=1e-14)
-    np.testing.assert_allclose(seen("body_rates", turn=turn), in_frame.inverse() @ np.array(STATE[9:]), atol=1e-14)
+        np.testing.assert_allclose(observed_signal("rotation", frame, turn), relative.matrix().ravel(), atol=1e-14)
+    np.testing.assert_allclose(
+        observed_signal("body_rates", turn=turn), turn_rotation.inverse() @ np.array(STATE[9:]), atol=1e-14
+    )
 
 
 @pytest.mark.parametrize("angle", [-1.5, 0.4, np.pi, 40.0])
 def test_observations_along_the_reference_heading_are_invariant_under_rotation_about_z(angle):
-    """The observation is the same at every heading, so that a policy that flies at one heading flies at all of them."""
+    """Observations are the same at every heading, so a policy that can fly at one heading can fly at any."""
 
-    def in_frame(x, y):
+    def rotated(x, y):
         return np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y
 
-    (x, y), (v_x, v_y) = in_frame(STATE.x, STATE.y), in_frame(STATE.v_x, STATE.v_y)
+    (x, y), (v_x, v_y) = rotated(STATE.x, STATE.y), rotated(STATE.v_x, STATE.v_y)
     state = STATE._replace(x=x, y=y, v_x=v_x, v_y=v_y, yaw=STATE.yaw + angle)
-    (x, y), (v_x, v_y), (a_x, a_y) = (in_frame(*pair) for pair in (REFERENCE[:2], REFERENCE[3:5], REFERENCE[6:8]))
+    (x, y), (v_x, v_y), (a_x, a_y) = (rotated(*pair) for pair in (REFERENCE[:2], REFERENCE[3:5], REFERENCE[6:8]))
     reference = REFERENCE._replace(x=x, y=y, v_x=v_x, v_y=v_y, a_x=a_x, a_y=a_y, yaw=REFERENCE.yaw + angle)
-    wind = Wind(*in_frame(WIND.x, WIND.y), WIND.z)
-    ahead = tuple(np.concatenate([(*in_frame(*AHEAD[k : k + 2]), AHEAD[k + 2]) for k in (0, 3)]).tolist())
+    wind = Wind(*rotated(WIND.x, WIND.y), WIND.z)
+    ahead = tuple(
+        np.concatenate([(*rotated(*REFERENCE_AHEAD[k : k + 2]), REFERENCE_AHEAD[k + 2]) for k in (0, 3)]).tolist()
+    )
     names = tuple([name for name in OBSERVABLE_SIGNALS if name not in ("position", "attitude", "clearance")])
     spec = ObservationSpec(names, "reference_heading", 1, 0.6)
     numbers = ObservationNumbers(200.0, ACTION)
     rows = [
-        observed(*given, ROTORS, blowing, ACTION, numbers, None, spec)
-        for given, blowing in (((STATE, REFERENCE, AHEAD), WIND), ((state, reference, ahead), wind))
+        observed(*given, ROTOR_SPEEDS, present_wind, ACTION, numbers, None, spec)
+        for given, present_wind in (((STATE, REFERENCE, REFERENCE_AHEAD), WIND), ((state, reference, ahead), wind))
     ]
     np.testing.assert_allclose(*rows, rtol=0.0, atol=1e-13)
 
 
 def test_signals_without_a_frame_are_unchanged():
-    np.testing.assert_array_equal(seen("position", "body"), STATE[:3])
-    np.testing.assert_array_equal(seen("attitude", "body"), STATE[3:6])
-    np.testing.assert_allclose(seen("yaw_error"), [np.sin(0.2), np.cos(0.2)], atol=1e-15)
-    np.testing.assert_allclose(seen("rotor_speed"), [0.5, 0.55, 0.6, 0.65])
-    np.testing.assert_allclose(seen("clearance"), [0.3 - 2.0 - 1.1])
-    np.testing.assert_array_equal(seen("action"), ACTION)
+    np.testing.assert_array_equal(observed_signal("position", "body"), STATE[:3])
+    np.testing.assert_array_equal(observed_signal("attitude", "body"), STATE[3:6])
+    np.testing.assert_allclose(observed_signal("yaw_error"), [np.sin(0.2), np.cos(0.2)], atol=1e-15)
+    np.testing.assert_allclose(observed_signal("rotor_speed"), [0.5, 0.55, 0.6, 0.65])
+    np.testing.assert_allclose(observed_signal("clearance"), [0.3 - 2.0 - 1.1])
+    np.testing.assert_array_equal(observed_signal("action"), ACTION)
 
 
 def test_signals_have_the_order_of_the_specification():
     names = tuple(OBSERVABLE_SIGNALS)[::-1]
     spec = ObservationSpec(names)
-    rows = observed(STATE, REFERENCE, AHEAD, ROTORS, WIND, ACTION, ObservationNumbers(200.0, ACTION), max, spec)
-    parts = [seen(name) for name in names]
+    rows = observed(
+        STATE, REFERENCE, REFERENCE_AHEAD, ROTOR_SPEEDS, WIND, ACTION, ObservationNumbers(200.0, ACTION), max, spec
+    )
+    parts = [observed_signal(name) for name in names]
     parts[names.index("clearance")] = [1.1]
     np.testing.assert_array_equal(rows, np.concatenate(parts))

@@ -1,4 +1,4 @@
-"""A policy in a diagram: its observation at a tick, and its memory."""
+"""Tests of a policy in a diagram: its observation at each tick, and its memory."""
 
 import numpy as np
 import pytest
@@ -23,14 +23,14 @@ def network_of(inputs, outputs, seed=0):
     return Network((*layers, Dense(matrix(outputs, 3))), inputs)
 
 
-def moving(rows, seed):
+def changing_source(rows, seed):
     """Return a source of rows that change with time."""
     rng = np.random.default_rng(seed)
     return TrajectorySource(PiecewisePolynomial.FirstOrderHold([0.0, 10.0], rng.normal(size=(rows, 2))))
 
 
 @pytest.mark.parametrize("history", [1, 3])
-def test_the_past_contains_earlier_observations_and_actions(history):
+def test_the_history_contains_earlier_observations_and_actions(history):
     spec = ObservationSpec(("position_error", "action"), "world", history)
     initial = (0.25, -0.5)
     builder = DiagramBuilder()
@@ -39,7 +39,7 @@ def test_the_past_contains_earlier_observations_and_actions(history):
     )
     network = network_of(5 * history, 2)
     policy = builder.AddSystem(Policy(network=network, period=0.02))
-    sources = [builder.AddSystem(moving(rows, rows)) for rows in (12, 11)]
+    sources = [builder.AddSystem(changing_source(rows, rows)) for rows in (12, 11)]
     for source, port in zip(sources, ("measurement", "reference"), strict=True):
         builder.Connect(source.get_output_port(), observation.GetInputPort(port))
     builder.Connect(observation.get_output_port(), policy.get_input_port())
@@ -48,9 +48,11 @@ def test_the_past_contains_earlier_observations_and_actions(history):
     diagram = builder.Build()
     simulator = Simulator(diagram)
     simulator.AdvanceTo(0.2)
-    observed_rows, done = (log.FindLog(simulator.get_context()).data().T for log in logs)
+    observed_rows, actions_logged = (log.FindLog(simulator.get_context()).data().T for log in logs)
 
-    states = [[source.get_output_port().Eval(_at(source, 0.02 * k))[:3] for source in sources] for k in range(11)]
+    states = [
+        [source.get_output_port().Eval(context_at(source, 0.02 * k))[:3] for source in sources] for k in range(11)
+    ]
     errors = [reference - state for state, reference in states]
     actions, memory = [np.array(initial)], network.memory
     rows = [np.concatenate([errors[0], initial])] * (history - 1)
@@ -58,12 +60,12 @@ def test_the_past_contains_earlier_observations_and_actions(history):
         rows = [np.concatenate([errors[k], actions[-1]]), *rows][:history]
         np.testing.assert_allclose(observed_rows[k], np.concatenate(rows), atol=1e-12, err_msg=str(k))
         step = evaluate_network(network, np.concatenate(rows).tolist(), memory)
-        np.testing.assert_allclose(done[k], step.output, atol=1e-12)
+        np.testing.assert_allclose(actions_logged[k], step.output, atol=1e-12)
         memory = step.memory
         actions.append(np.array(step.output))
 
 
-def _at(source, time):
+def context_at(source, time):
     context = source.CreateDefaultContext()
     context.SetTime(time)
     return context

@@ -1,4 +1,4 @@
-"""Dryden's turbulence agrees with the spectra of the specification."""
+"""Tests that Dryden turbulence agrees with the spectra of the specification."""
 
 import itertools
 import math
@@ -32,18 +32,18 @@ NEAR_GROUND = Turbulence.at_low_altitude(height=3.048, wind_at_20_feet=15.4, air
 
 
 def matrices(turbulence, period):
-    """Return A, B and C of the whole filter, column by column from its step and its output."""
+    """Return A, B and C of the whole filter. Their columns are steps and outputs of unit vectors."""
     sampled = SampledTurbulence.of(TurbulenceNumbers(turbulence), period)
-    unit, none = [FilterState(*column) for column in np.eye(5)], FilterState(*np.zeros(5))
-    A = np.column_stack([next_filter_state(column, none, sampled) for column in unit])
-    B = np.column_stack([next_filter_state(none, column, sampled) for column in unit])
-    C = np.column_stack([turbulent_velocity(column, turbulence.deviation) for column in unit])
+    unit_states, zero_state = [FilterState(*column) for column in np.eye(5)], FilterState(*np.zeros(5))
+    A = np.column_stack([next_filter_state(column, zero_state, sampled) for column in unit_states])
+    B = np.column_stack([next_filter_state(zero_state, column, sampled) for column in unit_states])
+    C = np.column_stack([turbulent_velocity(column, turbulence.deviation) for column in unit_states])
     return A, B, C
 
 
 @pytest.mark.parametrize("period", [0.002, 0.01, 0.05])
 @pytest.mark.parametrize("airspeed", [1.0, 5.0, 30.0])
-def test_the_stationary_variance_is_that_of_the_specification(period, airspeed):
+def test_the_stationary_variance_agrees_with_the_specification(period, airspeed):
     turbulence = NEAR_GROUND._replace(airspeed=airspeed)
     A, B, C = matrices(turbulence, period)
     covariance = scipy.linalg.solve_discrete_lyapunov(A, B @ B.T)
@@ -58,7 +58,7 @@ def test_turbulence_starts_in_the_stationary_distribution():
 
 @pytest.mark.parametrize("period", [0.002, 0.01, 0.05])
 def test_sampled_covariances_are_those_of_the_continuous_process(period):
-    """These are σ² exp(-t / T) for u and σ² (1 - t / 2T) exp(-t / T) for v and w, by Dryden's spectra."""
+    """By Dryden's spectra, the covariances are σ² exp(-t / T) for u and σ² (1 - t / 2T) exp(-t / T) for v and w."""
     A, B, C = matrices(NEAR_GROUND, period)
     covariance = scipy.linalg.solve_discrete_lyapunov(A, B @ B.T)
     for steps in (1, 7, 100):
@@ -72,7 +72,7 @@ def test_sampled_covariances_are_those_of_the_continuous_process(period):
 
 @pytest.mark.parametrize(("period", "duration"), [(0.002, 2.0), (0.01, 10.0), (0.05, 50.0)])
 def test_a_long_record_has_the_given_standard_deviation(period, duration):
-    """The record is that of the system with 3,000 vehicles."""
+    """The deviation is that over 3,000 vehicles and the whole record."""
     n = 3000
     builder = DiagramBuilder()
     turbulence = DrydenTurbulence(num_vehicles=n, period=period, numbers=TurbulenceNumbers(NEAR_GROUND))
@@ -84,21 +84,21 @@ def test_a_long_record_has_the_given_standard_deviation(period, duration):
     simulator.AdvanceTo(duration)
     record = log.FindLog(simulator.get_context()).data().reshape(3, n, -1)
     np.testing.assert_allclose(record.std(axis=(1, 2)), NEAR_GROUND.deviation, rtol=0.03)
-    # This holds from the first sample on, and the vehicles are independent.
+    # The first samples have the same deviation, and the vehicles are independent.
     np.testing.assert_allclose(record[:, :, 0].std(axis=1), NEAR_GROUND.deviation, rtol=0.06)
     assert abs(np.corrcoef(record[:, :-1, 0].ravel(), record[:, 1:, 0].ravel())[0, 1]) < 0.04
 
 
 def test_turbulence_is_along_and_across_the_heading_and_upwards():
-    """Each normal sample in turn is set alone, for the first sample of the wind and for the next."""
+    """Each random input in turn is 1 and the others are 0 at the first sample. The second sample has other inputs."""
     heading, period = 0.7, 0.01
     along, across, up = (
         [math.cos(heading), math.sin(heading), 0.0],
         [-math.sin(heading), math.cos(heading), 0.0],
         [0, 0, 1],
     )
-    of_f, of_g = math.sqrt(1.5), math.sqrt(0.5) - math.sqrt(1.5)
-    first = [1.0, of_f + 0.5 * of_g, of_f + 0.5 * of_g, 0.5 * of_g, 0.5 * of_g]
+    f_factor, g_factor = math.sqrt(1.5), math.sqrt(0.5) - math.sqrt(1.5)
+    initial_shares = [1.0, f_factor + 0.5 * g_factor, f_factor + 0.5 * g_factor, 0.5 * g_factor, 0.5 * g_factor]
     turbulence = NEAR_GROUND._replace(deviation=PerDirection(1.3, 0.9, 0.6))
     system = DrydenTurbulence(period=period, numbers=TurbulenceNumbers(turbulence, heading))
     A, B, C = matrices(turbulence, period)
@@ -107,7 +107,7 @@ def test_turbulence_is_along_and_across_the_heading_and_upwards():
         context = simulator.get_mutable_context()
         noise = system.get_input_port().FixValue(context, np.eye(5)[number])
         simulator.Initialize()
-        expected = turbulence.deviation[axis] * first[number] * np.array(direction)
+        expected = turbulence.deviation[axis] * initial_shares[number] * np.array(direction)
         np.testing.assert_allclose(system.get_output_port().Eval(context), expected, atol=1e-14)
         state = np.array(system.get_state(context, "filter"))
         simulator.AdvanceTo(period)
@@ -119,7 +119,7 @@ def test_turbulence_is_along_and_across_the_heading_and_upwards():
 
 
 @pytest.mark.slow
-def test_the_spectral_density_is_dryden_s_over_two_decades():
+def test_the_spectral_density_agrees_with_dryden_s_over_two_decades():
     turbulence = Turbulence(PerDirection(1.0, 2.0, 3.0), PerDirection(6.0, 6.0, 4.0), 10.0)
     period, count, ticks = 0.01, 200, 2**15
     sampled = SampledTurbulence.of(TurbulenceNumbers(turbulence), period)
@@ -149,22 +149,23 @@ def test_intensities_are_15_30_and_45_knots():
     assert pytest.approx(expected, rel=1e-5) == WIND_AT_20_FEET
 
 
-def test_scales_and_deviations_are_those_of_the_specification():
-    """At 1000 feet all lengths are 1000 feet and all deviations a tenth of the wind. Below 10 feet all are constant."""
+def test_length_scales_and_deviations_agree_with_the_specification():
+    """At 1000 feet, all lengths are 1000 feet and all deviations are a tenth of the wind."""
     high = Turbulence.at_low_altitude(height=1000.0 * FOOT, wind_at_20_feet=WIND_AT_20_FEET["moderate"], airspeed=20.0)
     np.testing.assert_allclose(high.length, 304.8, rtol=1e-12)
     np.testing.assert_allclose(high.deviation, 0.1 * 15.4333, rtol=1e-5)
-    # 100 feet: 0.177 + 0.0823 = 0.2593; 100 / 0.2593^1.2 = 505.2 feet; 0.2593^-0.4 = 1.7160.
+    # At 100 feet, 0.177 + 0.0823 = 0.2593, 100 / 0.2593^1.2 = 505.2 feet and 0.2593^-0.4 = 1.7160.
     middle = Turbulence.at_low_altitude(height=100.0 * FOOT, wind_at_20_feet=10.0, airspeed=20.0)
     np.testing.assert_allclose(np.array(middle.length) / FOOT, [505.2, 505.2, 100.0], rtol=1e-4)
     np.testing.assert_allclose(middle.deviation, [1.7160, 1.7160, 1.0], rtol=1e-4)
-    for height in (0.5, 2.0):  # the scenario language refuses them
+    # Below 10 feet, all are constant. The scenario language refuses such heights.
+    for height in (0.5, 2.0):
         assert Turbulence.at_low_altitude(height=height, wind_at_20_feet=10.0, airspeed=0.0) == (
             Turbulence.at_low_altitude(height=3.048, wind_at_20_feet=10.0, airspeed=1.0)
         )
 
 
-def test_the_winds_at_20_feet_are_those_of_the_specification():
-    """MIL-F-8785C has 15, 30 and 45 knots; a knot is a nautical mile of 1,852 m per hour."""
+def test_the_winds_at_20_feet_agree_with_the_specification():
+    """MIL-F-8785C gives 15, 30 and 45 knots. A knot is a nautical mile of 1,852 m per hour."""
     knots = {"light": 15.0, "moderate": 30.0, "severe": 45.0}
     assert {level: pytest.approx(wind * 1852.0 / 3600.0) for level, wind in knots.items()} == WIND_AT_20_FEET

@@ -1,3 +1,5 @@
+"""Tests of gusts."""
+
 import math
 
 import numpy as np
@@ -10,8 +12,8 @@ from drake_quad.laboratory.wind.gust import Gust, GustNumbers, gust_share
 from drake_quad.signals import Wind
 
 
-def test_a_gust_has_the_shape_of_the_specification():
-    """The share is (1 - cos(π x / d)) / 2 within the gust, 0 before it, and 1 after it."""
+def test_a_gust_has_the_given_shape():
+    """The share of the velocity is 0 before the gust, (1 - cos(π t / d)) / 2 while it rises, and then 1."""
     times = [1.0, 2.0, 2.75, 3.5, 4.25, 5.0, 50.0]
     expected = [0.0, 0.0, 0.5 - 0.5 * math.cos(math.pi / 4), 0.5, 0.5 + 0.5 * math.cos(math.pi / 4), 1.0, 1.0]
     shares = [gust_share(time, 2.0, 3.0, math.inf) for time in times]
@@ -36,18 +38,20 @@ def test_each_vehicle_has_its_own_gust():
     log = LogVectorOutput(system.get_output_port(), builder, publish_period=0.01)
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(3.0)
-    found = log.FindLog(simulator.get_context())
-    time, wind = found.sample_times(), found.data().reshape(3, 2, -1)
+    log_data = log.FindLog(simulator.get_context())
+    time, wind = log_data.sample_times(), log_data.data().reshape(3, 2, -1)
     np.testing.assert_array_equal(wind[1, :, time < 0.99], 0.0)
-    # The wind logged at a tick applied over the period before.
-    at = np.searchsorted(time, 1.2501)
-    middle = 0.5 - 0.5 * math.cos(math.pi * (time[at] - 0.005 - 1.0) / 0.5)
-    assert 0.4 < middle < 0.6
-    np.testing.assert_allclose(wind[:, :, at], [[middle, 0.0], [2.0 * middle, 0.0], [0.0, 0.0]], atol=1e-12)
+    # The wind logged at a tick is that of the middle of the previous period.
+    middle_tick = np.searchsorted(time, 1.2501)
+    middle_share = 0.5 - 0.5 * math.cos(math.pi * (time[middle_tick] - 0.005 - 1.0) / 0.5)
+    assert 0.4 < middle_share < 0.6
+    np.testing.assert_allclose(
+        wind[:, :, middle_tick], [[middle_share, 0.0], [2.0 * middle_share, 0.0], [0.0, 0.0]], atol=1e-12
+    )
     np.testing.assert_allclose(wind[:, :, -1], [[1.0, 1.0], [2.0, -4.0], [0.0, 0.0]], atol=1e-12)
 
 
-def test_a_gust_that_began_before_the_flight_blows_from_its_first_tick():
+def test_a_gust_that_began_before_the_flight_has_full_strength_at_the_first_tick():
     system = Gust(period=0.01, numbers=GustNumbers(Wind(1.0, 2.0, 3.0), -5.0, 1.0))
     simulator = Simulator(system)
     simulator.Initialize()

@@ -1,4 +1,4 @@
-"""The effect of wind on the vehicle agrees with calculations by hand."""
+"""Tests that the effect of wind on the vehicle agrees with calculations by hand, and that sources of wind add up."""
 
 import math
 
@@ -21,47 +21,47 @@ from drake_quad.signals import State, Wind
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorNumbers
 
-MASS = 0.68
-G = 9.81
+MASS = 0.68  # kg
+G = 9.81  # m/s²
 
 
-def test_terminal_velocity_balances_weight_and_drag():
-    """With idle rotors, drag carries the rest of the weight: c₁ v + c₂ v² = m g - 4 b ω²."""
+def test_drag_balances_the_weight_at_terminal_velocity():
+    """With idle rotors, the drag is c₁ v + c₂ v² = m g - 4 b ω²."""
     parameters = QuadrotorParameters(linear_drag=0.2, quadratic_drag=0.01)
     vehicle = Quadrotor(numbers=QuadrotorNumbers(parameters))
     simulator = Simulator(vehicle)
     context = simulator.get_mutable_context()
     vehicle.GetInputPort("rotor_speed_command").FixValue(context, np.zeros(4))
     simulator.AdvanceTo(30.0)
-    fall = -State(*vehicle.GetOutputPort("state").Eval(context)).v_z
-    rest = MASS * G - 4.0 * 4.13e-5 * 60.0**2
-    by_hand = (-0.2 + math.sqrt(0.2**2 + 4.0 * 0.01 * rest)) / (2.0 * 0.01)
+    sink_rate = -State(*vehicle.GetOutputPort("state").Eval(context)).v_z
+    drag = MASS * G - 4.0 * 4.13e-5 * 60.0**2
+    by_hand = (-0.2 + math.sqrt(0.2**2 + 4.0 * 0.01 * drag)) / (2.0 * 0.01)
     assert by_hand == pytest.approx(16.60, abs=0.01)
-    assert fall == pytest.approx(by_hand, rel=1e-3)
+    assert sink_rate == pytest.approx(by_hand, rel=1e-3)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("velocity", [(4.0, 0.0, 0.0), (0.0, -3.0, 0.0), (1.5, 2.0, 0.0)])
 def test_the_vehicle_leans_into_a_steady_wind(diagrams, velocity):
-    """The tilt is atan(D / m g), and without integral action the position error is D / (m k_P) downwind."""
+    """The tilt is atan(D / (m g)). Without integral action, the position error is D / (m k_P) downwind."""
     wind = f"laboratory.wind=[{{kind: steady, velocity: {list(velocity)}}}]"
     drag = ["vehicle.linear_drag=0.2", "vehicle.quadratic_drag=0.01"]
-    far = ["route.duration=40", "crash.position_error=20"]
-    scenario = load_scenario(diagrams / "hover.yaml", [*far, *drag, wind])
+    long_flight = ["route.duration=40", "crash.position_error=20"]
+    scenario = load_scenario(diagrams / "hover.yaml", [*long_flight, *drag, wind])
     flight, k_p = simulate(scenario), scenario.control.position.k_p[0]
     speed = math.hypot(*velocity)
     force = 0.2 * speed + 0.01 * speed**2
     direction = np.array(velocity) / speed
     state = State(*flight["state"][-1])
-    hangs = np.array([state.x, state.y, state.z - 1.0])
-    np.testing.assert_allclose(hangs, force / (MASS * k_p) * direction, atol=1e-3)
+    displacement = np.array([state.x, state.y, state.z - 1.0])
+    np.testing.assert_allclose(displacement, force / (MASS * k_p) * direction, atol=1e-3)
     thrust = math.hypot(MASS * G, force)
     assert math.sin(state.roll) == pytest.approx(force * direction[1] / thrust, rel=0.01, abs=1e-6)
     assert math.tan(state.pitch) == pytest.approx(-force * direction[0] / (MASS * G), rel=0.01, abs=1e-6)
 
 
-def test_a_vehicle_drifts_in_a_gust_by_the_closed_form():
-    """A level vehicle has m v' = c (w - v) with the wind (1 - cos(π t / d)) / 2, solved by hand."""
+def test_the_velocity_of_a_vehicle_in_a_gust_agrees_with_the_closed_form():
+    """For a level vehicle, m v' = c (w - v) with w = h (1 - cos(π t / d)) / 2 is solved by hand."""
     c, height, rise = 0.3, 4.0, 1.5
     parameters = QuadrotorParameters(linear_drag=c)
     builder = DiagramBuilder()
@@ -80,33 +80,37 @@ def test_a_vehicle_drifts_in_a_gust_by_the_closed_form():
         simulator.AdvancePendingEvents()
         velocity = vehicle.get_state(vehicle.GetMyContextFromRoot(context), "state").v_x
 
-        def rising(t):
+        def velocity_while_rising(t):
             part = (a * math.cos(w * t) + w * math.sin(w * t)) * a / (a * a + w * w)
             return 0.5 * height * (1.0 - part - math.exp(-a * t) * (1.0 - a * a / (a * a + w * w)))
 
         t = time - 0.5
-        expected = rising(t) if t < rise else height + (rising(rise) - height) * math.exp(-a * (t - rise))
+        expected = (
+            velocity_while_rising(t)
+            if t < rise
+            else height + (velocity_while_rising(rise) - height) * math.exp(-a * (t - rise))
+        )
         assert velocity == pytest.approx(expected, rel=0.01)
 
 
 @pytest.mark.parametrize("n", [1, 3])
 def test_a_sine_is_sampled_at_the_middle_of_a_step(n):
-    rows = np.arange(float(n)) if n > 1 else 0.0
-    numbers = SineNumbers(Wind(-2.4 + rows, 0.5, 0.1), 1.3, 0.2 + rows)
+    offsets = np.arange(float(n)) if n > 1 else 0.0
+    numbers = SineNumbers(Wind(-2.4 + offsets, 0.5, 0.1), 1.3, 0.2 + offsets)
     wind = SineWind(num_vehicles=n, period=0.02, numbers=numbers)
     simulator = Simulator(wind)
     for tick in (0, 1, 57):
         simulator.AdvanceTo(0.02 * tick)
         simulator.AdvancePendingEvents()
-        found = wind.get_output_port().Eval(simulator.get_context()).reshape(3, n)
-        share = np.sin(1.3 * (0.02 * tick + 0.01) + 0.2 + rows)
+        velocity = wind.get_output_port().Eval(simulator.get_context()).reshape(3, n)
+        share = np.sin(1.3 * (0.02 * tick + 0.01) + 0.2 + offsets)
         np.testing.assert_allclose(
-            found, share * np.array([-2.4 + rows, 0.5 + 0 * rows, 0.1 + 0 * rows]).reshape(3, n), rtol=1e-12
+            velocity, share * np.array([-2.4 + offsets, 0.5 + 0 * offsets, 0.1 + 0 * offsets]).reshape(3, n), rtol=1e-12
         )
 
 
-def test_the_closed_form_of_the_gust_response_agrees_with_scipy():
-    """This checks the formula that was derived by hand."""
+def test_the_closed_form_of_the_velocity_in_a_gust_agrees_with_scipy():
+    """The closed form was derived by hand."""
     c, height, rise = 0.3, 4.0, 1.5
     a, w = c / MASS, math.pi / rise
     solution = scipy.integrate.solve_ivp(
@@ -117,7 +121,7 @@ def test_the_closed_form_of_the_gust_response_agrees_with_scipy():
     assert solution.y[0, -1] == pytest.approx(by_hand, rel=1e-6)
 
 
-def test_sources_add_up(diagrams):
+def test_sources_of_wind_add_up(diagrams):
     steady = "{kind: steady, velocity: [1, 0, 0]}"
     gust = "{kind: gust, velocity: [0, 2, 0], start: 0, rise_time: 0.5}"
     overrides = ["duration=2", f"laboratory.wind=[{steady}, {gust}, {steady}]"]
@@ -164,45 +168,46 @@ def test_wind_needs_either_a_velocity_or_a_speed_and_heading(diagrams, motion):
         load_scenario(diagrams / "laboratory.yaml:nominal", [f"laboratory.wind=[{wind}]"])
 
 
-class OwnJets(LeafSystem):
-    """Wind of a user, without memory: the mean wind of jets at the position of each vehicle."""
+class UserJets(LeafSystem):
+    """Wind of a user that has no state: the mean wind of jets at the position of each vehicle."""
 
     def __init__(self, jets, num_vehicles=1):
         super().__init__()
         self.jets = jets
         self.state = self.DeclareVectorInputPort("state", BasicVector(12 * num_vehicles))
-        self.DeclareVectorOutputPort("velocity", BasicVector(3 * num_vehicles), self.blow)
+        self.DeclareVectorOutputPort("velocity", BasicVector(3 * num_vehicles), self.set_velocity)
 
-    def blow(self, context, output):
+    def set_velocity(self, context, output):
         state = State(*self.state.Eval(context).reshape(12, -1))
         velocity = sum(jet_speed(state, jet)[0] * np.reshape(jet.direction, (3, 1)) for jet in self.jets)
         output.SetFromVector(velocity.ravel())
 
 
-CALM = ["duration=6", "laboratory.wind.0.turbulence=0", "laboratory.wind.1.turbulence=0"]
+WITHOUT_TURBULENCE = ["duration=6", "laboratory.wind.0.turbulence=0", "laboratory.wind.1.turbulence=0"]
 
 
 @pytest.mark.slow
 def test_a_user_s_wind_agrees_with_the_same_wind_of_a_scenario(diagrams):
-    fans = load_scenario(diagrams / "laboratory.yaml:low_wind", CALM)
-    alone = load_scenario(diagrams / "laboratory.yaml:low_wind", [*CALM[:1], "laboratory.wind=[]"])
-    flights = [simulate(fans), simulate(alone, wind=OwnJets(jets(fans.laboratory.wind)))]
+    fans = load_scenario(diagrams / "laboratory.yaml:low_wind", WITHOUT_TURBULENCE)
+    without_fans = load_scenario(diagrams / "laboratory.yaml:low_wind", [*WITHOUT_TURBULENCE[:1], "laboratory.wind=[]"])
+    flights = [simulate(fans), simulate(without_fans, wind=UserJets(jets(fans.laboratory.wind)))]
     assert np.abs(flights[0]["wind"]).max() > 0.1
     for signal in ("wind", "state"):
         np.testing.assert_allclose(flights[0][signal][1:], flights[1][signal][1:], atol=1e-9)
 
 
 @pytest.mark.slow
-def test_a_user_s_wind_adds_to_that_of_the_scenario_in_any_fleet(diagrams):
+def test_a_user_s_wind_is_added_to_that_of_the_scenario_in_single_flights_and_fleets(diagrams):
     steady = "laboratory.wind=[{kind: steady, velocity: [1.0, 0.0, 0.0]}]"
     mass = "vehicle.mass={uniform: {min: 0.6, max: 0.7}}"
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal", ["duration=3", steady, mass])
     jet = Jet(Outlet(0.0, -3.0, 1.0), Direction(0.0, 1.0, 0.0), exit_speed=5.0, diameter=1.0)
-    flight = simulate(scenario, sample=1, wind=OwnJets([jet]))
+    flight = simulate(scenario, sample=1, wind=UserJets([jet]))
     wind = flight.record("wind")
     np.testing.assert_allclose(wind.x[5:], 1.0, atol=1e-12)
     assert wind.y[5:].max() > 0.5
-    own = UserSystems(wind=lambda num_vehicles: OwnJets([jet], num_vehicles))
+    own = UserSystems(wind=lambda num_vehicles: UserJets([jet], num_vehicles))
     fleet = StudyFleet(scenario, plan_route(scenario), 2, own=own)
-    for _ in range(2):  # the second time in a context that has flown
+    # The second flight reuses the context of the first.
+    for _ in range(2):
         assert fleet.fly([0, 1]).rmse[1] == pytest.approx(flight.metrics.rmse, rel=1e-9)
