@@ -29,10 +29,10 @@ def main(arguments: argparse.Namespace) -> None:
     check_ranges(arguments, {"rate": (0.0, 1e6), "time": (0.0, 1e6)})
     scenario = scenario_of(arguments)
     # Imported here because Meshcat is slow to load, and an error message should not wait for it.
-    from drake_quad.visualization.live import LiveFlight, feels_wind
+    from drake_quad.visualization.live import LiveFlight, is_affected_by_wind
 
     print_flight_remarks([scenario])
-    if not feels_wind(scenario):
+    if not is_affected_by_wind(scenario):
         remark("this vehicle has no drag, so wind and gusts do not move it")
     sample = scenario.sample if arguments.sample is None else arguments.sample
     meshcat = opened_meshcat()

@@ -39,7 +39,7 @@ def main(arguments: argparse.Namespace) -> None:
     folder = output_folder(folder_of(arguments, mission.name))
     route = mission.route
     # The corners of a path around obstacles are no waypoints of the route, so they are left out.
-    places = (
+    regions = (
         () if problem is None else problem.waypoints if waypoints is None else [problem.waypoints[i] for i in waypoints]
     )
     limits = route.limits()
@@ -47,7 +47,7 @@ def main(arguments: argparse.Namespace) -> None:
         plan,
         planned_parameters(mission),
         limits=limits,
-        places=places,
+        regions=regions,
         corridors=problem.corridors if problem else (),
         waypoints=waypoints,
         space=space,

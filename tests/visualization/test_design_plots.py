@@ -23,7 +23,7 @@ from drake_quad.reference.regions import Box, Polytope, Sphere
 from drake_quad.space.shapes import Ball, Cuboid
 from drake_quad.space.space import Obstacle, Space
 from drake_quad.visualization import design_plots, map_plots, plan_plots
-from drake_quad.visualization.obstacles import draw_obstacles, draw_solids, shadow
+from drake_quad.visualization.obstacles import convex_hull, draw_obstacles, draw_solids
 from drake_quad.visualization.sensitivity_plots import plot_sensitivities
 from drake_quad.visualization.style import BLUE, VERMILION, new_figure
 
@@ -203,8 +203,8 @@ def test_a_map_shades_the_error_of_each_pair_of_gains(panels):
     assert bar.get_ylabel() == "RMSE of the flight (cm)"
     assert set(bar.get_yticks()) == {2.0, 5.0, 10.0}
     named = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert named == ["edge of stability", "damping ζ", "delay margin", "scenario", "crashed"]
-    assert figure.get_suptitle() == "Gains of the position loop: flights in shades, the linear model in lines"
+    assert named == ["stability limit", "damping ratio ζ", "delay margin", "gains of the scenario", "crashed"]
+    assert figure.get_suptitle() == "Gains of the position loop: simulated flights as colours, linear model as lines"
     outside = drawn_map(found, first, second, marked=(0.5, 2.0)).axes[0]
     assert not outside.lines
 
@@ -237,7 +237,7 @@ def test_labels_of_a_map_are_on_their_lines_and_apart(panels):
     figure.draw_without_rendering()
     axes = figure.axes[0]
     inside = axes.get_window_extent()
-    places = []
+    positions = []
     for text in axes.texts:
         x, y = axes.transData.transform(text.get_position())
         assert inside.x0 + 20.0 < x < inside.x1 - 20.0
@@ -246,9 +246,9 @@ def test_labels_of_a_map_are_on_their_lines_and_apart(panels):
         k_d, k_p = text.get_position()
         value = k_d / (2.0 * math.sqrt(k_p)) if "ζ" in text.get_text() else 500.0 / (k_p + k_d)
         assert value == pytest.approx(level, rel=0.1)
-        places.append((x, y))
-    assert len(places) >= 4
-    assert scipy.spatial.distance.pdist(places).min() > 20.0
+        positions.append((x, y))
+    assert len(positions) >= 4
+    assert scipy.spatial.distance.pdist(positions).min() > 20.0
 
 
 def test_errors_of_a_map_that_are_equal_or_next_to_zero_have_a_scale(panels):
@@ -280,7 +280,7 @@ def test_a_tornado_of_sensitivities_is_in_per_cent_per_per_cent():
     assert axes.get_title() == "rmse, first order"
     (nothing,) = plot_sensitivities(found, "effort_x").axes
     assert not nothing.patches
-    assert nothing.texts[0].get_text() == "nothing changes it to first order"
+    assert nothing.texts[0].get_text() == "no field changes the metric to first order"
 
 
 @pytest.fixture(scope="module")
@@ -371,7 +371,7 @@ def test_regions_and_waypoints_of_a_plan_are_drawn_at_their_places(planned):
     figure = plan_plots.plot_plan(
         plan,
         parameters,
-        places=(Box.point([0, 0, 1]), box, ball),
+        regions=(Box.point([0, 0, 1]), box, ball),
         corridors=(corridor, None, corridor, half),
         waypoints=np.array([0, 2, 5]),
     )
@@ -416,7 +416,7 @@ def test_obstacles_cast_shadows():
     assert [text.get_text() for text in above.texts] == ["post", "ball"]
     assert above.texts[0].get_position() == pytest.approx((1.0, 1.7))
     square = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0.5], [0.5, 0.0]])
-    found = shadow(square)
+    found = convex_hull(square)
     assert sorted(map(tuple, found.tolist())) == [(0, 0), (0, 1), (1, 0), (1, 1)]
     x, y = found.T
     assert 0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1)) == pytest.approx(1.0)

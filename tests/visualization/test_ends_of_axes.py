@@ -20,7 +20,7 @@ from drake_quad.planning.believed import planned_parameters
 from drake_quad.signals import Reference, State
 from drake_quad.visualization import block_drawing, curves, design_plots, identification_plots, plots, study_plots
 from drake_quad.visualization.comparison_plots import plot_comparison
-from drake_quad.visualization.curves import tell_apart
+from drake_quad.visualization.curves import dash_overlapping_curves
 from drake_quad.visualization.frames import Camera
 from drake_quad.visualization.plan_plots import plot_plan
 from drake_quad.visualization.replay.scene import reference_points
@@ -100,7 +100,7 @@ def alike(near, share, count=200):
     apart = np.where(np.arange(count) < share * count, near, 40.0)
     # The page is 216 points high.
     (other,) = axes.plot(x, 0.5 + apart / 216.0)
-    tell_apart(axes)
+    dash_overlapping_curves(axes)
     return other.is_dashed()
 
 
@@ -117,7 +117,7 @@ def test_curves_coincide_that_are_near_over_a_quarter_of_their_length():
 def test_curves_over_other_places_are_not_compared():
     axes = new_figure(4.0, 3.0).subplots()
     curves = [axes.plot(np.linspace(0.0, 1.0, count), np.zeros(count))[0] for count in (10, 20, 10)]
-    tell_apart(axes)
+    dash_overlapping_curves(axes)
     assert [curve.is_dashed() for curve in curves] == [False, False, True]
 
 
@@ -127,7 +127,7 @@ def test_each_group_of_curves_that_coincide_is_told_apart_once(monkeypatch):
     axes = new_figure(4.0, 3.0).subplots()
     x = np.linspace(0.0, 1.0, 10)
     lines = [axes.plot(x, np.full(10, height))[0] for height in (0.0, 1.0, 0.0, 1.0, 0.0)]
-    tell_apart(axes)
+    dash_overlapping_curves(axes)
     assert [line.is_dashed() for line in lines] == [False, False, True, True, True]
     # Numbers 1 and 2 of the three below, and number 1 of the two above.
     assert told == [(1, 3), (2, 3), (1, 2)]
@@ -230,7 +230,11 @@ def test_outputs_are_drawn_in_the_unit_of_their_label(unit, factor, shown):
 
 
 def test_a_forecast_worse_than_persistence_explains_nothing():
-    for share, words in ((-0.9, "nothing explained"), (0.0, "nothing explained"), (0.001, "explained 0.1 %")):
+    for share, words in (
+        (-0.9, "no variance explained"),
+        (0.0, "no variance explained"),
+        (0.001, "explained variance 0.1 %"),
+    ):
         _, right = identification_plots.plot_fit(identification("m", share=share)).axes
         assert right.get_title(loc="right") == words
 
@@ -312,7 +316,10 @@ def test_a_frame_shows_the_vehicle_and_its_target_where_they_are(camera):
     np.testing.assert_allclose(middle_of(frame, "tab:green"), seen(target), atol=1.5)
     # Its front is red, and points up and to the left with this pitch and yaw.
     ahead = RollPitchYaw(*attitude).ToRotationMatrix().matrix()[:, 0]
-    wanted, found = seen(place + 0.1 * ahead) - seen(place), middle_of(frame, "tab:red") - seen(place)
+    wanted, found = (
+        seen(place + 0.1 * ahead) - seen(place),
+        middle_of(frame, "tab:red") - seen(place),
+    )
     assert found @ wanted / np.linalg.norm(found) / np.linalg.norm(wanted) > 0.98
     # A vehicle that is nowhere is not drawn, its target is.
     (empty,) = camera.frames(

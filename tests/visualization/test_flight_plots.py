@@ -13,9 +13,9 @@ from drake_quad.laboratory.wind.fans import jet_speed
 from drake_quad.scenario.winds.source import jets
 from drake_quad.signals import State
 from drake_quad.visualization import plots
-from drake_quad.visualization.leg_marks import leg_marks, leg_names, number_legs, shade_legs
+from drake_quad.visualization.leg_marks import leg_legend, leg_marks, number_legs, shade_legs
 from drake_quad.visualization.overview import plot_flight
-from drake_quad.visualization.places import place_by_axis, places
+from drake_quad.visualization.positions import coordinates_by_axis, positions
 from drake_quad.visualization.style import AXES, ROTORS, new_figure
 from drake_quad.visualization.wind_plots import plot_wind
 
@@ -115,7 +115,7 @@ def test_a_path_is_shown_in_space_and_from_above(flight):
     assert legends(figure) == ["flown", "reference", "start", *(leg.name for leg in flight.plan.legs)]
     space, plane = figure.axes
     numbers = [text.get_text() for text in plane.texts if text.get_text().isdigit()]
-    assert numbers == [str(mark.number) for mark in leg_marks(flight.plan) if np.any(mark.beside)]
+    assert numbers == [str(mark.number) for mark in leg_marks(flight.plan) if np.any(mark.right)]
     state, reference = flight.record("state"), flight.record("reference")
     flown, wanted = (np.array(line.get_data_3d()) for line in space.lines)
     np.testing.assert_array_equal(flown, [state.x, state.y, state.z])
@@ -192,9 +192,9 @@ def test_the_plots_that_a_flight_has_are_saved(flight, monkeypatch):
 
 def test_places_are_positions(flight):
     state = flight.record("state")
-    np.testing.assert_array_equal(places(state), np.transpose([state.x, state.y, state.z]))
-    assert {axis: rows is not None for axis, rows in place_by_axis(state).items()} == dict.fromkeys("xyz", True)
-    np.testing.assert_array_equal(place_by_axis(state)["y"], state.y)
+    np.testing.assert_array_equal(positions(state), np.transpose([state.x, state.y, state.z]))
+    assert {axis: rows is not None for axis, rows in coordinates_by_axis(state).items()} == dict.fromkeys("xyz", True)
+    np.testing.assert_array_equal(coordinates_by_axis(state)["y"], state.y)
 
 
 @pytest.fixture(scope="module")
@@ -208,16 +208,16 @@ def test_a_leg_is_marked_to_the_right_of_its_middle(plan):
     assert [mark.number for mark in marks] == list(range(1, len(ends)))
     for mark, start, end in zip(marks, ends[:-1], ends[1:], strict=True):
         middle = 0.5 * (start + end)
-        np.testing.assert_allclose(mark.place, plan.derivative(0).value(middle)[:, 0])
+        np.testing.assert_allclose(mark.middle, plan.derivative(0).value(middle)[:, 0])
         v_x, v_y, _ = plan.derivative(1).value(middle)[:, 0]
-        if np.any(mark.beside):
+        if np.any(mark.right):
             # The mark is to the right of the direction of flight, at a right angle, and of length one.
-            assert mark.beside @ [v_x, v_y] == pytest.approx(0.0, abs=1e-9)
-            assert v_x * mark.beside[1] - v_y * mark.beside[0] < 0.0
-            assert np.linalg.norm(mark.beside) == pytest.approx(1.0)
+            assert mark.right @ [v_x, v_y] == pytest.approx(0.0, abs=1e-9)
+            assert v_x * mark.right[1] - v_y * mark.right[0] < 0.0
+            assert np.linalg.norm(mark.right) == pytest.approx(1.0)
         else:
             assert np.hypot(v_x, v_y) <= 0.2
-    assert sum(np.any(mark.beside) for mark in marks) > 1
+    assert sum(np.any(mark.right) for mark in marks) > 1
     assert leg_marks(plan_route(load_scenario("hover"))) == []
 
 
@@ -225,10 +225,10 @@ def test_numbers_of_legs_are_beside_the_path_and_along_the_time_axis(plan):
     figure = new_figure(4.0, 3.0)
     above, time = figure.subplots(2, 1)
     number_legs(above, plan, distance=7.0)
-    marks = [mark for mark in leg_marks(plan) if np.any(mark.beside)]
+    marks = [mark for mark in leg_marks(plan) if np.any(mark.right)]
     assert [text.get_text() for text in above.texts] == [str(mark.number) for mark in marks]
-    np.testing.assert_allclose([text.xy for text in above.texts], [mark.place[:2] for mark in marks])
-    np.testing.assert_allclose([text.get_position() for text in above.texts], [7.0 * mark.beside for mark in marks])
+    np.testing.assert_allclose([text.xy for text in above.texts], [mark.middle[:2] for mark in marks])
+    np.testing.assert_allclose([text.get_position() for text in above.texts], [7.0 * mark.right for mark in marks])
     ends = np.array([*plan.leg_times, plan.path.times[-1]])
     last = 0.5 * (ends[2] + ends[3])
     shade_legs(time, plan, last)
@@ -244,8 +244,8 @@ def test_numbers_of_legs_are_beside_the_path_and_along_the_time_axis(plan):
     assert [text.xy[1] for text in above.texts[len(marks) :]] == [0.3] * (len(ends) - 1)
     assert {text.get_position() for text in above.texts[len(marks) :]} == {(0.0, 0.0)}
     named = [leg.name for leg in plan.legs]
-    assert [line.get_label() for line in leg_names(plan)] == named
-    for line in leg_names(plan):
+    assert [line.get_label() for line in leg_legend(plan)] == named
+    for line in leg_legend(plan):
         extents = line.get_marker().get_extents()
         np.testing.assert_allclose([extents.x0 + extents.x1, extents.y0 + extents.y1], 0.0, atol=1e-6)
 

@@ -51,7 +51,7 @@ def test_the_fit_has_a_row_for_each_output_and_shades_every_other_window(identif
     first = left.lines[0]
     assert first.get_xdata()[0] == 0.0
     np.testing.assert_allclose(first.get_ydata(), 100.0 * np.sin(first.get_xdata()))
-    assert "explained 92.0 %" in right.get_title(loc="right")
+    assert "explained variance 92.0 %" in right.get_title(loc="right")
 
 
 def test_white_residuals_have_no_autocorrelation_and_a_flat_spectrum(identification):
@@ -140,7 +140,7 @@ def test_the_first_ten_windows_are_drawn(identification):
     assert left.get_xlabel() == "time in held-out windows (s)"
 
 
-@pytest.mark.parametrize(("share", "words"), [(0.5, "explained 50.0 %"), (-3.0, "nothing explained")])
+@pytest.mark.parametrize(("share", "words"), [(0.5, "explained variance 50.0 %"), (-3.0, "no variance explained")])
 def test_the_explained_share_is_in_the_title(identification, share, words):
     output = identification.outputs[0]._replace(explained=share)
     _, right = plots.plot_fit(Identification(identification.estimates, identification.vehicle, (output,))).axes

@@ -37,7 +37,7 @@ def test_memberships_match_the_formula():
 
 def test_the_exponents_of_the_network_have_a_panel(flight):
     sets = flight.scenario.control.network.antecedents()
-    titles = [axes.get_title() for axes in plots.plot_own_memberships(flight).axes]
+    titles = [axes.get_title() for axes in plots.plot_network_memberships(flight).axes]
     own = f"a1 = {sets.a1:g}, a2 = {sets.a2:g}"
     assert own in titles
     assert len(titles) == len(set(titles)) == (4 if (sets.a1, sets.a2) in plots.PAPER_EXPONENTS else 5)
@@ -132,7 +132,10 @@ def test_a_secant_gain_is_the_change_of_the_output_over_the_error(flight):
         expected = [(network_output(each, weights, np.array([e]), np.zeros(1)) - at_rest)[0] / e for e in errors]
         np.testing.assert_allclose(found, expected, rtol=1e-6)
     figure = plots.plot_secant_gains(flight)
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["the network", "the same with triangles"]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == [
+        "network of the flight",
+        "same network with triangular sets",
+    ]
     axes = figure.axes[0]
     learned = flight["weights"][-1, :9]
     curve, counterpart = axes.lines[:2]

@@ -7,7 +7,7 @@ import pytest
 
 from drake_quad import load_scenario, simulate
 from drake_quad.command_line import live
-from drake_quad.visualization.live import LiveFlight, feels_wind
+from drake_quad.visualization.live import LiveFlight, is_affected_by_wind
 from drake_quad.visualization.replay.scene import local_meshcat
 
 FLOWN = [
@@ -155,8 +155,8 @@ def test_whatever_can_be_flown_flies_live(page, scenario, layers):
 
 
 def test_wind_is_felt_by_vehicles_with_drag_alone():
-    assert feels_wind(load_scenario("laboratory:nominal"))
-    assert not feels_wind(load_scenario("hover"))
+    assert is_affected_by_wind(load_scenario("laboratory:nominal"))
+    assert not is_affected_by_wind(load_scenario("hover"))
 
 
 def test_the_command_ends_after_its_time_or_when_it_is_interrupted(monkeypatch, capsys):

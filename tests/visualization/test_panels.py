@@ -16,7 +16,7 @@ from drake_quad.space.shapes import Ball
 from drake_quad.space.space import Obstacle, Space
 from drake_quad.visualization import design_plots, identification_plots, learning_plots, plots
 from drake_quad.visualization.comparison_plots import plot_comparison
-from drake_quad.visualization.curves import tell_apart
+from drake_quad.visualization.curves import dash_overlapping_curves
 from drake_quad.visualization.frames import Camera
 from drake_quad.visualization.log_comparison_plots import plot_log_comparison
 from drake_quad.visualization.overview import plot_flight
@@ -93,7 +93,7 @@ def test_curves_coincide_on_the_scale_that_their_axes_will_have():
     axes = new_figure(4.0, 3.0).subplots()
     x = np.linspace(0.0, 1.0, 50)
     curves = [axes.plot(x, 5000.0 * x + offset)[0] for offset in (0.0, 1.0, 1000.0)]
-    tell_apart(axes)
+    dash_overlapping_curves(axes)
     assert [curve.is_dashed() for curve in curves] == [False, True, False]
 
 
@@ -143,8 +143,8 @@ def test_a_star_marks_the_gains_of_the_scenario_if_they_are_on_the_map(panels): 
     k_p, k_d = (first[0], first[-1]), (second[0], second[-1])
     inside = [(a, b) for a in k_p for b in k_d]
     beyond = [(k_p[0] - 0.1, 2.0), (k_p[1] + 0.1, 2.0), (3.0, k_d[0] - 0.1), (3.0, k_d[1] + 0.1)]
-    for places, count in ((inside, 1), (beyond, 0)):
-        for place in places:
+    for positions, count in ((inside, 1), (beyond, 0)):
+        for place in positions:
             stars = [
                 line for line in drawn_map(found[:1], first, second, place).axes[0].lines if line.get_marker() == "*"
             ]
@@ -161,7 +161,7 @@ def test_the_edge_of_stability_is_where_a_pole_leaves_the_unit_circle(panels):  
 def test_scales_of_colours_have_labels():
     estimates = Estimates(("inertia[0]", "inertia[1]"), np.ones(2), np.eye(2), 9.0, Source("m", "a"))
     axes, bar = identification_plots.plot_correlations(estimates).axes
-    assert bar.get_ylabel() == "correlation of errors (1)"
+    assert bar.get_ylabel() == "correlation of estimation errors (1)"
     assert axes.images[0].get_clim() == (-1.0, 1.0)
 
 

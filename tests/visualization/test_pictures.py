@@ -10,7 +10,7 @@ from drake_quad.flight.mission import plan_route
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.planning.believed import planned_parameters
 from drake_quad.visualization.comparison_plots import plot_comparison
-from drake_quad.visualization.curves import dashes, tell_apart
+from drake_quad.visualization.curves import dash_overlapping_curves, dashes
 from drake_quad.visualization.learning_plots import plot_learning, plot_secant_gains
 from drake_quad.visualization.plan_plots import plot_plan
 from drake_quad.visualization.plots import plot_errors, plot_path, plot_rotors
@@ -78,7 +78,7 @@ def test_curves_that_coincide_are_dashed():
     axes = figure.subplots()
     time = np.linspace(0.0, 1.0, 200)
     curves = [axes.plot(time, values)[0] for values in (time, 1.0 - time, time + 1e-3, 0.5 * time, time - 1e-3)]
-    tell_apart(axes)
+    dash_overlapping_curves(axes)
     assert [curve.is_dashed() for curve in curves] == [False, False, True, False, True]
 
 

@@ -15,11 +15,11 @@ from drake_quad import load_scenario, simulate
 from drake_quad.flight.simulation import simulate_samples
 from drake_quad.signals import RotorSpeed
 from drake_quad.vehicle.rotors import Rotors
-from drake_quad.visualization.places import places
+from drake_quad.visualization.positions import positions
 from drake_quad.visualization.replay.page import save_replay, save_swarm
+from drake_quad.visualization.replay.page_data import page_data
 from drake_quad.visualization.replay.scene import SceneRoom, local_meshcat, reference_points, round_spacing
-from drake_quad.visualization.replay.shapes import Frame, draw_quadrotor, quadrotor_mesh, rotor_poses, turned_by
-from drake_quad.visualization.replay.story import story
+from drake_quad.visualization.replay.shapes import Frame, draw_quadrotor, quadrotor_mesh, rotation_angles, rotor_poses
 
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on PATH; Debian's package is chromium")
 
@@ -137,7 +137,7 @@ def test_the_camera_frames_everything(spec, overrides, tmp_path):
     flight = simulate(load_scenario(f"diagrams/{spec}", overrides), sample=0)
     page = save_replay({"one": flight}, tmp_path / "replay.html")
     text = page.read_text(encoding="utf-8")
-    path = np.vstack([reference_points(flight.plan), places(flight.record("state"))])
+    path = np.vstack([reference_points(flight.plan), positions(flight.record("state"))])
     with opened(page, tmp_path) as browser:
         for width, height in ((880, 560), (360, 640)):
             resize(browser, width, height)
@@ -255,7 +255,7 @@ def test_a_story_tells_the_middle_of_many_flights(tmp_path):
     signals = {name: values[:half] for name, values in group[-1].signals.items()}
     group[-1] = replace(group[-1], time=flight.time[:half], signals=signals, metrics=crash)
     room = SceneRoom(np.zeros(3), np.ones(3), 0.2, np.zeros((1, 3)))
-    told = json.loads(story({"</script>": group}, {"</script>": "#000000"}, dict.fromkeys("abcde", "/x"), room))
+    told = json.loads(page_data({"</script>": group}, {"</script>": "#000000"}, dict.fromkeys("abcde", "/x"), room))
     (curve,) = told["curves"]
     assert [curve[name][5] for name in ("low", "error", "high")] == pytest.approx([1.2, 3.0, 4.8])
     assert [curve[name][-2] for name in ("low", "error", "high")] == pytest.approx([1.15, 2.5, 3.85])
@@ -272,7 +272,7 @@ def test_a_grid_has_round_spacing(length, spacing):
 
 def test_rotors_1_and_3_turn_clockwise():
     plus = Rotors.plus()
-    assert list(np.sign(turned_by(plus, RotorSpeed(*[200.0] * 4), 0.01))) == [-1.0, 1.0, -1.0, 1.0]
+    assert list(np.sign(rotation_angles(plus, RotorSpeed(*[200.0] * 4), 0.01))) == [-1.0, 1.0, -1.0, 1.0]
     front, right, back, left = (pose.translation() for pose in rotor_poses(plus, np.zeros(4)))
     assert (front[0], right[1], back[0], left[1]) == pytest.approx((0.17, -0.17, -0.17, 0.17))
 
@@ -280,9 +280,9 @@ def test_rotors_1_and_3_turn_clockwise():
 def test_rotors_are_drawn_where_they_are():
     """An x that turns the other way: two arms in front, and propellers that do not touch."""
     rotors = Rotors.x(length=0.1, width=0.08, rotor_1_direction=1.0)
-    places = np.array([pose.translation() for pose in rotor_poses(rotors, np.zeros(4))])
-    np.testing.assert_allclose(places[:, :2], [[0.05, -0.04], [-0.05, -0.04], [-0.05, 0.04], [0.05, 0.04]])
-    assert list(np.sign(turned_by(rotors, RotorSpeed(*[200.0] * 4), 0.01))) == [1.0, -1.0, 1.0, -1.0]
+    positions = np.array([pose.translation() for pose in rotor_poses(rotors, np.zeros(4))])
+    np.testing.assert_allclose(positions[:, :2], [[0.05, -0.04], [-0.05, -0.04], [-0.05, 0.04], [0.05, 0.04]])
+    assert list(np.sign(rotation_angles(rotors, RotorSpeed(*[200.0] * 4), 0.01))) == [1.0, -1.0, 1.0, -1.0]
     meshcat = local_meshcat()
     frame = Frame(rotors, (np.zeros(3),) * 4)
     draw_quadrotor(meshcat, "/x", frame, "black")

@@ -118,7 +118,7 @@ def test_a_study_in_which_all_crash_is_drawn_without_a_mean():
 def test_a_tornado_has_the_means_of_the_tenths(name):
     found = study()
     figure = plots.plot_influences(found, name)
-    assert legends(figure) == ["least tenth of the number", "largest tenth"]
+    assert legends(figure) == ["lowest tenth of the parameter", "highest tenth"]
     (axes,) = figure.axes
     colors = [patch.get_facecolor() for patch in axes.get_legend().get_patches()]
     assert [bar.get_facecolor() for bar in axes.patches[:2]] == colors
@@ -188,7 +188,7 @@ def test_the_probability_of_a_crash_is_shown_in_bins(monkeypatch):
     # The default is the field with the largest influence on crashes.
     assert plots.plot_crash_probability(found).axes[0].get_xlabel() == "mass (kg)"
     none = Study(found.scenario, 10.0, found.samples, {}, found.metrics)
-    with pytest.raises(InputError, match="no number is drawn"):
+    with pytest.raises(InputError, match="no random parameter"):
         plots.plot_crash_probability(none)
 
 
@@ -216,7 +216,7 @@ def test_controllers_with_the_same_numbers_are_drawn_side_by_side():
         ("effort_x", "control effort on X (m²/s⁴)"),
         ("variation_y", "total variation of the command on Y (m/s³)"),
         ("peak_error", "peak error (cm)"),
-        ("crashed", "share of the samples that crashed"),
+        ("crashed", "crashed samples"),
     ],
 )
 def test_labels_of_metrics_have_units(name, label):
