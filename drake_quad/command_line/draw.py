@@ -1,4 +1,4 @@
-"""Draws the diagram of a scenario as SVG: the loop, and each diagram inside it."""
+"""Draw the block diagram of a scenario as SVG files: one for the whole loop, and one for each diagram inside it."""
 
 import argparse
 

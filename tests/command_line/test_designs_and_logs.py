@@ -269,9 +269,9 @@ def test_a_vehicle_is_identified_from_the_logs_with_what_is_given(run, replaced,
 
 
 def test_a_distribution_is_no_number_to_begin_with():
-    assert identify.vehicle_of("hover", []).name == "hover"
+    assert identify.load_initial_vehicle("hover", []).name == "hover"
     with pytest.raises(identify.InputError, match="robustness: .* is a distribution"):
-        identify.vehicle_of("robustness", [])
+        identify.load_initial_vehicle("robustness", [])
 
 
 def test_warnings_about_input_are_remarks_and_others_stay_warnings(capsys, monkeypatch):

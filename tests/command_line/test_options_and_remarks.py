@@ -85,9 +85,9 @@ def test_remarks_on_scenarios_are_printed_once_before_they_fly(run, replaced, fl
 
 
 def test_a_live_view_shows_the_flight_at_its_rate_and_then_again(run, replaced, flown, tmp_path):  # noqa: F811
-    calls = replaced("fly", opened_meshcat="a browser", live_view="a view", show_again=None)
+    calls = replaced("fly", start_meshcat="a browser", live_view="a view", show_again=None)
     for more, rate in (([], 1.0), (["--rate", 0], 0.0)):
-        calls["show_again"].clear()
+        calls["show_replay"].clear()
         calls["live_view"].clear()
         flown["simulate"].clear()
         assert run("fly", "robustness", "--sample", 3, "--meshcat", *more, "--output", tmp_path).returncode == 0
@@ -98,7 +98,7 @@ def test_a_live_view_shows_the_flight_at_its_rate_and_then_again(run, replaced, 
         ((_, named),) = flown["simulate"]
         assert named["prepare"] == "a view"
         assert named["plan"] is plan
-        assert calls["show_again"] == [(("a browser", "robustness", flown["flight"]), {})]
+        assert calls["show_replay"] == [(("a browser", "robustness", flown["flight"]), {})]
 
 
 def test_the_default_worst_case_is_that_of_the_sample_that_is_flown():

@@ -265,7 +265,7 @@ def test_a_controller_is_tuned_and_judged_on_samples_that_follow(run, replaced, 
 def test_a_controller_is_judged_by_the_flights_that_go_to_the_end(monkeypatch):
     for metrics, words in ((metrics_of(2), "15.00 cm"), (metrics_of(2, [0, 1]), "–, 2 crashed")):
         monkeypatch.setattr(tune, "fly_samples", lambda scenario, samples, metrics=metrics: metrics)
-        assert tune.judgement(None, range(2)) == words
+        assert tune.rmse_text(None, range(2)) == words
 
 
 def studied(scenario, samples, **given):
@@ -376,12 +376,12 @@ def test_a_crew_is_of_this_machine_or_of_a_cluster(monkeypatch):
     monkeypatch.setattr(study, "Workers", crew)
     monkeypatch.setattr(study, "dask_crew", crew)
     for cluster, limit in ((None, 5.0), ("tcp://there", None)):
-        with study.crew_of(SimpleNamespace(cluster=cluster, workers=3, time_limit=limit)) as found:
+        with study.open_executor(SimpleNamespace(cluster=cluster, workers=3, time_limit=limit)) as found:
             assert found == "a crew"
     assert made == [((3,), {"time_limit": 5.0}), (("tcp://there", 3), {})]
     with (
         pytest.raises(InputError, match="--time-limit is for processes of this machine"),
-        study.crew_of(SimpleNamespace(cluster="tcp://there", workers=3, time_limit=5.0)),
+        study.open_executor(SimpleNamespace(cluster="tcp://there", workers=3, time_limit=5.0)),
     ):
         pass
 
@@ -471,7 +471,7 @@ def test_on_a_terminal_a_flight_waits_for_its_viewer(monkeypatch, capsys):
     monkeypatch.setattr("drake_quad.visualization.replay.scene.local_meshcat", lambda: meshcat)
     monkeypatch.setattr(fly.time, "sleep", waits.append)
     monkeypatch.setattr("sys.stdin", Terminal(""))
-    assert fly.opened_meshcat() is meshcat
+    assert fly.start_meshcat() is meshcat
     assert len(waits) == 2
     assert 0.0 < waits[0] < 1.0
     assert capsys.readouterr().out.splitlines() == [
@@ -480,13 +480,13 @@ def test_on_a_terminal_a_flight_waits_for_its_viewer(monkeypatch, capsys):
     ]
     drawn = []
     monkeypatch.setattr("drake_quad.visualization.replay.page.draw_replay", lambda *arguments: drawn.append(arguments))
-    fly.show_again(meshcat, "mine", "a flight")
+    fly.show_replay(meshcat, "mine", "a flight")
     assert drawn == [(meshcat, {"mine": "a flight"})]
     assert "press Enter to end" in capsys.readouterr().out
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
-    fly.show_again(meshcat, "mine", "a flight")
+    fly.show_replay(meshcat, "mine", "a flight")
     assert capsys.readouterr().out == ""
-    assert fly.opened_meshcat() is meshcat
+    assert fly.start_meshcat() is meshcat
 
 
 def test_options_of_a_design_replace_the_defaults_of_their_loops():
@@ -581,9 +581,9 @@ def test_an_identification_begins_with_what_the_log_names_or_lies_beside(tmp_pat
     time = np.arange(3.0)
     plain, crazyflie = FlightRecord("a", time), FlightRecord("b", time, vehicle="vehicles/crazyflie")
     logs = [tmp_path / "flight.csv.xz", tmp_path / "b.csv"]
-    assert identify.vehicle_to_begin_with([plain, crazyflie], logs) == "vehicles/crazyflie"
+    assert identify.initial_vehicle_name([plain, crazyflie], logs) == "vehicles/crazyflie"
     (tmp_path / "scenario.yaml").write_text("", encoding="utf-8")
-    assert identify.vehicle_to_begin_with([plain], logs) == str(tmp_path / "scenario.yaml")
+    assert identify.initial_vehicle_name([plain], logs) == str(tmp_path / "scenario.yaml")
     attitude = {"attitude": np.zeros((3, 3)), "attitude_command": np.zeros((3, 3))}
     for record, like in (
         (plain, "vehicles/hummingbird"),
@@ -593,7 +593,7 @@ def test_an_identification_begins_with_what_the_log_names_or_lies_beside(tmp_pat
         (FlightRecord("f", time, rotor_speed_command=np.zeros((3, 4)), **attitude), "vehicles/hummingbird"),
     ):
         with pytest.raises(InputError, match=f"such as {like}, "):
-            identify.vehicle_to_begin_with([record], logs[1:])
+            identify.initial_vehicle_name([record], logs[1:])
 
 
 def test_winds_are_three_numbers_below_a_hundred():

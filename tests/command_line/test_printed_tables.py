@@ -378,7 +378,7 @@ def test_explained_shares_of_outputs_are_printed(capsys):
         ["height", "90.0 %", "0.25", "0.12", "m"],
         ["pitch", "none", "0.25", "0.12", "rad"],
     ]
-    assert identify.percent(0.0) == "none"
+    assert identify.variance_text(0.0) == "none"
 
 
 def test_what_logs_hold_is_printed(capsys):
@@ -630,9 +630,9 @@ def test_crashes_of_replayed_flights_are_counted(capsys):
 
 def test_errors_of_judged_controllers_are_in_centimetres_with_the_share_of_crashes(capsys):
     metrics = metrics_of([0.1, 0.2, 0.3, 0.9], crashed=[3])
-    assert judge.error_in(None) == "–"
-    assert judge.error_in(metrics) == "20.0 25.0 %"
-    assert judge.error_in(metrics_of([0.1, 0.3])) == "20.0"
+    assert judge.error_text(None) == "–"
+    assert judge.error_text(metrics) == "20.0 25.0 %"
+    assert judge.error_text(metrics_of([0.1, 0.3])) == "20.0"
     found = SimpleNamespace(
         controllers=["pd", "indi"],
         flights={"outdoor": {"pd": metrics}, "no wind": {"pd": metrics, "indi": metrics_of([0.1, 0.3])}, "moon": {}},

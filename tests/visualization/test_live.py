@@ -172,7 +172,7 @@ def test_the_command_ends_after_its_time_or_when_it_is_interrupted(monkeypatch, 
             raise KeyboardInterrupt
 
     monkeypatch.setattr("drake_quad.visualization.live.LiveFlight", Flight)
-    monkeypatch.setattr(live, "opened_meshcat", lambda: "meshcat")
+    monkeypatch.setattr(live, "start_meshcat", lambda: "meshcat")
     live.main(live.options().parse_args(["hover", "--time", "3", "--rate", "2"]))
     assert seen == [("hover", "meshcat", 0, 2.0), 3.0]
     printed = capsys.readouterr()
