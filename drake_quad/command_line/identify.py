@@ -133,7 +133,7 @@ def with_winds(records: list[FlightRecord], winds: list[str]) -> list[FlightReco
         return records
     if len(winds) not in (1, len(records)):
         raise InputError(
-            f"--wind is given {len(winds)} times; give it once, or once for each of the {len(records)} logs"
+            f"--wind is given {len(winds)} times for {len(records)} logs; give it once, or once for each log"
         )
     wind_of_log = winds * len(records) if len(winds) == 1 else winds
     records_with_wind = []

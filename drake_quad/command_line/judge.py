@@ -81,7 +81,7 @@ def main(arguments: argparse.Namespace) -> None:
     for name in families:
         missing = missing_designs(shipped_folder(), name)
         if missing:
-            remark(f"{', '.join(missing)}: left out of the family {name}, which has no design of them")
+            remark(f"the family {name} has no design of {', '.join(missing)}, so these controllers are left out")
     with progress_bar("flying") as progress:
         evaluation = fly_evaluation(
             shipped_folder(), families, sizes, folder, only=arguments.only, own=own_entries, progress=progress

@@ -272,9 +272,7 @@ def controlled_scenarios(arguments: argparse.Namespace, spec: str | None = None)
     for each in arguments.controller:
         name, layers, controller_overrides = controller_of(each, spec)
         if not re.fullmatch(NAME, name):
-            raise InputError(
-                f"--controller {each}: {name!r} cannot be the name of a folder; use letters, digits, '_', '.' and '-'"
-            )
+            raise InputError(f"--controller {each}: {name!r} cannot be the name of a folder; rename the controller")
         if name in scenarios:
             raise InputError(f"--controller {each}: another controller is also called {name}; rename one of them")
         scenarios[name] = load_scenario(spec, [*controller_overrides, *overrides], layers=layers)

@@ -89,7 +89,7 @@ def test_a_whole_control_in_python_replaces_the_cascade(mine) -> None:
     [
         ("{mine}:Other", "has no class Other"),
         ("{mine}:Gains", "Gains has no output port `acceleration_command`"),
-        ("absent.py:Mine", "absent.py: is not a Python file"),
+        ("absent.py:Mine", "absent.py: is not an existing Python file"),
     ],
 )
 def test_what_is_no_controller_is_refused_with_the_option(mine, spec: str, words: str) -> None:
@@ -124,7 +124,7 @@ def test_judged_controllers_have_names_of_their_own(mine) -> None:
     assert [each.name for each in found] == ["Mine", "controllers/lqg:lqg"]
     assert "lqg" in WORDS
     assert WORDS["Mine"] == "Mine"
-    with pytest.raises(InputError, match="another controller is called Mine"):
+    with pytest.raises(InputError, match="another controller is also called Mine"):
         own_controllers([f"{mine}:Mine", f"{mine}:Mine"])
 
 

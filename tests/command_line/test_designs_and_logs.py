@@ -68,7 +68,7 @@ def test_gains_are_designed_for_the_scenario_and_written(run, designed, monkeypa
     assert designed["save_figures"] == [(({"bode": "bode", "steps": "steps"}, tmp_path), {"vector": "svg"})]
     lines = result.stdout.splitlines()
     assert lines[1] == (
-        f"a scenario takes the gains by `extends: [FILE:NAME, {gains}]`, in this order; or fly it as it is:"
+        f"to use the gains in a scenario, write `extends: [FILE:NAME, {gains}]`; to fly the designed scenario:"
     )
     assert lines[2:] == [
         f"  drake-quad fly {tmp_path / 'scenario.yaml'}",
@@ -109,7 +109,7 @@ def test_gains_of_an_uncertain_vehicle_and_of_an_autopilot(run, designed, monkey
     for field in ("attitude.bandwidth", "attitude.damping", "yaw.damping"):
         refused = run("design", "onboard", "--loop", f"{field}=0.5", "--output", tmp_path)
         assert refused.returncode == 2
-        assert f"--loop {field} is for attitude control on the ground" in refused.stderr
+        assert f"--loop {field} belongs to attitude control on the ground" in refused.stderr
 
 
 def test_a_regulator_is_designed_within_the_limits_that_are_asked_for(run, replaced, tmp_path):  # noqa: F811
@@ -161,18 +161,18 @@ def test_a_plan_names_the_obstacle_that_is_next_to_it(run, replaced, tmp_path): 
     assert rows[-3:] == [["wrote"], ["pieces"], ["plan"]]
     ((plan, _), named) = calls["plot_plan"][0]
     assert plan is flown
-    assert (named["places"], named["space"], named["waypoints"]) == (problem.waypoints, space, None)
+    assert (named["regions"], named["space"], named["waypoints"]) == (problem.waypoints, space, None)
     assert calls["save_plan"] == [((flown, tmp_path), {"name": "figure_eight"})]
     assert calls["save_figures"] == [(({"plan": "figure"}, tmp_path), {"vector": "pdf"})]
     # The plan around obstacles passes further places, which are not drawn.
     planned[2] = [0, 2]
     run("plan", "figure_eight", "--output", tmp_path)
-    assert calls["plot_plan"][1][1]["places"] == [0, 2]
+    assert calls["plot_plan"][1][1]["regions"] == [0, 2]
     planned[1:] = None, None, None
     without = run("plan", "figure_eight", "--output", tmp_path)
     assert "least distance" not in without.stdout
     assert "repeats" not in without.stdout
-    assert (calls["plot_plan"][2][1]["places"], calls["plot_plan"][2][1]["corridors"]) == ((), ())
+    assert (calls["plot_plan"][2][1]["regions"], calls["plot_plan"][2][1]["corridors"]) == ((), ())
 
 
 def test_a_log_is_compared_from_where_it_is_asked_for(run, replaced, tmp_path):  # noqa: F811
@@ -304,7 +304,7 @@ def test_ctrl_c_while_a_command_begins_ends_it_with_a_sentence(capsys, monkeypat
     importlib.reload(interruption)
     signal.raise_signal(signal.SIGINT)
     assert ended == [1]
-    assert capsys.readouterr() == ("", "interrupted: nothing was written\n")
+    assert capsys.readouterr() == ("", "interrupted: no file was written\n")
     interruption.raise_interruptions()
     with pytest.raises(KeyboardInterrupt):
         signal.raise_signal(signal.SIGINT)
@@ -316,7 +316,7 @@ def test_a_crash_is_told_before_its_sensitivities(run, replaced, tmp_path):  # n
     )
     replaced("sensitivities", flight_sensitivities=found, plot_sensitivities=None, save_figures=["b.png"])
     result = run("sensitivities", "hover", "--output", tmp_path)
-    assert result.stdout.startswith("crashed at 1.25 s; metrics and derivatives are those of the flight until then\n")
+    assert result.stdout.startswith("crashed at 1.25 s; metrics and derivatives refer to the flight until then\n")
     assert result.stdout.endswith(f"wrote\n  {tmp_path / 'sensitivities.csv'}\n  b.png\n")
     found.crash_time = math.inf
     assert "crashed" not in run("sensitivities", "hover", "--output", tmp_path).stdout

@@ -166,7 +166,7 @@ def test_an_interruption_while_a_command_loads_something_is_told_in_a_sentence(m
     flight = ["fly", "figure_eight", "--set", "duration=1", "--output", str(tmp_path)]
     command = [sys.executable, "-c", INTERRUPTED, module, *flight]
     result = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-    assert (result.returncode, result.stdout, result.stderr) == (1, "", "interrupted: nothing was written\n")
+    assert (result.returncode, result.stdout, result.stderr) == (1, "", "interrupted: no file was written\n")
 
 
 PROGRAM_WITH_WARNINGS = """

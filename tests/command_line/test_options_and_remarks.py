@@ -85,7 +85,7 @@ def test_remarks_on_scenarios_are_printed_once_before_they_fly(run, replaced, fl
 
 
 def test_a_live_view_shows_the_flight_at_its_rate_and_then_again(run, replaced, flown, tmp_path):  # noqa: F811
-    calls = replaced("fly", start_meshcat="a browser", live_view="a view", show_again=None)
+    calls = replaced("fly", start_meshcat="a browser", live_view="a view", show_replay=None)
     for more, rate in (([], 1.0), (["--rate", 0], 0.0)):
         calls["show_replay"].clear()
         calls["live_view"].clear()
@@ -106,7 +106,7 @@ def test_the_default_worst_case_is_that_of_the_sample_that_is_flown():
         scenario = load_scenario("robustness", ["vehicle.rotor_time_constant={choice: [0.02, 0.05]}", *overrides])
         drawn = draw_sample(scenario, sample)
         lag, delay = drawn.vehicle.rotor_time_constant, drawn.laboratory.command_link.delay_ticks
-        assert stability_map._worst_of(scenario) == [
+        assert stability_map._default_worst_case(scenario) == [
             f"vehicle.rotor_time_constant={1.4 * lag:.4g}",
             f"laboratory.command_link.delay_ticks={delay + 1:g}",
         ]
@@ -134,7 +134,7 @@ def test_a_vehicle_is_written_beside_others_by_default(run, replaced, monkeypatc
     replaced(
         "identify", read_log=FlightRecord("a", np.arange(3.0)),
         identify=SimpleNamespace(estimates=None, vehicle=vehicle), write_vehicle=None, save_figures=[],
-        predicted=SimpleNamespace(losses=lambda _: []), **prints,
+        predict_held_out=SimpleNamespace(losses=lambda _: []), **prints,
     )  # fmt: skip
     replaced("identify.plots", **{f"plot_{name}": None for name in ("fit", "residuals", "thrust", "correlations")})
     replaced("identify.plots", plot_predictions=None)
@@ -148,7 +148,7 @@ def test_a_vehicle_is_written_beside_others_by_default(run, replaced, monkeypatc
 
 def test_an_installed_package_is_not_tuned(monkeypatch, tmp_path):
     monkeypatch.setattr(judge, "shipped_folder", lambda: tmp_path / "diagrams")
-    with pytest.raises(InputError, match="--tune writes into diagrams/ of a checkout"):
+    with pytest.raises(InputError, match="--tune writes into diagrams/ of a source checkout"):
         judge.tune(SimpleNamespace(tune=["outdoor"], only=None, rounds=1))
 
 
@@ -176,7 +176,7 @@ def test_correlations_and_obstacles_of_a_study_are_told(capsys, tmp_path):
     found = type(found)(scenario, 10.0, found.samples, found.parameters, found.metrics, touched=np.array([0, 1, 0, 0]))
     study.print_study("mine", found, tmp_path, "compiled")
     text = capsys.readouterr().out
-    assert "(vehicle.mass and vehicle.linear_drag by +0.45 and 2 pairs more)" in text
+    assert "(vehicle.mass and vehicle.linear_drag: +0.45; 2 more pairs)" in text
     assert "means and deviations are of the 2 samples that flew to the end" in text
     (post,) = (line.split() for line in text.splitlines() if line.startswith("post"))
     assert post[1] == "1"
@@ -185,7 +185,7 @@ def test_correlations_and_obstacles_of_a_study_are_told(capsys, tmp_path):
     study.print_study("mine", empty, tmp_path, "compiled")
     assert "the worst:" not in capsys.readouterr().out
     study.print_rate({"a": studied(scenario, 4, flown_time=0.5)}, 0.25)
-    assert capsys.readouterr().out == "2 vehicle-seconds per second\n"
+    assert capsys.readouterr().out == "simulation speed: 2 vehicle-seconds per second\n"
 
 
 def test_the_first_sample_is_drawn_as_a_diagram(run, replaced, tmp_path):  # noqa: F811

@@ -92,7 +92,7 @@ def test_controllers_are_compared_on_as_many_samples_as_asked_for(run, replaced,
         result = run(*one, *more)
         assert result.returncode == 0
         assert written(result) == [str(tmp_path / "comparison.csv"), "comparison.png"]
-        assert result.stdout.startswith(f"{count} samples each; ")
+        assert result.stdout.startswith(f"mean ± standard deviation over {count} samples; ")
         (((scenario, samples), named),) = calls["fly_samples"]
         assert (samples, named["compiled"], scenario.duration) == (range(count), compiled, duration)
     assert run(*one, "--samples", 10_001).returncode == 2
@@ -112,7 +112,7 @@ def test_each_controller_is_laid_over_each_laboratory():
     twice = argparse.Namespace(
         scenario=["hover"], controller=["controllers/paper:pd"] * 2, quick=False, set=[], seed=None
     )
-    with pytest.raises(InputError, match="another controller is called pd"):
+    with pytest.raises(InputError, match="another controller is also called pd"):
         compare.scenarios_of(twice)
 
 
@@ -218,18 +218,18 @@ def test_a_knob_is_a_factor_of_four_or_the_range_that_is_given():
     assert tune.knob_of(pair, scenario) == Knob(paths, 0.5, 8.0)
     assert tune.knob_of(f"{pair}=0.1:3", scenario) == Knob(paths, 0.1, 3.0)
     for ends, words in (
-        ("3", "must have LOW:HIGH"),
-        ("a:b", "must have LOW:HIGH"),
-        ("0:3", "must rise"),
-        ("3:3", "must rise"),
+        ("3", "write it as LOW:HIGH"),
+        ("a:b", "write it as LOW:HIGH"),
+        ("0:3", "HIGH above LOW"),
+        ("3:3", "HIGH above LOW"),
     ):
         with pytest.raises(InputError, match=words):
             tune.knob_of(f"{pair}={ends}", scenario)
     for path in ("vehicle.mass", "control.kind"):
-        with pytest.raises(InputError, match="which is no number larger than 0 of the control"):
+        with pytest.raises(InputError, match="must be a field of the control with a number larger than 0"):
             tune.knob_of(f"control.position.k_p.0,{path}", scenario)
     integral = load_scenario("hover", ["control.position={kind: pid, k_p: [1, 1, 1], k_d: [1, 1, 1], k_i: [0, 1, 1]}"])
-    with pytest.raises(InputError, match="no number larger than 0"):
+    with pytest.raises(InputError, match="a number larger than 0"):
         tune.knob_of("control.position.k_i.0", integral)
 
 
@@ -257,7 +257,7 @@ def test_a_controller_is_tuned_and_judged_on_samples_that_follow(run, replaced, 
     assert k_p == ["control.position.k_p.0, control.position.k_p.1", "2", "1.5"]
     # The mean of 10, 13.3 and 16.7 cm. The fourth flight crashes.
     assert "13.33 cm, 1 crashed" in result.stdout
-    assert "none of what was tried keeps the limit; this meets 88 % of it" in result.stdout
+    assert "no candidate keeps the limits; the best one meets 88 % of them" in result.stdout
     tuned.share = 1.0
     assert "keeps the limit" not in run("tune", *given, "--output", tmp_path).stdout
 
@@ -311,12 +311,14 @@ def test_a_study_tells_what_was_altered_and_fails_if_a_sample_was_not_flown(run,
     for lines, words in (((3, 4, 5, 6, 7, 8), "3, 4, 5, 6, 7, ..."), ((3, 4, 5, 6, 7), "3, 4, 5, 6, 7")):
         rows.misfits = lines
         result = run(*given)
-        told = f"remark: {tmp_path / 'results.csv'} was altered in lines {words}; these samples were flown again\n"
+        told = (
+            f"remark: {tmp_path / 'results.csv'}: lines {words} had been altered, so their samples were flown again\n"
+        )
         assert (result.returncode, result.stderr) == (0, told)
     rows.misfits, rows.failures = (), {2: "too slow"}
     result = run(*given)
     assert result.returncode == 1
-    assert "failed: 1 samples could not be flown (sample 2 of robustness: too slow)" in result.stderr
+    assert "failed: 1 samples could not be simulated (sample 2 of robustness: too slow)" in result.stderr
     # One controller of two fails.
     replaced(
         "study",
@@ -380,7 +382,7 @@ def test_a_crew_is_of_this_machine_or_of_a_cluster(monkeypatch):
             assert found == "a crew"
     assert made == [((3,), {"time_limit": 5.0}), (("tcp://there", 3), {})]
     with (
-        pytest.raises(InputError, match="--time-limit is for processes of this machine"),
+        pytest.raises(InputError, match="--time-limit works for processes on this machine only"),
         study.open_executor(SimpleNamespace(cluster="tcp://there", workers=3, time_limit=5.0)),
     ):
         pass
@@ -390,13 +392,15 @@ def test_a_study_remarks_once_that_nothing_is_drawn(capsys):
     two = [f"controllers/paper:{name}" for name in ("pd", "pid")]
     given = argparse.Namespace(scenario="hover", controller=two, set=[], seed=None, over=None)
     assert [*study.scenarios_of(given)] == ["pd", "pid"]
-    assert capsys.readouterr().err.count("holds no distribution") == 1
+    assert capsys.readouterr().err.count("has no distribution") == 1
     given.over = "vehicle.mass"
-    with pytest.raises(InputError, match="--over is vehicle.mass, which is not drawn in pd; drawn are no numbers"):
+    with pytest.raises(
+        InputError, match="--over vehicle.mass: is not a random parameter of pd; its random parameters are: none"
+    ):
         study.scenarios_of(given)
     given.scenario, given.controller = "robustness", []
     assert [*study.scenarios_of(given)] == ["robustness"]
-    assert capsys.readouterr().err.count("holds no distribution") == 1
+    assert capsys.readouterr().err.count("has no distribution") == 1
 
 
 @pytest.fixture
@@ -435,9 +439,9 @@ def test_the_sample_that_is_flown_is_that_of_the_option_or_of_the_scenario(run, 
         assert scenario.name == "low_wind"
         assert (named["sample"], named["compiled"], named["prepare"]) == (sample, compiled, None)
         first = result.stdout.splitlines()[0].split()
-        assert first == (["flown", "1.00", "s"] if sample is None else ["sample", str(sample), "of", "seed", "7"])
+        assert first == (["flight", "time", "1.00", "s"] if sample is None else ["sample", str(sample), "(seed", "7)"])
     flown["flight"].cause = "it diverged"
-    assert run("fly", "hover", "--output", tmp_path).stderr == "remark: the flight ended since it diverged\n"
+    assert run("fly", "hover", "--output", tmp_path).stderr == "remark: the flight ended because it diverged\n"
 
 
 def test_files_for_other_programs_are_written_if_asked_for(run, flown, tmp_path):
@@ -476,7 +480,7 @@ def test_on_a_terminal_a_flight_waits_for_its_viewer(monkeypatch, capsys):
     assert 0.0 < waits[0] < 1.0
     assert capsys.readouterr().out.splitlines() == [
         "open http://127.0.0.1:7000 in a browser on this machine",
-        "the flight begins when it is there",
+        "the flight starts as soon as the page is open",
     ]
     drawn = []
     monkeypatch.setattr("drake_quad.visualization.replay.page.draw_replay", lambda *arguments: drawn.append(arguments))
@@ -549,7 +553,7 @@ def test_requests_for_a_loop_have_their_ranges(field, least, most):
     ):
         with pytest.raises(InputError, match=f"--loop {field}=.*: {field} is .*, but must be {demand}"):
             asked(f"{field}={value:.6f}")
-    with pytest.raises(InputError, match=f"--loop {field} is for --method {method}"):
+    with pytest.raises(InputError, match=f"--loop {field} requires --method {method}"):
         asked(f"{field}={least}", other)
 
 
@@ -573,7 +577,7 @@ def test_a_vehicle_is_named_after_its_file_or_its_first_log():
     assert name(output=Path("out/mine.yaml")) == "mine"
     assert name("a-b.c", output=Path("out/mine.yaml")) == "a-b.c"
     assert name(log=".csv") == "identified"
-    with pytest.raises(InputError, match="--name 'a b': allowed are letters"):
+    with pytest.raises(InputError, match="--name 'a b': a name consists of letters"):
         name("a b")
 
 
@@ -602,7 +606,7 @@ def test_winds_are_three_numbers_below_a_hundred():
         with pytest.raises(InputError, match="must be three numbers below 100 m/s"):
             identify.with_winds([record], [wrong])
     assert identify.with_winds([record], []) == [record]
-    with pytest.raises(InputError, match="--wind is given 2 times; give it once, or once for each of 3 logs"):
+    with pytest.raises(InputError, match="--wind is given 2 times for 3 logs; give it once, or once for each log"):
         identify.with_winds([record] * 3, ["0,0,0"] * 2)
     found = identify.with_winds([record] * 2, ["1,0,0", "2,0,0"])
     assert [each.wind[0, 0] for each in found] == [1.0, 2.0]
@@ -630,10 +634,10 @@ def test_controllers_are_judged_in_all_families_unless_some_are_named(run, repla
         calls["fly_evaluation"].clear()
         result = run("judge", *given)
         assert result.returncode == 0
-        told = "remark: outdoor has no design of mpc, which are not flown\n"
+        told = "remark: the family outdoor has no design of mpc, so these controllers are left out\n"
         assert result.stderr == (told if "outdoor" in families else "")
         assert written(result) == [str(Path(folder) / name) for name in ("flights.csv", "traits.csv")] + ["report.md"]
-        assert "flown in 0 s\n" in result.stdout
+        assert "simulated in 0 s\n" in result.stdout
         ((arguments, named),) = calls["fly_evaluation"]
         assert arguments == (shipped_folder(), families, sizes, Path(folder))
         assert named["only"] == only
@@ -695,7 +699,7 @@ def test_the_experiment_is_flown_in_the_size_that_is_asked_for(run, replaced, tm
 
     replaced("replicate", fly_experiment=interrupted)
     result = run("replicate", "--quick", "--workers", 1, "--output", tmp_path)
-    told = f"interrupted: the cells that are done are in {tmp_path}; --resume goes on\n"
+    told = f"interrupted: the finished table cells are in {tmp_path}; --resume continues from them\n"
     assert (result.returncode, result.stderr) == (1, told)
     assert replicate.load(Cell("low_wind", "pd")).name == "low_wind_pd"
 
@@ -783,7 +787,7 @@ def test_controllers_are_named_after_what_is_laid_over():
     two = controlled("controllers/paper:pd", "diagrams/gains/laboratory.yaml")
     assert [*two] == ["pd", "laboratory"]
     assert (two["pd"].duration, two["pd"].seed) == (2.0, 9)
-    with pytest.raises(InputError, match="another controller is called pd; give each its own name"):
+    with pytest.raises(InputError, match="another controller is also called pd; rename one of them"):
         controlled("controllers/paper:pd", "controllers/paper:pd")
 
 

@@ -86,8 +86,8 @@ def test_margins_have_a_row_for_each_loop(capsys):
     )  # fmt: skip
     output.print_margins({"thrust": margins, "yaw": None})
     title, header, row = cells(capsys.readouterr().out)
-    assert title[0].startswith("margins")
-    assert header == ["signal", "max |S|", "delay", "phase", "gain", "less gain", "crossover", "bandwidth"]
+    assert title[0].startswith("stability margins")
+    assert header == ["signal", "max |S|", "delay", "phase", "gain", "gain reduction", "crossover", "bandwidth"]
     assert row == ["thrust", "1.46", "123 ms", "45.7°", "7.3 dB", "-8.3 dB", "2.35 rad/s", "3.79 rad/s"]
 
 
@@ -122,7 +122,9 @@ def test_compared_controllers_have_means_deviations_and_their_share_of_the_first
     flights = {"calm": {"pd": one, "pid": other}, "windy": {"pd": alone}}
     compare.print_comparison(flights)
     header, *rows = cells(capsys.readouterr().out)
-    assert header == ["scenario", "controller", "RMSE", "peak", "effort X (m²/s⁴)", "effort Y", "share"]
+    assert header == [
+        "scenario", "controller", "RMSE", "peak", "effort X (m²/s⁴)", "effort Y (m²/s⁴)", "relative RMSE",
+    ]  # fmt: skip
     flown = np.delete(second, 2)
     assert [row[:3] for row in rows] == [
         ["calm", "pd", plus_minus(100.0 * first.mean(), 100.0 * first.std(ddof=1)) + " cm"],
@@ -161,7 +163,7 @@ def test_a_log_is_compared_in_centimetres_axis_by_axis(compared, capsys):
     first, second, header, *rows, crashes, last = capsys.readouterr().out.splitlines()
     assert first == "log7: 50 samples, from 3.00 to 3.49 s of the log"
     assert second == "reference: 2 pieces of degree 7, within 1.23 mm of the log's"
-    assert cells(header) == [["error, cm", "axis", "flown", "predicted, median and 95 %", "flown lies"]]
+    assert cells(header) == [["error (cm)", "axis", "measured", "predicted median [95 %]", "measured within 95 %"]]
     rows = cells("\n".join(rows))
     assert [row[:2] for row in rows] == [
         [name, axis] for name in ("RMSE", "mean", "95 % largest") for axis in ("x", "y", "z", "all")
@@ -173,22 +175,22 @@ def test_a_log_is_compared_in_centimetres_axis_by_axis(compared, capsys):
         atol=5e-3,
     )
     assert [row[4] for row in rows] == [
-        "within" if inside else "outside" for name in ("rmse", "mean", "largest") for inside in compared.within(name)
+        "yes" if inside else "no" for name in ("rmse", "mean", "largest") for inside in compared.within(name)
     ]
-    assert {row[4] for row in rows if row[1] in ("z", "all")} == {"outside"}
-    assert {row[4] for row in rows if row[1] in ("x", "y")} == {"within"}
+    assert {row[4] for row in rows if row[1] in ("z", "all")} == {"no"}
+    assert {row[4] for row in rows if row[1] in ("x", "y")} == {"yes"}
     # The median of each axis is about a centimetre, the upper end of the interval a crash.
     for row in rows:
         median, high = re.fullmatch(r"(\S+) \[\S+, (\S+)\]", row[3]).groups()
         assert float(median) == pytest.approx(math.sqrt(3.0) if row[1] == "all" else 1.0, abs=0.4)
         assert high == "crash"
-    assert crashes == "2 of 20 predictions crash"
+    assert crashes == "2 of 20 simulated flights crash"
     assert re.fullmatch(
-        rf"The flown RMSE, {100.0 * figures.rmse[3]:.2f} cm, lies outside the 95 % interval of 20 flights,"
+        rf"The measured RMSE, {100.0 * figures.rmse[3]:.2f} cm, is outside the 95 % interval of 20 simulated flights,"
         r" whose median is 1\.\d+ cm \[.*\]\.",
         last,
     )
-    assert "lies within the 95 % interval" in compare_log.verdict(replace(compared, flown=compared.predicted[0]))
+    assert "is within the 95 % interval" in compare_log.verdict(replace(compared, flown=compared.predicted[0]))
 
 
 def test_a_log_whose_predictions_do_not_differ_has_no_interval(compared, capsys):
@@ -197,7 +199,7 @@ def test_a_log_whose_predictions_do_not_differ_has_no_interval(compared, capsys)
     lines = capsys.readouterr().out.splitlines()
     rows = cells("\n".join(lines[3:-1]))
     assert [row[3:] for row in rows[:3]] == [["2.00", "–"]] * 3
-    assert lines[-1].endswith("the predicted one 3.46 cm in all flights.")
+    assert lines[-1].endswith("All simulated flights have an RMSE of 3.46 cm.")
 
 
 def test_the_table_of_a_compared_log_has_metres(compared, tmp_path, monkeypatch):
@@ -235,20 +237,20 @@ def test_a_design_has_a_row_for_each_axis_in_order(capsys):
     on_board = {"roll rate": loop_of(ProportionalGain(9.0))}
     design.print_design(SimpleNamespace(loops=loops, on_board=on_board, all_loops=on_board | loops))
     title, header, *rows = cells(capsys.readouterr().out)
-    assert title == ["margins of each loop, broken at its commanded acceleration, or rate"]
+    assert title == ["stability margins of each loop, opened at its commanded acceleration, or rate"]
     assert header == [
         "axis", "k_P or k", "k_D", "k_I", "phase", "gain", "delay", "ticks", "disk", "crossover", "bandwidth",
-        "max |S|", "limit",
+        "max |S|", "limited by",
     ]  # fmt: skip
     margins = ["45.7°", "7.3 dB", "123 ms", "6.2", "0.88", "2.35 rad/s", "3.79 rad/s", "1.46"]
     assert rows == [
-        ["roll rate", "9", "–", "–", *margins, "as asked"],
-        ["z", "3", "4", "–", *margins, "as asked"],
-        ["x", "1.235", "2", "0.5", *margins, "phase, delay; cost 1.23 × the full regulator's"],
+        ["roll rate", "9", "–", "–", *margins, "as requested"],
+        ["z", "3", "4", "–", *margins, "as requested"],
+        ["x", "1.235", "2", "0.5", *margins, "phase, delay; cost 1.23 × that of full state feedback"],
     ]
     design.print_design(SimpleNamespace(loops=loops, on_board={}, all_loops=loops))
     title, header, *rows = cells(capsys.readouterr().out)
-    assert title == ["margins of each loop, broken at its commanded acceleration"]
+    assert title == ["stability margins of each loop, opened at its commanded acceleration"]
     assert header[1] == "k_P"
     assert [row[0] for row in rows] == ["z", "x"]
 
@@ -267,7 +269,7 @@ def test_modes_of_a_loop_have_a_frequency_a_damping_and_states(capsys):
     A = scipy.linalg.expm(0.01 * scipy.linalg.block_diag(slow, fast, rotors))
     design.print_modes(SimpleNamespace(system=SimpleNamespace(A=A, states=names, period=0.01)))
     _, title, header, first, second = cells(capsys.readouterr().out)
-    assert title == ["modes of the whole loop, from one tick to the next (0.01 s)"]
+    assert title == ["modes of the whole closed loop, sampled at each tick (0.01 s)"]
     assert header == ["frequency", "damping", "time constant", "states"]
     assert first[:3] == ["1.00 rad/s", "0.60", "1.67 s"]
     assert set(first[3].split(", ")) == {"x", "v_x"}
@@ -283,7 +285,9 @@ def test_plants_of_a_regulator_have_a_row_with_what_is_predicted_for_each(capsys
     lateral, vertical = ([SimpleNamespace(error=error) for error in errors] for errors in ((0.01, 0.02), (0.03, 0.04)))
     design_lqg.print_plants(SimpleNamespace(plants=plants, lateral=lateral, vertical=vertical))
     _, header, *rows = cells(capsys.readouterr().out)
-    assert header == ["rotors' lag", "attitude", "frames late", "delay (ticks)", "x and y", "z"]
+    assert header == [
+        "rotor lag", "attitude ω_n", "camera latency (frames)", "link delay (ticks)", "x and y", "z",
+    ]  # fmt: skip
     assert rows == [
         ["46 ms", "–", "2", "1", "1.00 cm", "3.00 cm"],
         ["50 ms", "6.79 rad/s", "3", "4", "2.00 cm", "4.00 cm"],
@@ -311,7 +315,7 @@ def test_the_metrics_of_a_flight_are_in_their_units():
         time=np.array([0.0, 4.0]),
     )
     rows = fly.summary(flight)
-    assert rows[0] == ("flown", "4.00", "s")
+    assert rows[0] == ("flight time", "4.00", "s")
     expected = [
         ("RMSE", "rmse"),
         *((f"RMSE on {axis}", f"rmse_{axis.lower()}") for axis in "XYZ"),
@@ -325,7 +329,7 @@ def test_the_metrics_of_a_flight_are_in_their_units():
     ]
     assert rows[9] == ("share of ticks with saturated rotors", f"{100.0 * numbers['saturation_share']:.1f}", "%")
     flight.crash = "crashed at 1.20 s"
-    assert fly.summary(flight)[0] == ("flown", "crashed at 1.20", "s")
+    assert fly.summary(flight)[0] == ("flight time", "crashed at 1.20", "s")
 
 
 def identified():
@@ -356,7 +360,7 @@ def test_estimates_have_their_intervals_and_what_they_explain(capsys):
     identify.print_estimates(identified())
     printed = capsys.readouterr()
     lines = printed.out.splitlines()
-    assert cells(lines[1]) == [["parameter", "value", "unit", "another stretch", "inside", "explained, held out"]]
+    assert cells(lines[1]) == [["parameter", "value", "unit", "new flight", "within", "explained variance"]]
     mass, damping, drag = cells("\n".join(lines[2:5]))
     # The mean is off by 0.02 kg, and a stretch by 0.04 kg beside that, which have 6.25 degrees of freedom together.
     far = scipy.stats.t.ppf(0.975, 6.25) * math.sqrt(0.002)
@@ -404,11 +408,11 @@ def test_noise_and_trim_of_a_hover_are_printed(capsys, monkeypatch):
     assert cells(row) == [["log7: white noise of body rates", "–", f"{math.sqrt(0.25 / 3.0):.2g}", "rad/s"]]
     assert lines == [
         f"log7: mean roll in hover {plus_minus(0.1, 1.96 * 0.01)} rad",
-        "log7: the attitude correlates most with its command 46 ms before",
+        "log7: delay of the attitude behind its command, by correlation: 46 ms",
     ]
     monkeypatch.setattr(identify, "delay_by_correlation", lambda _: None)
     identify.print_hover([record], 10.0)
-    assert "correlates" not in capsys.readouterr().out
+    assert "correlation" not in capsys.readouterr().out
 
 
 def test_throttles_of_all_logs_are_taken_together():
@@ -432,12 +436,12 @@ def test_a_map_has_a_row_for_each_pair_of_gains_and_says_which_is_best(capsys, t
     gains = MappedGains("control.position", ("k_p", "k_d"), ("k_P", "k_D"), ("1/s²", "1/s"))
     stability_map.print_panel(panel, gains, k_p, k_d)
     assert capsys.readouterr().out == (
-        "nominal: 83 % of the gains are stable, 83 % flew to the end;"
-        " least RMSE of the stable 10.00 cm at k_P 2, k_D 4\n"
+        "nominal: 83 % of the gains are stable, 83 % do not crash;"
+        " smallest RMSE with stable gains: 10.00 cm at k_P = 2, k_D = 4\n"
     )
     panel.flown = panel.flown._replace(crash_time=np.zeros((2, 3)))
     stability_map.print_panel(panel, gains, k_p, k_d)
-    assert capsys.readouterr().out.endswith("0 % flew to the end; no stable gains flew to the end\n")
+    assert capsys.readouterr().out.endswith("0 % do not crash; all flights with stable gains crashed\n")
     panel.flown = panel.flown._replace(crash_time=crash_time)
     panels = [(panel.title, panel.linear, panel.flown), ("worst", panel.linear, panel.flown)]
     table = read_table(stability_map.write_map(tmp_path / "map.csv", panels, gains, k_p, k_d))
@@ -476,7 +480,7 @@ def test_sensitivities_are_printed_by_the_effect_of_a_change_of_one_per_cent(cap
     whole = Sensitivities(fields, found.values, metrics, np.inf, gradients)
     for name in ("effort_x", "rmse_x"):
         sensitivities.print_sensitivities(whole, name)
-        assert capsys.readouterr().out.endswith(f"{name} is zero, where it has no derivative\n")
+        assert capsys.readouterr().out.endswith(f"{name} is zero and has no derivative there\n")
 
 
 def test_default_fields_are_those_of_the_layout_and_the_autopilot():
@@ -536,7 +540,7 @@ def test_what_binds_a_plan_is_told_with_its_segments():
         ActiveConstraint("speed", "", 3, 1.3), ActiveConstraint("corridor", "y max", 1, 1.4),
     ]  # fmt: skip
     assert plan.binding_summary(found) == "speed on segments 0, 2-4; corridor y max on segment 1"
-    assert plan.binding_summary([]) == "nothing"
+    assert plan.binding_summary([]) == "none"
 
 
 def test_the_summary_of_a_plan_has_its_length_its_peaks_and_its_rotors():
@@ -570,7 +574,7 @@ def test_errors_of_table_ii_are_printed_beside_those_of_the_paper(capsys):
     ]
     replicate.print_errors(entries)
     header, first, second = cells(capsys.readouterr().out)
-    assert header == ["RMSE (m)", "printed", "off by"]
+    assert header == ["wind", "controller", "RMSE (m)", "RMSE in the paper (m)", "deviation"]
     assert first[2:] == ["0.150 [0.140, 0.160]", "0.200", "-25.0 %"]
     assert second[2:] == ["0.050 [0.040, 0.060]", "–", "–"]
     assert first[0] != second[0]
@@ -589,7 +593,7 @@ def test_the_worst_samples_of_a_study_have_the_command_that_flies_them_again(cap
     study.print_study("mine", studied(), tmp_path, "compiled")
     text = capsys.readouterr().out
     assert text.startswith("mine: 4 samples of seed 0, 10.00 s each, diagrams compiled; 1 crashed, ")
-    worst = cells(text.split("the worst:\n")[1])
+    worst = cells(text.split("worst samples:\n")[1])
     fly_again = f"drake-quad fly {tmp_path / 'scenario.yaml'} --sample"
     assert worst == [
         ["crashed at 3.00 s", f"{fly_again} 2"],
@@ -598,15 +602,15 @@ def test_the_worst_samples_of_a_study_have_the_command_that_flies_them_again(cap
         ["10.0 cm", f"{fly_again} 0"],
     ]
     # The commands stand below each other, right of the longest end there may be.
-    starts = {line.index("drake-quad") for line in text.split("the worst:\n")[1].splitlines()}
+    starts = {line.index("drake-quad") for line in text.split("worst samples:\n")[1].splitlines()}
     assert starts == {2 + 18 + 2}
 
 
 def test_the_rate_of_studies_is_that_of_what_was_flown(capsys):
     study.print_rate({"a": studied(flown_time=1000.0), "b": studied(flown_time=2000.0)}, 1.5)
-    assert capsys.readouterr().out == "2,000 vehicle-seconds per second\n"
+    assert capsys.readouterr().out == "simulation speed: 2,000 vehicle-seconds per second\n"
     study.print_rate({"a": studied()}, 1.5)
-    assert capsys.readouterr().out == "nothing was left to fly\n"
+    assert capsys.readouterr().out == "all samples had already been flown\n"
 
 
 def test_samples_that_could_not_be_flown_are_counted_and_the_first_is_explained(tmp_path):
@@ -617,8 +621,8 @@ def test_samples_that_could_not_be_flown_are_counted_and_the_first_is_explained(
     }
     folders = {name: tmp_path / name for name in studies}
     assert study.failure(studies, folders) == (
-        "3 samples could not be flown (sample 4 of pd: too slow);"
-        f" all of them are in {tmp_path / 'pd' / 'failed.csv'}, and --resume tries them again"
+        "3 samples could not be simulated (sample 4 of pd: too slow);"
+        f" {tmp_path / 'pd' / 'failed.csv'} lists them, and --resume tries them again"
     )
 
 
@@ -647,5 +651,7 @@ def test_errors_of_judged_controllers_are_in_centimetres_with_the_share_of_crash
 def test_a_range_of_gains_rises_from_zero_or_more():
     assert stability_map._grid("--k-p", (0.0, 4.0), 5).tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
     for limits in ((-1.0, 4.0), (4.0, 4.0), (0.0, math.inf), (math.nan, 1.0)):
-        with pytest.raises(InputError, match="--k-p is .*, but must be a least gain from 0 on and a larger one"):
+        with pytest.raises(
+            InputError, match="--k-p is .*, but must be two gains: a smaller one of at least 0, and a larger one"
+        ):
             stability_map._grid("--k-p", limits, 5)
