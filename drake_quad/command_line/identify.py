@@ -31,7 +31,7 @@ from drake_quad.scenario.paths import distributions_in
 from drake_quad.statistics.interval import plus_minus, spread_alone
 from drake_quad.visualization import identification_plots as plots
 from drake_quad.visualization.style import save_figures
-from drake_quad.written_numbers import float_in
+from drake_quad.written_numbers import parse_float
 
 # Initial vehicles that an error message suggests for a log without a vehicle, each with the commands that it takes.
 _AUTOPILOT_EXAMPLE = "vehicles/neural_fly:neural_fly", "whose autopilot takes attitudes and thrust"
@@ -139,7 +139,7 @@ def with_winds(records: list[FlightRecord], winds: list[str]) -> list[FlightReco
     records_with_wind = []
     for record, text in zip(records, wind_of_log, strict=True):
         try:
-            wind = [float_in(each) for each in text.split(",")]
+            wind = [parse_float(each) for each in text.split(",")]
         except ValueError:
             wind = []
         if len(wind) != 3 or not np.all(np.abs(wind) < _MAX_WIND):

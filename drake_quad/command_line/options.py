@@ -14,7 +14,7 @@ from drake_quad.extras import import_extra
 from drake_quad.scenario.files.loading import Override, load_undesigned
 from drake_quad.scenario.models import NAME
 from drake_quad.visualization.style import Vector
-from drake_quad.written_numbers import float_in, int_in
+from drake_quad.written_numbers import parse_float, parse_int
 
 
 def bare_parser(description: str | None, example: str) -> argparse.ArgumentParser:
@@ -30,8 +30,8 @@ def bare_parser(description: str | None, example: str) -> argparse.ArgumentParse
         epilog=f"example: {example}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    result.register("type", int, int_in)
-    result.register("type", float, float_in)
+    result.register("type", int, parse_int)
+    result.register("type", float, parse_float)
     return result
 
 

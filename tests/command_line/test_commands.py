@@ -85,7 +85,7 @@ def test_simulate_saves_what_a_network_has_learned_to_be_flown_again(run, tmp_pa
     assert run("fly", *study, "--set", f"control.network.learned={file}").returncode == 0
     refused = run("fly", "diagrams/figure_eight.yaml", *short, "--save-network", file)
     assert refused.returncode == 2
-    assert "--save-network needs a network" in refused.stderr
+    assert "--save-network requires a scenario with a network" in refused.stderr
 
 
 @pytest.mark.slow
@@ -94,7 +94,7 @@ def test_simulate_flies_one_sample_of_a_study_in_the_wind(run, tmp_path):
     study = ["diagrams/laboratory.yaml:low_wind", "--set", "vehicle.mass={choice: [0.6, 0.7]}", "--set", "duration=2"]
     result = run("fly", *study, "--seed", 5, "--sample", 3, "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
-    assert re.search(r"^sample +3 of seed 5$", result.stdout, re.MULTILINE)
+    assert re.search(r"^sample +3 \(seed 5\)$", result.stdout, re.MULTILINE)
     assert (tmp_path / "wind.png").exists()
 
 
@@ -103,7 +103,7 @@ def test_simulate_flies_one_sample_of_a_study_in_the_wind(run, tmp_path):
 def test_a_crash_is_reported_and_is_no_failure(run, tmp_path):
     result = run("fly", "--set", "control.position.k_p=[20,20,20]", "--output", tmp_path)
     assert result.returncode == 0
-    assert re.search(r"^flown +crashed at \d+\.\d\d s$", result.stdout, re.MULTILINE)
+    assert re.search(r"^flight time +crashed at \d+\.\d\d s$", result.stdout, re.MULTILINE)
     assert "nan" not in result.stdout
 
 
@@ -153,9 +153,9 @@ def test_plan_prints_what_binds_and_writes_a_trajectory_that_flies(run, tmp_path
     course.write_text("x,y,z\n0,0,1\n1,1,1\n1,1,1\n2,0,1.5\n0,0,1\n", encoding="utf-8")
     result = run("plan", course, "--output", tmp_path, "--vector", "svg")
     assert (result.returncode, result.stderr) == (0, "")
-    assert re.search(r"^repeats +1 ", result.stdout, re.MULTILINE)
+    assert re.search(r"^repeated +1 ", result.stdout, re.MULTILINE)
     assert re.search(r"^top acceleration +0\.700 m/s² of 0\.7$", result.stdout, re.MULTILINE)
-    assert re.search(r"^binds: acceleration on segments? \d", result.stdout, re.MULTILINE)
+    assert re.search(r"^active limits: acceleration on segments? \d", result.stdout, re.MULTILINE)
     written = [Path(line.strip()) for line in result.stdout.split("wrote\n")[1].splitlines()]
     assert [path.name for path in written] == [
         "trajectory.csv",
@@ -273,7 +273,9 @@ def test_tune_controller_finds_less_error_and_says_what_margins_are_left(run, tm
     loose = ["--sensitivity", "20", "--delay-margin", "0.002", "--output", tmp_path]
     result = run("tune", *soft, *loose)
     assert (result.returncode, result.stderr) == (0, "")
-    before, after = re.search(r"^RMSE on 32 other samples +(\S+) cm +(\S+) cm$", result.stdout, re.MULTILINE).groups()
+    before, after = re.search(
+        r"^RMSE on 32 held-out samples +(\S+) cm +(\S+) cm$", result.stdout, re.MULTILINE
+    ).groups()
     assert float(after) < 0.7 * float(before)
     assert re.search(r"^tau_y +\d+\.\d\d +\d+ ms", result.stdout, re.MULTILINE)
     gains = load_scenario(tmp_path / "scenario.yaml").control.position
@@ -333,7 +335,10 @@ def test_gains_are_designed_for_a_vehicle_alone_and_fly(run, tmp_path):
     )
     (tmp_path / "vehicle.yaml").write_text(f"small: {vehicle}\n", encoding="utf-8")
     result = run("design", tmp_path / "vehicle.yaml", "--output", tmp_path / "gains")
-    assert (result.returncode, result.stderr) == (0, "remark: gains are designed for the median of each distribution\n")
+    assert (result.returncode, result.stderr) == (
+        0,
+        "remark: the gains are designed for the median of each distribution\n",
+    )
     command = re.search(r"drake-quad study (\S+) --samples 32", result.stdout)
     assert run("fly", command[1], "--sample", 3, "--output", tmp_path / "flight").returncode == 0
     with (tmp_path / "flight" / "metrics.csv").open() as file:
@@ -349,7 +354,7 @@ def test_gains_are_designed_for_a_vehicle_alone_and_fly(run, tmp_path):
 def test_stability_map_counts_and_draws(run, tmp_path):
     result = run("map", "--quick", "--loop", "attitude", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
-    assert re.search(r"^nominal: \d+ % of the gains are stable, \d+ % flew", result.stdout, re.MULTILINE)
+    assert re.search(r"^nominal: \d+ % of the gains are stable, \d+ % do not crash", result.stdout, re.MULTILINE)
     assert len((tmp_path / "attitude_map.csv").read_text(encoding="utf-8").splitlines()) == 1 + 12 * 12
     assert (tmp_path / "attitude_map.png").exists()
 
@@ -362,7 +367,7 @@ def test_with_an_autopilot_the_gains_on_board_are_mapped(run, tmp_path):
         *("--k-attitude", "4", "40", "--k-rate", "5", "15", "--output", tmp_path),
     )
     assert (result.returncode, result.stderr) == (0, "")
-    assert re.search(r"^nominal: 33 % of the gains .* at k_attitude 4, k_rate \d+$", result.stdout, re.MULTILINE)
+    assert re.search(r"^nominal: 33 % of the gains .* at k_attitude = 4, k_rate = \d+$", result.stdout, re.MULTILINE)
     header, *rows = (tmp_path / "attitude_map.csv").read_text(encoding="utf-8").splitlines()
     assert header.startswith("k_attitude (1/s),k_rate (1/s),nominal: stable,")
     assert [row.split(",")[:3] for row in rows[2:4]] == [["4", "15", "1"], ["22", "5", "0"]]
@@ -519,11 +524,11 @@ def test_monte_carlo_prints_what_the_samples_did(run, tmp_path):
     assert lines[0].startswith(
         "robustness: 6 samples of seed 3, 0.40 s each, diagrams compiled; 0 crashed, 0 % [0, 46]"
     )
-    assert re.fullmatch(r"[\d,]+ vehicle-seconds per second", lines[-1])
+    assert re.fullmatch(r"simulation speed: [\d,]+ vehicle-seconds per second", lines[-1])
     files = {path.name for path in tmp_path.iterdir()}
     assert {"results.csv", "scenario.yaml", "study.yaml", "distribution.png", "influences.png"} <= files
     again = monte_carlo(run, tmp_path, "--seed", 3, "--resume")
-    assert again.stdout.splitlines()[-1] == "nothing was left to fly"
+    assert again.stdout.splitlines()[-1] == "all samples had already been flown"
 
 
 @pytest.mark.slow
@@ -533,7 +538,7 @@ def test_monte_carlo_says_which_drawn_numbers_are_correlated(run, tmp_path):
     mass, drag = shared.format("mass", 0.68, 0.02, 0.9), shared.format("linear_drag", 0.2, 0.05, -0.5)
     result = monte_carlo(run, tmp_path, "--set", mass, "--set", drag)
     assert (result.returncode, result.stderr) == (0, "")
-    words = "drawn numbers are correlated (vehicle.mass and vehicle.linear_drag by -0.45): an influence of one holds"
+    words = "random parameters are correlated (vehicle.mass and vehicle.linear_drag: -0.45), so the influence of a"
     assert words in result.stdout
     assert "are correlated" not in monte_carlo(run, tmp_path / "none").stdout
 
@@ -568,7 +573,7 @@ def test_the_worst_samples_are_those_that_crashed_and_say_into_what(run, tmp_pat
     )
     result = run("study", scenario, "--samples", 6, "--workers", 1, "--output", tmp_path / "study")
     assert result.returncode == 0
-    ends = re.findall(r"^  (.*?) +drake-quad fly", result.stdout.split("the worst:")[1], re.MULTILINE)
+    ends = re.findall(r"^  (.*?) +drake-quad fly", result.stdout.split("worst samples:")[1], re.MULTILINE)
     crashed = [end for end in ends if end.startswith("crashed")]
     assert len(ends) == 5
     assert 0 < len(crashed) < 5
@@ -582,7 +587,7 @@ def test_monte_carlo_compares_controllers_on_the_same_samples(run, tmp_path):
     chosen = [word for name in ("pd", "pid") for word in ("--controller", f"diagrams/controllers/paper.yaml:{name}")]
     result = monte_carlo(run, tmp_path, *chosen)
     assert (result.returncode, result.stderr) == (0, "")
-    assert "beside pd, sample by sample:" in result.stdout
+    assert "paired comparison with pd on the same samples:" in result.stdout
     for name in ("pd", "pid"):
         assert load_scenario(tmp_path / name / "scenario.yaml").control.position.kind == name
         assert (tmp_path / f"influences_{name}.png").exists()
@@ -629,7 +634,7 @@ def test_a_study_says_which_rows_were_altered_and_flown_again(run, tmp_path):
     assert path.read_text() != before
     result = monte_carlo(run, tmp_path, "--resume")
     assert (result.returncode, path.read_text()) == (0, before)
-    assert result.stderr == f"remark: {path} was altered in lines 5; these samples were flown again\n"
+    assert result.stderr == f"remark: {path}: lines 5 had been altered, so their samples were flown again\n"
 
 
 @pytest.mark.slow
@@ -952,7 +957,10 @@ def test_a_study_is_written_as_parquet_and_its_crashes_are_plotted_over_a_number
     assert (tmp_path / "results.parquet").stat().st_size > 1000
     refused = monte_carlo(run, tmp_path / "none", "--over", "vehicle.gravity")
     assert (refused.returncode, refused.stdout) == (2, "")
-    assert "--over is vehicle.gravity, which is not drawn in robustness; drawn are vehicle.mass" in refused.stderr
+    assert (
+        "--over vehicle.gravity: is not a random parameter of robustness; its random parameters are: vehicle.mass"
+        in refused.stderr
+    )
 
 
 @pytest.mark.slow
@@ -966,4 +974,4 @@ def test_a_flight_is_written_for_other_programs(run, tmp_path, monkeypatch):
         monkeypatch.setitem(sys.modules, module, None)
     refused = run("fly", *flight)
     assert refused.returncode == 2
-    assert "--mcap: mcap is not installed; pip install 'drake_quad[mcap]' has it" in refused.stderr
+    assert "--mcap: mcap is not installed; install it with: pip install 'drake_quad[mcap]'" in refused.stderr

@@ -97,7 +97,7 @@ def test_gains_of_an_uncertain_vehicle_and_of_an_autopilot(run, designed, monkey
     drawn = "vehicle.mass={choice: [0.6, 0.7, 0.8]}"
     result = run("design", "onboard", "--set", drawn, "--on-board", "--output", tmp_path)
     assert result.returncode == 0
-    assert result.stderr == "remark: gains are designed for the median of each distribution\n"
+    assert result.stderr == "remark: the gains are designed for the median of each distribution\n"
     assert f"  drake-quad study {tmp_path / 'scenario.yaml'} --samples 32\n" in result.stdout
     (scenario, options), named = designed["design_cascade"][0]
     assert (scenario.vehicle.mass, named["on_board"]) == (0.7, True)
@@ -144,17 +144,17 @@ def test_a_plan_names_the_obstacle_that_is_next_to_it(run, replaced, tmp_path): 
     rows = [line.split() for line in result.stdout.splitlines()]
     approach = nearest_approach(flown.path, space)
     assert [
-        "least",
+        "smallest",
         "distance",
         f"{approach.distance:.3f}",
-        "m,",
+        "m",
         "from",
-        "ball",
+        "ball,",
         "at",
         f"{approach.time:.2f}",
         "s",
     ] in rows
-    assert rows[1][:2] == ["repeats", "2"]
+    assert rows[1][:2] == ["repeated", "2"]
     (clearance,) = (row for row in rows if row[0] == "clearance")
     assert clearance[1] == f"{space.clearance:.3f}"
     assert any(row[0] == "binds:" for row in rows)
@@ -170,7 +170,7 @@ def test_a_plan_names_the_obstacle_that_is_next_to_it(run, replaced, tmp_path): 
     assert calls["plot_plan"][1][1]["regions"] == [0, 2]
     planned[1:] = None, None, None
     without = run("plan", "figure_eight", "--output", tmp_path)
-    assert "least distance" not in without.stdout
+    assert "smallest distance" not in without.stdout
     assert "repeats" not in without.stdout
     assert (calls["plot_plan"][2][1]["regions"], calls["plot_plan"][2][1]["corridors"]) == ((), ())
 

@@ -183,7 +183,7 @@ def test_correlations_and_obstacles_of_a_study_are_told(capsys, tmp_path):
     assert "crashed into post at 3.00 s" in text
     empty = type(found)(scenario, 10.0, np.arange(0), {}, metrics_of(0))
     study.print_study("mine", empty, tmp_path, "compiled")
-    assert "the worst:" not in capsys.readouterr().out
+    assert "worst samples:" not in capsys.readouterr().out
     study.print_rate({"a": studied(scenario, 4, flown_time=0.5)}, 0.25)
     assert capsys.readouterr().out == "simulation speed: 2 vehicle-seconds per second\n"
 

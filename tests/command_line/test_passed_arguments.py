@@ -287,8 +287,8 @@ def test_a_study_flies_each_controller_into_a_folder_of_its_own(run, replaced, t
         assert named["folder"] == tmp_path / name
         assert (named["resume"], named["num_workers"], named["batch_size"], named["compiled"]) == (True, 1, 7, False)
     assert f"  {tmp_path / 'pid' / 'results.csv'}" in result.stdout
-    assert "diagrams as they are wired; 0 crashed" in result.stdout
-    assert "beside pd, sample by sample:" in result.stdout
+    assert "diagrams uncompiled; 0 crashed" in result.stdout
+    assert "paired comparison with pd on the same samples:" in result.stdout
     calls["run_monte_carlo"].clear()
     alone = run("study", "robustness", "--workers", 1, "--output", tmp_path)
     assert "beside" not in alone.stdout

@@ -101,7 +101,7 @@ def test_predictions_have_a_row_for_each_horizon_that_is_reached(capsys):
     predictions = Predictions(("mine", "other"), (0.5, 1.0), np.array(["a"] * 12), np.arange(12.0), given)
     output.print_predictions(predictions)
     header, *rows = cells(capsys.readouterr().out)
-    assert header == ["horizon", "mine", "other", "better than other by, %"]
+    assert header == ["horizon", "mine", "other", "improvement over other (%)", "unit"]
     found = [(row[0], row[1], *(float(cell.split()[0]) for cell in row[2:5]), row[5]) for row in rows]
     degrees = math.degrees(0.02)
     assert found == [
