@@ -44,7 +44,7 @@ _STATISTICS = {"rmse": "RMSE", "mean": "mean", "largest": "95 % largest"}
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the options of the command."""
+    """Return the argument parser of the command."""
     result = bare_parser(
         __doc__, "drake-quad compare-log tests/data/crazyflie/crazyswarm2/log08.xz crazyswarm2:log08 --samples 100"
     )

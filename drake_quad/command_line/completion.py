@@ -30,7 +30,7 @@ _drake_quad_scenarios() {{
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the options of the command."""
+    """Return the argument parser of the command."""
     result = bare_parser(__doc__, "drake-quad completion bash")
     result.add_argument("shell", choices=("bash", "zsh"), help="shell for which the script is printed")
     return result

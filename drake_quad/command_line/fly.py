@@ -33,7 +33,7 @@ from drake_quad.scenario.batch import draw_sample
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the options of the command."""
+    """Return the argument parser of the command."""
     result = parser(__doc__, "drake-quad fly figure_eight --set vehicle.mass=0.7", output="out")
     result.add_argument("--sample", type=int, help="number of the sample to fly, as in a study, from 0 on")
     add_controller(result)

@@ -32,7 +32,7 @@ _FORM_DESCRIPTIONS = {
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the options of the command."""
+    """Return the argument parser of the command."""
     result = bare_parser(
         __doc__, "drake-quad identify-controller tests/data/crazyflie/crazyswarm2/log08.xz --mass 0.0333"
     )

@@ -30,7 +30,7 @@ _RANGES = {"samples": (2, 10_000), "rounds": (1, 1000)}
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the options of the command."""
+    """Return the argument parser of the command."""
     result = bare_parser(__doc__, "drake-quad judge --quick --family outdoor")
     result.add_argument(
         "--family",

@@ -9,7 +9,7 @@ from drake_quad.command_line.output import remark
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the options of the command."""
+    """Return the argument parser of the command."""
     result = bare_parser(__doc__, "drake-quad live laboratory:low_wind")
     result.add_argument(
         "scenario",

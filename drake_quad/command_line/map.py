@@ -40,7 +40,7 @@ _WORST_EXTRA_TICKS = 1
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the options of the command."""
+    """Return the argument parser of the command."""
     result = parser(__doc__, "drake-quad map laboratory:nominal --loop attitude", output="out/stability")
     result.add_argument(
         "--loop", choices=get_args(Loop), default="position", help="loop whose gains are mapped (default: position)"

@@ -12,7 +12,7 @@ from drake_quad.visualization.replay.page import save_replay, save_swarm
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the options of the command."""
+    """Return the argument parser of the command."""
     result = parser(__doc__, "drake-quad replay robustness --samples 100", output="out/replay", scenario="robustness")
     result.add_argument(
         "--samples", type=int, default=100, help="number of samples of each scenario (default: %(default)s)"

@@ -18,7 +18,7 @@ from drake_quad.studies.processes import Workers
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the options of the command."""
+    """Return the argument parser of the command."""
     result = bare_parser(__doc__, "drake-quad replicate --quick")
     result.add_argument("--quick", action="store_true", help="simulate fewer samples, as a quick test")
     result.add_argument("--workers", type=int, help="number of worker processes (default: number of cores)")

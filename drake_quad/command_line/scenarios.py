@@ -14,7 +14,7 @@ from drake_quad.scenario.files.shipped import shipped_scenarios
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the options of the command."""
+    """Return the argument parser of the command."""
     result = bare_parser(__doc__, "drake-quad scenarios laboratory:high_wind > mine.yaml")
     result.add_argument(
         "scenario",

@@ -65,7 +65,7 @@ def default_fields(scenario: Scenario) -> tuple[str, ...]:
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the options of the command."""
+    """Return the argument parser of the command."""
     result = parser(__doc__, "drake-quad sensitivities laboratory:low_wind --metric rmse_y", output="out/sensitivities")
     result.add_argument("--sample", type=int, help="number of the sample to fly, as in a study, from 0 on")
     result.add_argument(

@@ -36,7 +36,7 @@ from drake_quad.visualization.style import save_figures
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the options of the command."""
+    """Return the argument parser of the command."""
     result = parser(
         __doc__,
         "drake-quad study robustness --samples 200 --workers 2",

@@ -25,7 +25,7 @@ _RANGES = {"sensitivity": (1.1, 100.0), "delay-margin": (1e-3, 10.0), "samples":
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the options of the command."""
+    """Return the argument parser of the command."""
     result = parser(
         __doc__,
         "drake-quad tune laboratory:low_wind --controller"

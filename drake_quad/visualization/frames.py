@@ -29,10 +29,10 @@ _MAX_FRAME_SHARE = 0.97
 # Number of tick marks along the longest side of the scene.
 _NUM_TICK_MARKS = 6
 _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 25)
-_BODY: dict[str, Any] = {"color": "0.1", "linewidth": 2.0, "solid_capstyle": "round"}
-_NOSE: dict[str, Any] = {"color": "tab:red", "linewidth": 1.6}
-_DISC: dict[str, Any] = {"color": "tab:blue", "linewidth": 1.6}
-_TARGET: dict[str, Any] = {"color": "tab:green", "marker": "o", "markersize": 5, "linestyle": "none"}
+_BODY_STYLE: dict[str, Any] = {"color": "0.1", "linewidth": 2.0, "solid_capstyle": "round"}
+_NOSE_STYLE: dict[str, Any] = {"color": "tab:red", "linewidth": 1.6}
+_DISC_STYLE: dict[str, Any] = {"color": "tab:blue", "linewidth": 1.6}
+_TARGET_STYLE: dict[str, Any] = {"color": "tab:green", "marker": "o", "markersize": 5, "linestyle": "none"}
 
 
 class Camera:
@@ -88,16 +88,16 @@ class Camera:
     def _frame(self, row: np.ndarray) -> np.ndarray:
         x, y, z, roll, pitch, yaw, *target = row.tolist()
         self._canvas.restore_region(self._background)
-        self._draw(np.array([target]), _TARGET)
+        self._draw(np.array([target]), _TARGET_STYLE)
         if np.isfinite([x, y, z, roll, pitch, yaw]).all():
             axes = np.array(BodyAxes.of(roll, pitch, yaw))
             middle = np.array([x, y, z])
             front = 1.6 * self._radius * axes[0]
             for arm in self._arms @ axes:
-                self._draw(np.array([middle, middle + arm]), _BODY)
+                self._draw(np.array([middle, middle + arm]), _BODY_STYLE)
                 disc = self._radius * (np.outer(np.cos(_CIRCLE), axes[0]) + np.outer(np.sin(_CIRCLE), axes[1]))
-                self._draw(middle + arm + disc, _DISC)
-            self._draw(np.array([middle, middle + front]), _NOSE)
+                self._draw(middle + arm + disc, _DISC_STYLE)
+            self._draw(np.array([middle, middle + front]), _NOSE_STYLE)
         pixels: np.ndarray = np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
         return pixels
 

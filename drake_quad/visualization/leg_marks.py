@@ -70,13 +70,16 @@ def number_legs(axes: Axes, plan: Plan, *, distance: float = 11.0) -> None:
 def leg_legend(plan: Plan) -> list[Line2D]:
     """Return legend handles with the number and the name of each leg."""
     return [
-        Line2D([], [], linestyle="none", marker=_outline(str(mark.number)), color="0.35", label=leg.name)
+        Line2D([], [], linestyle="none", marker=_text_marker(str(mark.number)), color="0.35", label=leg.name)
         for mark, leg in zip(leg_marks(plan), plan.legs, strict=False)
     ]
 
 
-def _outline(text: str) -> Path:
-    """Return a text as a centred marker; a marker `$1$` would look the same, but needs the slow mathtext parser."""
+def _text_marker(text: str) -> Path:
+    """Return a marker that shows a text, centred.
+
+    Matplotlib's own marker for a text, such as `$1$`, looks the same but needs the slow mathtext parser.
+    """
     path = TextPath((0.0, 0.0), text)
     return Path(path.vertices - path.get_extents().get_points().mean(axis=0), path.codes)
 

@@ -167,7 +167,9 @@ class LiveFlight:
 
     def _read_controls(self) -> None:
         """Apply the values of the sliders and the button clicks to the simulation."""
-        changed = {label: value for label in self._values if (value := self._slider(label)) != self._values[label]}
+        changed = {
+            label: value for label in self._values if (value := self._slider_value(label)) != self._values[label]
+        }
         self._values |= changed
         numbers = {"vehicle.mass": changed[_MASS_LABEL]} if _MASS_LABEL in changed else {}
         for gain in self._gains:
@@ -189,7 +191,7 @@ class LiveFlight:
         wind_context = self._wind.GetMyMutableContextFromRoot(context)
         self._wind.get_mutable_source_value(wind_context).set_value(wind)
 
-    def _slider(self, label: str) -> float:
+    def _slider_value(self, label: str) -> float:
         return float(self._meshcat.GetSliderValue(label))
 
     def _show_error(self) -> None:

@@ -11,7 +11,7 @@ from drake_quad.visualization.curves import quantiles_over_flights
 from drake_quad.visualization.panels import new_panels
 from drake_quad.visualization.style import BLUE, REFERENCE, VERMILION
 
-_BAND: dict[str, Any] = {"color": BLUE, "alpha": 0.25, "linewidth": 0}
+_BAND_STYLE: dict[str, Any] = {"color": BLUE, "alpha": 0.25, "linewidth": 0}
 # Time steps of the log that are longer than this multiple of the median step count as gaps.
 _MIN_GAP_RATIO = 10.0
 
@@ -43,6 +43,6 @@ def plot_log_comparison(comparison: LogComparison) -> Figure:
 def _draw(
     axes: Axes, time: np.ndarray, flown: np.ndarray, median: np.ndarray, band: tuple[np.ndarray, np.ndarray]
 ) -> None:
-    axes.fill_between(time, *band, **_BAND, label="95 % of the predictions")
+    axes.fill_between(time, *band, **_BAND_STYLE, label="95 % of the predictions")
     axes.plot(time, median, color=BLUE, linewidth=1.0, label="predicted")
     axes.plot(time, flown, color=VERMILION, label="flown")

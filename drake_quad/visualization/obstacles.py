@@ -11,9 +11,14 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from drake_quad.space.space import Space
 
 # Obstacles are translucent because their projections can overlap.
-_SOLID: dict[str, Any] = {"facecolor": (0.35, 0.35, 0.35, 0.5), "edgecolor": "0.35", "linewidth": 0.8}
-_CLEARANCE: dict[str, Any] = {"fill": False, "edgecolor": "0.55", "linewidth": 0.7, "linestyle": (0, (2, 2))}
-_NAME: dict[str, Any] = {"fontsize": 6, "color": "0.25", "horizontalalignment": "center", "verticalalignment": "top"}
+_SOLID_STYLE: dict[str, Any] = {"facecolor": (0.35, 0.35, 0.35, 0.5), "edgecolor": "0.35", "linewidth": 0.8}
+_CLEARANCE_STYLE: dict[str, Any] = {"fill": False, "edgecolor": "0.55", "linewidth": 0.7, "linestyle": (0, (2, 2))}
+_NAME_STYLE: dict[str, Any] = {
+    "fontsize": 6,
+    "color": "0.25",
+    "horizontalalignment": "center",
+    "verticalalignment": "top",
+}
 # Names are drawn for at most this many obstacles, since more names would hide the obstacles.
 _MAX_NAMES = 30
 _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
@@ -32,15 +37,15 @@ def draw_obstacles(axes: Axes, space: Space, i: int, j: int, *, clearance: bool 
     """
     for obstacle in space.obstacles:
         corners = convex_hull(obstacle.shape.triangles().reshape(-1, 3)[:, [i, j]])
-        axes.add_patch(Polygon(corners, **_SOLID))
+        axes.add_patch(Polygon(corners, **_SOLID_STYLE))
         if clearance:
             rounding = space.clearance * np.column_stack([np.cos(_CIRCLE), np.sin(_CIRCLE)])
             outline = convex_hull((corners[:, np.newaxis] + rounding).reshape(-1, 2))
-            axes.add_patch(Polygon(outline, **_CLEARANCE))
+            axes.add_patch(Polygon(outline, **_CLEARANCE_STYLE))
         if (i, j) == (0, 1) and len(space.obstacles) <= _MAX_NAMES:
             halo = [withStroke(linewidth=1.5, foreground="white", alpha=0.8)]
             below = (corners[:, 0].mean(), corners[:, 1].min())
-            axes.text(*below, obstacle.name, path_effects=halo, clip_on=True, **_NAME)
+            axes.text(*below, obstacle.name, path_effects=halo, clip_on=True, **_NAME_STYLE)
 
 
 def draw_solids(axes: Any, space: Space) -> np.ndarray:

@@ -57,7 +57,7 @@ def save_replay(flights: Mapping[str, Flight], path: Path | str) -> Path:
     groups = {name: [flight] for name, flight in flights.items()}
     data = page_data(groups, _body_colors(flights), vehicles, room)
     legend = _color_bar(_top_error(flights)) if len(flights) == 1 else ""
-    return _write(meshcat, path, ", ".join(flights), legend, _duration(flights.values()), data)
+    return _write_page(meshcat, path, ", ".join(flights), legend, _duration(flights.values()), data)
 
 
 def draw_replay(meshcat: Meshcat, flights: Mapping[str, Flight]) -> SceneRoom:
@@ -122,7 +122,7 @@ def save_swarm(flights: Mapping[str, list[Flight]], path: Path | str) -> Path:
         f"{name} {i}": f"/{_path_component(name)}/{i}" for name, group in flights.items() for i in range(len(group))
     }
     legend = f'<div><span style="color:{_RED}">●</span> crashed</div>' if crashes else ""
-    return _write(meshcat, path, title, legend, _duration(all_flights), page_data(flights, colors, vehicles, room))
+    return _write_page(meshcat, path, title, legend, _duration(all_flights), page_data(flights, colors, vehicles, room))
 
 
 def _before_divergence(flight: Flight) -> Flight:
@@ -245,7 +245,7 @@ def _publish(meshcat: Meshcat, animation: MeshcatAnimation) -> None:
     meshcat.PublishRecording()
 
 
-def _write(meshcat: Meshcat, path: Path | str, title: str, legend: str, duration: float, data: str) -> Path:
+def _write_page(meshcat: Meshcat, path: Path | str, title: str, legend: str, duration: float, data: str) -> Path:
     target = Path(path)
     output_folder(target.parent)
     overlay = files(__package__).joinpath("overlay.html").read_text(encoding="utf-8")

@@ -209,7 +209,7 @@ def draw_fan(meshcat: Meshcat, path: str, jet: Jet, length: float) -> None:
     meshcat.SetObject(f"{path}/housing", Cylinder(0.5 * jet.diameter, _FAN_DEPTH), rgba("0.35"))
     meshcat.SetTransform(f"{path}/housing", RigidTransform([0.0, 0.0, -0.5 * _FAN_DEPTH]))
     lengths = np.linspace(0.0, length, 9)
-    x, y, z = _revolved(lengths, np.maximum(0.5 * jet.diameter, SPREAD * lengths))
+    x, y, z = _surface_of_revolution(lengths, np.maximum(0.5 * jet.diameter, SPREAD * lengths))
     meshcat.PlotSurface(f"{path}/jet", x, y, z, rgba(SKY, 0.13))
     # With depth writing, a jet that is drawn first would hide the trails inside and behind it.
     meshcat.SetProperty(f"{path}/jet/<object>", "material.depthWrite", False)
@@ -223,7 +223,7 @@ def draw_solid(meshcat: Meshcat, path: str, shape: Shape) -> None:
 
 def draw_arrow(meshcat: Meshcat, path: str) -> None:
     """Draw an arrow of 1 m along x, which an animation can scale and rotate."""
-    y, z, x = _revolved(np.array([0.0, 0.78, 0.78, 1.0]), np.array([0.012, 0.012, 0.045, 0.0]))
+    y, z, x = _surface_of_revolution(np.array([0.0, 0.78, 0.78, 1.0]), np.array([0.012, 0.012, 0.045, 0.0]))
     meshcat.PlotSurface(path, x, y, z, rgba(VERMILION))
 
 
@@ -269,7 +269,7 @@ def _bar(start: np.ndarray, end: np.ndarray, half_width: float) -> tuple[np.ndar
     return corners, faces
 
 
-def _revolved(lengths: np.ndarray, radii: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _surface_of_revolution(lengths: np.ndarray, radii: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the coordinates x, y and z of a surface of revolution around the z axis, with a radius at each height."""
     angles = np.linspace(0.0, 2.0 * np.pi, 25)
     x, y = (np.outer(radii, turned(angles)) for turned in (np.cos, np.sin))
