@@ -34,7 +34,7 @@ def without_figures(monkeypatch):
 
 
 @pytest.mark.slow
-def test_simulate_prints_a_table_and_the_files_it_wrote(run, tmp_path):
+def test_fly_prints_a_table_and_the_files_that_it_wrote(run, tmp_path):
     result = run("fly", "diagrams/figure_eight.yaml", "--set", "duration=2", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     assert re.search(r"^RMSE +\d+\.\d\d cm$", result.stdout, re.MULTILINE)
@@ -45,7 +45,7 @@ def test_simulate_prints_a_table_and_the_files_it_wrote(run, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "without_figures")
-def test_simulate_flies_another_layout(run, tmp_path):
+def test_fly_simulates_another_layout(run, tmp_path):
     """An x flies as well as the plus, with as long arms; what is flown is what is saved."""
     short = ["diagrams/figure_eight.yaml", "--set", "duration=2", "--output"]
     plus = run("fly", *short, tmp_path / "plus")
@@ -66,7 +66,7 @@ def test_simulate_flies_another_layout(run, tmp_path):
         ("{kind: x, length: 0.2, width: 0.000001}", "must produce thrust and all torques, but has no"),
     ],
 )
-def test_simulate_refuses_a_broken_layout_in_one_sentence(run, tmp_path, layout, words):
+def test_fly_refuses_an_invalid_layout_in_one_sentence(run, tmp_path, layout, words):
     result = run("fly", "--set", f"nominal.layout={layout}", "--output", tmp_path / "out")
     assert (result.returncode, result.stdout) == (2, "")
     assert words in result.stderr
@@ -76,7 +76,7 @@ def test_simulate_refuses_a_broken_layout_in_one_sentence(run, tmp_path, layout,
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "without_figures")
-def test_simulate_saves_what_a_network_has_learned_to_be_flown_again(run, tmp_path):
+def test_fly_saves_the_learned_weights_of_a_network_for_another_flight(run, tmp_path):
     file, short = tmp_path / "learned.yaml", ["--set", "duration=1", "--set", "metrics.start=0", "--output", tmp_path]
     study = ["diagrams/paper.yaml:no_wind_pd_t2fnn", "--sample", 0, *short]
     result = run("fly", *study, "--save-network", file)
@@ -90,7 +90,7 @@ def test_simulate_saves_what_a_network_has_learned_to_be_flown_again(run, tmp_pa
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_simulate_flies_one_sample_of_a_study_in_the_wind(run, tmp_path):
+def test_fly_simulates_one_sample_of_a_study_in_the_wind(run, tmp_path):
     study = ["diagrams/laboratory.yaml:low_wind", "--set", "vehicle.mass={choice: [0.6, 0.7]}", "--set", "duration=2"]
     result = run("fly", *study, "--seed", 5, "--sample", 3, "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
@@ -100,7 +100,7 @@ def test_simulate_flies_one_sample_of_a_study_in_the_wind(run, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "without_figures")
-def test_a_crash_is_reported_and_is_no_failure(run, tmp_path):
+def test_a_crash_is_reported_but_is_not_a_failure(run, tmp_path):
     result = run("fly", "--set", "control.position.k_p=[20,20,20]", "--output", tmp_path)
     assert result.returncode == 0
     assert re.search(r"^flight time +crashed at \d+\.\d\d s$", result.stdout, re.MULTILINE)
@@ -148,7 +148,7 @@ def test_wrong_input_gets_one_sentence_and_status_2(run, tmp_path, arguments, wo
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_plan_prints_what_binds_and_writes_a_trajectory_that_flies(run, tmp_path):
+def test_plan_prints_the_active_limits_and_writes_a_trajectory_that_can_be_flown(run, tmp_path):
     course = tmp_path / "course.csv"
     course.write_text("x,y,z\n0,0,1\n1,1,1\n1,1,1\n2,0,1.5\n0,0,1\n", encoding="utf-8")
     result = run("plan", course, "--output", tmp_path, "--vector", "svg")
@@ -194,7 +194,7 @@ def test_a_route_that_cannot_be_planned_gets_one_sentence_and_status_2(run, tmp_
     assert not any(path.is_file() for path in output.rglob("*"))
 
 
-def test_an_unwritable_output_folder_is_told_before_flying(run, tmp_path):
+def test_an_unwritable_output_folder_is_refused_before_the_flight(run, tmp_path):
     (tmp_path / "file").write_text("in the way")
     result = run("fly", "--output", tmp_path / "file")
     assert result.returncode == 2
@@ -203,7 +203,7 @@ def test_an_unwritable_output_folder_is_told_before_flying(run, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_design_gains_states_margins_and_writes_what_a_scenario_extends(run, tmp_path):
+def test_design_prints_margins_and_writes_gains_that_a_scenario_can_extend(run, tmp_path):
     result = run("design", "--loop", "position.bandwidth=0.5", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     for axis in ("roll", "pitch", "yaw", "x", "y", "z"):
@@ -221,7 +221,7 @@ def test_design_gains_states_margins_and_writes_what_a_scenario_extends(run, tmp
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "without_figures")
-def test_design_gains_designs_a_pid_that_a_scenario_extends(run, tmp_path):
+def test_design_writes_a_pid_that_a_scenario_can_extend(run, tmp_path):
     result = run("design", "--integral", "0.2", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     mine = tmp_path / "mine.yaml"
@@ -233,7 +233,7 @@ def test_design_gains_designs_a_pid_that_a_scenario_extends(run, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "without_figures")
-def test_design_gains_designs_the_integral_of_what_is_a_pid(run, tmp_path):
+def test_design_includes_the_integral_of_an_existing_pid(run, tmp_path):
     pid = "control.position={kind: pid, k_p: [1, 1, 1], k_d: [1, 1, 1], k_i: [0, 0, 0]}"
     result = run("design", "--set", pid, "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
@@ -249,7 +249,7 @@ RESPONDING = [
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_design_lqg_states_margins_and_writes_what_a_scenario_extends(run, tmp_path, monkeypatch):
+def test_design_lqg_prints_margins_and_writes_a_controller_that_a_scenario_can_extend(run, tmp_path, monkeypatch):
     monkeypatch.setattr("drake_quad.design.lqg._MAX_EVALUATIONS", 20)
     result = run("design-lqg", ONBOARD, "--sensitivity", "2.5", "--output", tmp_path)
     assert result.returncode == 0, result.stderr
@@ -266,7 +266,7 @@ def test_design_lqg_states_margins_and_writes_what_a_scenario_extends(run, tmp_p
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_tune_controller_finds_less_error_and_says_what_margins_are_left(run, tmp_path, monkeypatch):
+def test_tune_reduces_the_error_and_prints_the_remaining_margins(run, tmp_path, monkeypatch):
     monkeypatch.setattr(tune, "Budget", partial(Budget, candidates=32, checks=2, steps=4))
     soft = ["diagrams/laboratory.yaml:low_wind", "--controller", "diagrams/gains/laboratory.yaml"]
     soft += ["--set", "duration=3", "--rounds", "1", "--samples", "1"]
@@ -285,7 +285,7 @@ def test_tune_controller_finds_less_error_and_says_what_margins_are_left(run, tm
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_judge_controllers_flies_designs_and_writes_what_follows(run, tmp_path):
+def test_judge_flies_the_designs_and_writes_a_report(run, tmp_path):
     few = ["--family", "laboratory", "--only", "pd", "--only", "pd_t2fnn"]
     result = run("judge", "--quick", *few, "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
@@ -299,7 +299,7 @@ def test_judge_controllers_flies_designs_and_writes_what_follows(run, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_design_gains_designs_loops_on_board_and_the_position_around_them(run, tmp_path):
+def test_design_includes_loops_on_board_and_the_position_around_them(run, tmp_path):
     result = run("design", ONBOARD, "--on-board", "--phase-margin", "65", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     rows = re.findall(r"^(\w+(?: rate)?) .* (\d\d\.\d)° .* dB .* ms .* rad/s ", result.stdout, re.MULTILINE)
@@ -351,7 +351,7 @@ def test_gains_are_designed_for_a_vehicle_alone_and_fly(run, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_stability_map_counts_and_draws(run, tmp_path):
+def test_map_prints_shares_and_draws_a_figure(run, tmp_path):
     result = run("map", "--quick", "--loop", "attitude", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     assert re.search(r"^nominal: \d+ % of the gains are stable, \d+ % do not crash", result.stdout, re.MULTILINE)
@@ -395,7 +395,7 @@ def test_wind_without_a_mean_is_drawn(run, tmp_path, wind):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_what_is_zero_has_no_sensitivities(run, tmp_path):
+def test_a_zero_metric_has_no_sensitivities(run, tmp_path):
     result = run(
         "sensitivities", "diagrams/hover.yaml", "--field", "vehicle.mass", "--set", "duration=0.5", "--output", tmp_path
     )
@@ -517,7 +517,7 @@ def monte_carlo(run, folder, *arguments):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_monte_carlo_prints_what_the_samples_did(run, tmp_path):
+def test_study_prints_the_statistics_of_its_samples(run, tmp_path):
     result = monte_carlo(run, tmp_path, "--seed", 3)
     assert (result.returncode, result.stderr) == (0, "")
     lines = result.stdout.splitlines()
@@ -533,7 +533,7 @@ def test_monte_carlo_prints_what_the_samples_did(run, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "without_figures")
-def test_monte_carlo_says_which_drawn_numbers_are_correlated(run, tmp_path):
+def test_study_names_correlated_random_parameters(run, tmp_path):
     shared = "vehicle.{}={{normal: {{mean: {}, standard_deviation: {}, min: 0.0001, shared: {{a: {}}}}}}}"
     mass, drag = shared.format("mass", 0.68, 0.02, 0.9), shared.format("linear_drag", 0.2, 0.05, -0.5)
     result = monte_carlo(run, tmp_path, "--set", mass, "--set", drag)
@@ -564,7 +564,7 @@ def test_the_command_for_a_worst_sample_flies_it_again(run, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "without_figures")
-def test_the_worst_samples_are_those_that_crashed_and_say_into_what(run, tmp_path):
+def test_the_worst_samples_are_crashes_with_their_obstacles(run, tmp_path):
     scenario = tmp_path / "pillars.yaml"
     scenario.write_text(
         "pillars:\n  extends: hover\n  duration: 0.4\n  vehicle: {linear_drag: {uniform: {min: 0.0, max: 1.0}}}\n"
@@ -583,7 +583,7 @@ def test_the_worst_samples_are_those_that_crashed_and_say_into_what(run, tmp_pat
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_monte_carlo_compares_controllers_on_the_same_samples(run, tmp_path):
+def test_study_compares_controllers_on_the_same_samples(run, tmp_path):
     chosen = [word for name in ("pd", "pid") for word in ("--controller", f"diagrams/controllers/paper.yaml:{name}")]
     result = monte_carlo(run, tmp_path, *chosen)
     assert (result.returncode, result.stderr) == (0, "")
@@ -604,7 +604,7 @@ def test_monte_carlo_compares_controllers_on_the_same_samples(run, tmp_path):
         (["--set", "route.radius={uniform: {min: 1.2, max: 1.4}}"], "route.radius is a distribution"),
     ],
 )
-def test_monte_carlo_refuses_what_it_cannot_fly(run, tmp_path, arguments, words):
+def test_study_refuses_input_that_it_cannot_fly(run, tmp_path, arguments, words):
     result = monte_carlo(run, tmp_path / "study", *arguments)
     assert result.returncode == 2
     assert words in result.stderr
@@ -612,7 +612,7 @@ def test_monte_carlo_refuses_what_it_cannot_fly(run, tmp_path, arguments, words)
 
 
 @pytest.mark.parametrize("name", ["..", ".", "a b"])
-def test_a_controller_whose_name_is_no_folder_s_is_refused(run, tmp_path, name):
+def test_a_controller_whose_name_cannot_name_a_folder_is_refused(run, tmp_path, name):
     """A folder called `..` would be the one above."""
     file = tmp_path / "controllers.yaml"
     file.write_text(f"{{'{name}': {{control: {{thrust_vectoring: {{max_tilt: 0.5}}}}}}}}\n")
@@ -626,7 +626,7 @@ def test_a_controller_whose_name_is_no_folder_s_is_refused(run, tmp_path, name):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "without_figures")
-def test_a_study_says_which_rows_were_altered_and_flown_again(run, tmp_path):
+def test_a_study_reports_altered_rows_that_it_flew_again(run, tmp_path):
     monte_carlo(run, tmp_path)
     path = tmp_path / "results.csv"
     before = path.read_text()
@@ -639,7 +639,7 @@ def test_a_study_says_which_rows_were_altered_and_flown_again(run, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "without_figures")
-def test_monte_carlo_remarks_on_a_scenario_without_distributions(run, tmp_path):
+def test_study_remarks_on_a_scenario_without_distributions(run, tmp_path):
     options = ("--set", "duration=0.2", "--samples", 3, "--workers", 1, "--output", tmp_path)
     result = run("study", "diagrams/figure_eight.yaml", *options)
     assert result.returncode == 0
@@ -648,7 +648,7 @@ def test_monte_carlo_remarks_on_a_scenario_without_distributions(run, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "without_figures")
-def test_a_study_that_is_there_is_neither_overwritten_nor_mixed_with_another(run, tmp_path):
+def test_an_existing_study_is_neither_overwritten_nor_mixed_with_another(run, tmp_path):
     assert monte_carlo(run, tmp_path).returncode == 0
     before = (tmp_path / "results.csv").read_bytes()
     for arguments, words in (([], "holds a study already"), (["--resume", "--seed", 9], "its seed is 0, not 9")):
@@ -666,7 +666,7 @@ def test_calibrate_paper_refuses_too_few_samples(run, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("unpainted")
-def test_a_study_in_which_everything_crashes_is_told_too(run, tmp_path):
+def test_a_study_in_which_all_samples_crash_is_printed(run, tmp_path):
     result = monte_carlo(run, tmp_path, "--set", "crash.position_error=0.001")
     assert (result.returncode, result.stderr) == (0, "")
     assert "6 crashed, 100 % [54, 100]" in result.stdout
@@ -676,7 +676,7 @@ def test_a_study_in_which_everything_crashes_is_told_too(run, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "without_figures")
-def test_simulate_shows_the_flight_live(run, tmp_path):
+def test_fly_shows_the_flight_live(run, tmp_path):
     study = ["diagrams/laboratory.yaml:low_wind", "--set", "duration=1", "--output", tmp_path]
     result = run("fly", *study, "--meshcat", "--rate", 0)
     assert (result.returncode, result.stderr) == (0, "")
@@ -701,13 +701,13 @@ def test_replay_makes_pages_of_samples_and_of_controllers(run, tmp_path):
 
 
 @pytest.mark.skipif(shutil.which("dot") is None, reason="no Graphviz on PATH; Debian's package is graphviz")
-def test_draw_diagram_draws_the_loop_and_what_is_in_it(run, tmp_path):
+def test_draw_draws_the_loop_and_its_inner_diagrams(run, tmp_path):
     result = run("draw", "diagrams/hover.yaml", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     assert {path.stem for path in tmp_path.iterdir()} >= {"loop", "control", "laboratory"}
 
 
-def test_without_graphviz_a_sentence_says_so(run, tmp_path, monkeypatch):
+def test_missing_graphviz_is_reported_in_one_sentence(run, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", "")
     result = run("draw", "diagrams/hover.yaml", "--output", tmp_path)
     assert result.returncode == 2
@@ -727,7 +727,7 @@ def forked(monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("forked")
-def test_simulators_are_compared_as_far_as_they_are_there(run):
+def test_installed_simulators_are_compared(run):
     result = run("compare_simulators.py", "--quick")
     assert result.returncode == 0
     assert re.search(
@@ -740,7 +740,7 @@ def test_simulators_are_compared_as_far_as_they_are_there(run):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("forked")
-def test_environments_are_compared_as_far_as_they_are_there(run):
+def test_installed_environments_are_compared(run):
     result = run("compare_environments.py", "--quick")
     assert result.returncode == 0
     assert re.search(r"^\| drake_quad, everything \| [\d,]+ \|$", result.stdout, re.M)
@@ -750,7 +750,7 @@ def test_environments_are_compared_as_far_as_they_are_there(run):
     assert last - first < 12.0
 
 
-def test_the_weights_that_are_shipped_are_those_of_the_package(run, tmp_path):
+def test_shipped_weights_are_those_of_the_package(run, tmp_path):
     pytest.importorskip("foundation_policy")
     result = run("write_raptor.py", "--output", str(tmp_path))
     assert result.returncode == 0, result.stderr
@@ -766,7 +766,7 @@ PX4 = "tests/data/px4/sample_px4_events.ulg.xz"
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "shared_fits")
-def test_a_crazyflie_of_crazyswarm2_is_identified_as_it_is_shipped(run, tmp_path):
+def test_the_shipped_crazyswarm2_vehicle_can_be_identified_again(run, tmp_path):
     """The file that the script writes from a log has the scenario of the one that is shipped, to 2 %."""
     result = run("identify_crazyswarm2.py", "--log", "180", "--output", tmp_path / "mine.yaml")
     assert result.returncode == 0
@@ -788,7 +788,7 @@ def test_a_crazyflie_of_crazyswarm2_is_identified_as_it_is_shipped(run, tmp_path
         np.testing.assert_allclose(found, expected, rtol=0.02, atol=atol)
 
 
-def test_the_shipped_crazyflies_are_not_overwritten_by_some_of_them(run):
+def test_a_partial_identification_does_not_overwrite_the_shipped_crazyflies(run):
     shipped = (ROOT / "diagrams" / "crazyswarm2.yaml").read_bytes()
     result = run("identify_crazyswarm2.py", "--log", "180")
     sentence = "error: --log: the shipped file has all four; --output says where to write some\n"
@@ -824,7 +824,7 @@ def test_a_vehicle_is_identified_written_and_flown(run, tmp_path):
     assert load_scenario(loop).nominal.mass == 0.0375
 
 
-def test_intervals_that_hold_are_counted(run, tmp_path):
+def test_intervals_that_contain_the_true_value_are_counted(run, tmp_path):
     """Of a run that is done: nothing is flown; one flight told nothing, and another did not tell of the drag."""
     path = tmp_path / "wind.csv"
     rows = ["0,inertia[0],1.0,1.2,0.1,inf", "0,linear_drag,0.1,0.3,0.1,inf", "1,inertia[0],1.0,0.9,0.1,inf", "2,,,,,"]
@@ -848,7 +848,7 @@ def second_flight(task):
 
 
 @pytest.mark.slow
-def test_a_known_vehicle_is_identified_and_the_next_run_goes_on(run, tmp_path, monkeypatch):
+def test_a_known_vehicle_is_identified_and_the_next_run_continues(run, tmp_path, monkeypatch):
     path, short = tmp_path / "autopilot.csv", ("--set", "duration=14")
     result = run("check_identification.py", "autopilot", "--samples", "1", *short, "--output", path)
     assert result.returncode == 0
@@ -880,7 +880,7 @@ def test_a_known_vehicle_is_identified_and_the_next_run_goes_on(run, tmp_path, m
         (["wind", "--seed", "12", "--output", "before.csv"], "is of 'wind seed=11', not of 'wind seed=12'"),
     ],
 )
-def test_what_cannot_be_checked_gets_one_sentence_and_status_2(run, tmp_path, arguments, words):
+def test_an_impossible_check_gets_one_sentence_and_status_2(run, tmp_path, arguments, words):
     (tmp_path / "other.csv").write_text("time,x\n0,1\n", encoding="utf-8")
     head = "# wind seed=11\nsample,name,true,value,deviation,degrees_of_freedom\n"
     (tmp_path / "before.csv").write_text(head, encoding="utf-8")
@@ -893,7 +893,7 @@ def test_what_cannot_be_checked_gets_one_sentence_and_status_2(run, tmp_path, ar
     assert words in result.stderr.splitlines()[-1]
 
 
-def test_a_wind_is_that_of_logs_that_have_none(capsys):
+def test_the_wind_option_applies_to_logs_without_wind(capsys):
     time = np.array([0.0, 0.1])
     still, logged = FlightRecord("still", time), FlightRecord("logged", time, wind=np.ones((2, 3)))
     for winds in (["-8.5,0,0.25"], ["-8.5,0,0.25", "1,2,3"]):
@@ -903,7 +903,7 @@ def test_a_wind_is_that_of_logs_that_have_none(capsys):
         assert "remark: logged: the log contains the wind, so --wind is ignored" in capsys.readouterr().err
 
 
-def test_logs_of_different_vehicles_are_not_taken_together(run, tmp_path):
+def test_logs_of_different_vehicles_are_not_combined(run, tmp_path):
     cells = ['"[0, 0, 1]"', '"[0, 0, 0]"', '"[0, 0, 0, 1]"', '"[0, 0, 0]"', "0.4", '"[0, 0, 0, 1]"']
     rows = [",".join([time, *cells]) for time in ("0.0", "0.02", "0.04")]
     (tmp_path / "other.csv").write_text("\n".join(["t,p,v,q,w,T_sp,q_sp", *rows, ""]), encoding="utf-8")
@@ -936,7 +936,7 @@ def test_logs_of_different_vehicles_are_not_taken_together(run, tmp_path):
         ),
     ],
 )
-def test_what_cannot_be_identified_gets_one_sentence_and_status_2(run, tmp_path, arguments, words, monkeypatch):
+def test_an_impossible_identification_gets_one_sentence_and_status_2(run, tmp_path, arguments, words, monkeypatch):
     output = [] if "--output" in arguments else ["--output", tmp_path / "mine.yaml"]
     result = run("identify", *arguments, *output)
     assert result.returncode == 2
@@ -948,7 +948,7 @@ def test_what_cannot_be_identified_gets_one_sentence_and_status_2(run, tmp_path,
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_a_study_is_written_as_parquet_and_its_crashes_are_plotted_over_a_number(run, tmp_path):
+def test_a_study_is_written_as_parquet_and_its_crashes_are_plotted_over_a_parameter(run, tmp_path):
     over = ["--over", "vehicle.mass", "--parquet", "--set", "crash.position_error=0.1", "--set", "duration=2"]
     result = monte_carlo(run, tmp_path, *over)
     assert result.returncode == 0

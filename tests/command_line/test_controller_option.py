@@ -65,12 +65,12 @@ def test_a_position_controller_in_python_keeps_the_feed_forward_of_the_scenario(
     assert scenario.control.attitude == shipped.control.attitude
 
 
-def test_numbers_of_a_controller_in_python_are_set_after_it_is_chosen(mine) -> None:
+def test_parameters_of_a_controller_in_python_can_be_set(mine) -> None:
     scenario = scenario_of(arguments(controller=f"{mine}:Mine", set=["control.position.k_p=0.75"]))
     assert scenario.control.position.k_p == 0.75
 
 
-def test_a_scenario_with_the_controller_keeps_its_numbers(mine, tmp_path) -> None:
+def test_a_scenario_with_the_controller_keeps_its_parameters(mine, tmp_path) -> None:
     from drake_quad.scenario.files.saving import save_scenario
 
     chosen = scenario_of(arguments(controller=f"{mine}:Mine", set=["control.position.k_p=0.75"]))
@@ -92,7 +92,7 @@ def test_a_whole_control_in_python_replaces_the_cascade(mine) -> None:
         ("absent.py:Mine", "absent.py: is not an existing Python file"),
     ],
 )
-def test_what_is_no_controller_is_refused_with_the_option(mine, spec: str, words: str) -> None:
+def test_an_invalid_controller_is_refused_with_the_name_of_the_option(mine, spec: str, words: str) -> None:
     with pytest.raises(InputError) as caught:
         controller_of(spec.format(mine=mine), "hover")
     assert str(caught.value).startswith(f"--controller {spec.format(mine=mine)}: ")
@@ -117,7 +117,7 @@ def test_each_command_that_flies_designs_or_judges_has_the_option(command: str) 
     assert "--controller" in module.options().format_help()
 
 
-def test_judged_controllers_have_names_of_their_own(mine) -> None:
+def test_judged_controllers_need_different_names(mine) -> None:
     from drake_quad.command_line.judge import own_controllers
 
     found = own_controllers([f"{mine}:Mine", "controllers/lqg:lqg"])

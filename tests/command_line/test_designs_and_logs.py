@@ -112,7 +112,7 @@ def test_gains_of_an_uncertain_vehicle_and_of_an_autopilot(run, designed, monkey
         assert f"--loop {field} belongs to attitude control on the ground" in refused.stderr
 
 
-def test_a_regulator_is_designed_within_the_limits_that_are_asked_for(run, replaced, tmp_path):  # noqa: F811
+def test_a_regulator_is_designed_within_the_requested_limits(run, replaced, tmp_path):  # noqa: F811
     control = load_scenario("laboratory:low_wind", layers=["controllers/designed/laboratory:lqg"]).control
     found = SimpleNamespace(control=control, plants=[], lateral=[], vertical=[])
     calls = replaced("design_lqg", design_lqg=found, link_margins="margins", print_margins=None)
@@ -133,7 +133,7 @@ def test_a_regulator_is_designed_within_the_limits_that_are_asked_for(run, repla
 
 
 @pytest.mark.slow
-def test_a_plan_names_the_obstacle_that_is_next_to_it(run, replaced, tmp_path):  # noqa: F811
+def test_a_plan_names_the_nearest_obstacle(run, replaced, tmp_path):  # noqa: F811
     flown = plan_route(load_scenario("figure_eight"))
     space = Space((Obstacle("ball", Ball((3.0, 0.0, 1.0), radius=0.2)), Obstacle("far", Ball((9.0, 9.0, 1.0)))), 0.1)
     problem = SimpleNamespace(waypoints=[*range(len(flown.path.times) + 2)], corridors=())
@@ -175,7 +175,7 @@ def test_a_plan_names_the_obstacle_that_is_next_to_it(run, replaced, tmp_path): 
     assert (calls["plot_plan"][2][1]["regions"], calls["plot_plan"][2][1]["corridors"]) == ((), ())
 
 
-def test_a_log_is_compared_from_where_it_is_asked_for(run, replaced, tmp_path):  # noqa: F811
+def test_a_log_is_compared_from_the_requested_time(run, replaced, tmp_path):  # noqa: F811
     record = FlightRecord("log7", np.arange(3.0), remarks=("it has a gap",))
     calls = replaced(
         "compare_log", read_log=record, compare_with_log="comparison", print_comparison=None, save_comparison=["file"]
@@ -198,7 +198,7 @@ def test_a_log_is_compared_from_where_it_is_asked_for(run, replaced, tmp_path): 
         assert run(*given, option, value).returncode == status
 
 
-def test_a_log_brings_the_route_of_a_scenario_without_one(run, replaced, tmp_path):  # noqa: F811
+def test_a_log_provides_the_route_of_a_scenario_without_one(run, replaced, tmp_path):  # noqa: F811
     record = FlightRecord("log7", np.arange(3.0))
     calls = replaced(
         "compare_log", read_log=record, compare_with_log="comparison", print_comparison=None, save_comparison=["file"]
@@ -213,7 +213,7 @@ def test_a_log_brings_the_route_of_a_scenario_without_one(run, replaced, tmp_pat
     assert calls["compare_with_log"][0][0][1].name == "mine"
 
 
-def test_a_vehicle_is_identified_from_the_logs_with_what_is_given(run, replaced, tmp_path):  # noqa: F811
+def test_a_vehicle_is_identified_with_the_given_options(run, replaced, tmp_path):  # noqa: F811
     time = np.arange(3.0)
     records = {
         "a.csv": FlightRecord("a", time, motor_command=np.full((3, 4), 0.5), vehicle="vehicles/hummingbird"),
@@ -268,13 +268,13 @@ def test_a_vehicle_is_identified_from_the_logs_with_what_is_given(run, replaced,
     assert calls["identify"][1][0][1].vehicle.motors.kind == "speed"
 
 
-def test_a_distribution_is_no_number_to_begin_with():
+def test_an_initial_vehicle_with_a_distribution_is_refused():
     assert identify.load_initial_vehicle("hover", []).name == "hover"
     with pytest.raises(identify.InputError, match="robustness: .* is a distribution"):
         identify.load_initial_vehicle("robustness", [])
 
 
-def test_warnings_about_input_are_remarks_and_others_stay_warnings(capsys, monkeypatch):
+def test_input_warnings_are_printed_as_remarks_and_others_as_warnings(capsys, monkeypatch):
     shown = []
     monkeypatch.setattr(warnings, "showwarning", lambda *arguments: shown.append(arguments))
 
@@ -292,7 +292,7 @@ def test_warnings_about_input_are_remarks_and_others_stay_warnings(capsys, monke
     assert (str(message), category, where) == ("of another kind", RuntimeWarning, ["file.py", 4])
 
 
-def test_ctrl_c_while_a_command_begins_ends_it_with_a_sentence(capsys, monkeypatch):
+def test_ctrl_c_during_imports_ends_a_command_with_a_sentence(capsys, monkeypatch):
     ended = []
     monkeypatch.setattr(interruption.os, "_exit", ended.append)
     signal.signal(signal.SIGINT, signal.SIG_DFL)
@@ -310,7 +310,7 @@ def test_ctrl_c_while_a_command_begins_ends_it_with_a_sentence(capsys, monkeypat
         signal.raise_signal(signal.SIGINT)
 
 
-def test_a_crash_is_told_before_its_sensitivities(run, replaced, tmp_path):  # noqa: F811
+def test_a_crash_is_printed_before_the_sensitivities(run, replaced, tmp_path):  # noqa: F811
     found = SimpleNamespace(
         fields=("a",), values=np.ones(1), crash_time=1.25, metrics={"rmse": 0.5}, gradients={"rmse": np.ones(1)}
     )
@@ -322,7 +322,7 @@ def test_a_crash_is_told_before_its_sensitivities(run, replaced, tmp_path):  # n
     assert "crashed" not in run("sensitivities", "hover", "--output", tmp_path).stdout
 
 
-def test_each_diagram_is_drawn_into_a_file_of_its_path(run, replaced, tmp_path):  # noqa: F811
+def test_each_diagram_is_drawn_into_a_file_named_after_its_path(run, replaced, tmp_path):  # noqa: F811
     calls = replaced("draw", drawings={"": "a", "control/position": "b"}, svg=lambda text: f"<svg>{text}</svg>")
     result = run("draw", "robustness", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")

@@ -32,7 +32,7 @@ def options_of(command):
 
 
 @pytest.mark.slow
-def test_commands_of_scenarios_have_overrides_and_those_with_figures_write_drawings():
+def test_commands_of_scenarios_have_overrides_and_those_with_figures_have_vector():
     for command in COMMANDS:
         flags = options_of(command)
         assert ("--seed" in flags) == (command not in WITHOUT_SCENARIO)
@@ -84,7 +84,7 @@ def test_remarks_on_scenarios_are_printed_once_before_they_fly(run, replaced, fl
         assert (result.returncode, result.stderr) == (0, "remark: it has a remark\n")
 
 
-def test_a_live_view_shows_the_flight_at_its_rate_and_then_again(run, replaced, flown, tmp_path):  # noqa: F811
+def test_a_live_view_shows_the_flight_at_its_rate_and_then_its_replay(run, replaced, flown, tmp_path):  # noqa: F811
     calls = replaced("fly", start_meshcat="a browser", live_view="a view", show_replay=None)
     for more, rate in (([], 1.0), (["--rate", 0], 0.0)):
         calls["show_replay"].clear()
@@ -101,7 +101,7 @@ def test_a_live_view_shows_the_flight_at_its_rate_and_then_again(run, replaced, 
         assert calls["show_replay"] == [(("a browser", "robustness", flown["flight"]), {})]
 
 
-def test_the_default_worst_case_is_that_of_the_sample_that_is_flown():
+def test_the_default_worst_case_is_that_of_the_flown_sample():
     for overrides, sample in (([], 0), (["sample=3"], 3)):
         scenario = load_scenario("robustness", ["vehicle.rotor_time_constant={choice: [0.02, 0.05]}", *overrides])
         drawn = draw_sample(scenario, sample)
@@ -112,7 +112,7 @@ def test_the_default_worst_case_is_that_of_the_sample_that_is_flown():
         ]
 
 
-def test_a_panel_of_a_map_is_the_linear_model_and_the_flights_of_the_same_gains(replaced):  # noqa: F811
+def test_a_map_panel_has_the_linear_model_and_the_flights_of_the_same_gains(replaced):  # noqa: F811
     calls = replaced("map", linear_map="linear", simulated_map="flown")
     k_p, k_d = np.array([1.0, 2.0]), np.array([3.0, 4.0])
     for overrides, sample in (([], 0), (["sample=3"], 3)):
@@ -126,7 +126,7 @@ def test_a_panel_of_a_map_is_the_linear_model_and_the_flights_of_the_same_gains(
         assert calls["simulated_map"][-1] == ((scenario, "position", k_p, k_d), {"sample": sample, "compiled": False})
 
 
-def test_a_vehicle_is_written_beside_others_by_default(run, replaced, monkeypatch, tmp_path):  # noqa: F811
+def test_an_identified_vehicle_is_written_to_the_default_folder(run, replaced, monkeypatch, tmp_path):  # noqa: F811
     prints = dict.fromkeys(
         ("print_logs", "print_estimates", "print_flights", "print_score", "print_hover", "print_predictions")
     )
@@ -146,13 +146,13 @@ def test_a_vehicle_is_written_beside_others_by_default(run, replaced, monkeypatc
     assert run("identify", "a.csv", "--vehicle", "hover", "--output", tmp_path / "mine.yml").returncode == 0
 
 
-def test_an_installed_package_is_not_tuned(monkeypatch, tmp_path):
+def test_an_installed_package_cannot_tune_its_designs(monkeypatch, tmp_path):
     monkeypatch.setattr(judge, "shipped_folder", lambda: tmp_path / "diagrams")
     with pytest.raises(InputError, match="--tune writes into diagrams/ of a source checkout"):
         judge.tune(SimpleNamespace(tune=["outdoor"], only=None, rounds=1))
 
 
-def test_the_bar_of_a_report_counts_its_figures(run, replaced, monkeypatch, tmp_path):  # noqa: F811
+def test_the_progress_bar_of_a_report_counts_its_figures(run, replaced, monkeypatch, tmp_path):  # noqa: F811
     bars = []
     monkeypatch.setattr(replicate, "new_bar", lambda *items, **options: bars.append(Bar(*items, **options)) or bars[-1])
 
@@ -167,7 +167,7 @@ def test_the_bar_of_a_report_counts_its_figures(run, replaced, monkeypatch, tmp_
     assert bars[-1].n == bars[-1].total == len(FIGURES)
 
 
-def test_correlations_and_obstacles_of_a_study_are_told(capsys, tmp_path):
+def test_correlations_and_obstacles_of_a_study_are_printed(capsys, tmp_path):
     shared = "vehicle.{}={{normal: {{mean: {}, standard_deviation: {}, min: 0.0001, shared: {{a: {}}}}}}}"
     numbers = (("mass", 0.68, 0.02, 0.9), ("linear_drag", 0.2, 0.05, 0.5), ("gravity", 9.8, 0.01, 0.3))
     obstacle = "space={obstacles: {post: {kind: cylinder, centre: [3, 0, 1], radius: 0.1, height: 2}}}"
@@ -205,7 +205,7 @@ def test_further_overrides_come_after_those_of_the_command_line():
 @pytest.mark.parametrize(
     ("command", "option", "needed"), [("study", "--parquet", {"pandas", "pyarrow"}), ("fly", "--mcap", {"mcap.writer"})]
 )
-def test_what_an_option_needs_is_asked_for_before_anything_is_flown(run, replaced, command, option, needed):  # noqa: F811
+def test_libraries_that_an_option_needs_are_checked_before_the_flight(run, replaced, command, option, needed):  # noqa: F811
     def is_missing(name, _extra, *modules):
         assert (name, {*modules}) == (option, needed)
         raise InputError("it is missing")

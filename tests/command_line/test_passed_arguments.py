@@ -78,7 +78,7 @@ def replaced(monkeypatch):
     return replace
 
 
-def test_controllers_are_compared_on_as_many_samples_as_asked_for(run, replaced, tmp_path):
+def test_controllers_are_compared_on_the_requested_number_of_samples(run, replaced, tmp_path):
     calls = replaced("compare", fly_samples=metrics_of(3), plot_comparison=None, save_figures=["comparison.png"])
     one = ["compare", "--scenario", "hover", "--controller", "controllers/paper:pd", "--output", tmp_path]
     for more, count, compiled, duration in (
@@ -139,7 +139,7 @@ def test_samples_are_replayed_from_the_first_on(run, replaced, tmp_path):
     assert run("replay", "hover", "--samples", 1000, "--output", tmp_path).returncode == 0
 
 
-def test_fields_of_sensitivities_are_taken_once(run, replaced, tmp_path):
+def test_repeated_sensitivity_fields_are_used_once(run, replaced, tmp_path):
     found = SimpleNamespace(crash_time=math.inf, metrics={"rmse": 0.0}, gradients={"rmse": np.zeros(1)})
     calls = replaced(
         "sensitivities",
@@ -211,7 +211,7 @@ def test_a_quick_map_is_small_and_short_and_its_worst_case_can_be_named(run, rep
         assert run("map", "hover", "--size", size, "--output", tmp_path).returncode == status
 
 
-def test_a_knob_is_a_factor_of_four_or_the_range_that_is_given():
+def test_the_range_of_a_tuned_parameter_is_a_factor_of_four_or_the_given_range():
     scenario = load_scenario("hover", ["control.position.k_p=[2, 3, 4]"])
     pair = "control.position.k_p.0,control.position.k_p.1"
     paths = tuple(pair.split(","))
@@ -233,7 +233,7 @@ def test_a_knob_is_a_factor_of_four_or_the_range_that_is_given():
         tune.knob_of("control.position.k_i.0", integral)
 
 
-def test_a_controller_is_tuned_and_judged_on_samples_that_follow(run, replaced, tmp_path):
+def test_a_controller_is_tuned_on_training_samples_and_tested_on_later_ones(run, replaced, tmp_path):
     tuned = SimpleNamespace(numbers=(1.5, 2.5), share=0.876)
     calls = replaced("tune", tune=tuned, fly_samples=metrics_of(4, crashed=[3]), link_margins={}, print_margins=None)
     given = ["hover", "--rounds", 5, "--samples", 6, "--sensitivity", 1.75, "--delay-margin", 0.25]
@@ -262,7 +262,7 @@ def test_a_controller_is_tuned_and_judged_on_samples_that_follow(run, replaced, 
     assert "keeps the limit" not in run("tune", *given, "--output", tmp_path).stdout
 
 
-def test_a_controller_is_judged_by_the_flights_that_go_to_the_end(monkeypatch):
+def test_the_mean_error_is_over_flights_without_a_crash(monkeypatch):
     for metrics, words in ((metrics_of(2), "15.00 cm"), (metrics_of(2, [0, 1]), "–, 2 crashed")):
         monkeypatch.setattr(tune, "fly_samples", lambda scenario, samples, metrics=metrics: metrics)
         assert tune.rmse_text(None, range(2)) == words
@@ -298,7 +298,7 @@ def test_a_study_flies_each_controller_into_a_folder_of_its_own(run, replaced, t
     assert "diagrams compiled;" in alone.stdout
 
 
-def test_a_study_tells_what_was_altered_and_fails_if_a_sample_was_not_flown(run, replaced, tmp_path):
+def test_a_study_reports_altered_rows_and_fails_if_a_sample_fails(run, replaced, tmp_path):
     rows = SimpleNamespace(misfits=(3, 4, 5, 6, 7, 8), failures={})
     replaced(
         "study",
@@ -333,7 +333,7 @@ def test_a_study_tells_what_was_altered_and_fails_if_a_sample_was_not_flown(run,
     assert written(result) == [str(tmp_path / name / "results.csv") for name in ("pd", "pid")]
 
 
-def test_figures_of_a_study_are_those_for_which_there_are_samples(replaced, monkeypatch):
+def test_a_study_draws_only_figures_that_have_samples(replaced, monkeypatch):
     for name in ("distribution", "convergence", "influences", "crash_probability"):
         monkeypatch.setattr(f"drake_quad.visualization.study_plots.plot_{name}", lambda *arguments: arguments[1])
     replaced("study", save_figures=lambda figures, folder, vector: (figures, folder, vector))
@@ -367,7 +367,7 @@ def test_figures_of_a_study_are_those_for_which_there_are_samples(replaced, monk
     assert figures(a=calm, b=studied(scenario, 0)) == both | {"influences": "peak_error"}
 
 
-def test_a_crew_is_of_this_machine_or_of_a_cluster(monkeypatch):
+def test_batches_fly_on_this_machine_or_on_a_cluster(monkeypatch):
     made = []
 
     @contextmanager
@@ -388,7 +388,7 @@ def test_a_crew_is_of_this_machine_or_of_a_cluster(monkeypatch):
         pass
 
 
-def test_a_study_remarks_once_that_nothing_is_drawn(capsys):
+def test_studies_without_random_parameters_get_a_single_remark(capsys):
     two = [f"controllers/paper:{name}" for name in ("pd", "pid")]
     given = argparse.Namespace(scenario="hover", controller=two, set=[], seed=None, over=None)
     assert [*study.scenarios_of(given)] == ["pd", "pid"]
@@ -425,7 +425,7 @@ def flown(replaced, monkeypatch):
     return calls
 
 
-def test_the_sample_that_is_flown_is_that_of_the_option_or_of_the_scenario(run, flown, tmp_path):
+def test_the_flown_sample_is_that_of_the_option_or_of_the_scenario(run, flown, tmp_path):
     for more, sample, compiled in (
         ([], None, None),
         (["--sample", 0, "--wired"], 0, False),
@@ -444,7 +444,7 @@ def test_the_sample_that_is_flown_is_that_of_the_option_or_of_the_scenario(run, 
     assert run("fly", "hover", "--output", tmp_path).stderr == "remark: the flight ended because it diverged\n"
 
 
-def test_files_for_other_programs_are_written_if_asked_for(run, flown, tmp_path):
+def test_files_for_other_programs_are_written_on_request(run, flown, tmp_path):
     given = ["fly", "paper:no_wind_pd_t2fnn", "--output", tmp_path]
     result = run(*given, "--px4", "--vector", "pdf", "--save-network", tmp_path / "net.yaml")
     written = [line.strip() for line in result.stdout.split("wrote\n")[1].splitlines()]
@@ -525,7 +525,7 @@ def test_options_of_a_design_replace_the_defaults_of_their_loops():
         ("integral", 0.01, 0.9),
     ],
 )
-def test_numbers_of_a_design_have_their_ranges(option, least, most):
+def test_design_options_are_checked_against_their_ranges(option, least, most):
     scenario = load_scenario("laboratory:nominal")
     for value in (least, most):
         design.design_options(design.options().parse_args([f"--{option}={value}"]), scenario)
@@ -538,7 +538,7 @@ def test_numbers_of_a_design_have_their_ranges(option, least, most):
     ("field", "least", "most"),
     [("yaw.bandwidth", 1e-3, 100.0), ("height.damping", 0.05, 0.999), ("position.rate_time", 0.0, 10.0)],
 )
-def test_requests_for_a_loop_have_their_ranges(field, least, most):
+def test_loop_requests_are_checked_against_their_ranges(field, least, most):
     scenario = load_scenario("laboratory:nominal")
     method, other = ("lqr", "poles") if "rate" in field else ("poles", "lqr")
 
@@ -557,7 +557,7 @@ def test_requests_for_a_loop_have_their_ranges(field, least, most):
         asked(f"{field}={least}", other)
 
 
-def test_a_request_for_a_loop_names_a_loop_and_a_field():
+def test_a_loop_request_must_name_a_loop_and_a_field():
     scenario = load_scenario("laboratory:nominal")
     for wish, complaint in {
         "x.damping=0.7": "x is unknown; allowed are attitude, yaw, height, position",
@@ -581,7 +581,7 @@ def test_a_vehicle_is_named_after_its_file_or_its_first_log():
         name("a b")
 
 
-def test_an_identification_begins_with_what_the_log_names_or_lies_beside(tmp_path):
+def test_the_initial_vehicle_is_named_by_the_log_or_saved_beside_it(tmp_path):
     time = np.arange(3.0)
     plain, crazyflie = FlightRecord("a", time), FlightRecord("b", time, vehicle="vehicles/crazyflie")
     logs = [tmp_path / "flight.csv.xz", tmp_path / "b.csv"]
@@ -665,7 +665,7 @@ def test_controllers_are_tuned_family_by_family(run, replaced):
         assert run("judge", "--tune", PRICED, "--rounds", rounds).returncode == status
 
 
-def test_the_experiment_is_flown_in_the_size_that_is_asked_for(run, replaced, tmp_path, monkeypatch):
+def test_the_experiment_is_flown_in_the_requested_size(run, replaced, tmp_path, monkeypatch):
     findings = SimpleNamespace(entries=[], claims=[SimpleNamespace(words="a claim", verdict="holds")])
     calls = replaced(
         "replicate",
@@ -727,7 +727,7 @@ class Bar:
         self.words.append(words)
 
 
-def test_bars_show_how_much_is_done(monkeypatch):
+def test_progress_bars_show_the_finished_part(monkeypatch):
     bars = []
     monkeypatch.setattr(progress, "new_bar", lambda *items, **options: bars.append(Bar(*items, **options)) or bars[-1])
     with progress.progress_bar("mine", unit=" flights") as show:
@@ -743,7 +743,7 @@ def test_bars_show_how_much_is_done(monkeypatch):
     assert (bars[-1].words, bars[-1].total) == (["pd", "pid"], 200)
 
 
-def test_bars_are_seen_on_a_terminal_only_while_something_is_under_way(capsys):
+def test_progress_bars_are_shown_only_on_a_terminal_and_disappear(capsys):
     with progress.new_bar(total=3) as bar:
         bar.update()
     assert bar.disable
@@ -752,7 +752,7 @@ def test_bars_are_seen_on_a_terminal_only_while_something_is_under_way(capsys):
     assert capsys.readouterr() == ("", "")
 
 
-def test_arguments_are_completed_by_what_they_name():
+def test_arguments_are_completed_according_to_their_kind():
     found = {}
 
     def complete(action):
@@ -777,7 +777,7 @@ def test_names_of_scenarios_are_in_the_script_of_each_shell(run):
         assert name in run("completion", shell).stdout
 
 
-def test_controllers_are_named_after_what_is_laid_over():
+def test_scenarios_are_named_after_their_controllers():
     def controlled(*controllers, **given):
         arguments = {"scenario": "hover", "controller": [*controllers], "set": ["duration=2"], "seed": 9}
         return options.controlled_scenarios(argparse.Namespace(**(arguments | given)))
@@ -799,7 +799,7 @@ def test_the_folder_is_that_of_the_option_or_named_after_the_scenario():
     assert options.parser("", "drake-quad fly", output="out", scenario="hover").parse_args([]).scenario == "hover"
 
 
-def test_numbers_of_options_have_their_ranges():
+def test_numeric_options_are_checked_against_their_ranges():
     for value, fits in ((0.9, False), (1.0, True), (3.0, True), (3.1, False), (math.nan, False)):
         given = argparse.Namespace(delay_margin=value)
         if fits:

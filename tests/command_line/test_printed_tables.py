@@ -115,7 +115,7 @@ def test_predictions_have_a_row_for_each_horizon_that_is_reached(capsys):
     assert (row[0], float(row[2].split()[0]), row[-1]) == ("height", 2.0, "cm")
 
 
-def test_compared_controllers_have_means_deviations_and_their_share_of_the_first(capsys, tmp_path):
+def test_compared_controllers_have_means_deviations_and_relative_errors(capsys, tmp_path):
     first, second = 0.1 + 0.01 * RNG.uniform(size=8), 0.05 + 0.01 * RNG.uniform(size=8)
     one, other = metrics_of(first), metrics_of(second, crashed=[2])
     alone = metrics_of([0.2])
@@ -202,7 +202,7 @@ def test_a_log_whose_predictions_do_not_differ_has_no_interval(compared, capsys)
     assert lines[-1].endswith("All simulated flights have an RMSE of 3.46 cm.")
 
 
-def test_the_table_of_a_compared_log_has_metres(compared, tmp_path, monkeypatch):
+def test_the_table_of_a_compared_log_is_in_metres(compared, tmp_path, monkeypatch):
     for name in ("log_comparison_plots.plot_log_comparison", "replay.page.save_replay", "style.save_figures"):
         monkeypatch.setattr(f"drake_quad.visualization.{name}", lambda *_, **__: [])
     monkeypatch.setattr(compare_log, "side_by_side", lambda _: None)
@@ -276,7 +276,7 @@ def test_modes_of_a_loop_have_a_frequency_a_damping_and_states(capsys):
     assert second == ["25.00 rad/s", "1.00", "0.04 s", "rotors"]
 
 
-def test_plants_of_a_regulator_have_a_row_with_what_is_predicted_for_each(capsys):
+def test_each_plant_of_a_regulator_has_a_row_with_its_predicted_errors(capsys):
     answer = SimpleNamespace(natural_frequency=6.789)
     plants = [
         SimpleNamespace(lag=0.0456, response=None, latency_frames=2, delay_ticks=1),
@@ -295,7 +295,7 @@ def test_plants_of_a_regulator_have_a_row_with_what_is_predicted_for_each(capsys
 
 
 @pytest.mark.slow
-def test_a_regulator_is_written_as_a_scenario_extends_it(tmp_path):
+def test_a_regulator_is_written_as_yaml_that_a_scenario_can_extend(tmp_path):
     control = load_scenario("laboratory:low_wind", layers=["controllers/designed/laboratory:lqg"]).control
     path = tmp_path / "lqg.yaml"
     design_lqg.write_control(SimpleNamespace(control=control), path, "drake-quad design-lqg")
@@ -356,7 +356,7 @@ def identified():
     )  # fmt: skip
 
 
-def test_estimates_have_their_intervals_and_what_they_explain(capsys):
+def test_estimates_are_printed_with_intervals_and_explained_variance(capsys):
     identify.print_estimates(identified())
     printed = capsys.readouterr()
     lines = printed.out.splitlines()
@@ -374,7 +374,7 @@ def test_estimates_have_their_intervals_and_what_they_explain(capsys):
     assert printed.err == "remark: of the flights\nremark: of the estimates\n"
 
 
-def test_explained_shares_of_outputs_are_printed(capsys):
+def test_explained_variances_of_outputs_are_printed(capsys):
     identify.print_score(identified())
     _, header, *rows = cells(capsys.readouterr().out)
     assert header == ["output", "explained variance", "RMS error", "white noise"]
@@ -385,7 +385,7 @@ def test_explained_shares_of_outputs_are_printed(capsys):
     assert identify.variance_text(0.0) == "none"
 
 
-def test_what_logs_hold_is_printed(capsys):
+def test_the_contents_of_logs_are_printed(capsys):
     time = 5.0 + 0.02 * np.arange(1501)
     record = FlightRecord("log7", time, position=np.zeros((1501, 3)), remarks=("it has a gap",))
     identify.print_logs([record])
@@ -415,7 +415,7 @@ def test_noise_and_trim_of_a_hover_are_printed(capsys, monkeypatch):
     assert "correlation" not in capsys.readouterr().out
 
 
-def test_throttles_of_all_logs_are_taken_together():
+def test_throttles_of_all_logs_are_combined():
     time = np.arange(2.0)
     four = FlightRecord("a", time, motor_command=np.array([[0.1, 0.2, 0.3, 0.4], [0.5, 0.6, 0.7, 0.8]]))
     one = FlightRecord("b", time, thrust_share=np.array([0.9, 1.0]))
@@ -423,7 +423,7 @@ def test_throttles_of_all_logs_are_taken_together():
     assert identify.throttles([FlightRecord("c", time)]) is None
 
 
-def test_a_map_has_a_row_for_each_pair_of_gains_and_says_which_is_best(capsys, tmp_path):
+def test_a_map_has_a_row_for_each_pair_of_gains_and_names_the_best_pair(capsys, tmp_path):
     k_p, k_d = np.array([1.0, 2.0]), np.array([3.0, 4.0, 5.0])
     size = np.array([[0.9, 0.9, 1.1], [0.9, 0.9, 0.9]])
     linear = StabilityMap(size, 0.1 + size, 0.2 + size)
@@ -533,7 +533,7 @@ def test_default_fields_are_those_of_the_layout_and_the_autopilot():
     ]  # fmt: skip
 
 
-def test_what_binds_a_plan_is_told_with_its_segments():
+def test_active_limits_of_a_plan_are_printed_with_their_segments():
     found = [
         ActiveConstraint("speed", "", 4, 1.0), ActiveConstraint("speed", "", 0, 1.1),
         ActiveConstraint("speed", "", 2, 1.2),
@@ -543,7 +543,7 @@ def test_what_binds_a_plan_is_told_with_its_segments():
     assert plan.binding_summary([]) == "none"
 
 
-def test_the_summary_of_a_plan_has_its_length_its_peaks_and_its_rotors():
+def test_the_summary_of_a_plan_has_its_length_peaks_and_rotor_speeds():
     """A figure eight is measured by its own samples; a limit is named where there is one."""
     mission = load_scenario("figure_eight")
     flown = plan_route(mission)
@@ -589,7 +589,7 @@ def studied(**given):
     return Study(load_scenario("robustness"), 10.0, np.array([0, 2, 3, 5]), numbers, metrics, **given)
 
 
-def test_the_worst_samples_of_a_study_have_the_command_that_flies_them_again(capsys, tmp_path):
+def test_the_worst_samples_are_printed_with_the_command_that_repeats_them(capsys, tmp_path):
     study.print_study("mine", studied(), tmp_path, "compiled")
     text = capsys.readouterr().out
     assert text.startswith("mine: 4 samples of seed 0, 10.00 s each, diagrams compiled; 1 crashed, ")
@@ -606,14 +606,14 @@ def test_the_worst_samples_of_a_study_have_the_command_that_flies_them_again(cap
     assert starts == {2 + 18 + 2}
 
 
-def test_the_rate_of_studies_is_that_of_what_was_flown(capsys):
+def test_the_simulation_speed_counts_the_flown_time(capsys):
     study.print_rate({"a": studied(flown_time=1000.0), "b": studied(flown_time=2000.0)}, 1.5)
     assert capsys.readouterr().out == "simulation speed: 2,000 vehicle-seconds per second\n"
     study.print_rate({"a": studied()}, 1.5)
     assert capsys.readouterr().out == "all samples had already been flown\n"
 
 
-def test_samples_that_could_not_be_flown_are_counted_and_the_first_is_explained(tmp_path):
+def test_failed_samples_are_counted_and_the_first_is_explained(tmp_path):
     studies = {
         "none": studied(),
         "pd": studied(failures={7: "later", 4: "too slow"}),
@@ -648,7 +648,7 @@ def test_errors_of_judged_controllers_are_in_centimetres_with_the_share_of_crash
     assert second == ["INDI", "20.0", "–"]
 
 
-def test_a_range_of_gains_rises_from_zero_or_more():
+def test_a_range_of_gains_must_be_nonnegative_and_increasing():
     assert stability_map._grid("--k-p", (0.0, 4.0), 5).tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
     for limits in ((-1.0, 4.0), (4.0, 4.0), (0.0, math.inf), (math.nan, 1.0)):
         with pytest.raises(

@@ -56,7 +56,7 @@ def test_a_diagram_of_a_single_system_has_no_drawing_of_its_own(drawn):
     assert 'label="motor"' in drawn["motor"]
 
 
-def test_blocks_have_their_name_and_their_kind_if_it_says_more(drawn):
+def test_blocks_show_their_name_and_a_different_class_name(drawn):
     nodes = dict(re.findall(r"^ +([sio]\d+) \[(.*)\];$", drawn[""], re.MULTILINE))
     assert nodes["s0"] == 'label="sum\\nAdder"'
     # A diagram with a drawing of its own has a second outline.
@@ -71,7 +71,7 @@ def test_blocks_have_their_name_and_their_kind_if_it_says_more(drawn):
     assert inside == {"s0": 'label="gain"', "s1": 'label="integrator"'}
 
 
-def test_connections_have_the_name_of_the_signal_and_its_size_and_stand_in_order(drawn):
+def test_connections_are_ordered_and_labelled_with_signal_and_size(drawn):
     edges = re.findall(r'^ +(\w+) -> (\w+) \[label="(.*)"\];$', drawn[""], re.MULTILINE)
     assert edges == [
         ("i0", "s0", "(3)"),
@@ -84,6 +84,6 @@ def test_connections_have_the_name_of_the_signal_and_its_size_and_stand_in_order
     ]
 
 
-def test_the_digest_of_a_drawing_changes_with_it(drawn):
+def test_the_digest_changes_with_the_drawing(drawn):
     assert digest(drawn[""]) == digest(str(drawn[""]))
     assert len({digest(text) for text in (*drawn.values(), drawn[""] + " ")}) == 3

@@ -139,7 +139,7 @@ def test_poles_of_a_root_locus_are_those_of_the_closed_loop(design):
 
 
 @pytest.mark.slow
-def test_steps_of_diagram_and_linear_model_settle_at_their_size():
+def test_step_responses_settle_at_the_step_size():
     loop = closed_loop(load_scenario("laboratory:nominal"))
     for axes, (row, size) in zip(
         design_plots.plot_steps(loop).axes, (("x", 0.5), ("z", 0.5), ("yaw", 0.5)), strict=True
@@ -182,7 +182,7 @@ def drawn_map(panels, first, second, marked=(3.0, 2.0)):
     return map_plots.plot_map(panels, first, second, labels=("k_P (1/s²)", "k_D (1/s)"), marked=marked, loop="position")
 
 
-def test_a_map_shades_the_error_of_each_pair_of_gains(panels):
+def test_a_map_shows_the_error_of_each_pair_of_gains(panels):
     found, first, second, rmse, crashed = panels
     figure = drawn_map(found, first, second)
     left, right, bar = figure.axes
@@ -209,7 +209,7 @@ def test_a_map_shades_the_error_of_each_pair_of_gains(panels):
     assert not outside.lines
 
 
-def test_lines_of_a_map_are_the_edge_of_stability_and_levels_of_damping_and_delay(panels):
+def test_contours_of_a_map_are_stability_limit_damping_and_delay_margin(panels):
     found, first, second, *_ = panels
     axes = drawn_map(found, first, second).axes[0]
     edge, damping, delay = [each for each in axes.collections if hasattr(each, "levels")]
@@ -231,7 +231,7 @@ def test_lines_of_a_map_are_the_edge_of_stability_and_levels_of_damping_and_dela
     assert len([each for each in drawn_map(stable, first, second).axes[0].collections if hasattr(each, "levels")]) == 2
 
 
-def test_labels_of_a_map_are_on_their_lines_and_apart(panels):
+def test_contour_labels_are_on_their_lines_and_do_not_overlap(panels):
     found, first, second, *_ = panels
     figure = drawn_map(found[:1], first, second)
     figure.draw_without_rendering()
@@ -251,7 +251,7 @@ def test_labels_of_a_map_are_on_their_lines_and_apart(panels):
     assert scipy.spatial.distance.pdist(positions).min() > 20.0
 
 
-def test_errors_of_a_map_that_are_equal_or_next_to_zero_have_a_scale(panels):
+def test_equal_or_tiny_errors_of_a_map_have_a_colour_scale(panels):
     found, first, second, *_ = panels
     zero = [found[0]._replace(flown=metrics_of(np.zeros((9, 13)), np.zeros((9, 13), dtype=bool)))]
     image = drawn_map(zero, first, second).axes[0].images[0]
@@ -264,7 +264,7 @@ def test_errors_of_a_map_that_are_equal_or_next_to_zero_have_a_scale(panels):
     assert (image.norm.vmin, image.norm.vmax) == pytest.approx((0.1, 3.0))
 
 
-def test_a_tornado_of_sensitivities_is_in_per_cent_per_per_cent():
+def test_sensitivities_are_drawn_in_per_cent_per_per_cent():
     fields = ("a", "b", "c", "d")
     values = np.array([2.0, 0.5, 0.0, 4.0])
     gradients = {"rmse": np.array([0.1, -2.0, 7.0, np.nan]), "effort_x": np.zeros(4)}
@@ -295,7 +295,7 @@ def drawn_plan(planned):
     return plan_plots.plot_plan(*planned, limits=PathLimits(speed=9.0)).axes
 
 
-def test_a_plan_is_seen_from_three_sides(planned, drawn_plan):
+def test_a_plan_is_drawn_in_three_views(planned, drawn_plan):
     plan, _ = planned
     views = drawn_plan[:3]
     for axes, (i, j) in zip(views, ((0, 1), (0, 2), (1, 2)), strict=True):
@@ -348,7 +348,7 @@ def test_profiles_of_a_plan_are_norms_of_its_derivatives(planned, drawn_plan):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("turn", [5.0, 90.0])
-def test_a_yaw_is_seen_whole_and_no_closer_than_within_twenty_degrees(planned, turn):
+def test_the_yaw_axis_contains_the_yaw_and_spans_at_least_twenty_degrees(planned, turn):
     plan, parameters = planned
     ends = np.radians([[[0.0], [0.0], [0.0]], [[turn], [0.0], [0.0]]])
     turning = Plan(plan.path, hermite_path(plan.path.times[[0, -1]], ends))
@@ -361,7 +361,7 @@ def test_a_yaw_is_seen_whole_and_no_closer_than_within_twenty_degrees(planned, t
 
 
 @pytest.mark.slow
-def test_regions_and_waypoints_of_a_plan_are_drawn_at_their_places(planned):
+def test_regions_and_waypoints_of_a_plan_are_drawn_at_their_positions(planned):
     """Only the waypoints of the route are drawn."""
     plan, parameters = planned
     box = Box([1.0, 2.0, 0.5], [1.5, 2.6, 1.0])
@@ -393,7 +393,7 @@ def test_regions_and_waypoints_of_a_plan_are_drawn_at_their_places(planned):
         assert (fourth.get_center(), fourth.get_radius()) == ((ball.centre[i], ball.centre[j]), 0.25)
 
 
-def test_obstacles_cast_shadows():
+def test_obstacles_are_drawn_as_projections():
     space = Space(
         (Obstacle("post", Cuboid((1.0, 2.0, 0.5), size=(0.4, 0.6, 1.0))), Obstacle("ball", Ball((0.0, 0.0, 1.0)))),
         0.1,

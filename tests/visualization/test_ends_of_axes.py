@@ -55,7 +55,7 @@ def test_a_nyquist_plot_has_one_scale_and_the_unit_circle(design):
         assert 1.0 < right < 1.5
 
 
-def test_rays_of_damping_are_labelled_near_their_ends(design):
+def test_damping_rays_are_labelled_near_their_ends(design):
     (axes,) = design_plots.plot_root_locus(design).axes
     rays = [line.get_xydata()[1] for line in axes.lines if len(line.get_xdata()) == 5]
     for text, end in zip(axes.texts, rays, strict=True):
@@ -65,14 +65,14 @@ def test_rays_of_damping_are_labelled_near_their_ends(design):
     assert [line.get_xdata()[0] for line in axes.lines if len(line.get_xdata()) == 2] == [0.0]
 
 
-def test_compared_errors_end_within_the_axes():
+def test_compared_errors_fit_into_the_axes():
     found = {place: {"a": study().metrics, "b": no_crash(1, 50).metrics} for place in ("calm", "wind")}
     for axes in plot_comparison(found).axes:
         most = max(line.get_xdata().max() for line in axes.lines)
         assert 1.1 * most < axes.get_xlim()[1] < 1.7 * most
 
 
-def test_shares_of_samples_reach_to_the_top_of_their_axis():
+def test_the_axis_of_sample_shares_ends_just_above_one():
     (axes,) = study_plots.plot_distribution({"one": no_crash()}).axes
     assert 1.0 < axes.get_ylim()[1] < 1.1
     (axes,) = study_plots.plot_influences(study()).axes
@@ -82,7 +82,7 @@ def test_shares_of_samples_reach_to_the_top_of_their_axis():
     assert bars[1][1] < bars[2][0]
 
 
-def test_numbers_of_samples_have_ticks_at_one_two_and_five():
+def test_sample_counts_have_ticks_at_one_two_and_five():
     for axes in study_plots.plot_convergence({"one": study()}).axes:
         ticks = axes.xaxis.get_major_locator().tick_values(10.0, 200.0)
         assert {10.0, 20.0, 50.0, 100.0, 200.0} <= set(np.round(ticks, 6))
@@ -104,7 +104,7 @@ def alike(near, share, count=200):
     return other.is_dashed()
 
 
-def test_curves_coincide_that_are_near_over_a_quarter_of_their_length():
+def test_curves_overlap_if_they_are_near_over_a_quarter_of_their_length():
     assert alike(1.1, 1.0)
     assert not alike(1.3, 1.0)
     assert alike(0.0, 0.27)
@@ -114,14 +114,14 @@ def test_curves_coincide_that_are_near_over_a_quarter_of_their_length():
     assert alike(0.0, 1.0, count=3)
 
 
-def test_curves_over_other_places_are_not_compared():
+def test_curves_with_different_abscissas_are_not_compared():
     axes = new_figure(4.0, 3.0).subplots()
     curves = [axes.plot(np.linspace(0.0, 1.0, count), np.zeros(count))[0] for count in (10, 20, 10)]
     dash_overlapping_curves(axes)
     assert [curve.is_dashed() for curve in curves] == [False, False, True]
 
 
-def test_each_group_of_curves_that_coincide_is_told_apart_once(monkeypatch):
+def test_each_group_of_overlapping_curves_is_dashed_once(monkeypatch):
     told = []
     monkeypatch.setattr(curves, "dashes", lambda *given: told.append(given) or "--")
     axes = new_figure(4.0, 3.0).subplots()
@@ -133,7 +133,7 @@ def test_each_group_of_curves_that_coincide_is_told_apart_once(monkeypatch):
     assert told == [(1, 3), (2, 3), (1, 2)]
 
 
-def test_speeds_of_rotors_rise_upwards_and_close_up_without_the_limits():
+def test_enlarged_rotor_speeds_leave_out_the_limits():
     flight = simulate(load_scenario("figure_eight", ["duration=0.4"]))
     close, whole = plots.plot_rotors(flight).axes
     (bottom, top), (lowest, highest) = close.get_ylim(), whole.get_ylim()
@@ -145,7 +145,7 @@ def test_speeds_of_rotors_rise_upwards_and_close_up_without_the_limits():
 
 
 @pytest.mark.slow
-def test_rotors_of_a_plan_that_turn_alike_are_told_apart():
+def test_equal_rotor_speeds_of_a_plan_are_dashed():
     """In hover all rotors have the same speed."""
     scenario = load_scenario("figure_eight", ["route={kind: hover, position: [0, 0, 1]}", "duration=1"])
     plan = plan_route(scenario)
@@ -161,7 +161,7 @@ def test_rotors_of_a_plan_that_turn_alike_are_told_apart():
     assert np.mean(yaw) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_the_room_of_a_flight_that_diverged_is_that_of_what_was_finite():
+def test_a_diverged_flight_is_drawn_as_far_as_it_is_finite():
     wind = "laboratory.wind=[{kind: fan, position: [-2, 0, 1], direction: [1, 0, 0], flow: 1.0, diameter: 0.6}]"
     flight = simulate(load_scenario("hover", ["duration=0.2", wind]))
     state = flight["state"].copy()
@@ -174,7 +174,7 @@ def test_the_room_of_a_flight_that_diverged_is_that_of_what_was_finite():
 
 
 @pytest.mark.slow
-def test_a_gust_of_somebody_s_own_wind_is_plotted(monkeypatch):
+def test_wind_that_is_not_in_the_scenario_is_plotted(monkeypatch):
     """Wind that is no part of the scenario blows along one axis for a moment."""
     monkeypatch.setattr(plots, "save_figures", lambda figures, folder, vector: [*figures])
     flight = simulate(load_scenario("hover", ["duration=0.1"]))
@@ -184,7 +184,7 @@ def test_a_gust_of_somebody_s_own_wind_is_plotted(monkeypatch):
     assert "wind" in plots.save_plots(replace(flight, signals={**flight.signals, "wind": wind}), ".")
 
 
-def test_points_of_a_reference_go_from_its_start_to_its_end():
+def test_reference_points_span_the_whole_reference():
     plan = plan_route(load_scenario("slalom"))
     points = reference_points(plan)
     np.testing.assert_allclose(points[[0, -1]], plan.waypoints[[0, -1]], atol=1e-6)
@@ -229,7 +229,7 @@ def test_outputs_are_drawn_in_the_unit_of_their_label(unit, factor, shown):
     assert right.lines[-1].get_ydata()[0] == 0.0
 
 
-def test_a_forecast_worse_than_persistence_explains_nothing():
+def test_a_forecast_worse_than_persistence_explains_no_variance():
     for share, words in (
         (-0.9, "no variance explained"),
         (0.0, "no variance explained"),
@@ -239,7 +239,7 @@ def test_a_forecast_worse_than_persistence_explains_nothing():
         assert right.get_title(loc="right") == words
 
 
-def test_correlations_of_residuals_fit_their_axis_and_frequencies_are_written_plainly():
+def test_residual_correlations_fit_their_axis_and_frequencies_are_plain_numbers():
     figure = identification_plots.plot_residuals(identification("m"))
     left, right = figure.axes
     bottom, top = left.get_ylim()
@@ -263,7 +263,7 @@ def test_strong_correlations_are_written_in_white():
     assert colors == {(1, 0): "white", (0, 1): "white", (2, 0): "black", (0, 2): "black"}
 
 
-def test_the_first_two_quantities_are_drawn_if_position_and_attitude_are_not_known():
+def test_the_first_two_quantities_are_drawn_if_position_and_attitude_are_unknown():
     errors = dict.fromkeys(("velocity", "climb", "height"), np.full((1, 2, 8), 0.02))
     given = Predictions(("one",), (0.1, 0.5), np.array(["a"] * 8), np.arange(8.0), errors)
     first, second = identification_plots.plot_predictions(given).axes
@@ -303,7 +303,7 @@ def middle_of(frame, color):
 
 
 @pytest.mark.slow
-def test_a_frame_shows_the_vehicle_and_its_target_where_they_are(camera):
+def test_a_frame_shows_vehicle_and_target_at_their_positions(camera):
     place, target = np.array([0.1, -0.05, 1.05]), np.array([-0.3, -0.3, 0.8])
     attitude = np.array([0.5, -0.4, 2.0])
     state = State(*np.array([*place, *attitude, *[0.0] * 6])[:, np.newaxis])

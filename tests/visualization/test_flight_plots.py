@@ -85,7 +85,7 @@ def test_a_constant_attitude_is_in_the_middle_of_its_axis():
         assert 0.5 * (low + high) == pytest.approx(still.mean(), abs=0.1)
 
 
-def test_rotor_speeds_are_shown_close_up_and_between_their_limits(flight):
+def test_rotor_speeds_are_shown_enlarged_and_with_their_limits(flight):
     figure = plots.plot_rotors(flight)
     assert legends(figure) == [f"rotor {i}" for i in range(1, 5)]
     close, whole = figure.axes
@@ -140,7 +140,7 @@ def test_a_path_is_shown_in_space_and_from_above(flight):
     assert plane.get_aspect() == 1.0
 
 
-def test_the_view_of_a_hover_is_half_a_metre_wide_and_around_its_place():
+def test_the_view_of_a_hover_is_half_a_metre_wide_and_centred():
     flight = simulate(load_scenario("hover", ["duration=0.2", "route={kind: hover, position: [3, -4, 1]}"]))
     space, plane = plots.plot_path(flight).axes
     middle = [state[0] for state in flight.record("state")[:3]]
@@ -153,7 +153,7 @@ def test_the_view_of_a_hover_is_half_a_metre_wide_and_around_its_place():
         assert np.mean(limits) == pytest.approx(place, abs=0.02)
 
 
-def test_a_crash_is_marked_at_its_place(crash):
+def test_a_crash_is_marked_at_its_position(crash):
     assert crash.metrics.crashed
     _, plane = plots.plot_path(crash).axes
     state = crash.record("state")
@@ -179,7 +179,7 @@ def test_the_overview_of_a_flight_has_all_of_its_parts(flight, crash):
 
 
 @pytest.mark.slow
-def test_the_plots_that_a_flight_has_are_saved(flight, monkeypatch):
+def test_only_the_plots_that_apply_to_a_flight_are_saved(flight, monkeypatch):
     """A flight without wind has no plot of wind, and one without a network none of learning."""
     monkeypatch.setattr(plots, "save_figures", lambda figures, folder, vector: [*figures])
     always = ["path", "errors", "attitude", "rotors"]
@@ -190,7 +190,7 @@ def test_the_plots_that_a_flight_has_are_saved(flight, monkeypatch):
     assert plots.save_plots(learned, ".") == [*always, "memberships", "learning", "surfaces", "secant_gains"]
 
 
-def test_places_are_positions(flight):
+def test_positions_and_coordinates_are_those_of_the_signal(flight):
     state = flight.record("state")
     np.testing.assert_array_equal(positions(state), np.transpose([state.x, state.y, state.z]))
     assert {axis: rows is not None for axis, rows in coordinates_by_axis(state).items()} == dict.fromkeys("xyz", True)
@@ -282,7 +282,7 @@ def mean_speed(flight, x, y, z):
 
 
 @pytest.mark.slow
-def test_maps_show_the_mean_wind_in_a_level_and_an_upright_plane(windy):
+def test_maps_show_the_mean_wind_in_a_horizontal_and_a_vertical_plane(windy):
     """The fan blows along its axis, and far from it there is only the steady wind."""
     above, side, *_ = plot_wind(windy).axes
     reference, state = windy.record("reference"), windy.record("state")

@@ -85,7 +85,7 @@ def test_the_thrust_has_a_band_of_its_covariance(identification):
     assert plots.plot_thrust(without) is None
 
 
-def test_correlations_are_written_where_there_are_some(identification):
+def test_nonzero_correlations_are_written(identification):
     covariance = identification.estimates.covariance.copy()
     covariance[0, 1] = covariance[1, 0] = -0.8 * 0.05 * 0.2
     estimates = Estimates(NAMES, identification.estimates.values, covariance, 20.0, Source("m", "a"))
@@ -114,7 +114,7 @@ def test_the_figure_of_correlations_has_room_for_every_estimate(identification):
     assert (second - first > 4 * 0.3).all()
 
 
-def test_predictions_are_drawn_in_units_for_the_eye():
+def test_predictions_are_drawn_in_display_units():
     errors = RNG.uniform(0.01, 0.02, size=(2, 2, 20))
     errors[:, 1, 5:] = np.nan
     given = Predictions(("one", "other"), (0.1, 0.5), np.array(["a"] * 20), np.arange(20.0), {"position": errors})
@@ -141,7 +141,7 @@ def test_the_first_ten_windows_are_drawn(identification):
 
 
 @pytest.mark.parametrize(("share", "words"), [(0.5, "explained variance 50.0 %"), (-3.0, "no variance explained")])
-def test_the_explained_share_is_in_the_title(identification, share, words):
+def test_the_explained_variance_is_in_the_title(identification, share, words):
     output = identification.outputs[0]._replace(explained=share)
     _, right = plots.plot_fit(Identification(identification.estimates, identification.vehicle, (output,))).axes
     assert right.get_title(loc="right") == words
@@ -203,7 +203,7 @@ def test_the_plot_of_thrust_shows_hover_and_the_flown_range(identification):
     assert not plots.plot_thrust(identification).axes[0].patches
 
 
-def test_correlations_are_shaded_in_their_places(identification):
+def test_each_correlation_is_shaded_in_its_cell(identification):
     covariance = identification.estimates.covariance.copy()
     covariance[0, 3] = covariance[3, 0] = 0.5 * 0.05 * 0.002
     covariance[1, 2] = covariance[2, 1] = 0.04 * 0.2 * 0.2
@@ -219,7 +219,7 @@ def test_correlations_are_shaded_in_their_places(identification):
     ]
 
 
-def test_errors_of_predictions_have_their_intervals_and_are_side_by_side():
+def test_prediction_errors_have_intervals_and_are_side_by_side():
     errors = RNG.uniform(0.01, 0.02, size=(2, 2, 20))
     given = Predictions(
         ("one", "other"), (0.1, 0.5), np.array(["a"] * 20), np.arange(20.0), {"attitude": errors, "velocity": errors}

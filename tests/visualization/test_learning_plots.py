@@ -72,7 +72,7 @@ def test_learning_is_shown_for_each_axis(flight):
     assert rows[1, -1].get_legend() is not None
 
 
-def test_a_law_without_a_covariance_has_no_row_for_its_trace():
+def test_an_adaptation_law_without_a_covariance_has_no_trace_panel():
     for law, rows in (("{kind: gradient, slope: 2.1, rate: 1.0}", 2), ("{kind: covariance, slope: 2.1}", 3)):
         flight = simulate(load_scenario("paper:low_wind_pd_t2fnn", ["duration=0.1", f"control.network.learning={law}"]))
         assert len(plots.plot_learning(flight).axes) == rows * len(flight.scenario.control.network.axes)

@@ -58,14 +58,14 @@ def flown(flight, seconds):
     return flight.state
 
 
-def test_untouched_it_is_the_flight_that_simulate_flies(page):
+def test_an_untouched_live_flight_equals_the_simulated_flight(page):
     scenario = load_scenario("laboratory:low_wind")
     state = flown(LiveFlight(scenario, page, rate=0), 2.0)
     same = simulate(scenario, until=2.0)
     np.testing.assert_allclose(state, same.signals["state"][-1], atol=1e-9)
 
 
-def test_the_sliders_set_mass_and_gains_of_what_flies(page):
+def test_the_sliders_set_mass_and_gains(page):
     flight = LiveFlight(load_scenario("laboratory:nominal"), page, rate=0)
     page.SetSliderValue("mass (kg)", 0.8)
     page.SetSliderValue("k_p (factor)", 2.0)
@@ -84,7 +84,7 @@ def test_the_sliders_set_mass_and_gains_of_what_flies(page):
     np.testing.assert_allclose(state, simulate(written, until=1.0).signals["state"][-1], atol=1e-9)
 
 
-def test_numbers_change_while_it_flies_without_a_jump(page):
+def test_changed_numbers_do_not_make_the_state_jump(page):
     flight = LiveFlight(load_scenario("laboratory:nominal"), page, rate=0)
     before = flown(flight, 1.0)
     page.SetSliderValue("mass (kg)", 0.9)
@@ -124,7 +124,7 @@ def test_a_motor_fails_and_a_new_start_repairs_it(page):
     assert flight.time == pytest.approx(0.5)
 
 
-def test_the_error_is_shown(page):
+def test_the_error_sliders_show_the_position_error(page):
     flight = LiveFlight(load_scenario("laboratory:low_wind"), page, rate=0)
     for _ in flight.fly(3.0):
         pass
@@ -135,7 +135,7 @@ def test_the_error_is_shown(page):
     assert 0.0 < page.GetSliderValue("RMS error, 5 s (cm)") < 200.0
 
 
-def test_it_ends_at_a_click_and_begins_anew_at_the_end_of_the_flight(page):
+def test_a_live_flight_restarts_at_its_end_and_stops_at_a_click(page):
     flight = LiveFlight(load_scenario("hover", ["duration=0.5"]), page, rate=0)
     times = [*flight.fly(1.2)]
     assert max(times) == pytest.approx(0.5)
@@ -146,7 +146,7 @@ def test_it_ends_at_a_click_and_begins_anew_at_the_end_of_the_flight(page):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("scenario", "layers"), FLOWN)
-def test_whatever_can_be_flown_flies_live(page, scenario, layers):
+def test_every_scenario_can_be_flown_live(page, scenario, layers):
     loaded = load_scenario(scenario, layers=layers)
     flight = LiveFlight(loaded, page, rate=0)
     flown(flight, 0.5)
@@ -154,7 +154,7 @@ def test_whatever_can_be_flown_flies_live(page, scenario, layers):
     assert ("motor fails" in page.GetButtonNames()) == (not loaded.laboratory.autopilot.models_vehicle)
 
 
-def test_wind_is_felt_by_vehicles_with_drag_alone():
+def test_wind_affects_only_vehicles_with_drag():
     assert is_affected_by_wind(load_scenario("laboratory:nominal"))
     assert not is_affected_by_wind(load_scenario("hover"))
 

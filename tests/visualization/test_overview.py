@@ -12,7 +12,7 @@ from drake_quad.visualization.style import new_figure, styled
 
 
 @pytest.mark.slow
-def test_a_flight_at_a_glance():
+def test_the_overview_of_a_flight_shows_its_signals():
     flight = simulate(load_scenario("diagrams/figure_eight.yaml", ["duration=5"]))
     figure, axes = plot_flight(flight)
     assert set(axes) == {"path", "error", "command", "rotors"}
@@ -25,7 +25,7 @@ def test_a_flight_at_a_glance():
 
 
 @pytest.mark.slow
-def test_studies_at_a_glance():
+def test_the_overview_of_studies_shows_their_statistics():
     scenario = load_scenario("diagrams/laboratory.yaml:nominal", ["duration=1"])
     studies = {name: run_monte_carlo(scenario, 5, seed, num_workers=1) for name, seed in (("a", 0), ("b", 1))}
     figure, axes = plot_study(studies)

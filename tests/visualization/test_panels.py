@@ -89,7 +89,7 @@ def test_curves_on_top_of_each_other_are_dashed_in_all_plots_of_a_flight(hover):
     assert [line.is_dashed() for line in axes["command"].lines[:2]] == [False, True]
 
 
-def test_curves_coincide_on_the_scale_that_their_axes_will_have():
+def test_overlap_is_judged_on_the_final_scale_of_the_axes():
     axes = new_figure(4.0, 3.0).subplots()
     x = np.linspace(0.0, 1.0, 50)
     curves = [axes.plot(x, 5000.0 * x + offset)[0] for offset in (0.0, 1.0, 1000.0)]
@@ -97,7 +97,7 @@ def test_curves_coincide_on_the_scale_that_their_axes_will_have():
     assert [curve.is_dashed() for curve in curves] == [False, True, False]
 
 
-def test_numbers_of_legs_are_in_the_middle_of_what_is_flown_of_them():
+def test_leg_numbers_are_in_the_middle_of_the_flown_part():
     flight = simulate(load_scenario("figure_eight", ["duration=4"]))
     last = flight.time[-1]
     ends = [*(time for time in flight.plan.leg_times if time < last), last]
@@ -110,7 +110,7 @@ def test_numbers_of_legs_are_in_the_middle_of_what_is_flown_of_them():
 
 
 @pytest.mark.slow
-def test_a_hover_is_seen_in_half_a_metre(hover):
+def test_the_view_of_a_hover_spans_half_a_metre(hover):
     _, plane = plots.plot_path(hover).axes
     plane.figure.draw_without_rendering()
     assert 0.5 <= min(np.ptp(plane.get_xlim()), np.ptp(plane.get_ylim())) < 0.75
@@ -158,7 +158,7 @@ def test_the_edge_of_stability_is_where_a_pole_leaves_the_unit_circle(panels):  
     assert sum(len(path.vertices) for path in edge.get_paths()) > 5
 
 
-def test_scales_of_colours_have_labels():
+def test_colour_bars_have_labels():
     estimates = Estimates(("inertia[0]", "inertia[1]"), np.ones(2), np.eye(2), 9.0, Source("m", "a"))
     axes, bar = identification_plots.plot_correlations(estimates).axes
     assert bar.get_ylabel() == "correlation of estimation errors (1)"

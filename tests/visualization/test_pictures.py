@@ -35,17 +35,17 @@ def labels_on_plates(figure):
     return len(labels)
 
 
-def test_numbers_of_waypoints_stand_on_plates():
+def test_waypoint_numbers_have_a_white_background():
     scenario = load_scenario("diagrams/figure_eight.yaml")
     figure = plot_plan(plan_route(scenario), planned_parameters(scenario))
     assert labels_on_plates(figure) == 15
 
 
-def test_gains_stand_on_plates(learned):
+def test_gains_have_a_white_background(learned):
     assert labels_on_plates(plot_secant_gains(learned)) == 6
 
 
-def test_means_stand_on_plates():
+def test_means_have_a_white_background():
     generator = np.random.default_rng(1)
     count = len(Metrics._fields) - 1
 
@@ -57,7 +57,7 @@ def test_means_stand_on_plates():
     assert labels_on_plates(plot_comparison(found)) == 9
 
 
-def test_legs_and_legend_of_errors_stand_above_the_curves(flight):
+def test_leg_numbers_and_legend_of_errors_are_above_the_curves(flight):
     figure = plot_errors(flight)
     figure.draw_without_rendering()
     (legend,) = figure.legends
@@ -73,7 +73,7 @@ def test_legs_and_legend_of_errors_stand_above_the_curves(flight):
             assert not legend.get_window_extent(renderer).overlaps(box)
 
 
-def test_curves_that_coincide_are_dashed():
+def test_overlapping_curves_are_dashed():
     figure = new_figure(4.0, 3.0)
     axes = figure.subplots()
     time = np.linspace(0.0, 1.0, 200)
@@ -82,7 +82,7 @@ def test_curves_that_coincide_are_dashed():
     assert [curve.is_dashed() for curve in curves] == [False, False, True, False, True]
 
 
-def test_each_of_coinciding_curves_is_seen():
+def test_each_of_several_overlapping_curves_is_visible():
     """Each has less drawn than those below it, and something."""
     drawn = [dashes(place, 4)[1] for place in range(4)]
     shares = [on / (on + off) for on, off in drawn]
@@ -93,7 +93,7 @@ def test_each_of_coinciding_curves_is_seen():
     assert np.all(seen > 4.0)
 
 
-def test_rotors_that_turn_alike_are_told_apart(flight):
+def test_equal_rotor_speeds_are_distinguishable(flight):
     figure = plot_rotors(flight)
     close = figure.axes[0]
     rotors = [line for line in close.lines if line.get_label().startswith("rotor")]
@@ -106,7 +106,7 @@ def test_rotors_that_turn_alike_are_told_apart(flight):
     assert abs(box.x1 - inside.x1) < 15.0
 
 
-def test_a_legend_says_which_weight_is_which(learned):
+def test_the_legend_identifies_each_weight(learned):
     """The curve of the last rule, both sets at their highest, has the colour and the style that the legend gives."""
     figure = plot_learning(learned)
     weights = figure.axes[3]
@@ -125,7 +125,7 @@ def legend_of(axes):
     return legend.get_texts(), legend.get_lines()
 
 
-def test_a_path_has_one_scale_in_space():
+def test_a_path_has_equal_scales_in_three_dimensions():
     flight = simulate(load_scenario("diagrams/slalom.yaml", ["duration=3"]))
     space = plot_path(flight).axes[0]
     lengths = np.ptp([space.get_xlim(), space.get_ylim(), space.get_zlim()], axis=1)

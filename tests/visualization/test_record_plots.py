@@ -21,7 +21,7 @@ def test_each_signal_is_drawn():
 
 
 @pytest.mark.slow
-def test_units_gaps_and_what_was_commanded():
+def test_units_gaps_and_commands_are_drawn():
     (axes,) = plot_record(record("attitude", "attitude_command")).axes
     assert axes.get_ylabel() == "attitude\n(deg)"
     measured, commanded = axes.lines[0], axes.lines[3]

@@ -242,7 +242,7 @@ def test_a_flight_is_shown_as_long_as_it_is_finite(tmp_path):
     assert save_replay({"short": short}, tmp_path / "new" / "folder" / "short.html").exists()
 
 
-def test_a_story_tells_the_middle_of_many_flights(tmp_path):
+def test_page_data_contain_the_median_of_many_flights(tmp_path):
     """Of five flights, whose errors are 1 to 5 cm and of which the last crashes in the middle."""
     flight = simulate(load_scenario("diagrams/hover.yaml", ["duration=2"]))
     group = []
@@ -277,7 +277,7 @@ def test_rotors_1_and_3_turn_clockwise():
     assert (front[0], right[1], back[0], left[1]) == pytest.approx((0.17, -0.17, -0.17, 0.17))
 
 
-def test_rotors_are_drawn_where_they_are():
+def test_rotors_are_drawn_at_their_positions():
     """An x that turns the other way: two arms in front, and propellers that do not touch."""
     rotors = Rotors.x(length=0.1, width=0.08, rotor_1_direction=1.0)
     positions = np.array([pose.translation() for pose in rotor_poses(rotors, np.zeros(4))])
@@ -291,7 +291,7 @@ def test_rotors_are_drawn_where_they_are():
     assert np.abs(corners[:, 1]).max() < 0.04 + 0.5 * 0.08
 
 
-def test_an_h_is_drawn_as_an_h():
+def test_an_h_frame_is_drawn_with_its_crossbar():
     """Two bars from front to back and one across; an x with the same rotors has four arms from its middle."""
     layout = "nominal.layout={{kind: {}, length: 0.2, width: 0.3}}"
     frames = {

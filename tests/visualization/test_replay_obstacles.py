@@ -33,7 +33,7 @@ def crash():
     return flight
 
 
-def test_whole_obstacles_are_seen_but_of_a_long_wall_what_is_near(hover):
+def test_the_camera_shows_whole_obstacles_and_the_near_part_of_a_long_wall(hover):
     room = draw_surroundings(local_meshcat(), hover.scenario, hover.plan, reference_points(hover.plan))
     corners = np.array(np.meshgrid([0.8, 1.2], [0.3, 0.7], [0.0, 3.0])).reshape(3, 8).T
     for corner in corners:
@@ -43,7 +43,7 @@ def test_whole_obstacles_are_seen_but_of_a_long_wall_what_is_near(hover):
     np.testing.assert_allclose(room.names["post"], [1.0, 0.5, 3.0])
 
 
-def test_a_story_tells_what_was_crashed_into(hover):
+def test_page_data_name_the_obstacle_of_a_crash(hover):
     room = SceneRoom(np.zeros(3), np.ones(3), 0.2, np.zeros((1, 3)), {"post": np.array([1.0, 0.5, 3.0])})
     group = [
         replace(hover, metrics=hover.metrics._replace(crash_time=time), touched=name)
@@ -55,7 +55,7 @@ def test_a_story_tells_what_was_crashed_into(hover):
     assert told["marks"][-1] == {"at": [1.0, 0.5, 3.0], "text": "post", "color": "#555555"}
 
 
-def test_a_story_has_no_numbers_that_a_page_cannot_read(hover):
+def test_page_data_contain_only_numbers_that_json_has(hover):
     room = SceneRoom(np.zeros(3), np.ones(3), 0.2, np.zeros((1, 3)), {"post": np.array([np.nan, 0.5, 3.0])})
     with pytest.raises(ValueError, match="JSON"):
         page_data({"all": [hover]}, {"all": "#000000"}, {"a": "/x"}, room)

@@ -32,7 +32,7 @@ class Recording(Scene):
         return "<html><body></body></html>"
 
 
-def test_no_part_of_a_vehicle_is_larger_than_it():
+def test_no_part_is_larger_than_its_vehicle():
     scene = Scene()
     draw_quadrotor(scene, "/v", FRAME, "black")
     reach, disc = FRAME.reach, scene.objects["/v/disc_1"].radius()
@@ -69,7 +69,7 @@ def test_a_recording_shows_nothing_until_it_is_played_and_has_a_small_point(flig
     np.testing.assert_array_equal(shown, positions(flight.record("state")).repeat(8, axis=0)[:: len(time) // 150])
 
 
-def test_a_flight_is_seen_until_any_of_its_numbers_is_not_finite(flights):  # noqa: F811
+def test_a_flight_is_shown_until_its_state_is_not_finite(flights):  # noqa: F811
     flight = flights["other"]
     assert page._before_divergence(flight) is flight
     state = flight["state"].copy()
@@ -80,7 +80,7 @@ def test_a_flight_is_seen_until_any_of_its_numbers_is_not_finite(flights):  # no
 
 
 @pytest.mark.parametrize(("wind", "blows"), [("[]", False), ("[{kind: steady, velocity: [1, 0, 0]}]", True)])
-def test_wind_is_shown_by_an_arrow_where_it_blows(wind, blows):
+def test_wind_is_shown_by_an_arrow_unless_fans_show_it(wind, blows):
     scenario = load_scenario("hover", ["duration=0.1", f"laboratory.wind={wind}"])
     flight = simulate(scenario)
     assert page._has_undrawn_wind(flight) == blows

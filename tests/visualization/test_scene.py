@@ -122,7 +122,7 @@ def ends(box, pose):
     return np.array([pose @ np.array([sign * half, 0.0, 0.0]) for sign in (-1.0, 1.0)])
 
 
-def test_each_part_of_a_quadrotor_is_where_it_belongs():
+def test_the_parts_of_a_quadrotor_are_at_their_positions():
     scene = Scene()
     draw_quadrotor(scene, "/v", FRAME, "black")
     size = part_scale(X_LAYOUT)
@@ -439,7 +439,7 @@ def test_a_swarm_shows_its_crashes_in_red(flights, monkeypatch, tmp_path):
     assert 'max="1.300"' in text
 
 
-def test_a_story_contains_errors_and_speeds_over_time(flights):
+def test_page_data_contain_errors_and_speeds_over_time(flights):
     """Errors are in centimetres and speeds in m/s, every 50 ms and with three digits."""
     room = SceneRoom(
         np.array([-1.0, -2.0, 0.0]), np.array([3.0, 2.0, 1.5]), 0.5, np.zeros((1, 3)), {"post": np.ones(3)}

@@ -23,7 +23,7 @@ def drawn():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("vector", get_args(Vector))
-def test_a_vector_drawing_is_there_if_asked_for_and_the_same_each_time(vector, tmp_path):
+def test_a_requested_vector_drawing_is_written_reproducibly(vector, tmp_path):
     files = save_figures({"line": drawn()}, tmp_path, vector=vector)
     assert [file.name for file in files] == ["line.png", f"line.{vector}"]
     first = files[1].read_bytes()
@@ -32,13 +32,13 @@ def test_a_vector_drawing_is_there_if_asked_for_and_the_same_each_time(vector, t
 
 
 @pytest.mark.slow
-def test_a_pdf_has_the_fonts_that_publishers_take(tmp_path):
+def test_a_pdf_has_truetype_fonts(tmp_path):
     text = save_figures({"line": drawn()}, tmp_path, vector="pdf")[1].read_bytes()
     assert b"/FontFile2" in text
     assert b"/Type3" not in text
 
 
-def test_the_style_is_left_as_it_was():
+def test_drawing_leaves_the_matplotlib_settings_unchanged():
     before = dict(matplotlib.rcParams)
     drawn()
     assert dict(matplotlib.rcParams) == before

@@ -30,7 +30,7 @@ def shown(time, scenario=HOVER, **constants):
     return scene
 
 
-def test_with_the_state_alone_a_vehicle_is_shown_where_it_is_and_nothing_else():
+def test_with_only_the_state_connected_only_the_vehicle_is_shown():
     scene = shown(0.1, state=PLACED)
     pose = scene.poses["/mine"]
     np.testing.assert_allclose(pose.translation(), [1.0, -2.0, 3.0])
@@ -97,7 +97,7 @@ def test_an_arrow_is_drawn_only_for_wind_that_is_not_drawn_as_jets(wind, blows):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["laboratory:low_wind", "outdoor"])
-def test_a_simulator_is_watched_from_its_beginning_whenever_it_begins_again(name):
+def test_a_watched_simulator_is_shown_from_the_start_after_each_restart(name):
     scenario, scene = load_scenario(name), Recording()
     diagram = build_tracking_diagram(scenario)
     simulator = Simulator(diagram)
@@ -126,7 +126,7 @@ def test_the_vehicle_of_the_sample_is_drawn():
 
 
 @pytest.mark.slow
-def test_a_diagram_that_is_built_already_is_shown_too():
+def test_an_existing_diagram_can_be_shown():
     """In Drake's own Meshcat; with steps of 10 ms, the nearest interval between frames is 40 ms."""
     scenario = load_scenario("outdoor", ["duration=1"])
     simulator = Simulator(build_tracking_diagram(scenario))
