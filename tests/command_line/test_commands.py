@@ -1,4 +1,4 @@
-"""Every command as a person runs it, and the scripts that are no commands."""
+"""Commands and development scripts work as a user runs them."""
 
 import csv
 import importlib.util
@@ -26,7 +26,7 @@ ROOT = Path(__file__).parent.parent.parent
 
 @pytest.fixture
 def without_figures(monkeypatch):
-    """Commands plot nothing, for tests of what they print and of the other files that they write."""
+    """Make commands draw no figures, for tests of their printed output and their other files."""
     monkeypatch.setattr("drake_quad.visualization.plots.save_plots", lambda flight, folder, vector: [])
     monkeypatch.setattr("drake_quad.visualization.replay.page.save_replay", lambda flights, file: file)
     monkeypatch.setattr("drake_quad.command_line.study.save_plots", lambda studies, folder, arguments: [])
@@ -46,7 +46,7 @@ def test_fly_prints_a_table_and_the_files_that_it_wrote(run, tmp_path):
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "without_figures")
 def test_fly_simulates_another_layout(run, tmp_path):
-    """An x flies as well as the plus, with as long arms; what is flown is what is saved."""
+    """An X layout flies as well as the plus with arms of the same length, and the saved scenario is the flown one."""
     short = ["diagrams/figure_eight.yaml", "--set", "duration=2", "--output"]
     plus = run("fly", *short, tmp_path / "plus")
     result = run("fly", *short, tmp_path / "x", "--set", "nominal.layout={kind: x}")
@@ -376,7 +376,7 @@ def test_with_an_autopilot_the_gains_on_board_are_mapped(run, tmp_path):
 @pytest.mark.slow
 @pytest.mark.usefixtures("unpainted")
 def test_a_map_of_gains_from_zero_on_and_of_flights_without_error(run, tmp_path):
-    """Neither is logarithms of zero, which the tests would not let pass."""
+    """Gains and errors of zero cause no warning about the logarithm of zero, which would fail the test."""
     result = run(
         *("map", "diagrams/hover.yaml", "--size", "3", "--set", "duration=0.2"),
         *("--k-p", "0", "1", "--k-d", "0", "1", "--output", tmp_path),
@@ -546,7 +546,7 @@ def test_study_names_correlated_random_parameters(run, tmp_path):
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "without_figures")
 def test_the_command_for_a_worst_sample_flies_it_again(run, tmp_path):
-    """With the metrics of its row, to 1e-9."""
+    """The repeated flight has the metrics in the row of the sample, to 1e-9."""
     result = monte_carlo(run, tmp_path, "--seed", 3)
     command = re.search(r"drake-quad (\S+) (\S+) --sample (\d+)", result.stdout)
     again = run(command[1], command[2], "--sample", command[3], "--output", tmp_path)
@@ -613,7 +613,7 @@ def test_study_refuses_input_that_it_cannot_fly(run, tmp_path, arguments, words)
 
 @pytest.mark.parametrize("name", ["..", ".", "a b"])
 def test_a_controller_whose_name_cannot_name_a_folder_is_refused(run, tmp_path, name):
-    """A folder called `..` would be the one above."""
+    """A folder called `..` would be the parent folder."""
     file = tmp_path / "controllers.yaml"
     file.write_text(f"{{'{name}': {{control: {{thrust_vectoring: {{max_tilt: 0.5}}}}}}}}\n")
     result = monte_carlo(run, tmp_path / "study", "--controller", f"{file}:{name}")
@@ -716,7 +716,7 @@ def test_missing_graphviz_is_reported_in_one_sentence(run, tmp_path, monkeypatch
 
 @pytest.fixture
 def forked(monkeypatch):
-    """Processes for measurements that are forked, and so need not import and compile everything again."""
+    """Make measurements in forked processes, which need not import and compile everything again."""
     monkeypatch.setenv("SCIPY_ARRAY_API", "1")
     monkeypatch.setattr(os, "sched_setaffinity", lambda process, cores: None, raising=False)
     # crazyflow must be imported before SciPy, which only a spawned process can do.
@@ -767,7 +767,7 @@ PX4 = "tests/data/px4/sample_px4_events.ulg.xz"
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "shared_fits")
 def test_the_shipped_crazyswarm2_vehicle_can_be_identified_again(run, tmp_path):
-    """The file that the script writes from a log has the scenario of the one that is shipped, to 2 %."""
+    """The script identifies from a log the vehicle in the shipped file, to 2 %."""
     result = run("identify_crazyswarm2.py", "--log", "180", "--output", tmp_path / "mine.yaml")
     assert result.returncode == 0
     assert load_scenario(f"{tmp_path / 'mine.yaml'}:log180").name == "log180"
@@ -776,7 +776,7 @@ def test_the_shipped_crazyswarm2_vehicle_can_be_identified_again(run, tmp_path):
         (path.read_text(encoding="utf-8").partition("\nlog180:")[2]).splitlines()
         for path in (tmp_path / "mine.yaml", ROOT / "diagrams" / "crazyswarm2.yaml")
     ]
-    # Along no axis is the centre of mass of log180 told to 2 % of itself: 2 µm of some 30.
+    # log180 does not determine the centre of mass, of some 30 µm, to 2 % of its value, so the tolerance is 2 µm.
     atol = 0.0
     for mine, shipped in zip(*lines, strict=True):
         if mine.endswith(":"):
@@ -803,7 +803,7 @@ def test_a_vehicle_is_identified_written_and_flown(run, tmp_path):
     result = run("identify", LOG, "--mass", "0.0375", "--output", mine, "--name", "log_100")
     assert result.returncode == 0
     assert re.search(r"^thrust_factor +3\.0\d+e-08 ± ", result.stdout, re.MULTILINE)
-    # Of each number, in how many stretches that were held out its interval holds.
+    # For each parameter, the table gives the number of held-out segments whose estimate is within its interval.
     held = re.findall(r"  (\d+) of 10\b", result.stdout)
     assert len(held) >= 8
     assert min(map(int, held)) >= 9
@@ -825,7 +825,7 @@ def test_a_vehicle_is_identified_written_and_flown(run, tmp_path):
 
 
 def test_intervals_that_contain_the_true_value_are_counted(run, tmp_path):
-    """Of a run that is done: nothing is flown; one flight told nothing, and another did not tell of the drag."""
+    """The run is finished, so nothing is flown. One flight identified nothing, and another one only the inertia."""
     path = tmp_path / "wind.csv"
     rows = ["0,inertia[0],1.0,1.2,0.1,inf", "0,linear_drag,0.1,0.3,0.1,inf", "1,inertia[0],1.0,0.9,0.1,inf", "2,,,,,"]
     head = ["# wind seed=11", "sample,name,true,value,deviation,degrees_of_freedom"]
@@ -834,7 +834,7 @@ def test_intervals_that_contain_the_true_value_are_counted(run, tmp_path):
     assert (result.returncode, result.stderr) == (0, "")
     lines = [line.split() for line in result.stdout.splitlines() if "of" in line.split()]
     assert result.stdout.startswith("3 flights")
-    # Two off by 2 and by -1 deviations of what is said: their mean over their spread is 0.05 / 0.15.
+    # Two estimates are off by 2 and by -1 standard deviations; their mean over their spread is 0.05 / 0.15.
     assert lines[0] == ["inertia[0]", "1", "of", "2", "50", "%", "[1,", "99]", "+0.33", "0.63", "0.16", "1"]
     assert lines[1][:4] == ["linear_drag", "0", "of", "1"]
     assert lines[1][-1] == "2"
@@ -842,7 +842,7 @@ def test_intervals_that_contain_the_true_value_are_counted(run, tmp_path):
 
 
 def second_flight(task):
-    """What is found of the second flight; worker processes import this function."""
+    """Return the identification of the second flight; worker processes import this function."""
     assert task.samples == [1]
     return {1: [known_flights.Checked("autopilot.damping[0]", 0.5, 0.6, 0.1, 30.0)]}
 

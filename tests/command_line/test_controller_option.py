@@ -1,4 +1,4 @@
-"""The option `--controller`: layers of the scenario language, and Drake systems in Python."""
+"""The option `--controller` accepts layers of the scenario language and Drake systems in Python."""
 
 import argparse
 from importlib import import_module

@@ -1,4 +1,4 @@
-"""Commands that design gains, plan and read logs, without what takes long; and how commands are interrupted."""
+"""Commands that design gains, plan routes and read logs, with replaced computations; and interruptions of commands."""
 
 import importlib
 import math
@@ -26,7 +26,7 @@ from drake_quad.space.space import Obstacle, Space
 
 @pytest.fixture
 def designed(replaced):  # noqa: F811
-    """Return the calls of a command `design` that finds the same gains for every scenario."""
+    """Return the recorded calls of a command `design` that finds the same gains for every scenario."""
 
     def design(scenario, *_, on_board, integral):
         rows = {"k_p": [1.0, 2.0, 3.0], "k_d": [4.0, 5.0, 6.0]}
@@ -62,7 +62,7 @@ def test_gains_are_designed_for_the_scenario_and_written(run, designed, monkeypa
     for saved in (load_scenario(tmp_path / "scenario.yaml"), load_scenario("hover", layers=[f"{gains}:gains"])):
         position = saved.control.position
         assert (position.kind, position.k_p, position.k_d) == ("pd", (1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
-    # The loop that is drawn has the new gains.
+    # The plotted loop has the new gains.
     (((flown,), _),) = designed["closed_loop"]
     assert flown.control.position.k_p == (1.0, 2.0, 3.0)
     assert designed["save_figures"] == [(({"bode": "bode", "steps": "steps"}, tmp_path), {"vector": "svg"})]
@@ -164,7 +164,7 @@ def test_a_plan_names_the_nearest_obstacle(run, replaced, tmp_path):  # noqa: F8
     assert (named["regions"], named["space"], named["waypoints"]) == (problem.waypoints, space, None)
     assert calls["save_plan"] == [((flown, tmp_path), {"name": "figure_eight"})]
     assert calls["save_figures"] == [(({"plan": "figure"}, tmp_path), {"vector": "pdf"})]
-    # The plan around obstacles passes further places, which are not drawn.
+    # The plan around obstacles has additional corners, which are not drawn as waypoints.
     planned[2] = [0, 2]
     run("plan", "figure_eight", "--output", tmp_path)
     assert calls["plot_plan"][1][1]["regions"] == [0, 2]
@@ -252,17 +252,17 @@ def test_a_vehicle_is_identified_with_the_given_options(run, replaced, tmp_path)
     assert named["given"] == ["vehicle.linear_drag=0.1", "nominal.mass=0.55"]
     # The thrust curve holds for this voltage of the battery.
     assert named["voltage"] == 11.1
-    # The trim in hover is that of the weighed mass.
+    # The trim in hover refers to the measured mass.
     (((_, weight), _),) = calls["print_hover"]
     assert weight == pytest.approx(0.55 * base.nominal.gravity)
     assert calls["print_predictions"] == [((predictions,), {})]
     assert "the initial vehicle is vehicles/hummingbird\n" in result.stdout
     written = [line.strip() for line in result.stdout.split("wrote\n")[1].splitlines()]
-    # There is no figure of a thrust that was not identified.
+    # A thrust curve that was not identified is not plotted.
     assert written == [str(mine), "fit", "residuals", "correlations", "predictions"]
     (((_, commands), _),) = calls["plot_thrust"]
     assert commands.tolist() == [0.5] * 12
-    # Without throttles the motors stay as they are.
+    # Without throttles in the logs, the kind of the motors does not change.
     run("identify", "b.csv", *given, "--nominal")
     assert calls["write_vehicle"][1][1]["nominal"] is True
     assert calls["identify"][1][0][1].vehicle.motors.kind == "speed"
@@ -281,7 +281,7 @@ def test_input_warnings_are_printed_as_remarks_and_others_as_warnings(capsys, mo
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     def command():
-        # From here on Ctrl-C is an exception, as usual in Python.
+        # From this point on, Ctrl-C raises KeyboardInterrupt, as usual in Python.
         assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
         warnings.showwarning(InputWarning("rock.obj: is large"), InputWarning, "file.py", 3)
         warnings.showwarning(RuntimeWarning("of another kind"), RuntimeWarning, "file.py", 4)
@@ -296,7 +296,7 @@ def test_ctrl_c_during_imports_ends_a_command_with_a_sentence(capsys, monkeypatc
     ended = []
     monkeypatch.setattr(interruption.os, "_exit", ended.append)
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    # A worker process leaves Ctrl-C to its parent.
+    # A worker process ignores this setting, since its parent ends it.
     monkeypatch.setattr(multiprocessing, "current_process", lambda: SimpleNamespace(name="ForkProcess-1"))
     importlib.reload(interruption)
     assert signal.getsignal(signal.SIGINT) == signal.SIG_DFL

@@ -1,4 +1,4 @@
-"""The command itself: help, versions, completion, names of what is shipped, interruptions."""
+"""The command `drake-quad` itself: help, versions, completion, list of shipped scenarios, and interruptions."""
 
 import os
 import shutil
@@ -39,7 +39,7 @@ def test_without_a_command_all_are_listed_by_purpose(monkeypatch, capsys):
 
 @pytest.mark.parametrize(("given", "threads"), [({}, "1"), ({"OPENBLAS_NUM_THREADS": "3"}, "3")])
 def test_commands_use_one_blas_thread_unless_the_environment_sets_the_number(root, given, threads):
-    """And they collect garbage seldom."""
+    """Commands also raise the threshold of the garbage collector."""
     statement = "import gc, os, sys; from drake_quad.command_line.main import main; sys.argv = ['', '--help']\n"
     statement += "try: main()\nexcept SystemExit: print(os.environ['OPENBLAS_NUM_THREADS'], gc.get_threshold()[0])"
     environment = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"} | given
@@ -137,7 +137,7 @@ printf "%s\\n" "${{COMPREPLY[@]}}"
     assert {*found} == completed
 
 
-# Interrupts a command as it comes to import a module.
+# This program interrupts a command when it imports a given module.
 INTERRUPTED = """
 import os, signal, sys
 
@@ -158,7 +158,7 @@ main()
     "module",
     [
         *("numpy", "drake_quad.scenario.models", "pydrake.geometry", "drake_quad.flight.simulation"),
-        # Loaded when first used: for the bar and for the plots.
+        # These modules are loaded when they are first used, for the progress bar and for the plots.
         *("tqdm", "matplotlib"),
     ],
 )
@@ -188,7 +188,7 @@ def test_an_input_warning_is_printed_as_a_remark():
 
 
 def test_an_interruption_after_the_imports_is_an_exception(run):
-    """So that what is under way can be put away: nothing may still end the process at once."""
+    """The computation can then clean up, since nothing ends the process at once."""
     run("scenarios")
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 

@@ -1,4 +1,4 @@
-"""Options that commands share, remarks that they print before they fly, and bars while they are under way."""
+"""Options that commands share, remarks that they print before a flight, and progress bars."""
 
 import argparse
 import math
@@ -18,7 +18,7 @@ from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.replication.report import FIGURES
 from drake_quad.scenario.batch import draw_sample
 
-# Commands of a scenario that write nothing, and those that have no scenario.
+# Commands for a scenario that write no files, and commands without a scenario.
 LISTS = {"scenarios"}
 WITHOUT_SCENARIO = {"judge", "replicate", "identify", "identify-controller", "completion"}
 DRAWS = {
@@ -27,7 +27,7 @@ DRAWS = {
 
 
 def options_of(command):
-    """Return the flags of a command."""
+    """Return the names of a command's options."""
     return {flag for action in module_of(command).options()._actions for flag in action.option_strings}
 
 
@@ -93,7 +93,7 @@ def test_a_live_view_shows_the_flight_at_its_rate_and_then_its_replay(run, repla
         assert run("fly", "robustness", "--sample", 3, "--meshcat", *more, "--output", tmp_path).returncode == 0
         (((meshcat, drawn, plan, given), _),) = calls["live_view"]
         assert (meshcat, given) == ("a browser", rate)
-        # The view has the vehicle of the sample.
+        # The view shows the vehicle of the sample.
         assert drawn.vehicle.mass == draw_sample(load_scenario("robustness"), 3).vehicle.mass
         ((_, named),) = flown["simulate"]
         assert named["prepare"] == "a view"
@@ -195,7 +195,7 @@ def test_the_first_sample_is_drawn_as_a_diagram(run, replaced, tmp_path):  # noq
 
 
 def test_further_overrides_come_after_those_of_the_command_line():
-    """They are laid over them: the worst case of a map keeps its delay whatever the delay of the nominal case is."""
+    """They take precedence: `--set` does not change the delay in the worst case of a map."""
     arguments = argparse.Namespace(scenario="hover", set=["duration=3", "name=mine"], seed=7)
     scenario = scenario_of(arguments, further=overrides_of(["duration=2"], "--worst"))
     assert (scenario.duration, scenario.name, scenario.seed) == (2.0, "mine", 7)

@@ -1,4 +1,4 @@
-"""Commands pass the arguments of the command line on to what computes, which is replaced here."""
+"""Commands pass the arguments of the command line on to the computations, which these tests replace."""
 
 import argparse
 import io
@@ -46,7 +46,7 @@ COMMAND = "drake_quad.command_line"
 
 
 def written(result):
-    """Return the files that a command says it wrote."""
+    """Return the files that a command lists as written."""
     return [line.strip() for line in result.stdout.split("wrote\n")[1].splitlines() if line.startswith("  ")]
 
 
@@ -58,7 +58,7 @@ def metrics_of(count, crashed=()):
 
 @pytest.fixture
 def replaced(monkeypatch):
-    """Return a function that replaces functions of a command, and keeps the arguments of their calls."""
+    """Return a function that replaces functions of a command and records the arguments of their calls."""
     calls = {}
 
     def kept(name, result):
@@ -319,7 +319,7 @@ def test_a_study_reports_altered_rows_and_fails_if_a_sample_fails(run, replaced,
     result = run(*given)
     assert result.returncode == 1
     assert "failed: 1 samples could not be simulated (sample 2 of robustness: too slow)" in result.stderr
-    # One controller of two fails.
+    # One of two controllers fails.
     replaced(
         "study",
         run_monte_carlo=lambda scenario, samples, **_: studied(
@@ -405,7 +405,7 @@ def test_studies_without_random_parameters_get_a_single_remark(capsys):
 
 @pytest.fixture
 def flown(replaced, monkeypatch):
-    """Return the calls of a command `fly` that flies nothing and writes nothing."""
+    """Return the recorded calls of a command `fly` that simulates nothing and writes nothing."""
     numbers = dict.fromkeys(Metrics._fields, 0.1)
     flight = SimpleNamespace(
         metrics=SimpleNamespace(**numbers), crash="", compiled=False, time=np.array([1.0]), cause=None,
@@ -466,7 +466,7 @@ class Terminal(io.StringIO):
 
 
 def test_on_a_terminal_a_flight_waits_for_its_viewer(monkeypatch, capsys):
-    """It begins as soon as a browser is connected, and ends at Enter or at the end of the input."""
+    """The flight starts as soon as a browser is connected; the command ends at Enter or at the end of the input."""
     connections = iter((0, 0, 1))
     meshcat = SimpleNamespace(
         web_url=lambda: "http://127.0.0.1:7000", GetNumActiveConnections=lambda: next(connections), Delete=lambda: None
@@ -705,7 +705,7 @@ def test_the_experiment_is_flown_in_the_requested_size(run, replaced, tmp_path, 
 
 
 class Bar:
-    """A progress bar that records its updates."""
+    """Progress bar that records its updates."""
 
     def __init__(self, *items, **options):
         self.options, self.n, self.total = options, 0, options.get("total")
@@ -734,7 +734,7 @@ def test_progress_bars_show_the_finished_part(monkeypatch):
         for done in (30, 50, 100):
             show(done, 100)
             assert (bars[-1].n, bars[-1].total) == (done, 100)
-    # The first 30 flights were there before, so the speed is that of the others.
+    # The first 30 flights already existed, so they do not count for the speed.
     assert (bars[-1].initial, bars[-1].options) == (30, {"desc": "mine", "unit": " flights"})
     with progress.progress_bar("flying") as show:
         for what, done in (("pd", 20), ("pid", 70)):
@@ -813,6 +813,6 @@ def test_numeric_options_are_checked_against_their_ranges():
 def test_lists_of_scenarios_are_wrapped_below_each_other(run):
     lines = run("scenarios").stdout.splitlines()
     assert max(map(len, lines)) <= 120
-    # The names begin in one column.
+    # All names begin in the same column.
     width = max(len(line.split()[0]) for line in lines if not line.startswith(" "))
     assert {len(line) - len(line[width:].lstrip()) for line in lines if len(line) > width} == {width + 2}

@@ -1,4 +1,4 @@
-"""Commands print the numbers of invented results in their units, and write them into tables."""
+"""Commands print invented results in the right units, and write them into tables."""
 
 import math
 import re
@@ -60,7 +60,7 @@ def cells(text):
 
 
 def metrics_of(rmse, crashed=()):
-    """Return metrics with an RMSE of each flight, some of which crash after 3 s; all others are 1, 2 and so on."""
+    """Return metrics with a given RMSE of each flight, some of which crash after 3 s; the others are 1, 2, ...."""
     rmse = np.asarray(rmse, dtype=float)
     time = np.full(len(rmse), np.inf)
     time[list(crashed)] = 3.0
@@ -93,7 +93,7 @@ def test_margins_have_a_row_for_each_loop(capsys):
 
 @pytest.mark.slow
 def test_predictions_have_a_row_for_each_horizon_that_is_reached(capsys):
-    """Errors that are all alike are their own mean, in cm and degrees; from half the error nothing starts at 1 s."""
+    """Equal errors are their own RMS value, in cm and degrees; no prediction reaches the horizon of 1 s."""
     errors = np.empty((2, 2, 12))
     errors[0], errors[1] = 0.02, 0.04
     errors[:, 1] = np.nan
@@ -131,7 +131,7 @@ def test_compared_controllers_have_means_deviations_and_relative_errors(capsys, 
         ["calm", "pid", plus_minus(100.0 * flown.mean(), 100.0 * flown.std(ddof=1)) + " cm"],
         ["windy", "pd", "20.0 cm"],
     ]
-    # A peak of 4 m, and efforts of 5 and 6 m²/s⁴.
+    # The peak error is 4 m, and the efforts are 5 and 6 m²/s⁴.
     assert rows[2][3:] == ["400 cm", "5.00", "6.00", "100 %"]
     assert rows[0][6:] == ["100 %"]
     pairs = np.delete(first, 2)
@@ -147,7 +147,7 @@ def test_compared_controllers_have_means_deviations_and_relative_errors(capsys, 
 
 @pytest.fixture(scope="module")
 def compared():
-    """Return twenty predictions of a log, two of which crash; along z the log errs a tenth as much."""
+    """Return twenty predictions of a log, two of which crash; on z the errors of the log are a tenth as large."""
     rng = np.random.default_rng(4)
     time = 3.0 + 0.01 * np.arange(50)
     predicted = 0.01 + 0.001 * rng.normal(size=(20, 50, 3))
@@ -179,7 +179,7 @@ def test_a_log_is_compared_in_centimetres_axis_by_axis(compared, capsys):
     ]
     assert {row[4] for row in rows if row[1] in ("z", "all")} == {"no"}
     assert {row[4] for row in rows if row[1] in ("x", "y")} == {"yes"}
-    # The median of each axis is about a centimetre, the upper end of the interval a crash.
+    # The median on each axis is about a centimetre, and the upper end of the interval is a crash.
     for row in rows:
         median, high = re.fullmatch(r"(\S+) \[\S+, (\S+)\]", row[3]).groups()
         assert float(median) == pytest.approx(math.sqrt(3.0) if row[1] == "all" else 1.0, abs=0.4)
@@ -256,7 +256,7 @@ def test_a_design_has_a_row_for_each_axis_in_order(capsys):
 
 
 def test_modes_of_a_loop_have_a_frequency_a_damping_and_states(capsys):
-    """Faster modes than 60 rad/s are left out. The states of a mode are those of the vehicle."""
+    """Modes faster than 60 rad/s are left out. The printed states of a mode are states of the vehicle."""
 
     def oscillator(frequency, damping):
         return np.array([[0.0, 1.0], [-(frequency**2), -2.0 * damping * frequency]])
@@ -302,7 +302,7 @@ def test_a_regulator_is_written_as_yaml_that_a_scenario_can_extend(tmp_path):
     text = path.read_text(encoding="utf-8")
     assert text.startswith("# drake-quad design-lqg\nlqg:\n")
     assert YAML(typ="safe").load(text) == {"lqg": {"control": control.model_dump(mode="json", exclude_none=True)}}
-    # Blocks of numbers alone are in a line.
+    # Blocks that contain only numbers are written on one line.
     assert re.search(r"first: \{deviation: ", text)
     assert load_scenario("laboratory:low_wind", layers=[f"{path}:lqg"]).control == control
 
@@ -333,7 +333,7 @@ def test_the_metrics_of_a_flight_are_in_their_units():
 
 
 def identified():
-    """Return an identification of three numbers, of which the first is known to vary and the last explains nothing."""
+    """Return an identification of three parameters; the first is known to vary, and the last explains no variance."""
     estimates = Estimates(
         ("mass", "autopilot.damping[0]", "linear_drag"),
         np.array([0.5, 0.7, 0.1]),
@@ -362,7 +362,8 @@ def test_estimates_are_printed_with_intervals_and_explained_variance(capsys):
     lines = printed.out.splitlines()
     assert cells(lines[1]) == [["parameter", "value", "unit", "new flight", "within", "explained variance"]]
     mass, damping, drag = cells("\n".join(lines[2:5]))
-    # The mean is off by 0.02 kg, and a stretch by 0.04 kg beside that, which have 6.25 degrees of freedom together.
+    # The standard deviation of the mean is 0.02 kg, and that of a new flight is 0.04 kg more, in quadrature. Together
+    # they have 6.25 degrees of freedom.
     far = scipy.stats.t.ppf(0.975, 6.25) * math.sqrt(0.002)
     assert mass == ["mass", plus_minus(0.5, 1.96 * 0.02), "kg", spread_alone(far), "9 of 10", "12.3 % of climb"]
     assert damping == ["autopilot.damping[0]", plus_minus(0.7, 1.96 * 0.05), "–"]
@@ -490,7 +491,7 @@ def test_default_fields_are_those_of_the_layout_and_the_autopilot():
     attitude = [f"control.attitude.{gain}.{axis}" for gain in ("k_p", "k_d") for axis in (0, 1)]
     turning = [f"{owner}.inertia.{axis}" for owner in ("vehicle", "nominal") for axis in (0, 1)]
     on_board = "laboratory.autopilot."
-    air = ["vehicle.linear_drag", "vehicle.quadratic_drag"]  # of the vehicle of `onboard`
+    air = ["vehicle.linear_drag", "vehicle.quadratic_drag"]  # of the vehicle in `onboard`
     response = "laboratory.autopilot={kind: response, natural_frequency: [6.8, 6.1, 3], damping: [0.5, 0.5, 0.7]}"
     found = {
         name: [*sensitivities.default_fields(load_scenario(*arguments))]
@@ -520,13 +521,13 @@ def test_default_fields_are_those_of_the_layout_and_the_autopilot():
     vehicle += air
     loops = [f"control.{loop}.k_p.{axis}" for loop in ("position", "velocity") for axis in (0, 1, 2)]
     assert found["cascade"][len(vehicle) :][:8] == [*loops, "control.velocity.k_d.0", "control.velocity.k_d.1"]
-    # A drag that is not there is left out, and one that is there is among them.
+    # Drag fields that are zero are left out, and the others are included.
     drag = {"vehicle.body_drag": "{linear: [0.1, 0.2, 0.0], quadratic: [0, 0, 0.3]}", "vehicle.linear_drag": 0.0}
     dragged = sensitivities.default_fields(load_scenario("hover", [f"{path}={value}" for path, value in drag.items()]))
     assert [path for path in dragged if "drag" in path] == [
         "vehicle.body_drag.linear.0", "vehicle.body_drag.linear.1", "vehicle.body_drag.quadratic.2",
     ]  # fmt: skip
-    # Inertias and arms are parts of the response of the attitude.
+    # Inertia and arms are left out, since the attitude response replaces them.
     assert found["response"] == [
         *vehicle, *position,
         *(f"{on_board}{number}.{axis}" for number in ("natural_frequency", "damping") for axis in (0, 1)),
@@ -544,7 +545,7 @@ def test_active_limits_of_a_plan_are_printed_with_their_segments():
 
 
 def test_the_summary_of_a_plan_has_its_length_peaks_and_rotor_speeds():
-    """A figure eight is measured by its own samples; a limit is named where there is one."""
+    """The expected values of a figure eight follow from its samples; a limit is printed if there is one."""
     mission = load_scenario("figure_eight")
     flown = plan_route(mission)
     rows = {name: (value, unit) for name, value, unit in plan.summary(mission, flown, PathLimits(speed=9.0), None)}
@@ -601,7 +602,7 @@ def test_the_worst_samples_are_printed_with_the_command_that_repeats_them(capsys
         ["30.0 cm", f"{fly_again} 3"],
         ["10.0 cm", f"{fly_again} 0"],
     ]
-    # The commands stand below each other, right of the longest end there may be.
+    # All commands begin in the same column, to the right of the longest outcome.
     starts = {line.index("drake-quad") for line in text.split("worst samples:\n")[1].splitlines()}
     assert starts == {2 + 18 + 2}
 

@@ -1,4 +1,4 @@
-"""Curves and legends of figures, for tests of what a figure shows."""
+"""Functions that extract curves and legends from figures, for tests of their content."""
 
 
 def curve(axes, label):

@@ -1,4 +1,4 @@
-"""The drawings beside the scenarios are those of their diagrams."""
+"""Committed block drawings are current, and show the systems and connections of their diagrams."""
 
 import re
 import shutil
@@ -16,7 +16,7 @@ MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
 DRAWN = re.search(r"^DRAWN = ((?:.*\\\n)*.*)$", MAKEFILE, re.MULTILINE).group(1).replace("\\", " ").split()
 
 
-# A drawing does not depend on the waypoints, and planning the whole way through the forest takes several seconds.
+# A drawing does not depend on the waypoints, and planning the whole path through the forest takes several seconds.
 SHORT_ROUTES = {"forest": ["route.waypoints=[[-1, -2.7, 1.2], [1, -1.9, 1.4]]"]}
 
 

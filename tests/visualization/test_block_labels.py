@@ -31,7 +31,7 @@ def named(system, name):
 
 @pytest.fixture(scope="module")
 def drawn():
-    """A loop of an adder, a motor and a splitter, with a wrapper of a single system."""
+    """Return a loop of an adder, a motor and a splitter, with a diagram that wraps a single system."""
     builder = DiagramBuilder()
     adder = builder.AddNamedSystem("sum", Adder(2, 3))
     motor = builder.AddSystem(inner_diagram("motor", named(Gain(2.0, 3), "gain"), named(Integrator(3), "integrator")))
@@ -62,7 +62,7 @@ def test_blocks_show_their_name_and_a_different_class_name(drawn):
     # A diagram with a drawing of its own has a second outline.
     assert nodes["s1"] == 'label="motor", peripheries=2, fillcolor="#DCE9F5"'
     assert nodes["s2"] == 'label="wrapper"'
-    # A splitter is a bar without words.
+    # A splitter is a bar without a label.
     assert nodes["s3"].startswith('label="", shape=box')
     assert nodes["i0"].startswith('label="offset", shape=plaintext')
     assert nodes["o2"].startswith('label="seen", shape=plaintext')

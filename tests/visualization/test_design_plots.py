@@ -1,4 +1,4 @@
-"""Plots of designs, maps of gains, plans and sensitivities show the right numbers."""
+"""Plots of designs, stability maps, plans and sensitivities show the right numbers."""
 
 import math
 import re
@@ -105,7 +105,7 @@ def test_poles_of_a_root_locus_are_those_of_the_closed_loop(design):
     assert len(named) == 3
 
     def poles(factor):
-        """Return the poles in continuous time, without those of delays, which have no counterpart."""
+        """Return the poles in continuous time, without those of delays, which have no continuous counterpart."""
         found = np.linalg.eigvals(plant.A - factor * plant.B @ row @ plant.C)
         return np.log(found[np.abs(found) > 1e-6].astype(complex)) / plant.period
 
@@ -126,7 +126,7 @@ def test_poles_of_a_root_locus_are_those_of_the_closed_loop(design):
     for factor in (0.0, 0.5, 3.0, 29.0):
         for pole in poles(factor):
             assert np.abs(cloud - pole).min() < 0.02 * (1.0 + abs(pole))
-    # The rays of damping ratios reach the edge of the plot.
+    # The rays of constant damping ratio reach the edge of the plot.
     rays = [line.get_xydata() for line in axes.lines if len(line.get_xdata()) == 5]
     for ray, damping in zip(rays, (0.3, 0.5, 0.7), strict=True):
         for x, y in (ray[1], ray[4]):
@@ -152,7 +152,7 @@ def test_step_responses_settle_at_the_step_size():
             assert line.get_ydata()[-1] == pytest.approx(size, rel=0.1)
         np.testing.assert_allclose(diagram.get_ydata(), model.get_ydata(), atol=0.12 * size)
         assert axes.get_ylim()[1] >= 1.06 * size
-    # The plot ends when the slowest pole has decayed to less than a hundredth, after four seconds to a minute.
+    # The plot ends when the slowest mode has decayed to less than 1 %, but after 4 s to 60 s.
     slowest = -math.log(np.abs(loop.system.poles()).max()) / loop.system.period
     assert diagram.get_xdata()[-1] == pytest.approx(min(max(5.0 / slowest, 4.0), 60.0), abs=0.05)
 
@@ -163,7 +163,7 @@ def metrics_of(rmse, crashed):
 
 @pytest.fixture(scope="module")
 def panels():
-    """Return panels and their numbers; gains with k_D below k_P / 4 are unstable, and the largest gains crash."""
+    """Return panels and their values: gains with k_D below k_P / 4 are unstable, and the largest gains crash."""
     first, second = np.linspace(1.0, 5.0, 9), np.linspace(0.5, 3.5, 13)
     k_p, k_d = np.meshgrid(first, second, indexing="ij")
     size = 1.0 + 0.1 * (0.25 * k_p - k_d)
@@ -226,7 +226,7 @@ def test_contours_of_a_map_are_stability_limit_damping_and_delay_margin(panels):
             assert 0.5 / (k_p + k_d) == pytest.approx(level, rel=0.05)
     labels = [text.get_text() for text in axes.texts]
     assert {"ζ 0.4", "80 ms"} <= set(labels)
-    # A map has no edge if everything is stable.
+    # A map has no stability limit if all gains are stable.
     stable = [found[0]._replace(linear=found[0].linear._replace(size=np.full((9, 13), 0.9)))]
     assert len([each for each in drawn_map(stable, first, second).axes[0].collections if hasattr(each, "levels")]) == 2
 
@@ -270,7 +270,7 @@ def test_sensitivities_are_drawn_in_per_cent_per_per_cent():
     gradients = {"rmse": np.array([0.1, -2.0, 7.0, np.nan]), "effort_x": np.zeros(4)}
     found = Sensitivities(fields, values, {"rmse": 0.4, "effort_x": 0.0}, np.inf, gradients)
     (axes,) = plot_sensitivities(found, "rmse").axes
-    # The largest bar is at the top. A field that is zero and a metric with a kink have no bar.
+    # The largest bar is at the top. A field that is zero and a metric without a derivative have no bar.
     assert [label.get_text() for label in axes.get_yticklabels()] == ["a", "b"]
     assert [bar.get_width() for bar in axes.patches] == pytest.approx([0.5, -2.5])
     assert [bar.get_y() + 0.5 * bar.get_height() for bar in axes.patches] == pytest.approx([0.0, 1.0])
@@ -308,7 +308,7 @@ def test_a_plan_is_drawn_in_three_views(planned, drawn_plan):
         assert (axes.get_xlabel(), axes.get_ylabel()) == (f"{'XYZ'[i]} (m)", f"{'XYZ'[j]} (m)")
         assert axes.get_aspect() == 1.0
         assert bool(axes.texts) == (j == 1)
-    # Waypoints at the same place have one label with all of their numbers.
+    # Waypoints at the same position have a single label with all their numbers.
     shown = sorted(int(number) for text in views[0].texts for number in text.get_text().split(", "))
     assert shown == list(range(len(plan.waypoints)))
     for text in views[0].texts:

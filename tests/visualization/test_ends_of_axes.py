@@ -1,4 +1,4 @@
-"""Axes contain all curves with small margins and round ticks, and coinciding curves can be distinguished."""
+"""Axes contain all curves with small margins and round ticks, and overlapping curves can be distinguished."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -40,7 +40,7 @@ def test_bode_plots_show_the_margins_on_even_axes(design):
         margins = design.all_loops[name].margins
         bottom, top = gain.get_ylim()
         assert -bottom == top > margins.gain
-        # Phases have ticks at multiples of half a right angle, from one end of the axis to the other.
+        # Phases have ticks at multiples of 45 degrees, from one end of the axis to the other.
         bottom, top = phase.get_ylim()
         np.testing.assert_array_equal(phase.get_yticks(), np.arange(bottom, top + 1.0, 45.0))
         assert phase.get_yticks()[-1] == top
@@ -76,7 +76,7 @@ def test_the_axis_of_sample_shares_ends_just_above_one():
     (axes,) = study_plots.plot_distribution({"one": no_crash()}).axes
     assert 1.0 < axes.get_ylim()[1] < 1.1
     (axes,) = study_plots.plot_influences(study()).axes
-    # Bars of the two ends of a number touch, and those of the next number are apart.
+    # The two bars of a parameter touch, and there is a gap to those of the next parameter.
     bars = [(bar.get_y(), bar.get_y() + bar.get_height()) for bar in axes.patches]
     assert bars[0][1] == pytest.approx(bars[1][0])
     assert bars[1][1] < bars[2][0]
@@ -91,14 +91,14 @@ def test_sample_counts_have_ticks_at_one_two_and_five():
 
 
 def alike(near, share, count=200):
-    """Return whether a curve is dashed that is as near to another, in points, over a share of its length."""
+    """Return whether a curve is dashed if it is at a distance, in points, from another over a share of its length."""
     figure = new_figure(4.0, 3.0)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
     x = np.linspace(0.0, 1.0, count)
     axes.plot(x, np.full(count, 0.5))
     apart = np.where(np.arange(count) < share * count, near, 40.0)
-    # The page is 216 points high.
+    # The figure is 216 points high.
     (other,) = axes.plot(x, 0.5 + apart / 216.0)
     dash_overlapping_curves(axes)
     return other.is_dashed()
@@ -109,7 +109,7 @@ def test_curves_overlap_if_they_are_near_over_a_quarter_of_their_length():
     assert not alike(1.3, 1.0)
     assert alike(0.0, 0.27)
     assert not alike(0.0, 0.23)
-    # Lines of two points, such as limits, stay as they are.
+    # Lines between two points, such as limits, are not dashed.
     assert not alike(0.0, 1.0, count=2)
     assert alike(0.0, 1.0, count=3)
 
@@ -129,7 +129,7 @@ def test_each_group_of_overlapping_curves_is_dashed_once(monkeypatch):
     lines = [axes.plot(x, np.full(10, height))[0] for height in (0.0, 1.0, 0.0, 1.0, 0.0)]
     dash_overlapping_curves(axes)
     assert [line.is_dashed() for line in lines] == [False, False, True, True, True]
-    # Numbers 1 and 2 of the three below, and number 1 of the two above.
+    # These are curves 1 and 2 of the lower three, and curve 1 of the upper two.
     assert told == [(1, 3), (2, 3), (1, 2)]
 
 
@@ -152,7 +152,7 @@ def test_equal_rotor_speeds_of_a_plan_are_dashed():
     figure = plot_plan(plan, planned_parameters(scenario))
     rotors = [line for line in figure.axes[7].lines if line.get_label().startswith("rotor")]
     assert [line.is_dashed() for line in rotors] == [False, True, True, True]
-    # A hover has an extent of half a metre and more.
+    # The views of a hover are at least half a metre wide.
     figure.draw_without_rendering()
     for axes in figure.axes[:3]:
         assert min(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())) >= 0.5
@@ -166,7 +166,7 @@ def test_a_diverged_flight_is_drawn_as_far_as_it_is_finite():
     flight = simulate(load_scenario("hover", ["duration=0.2", wind]))
     state = flight["state"].copy()
     state[-5:] = np.nan
-    state[-5:, 1] = 1e6  # a place with parts that are no number is not shown
+    state[-5:, 1] = 1e6  # a position with NaN components is not shown
     diverged = replace(flight, signals={**flight.signals, "state": state})
     for whole, part in zip(plot_wind(flight).axes[:2], plot_wind(diverged).axes[:2], strict=True):
         np.testing.assert_allclose(part.get_xlim(), whole.get_xlim(), atol=0.02)
@@ -175,7 +175,7 @@ def test_a_diverged_flight_is_drawn_as_far_as_it_is_finite():
 
 @pytest.mark.slow
 def test_wind_that_is_not_in_the_scenario_is_plotted(monkeypatch):
-    """Wind that is no part of the scenario blows along one axis for a moment."""
+    """A short wind along one axis does not come from the scenario."""
     monkeypatch.setattr(plots, "save_figures", lambda figures, folder, vector: [*figures])
     flight = simulate(load_scenario("hover", ["duration=0.1"]))
     wind = np.zeros_like(flight["wind"])
@@ -188,7 +188,7 @@ def test_reference_points_span_the_whole_reference():
     plan = plan_route(load_scenario("slalom"))
     points = reference_points(plan)
     np.testing.assert_allclose(points[[0, -1]], plan.waypoints[[0, -1]], atol=1e-6)
-    # Twenty points a second follow the path.
+    # The reference has twenty points per second.
     assert len(points) == int(20.0 * plan.duration)
     np.testing.assert_allclose(
         points[1:4].T, plan.derivative(0).vector_values(np.arange(1, 4) * plan.duration / (len(points) - 1)), atol=1e-6
@@ -196,7 +196,7 @@ def test_reference_points_span_the_whole_reference():
 
 
 def identification(*units, share=0.9):
-    """Return an identification with an output in each unit, whose errors are steps of 0.1 rad or whatever."""
+    """Return an identification with an output in each unit, whose forecast errors are steps of 0.1 in this unit."""
     time = np.arange(12)[:, None] + np.linspace(0.0, 1.0, 26)
     measured = np.sin(time)
     outputs = tuple(
@@ -225,7 +225,7 @@ def test_outputs_are_drawn_in_the_unit_of_their_label(unit, factor, shown):
     assert left.get_ylabel() == f"angular\nvelocity about\nx\n({shown})"
     np.testing.assert_allclose(left.lines[0].get_ydata(), factor * output.measured[0])
     np.testing.assert_allclose(right.lines[0].get_ydata(), factor * output.residual[0])
-    # No error is a line, too.
+    # Zero error is marked by a line.
     assert right.lines[-1].get_ydata()[0] == 0.0
 
 
@@ -297,7 +297,7 @@ def camera():
 
 
 def middle_of(frame, color):
-    """Return the middle of all pixels of a colour, in pixels from the left and from the bottom; None without any."""
+    """Return the mean position of all pixels of a colour, from the left and from the bottom; None if there are none."""
     up, across = np.nonzero(np.abs(frame - 255.0 * np.array(to_rgb(color))).max(axis=2) < 30.0)
     return np.array([across.mean(), len(frame) - up.mean()]) if len(up) else None
 
@@ -314,14 +314,14 @@ def test_a_frame_shows_vehicle_and_target_at_their_positions(camera):
         return camera._axes.transData.transform((across, up))
 
     np.testing.assert_allclose(middle_of(frame, "tab:green"), seen(target), atol=1.5)
-    # Its front is red, and points up and to the left with this pitch and yaw.
+    # The front of the vehicle is red. With this pitch and yaw it points up and to the left.
     ahead = RollPitchYaw(*attitude).ToRotationMatrix().matrix()[:, 0]
     wanted, found = (
         seen(place + 0.1 * ahead) - seen(place),
         middle_of(frame, "tab:red") - seen(place),
     )
     assert found @ wanted / np.linalg.norm(found) / np.linalg.norm(wanted) > 0.98
-    # A vehicle that is nowhere is not drawn, its target is.
+    # A vehicle whose position is NaN is not drawn, but its target is.
     (empty,) = camera.frames(
         State(*np.full((12, 1), np.nan)), Reference(*np.array([*target, *[0.0] * 8])[:, np.newaxis])
     )
@@ -333,7 +333,7 @@ def test_a_frame_shows_vehicle_and_target_at_their_positions(camera):
 
 
 def test_a_camera_sees_a_room_around_the_path(camera):
-    """The room of a hover is three times as far as its rotors on each side, and each axis has a few round marks."""
+    """The room around a hover extends three times as far as the rotors, and each axis has a few round ticks."""
     axes = camera._axes
     reach = float(np.linalg.norm(camera._arms[:, :2], axis=1).max())
     for limits, middle in ((axes.get_xlim(), 0.0), (axes.get_ylim(), 0.0), (axes.get_zlim(), 1.0)):

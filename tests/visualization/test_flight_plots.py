@@ -1,4 +1,4 @@
-"""Plots of a flight show its signals, in the units of their axes."""
+"""Plots of a flight show its signals in the units of their labels."""
 
 from dataclasses import replace
 
@@ -35,7 +35,7 @@ def flight():
 
 @pytest.fixture(scope="module")
 def crash():
-    """Return a flight that a wind blows away."""
+    """Return a flight that crashes in a strong wind."""
     wind = ["vehicle.linear_drag=0.3", "laboratory.wind=[{kind: steady, velocity: [6, 0, 0]}]"]
     return simulate(load_scenario("hover", ["duration=3", "crash.position_error=0.5", *wind]))
 
@@ -105,7 +105,7 @@ def test_rotor_speeds_are_shown_enlarged_and_with_their_limits(flight):
         (f"idle {limits[0]:g}", limits[0]),
         (f"top {limits[1]:g}", limits[1]),
     ]
-    # Close up, the speeds fill the axes, whatever the limits are.
+    # In the enlarged panel the speeds fill the axes, independently of the limits.
     low, high = close.get_ylim()
     assert np.ptp(speeds) > 0.8 * (high - low)
 
@@ -128,7 +128,7 @@ def test_a_path_is_shown_in_space_and_from_above(flight):
     assert (limits[:, 0] <= corners.min(axis=1) + 1e-9).all()
     assert (limits[:, 1] >= corners.max(axis=1) - 1e-9).all()
     np.testing.assert_allclose(limits.mean(axis=1), 0.5 * (corners.min(axis=1) + corners.max(axis=1)), atol=1e-9)
-    # No side of the box is much shorter than another.
+    # No side of the three-dimensional view is much shorter than another.
     extents = np.diff(limits)[:, 0]
     np.testing.assert_allclose(
         extents, np.maximum(np.ptp(corners, axis=1), max(0.35 * np.ptp(corners, axis=1).max(), 0.5))
@@ -180,7 +180,7 @@ def test_the_overview_of_a_flight_has_all_of_its_parts(flight, crash):
 
 @pytest.mark.slow
 def test_only_the_plots_that_apply_to_a_flight_are_saved(flight, monkeypatch):
-    """A flight without wind has no plot of wind, and one without a network none of learning."""
+    """A flight without wind has no plot of the wind, and a flight without a network has no plots of the learning."""
     monkeypatch.setattr(plots, "save_figures", lambda figures, folder, vector: [*figures])
     always = ["path", "errors", "attitude", "rotors"]
     assert plots.save_plots(flight, ".") == [*always, "wind"]
@@ -211,7 +211,7 @@ def test_a_leg_is_marked_to_the_right_of_its_middle(plan):
         np.testing.assert_allclose(mark.middle, plan.derivative(0).value(middle)[:, 0])
         v_x, v_y, _ = plan.derivative(1).value(middle)[:, 0]
         if np.any(mark.right):
-            # The mark is to the right of the direction of flight, at a right angle, and of length one.
+            # The direction to the mark is a unit vector to the right of the direction of flight.
             assert mark.right @ [v_x, v_y] == pytest.approx(0.0, abs=1e-9)
             assert v_x * mark.right[1] - v_y * mark.right[0] < 0.0
             assert np.linalg.norm(mark.right) == pytest.approx(1.0)
@@ -266,12 +266,12 @@ def test_the_wind_at_the_vehicle_is_shown_over_time(windy):
 
 
 def middles(mesh):
-    """Return the centres of a mesh's cells, across and up the page: (rows, columns) each, m."""
+    """Return the horizontal and vertical coordinates of the centres of a mesh's cells, (rows, columns) each, m."""
     return np.moveaxis(0.5 * (mesh.get_coordinates()[:-1, :-1] + mesh.get_coordinates()[1:, 1:]), -1, 0)
 
 
 def mean_speed(flight, x, y, z):
-    """Return the speed of steady wind and fans at places, m/s."""
+    """Return the speed of the steady wind and the fans at given positions, m/s."""
     rows = np.broadcast_arrays(x, y, z)
     still = np.zeros_like(rows[0])
     velocity = [still + part for part in (0.3, -0.2, 0.1)]
@@ -308,7 +308,7 @@ def test_maps_show_the_mean_wind_in_a_horizontal_and_a_vertical_plane(windy):
             low = max(min(ends) - 0.7, 0.0) if axis == "z" else min(ends) - 0.7
             assert corners[..., place].min() == pytest.approx(low, abs=0.02)
             assert corners[..., place].max() == pytest.approx(max(ends) + 0.7, abs=0.03)
-    # The longer side of the map is across the page.
+    # The longer side of the map is horizontal.
     corners = above.collections[0].get_coordinates()
     assert np.ptp(corners[..., 0]) >= np.ptp(corners[..., 1])
 
@@ -326,7 +326,7 @@ def test_a_fan_is_a_bar_across_its_direction(windy):
 
 
 def test_arrows_have_the_direction_of_the_wind(windy):
-    """Each arrow is the velocity at its place. The longest arrow reaches to the next one."""
+    """Each arrow shows the velocity at its position. The longest arrow reaches to the next one."""
     above, *_ = plot_wind(windy).axes
     arrows, mesh = above.collections[1], above.collections[0]
     speeds = np.hypot(arrows.U, arrows.V)
@@ -334,11 +334,11 @@ def test_arrows_have_the_direction_of_the_wind(windy):
     at = dict(zip(above.get_xlabel()[0].lower() + above.get_ylabel()[0].lower(), (arrows.X, arrows.Y), strict=True))
     whole = np.hypot(speeds, 0.1)
     np.testing.assert_allclose(whole, mean_speed(windy, z=1.1, **at))
-    # Places with next to no wind have no arrow. The other arrows are evenly spaced.
+    # There are no arrows where the wind is negligible. The other arrows are evenly spaced.
     assert whole.min() > 0.03 * mesh.get_array().max()
     assert len(np.unique(arrows.X)) == pytest.approx(30, abs=1)
     assert speeds.max() / arrows.scale == pytest.approx(spacing, rel=0.15)
-    # Far from the fan the wind is the steady one.
+    # Far from the fan, only the steady wind is left.
     flat = {"Y (m)": (-0.2, 0.3), "X (m)": (0.3, -0.2)}[above.get_xlabel()]
     far = np.argmin(speeds)
     assert (arrows.U[far], arrows.V[far]) == pytest.approx(flat, abs=0.05)
@@ -349,7 +349,7 @@ def test_without_steady_wind_there_is_no_map(flight):
     (axes,) = plot_wind(still).axes
     assert axes.get_ylim() == (-1.0, 1.0)
     np.testing.assert_array_equal(curve(axes, "X")[1], 0.0)
-    # Air that only moves towards negative axes is wind, too.
+    # A wind with only negative components counts as wind.
     blown = replace(still, signals={**still.signals, "wind": np.full_like(still["wind"], -3.0)})
     (axes,) = plot_wind(blown).axes
     assert axes.get_ylim()[0] < -3.0

@@ -1,4 +1,4 @@
-"""Pictures of an identification show what it holds."""
+"""Plots of an identification show its forecasts, residuals, thrust curve, correlations and prediction errors."""
 
 from dataclasses import replace
 
@@ -62,7 +62,7 @@ def test_white_residuals_have_no_autocorrelation_and_a_flat_spectrum(identificat
     assert np.abs(correlation[1:]).max() < 0.25
     density = right.lines[0].get_ydata()
     assert density.max() / density.min() < 30.0
-    # One-sided, of white noise: twice the sampling period.
+    # The one-sided spectral density of white noise over its variance is twice the sampling period.
     assert density.mean() == pytest.approx(2.0 * 0.04, rel=0.2)
     assert legends(figure) == [output.name for output in identification.outputs]
 
@@ -100,7 +100,7 @@ def test_nonzero_correlations_are_written(identification):
 
 
 def test_the_figure_of_correlations_has_room_for_every_estimate(identification):
-    """Each estimate adds a row and a column of the same size, which holds its number."""
+    """Each estimate adds a row and a column of the same size, with room for the numbers in its cells."""
     names = [
         f"{name}[{i}]" for name in ("inertia", "body_drag.linear", "motors.curve", "centre_of_mass") for i in range(3)
     ]
@@ -211,7 +211,7 @@ def test_each_correlation_is_shaded_in_its_cell(identification):
     axes = plots.plot_correlations(estimates).axes[0]
     np.testing.assert_allclose(axes.images[0].get_array(), estimates.correlation)
     assert axes.images[0].get_clim() == (-1.0, 1.0)
-    # Correlations of less than 5 % are not written.
+    # Correlations below 0.05 are not written.
     assert {(text.get_position(), text.get_text()) for text in axes.texts} == {((3, 0), "0.5"), ((0, 3), "0.5")}
     assert {text.get_color() for text in axes.texts} == {"black"}
     assert [label.get_text() for label in axes.get_yticklabels()] == [
@@ -246,7 +246,7 @@ def test_prediction_errors_have_intervals_and_are_side_by_side():
 
 @pytest.fixture(scope="module")
 def compared():
-    """Return a comparison of a second of a log with a gap and twenty predictions, one of which crashes half-way."""
+    """Return a comparison of a log of one second, with a gap, and twenty predictions, one of which crashes half-way."""
     time = np.concatenate([np.arange(40) * 0.01, 0.9 + np.arange(40) * 0.01])
     target = np.stack([time, 2.0 * time, 1.0 + 0.0 * time], axis=1)
     flown = 0.02 * np.stack([np.sin(9.0 * time), np.cos(9.0 * time), time], axis=1)

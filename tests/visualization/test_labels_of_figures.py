@@ -1,4 +1,4 @@
-"""Every axis of a figure says what it shows and in which unit, and every legend says which curve is which."""
+"""Every axis of a figure has a label with a unit, and every legend identifies the curves."""
 
 import pytest
 from figure_content import legends
@@ -16,7 +16,7 @@ from drake_quad.visualization.wind_plots import plot_wind
 ROTORS = ["rotor 1", "rotor 2", "rotor 3", "rotor 4"]
 LEGS = ["rise", "climb", "circle", "straight", "descent", "turn", "curve", "return"]
 SETS = [f"{name} at {place}" for name in ("error", "rate") for place in ("−1", "0", "+1")]
-# Function that draws each figure of a flight, labels (x, y) of its axes in their order, and entries of its legends.
+# For each figure of a flight: the function that draws it, the labels (x, y) of its axes, and its legend entries.
 OF_FLIGHTS = {
     "path": (plots.plot_path, [("X (m)", "Y (m)"), ("X (m)", "Y (m)")], ["flown", "reference", "start", *LEGS]),
     "errors": (plots.plot_errors, [("", "error (cm)"), ("time (s)", "Euclidean error (cm)")], ["X", "Y", "Z"]),
@@ -153,7 +153,7 @@ def test_axes_of_a_flight_have_labels_titles_and_legends(name, flight):
     titles = [figure.get_suptitle(), *(axes.get_title(loc) for axes in figure.axes for loc in ("center", "left"))]
     assert [title for title in titles if title] == TITLES[name]
     if name == "plan":
-        # The three views and the profiles are two columns, each as high as the figure.
+        # The three views and the profiles form two columns, each as high as the figure.
         figure.draw_without_rendering()
         for part in (figure.axes[:3], figure.axes[3:]):
             ends = [end for axes in part for end in axes.get_position().intervaly]

@@ -17,7 +17,7 @@ def flight():
 
 
 def elliptic(u, a):
-    """Return the membership of a set around 0 of width 1 (Kayacan and Maslim 2016, eq. 16)."""
+    """Return the membership function of a set with centre 0 and width 1 (Kayacan and Maslim 2016, eq. 16)."""
     return np.where(np.abs(u) < 1.0, np.maximum(1.0 - np.abs(u) ** a, 0.0) ** (1.0 / a), 0.0)
 
 
@@ -59,7 +59,7 @@ def test_learning_is_shown_for_each_axis(flight):
         assert len(learned.lines) == weights.shape[2] == 9
         for line in learned.lines:
             (rule,) = [i for i in range(9) if np.array_equal(weights[:, column, i], line.get_ydata())]
-            # The set of the rate varies fastest in the order of the rules.
+            # In the order of the rules, the set of the error rate varies fastest.
             error, rate = divmod(rule, 3)
             assert line.get_label() == f"{(-1, 0, 1)[error]:g}, {(-1, 0, 1)[rate]:g}"
             assert to_hex(line.get_color()) == plots._COLORS[error].lower()
@@ -79,7 +79,7 @@ def test_an_adaptation_law_without_a_covariance_has_no_trace_panel():
 
 
 def network_output(sets, weights, error, rate):
-    """Return the output of a network of triangular or elliptic sets: the mean of both firings, rule by rule."""
+    """Return the output of a network with triangular or elliptic sets; a rule fires with the mean of both bounds."""
     found = []
     for a in (sets.a1, sets.a2):
         strengths = []

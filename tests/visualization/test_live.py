@@ -1,4 +1,4 @@
-"""A live flight: sliders and buttons change what flies, and nothing else."""
+"""Sliders and buttons of a live flight change the simulation, which otherwise equals that of `simulate`."""
 
 from collections import Counter
 
@@ -20,7 +20,7 @@ FLOWN = [
 
 
 class Page:
-    """A Meshcat server whose buttons a test clicks on."""
+    """Meshcat server on whose buttons a test can click."""
 
     def __init__(self):
         self._meshcat, self.clicks = local_meshcat(), Counter()
@@ -41,7 +41,7 @@ def page(monkeypatch):
 
 
 class Unseen:
-    """A visualizer that draws nothing."""
+    """Visualizer that draws nothing."""
 
     def __init__(self, *_):
         pass
@@ -51,7 +51,7 @@ class Unseen:
 
 
 def flown(flight, seconds):
-    """Fly on for some seconds, and return the state after the update of this time."""
+    """Continue the flight for some seconds, and return the state after the update at the last time."""
     for _ in flight.fly(seconds):
         pass
     flight.simulator.AdvancePendingEvents()
@@ -75,7 +75,7 @@ def test_the_sliders_set_mass_and_gains(page):
     assert flight.scenario.nominal == given.nominal
     np.testing.assert_allclose(flight.scenario.control.position.k_p, 2.0 * np.array(given.control.position.k_p))
     assert flight.scenario.control.position.k_d == given.control.position.k_d
-    # A new start keeps the numbers: it is the flight of a scenario that is written so.
+    # A restart keeps the changed numbers, so it equals the flight of a scenario with these numbers.
     page.clicks["start again"] += 1
     state = flown(flight, 1.0)
     written = load_scenario("laboratory:nominal", ["vehicle.mass=0.8", *(

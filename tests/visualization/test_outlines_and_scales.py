@@ -1,4 +1,4 @@
-"""Numbers of waypoints and scenes have their sizes."""
+"""Waypoint numbers are limited, cameras have a uniform scale, and vehicles have sensible parts and colours."""
 
 import numpy as np
 import pytest

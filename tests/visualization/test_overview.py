@@ -1,4 +1,4 @@
-"""Figures at a glance show the numbers of their flights and studies."""
+"""Overview figures show the signals of their flights and the statistics of their studies."""
 
 import io
 
@@ -39,5 +39,5 @@ def test_the_overview_of_studies_shows_their_statistics():
 def test_a_notebook_shows_a_figure():
     with styled():
         figure = new_figure(2.0, 1.0)
-    # The protocol by which IPython asks a value for its picture.
+    # IPython calls this method to display a value as a picture.
     assert Image.open(io.BytesIO(figure._repr_png_())).size == (220, 110)

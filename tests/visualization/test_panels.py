@@ -1,4 +1,4 @@
-"""Panels of a figure share their axes, fill the page and work alone; and what lies on top of each other is dashed."""
+"""Panels of a figure share their axes and fill the figure, and overlapping curves are dashed."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ def learned():
 
 
 def shared(figure, rows, columns, *, x, y):
-    """Check whether the panels of a grid share x in columns ("col"), all ("all") or not (""), and y in rows."""
+    """Check whether the panels of a grid share x in columns ("col"), in all panels ("all") or not (""), and y in rows."""
     grid = np.array(figure.axes[: rows * columns]).reshape(rows, columns)
     for i, j in np.ndindex(rows, columns):
         for k, m in np.ndindex(rows, columns):
@@ -78,7 +78,7 @@ def test_a_network_on_one_axis_has_one_column():
 
 
 def test_curves_on_top_of_each_other_are_dashed_in_all_plots_of_a_flight(hover):
-    """In hover without wind all errors and angles are almost zero, so that their curves coincide."""
+    """In hover without wind all errors and angles are almost zero, so their curves overlap."""
     upper, _ = plots.plot_errors(hover).axes
     assert [line.is_dashed() for line in upper.lines[:2]] == [False, True]
     for axes in plots.plot_attitude(hover).axes[:2]:
@@ -118,7 +118,7 @@ def test_the_view_of_a_hover_spans_half_a_metre(hover):
     plan.draw_without_rendering()
     for axes in plan.axes[:3]:
         assert min(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())) < 0.75
-    # Without any speed the axis goes up to one metre a second and a little more.
+    # If the speed is always zero, the axis ends a little above 1 m/s.
     assert plan.axes[3].get_ylim() == (0.0, 1.12)
 
 
@@ -183,7 +183,7 @@ def test_a_camera_sees_the_whole_path_from_a_flat_room():
     size = high - low + 6.0 * reach
     np.testing.assert_allclose(np.ptp(limits, axis=1), np.maximum(size, 0.3 * size.max()))
     np.testing.assert_allclose(limits.mean(axis=1), 0.5 * (low + high))
-    # Along the longest side there are at most six marks, and along shorter ones fewer.
+    # The longest side has at most six ticks, and shorter sides have fewer.
     marks = [axis.get_major_locator()._nbins for axis in (axes.xaxis, axes.yaxis, axes.zaxis)]
     assert max(marks) == 6
     assert np.argsort(marks, kind="stable").tolist() == np.argsort(np.ptp(limits, axis=1), kind="stable").tolist()

@@ -1,4 +1,4 @@
-"""What is drawn can be read: labels stand on plates, curves that coincide are told apart, legends say what is what."""
+"""Figures are legible: labels have a background, overlapping curves are dashed, and legends identify the curves."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def learned():
 
 
 def labels_on_plates(figure):
-    """Return the number of annotations of a figure that stand on a white plate, beside the points that they name."""
+    """Return the number of annotations in a figure that have a white background, beside the points that they name."""
     labels = [text for axes in figure.axes for text in axes.texts if isinstance(text, Annotation) and text.get_text()]
     assert all(to_hex(label.get_bbox_patch().get_facecolor()) == "#ffffff" for label in labels)
     assert all(3.0 <= np.hypot(*label.get_position()) <= 10.0 for label in labels)
@@ -83,12 +83,12 @@ def test_overlapping_curves_are_dashed():
 
 
 def test_each_of_several_overlapping_curves_is_visible():
-    """Each has less drawn than those below it, and something."""
+    """The dashes of each curve cover less of its length than those of the curve below it, but not zero."""
     drawn = [dashes(place, 4)[1] for place in range(4)]
     shares = [on / (on + off) for on, off in drawn]
     assert shares == pytest.approx([1.0, 0.75, 0.5, 0.25])
     assert len({on + off for on, off in drawn}) == 1
-    # What is seen of each is several times as long as the curve is wide.
+    # The visible part of each curve is several times as long as the curve is wide.
     seen = -np.diff([on for on, _ in drawn] + [0.0])
     assert np.all(seen > 4.0)
 
@@ -107,7 +107,7 @@ def test_equal_rotor_speeds_are_distinguishable(flight):
 
 
 def test_the_legend_identifies_each_weight(learned):
-    """The curve of the last rule, both sets at their highest, has the colour and the style that the legend gives."""
+    """The curve of the last rule, with the last set of each input, has the colour and the style in the legend."""
     figure = plot_learning(learned)
     weights = figure.axes[3]
     key = {text.get_text(): line for text, line in zip(*legend_of(weights), strict=True)}

@@ -15,7 +15,7 @@ from drake_quad.visualization.replay import page, scene, shapes
 
 
 def area(corners, faces):
-    """Return the area of a surface."""
+    """Return the area of a surface of triangles."""
     a, b, c = (np.asarray(corners)[[face[i] for face in faces]] for i in range(3))
     return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
 
@@ -120,7 +120,7 @@ def test_a_server_is_local_and_its_scene_is_empty_and_white(monkeypatch):
     for end in ("top", "bottom"):
         assert stage.properties["/Background/<object>", f"{end}_color"] == [1.0, 1.0, 1.0]
     lights = {path: value for (path, name), value in stage.properties.items() if name == "intensity"}
-    # Spots would make colours differ from those of the legend.
+    # Spot lights would make colours differ from those of the legend.
     assert {path for path, value in lights.items() if value > 0.0} == {
         "/Lights/AmbientLight/<object>",
         "/Lights/FillLight/<object>",

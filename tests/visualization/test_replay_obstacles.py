@@ -1,4 +1,4 @@
-"""Obstacles in replays."""
+"""Replays show obstacles, name them, and report crashes into them."""
 
 import json
 import re
@@ -26,7 +26,7 @@ def hover():
 
 @pytest.fixture(scope="module")
 def crash():
-    """A hover that wind carries away."""
+    """Return a hover that a strong wind blows into an obstacle."""
     wind = ["vehicle.linear_drag=0.3", "laboratory.wind=[{kind: steady, velocity: [5, 0, 0]}]"]
     flight = simulate(load_scenario("hover", ["duration=4", f"space={{obstacles: {{{BALL}}}}}", *wind]))
     assert flight.touched == "ball"

@@ -1,4 +1,4 @@
-"""Parts of a replay are no larger than their vehicle, and its trails, rotors and rates are those of the flight."""
+"""Drawn parts are no larger than their vehicle, and trails, rotors and frame rates match the flight."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ from drake_quad.visualization.replay.shapes import Frame, draw_quadrotor
 
 
 class Recording(Scene):
-    """A scene that also keeps all poses of an object, and how it is recorded."""
+    """Scene that also keeps all poses of an object, and the settings of its recording."""
 
     def __init__(self):
         super().__init__()
@@ -43,7 +43,7 @@ def test_no_part_is_larger_than_its_vehicle():
             assert part.radius() <= disc
             assert part.length() < 0.25 * reach
     assert scene.objects["/v/motor_1"].radius() < 0.25 * disc
-    # Arms begin in the middle.
+    # Arms begin in the middle of the vehicle.
     assert len([path for path in scene.objects if "arm" in path]) == len(X_LAYOUT)
 
 

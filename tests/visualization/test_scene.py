@@ -1,4 +1,4 @@
-"""Scenes of replays, as calls of Meshcat: drawn objects, their poses and their motion."""
+"""Scenes of replays call Meshcat with the right objects, poses and motions."""
 
 import json
 from dataclasses import replace
@@ -39,7 +39,7 @@ from drake_quad.visualization.style import AXES, BLUE, SKY
 
 
 class Animation:
-    """An animation that keeps its keyframes, by path and by property."""
+    """Animation that keeps its keyframes by path and property."""
 
     def __init__(self, rate):
         self.rate, self.transforms, self.properties = rate, {}, {}
@@ -58,7 +58,7 @@ class Animation:
 
 
 class Scene:
-    """A stand-in for Meshcat that keeps what is drawn, by its path."""
+    """Replacement of Meshcat that keeps all drawn objects by path."""
 
     def __init__(self):
         self.objects, self.colors, self.poses, self.properties = {}, {}, {}, {}
@@ -117,7 +117,7 @@ FRAME = Frame(X_LAYOUT, (np.zeros(3),) * 4)
 
 
 def ends(box, pose):
-    """Return the middles of the two short sides of a box, m."""
+    """Return the centres of the two small faces of a box, m."""
     half = 0.5 * box.width()
     return np.array([pose @ np.array([sign * half, 0.0, 0.0]) for sign in (-1.0, 1.0)])
 
@@ -207,7 +207,7 @@ def test_a_fan_blows_from_its_outlet_along_its_direction():
     assert (z.min(), z.max()) == pytest.approx((0.0, 5.0))
     np.testing.assert_allclose(np.hypot(x, y), np.maximum(0.4, 0.094 * z), atol=1e-9)
     assert not scene.properties["/fan/jet/<object>", "material.depthWrite"]
-    # The mantle is closed around the axis.
+    # The surface of the jet is closed around its axis.
     np.testing.assert_allclose([x[:, 0], y[:, 0]], [x[:, -1], y[:, -1]], atol=1e-12)
     assert np.ptp(np.unwrap(np.arctan2(y, x), axis=1), axis=1) == pytest.approx(2.0 * np.pi)
 
@@ -257,7 +257,7 @@ def test_a_tube_follows_its_points():
     area = 0.5 * np.linalg.norm(np.cross(corners[1] - corners[0], corners[2] - corners[0]), axis=1).sum()
     length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
     assert area == pytest.approx(3.0 * np.sqrt(3.0) * 0.05 * length, rel=0.02)
-    # A tube may also go straight up or stand still.
+    # The points of a tube may also go straight up, or be equal.
     up, _ = tube(np.column_stack([np.zeros(5), np.zeros(5), np.arange(5.0)]), 0.05)
     np.testing.assert_allclose(np.hypot(*up[:2]), 0.05)
     assert np.isfinite(tube(np.zeros((5, 3)), 0.05)[0]).all()
@@ -363,7 +363,7 @@ def test_a_replay_moves_its_objects_thirty_times_a_second(flights):
         rotor = Frame.of(flight.scenario.vehicle).rotors[0]
         angle = 0.1 / 30.0 * rotor.direction * flight["rotor_speed"][0, 0]
         np.testing.assert_allclose(turned[1], [np.cos(angle), np.sin(angle)])
-    # Only a flight in a wind that is not of fans has an arrow.
+    # Only a flight whose wind does not come from fans has an arrow.
     arrow = moved["/first_one_wind"]
     assert "/other_wind" not in moved
     assert {"/first_one_wind/arrow", "/reference/point"} <= {*scene.objects, *scene.meshes}
@@ -440,7 +440,7 @@ def test_a_swarm_shows_its_crashes_in_red(flights, monkeypatch, tmp_path):
 
 
 def test_page_data_contain_errors_and_speeds_over_time(flights):
-    """Errors are in centimetres and speeds in m/s, every 50 ms and with three digits."""
+    """Errors in cm and speeds in m/s are given every 50 ms, with three digits."""
     room = SceneRoom(
         np.array([-1.0, -2.0, 0.0]), np.array([3.0, 2.0, 1.5]), 0.5, np.zeros((1, 3)), {"post": np.ones(3)}
     )

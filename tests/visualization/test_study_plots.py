@@ -37,7 +37,7 @@ def no_crash(seed=0, count=COUNT):
 
 
 def test_a_distribution_is_the_share_of_samples_up_to_a_value():
-    """Crashed samples count as worse than any other. The bands are those of Massart's inequality."""
+    """Crashed samples count as worse than all others. The bands follow from Massart's inequality."""
     some, none = study(), no_crash(1)
     figure = plots.plot_distribution({"one": some, "other": none})
     assert legends(figure) == ["one (15.0 % crashed)", "other"]
@@ -69,7 +69,7 @@ def test_titles_count_samples():
 
 
 def test_estimates_converge_with_the_number_of_samples():
-    """They are the mean of samples that do not crash, from the tenth on, and the share of crashes."""
+    """The left panel shows the mean over samples without a crash, from the tenth on; the right one shows crashes."""
     found = study()
     figure = plots.plot_convergence({"one": found})
     assert legends(figure) == ["one"]
@@ -99,7 +99,7 @@ def test_the_convergence_of_a_quantile_is_shown_without_crashes():
     stops, values = curve(right, "one")
     expected = [quantile_interval(found.metrics.peak_error[: int(n)], 0.95) for n in stops]
     np.testing.assert_allclose(values, [each.value for each in expected])
-    # No interval holds the quantile of a few samples.
+    # Few samples give no interval for the quantile.
     known = np.isfinite([each.high for each in expected])
     corners = right.collections[0].get_paths()[-1].vertices
     assert corners[:, 1].max() == pytest.approx(max(each.high for each in expected if np.isfinite(each.high)))
@@ -137,7 +137,7 @@ def test_a_tornado_has_the_means_of_the_tenths(name):
         assert axes.texts[place].get_text().startswith(each.correlation.text(signed=True))
         assert axes.texts[place].xy == (1.01, place)
     assert axes.lines[-1].get_xdata()[0] == pytest.approx(middle)
-    # The field with the largest influence is at the top.
+    # The parameter with the largest influence is at the top.
     low, high = axes.get_ylim()
     assert (low, high) == (1.5, -0.5)
     assert [label.get_text() for label in axes.get_yticklabels()] == ["mass (kg)", "cameras: latency frames"]
@@ -168,7 +168,7 @@ def test_a_tornado_shows_sixteen_fields_at_most():
 
 
 def test_the_probability_of_a_crash_is_shown_in_bins(monkeypatch):
-    """Each point is at the median of its bin, with its interval upright and its bin across."""
+    """Each point is at the median of its bin. Vertical bars show its interval, and horizontal bars show its bin."""
     found = study()
     (axes,) = plots.plot_crash_probability(found, MASS, num_bins=8).axes
     levels = statistics.crash_levels(found, MASS, num_bins=8)
@@ -185,7 +185,7 @@ def test_the_probability_of_a_crash_is_shown_in_bins(monkeypatch):
     assert points.get_label() == f"robustness: {statistics.crash_probability(found.metrics).percent()} of 200 samples"
     assert [line for line in axes.lines if len(line.get_xdata()) == 2][-1].get_ydata()[0] == 0.15
     assert axes.get_xlabel() == "mass (kg)"
-    # The default is the field with the largest influence on crashes.
+    # The default is the parameter with the largest influence on crashes.
     assert plots.plot_crash_probability(found).axes[0].get_xlabel() == "mass (kg)"
     none = Study(found.scenario, 10.0, found.samples, {}, found.metrics)
     with pytest.raises(InputError, match="no random parameter"):
@@ -193,7 +193,7 @@ def test_the_probability_of_a_crash_is_shown_in_bins(monkeypatch):
 
 
 def test_controllers_with_the_same_numbers_are_drawn_side_by_side():
-    """They are three points of print apart, around the number itself. Whole numbers have whole ticks."""
+    """Their points are drawn three typographic points apart, around the true value. Integers have integer ticks."""
     found = {name: study(seed) for seed, name in enumerate(("a", "b", "c"))}
     figure = plots.plot_crash_probability(found, DELAY)
     (axes,) = figure.axes
@@ -257,7 +257,7 @@ def test_the_overview_of_studies_has_their_means_and_crashes():
 
 
 def test_controllers_are_compared_by_all_of_their_samples():
-    """Samples that did not crash are in centimetres around the row of their controller, together with their mean."""
+    """Errors of samples without a crash, and their mean, are drawn in cm around the row of their controller."""
     found = {"calm": {"a": study().metrics, "b": no_crash(1, 50).metrics}, "wind": {"a": study(2, COUNT).metrics}}
     found["wind"]["b"] = study(4, 3, 40).metrics
     first, second = plot_comparison(found).axes

@@ -1,4 +1,4 @@
-"""Figures as files, and the style of all figures."""
+"""Figures have the style of the project and are written reproducibly."""
 
 from typing import get_args
 
@@ -61,7 +61,7 @@ def test_colours_are_those_that_okabe_and_ito_publish():
 
 
 def test_areas_are_shaded_from_white_to_a_blue_on_which_lines_are_seen():
-    """The lightness (CIE 1931, linear in sRGB here) falls steadily."""
+    """The lightness (CIE 1931, here linear in sRGB) decreases monotonically."""
     colors = shading()(np.linspace(0.0, 1.0, 11))[:, :3]
     lightness = colors @ [0.2126, 0.7152, 0.0722]
     assert lightness[0] > 0.95
