@@ -93,9 +93,9 @@ def _check_ports(single: Any, fleet: Any, num_vehicles: int) -> dict[str, int]:
         assert list(one) == list(many), f"ports: one vehicle has {list(one)}, but a fleet has {list(many)}"
         for name, port in one.items():
             assert port.get_data_type() == PortDataType.kVectorValued, f"ports: `{name}` is not vector-valued"
-            size, wanted = many[name].size(), num_vehicles * port.size()
-            fault = f"ports: `{name}` has {size} elements for {num_vehicles} vehicles, but needs {wanted}"
-            assert size == wanted, fault
+            size, expected_size = many[name].size(), num_vehicles * port.size()
+            fault = f"ports: `{name}` has {size} elements for {num_vehicles} vehicles, but needs {expected_size}"
+            assert size == expected_size, fault
     return {name: port.size() for name, port in _inputs_of(single).items()}
 
 

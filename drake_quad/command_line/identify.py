@@ -112,9 +112,9 @@ def main(arguments: argparse.Namespace) -> None:
         "correlations": plots.plot_correlations(identification.estimates),
         "predictions": plots.plot_predictions(predictions),
     }
-    shown = {name: figure for name, figure in figures.items() if figure is not None}
+    saved = {name: figure for name, figure in figures.items() if figure is not None}
     folder = output_folder(path.with_suffix(""))
-    print_files([path, *save_figures(shown, folder, vector=arguments.vector)])
+    print_files([path, *save_figures(saved, folder, vector=arguments.vector)])
 
 
 def name_of(arguments: argparse.Namespace) -> str:

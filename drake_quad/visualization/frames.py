@@ -51,8 +51,8 @@ class Camera:
         axes.plot(*path.T, color="0.6", linewidth=1.0)
         rotors = rotors_of(scenario.nominal)
         self._arms = np.array([[float(rotor.x), float(rotor.y), float(rotor.z)] for rotor in rotors])
-        reach = float(np.linalg.norm(self._arms[:, :2], axis=1).max())
-        corners = [path.min(axis=0) - 3.0 * reach, path.max(axis=0) + 3.0 * reach]
+        arm_length = float(np.linalg.norm(self._arms[:, :2], axis=1).max())
+        corners = [path.min(axis=0) - 3.0 * arm_length, path.max(axis=0) + 3.0 * arm_length]
         space = space_of(scenario)
         if space is not None and space.obstacles:
             obstacle_corners = draw_solids(axes, space)
@@ -67,9 +67,9 @@ class Camera:
             getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(num_marks))
         axes.tick_params(labelsize=_FONT_SIZE, pad=-1)
         _fit(axes, size, self._canvas)
-        enlargement = max(1.0, _MIN_VEHICLE_SHARE * size.max() / reach)
+        enlargement = max(1.0, _MIN_VEHICLE_SHARE * size.max() / arm_length)
         self._arms = enlargement * self._arms
-        self._radius = 0.45 * enlargement * reach
+        self._radius = 0.45 * enlargement * arm_length
         self._axes = axes
         self._canvas.draw()
         self._background = self._canvas.copy_from_bbox(figure.bbox)

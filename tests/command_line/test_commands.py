@@ -198,7 +198,7 @@ def test_an_unwritable_output_folder_is_refused_before_the_flight(run, tmp_path)
     (tmp_path / "file").write_text("in the way")
     result = run("fly", "--output", tmp_path / "file")
     assert result.returncode == 2
-    assert "cannot be written" in result.stderr
+    assert "cannot write to the output folder" in result.stderr
 
 
 @pytest.mark.slow
@@ -600,7 +600,7 @@ def test_study_compares_controllers_on_the_same_samples(run, tmp_path):
         (["--workers", -2], "workers is -2"),
         (["--batch", 0], "batch is 0"),
         (["--seed", -1], "seed"),
-        (["--output", "/proc/nowhere"], "cannot be written"),
+        (["--output", "/proc/nowhere"], "cannot write to the output folder"),
         (["--set", "route.radius={uniform: {min: 1.2, max: 1.4}}"], "route.radius is a distribution"),
     ],
 )
@@ -744,8 +744,8 @@ def test_installed_environments_are_compared(run):
     result = run("compare_environments.py", "--quick")
     assert result.returncode == 0
     assert re.search(r"^\| drake_quad, everything \| [\d,]+ \|$", result.stdout, re.M)
-    told = "crazyflow is not installed, so it is not measured" in result.stderr
-    assert told != bool(re.search(r"^\| crazyflow ", result.stdout, re.MULTILINE))
+    reports_missing = "crazyflow is not installed, so it is not measured" in result.stderr
+    assert reports_missing != bool(re.search(r"^\| crazyflow ", result.stdout, re.MULTILINE))
     first, last = map(float, re.search(r"time: ([\d.]+) MB .*, ([\d.]+) MB in all", result.stdout).groups())
     assert last - first < 12.0
 
@@ -781,11 +781,11 @@ def test_the_shipped_crazyswarm2_vehicle_can_be_identified_again(run, tmp_path):
     for mine, shipped in zip(*lines, strict=True):
         if mine.endswith(":"):
             atol = 2e-6 if "centre_of_mass" in mine else 0.0
-        found, expected = (
+        identified, expected = (
             [float(number) for number in re.findall(r"(?<![\w.])-?\d+\.\d+(?:e-?\d+)?", line.partition("shared")[0])]
             for line in (mine, shipped)
         )
-        np.testing.assert_allclose(found, expected, rtol=0.02, atol=atol)
+        np.testing.assert_allclose(identified, expected, rtol=0.02, atol=atol)
 
 
 def test_a_partial_identification_does_not_overwrite_the_shipped_crazyflies(run):
@@ -887,8 +887,8 @@ def test_an_impossible_check_gets_one_sentence_and_status_2(run, tmp_path, argum
     (tmp_path / "cut.csv").write_text(f"{head}0,inertia[0],1.0,1.2,0.1,2", encoding="utf-8")
     (tmp_path / "row.csv").write_text(f"{head}0,inertia[0],1.0\n", encoding="utf-8")
     (tmp_path / "binary.csv").write_bytes(bytes(range(256)))
-    given = [str(tmp_path / each) if (tmp_path / each).is_file() else each for each in arguments]
-    result = run("check_identification.py", *given)
+    paths_and_options = [str(tmp_path / each) if (tmp_path / each).is_file() else each for each in arguments]
+    result = run("check_identification.py", *paths_and_options)
     assert result.returncode == 2
     assert words in result.stderr.splitlines()[-1]
 

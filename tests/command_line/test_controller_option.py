@@ -130,8 +130,8 @@ def test_judged_controllers_need_different_names(mine) -> None:
 
 @pytest.mark.slow
 def test_a_controller_in_python_is_judged_beside_the_designed_ones(run, mine, tmp_path) -> None:
-    given = ["judge", "--quick", "--family", "outdoor", "--only", "pd", "--controller", f"{mine}:Mine"]
-    result = run(*given, "--output", tmp_path)
+    command_line = ["judge", "--quick", "--family", "outdoor", "--only", "pd", "--controller", f"{mine}:Mine"]
+    result = run(*command_line, "--output", tmp_path)
     assert result.returncode == 0, result.stderr
     assert "\nMine " in result.stdout
     assert "| Mine |" in (tmp_path / "report.md").read_text(encoding="utf-8")

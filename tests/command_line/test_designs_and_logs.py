@@ -180,22 +180,22 @@ def test_a_log_is_compared_from_the_requested_time(run, replaced, tmp_path):  # 
     calls = replaced(
         "compare_log", read_log=record, compare_with_log="comparison", print_comparison=None, save_comparison=["file"]
     )
-    given = ["compare-log", "log.csv", "hover", "--output", tmp_path]
-    result = run(*given, "--mapping", "mine.yaml", "--samples", 7, "--rest", 2, "--start", 3.5)
+    command_line = ["compare-log", "log.csv", "hover", "--output", tmp_path]
+    result = run(*command_line, "--mapping", "mine.yaml", "--samples", 7, "--rest", 2, "--start", 3.5)
     assert (result.returncode, result.stderr) == (0, "remark: it has a gap\n")
     assert calls["read_log"] == [((Path("log.csv"), "mine.yaml"), {})]
     ((log, scenario), named) = calls["compare_with_log"][0]
     assert (log, scenario.name) == (record, "hover")
     assert (named["samples"], named["rest"], named["start"]) == (7, 2.0, 3.5)
     assert calls["save_comparison"][0][0][:2] == ("comparison", tmp_path)
-    assert run(*given).returncode == 0
+    assert run(*command_line).returncode == 0
     named = calls["compare_with_log"][1][1]
     assert (named["samples"], named["rest"], named["start"]) == (1000, 8.0, None)
     for option, value, status in (
         ("--samples", 0, 2), ("--samples", 10_000, 0), ("--samples", 10_001, 2), ("--rest", 0, 0), ("--rest", 60, 0),
         ("--rest", 61, 2),
     ):  # fmt: skip
-        assert run(*given, option, value).returncode == status
+        assert run(*command_line, option, value).returncode == status
 
 
 def test_a_log_provides_the_route_of_a_scenario_without_one(run, replaced, tmp_path):  # noqa: F811
@@ -234,8 +234,8 @@ def test_a_vehicle_is_identified_with_the_given_options(run, replaced, tmp_path)
         calls |= replaced("identify.plots", **{f"plot_{name}": name})
     calls |= replaced("identify.plots", plot_thrust=None)
     mine = tmp_path / "mine.yaml"
-    given = ["--mapping", "map.yaml", "--mass", 0.55, "--set", "vehicle.linear_drag=0.1", "--output", mine]
-    result = run("identify", "a.csv", "b.csv", "--wind", "1,0,0", *given)
+    options = ["--mapping", "map.yaml", "--mass", 0.55, "--set", "vehicle.linear_drag=0.1", "--output", mine]
+    result = run("identify", "a.csv", "b.csv", "--wind", "1,0,0", *options)
     assert (result.returncode, result.stderr) == (0, "remark: identified loses\n")
     ((logs, base), named) = calls["identify"][0]
     assert [log.name for log in logs] == ["a", "b"]
@@ -263,7 +263,7 @@ def test_a_vehicle_is_identified_with_the_given_options(run, replaced, tmp_path)
     (((_, commands), _),) = calls["plot_thrust"]
     assert commands.tolist() == [0.5] * 12
     # Without throttles in the logs, the kind of the motors does not change.
-    run("identify", "b.csv", *given, "--nominal")
+    run("identify", "b.csv", *options, "--nominal")
     assert calls["write_vehicle"][1][1]["nominal"] is True
     assert calls["identify"][1][0][1].vehicle.motors.kind == "speed"
 

@@ -43,15 +43,15 @@ def test_commands_of_scenarios_have_overrides_and_those_with_figures_have_vector
 
 
 def test_folders_are_named_after_the_command_by_default():
-    found = {
+    folders = {
         command: str(options.default_output)
         for command in COMMANDS
         if hasattr(options := argparse.Namespace(**vars(module_of(command).options())["_defaults"]), "default_output")
     }
-    assert found["fly"] == found["plan"] == "out"
-    assert found["study"] == "out/monte_carlo"
-    assert found["compare-log"] == "out/compare_log"
-    assert len(set(found.values())) == len(found) - 1
+    assert folders["fly"] == folders["plan"] == "out"
+    assert folders["study"] == "out/monte_carlo"
+    assert folders["compare-log"] == "out/compare_log"
+    assert len(set(folders.values())) == len(folders) - 1
 
 
 @pytest.fixture

@@ -161,8 +161,8 @@ def test_repeated_sensitivity_fields_are_used_once(run, replaced, tmp_path):
 def test_gains_are_mapped_around_those_of_the_scenario(run, replaced, tmp_path, loop, block, axis):
     calls = replaced("map", panel="a panel", plot_map=None, write_map="file", print_panel=None, save_figures=[])
     own = [f"control.{block}.k_p=[1.5, 2.5, 3.5]", f"control.{block}.k_d=[4.5, 5.5, 6.5]"]
-    given = ["hover", "--loop", loop, "--set", own[0], "--set", own[1], "--output", tmp_path]
-    result = run("map", *given)
+    command_line = ["hover", "--loop", loop, "--set", own[0], "--set", own[1], "--output", tmp_path]
+    result = run("map", *command_line)
     assert result.returncode == 0
     assert written(result) == ["file"]
     assert len(calls["print_panel"]) == 2
@@ -236,8 +236,8 @@ def test_the_range_of_a_tuned_parameter_is_a_factor_of_four_or_the_given_range()
 def test_a_controller_is_tuned_on_training_samples_and_tested_on_later_ones(run, replaced, tmp_path):
     tuned = SimpleNamespace(numbers=(1.5, 2.5), share=0.876)
     calls = replaced("tune", tune=tuned, fly_samples=metrics_of(4, crashed=[3]), link_margins={}, print_margins=None)
-    given = ["hover", "--rounds", 5, "--samples", 6, "--sensitivity", 1.75, "--delay-margin", 0.25]
-    result = run("tune", *given, "--set", "control.position.k_p=[2, 2, 4]", "--output", tmp_path)
+    command_line = ["hover", "--rounds", 5, "--samples", 6, "--sensitivity", 1.75, "--delay-margin", 0.25]
+    result = run("tune", *command_line, "--set", "control.position.k_p=[2, 2, 4]", "--output", tmp_path)
     assert result.returncode == 0
     assert written(result) == [str(tmp_path / "scenario.yaml")]
     assert len(calls["print_margins"]) == 1
@@ -259,7 +259,7 @@ def test_a_controller_is_tuned_on_training_samples_and_tested_on_later_ones(run,
     assert "13.33 cm, 1 crashed" in result.stdout
     assert "no candidate keeps the limits; the best one meets 88 % of them" in result.stdout
     tuned.share = 1.0
-    assert "keeps the limit" not in run("tune", *given, "--output", tmp_path).stdout
+    assert "keeps the limit" not in run("tune", *command_line, "--output", tmp_path).stdout
 
 
 def test_the_mean_error_is_over_flights_without_a_crash(monkeypatch):
@@ -307,16 +307,16 @@ def test_a_study_reports_altered_rows_and_fails_if_a_sample_fails(run, replaced,
         ),
         save_plots=[],
     )
-    given = ["study", "robustness", "--samples", 4, "--workers", 1, "--output", tmp_path]
+    command_line = ["study", "robustness", "--samples", 4, "--workers", 1, "--output", tmp_path]
     for lines, words in (((3, 4, 5, 6, 7, 8), "3, 4, 5, 6, 7, ..."), ((3, 4, 5, 6, 7), "3, 4, 5, 6, 7")):
         rows.misfits = lines
-        result = run(*given)
-        told = (
+        result = run(*command_line)
+        message = (
             f"remark: {tmp_path / 'results.csv'}: lines {words} had been altered, so their samples were flown again\n"
         )
-        assert (result.returncode, result.stderr) == (0, told)
+        assert (result.returncode, result.stderr) == (0, message)
     rows.misfits, rows.failures = (), {2: "too slow"}
-    result = run(*given)
+    result = run(*command_line)
     assert result.returncode == 1
     assert "failed: 1 samples could not be simulated (sample 2 of robustness: too slow)" in result.stderr
     # One of two controllers fails.
@@ -327,7 +327,7 @@ def test_a_study_reports_altered_rows_and_fails_if_a_sample_fails(run, replaced,
         ),
     )
     two = [f"--controller=controllers/paper:{name}" for name in ("pd", "pid")]
-    result = run(*given, *two)
+    result = run(*command_line, *two)
     assert result.returncode == 1
     assert "(sample 2 of pid: too slow)" in result.stderr
     assert written(result) == [str(tmp_path / name / "results.csv") for name in ("pd", "pid")]
@@ -445,8 +445,8 @@ def test_the_flown_sample_is_that_of_the_option_or_of_the_scenario(run, flown, t
 
 
 def test_files_for_other_programs_are_written_on_request(run, flown, tmp_path):
-    given = ["fly", "paper:no_wind_pd_t2fnn", "--output", tmp_path]
-    result = run(*given, "--px4", "--vector", "pdf", "--save-network", tmp_path / "net.yaml")
+    command_line = ["fly", "paper:no_wind_pd_t2fnn", "--output", tmp_path]
+    result = run(*command_line, "--px4", "--vector", "pdf", "--save-network", tmp_path / "net.yaml")
     written = [line.strip() for line in result.stdout.split("wrote\n")[1].splitlines()]
     assert written == [str(tmp_path / "flight.csv"), "pdf", str(tmp_path / "replay.html"), "px4.csv", "net.yaml"]
     assert flown["written"] == [("px4.csv", flown["flight"], tmp_path / "px4.csv")]
@@ -455,7 +455,7 @@ def test_files_for_other_programs_are_written_on_request(run, flown, tmp_path):
         (["--rate", "inf"], "--rate is inf, but must be between 0 and 1e+06"),
         (["--rate", "-0.5"], "--rate is -0.5, but must be between 0 and 1e+06"),
     ):
-        refused = run(*given, *wrong)
+        refused = run(*command_line, *wrong)
         assert refused.returncode == 2
         assert words in refused.stderr
 
@@ -634,8 +634,8 @@ def test_controllers_are_judged_in_all_families_unless_some_are_named(run, repla
         calls["fly_evaluation"].clear()
         result = run("judge", *given)
         assert result.returncode == 0
-        told = "remark: the family outdoor has no design of mpc, so these controllers are left out\n"
-        assert result.stderr == (told if "outdoor" in families else "")
+        message = "remark: the family outdoor has no design of mpc, so these controllers are left out\n"
+        assert result.stderr == (message if "outdoor" in families else "")
         assert written(result) == [str(Path(folder) / name) for name in ("flights.csv", "traits.csv")] + ["report.md"]
         assert "simulated in 0 s\n" in result.stdout
         ((arguments, named),) = calls["fly_evaluation"]
@@ -753,18 +753,22 @@ def test_progress_bars_are_shown_only_on_a_terminal_and_disappear(capsys):
 
 
 def test_arguments_are_completed_according_to_their_kind():
-    found = {}
+    completions = {}
 
     def complete(action):
         completion._complete(action)
-        found[action.dest, action.metavar] = getattr(action, "complete", None)
+        completions[action.dest, action.metavar] = getattr(action, "complete", None)
 
     parser = full_parser(complete)
     own = {"bash": "_drake_quad_scenarios", "zsh": "_drake_quad_scenarios"}
-    assert found["scenario", None] == found["controller", "FILE:NAME"] == found["vehicle", None] == own
-    assert found["output", "FOLDER"] == shtab.DIRECTORY
-    assert found["log", None] == found["save_network", "FILE"] == found["mapping", "FILE"] == shtab.FILE
-    assert found["seed", None] is None
+    assert (
+        completions["scenario", None] == completions["controller", "FILE:NAME"] == completions["vehicle", None] == own
+    )
+    assert completions["output", "FOLDER"] == shtab.DIRECTORY
+    assert (
+        completions["log", None] == completions["save_network", "FILE"] == completions["mapping", "FILE"] == shtab.FILE
+    )
+    assert completions["seed", None] is None
     (commands,) = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
     assert [*commands.choices] == [*COMMANDS]
     with pytest.raises(SystemExit):

@@ -97,14 +97,14 @@ def test_predictions_have_a_row_for_each_horizon_that_is_reached(capsys):
     errors = np.empty((2, 2, 12))
     errors[0], errors[1] = 0.02, 0.04
     errors[:, 1] = np.nan
-    given = {"position": errors, "attitude": errors, "body_rates": errors, "velocity": errors}
-    predictions = Predictions(("mine", "other"), (0.5, 1.0), np.array(["a"] * 12), np.arange(12.0), given)
+    errors_by_quantity = {"position": errors, "attitude": errors, "body_rates": errors, "velocity": errors}
+    predictions = Predictions(("mine", "other"), (0.5, 1.0), np.array(["a"] * 12), np.arange(12.0), errors_by_quantity)
     output.print_predictions(predictions)
     header, *rows = cells(capsys.readouterr().out)
     assert header == ["horizon", "mine", "other", "improvement over other (%)", "unit"]
-    found = [(row[0], row[1], *(float(cell.split()[0]) for cell in row[2:5]), row[5]) for row in rows]
+    printed = [(row[0], row[1], *(float(cell.split()[0]) for cell in row[2:5]), row[5]) for row in rows]
     degrees = math.degrees(0.02)
-    assert found == [
+    assert printed == [
         ("position", "0.5 s", 2.0, 4.0, 50.0, "cm"),
         ("attitude", "0.5 s", pytest.approx(degrees, rel=1e-2), pytest.approx(2.0 * degrees, rel=1e-2), 50.0, "°"),
         ("body rates", "0.5 s", 0.02, 0.04, 50.0, "rad/s"),
@@ -493,7 +493,7 @@ def test_default_fields_are_those_of_the_layout_and_the_autopilot():
     on_board = "laboratory.autopilot."
     air = ["vehicle.linear_drag", "vehicle.quadratic_drag"]  # of the vehicle in `onboard`
     response = "laboratory.autopilot={kind: response, natural_frequency: [6.8, 6.1, 3], damping: [0.5, 0.5, 0.7]}"
-    found = {
+    fields = {
         name: [*sensitivities.default_fields(load_scenario(*arguments))]
         for name, arguments in {
             "plus": ("hover",),
@@ -509,18 +509,18 @@ def test_default_fields_are_those_of_the_layout_and_the_autopilot():
             ),
         }.items()
     }
-    assert found["plus"] == [*vehicle, *position, *turning, "vehicle.arm_length", *attitude]
-    assert found["h"] == [
+    assert fields["plus"] == [*vehicle, *position, *turning, "vehicle.arm_length", *attitude]
+    assert fields["h"] == [
         *vehicle, *position, *turning, "vehicle.layout.length", "vehicle.layout.width", *attitude,
     ]  # fmt: skip
-    assert found["attitude"] == [
+    assert fields["attitude"] == [
         *vehicle, *air, *position, *turning, "vehicle.arm_length",
         *(f"{on_board}{gain}.{axis}" for gain in ("k_attitude", "k_rate") for axis in (0, 1)),
         *(f"{on_board}gyroscope_bias.{axis}" for axis in (0, 1)),
     ]  # fmt: skip
     vehicle += air
     loops = [f"control.{loop}.k_p.{axis}" for loop in ("position", "velocity") for axis in (0, 1, 2)]
-    assert found["cascade"][len(vehicle) :][:8] == [*loops, "control.velocity.k_d.0", "control.velocity.k_d.1"]
+    assert fields["cascade"][len(vehicle) :][:8] == [*loops, "control.velocity.k_d.0", "control.velocity.k_d.1"]
     # Drag fields that are zero are left out, and the others are included.
     drag = {"vehicle.body_drag": "{linear: [0.1, 0.2, 0.0], quadratic: [0, 0, 0.3]}", "vehicle.linear_drag": 0.0}
     dragged = sensitivities.default_fields(load_scenario("hover", [f"{path}={value}" for path, value in drag.items()]))
@@ -528,19 +528,19 @@ def test_default_fields_are_those_of_the_layout_and_the_autopilot():
         "vehicle.body_drag.linear.0", "vehicle.body_drag.linear.1", "vehicle.body_drag.quadratic.2",
     ]  # fmt: skip
     # Inertia and arms are left out, since the attitude response replaces them.
-    assert found["response"] == [
+    assert fields["response"] == [
         *vehicle, *position,
         *(f"{on_board}{number}.{axis}" for number in ("natural_frequency", "damping") for axis in (0, 1)),
     ]  # fmt: skip
 
 
 def test_active_limits_of_a_plan_are_printed_with_their_segments():
-    found = [
+    constraints = [
         ActiveConstraint("speed", "", 4, 1.0), ActiveConstraint("speed", "", 0, 1.1),
         ActiveConstraint("speed", "", 2, 1.2),
         ActiveConstraint("speed", "", 3, 1.3), ActiveConstraint("corridor", "y max", 1, 1.4),
     ]  # fmt: skip
-    assert plan.binding_summary(found) == "speed on segments 0, 2-4; corridor y max on segment 1"
+    assert plan.binding_summary(constraints) == "speed on segments 0, 2-4; corridor y max on segment 1"
     assert plan.binding_summary([]) == "none"
 
 

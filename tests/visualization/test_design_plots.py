@@ -36,12 +36,12 @@ def design():
 def response_of(loop, frequency):
     """Return L at frequencies (rad/s), from the transfer matrices of the plant and the gains."""
     plant = loop.plant
-    found = []
+    responses = []
     for w in frequency:
         z = np.exp(1j * w * plant.period)
         outputs = plant.C @ np.linalg.solve(z * np.eye(len(plant.A)) - plant.A, plant.B) + plant.D
-        found.append(complex((np.array([loop.gains]) @ outputs)[0, 0]))
-    return np.array(found)
+        responses.append(complex((np.array([loop.gains]) @ outputs)[0, 0]))
+    return np.array(responses)
 
 
 @pytest.mark.slow

@@ -66,8 +66,8 @@ def test_damping_rays_are_labelled_near_their_ends(design):
 
 
 def test_compared_errors_fit_into_the_axes():
-    found = {place: {"a": study().metrics, "b": no_crash(1, 50).metrics} for place in ("calm", "wind")}
-    for axes in plot_comparison(found).axes:
+    metrics = {place: {"a": study().metrics, "b": no_crash(1, 50).metrics} for place in ("calm", "wind")}
+    for axes in plot_comparison(metrics).axes:
         most = max(line.get_xdata().max() for line in axes.lines)
         assert 1.1 * most < axes.get_xlim()[1] < 1.7 * most
 
@@ -122,15 +122,15 @@ def test_curves_with_different_abscissas_are_not_compared():
 
 
 def test_each_group_of_overlapping_curves_is_dashed_once(monkeypatch):
-    told = []
-    monkeypatch.setattr(curves, "dashes", lambda *given: told.append(given) or "--")
+    calls = []
+    monkeypatch.setattr(curves, "dashes", lambda *given: calls.append(given) or "--")
     axes = new_figure(4.0, 3.0).subplots()
     x = np.linspace(0.0, 1.0, 10)
     lines = [axes.plot(x, np.full(10, height))[0] for height in (0.0, 1.0, 0.0, 1.0, 0.0)]
     dash_overlapping_curves(axes)
     assert [line.is_dashed() for line in lines] == [False, False, True, True, True]
     # These are curves 1 and 2 of the lower three, and curve 1 of the upper two.
-    assert told == [(1, 3), (2, 3), (1, 2)]
+    assert calls == [(1, 3), (2, 3), (1, 2)]
 
 
 def test_enlarged_rotor_speeds_leave_out_the_limits():
@@ -316,11 +316,11 @@ def test_a_frame_shows_vehicle_and_target_at_their_positions(camera):
     np.testing.assert_allclose(middle_of(frame, "tab:green"), seen(target), atol=1.5)
     # The front of the vehicle is red. With this pitch and yaw it points up and to the left.
     ahead = RollPitchYaw(*attitude).ToRotationMatrix().matrix()[:, 0]
-    wanted, found = (
+    expected, drawn = (
         seen(place + 0.1 * ahead) - seen(place),
         middle_of(frame, "tab:red") - seen(place),
     )
-    assert found @ wanted / np.linalg.norm(found) / np.linalg.norm(wanted) > 0.98
+    assert drawn @ expected / np.linalg.norm(drawn) / np.linalg.norm(expected) > 0.98
     # A vehicle whose position is NaN is not drawn, but its target is.
     (empty,) = camera.frames(
         State(*np.full((12, 1), np.nan)), Reference(*np.array([*target, *[0.0] * 8])[:, np.newaxis])

@@ -296,18 +296,18 @@ def test_maps_show_the_mean_wind_in_a_horizontal_and_a_vertical_plane(windy):
     tops = [float(axes.collections[0].get_array().max()) for axes in (above, side)]
     for axes, up in ((above, short), (side, "z")):
         mesh = axes.collections[0]
-        place = {"x": -2.0, "y": 0.3, "z": 1.1} | {long: middles(mesh)[0], up: middles(mesh)[1]}
-        np.testing.assert_allclose(np.asarray(mesh.get_array()), mean_speed(windy, **place), atol=1e-9)
+        position = {"x": -2.0, "y": 0.3, "z": 1.1} | {long: middles(mesh)[0], up: middles(mesh)[1]}
+        np.testing.assert_allclose(np.asarray(mesh.get_array()), mean_speed(windy, **position), atol=1e-9)
         assert (mesh.norm.vmin, mesh.norm.vmax) == (0.0, max(tops))
         np.testing.assert_array_equal(curve(axes, "reference"), [getattr(reference, long), getattr(reference, up)])
         np.testing.assert_array_equal(curve(axes, "flown"), [getattr(state, long), getattr(state, up)])
         # The map contains the path, the fan and a margin, but nothing below the ground.
         corners = mesh.get_coordinates()
-        for place, axis in ((0, long), (1, up)):
+        for position, axis in ((0, long), (1, up)):
             ends = [*getattr(state, axis), *getattr(reference, axis), {"x": -2.0, "y": 0.3, "z": 1.1}[axis]]
             low = max(min(ends) - 0.7, 0.0) if axis == "z" else min(ends) - 0.7
-            assert corners[..., place].min() == pytest.approx(low, abs=0.02)
-            assert corners[..., place].max() == pytest.approx(max(ends) + 0.7, abs=0.03)
+            assert corners[..., position].min() == pytest.approx(low, abs=0.02)
+            assert corners[..., position].max() == pytest.approx(max(ends) + 0.7, abs=0.03)
     # The longer side of the map is horizontal.
     corners = above.collections[0].get_coordinates()
     assert np.ptp(corners[..., 0]) >= np.ptp(corners[..., 1])

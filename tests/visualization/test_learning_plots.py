@@ -79,8 +79,8 @@ def test_an_adaptation_law_without_a_covariance_has_no_trace_panel():
 
 
 def network_output(sets, weights, error, rate):
-    """Return the output of a network with triangular or elliptic sets; a rule fires with the mean of both bounds."""
-    found = []
+    """Return the output of a network: the mean of the outputs with the upper and with the lower memberships."""
+    strengths_by_exponent = []
     for a in (sets.a1, sets.a2):
         strengths = []
         for e, r in itertools.product(range(3), range(3)):
@@ -88,8 +88,8 @@ def network_output(sets, weights, error, rate):
             u = (first.scale * error - first.centres[e]) / first.widths[e]
             v = (second.scale * rate - second.centres[r]) / second.widths[r]
             strengths.append(elliptic(u, a) * elliptic(v, a))
-        found.append(np.array(strengths))
-    upper, lower = found
+        strengths_by_exponent.append(np.array(strengths))
+    upper, lower = strengths_by_exponent
     return 0.5 * (
         np.tensordot(weights, upper, 1) / np.maximum(upper.sum(axis=0), 1e-300)
         + np.tensordot(weights, lower, 1) / np.maximum(lower.sum(axis=0), 1e-300)

@@ -36,7 +36,7 @@ def learned():
 
 
 def shared(figure, rows, columns, *, x, y):
-    """Check whether the panels of a grid share x in columns ("col"), in all panels ("all") or not (""), and y in rows."""
+    """Check whether panels of a grid share x in columns ("col"), in all panels ("all") or not (""), and y in rows."""
     grid = np.array(figure.axes[: rows * columns]).reshape(rows, columns)
     for i, j in np.ndindex(rows, columns):
         for k, m in np.ndindex(rows, columns):
@@ -103,8 +103,8 @@ def test_leg_numbers_are_in_the_middle_of_the_flown_part():
     ends = [*(time for time in flight.plan.leg_times if time < last), last]
     middles = 0.5 * (np.array(ends[1:]) + ends[:-1])
     for axes in plots.plot_errors(flight).axes:
-        found = [text.xy[0] for text in axes.texts if text.get_text().isdigit()]
-        np.testing.assert_allclose(found, middles, atol=1e-9)
+        drawn = [text.xy[0] for text in axes.texts if text.get_text().isdigit()]
+        np.testing.assert_allclose(drawn, middles, atol=1e-9)
         (second,) = axes.patches
         assert (second.get_x(), second.get_x() + second.get_width()) == pytest.approx(ends[1:3])
 

@@ -53,8 +53,8 @@ def test_means_have_a_white_background():
         rows = np.abs(mean * (1.0 + 0.02 * generator.standard_normal((count, 20))))
         return Metrics(*rows, crash_time=np.full(20, np.inf))
 
-    found = {name: {"low": metrics(0.01), "middle": metrics(0.5), "high": metrics(1.0)} for name in ("a", "b", "c")}
-    assert labels_on_plates(plot_comparison(found)) == 9
+    flights = {name: {"low": metrics(0.01), "middle": metrics(0.5), "high": metrics(1.0)} for name in ("a", "b", "c")}
+    assert labels_on_plates(plot_comparison(flights)) == 9
 
 
 def test_leg_numbers_and_legend_of_errors_are_above_the_curves(flight):

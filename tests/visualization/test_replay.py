@@ -39,20 +39,20 @@ def watched(page, folder, names, moments):
         f"(viewer.scene_tree.find('{name}'.split('/')).object)"
         for name in names
     )
-    told, pictures = [], []
+    poses, pictures = [], []
     with Browser(page, folder / "profile") as browser:
         browser.wait_for("typeof viewer !== 'undefined' && viewer.animator.playing && viewer.animator.time > 0.2")
         for moment in moments:
             browser.value(f"scrub.value = {moment}; scrub.oninput();")
             browser.wait_for(f"clock.textContent === '{moment:.1f} s'")
-            told.append(browser.value(f"[{rows}]"))
+            poses.append(browser.value(f"[{rows}]"))
             if moment in (moments[0], moments[-1]):
                 pictures.append(browser.screenshot(folder / f"{moment}.png"))
         assert browser.value("viewer.animator.playing") is False
         browser.value("play.click()")
         browser.wait_for(f"viewer.animator.time > {moments[-1]} + 0.2")
         assert browser.console == []
-    return [np.array(rows) for rows in zip(*told, strict=True)], pictures
+    return [np.array(rows) for rows in zip(*poses, strict=True)], pictures
 
 
 def at(flight, moments):

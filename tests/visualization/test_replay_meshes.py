@@ -104,16 +104,16 @@ def test_the_page_of_several_flights_has_their_names_and_no_bar(flight, written)
 
 
 def test_a_server_is_local_and_its_scene_is_empty_and_white(monkeypatch):
-    given = []
+    parameters = []
 
     class Server(Scene):
         def __init__(self, params):
             super().__init__()
-            given.append(params)
+            parameters.append(params)
 
     monkeypatch.setattr(scene, "Meshcat", Server)
     stage = scene.local_meshcat()
-    (params,) = given
+    (params,) = parameters
     assert params.host == "127.0.0.1"
     assert params.show_stats_plot is False
     assert stage.properties["/Axes", "visible"] is stage.properties["/Grid", "visible"] is False

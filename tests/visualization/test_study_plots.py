@@ -194,8 +194,8 @@ def test_the_probability_of_a_crash_is_shown_in_bins(monkeypatch):
 
 def test_controllers_with_the_same_numbers_are_drawn_side_by_side():
     """Their points are drawn three typographic points apart, around the true value. Integers have integer ticks."""
-    found = {name: study(seed) for seed, name in enumerate(("a", "b", "c"))}
-    figure = plots.plot_crash_probability(found, DELAY)
+    studies = {name: study(seed) for seed, name in enumerate(("a", "b", "c"))}
+    figure = plots.plot_crash_probability(studies, DELAY)
     (axes,) = figure.axes
     points = [line for line in axes.lines if line.get_marker() == "o"]
     assert len(points) == 3
@@ -204,7 +204,7 @@ def test_controllers_with_the_same_numbers_are_drawn_side_by_side():
     shifts = [(line.get_transform().transform([[0.0, 0.0]])[0] - data) * 72.0 / figure.dpi for line in points]
     np.testing.assert_allclose(shifts, [[-3.0, 0.0], [0.0, 0.0], [3.0, 0.0]], atol=1e-9)
     assert axes.xaxis.get_major_locator()._integer
-    alone = plots.plot_crash_probability(found["a"], MASS).axes[0]
+    alone = plots.plot_crash_probability(studies["a"], MASS).axes[0]
     assert not getattr(alone.xaxis.get_major_locator(), "_integer", False)
 
 
@@ -237,9 +237,9 @@ def test_axes_are_logarithmic_where_medians_differ_tenfold():
 
 
 def test_the_overview_of_studies_has_their_means_and_crashes():
-    found = {"one": study(), "other": study(3, 5, 80)}
-    _, axes = plot_study(found, "peak_error")
-    means = [mean_interval(each.metrics.peak_error[~each.metrics.crashed]) for each in found.values()]
+    studies = {"one": study(), "other": study(3, 5, 80)}
+    _, axes = plot_study(studies, "peak_error")
+    means = [mean_interval(each.metrics.peak_error[~each.metrics.crashed]) for each in studies.values()]
     crashes = [share_interval(30, 200), share_interval(5, 80)]
     for part, expected, size in (("mean", means, 1.0), ("crashes", crashes, 1.0)):
         (container,) = axes[part].containers
@@ -251,20 +251,20 @@ def test_the_overview_of_studies_has_their_means_and_crashes():
         assert axes[part].get_ylim() == (1.5, -0.5)
         assert [label.get_text() for label in axes[part].get_yticklabels()] == ["one", "other"]
     assert axes["mean"].get_xlabel() == "mean peak error (cm)"
-    expected = np.sort(found["other"].metrics.peak_error[~found["other"].metrics.crashed])
+    expected = np.sort(studies["other"].metrics.peak_error[~studies["other"].metrics.crashed])
     np.testing.assert_array_equal(axes["distribution"].lines[1].get_xdata(), expected)
-    assert [label.get_text() for label in plot_study(found["one"])[1]["mean"].get_yticklabels()] == ["robustness"]
+    assert [label.get_text() for label in plot_study(studies["one"])[1]["mean"].get_yticklabels()] == ["robustness"]
 
 
 def test_controllers_are_compared_by_all_of_their_samples():
     """Errors of samples without a crash, and their mean, are drawn in cm around the row of their controller."""
-    found = {"calm": {"a": study().metrics, "b": no_crash(1, 50).metrics}, "wind": {"a": study(2, COUNT).metrics}}
-    found["wind"]["b"] = study(4, 3, 40).metrics
-    first, second = plot_comparison(found).axes
+    flights = {"calm": {"a": study().metrics, "b": no_crash(1, 50).metrics}, "wind": {"a": study(2, COUNT).metrics}}
+    flights["wind"]["b"] = study(4, 3, 40).metrics
+    first, second = plot_comparison(flights).axes
     for axes, name in ((first, "calm"), (second, "wind")):
         assert axes.get_title() == name
         for place, (metrics, dots) in enumerate(
-            zip(found[name].values(), [line for line in axes.lines if line.get_marker() == "."], strict=True)
+            zip(flights[name].values(), [line for line in axes.lines if line.get_marker() == "."], strict=True)
         ):
             errors = 100.0 * metrics.rmse[~metrics.crashed]
             np.testing.assert_allclose(dots.get_xdata(), errors)
@@ -273,7 +273,7 @@ def test_controllers_are_compared_by_all_of_their_samples():
         means = [line for line in axes.lines if line.get_marker() != "."]
         expected = [
             (100.0 * metrics.rmse[~metrics.crashed].mean(), place)
-            for place, metrics in enumerate(found[name].values())
+            for place, metrics in enumerate(flights[name].values())
             if not metrics.crashed.all()
         ]
         np.testing.assert_allclose([line.get_xydata()[0] for line in means], expected)
@@ -282,7 +282,7 @@ def test_controllers_are_compared_by_all_of_their_samples():
     assert first.texts[0].get_text() == f"{mean:.1f} cm, 30 crashed"
     assert second.texts[0].get_text() == "200 crashed"
     assert second.texts[0].xy == (0.0, 0)
-    assert first.texts[1].xy == pytest.approx((100.0 * found["calm"]["b"].rmse.mean(), 1))
+    assert first.texts[1].xy == pytest.approx((100.0 * flights["calm"]["b"].rmse.mean(), 1))
     assert [label.get_text() for label in first.get_yticklabels()] == ["a", "b"]
     assert first.get_ylim() == (1.5, -0.5)
     large = plot_comparison({"gale": {"a": study().metrics._replace(rmse=np.full(COUNT, 0.126))}}).axes[0]

@@ -251,9 +251,9 @@ def pose_of(state: State) -> RigidTransform:
 
 def _bar(start: np.ndarray, end: np.ndarray, half_width: float) -> tuple[np.ndarray, list[tuple[int, int, int]]]:
     """Return the vertices and triangles of a flat bar between two points."""
-    aside = half_width * np.cross((end - start) / np.linalg.norm(end - start), [0.0, 0.0, 1.0])
+    sideways = half_width * np.cross((end - start) / np.linalg.norm(end - start), [0.0, 0.0, 1.0])
     lift = np.array([0.0, 0.0, half_width])
-    corners = np.array([base + a + b for base in (start, end) for a in (-aside, aside) for b in (-lift, lift)])
+    corners = np.array([base + a + b for base in (start, end) for a in (-sideways, sideways) for b in (-lift, lift)])
     faces = [
         (0, 1, 5),
         (0, 5, 4),
