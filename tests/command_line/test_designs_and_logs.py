@@ -157,7 +157,7 @@ def test_a_plan_names_the_nearest_obstacle(run, replaced, tmp_path):  # noqa: F8
     assert rows[1][:2] == ["repeated", "2"]
     (clearance,) = (row for row in rows if row[0] == "clearance")
     assert clearance[1] == f"{space.clearance:.3f}"
-    assert any(row[0] == "binds:" for row in rows)
+    assert any(row[:2] == ["active", "limits:"] for row in rows)
     assert rows[-3:] == [["wrote"], ["pieces"], ["plan"]]
     ((plan, _), named) = calls["plot_plan"][0]
     assert plan is flown
