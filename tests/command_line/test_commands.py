@@ -318,7 +318,7 @@ def test_design_includes_loops_on_board_and_the_position_around_them(run, tmp_pa
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "without_figures")
-def test_gains_of_the_position_alone_are_designed_for_an_attitude_that_responds(run, tmp_path):
+def test_only_position_gains_are_designed_for_an_attitude_response(run, tmp_path):
     result = run("design", ONBOARD, *RESPONDING, "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     assert re.findall(r"^(\w+) .* \d\d\.\d° ", result.stdout, re.MULTILINE) == ["z", "x", "y"]
@@ -327,7 +327,7 @@ def test_gains_of_the_position_alone_are_designed_for_an_attitude_that_responds(
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "without_figures")
-def test_gains_are_designed_for_a_vehicle_alone_and_fly(run, tmp_path):
+def test_gains_are_designed_for_a_vehicle_without_a_controller_and_fly(run, tmp_path):
     vehicle = (
         "{nominal: {mass: 0.5, inertia: [0.003, 0.0032, 0.006], thrust_factor: 3.0e-5, drag_factor: 8.5e-7,"
         " arm_length: 0.17, rotor_inertia: 6.5e-5, min_rotor_speed: 60.0, max_rotor_speed: 300.0},"

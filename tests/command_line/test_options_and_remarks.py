@@ -32,7 +32,7 @@ def options_of(command):
 
 
 @pytest.mark.slow
-def test_commands_of_scenarios_have_overrides_and_those_with_figures_have_vector():
+def test_scenario_commands_have_overrides_and_commands_with_figures_have_vector():
     for command in COMMANDS:
         flags = options_of(command)
         assert ("--seed" in flags) == (command not in WITHOUT_SCENARIO)

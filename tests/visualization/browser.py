@@ -27,7 +27,7 @@ _OPTIONS = (
     "--no-sandbox",
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
-    "--host-resolver-rules=MAP * ~NOTFOUND",  # no network
+    "--host-resolver-rules=MAP * ~NOTFOUND",  # the page must work without a network
     "--window-size=640,400",
     "--remote-debugging-pipe",
 )
@@ -121,8 +121,8 @@ _SIZE = {"width": 640, "height": 440, "deviceScaleFactor": 1.5, "mobile": False}
 _FILM_SIZE = {"width": 640, "height": 440, "deviceScaleFactor": 1.0, "mobile": False}
 # Position of the camera, and the point that it looks at, m.
 _VIEW = (4.1, -1.5, 3.0, 0.0, -1.15, 0.9)
-_FRAME_RATE = 10  # 1/s, of a film
-_FILM_QUALITY = 55  # of WebP, 0 to 100
+_FRAME_RATE = 10  # 1/s, frame rate of an animation
+_FILM_QUALITY = 55  # quality of the WebP file, from 0 to 100
 
 
 @contextmanager
@@ -137,10 +137,10 @@ def replay(page: Path, moment: float, view: Sequence[float], size: dict[str, Any
         browser.wait_for(f"document.getElementById('clock')?.textContent === '{moment:.1f} s'", timeout=60.0)
         browser.call("Emulation.setDeviceMetricsOverride", **size)
         browser.wait_for(f"viewer.renderer.domElement.clientWidth === {size['width']}", timeout=60.0)
-        time.sleep(1.0)  # until the page has set its own view
+        time.sleep(1.0)  # wait until the page has set its own view
         browser.value(f"viewer.camera.position.set({a}, {b}, {c}); viewer.controls.target.set({d}, {e}, {f})")
         browser.value("viewer.controls.update(); viewer.set_dirty()")
-        time.sleep(1.0)  # a few frames
+        time.sleep(1.0)  # wait for a few frames
         yield browser
 
 
@@ -159,7 +159,7 @@ def take_film(page: Path, first: float, last: float, file: Path, view: Sequence[
             browser.value(f"document.getElementById('scrub').value = {moment}")
             browser.value("document.getElementById('scrub').oninput()")
             browser.wait_for(f"document.getElementById('clock').textContent === '{moment:.1f} s'", timeout=60.0)
-            time.sleep(0.2)  # a few frames
+            time.sleep(0.2)  # wait for a few frames
             data = browser.call("Page.captureScreenshot", format="png")["data"]
             frames.append(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB"))
     options = {"duration": 1000 // _FRAME_RATE, "loop": 0, "quality": _FILM_QUALITY, "method": 6}

@@ -56,7 +56,7 @@ def test_a_diagram_of_a_single_system_has_no_drawing_of_its_own(drawn):
     assert 'label="motor"' in drawn["motor"]
 
 
-def test_blocks_show_their_name_and_a_different_class_name(drawn):
+def test_blocks_show_their_name_and_their_class_if_it_differs(drawn):
     nodes = dict(re.findall(r"^ +([sio]\d+) \[(.*)\];$", drawn[""], re.MULTILINE))
     assert nodes["s0"] == 'label="sum\\nAdder"'
     # A diagram with a drawing of its own has a second outline.

@@ -163,7 +163,7 @@ def test_a_crash_is_marked_at_its_position(crash):
     assert len(alone.lines) == 3
 
 
-def test_the_overview_of_a_flight_has_all_of_its_parts(flight, crash):
+def test_the_overview_of_a_flight_has_four_panels(flight, crash):
     figure, axes = plot_flight(flight)
     named = ["flown", "reference", "start", "X", "Y", "Z", *(f"rotor {i}" for i in range(1, 5))]
     assert sorted(legends(figure)) == sorted(named)

@@ -15,7 +15,7 @@ def record(*names):
 
 
 @pytest.mark.slow
-def test_each_signal_is_drawn():
+def test_each_logged_signal_is_drawn():
     figure = plot_record(record(*COLUMNS))
     assert sum(len(axes.lines) for axes in figure.axes) == sum(COLUMNS.values())
 
