@@ -1,4 +1,4 @@
-"""Entry point of `python -m drake_quad`, which runs the same command line as `drake-quad`."""
+"""Entry point of `python -m drake_quad`, which is the same command line as `drake-quad`."""
 
 from drake_quad.command_line.main import main
 

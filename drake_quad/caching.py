@@ -8,18 +8,17 @@ Value = TypeVar("Value")
 
 
 class ThreadSafeCache(Generic[Value]):
-    """Cache whose values are each computed once per process, however many threads request them.
+    """Cache that computes each value only once per process, even if several threads request it at the same time.
 
-    `functools.cache` calls its function in every thread that asks before the first call has returned, and keeps one of
-    the results. That suffices for plain values that are cheap to compute. It is wrong for values that own foreign
-    memory, such as machine code, and it is wasteful for values that take seconds.
+    If several threads request a value before it is cached, `functools.cache` computes it in each of them and keeps one
+    of the results. This is wasteful for values that take seconds to compute. It is wrong for values that own memory
+    outside Python, such as machine code.
 
-    Reading a cached value never waits. While one thread computes a value, other threads that have to compute one wait,
-    even if the keys differ. The computation of a value may use other values of the same cache.
+    Reading a cached value never waits. While one thread computes a value, other threads that need to compute a value
+    wait, even if the keys differ. The computation of a value may use other values of the same cache.
 
     Args:
-        max_values: largest number of cached values, above which a new value replaces the oldest one; unlimited if not
-            given.
+        max_values: largest number of cached values; a further value replaces the oldest one. None for no limit.
     """
 
     def __init__(self, max_values: int | None = None) -> None:
@@ -36,7 +35,7 @@ class ThreadSafeCache(Generic[Value]):
             self._values.clear()
 
     def get(self, key: Hashable, make: Callable[[], Value]) -> Value:
-        """Return the value of a key, which `make` computes if it is not cached; its exceptions are not cached."""
+        """Return the value of a key; if it is not cached, compute it by `make`, whose exceptions are not cached."""
         try:
             return self._values[key]
         except KeyError:

@@ -1,4 +1,4 @@
-"""Error and warning for wrong input, and functions that format values and names for their messages."""
+"""Error and warning classes for wrong input, and functions that format values and names for messages."""
 
 import difflib
 from collections.abc import Mapping
@@ -7,12 +7,12 @@ from typing import Any, TypeVar
 
 _Entry = TypeVar("_Entry")
 
-# The limit leaves room for a sentence with a long path.
+# Largest length of a message, in characters. It leaves room for a sentence with a long path.
 _MAX_MESSAGE_LENGTH = 400
 
 
 class InputError(ValueError):
-    """Error caused by wrong input, with a message of one sentence that says what is wrong and what is allowed.
+    """Error caused by wrong input. The message is one sentence that says what is wrong and what is allowed.
 
     The message is a single line without control characters. The middle of a very long message is left out.
     """
@@ -35,7 +35,7 @@ def whole_number(value: Any, name: str, *, minimum: int, maximum: int | None = N
         value: value of the argument.
         name: name of the argument, for the message.
         minimum: smallest allowed number.
-        maximum: largest allowed number; unlimited if not given.
+        maximum: largest allowed number; None for no limit.
 
     Raises:
         InputError: if the value is not a whole number, or is out of bounds.
@@ -55,7 +55,7 @@ def entry(table: Mapping[str, _Entry], name: str, kind: str) -> _Entry:
     Args:
         table: entries by name.
         name: name of the entry.
-        kind: kind of the entries for the error message, as in "signal".
+        kind: word for an entry in the error message, such as "signal".
 
     Raises:
         InputError: if the table has no such entry; the message lists similar names, or all names.
@@ -68,11 +68,11 @@ def entry(table: Mapping[str, _Entry], name: str, kind: str) -> _Entry:
 
 
 def shortened(text: str, max_length: int = 60) -> str:
-    """Return a text for use in a message, with unprintable characters escaped and the middle of a long text left out.
+    """Return a text for a message: unprintable characters are escaped, and the middle of a long text is left out.
 
     Args:
         text: text of any length, with any characters.
-        max_length: largest number of characters that are kept, before unprintable ones are escaped.
+        max_length: largest number of characters that are kept; escaping unprintable ones can make the result longer.
     """
     if len(text) > max_length:
         end = (max_length - 3) // 3
@@ -84,12 +84,12 @@ def shortened(text: str, max_length: int = 60) -> str:
 
 
 def shown(value: Any) -> str:
-    """Return the shortened `repr` of a value, for use in a message."""
+    """Return the shortened `repr` of a value for a message."""
     return shortened(repr(value))
 
 
 def listed(names: list[str], max_names: int = 8) -> str:
-    """Return names separated by commas, for use in a message; only the first `max_names` of them are named."""
+    """Return names separated by commas for a message: the first `max_names`, and the number of the others."""
     num_others = len(names) - max_names
     others = [f"and {num_others} more"] if num_others > 0 else []
     return ", ".join([shortened(name) for name in names[:max_names]] + others)

@@ -1,4 +1,4 @@
-"""Import of optional libraries, which the extras of the package install."""
+"""Import of optional libraries, which pip installs with the extras of the package."""
 
 from importlib import import_module
 from typing import Any
@@ -9,7 +9,7 @@ def import_extra(module: str, extra: str) -> Any:
 
     Args:
         module: name of the module.
-        extra: name of the package's extra that installs the library.
+        extra: name of the extra of drake_quad that installs the library.
 
     Raises:
         ImportError: if the library is not installed; the message says how to install it.
@@ -21,5 +21,5 @@ def import_extra(module: str, extra: str) -> Any:
         if error.name is None or error.name.partition(".")[0] != library:
             raise
         raise ImportError(
-            f"{library} is not installed; pip install 'drake_quad[{extra}]' has it", name=library
+            f"{library} is not installed; install it with: pip install 'drake_quad[{extra}]'", name=library
         ) from None

@@ -1,4 +1,4 @@
-"""Functions that write files atomically, write and read CSV tables, and read .npz files."""
+"""Reading and writing of files: atomic writing, CSV tables and .npz files."""
 
 import csv
 import os
@@ -13,7 +13,7 @@ import numpy as np
 
 from drake_quad.errors import InputError, shortened, shown
 from drake_quad.process_settings import without_warnings
-from drake_quad.written_numbers import float_in
+from drake_quad.written_numbers import parse_float
 
 
 def output_folder(path: Path) -> Path:
@@ -28,16 +28,20 @@ def output_folder(path: Path) -> Path:
             pass
     except (OSError, ValueError) as error:
         reason = (getattr(error, "strerror", None) or str(error)).lower()
-        raise InputError(f"the output folder {shortened(str(path), 120)} cannot be written: {reason}") from None
+        raise InputError(f"cannot write to the output folder {shortened(str(path), 120)}: {reason}") from None
     return path
 
 
 def write_atomically(path: Path, write: Callable[[Path], None]) -> Path:
     """Write a file atomically and return its path.
 
-    `write` fills a temporary file in the same folder, which is then renamed to `path`. On an error it is deleted.
+    A temporary file in the same folder is written and then renamed. It is deleted if an error occurs.
+
+    Args:
+        path: path of the file.
+        write: function that writes the content into a file at a given path.
     """
-    # The name is unique, since other processes and threads may write the same file at the same time.
+    # The temporary name is unique, since other processes and threads may write the same file at the same time.
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.{threading.get_ident()}{path.suffix}")
     try:
         write(temporary)
@@ -61,15 +65,16 @@ def write_table(path: Path, columns: Mapping[str, Iterable[Any]], *, digits: int
 
     Args:
         path: path of the file.
-        columns: numbers or text of each column, by the heading; NaN becomes an empty cell.
-        digits: number of significant digits; by default all, so that `read_table` returns the same numbers.
+        columns: numbers or texts of each column, by heading; NaN becomes an empty cell.
+        digits: number of significant digits. By default all digits are written, so that `read_table` returns exactly
+            the same numbers.
     """
-    written = repr if digits == 17 else f"{{:.{digits}g}}".format
+    format_float = repr if digits == 17 else f"{{:.{digits}g}}".format
 
     def cell(value: Any) -> str:
         plain = value.item() if isinstance(value, np.generic) else value
         if isinstance(plain, float):
-            return "" if plain != plain else written(plain)
+            return "" if plain != plain else format_float(plain)
         return str(plain)
 
     plain = (values.tolist() if isinstance(values, np.ndarray) else values for values in columns.values())
@@ -88,7 +93,7 @@ def read_table(path: Path) -> dict[str, np.ndarray]:
     """Read a table written by `write_table`.
 
     Returns:
-        The columns by heading: arrays of numbers if every cell is a number or empty, otherwise arrays of text.
+        The columns by heading: an array of numbers if all cells are numbers or empty, otherwise an array of text.
 
     Raises:
         InputError: if the file cannot be read, or its rows differ in length.
@@ -100,7 +105,7 @@ def read_table(path: Path) -> dict[str, np.ndarray]:
         columns = zip(*rows, strict=True) if rows else [()] * len(header)
         return {name: _array(cells) for name, cells in zip(header, columns, strict=True)}
     except (OSError, ValueError):
-        raise InputError(f"{path} cannot be read, or is not a table") from None
+        raise InputError(f"{path} cannot be read, or is not a CSV table whose rows have equal length") from None
 
 
 def read_arrays(file: IO[bytes], *, max_bytes: int | None = None) -> dict[str, np.ndarray]:
@@ -108,7 +113,7 @@ def read_arrays(file: IO[bytes], *, max_bytes: int | None = None) -> dict[str, n
 
     Args:
         file: file opened for reading in binary mode.
-        max_bytes: largest size of all arrays together after decompression; unlimited if not given.
+        max_bytes: largest total size of the decompressed arrays, bytes; None for no limit.
 
     Raises:
         ValueError: if the arrays are too large, two arrays have the same name, or the file has another format or is
@@ -135,6 +140,6 @@ def read_arrays(file: IO[bytes], *, max_bytes: int | None = None) -> dict[str, n
 
 def _array(cells: tuple[str, ...]) -> np.ndarray:
     try:
-        return np.array([float_in(cell) if cell else np.nan for cell in cells])
+        return np.array([parse_float(cell) if cell else np.nan for cell in cells])
     except ValueError:
         return np.array(cells)

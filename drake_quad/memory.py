@@ -1,4 +1,4 @@
-"""Available memory, and a check that a fleet fits into it."""
+"""Available memory of the machine, and a check that a fleet fits into it."""
 
 import os
 import re
@@ -6,12 +6,12 @@ from pathlib import Path
 
 from drake_quad.errors import InputError
 
-# Lower bound for the memory of one vehicle. In measurements with 20,000 vehicles, an environment took 8 kB
-# (figure_eight) to 19 kB (robustness) for each vehicle, and the fleet of a study took 15 to 37 kB.
+# Lower bound for the memory that a fleet needs per vehicle, bytes. In measurements with 20,000 vehicles, a learning
+# environment took 8 kB (figure_eight) to 19 kB (robustness) per vehicle, and the fleet of a study took 15 to 37 kB.
 _MIN_BYTES_PER_VEHICLE = 8_000
-# Linux reports the available memory here, in kB.
+# File in which Linux reports the available memory, in kB.
 _MEMORY_INFO = Path("/proc/meminfo")
-# Linux control groups report the memory limit of a container here, in bytes.
+# File in which Linux reports the memory limit of a container, in bytes.
 _CONTAINER_LIMIT = Path("/sys/fs/cgroup/memory.max")
 
 
@@ -20,7 +20,7 @@ def check_fleet_fits(num_vehicles: int, name: str) -> None:
 
     Args:
         num_vehicles: number of vehicles in the fleet.
-        name: name of the argument with this number, for the message.
+        name: name of the argument that gives this number, for the message.
 
     Raises:
         InputError: if the fleet needs more memory than is available.
@@ -29,7 +29,7 @@ def check_fleet_fits(num_vehicles: int, name: str) -> None:
     if available is not None and needed > available:
         raise InputError(
             f"{name} is {num_vehicles:,}, but a fleet of this size needs at least {1e-9 * needed:,.0f} GB of memory,"
-            f" and {1e-9 * available:,.1f} GB are available"
+            f" and only {1e-9 * available:,.1f} GB are available"
         )
 
 

@@ -1,6 +1,6 @@
 """Process-wide settings that the library changes temporarily.
 
-A `with` statement such as `with single_threaded_blas():` changes a setting and restores it.
+A `with` statement such as `with single_threaded_blas():` changes a setting, and restores it at its end.
 """
 
 import functools
@@ -20,10 +20,10 @@ _ERROR_OUTPUT = 2  # file descriptor of the standard error output
 
 
 class ProcessSetting:
-    """Context manager that changes a process-wide setting for as long as any thread is inside it.
+    """Context manager that changes a process-wide setting as long as at least one thread is inside it.
 
     The first thread to enter changes the setting and the last thread to leave restores it. If each thread saved and
-    restored the setting itself, overlapping threads could leave it changed forever.
+    restored the setting itself, threads that overlap in time could leave it changed forever.
 
     Args:
         change: function that returns a context manager, which changes the setting and restores it on exit.
@@ -80,14 +80,14 @@ def _garbage_collection_paused() -> Iterator[None]:
 
 
 single_threaded_blas = ProcessSetting(lambda: _blas_controller().limit(limits=1, user_api="blas"))
-"""Limit of BLAS to one thread; on small matrices two threads can take a hundred times as long."""
+"""Restriction of BLAS to one thread; on small matrices, two threads can take a hundred times as long."""
 
 without_drake_remarks = ProcessSetting(_drake_warnings_only)
-"""Log level of Drake that shows warnings and errors only, without solver progress and server addresses."""
+"""Log level at which Drake logs only warnings and errors, but no solver progress and server addresses."""
 
 
 without_prints = ProcessSetting(lambda: redirect_stdout(io.StringIO()))
-"""Redirection that discards what Python prints on the standard output."""
+"""Redirection that discards everything that Python prints on the standard output."""
 
 
 @contextmanager
@@ -103,10 +103,10 @@ def _error_output_discarded() -> Iterator[None]:
 
 
 without_error_output = ProcessSetting(_error_output_discarded)
-"""Redirection that discards the standard error output of the process, also that of compiled libraries."""
+"""Redirection that discards the standard error output of the process, including that of compiled libraries."""
 
 without_warnings = ProcessSetting(lambda: warnings.catch_warnings(action="ignore"))
 """Filter that hides Python's warnings."""
 
 without_garbage_collection = ProcessSetting(_garbage_collection_paused)
-"""Pause of Python's garbage collector, which takes a third of the time of code that creates many small objects."""
+"""Pause of Python's garbage collector, which can take a third of the time of code that creates many small objects."""

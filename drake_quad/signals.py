@@ -11,8 +11,8 @@ from typing import Annotated, Any, Literal, NamedTuple, get_args, get_type_hints
 Row = float
 """Type of one number per vehicle.
 
-A row is a float for one vehicle and an array for a fleet. Drake and the compiler replace it by types of their own, see
-`drake_quad.framework.elementary`. A type checker checks formulas as formulas for one vehicle, on floats.
+A row is a float for one vehicle and an array for a fleet. Drake and the compiler use their own types in its place, see
+`drake_quad.framework.elementary`. Type checkers treat a formula as one for a single vehicle, on floats.
 """
 
 
@@ -21,8 +21,8 @@ class Quantity(NamedTuple):
 
     Attributes:
         unit: SI unit.
-        frame: frame of the axes that the row refers to, W or B; empty for a row without a direction.
-        sign: sign that a parameter must have; empty if any sign is allowed.
+        frame: frame in which the row is expressed, W or B; empty for a row without a direction.
+        sign: sign that a parameter with this quantity must have; empty if any sign is allowed.
     """
 
     unit: str
@@ -50,7 +50,7 @@ Gain = Annotated[Row, Quantity("1/s")]
 
 
 class State(NamedTuple):
-    """Position, attitude, velocity and body rates of the vehicle: true or measured values."""
+    """Position, attitude, velocity and body rates of the vehicle, either true or measured."""
 
     x: PositionW
     y: PositionW
@@ -102,7 +102,7 @@ class Charge(NamedTuple):
 
 
 class Swing(NamedTuple):
-    """Angles and angular rates of the cable of a slung load, which is turned by pitch about Y, then by roll about X."""
+    """Angles and angular rates of the cable of a slung load, rotated by pitch about Y, then by roll about X."""
 
     roll: Angle
     pitch: Angle
@@ -177,7 +177,7 @@ class PositionErrorRate(NamedTuple):
 
 
 class Acceleration(NamedTuple):
-    """Commanded acceleration, a term of it, or the estimated acceleration caused by disturbances."""
+    """Commanded acceleration, a term of this command, or the estimated acceleration that disturbances cause."""
 
     x: AccelerationW
     y: AccelerationW
@@ -215,7 +215,7 @@ class BodyRates(NamedTuple):
 
 
 class AttitudeTarget(NamedTuple):
-    """Command to an autopilot: thrust F_z, attitude, and body rates as feed-forward."""
+    """Command to an autopilot: thrust F_z and attitude, with body rates as feed-forward."""
 
     thrust: ForceB
     roll: Angle
@@ -246,14 +246,14 @@ class CrashTime(NamedTuple):
     crash_time: Time
 
 
-# Signals of a fuzzy neural network have a row for each rule, axis, or parameter of a membership function. Signals with
-# a row for each rule list all rules of the first axis, then all rules of the next.
+# Signals of a fuzzy neural network have a row for each rule, for each axis, or for each parameter of a membership
+# function. Rows for rules are ordered by axis: all rules of the first axis precede those of the second.
 Firing = tuple[Number, ...]
 Weights = tuple[AccelerationW, ...]
 CovarianceTrace = tuple[Gain, ...]
 Antecedents = tuple[Number, ...]
 # Signals of a policy have a row for each observation or action.
-Observed = tuple[Number, ...]
+Observation = tuple[Number, ...]
 Action = tuple[Number, ...]
 # The future reference has X, Y and Z at each of several future times.
 FutureReference = tuple[PositionW, ...]
@@ -262,23 +262,23 @@ FutureReference = tuple[PositionW, ...]
 class Signals(dict[str, Any]):
     """Types of the signals, by the names of their ports.
 
-    Registering a sensor adds the type of its measurements. The second and later sensors of one kind are numbered, as in
-    `accelerometer_2`.
+    The registration of a sensor adds the type of its measurements. Ports of the second and later sensors of the same
+    kind are numbered, as in `accelerometer_2`.
     """
 
     def __contains__(self, name: object) -> bool:
-        """Return whether a signal has this name, which may end with the number of a sensor."""
+        """Return whether there is a signal of this name, which may end with the number of a sensor."""
         return super().__contains__(name) or super().__contains__(_without_number(name))
 
     def __missing__(self, name: str) -> Any:
-        """Return the type of a signal whose name ends with the number of a sensor."""
+        """Return the type of the signal whose name is given with the number of a sensor."""
         if name not in self:
             raise KeyError(name)
         return self[_without_number(name)]
 
 
 def numbered(kind: str, number: int) -> str:
-    """Return the port name of the first or a later sensor of a kind: `accelerometer`, `accelerometer_2`."""
+    """Return the port name of the n-th sensor of a kind, such as `accelerometer`, `accelerometer_2`."""
     return kind if number == 1 else f"{kind}_{number}"
 
 
@@ -323,7 +323,7 @@ SIGNALS |= {
     "weights": Weights,
     "covariance_trace": CovarianceTrace,
     "antecedents": Antecedents,
-    "observation": Observed,
+    "observation": Observation,
     "action": Action,
     "reference_ahead": FutureReference,
 }

@@ -1,4 +1,4 @@
-"""Check that a system obeys the rules on which flights, studies and linear models rely."""
+"""Check that a system obeys the rules on which flights, fleets, studies and linear models rely."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -14,11 +14,11 @@ from drake_quad.compilation.compile_diagram import compile_diagram
 
 # Number of times at which outputs are compared.
 _NUM_TIMES = 6
-# Time between comparisons for a system without a period, s.
+# Time between comparisons for a system without a periodic event, s.
 _DEFAULT_PERIOD = 0.02
-# Tolerance on outputs, relative to the largest output or to 1; it covers some thousand rounding errors.
+# Tolerance on outputs, relative to the largest output or to 1. It covers several thousand rounding errors.
 _TOLERANCE = 1e-12
-# The tolerance is larger for compiled diagrams, whose elementary functions may round differently.
+# Tolerance on the outputs of compiled diagrams, whose elementary functions may round differently.
 _COMPILED_TOLERANCE = 1e-9
 
 
@@ -43,17 +43,17 @@ class _Inputs(NamedTuple):
 def check_system(make: Callable[[int], Any], *, num_vehicles: int = 3, seed: int = 0) -> tuple[str, ...]:
     """Check that a system obeys the rules on which flights, fleets, studies and linear models rely.
 
-    - ports: each port of a fleet has as many rows as that of one vehicle, and N columns.
+    - ports: each port of a fleet has as many rows as the port of one vehicle, and a column for each vehicle.
     - context: outputs depend on the context alone, not on earlier computations.
-    - vehicles: each vehicle of a fleet has the outputs that it has as a single vehicle.
-    - numbers: outputs are not NaN for finite inputs.
-    - derivatives: if the system converts to AutoDiffXd, the values of the outputs are the same.
-    - compiled: if the system is a `FleetSystem` or a diagram of them, machine code computes the same outputs.
+    - vehicles: each vehicle has the same outputs in a fleet as on its own.
+    - numbers: outputs are not NaN if the inputs are finite.
+    - derivatives: if the system can be converted to AutoDiffXd, the values of the outputs are the same.
+    - compiled: if the system is a `FleetSystem` or a diagram of such systems, machine code computes the same outputs.
 
     Inputs are random numbers between 0.1 and 0.9.
 
     Args:
-        make: function that returns the system for a number of vehicles, such as its class.
+        make: function that returns the system for a given number of vehicles; the class of the system is one.
         num_vehicles: number N of vehicles of the fleet.
         seed: seed of the inputs.
 
@@ -88,14 +88,14 @@ def check_system(make: Callable[[int], Any], *, num_vehicles: int = 3, seed: int
 
 
 def _check_ports(single: Any, fleet: Any, num_vehicles: int) -> dict[str, int]:
-    """Check the rule `ports`, and return the number of rows of each input port by name."""
+    """Check the rule "ports", and return the number of rows of each input port by name."""
     for one, many in ((_inputs_of(single), _inputs_of(fleet)), (_outputs_of(single), _outputs_of(fleet))):
         assert list(one) == list(many), f"ports: one vehicle has {list(one)}, but a fleet has {list(many)}"
         for name, port in one.items():
             assert port.get_data_type() == PortDataType.kVectorValued, f"ports: `{name}` is not vector-valued"
-            size, wanted = many[name].size(), num_vehicles * port.size()
-            fault = f"ports: `{name}` has {size} elements for {num_vehicles} vehicles, but needs {wanted}"
-            assert size == wanted, fault
+            size, expected_size = many[name].size(), num_vehicles * port.size()
+            fault = f"ports: `{name}` has {size} elements for {num_vehicles} vehicles, but needs {expected_size}"
+            assert size == expected_size, fault
     return {name: port.size() for name, port in _inputs_of(single).items()}
 
 
@@ -146,7 +146,7 @@ def _can_be_compiled(system: Any) -> bool:
 
 
 def _with_clock(system: Any, period: float, num_vehicles: int) -> Any:
-    """Return a diagram of a system and a periodic event (period in s), without which a diagram cannot be compiled."""
+    """Return a diagram of a system and a clock with a period in s; only diagrams with a periodic event are compiled."""
     builder = DiagramBuilder()
     builder.AddNamedSystem("system", system)
     clock = builder.AddNamedSystem("clock", ZeroOrderHold(period, num_vehicles))

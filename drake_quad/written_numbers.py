@@ -1,12 +1,12 @@
-"""Strict conversion of text to numbers, for table cells, files and the command line.
+"""Strict conversion of texts to numbers, for table cells, files and the command line.
 
 Python's `float` and `int` also accept underscores between digits and digits of other scripts: they read "1_0" as 10
-and "١" as 1. In a table or a file such text is more likely a typing error.
+and "١" as 1. In a table or a file, such a text is more likely a typing error.
 """
 
 
-def float_in(text: str) -> float:
-    """Return the number that a text represents in ASCII digits; NaN and infinity count as numbers.
+def parse_float(text: str) -> float:
+    """Convert a text in ASCII digits to a number, which may be NaN or infinite.
 
     Raises:
         ValueError: if the text does not represent a number in ASCII digits.
@@ -15,8 +15,8 @@ def float_in(text: str) -> float:
     return float(text)
 
 
-def int_in(text: str) -> int:
-    """Return the integer that a text represents in ASCII digits.
+def parse_int(text: str) -> int:
+    """Convert a text in ASCII digits to an integer.
 
     Raises:
         ValueError: if the text does not represent an integer in ASCII digits.

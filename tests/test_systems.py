@@ -50,7 +50,7 @@ def contents(module):
     try:
         return vars(importlib.import_module(module)).values()
     except ImportError as error:
-        assert "pip install 'drake_quad[learn]' has it" in str(error)
+        assert "install it with: pip install 'drake_quad[learn]'" in str(error)
         return ()
 
 

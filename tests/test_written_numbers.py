@@ -12,7 +12,7 @@ from drake_quad.files import read_table
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.scenario.files.loading import load_mission
 from drake_quad.scenario.files.mesh_file import mesh_points
-from drake_quad.written_numbers import float_in, int_in
+from drake_quad.written_numbers import parse_float, parse_int
 
 INVALID_NUMBERS = ["1_0", "١", "１", "1_0.5"]
 PACKAGE = Path(__file__).parent.parent / "drake_quad"
@@ -20,14 +20,14 @@ PACKAGE = Path(__file__).parent.parent / "drake_quad"
 
 @pytest.mark.parametrize("text", [*INVALID_NUMBERS, "", "one"])
 def test_other_notations_are_refused(text):
-    for read in (float_in, int_in):
+    for read in (parse_float, parse_int):
         with pytest.raises(ValueError, match=r"."):
             read(text)
 
 
 def test_ascii_numbers_are_converted_as_in_python():
-    assert (float_in("-1.5e3"), float_in(" .5 "), int_in("+12")) == (-1500.0, 0.5, 12)
-    assert np.isnan(float_in("nan"))
+    assert (parse_float("-1.5e3"), parse_float(" .5 "), parse_int("+12")) == (-1500.0, 0.5, 12)
+    assert np.isnan(parse_float("nan"))
 
 
 @pytest.mark.parametrize("cell", INVALID_NUMBERS)
@@ -68,5 +68,5 @@ def test_options_are_numbers_in_ascii_digits(arguments, capsys):
 def test_every_command_reads_its_numbers_in_ascii_digits():
     for command in COMMANDS:
         options = module_of(command).options()
-        for kind, read in ((int, int_in), (float, float_in)):
+        for kind, read in ((int, parse_int), (float, parse_float)):
             assert options._registry_get("type", kind, kind) is read

@@ -1,4 +1,4 @@
-"""Flies several controllers in several laboratories, all on the same samples, and compares them."""
+"""Fly several controllers in several laboratories on the same samples, and compare their errors."""
 
 import argparse
 from collections.abc import Mapping
@@ -29,25 +29,28 @@ from drake_quad.studies.statistics import compare, of_survivors
 from drake_quad.visualization.comparison_plots import plot_comparison
 from drake_quad.visualization.style import save_figures
 
-_SCENARIOS = tuple(f"laboratory:{name}" for name in ("nominal", "low_wind", "high_wind"))
-_CONTROLLERS = ("pd", "pd_t1fnn", "pd_t2fnn", "pid", "pd_feed_forward")
+_DEFAULT_SCENARIOS = tuple(f"laboratory:{name}" for name in ("nominal", "low_wind", "high_wind"))
+_DEFAULT_CONTROLLERS = ("pd", "pd_t1fnn", "pd_t2fnn", "pid", "pd_feed_forward")
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the options of the command."""
+    """Return the argument parser of the command."""
     result = bare_parser(__doc__, "drake-quad compare --scenario outdoor --samples 50")
     result.add_argument(
         "--scenario",
         action="append",
         metavar="FILE[:NAME]",
-        help="in which to fly; can be given several times (default: nominal, low_wind, high_wind of laboratory)",
+        help="scenario whose laboratory is used; can be given several times (default: laboratory:nominal,"
+        " laboratory:low_wind and laboratory:high_wind)",
     )
-    default = f"(default: {', '.join(_CONTROLLERS)} of controllers/paper)"
-    add_controller(result, several=f"several are compared with the first {default}")
-    result.add_argument("--samples", type=int, help="flights of each pair (default: 20)")
+    default = f"(default: {', '.join(_DEFAULT_CONTROLLERS)} of controllers/paper)"
+    add_controller(result, several=f"can be given several times, and the first is the baseline {default}")
+    result.add_argument("--samples", type=int, help="number of samples that each controller flies (default: 20)")
     add_overrides(result)
-    result.add_argument("--quick", action="store_true", help="4 samples over 6 s of flight")
-    result.add_argument("--output", type=Path, default=Path("out/comparison"), help="folder (default: %(default)s)")
+    result.add_argument("--quick", action="store_true", help="simulate 4 samples for 6 s each, as a quick test")
+    result.add_argument(
+        "--output", type=Path, default=Path("out/comparison"), help="output folder (default: %(default)s)"
+    )
     add_wired(result)
     add_vector(result)
     return result
@@ -57,18 +60,18 @@ def main(arguments: argparse.Namespace) -> None:
     """Run the command."""
     check_ranges(arguments, {"samples": (1, 10_000)})
     samples = arguments.samples or (4 if arguments.quick else 20)
-    pairs = scenarios_of(arguments)
-    print_flight_remarks(scenario for found in pairs.values() for scenario in found.values())
-    for found in pairs.values():
-        for sentence in unequal_conditions(found):
+    scenarios_by_laboratory = scenarios_of(arguments)
+    print_flight_remarks(scenario for scenarios in scenarios_by_laboratory.values() for scenario in scenarios.values())
+    for scenarios in scenarios_by_laboratory.values():
+        for sentence in unequal_conditions(scenarios):
             remark(sentence)
     folder = output_folder(arguments.output)
     flights: dict[str, dict[str, Metrics]] = {}
-    for place, found in pairs.items():
-        flights[place] = {}
-        for name, scenario in found.items():
+    for laboratory, scenarios in scenarios_by_laboratory.items():
+        flights[laboratory] = {}
+        for name, scenario in scenarios.items():
             with progress_bar("flying", **FLIGHT_BAR) as progress:
-                flights[place][name] = fly_samples(
+                flights[laboratory][name] = fly_samples(
                     scenario, range(samples), compiled=not arguments.wired, progress=progress
                 )
     files = [
@@ -76,8 +79,8 @@ def main(arguments: argparse.Namespace) -> None:
         *save_figures({"comparison": plot_comparison(flights)}, folder, vector=arguments.vector),
     ]
     print(
-        f"{samples} samples each; mean and standard deviation; the share is the ratio of the mean RMSE to that of the"
-        " first controller, with 95 % confidence"
+        f"mean ± standard deviation over {samples} samples; the last column is the mean RMSE relative to that of the"
+        " first controller, with its 95 % interval"
     )
     print_comparison(flights)
     print_files(files)
@@ -85,41 +88,43 @@ def main(arguments: argparse.Namespace) -> None:
 
 def scenarios_of(arguments: argparse.Namespace) -> dict[str, dict[str, Scenario]]:
     """Return the scenarios to fly, by laboratory and controller."""
-    arguments.controller = arguments.controller or [f"controllers/paper:{name}" for name in _CONTROLLERS]
+    arguments.controller = arguments.controller or [f"controllers/paper:{name}" for name in _DEFAULT_CONTROLLERS]
     if arguments.quick:
         arguments.set = ["duration=6", *arguments.set]
-    found: dict[str, dict[str, Scenario]] = {}
-    for place in arguments.scenario or _SCENARIOS:
-        scenarios = controlled_scenarios(arguments, place)
+    scenarios_by_laboratory: dict[str, dict[str, Scenario]] = {}
+    for spec in arguments.scenario or _DEFAULT_SCENARIOS:
+        scenarios = controlled_scenarios(arguments, spec)
         name = next(iter(scenarios.values())).name
-        if name in found:
-            raise InputError(f"--scenario {place}: another scenario is called {name}; give each its own name")
-        found[name] = scenarios
-    return found
+        if name in scenarios_by_laboratory:
+            raise InputError(f"--scenario {spec}: another scenario is also called {name}; rename one of them")
+        scenarios_by_laboratory[name] = scenarios
+    return scenarios_by_laboratory
 
 
 def print_comparison(flights: Mapping[str, Mapping[str, Metrics]]) -> None:
     """Print a row for each laboratory and controller."""
     rows = []
-    for place, found in flights.items():
-        first = next(iter(found.values()))
-        for name, metrics in found.items():
+    for laboratory, metrics_by_controller in flights.items():
+        first = next(iter(metrics_by_controller.values()))
+        for name, metrics in metrics_by_controller.items():
             rows.append(
                 (
-                    place,
+                    laboratory,
                     name,
-                    f"{spread(100.0 * of_survivors(metrics, 'rmse'))} cm",
-                    f"{spread(100.0 * of_survivors(metrics, 'peak_error'))} cm",
-                    spread(of_survivors(metrics, "effort_x")),
-                    spread(of_survivors(metrics, "effort_y")),
+                    f"{mean_and_deviation(100.0 * of_survivors(metrics, 'rmse'))} cm",
+                    f"{mean_and_deviation(100.0 * of_survivors(metrics, 'peak_error'))} cm",
+                    mean_and_deviation(of_survivors(metrics, "effort_x")),
+                    mean_and_deviation(of_survivors(metrics, "effort_y")),
                     "100 %" if metrics is first else compare(metrics, first).share.percent(),
                     f"{int(metrics.crashed.sum())} crashed" if metrics.crashed.any() else "",
                 )
             )
-    print_columns(("scenario", "controller", "RMSE", "peak", "effort X (m²/s⁴)", "effort Y", "share", ""), rows)
+    print_columns(
+        ("scenario", "controller", "RMSE", "peak", "effort X (m²/s⁴)", "effort Y (m²/s⁴)", "relative RMSE", ""), rows
+    )
 
 
-def spread(values: np.ndarray) -> str:
+def mean_and_deviation(values: np.ndarray) -> str:
     """Return the mean and the standard deviation of values as text."""
     if len(values) > 1:
         return plus_minus(values.mean(), values.std(ddof=1))
@@ -129,9 +134,9 @@ def spread(values: np.ndarray) -> str:
 def write_flights(path: Path, flights: Mapping[str, Mapping[str, Metrics]]) -> Path:
     """Write a CSV file with a row for each flight, and return its path."""
     rows = [
-        (place, name, sample, *values)
-        for place, found in flights.items()
-        for name, metrics in found.items()
+        (laboratory, name, sample, *values)
+        for laboratory, metrics_by_controller in flights.items()
+        for name, metrics in metrics_by_controller.items()
         for sample, values in enumerate(np.transpose(metrics))
     ]
     header = ("scenario", "controller", "sample", *Metrics._fields)

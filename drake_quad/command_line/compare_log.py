@@ -1,6 +1,7 @@
-"""Simulate the reference of a flight log under the control of a scenario, and compare flown and predicted errors.
+"""Simulate the reference of a flight log with the vehicle and controller of a scenario, and compare the errors.
 
-A vehicle without a control predicts the flight in open loop, from the logged commands, over 0.1 to 2 s.
+If the scenario has no controller, the vehicle predicts the flight in open loop, from the logged commands, over horizons
+of 0.1 to 2 s.
 """
 
 import argparse
@@ -37,36 +38,40 @@ from drake_quad.scenario.paths import distributions_in
 from drake_quad.statistics.interval import Interval
 
 _MAX_SAMPLES = 10_000
-# The reference of the log replaces the route, so that a scenario needs none.
-_ANY_ROUTE = Override("route={kind: hover, duration: 1.0}", "the route of the log")
-_FIGURES = {"rmse": "RMSE", "mean": "mean", "largest": "95 % largest"}
+# Scenarios need a route to be valid, although the reference of the log replaces it.
+_PLACEHOLDER_ROUTE = Override("route={kind: hover, duration: 1.0}", "the route of the log")
+_STATISTICS = {"rmse": "RMSE", "mean": "mean", "largest": "95 % largest"}
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the options of the command."""
+    """Return the argument parser of the command."""
     result = bare_parser(
         __doc__, "drake-quad compare-log tests/data/crazyflie/crazyswarm2/log08.xz crazyswarm2:log08 --samples 100"
     )
-    result.add_argument("log", metavar="LOG", type=Path, help="flight log in any format of read_log")
+    result.add_argument("log", metavar="LOG", type=Path, help="flight log, in any format that `read_log` reads")
     result.add_argument(
         "scenario", metavar="SCENARIO", help="FILE or FILE:NAME; the reference of the log replaces its route"
     )
-    result.add_argument("--mapping", metavar="FILE", help="mapping of columns to signals, or the name of a shipped one")
+    result.add_argument(
+        "--mapping", metavar="FILE", help="YAML file that maps columns to signals, or the name of a shipped one"
+    )
     result.add_argument("--samples", type=int, default=1000, help="number of simulated flights (default: %(default)s)")
     result.add_argument(
         "--rest",
         type=float,
         default=DEFAULT_REST,
-        help="duration of a hover before the log, s (default: %(default)s)",
+        help="duration of the simulated hover before the log begins, s (default: %(default)s)",
     )
     result.add_argument(
         "--start",
         type=float,
-        help="time of the log from which errors count, s (default: when the reference begins to move)",
+        help="time of the log from which on errors are evaluated, s (default: when the reference begins to move)",
     )
     add_overrides(result)
     result.set_defaults(default_output=Path("out/compare_log"))
-    result.add_argument("--output", type=Path, metavar="FOLDER", help="to write to (default: out/compare_log/NAME)")
+    result.add_argument(
+        "--output", type=Path, metavar="FOLDER", help="output folder (default: out/compare_log/LOG_SCENARIO)"
+    )
     add_vector(result)
     return result
 
@@ -78,9 +83,9 @@ def main(arguments: argparse.Namespace) -> None:
     for sentence in record.remarks:
         remark(sentence)
     if not has_control(arguments.scenario):
-        predict_on_open_loop(record, arguments)
+        predict_in_open_loop(record, arguments)
         return
-    scenario = load_scenario(arguments.scenario, [_ANY_ROUTE, *all_overrides_of(arguments)])
+    scenario = load_scenario(arguments.scenario, [_PLACEHOLDER_ROUTE, *all_overrides_of(arguments)])
     print_flight_remarks([scenario])
     folder = output_folder(folder_of(arguments, f"{record.name}_{scenario.name}"))
     with progress_bar(scenario.name, unit=" flights") as progress:
@@ -96,53 +101,55 @@ def main(arguments: argparse.Namespace) -> None:
     print_files(save_comparison(comparison, folder, arguments))
 
 
-def predict_on_open_loop(record: FlightRecord, arguments: argparse.Namespace) -> None:
-    """Print the errors of open-loop predictions of a log by a vehicle without a control."""
+def predict_in_open_loop(record: FlightRecord, arguments: argparse.Namespace) -> None:
+    """Print the errors of open-loop predictions of a log, for a scenario without a controller."""
     vehicle = load_undesigned(arguments.scenario, all_overrides_of(arguments))
     if distributions_in(vehicle):
-        remark("each distribution of the vehicle is replaced by its median")
-    print(f"{vehicle.name} has no control: RMS error of its open-loop predictions of {record.name}")
+        remark("the predictions use the median of each distribution of the vehicle")
+    print(f"{vehicle.name} has no controller; RMS errors of its open-loop predictions of {record.name}:")
     print_predictions(predict(record, {vehicle.name: middle_of(vehicle)}))
 
 
 def print_comparison(comparison: LogComparison) -> None:
-    """Print a table of the flown and predicted errors, and a verdict."""
+    """Print a table of the measured and predicted errors, and a sentence that compares them."""
     time = comparison.time
     print(f"{comparison.record.name}: {len(time):,} samples, from {time[0]:.2f} to {time[-1]:.2f} s of the log")
     print(f"reference: {comparison.reference}")
-    print_columns(("error, cm", "axis", "flown", "predicted, median and 95 %", "flown lies"), _rows(comparison))
+    print_columns(
+        ("error (cm)", "axis", "measured", "predicted median [95 %]", "measured within 95 %"), _rows(comparison)
+    )
     if comparison.crashes:
-        print(f"{comparison.crashes:,} of {len(comparison.predicted):,} predictions crash")
+        print(f"{comparison.crashes:,} of {len(comparison.predicted):,} simulated flights crash")
     print(verdict(comparison))
 
 
 def verdict(comparison: LogComparison) -> str:
-    """Return a sentence on the flown and the predicted RMSE of the position."""
+    """Return a sentence that compares the measured and the predicted RMSE of the position."""
     flown = comparison.flown_figures.rmse[-1]
     predicted = _predicted(comparison, "rmse", -1, unit="cm")
     if not comparison.varies:
-        return f"The flown RMSE is {100.0 * flown:.2f} cm, the predicted one {predicted} in all flights."
+        return f"The measured RMSE is {100.0 * flown:.2f} cm. All simulated flights have an RMSE of {predicted}."
     where, flights = "within" if comparison.within("rmse")[-1] else "outside", len(comparison.predicted)
     return (
-        f"The flown RMSE, {100.0 * flown:.2f} cm, lies {where} the 95 % interval of {flights:,} flights,"
+        f"The measured RMSE, {100.0 * flown:.2f} cm, is {where} the 95 % interval of {flights:,} simulated flights,"
         f" whose median is {predicted}."
     )
 
 
 def save_comparison(comparison: LogComparison, folder: Path, arguments: argparse.Namespace) -> list[Path]:
-    """Write the table, the plot, a replay of both flights, and the scenario, and return the files."""
+    """Write the table, the plot, a replay of both flights, and the scenario, and return the paths of the files."""
     # Matplotlib takes half a second to load, so it is loaded only when there is something to draw.
     from drake_quad.visualization.log_comparison_plots import plot_log_comparison
     from drake_quad.visualization.replay.page import save_replay
     from drake_quad.visualization.style import save_figures
 
     rows = []
-    for figure in _FIGURES:
-        median, low, high = comparison.interval(figure)
-        ends = {"flown": getattr(comparison.flown_figures, figure), "median": median, "low": low, "high": high}
+    for statistic in _STATISTICS:
+        median, low, high = comparison.interval(statistic)
+        values = {"flown": getattr(comparison.flown_figures, statistic), "median": median, "low": low, "high": high}
         for i, axis in enumerate(AXES):
-            metres = {f"{name} (m)": f"{end[i]:.6g}" for name, end in ends.items()}
-            rows.append({"error": figure, "axis": axis, **metres})
+            metres = {f"{name} (m)": f"{end[i]:.6g}" for name, end in values.items()}
+            rows.append({"error": statistic, "axis": axis, **metres})
     return [
         write_rows(folder / "errors.csv", rows),
         *save_figures({"comparison": plot_log_comparison(comparison)}, folder, vector=arguments.vector),
@@ -153,16 +160,16 @@ def save_comparison(comparison: LogComparison, folder: Path, arguments: argparse
 
 def _rows(comparison: LogComparison) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = []
-    for figure, name in _FIGURES.items():
-        flown, within = getattr(comparison.flown_figures, figure), comparison.within(figure)
+    for statistic, name in _STATISTICS.items():
+        flown, within = getattr(comparison.flown_figures, statistic), comparison.within(statistic)
         for i, axis in enumerate(AXES):
-            place = ("within" if within[i] else "outside") if comparison.varies else "–"
-            rows.append((name, axis, f"{100.0 * flown[i]:.2f}", _predicted(comparison, figure, i), place))
+            position = ("yes" if within[i] else "no") if comparison.varies else "–"
+            rows.append((name, axis, f"{100.0 * flown[i]:.2f}", _predicted(comparison, statistic, i), position))
     return rows
 
 
-def _predicted(comparison: LogComparison, figure: str, axis: int, *, unit: str = "") -> str:
-    """Return the median of a statistic of the predicted flights in cm, with its interval unless all are equal."""
-    median, low, high = (float(end[axis]) for end in comparison.interval(figure))
-    found = Interval(median, low, high)
-    return (found if comparison.varies else found.alone()).text(unit=unit, size=0.01, infinite="crash")
+def _predicted(comparison: LogComparison, statistic: str, axis: int, *, unit: str = "") -> str:
+    """Return the median of an error statistic over the simulated flights in cm, with a 95 % interval if they differ."""
+    median, low, high = (float(end[axis]) for end in comparison.interval(statistic))
+    interval = Interval(median, low, high)
+    return (interval if comparison.varies else interval.alone()).text(unit=unit, size=0.01, infinite="crash")

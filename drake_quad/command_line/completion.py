@@ -1,7 +1,7 @@
-"""Prints a script by which a shell completes commands, options, files and the names of shipped scenarios.
+"""Print a script with which a shell completes commands, options, files and the names of shipped scenarios.
 
-For bash, add `source <(drake-quad completion bash)` to ~/.bashrc; for zsh, write it to a file called _drake-quad in a
-folder of $fpath.
+For bash, add `source <(drake-quad completion bash)` to ~/.bashrc. For zsh, write the script to a file called
+_drake-quad in a folder of $fpath.
 """
 
 import argparse
@@ -12,9 +12,9 @@ import shtab
 from drake_quad.command_line.options import bare_parser
 from drake_quad.scenario.files.shipped import shipped_scenarios
 
-# Arguments that are completed with the names of scenarios.
-_SCENARIOS = ("scenario", "controller", "vehicle")
-# Names contain colons, and bash ends a word at a colon unless COMP_WORDBREAKS lacks it.
+# Arguments whose values are completed with the names of shipped scenarios.
+_SCENARIO_ARGUMENTS = ("scenario", "controller", "vehicle")
+# Names of scenarios contain colons. Bash would end a word at a colon if COMP_WORDBREAKS contained the colon.
 _PREAMBLE = {
     "bash": """COMP_WORDBREAKS=${{COMP_WORDBREAKS//:}}
 _drake_quad_scenarios() {{
@@ -30,9 +30,9 @@ _drake_quad_scenarios() {{
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the options of the command."""
+    """Return the argument parser of the command."""
     result = bare_parser(__doc__, "drake-quad completion bash")
-    result.add_argument("shell", choices=("bash", "zsh"), help="whose script to print")
+    result.add_argument("shell", choices=("bash", "zsh"), help="shell for which the script is printed")
     return result
 
 
@@ -48,10 +48,10 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 def _complete(action: argparse.Action) -> None:
-    """Set the completion of an argument as shtab expects it."""
-    own = "_drake_quad_scenarios"
-    if action.dest in _SCENARIOS:
-        action.complete = {"bash": own, "zsh": own}  # type: ignore[attr-defined]
+    """Set the attribute from which shtab takes the completion of an argument."""
+    function = "_drake_quad_scenarios"
+    if action.dest in _SCENARIO_ARGUMENTS:
+        action.complete = {"bash": function, "zsh": function}  # type: ignore[attr-defined]
     elif action.metavar == "FOLDER":
         action.complete = shtab.DIRECTORY  # type: ignore[attr-defined]
     elif action.type is Path or action.metavar == "FILE":

@@ -1,7 +1,8 @@
-"""Designs the gains of a scenario's cascade for its laboratory, and states the margins that they keep.
+"""Design the gains of a scenario's cascade for its laboratory, and print the stability margins of each loop.
 
-With an autopilot on board the gains are those of the position, around the attitude as it is controlled on board. With
---firmware nothing is designed: the controller is that of a flight controller, with the gains of its parameters.
+If an autopilot controls the attitude on board, only the position gains are designed, around the attitude loop of the
+autopilot. With --firmware nothing is designed: the command writes the controller of a flight controller, with the gains
+in its parameters.
 """
 
 import argparse
@@ -12,7 +13,7 @@ from pydantic import Field
 from ruamel.yaml import YAML
 
 from drake_quad import InputError
-from drake_quad.command_line.firmware import take_firmware
+from drake_quad.command_line.firmware import write_firmware_controller
 from drake_quad.command_line.options import (
     add_controller,
     add_vector,
@@ -47,11 +48,11 @@ from drake_quad.scenario.paths import distributions_in
 from drake_quad.visualization.design_plots import DESIGN_PLOTS, plot_steps
 from drake_quad.visualization.style import save_figures
 
-# Faster modes (rad/s) are not printed, since they belong to delay lines and filters.
-_FASTEST_MODE = 60.0
-# The order in which loops on the ground are printed.
-_ORDER = ("roll", "pitch", "yaw", "z", "x", "y")
-# Share of the phase margin that the integrals of a PID cost by default.
+# Faster modes, rad/s, are not printed, since they belong to delay lines and filters.
+_MAX_MODE_FREQUENCY = 60.0
+# Order in which the loops of the ground station are printed.
+_AXIS_ORDER = ("roll", "pitch", "yaw", "z", "x", "y")
+# Share of the phase margin that the integral gains of a PID use up by default.
 _DEFAULT_INTEGRAL_SHARE = 0.15
 _RANGES = {
     "phase-margin": (0.0, 180.0),
@@ -62,12 +63,12 @@ _RANGES = {
 
 
 class LoopRequest(Model):
-    """Requests for the design of a loop, as given by the option `--loop`; None for the default.
+    """Requirements on a loop that the option `--loop` gives; None for the default.
 
     Attributes:
         bandwidth: bandwidth of the pole pair, rad/s.
         damping: damping ratio of the pole pair.
-        rate_time: cost of a rate beside that of a value, s, with the method lqr.
+        rate_time: weight of the rate relative to the weight of the value in the cost of the method lqr, s.
     """
 
     bandwidth: Annotated[float, Field(ge=1e-3, le=100.0)] | None = None
@@ -76,7 +77,7 @@ class LoopRequest(Model):
 
 
 class LoopRequests(Model):
-    """Requests for the design of the loops of a cascade."""
+    """Requirements on the loops of a cascade that the option `--loop` gives."""
 
     attitude: LoopRequest = LoopRequest()
     yaw: LoopRequest = LoopRequest()
@@ -84,20 +85,20 @@ class LoopRequests(Model):
     position: LoopRequest = LoopRequest()
 
 
-_LOOPS = {"roll": "attitude", "pitch": "attitude", "yaw": "yaw", "z": "height", "x": "position", "y": "position"}
-_RATE_TIMES = {"attitude": 0.2, "yaw": 0.2, "height": 0.2, "position": 1.0}
+_LOOP_OF_AXIS = {"roll": "attitude", "pitch": "attitude", "yaw": "yaw", "z": "height", "x": "position", "y": "position"}
+_DEFAULT_RATE_TIMES = {"attitude": 0.2, "yaw": 0.2, "height": 0.2, "position": 1.0}
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the options of the command."""
+    """Return the argument parser of the command."""
     result = parser(__doc__, "drake-quad design laboratory:nominal --phase-margin 50", output="out/gains")
     add_design_options(result)
     add_controller(result)
     result.add_argument(
         "--firmware",
         metavar="FILE",
-        help="take the controller of PX4 or of a Crazyflie with the parameters in a file: one of QGroundControl, a"
-        " ULog, or one of the Crazyflie's client; px4 or crazyflie for the defaults",
+        help="write the controller of PX4 or of a Crazyflie, with the parameters in a file: a parameter file of"
+        " QGroundControl or of the Crazyflie client, or a ULog; px4 or crazyflie for the default parameters",
     )
     add_vector(result)
     return result
@@ -107,20 +108,20 @@ def main(arguments: argparse.Namespace) -> None:
     """Run the command."""
     if arguments.firmware is not None:
         refuse_design_options(arguments)
-        take_firmware(arguments)
+        write_firmware_controller(arguments)
         return
     scenario = scenario_of(arguments, load=load_undesigned)
-    chosen = design_options(arguments, scenario)
+    loop_options = design_options(arguments, scenario)
     if arguments.integral is not None:
         scenario = with_integrals(scenario)
-    # The integral of a PID is designed even if `--integral` is absent.
+    # The integral gains of a PID are designed even without the option `--integral`.
     integral = arguments.integral
     if integral is None and scenario.cascade.position.has_integral:
         integral = _DEFAULT_INTEGRAL_SHARE
-    uncertain = bool(distributions_in(scenario))
-    if uncertain:
-        remark("gains are designed for the median of each distribution")
-    design = design_cascade(middle_of(scenario), chosen, on_board=arguments.on_board, integral=integral)
+    has_distributions = bool(distributions_in(scenario))
+    if has_distributions:
+        remark("the gains are designed for the median of each distribution")
+    design = design_cascade(middle_of(scenario), loop_options, on_board=arguments.on_board, integral=integral)
     designed = with_gains(scenario, design.gains())
     if arguments.on_board:
         designed = with_autopilot_gains(designed, design.autopilot_gains())
@@ -134,105 +135,131 @@ def main(arguments: argparse.Namespace) -> None:
     files += save_figures(figures, folder, vector=arguments.vector)
     print_design(design)
     print_modes(loop)
-    print(f"\na scenario takes the gains by `extends: [FILE:NAME, {files[0]}]`, in this order; or fly it as it is:")
-    fly = "study {} --samples 32" if uncertain else "fly {}"
+    print(f"\nto use the gains in a scenario, write `extends: [FILE:NAME, {files[0]}]`; to fly the designed scenario:")
+    fly = "study {} --samples 32" if has_distributions else "fly {}"
     print(f"  drake-quad {fly.format(files[1])}")
     print_files(files)
 
 
 def refuse_design_options(arguments: argparse.Namespace) -> None:
-    """Raise InputError if an option of the design is given."""
+    """Raise InputError if the arguments contain an option of the design, which `--firmware` excludes."""
     parser = argparse.ArgumentParser(add_help=False)
     add_design_options(parser)
     for name, default in vars(parser.parse_args([])).items():
         if getattr(arguments, name) != default:
-            raise InputError(f"--{name.replace('_', '-')} is for gains that are designed; leave out --firmware")
+            raise InputError(
+                f"--{name.replace('_', '-')} cannot be combined with --firmware, which designs nothing; leave one out"
+            )
 
 
 def add_design_options(options: argparse.ArgumentParser) -> None:
     """Add the options for the design of gains."""
-    options.add_argument("--method", choices=("poles", "lqr"), default="poles", help="place two poles, or least cost")
-    options.add_argument("--phase-margin", type=float, metavar="DEGREES", help="of every loop (45; on board 60)")
-    options.add_argument("--gain-margin", type=float, metavar="DB", help="of every loop (6; on board 10)")
-    options.add_argument("--delay-margin", type=float, metavar="TICKS", help="of the attitude loops on the ground (2)")
     options.add_argument(
-        "--on-board", action="store_true", help="design k_rate and k_attitude of an autopilot of kind attitude first"
+        "--method",
+        choices=("poles", "lqr"),
+        default="poles",
+        help="design method: placement of two poles, or a linear-quadratic regulator (default: %(default)s)",
+    )
+    options.add_argument(
+        "--phase-margin",
+        type=float,
+        metavar="DEGREES",
+        help="least phase margin of every loop (default: 45, or 60 for loops on board)",
+    )
+    options.add_argument(
+        "--gain-margin",
+        type=float,
+        metavar="DB",
+        help="least gain margin of every loop (default: 6, or 10 for loops on board)",
+    )
+    options.add_argument(
+        "--delay-margin",
+        type=float,
+        metavar="TICKS",
+        help="least delay margin of attitude loops on the ground (default: 2)",
+    )
+    options.add_argument(
+        "--on-board",
+        action="store_true",
+        help="design the gains k_rate and k_attitude of an autopilot of kind attitude first",
     )
     options.add_argument(
         "--integral",
         type=float,
-        metavar="PART",
-        help="design a PID for the position, whose integral costs this part of the phase margin"
-        f" ({_DEFAULT_INTEGRAL_SHARE:g} for what is a PID already)",
+        metavar="SHARE",
+        help="design a PID for the position, whose integral gains use up this share of the phase margin (default:"
+        f" {_DEFAULT_INTEGRAL_SHARE:g} if the scenario has a PID, else no integral)",
     )
     options.add_argument(
         "--loop",
         metavar="LOOP.FIELD=VALUE",
         action="append",
         default=[],
-        help="ask for something else in a loop, as in position.damping=0.7; loops are attitude, yaw, height and"
-        " position, fields are bandwidth (rad/s) and damping of the pole pair, by default the highest bandwidth that"
-        " keeps the margins and 0.8, or with --method lqr rate_time (s), the cost of a rate beside that of a value",
+        help="change a requirement on a loop, as in position.damping=0.7. Loops are attitude, yaw, height and position."
+        " Fields are bandwidth (rad/s, by default the highest one that keeps the margins) and damping (default: 0.8) of"
+        " the pole pair; with --method lqr the field is rate_time (s), the weight of the rate in the cost relative to"
+        " that of the value",
     )
 
 
 def design_options(arguments: argparse.Namespace, scenario: Scenario) -> dict[str, LoopOptions]:
-    """Return the design options of each axis: the defaults, except for what the arguments request.
+    """Return the design options of each axis: the defaults, with the changes that the arguments request.
 
     Raises:
-        InputError: a number is out of range, or an option is for the other method, or for an attitude loop on the
-            ground that the scenario does not have.
+        InputError: if a number is out of range, or an option belongs to the other method, or to an attitude loop on the
+            ground, which the scenario does not have.
     """
     check_ranges(arguments, _RANGES)
     requests = model_of(LoopRequests, overrides_of(arguments.loop, "--loop"))
     period = scenario.laboratory.command_link.period
-    asked = [(loop, name) for loop, request in requests for name in request.model_fields_set]
-    for loop, name in asked:
+    requested = [(loop, name) for loop, request in requests for name in request.model_fields_set]
+    for loop, name in requested:
         method = "lqr" if name == "rate_time" else "poles"
         if method != arguments.method:
-            raise InputError(f"--loop {loop}.{name} is for --method {method}")
+            raise InputError(f"--loop {loop}.{name} requires --method {method}")
     if scenario.laboratory.autopilot.controls_attitude:
-        on_ground = [f"--loop {loop}.{name}" for loop, name in asked if loop in ("attitude", "yaw")]
+        on_ground = [f"--loop {loop}.{name}" for loop, name in requested if loop in ("attitude", "yaw")]
         for option in [*on_ground, *(["--delay-margin"] if arguments.delay_margin is not None else [])]:
             kind = scenario.laboratory.autopilot.kind
             raise InputError(
-                f"{option} is for attitude control on the ground, but laboratory.autopilot is of kind {kind}"
+                f"{option} belongs to attitude control on the ground, but laboratory.autopilot is of kind {kind}, which"
+                " controls the attitude on board; leave the option out"
             )
-    found = {}
+    options_by_axis = {}
     for axis, default in default_options(period).items():
-        request: LoopRequest = getattr(requests, _LOOPS[axis])
+        request: LoopRequest = getattr(requests, _LOOP_OF_AXIS[axis])
         family = default.family if request.damping is None else PolePair(request.damping)
         if arguments.method == "lqr":
-            rate_time = _RATE_TIMES[_LOOPS[axis]] if request.rate_time is None else request.rate_time
+            rate_time = _DEFAULT_RATE_TIMES[_LOOP_OF_AXIS[axis]] if request.rate_time is None else request.rate_time
             family = RegulatorRequirements(rate_time)
-        found[axis] = default._replace(family=family, effort=request.bandwidth)
-    found |= on_board_options() if arguments.on_board else {}
-    return {axis: _with_margins(arguments, period, each) for axis, each in found.items()}
+        options_by_axis[axis] = default._replace(family=family, effort=request.bandwidth)
+    options_by_axis |= on_board_options() if arguments.on_board else {}
+    return {axis: _with_margins(arguments, period, each) for axis, each in options_by_axis.items()}
 
 
 def _with_margins(arguments: argparse.Namespace, period: float, options: LoopOptions) -> LoopOptions:
-    """Return the options of an axis with the margins that the arguments request."""
-    asked = {"phase": arguments.phase_margin, "gain": arguments.gain_margin}
+    """Return the options of an axis, with the margins that the arguments request."""
+    requested = {"phase": arguments.phase_margin, "gain": arguments.gain_margin}
     if options.requirements.delay and arguments.delay_margin is not None:
-        asked["delay"] = arguments.delay_margin * period
-    given = {name: margin for name, margin in asked.items() if margin is not None}
-    return options._replace(requirements=options.requirements._replace(**given))
+        requested["delay"] = arguments.delay_margin * period
+    margins = {name: margin for name, margin in requested.items() if margin is not None}
+    return options._replace(requirements=options.requirements._replace(**margins))
 
 
 def write_gains(design: CascadeDesign, designed: Scenario, path: Path, command: str) -> None:
-    """Write the gains as YAML that a scenario can extend, below a comment with the command that designed them.
+    """Write the gains as YAML that a scenario can extend, with the command that designed them in a comment.
 
-    The file also contains the kind of control, its derivative and its feed-forward, so that it replaces any other
-    control completely.
+    The file also contains the kind of the controller, its derivative and its feed-forward, so that it replaces every
+    other controller completely.
     """
     yaml = YAML()
     yaml.default_flow_style = None
     with path.open("w", encoding="utf-8") as file:
         file.write(f"# {command}\n")
         blocks = design.gains()
-        kept = {"position": ("kind", "derivative", "feed_forward"), "attitude": ("kind",)}
+        copied_fields = {"position": ("kind", "derivative", "feed_forward"), "attitude": ("kind",)}
         control = {
-            name: {field: getattr(getattr(designed.cascade, name), field) for field in kept[name]} | block
+            name: {field: getattr(getattr(designed.cascade, name), field) for field in copied_fields[name]} | block
             for name, block in blocks.items()
         }
         gains: dict[str, Any] = {"control": {"kind": "cascade", **control}}
@@ -243,11 +270,11 @@ def write_gains(design: CascadeDesign, designed: Scenario, path: Path, command: 
 
 def print_design(design: CascadeDesign) -> None:
     """Print a table of gains and margins with a row for each axis."""
-    titles = "axis, k_P, k_D, k_I, phase, gain, delay, ticks, disk, crossover, bandwidth, max |S|, limit"
+    titles = "axis, k_P, k_D, k_I, phase, gain, delay, ticks, disk, crossover, bandwidth, max |S|, limited by"
     if design.on_board:
         titles = titles.replace("k_P", "k_P or k", 1)
     rows = []
-    for axis in [*design.on_board, *(axis for axis in _ORDER if axis in design.loops)]:
+    for axis in [*design.on_board, *(axis for axis in _AXIS_ORDER if axis in design.loops)]:
         loop = design.all_loops[axis]
         margins, cost = loop.margins, loop.cost_ratio
         gains = [f"{gain:.4g}" for gain in loop.gains]
@@ -263,24 +290,24 @@ def print_design(design: CascadeDesign) -> None:
                 f"{margins.crossover:.2f} rad/s",
                 f"{margins.bandwidth:.2f} rad/s",
                 f"{margins.sensitivity:.2f}",
-                (", ".join(loop.limits) or "as asked")
-                + (f"; cost {cost:.2f} × the full regulator's" if cost is not None else ""),
+                (", ".join(loop.limits) or "as requested")
+                + (f"; cost {cost:.2f} × that of full state feedback" if cost is not None else ""),
             )
         )
-    at = ", or rate" if design.on_board else ""
-    print(f"margins of each loop, broken at its commanded acceleration{at}")
+    rate_text = ", or rate" if design.on_board else ""
+    print(f"stability margins of each loop, opened at its commanded acceleration{rate_text}")
     print_columns(titles.split(", "), rows)
 
 
 def print_modes(loop: ClosedLoop) -> None:
-    """Print the Floquet multipliers of the whole loop as modes, slowest first."""
+    """Print the modes of the whole loop over one tick, the slowest first."""
     system = loop.system
     rows = []
     for mode in modes(system.A, system.states, period=system.period):
-        if mode.frequency < _FASTEST_MODE:
-            steps = (name.split(".")[-2:] for name in mode.states if ".vehicle." in name)
-            states = ", ".join(dict.fromkeys("rotors" if group == "rotor_speed" else row for group, row in steps))
+        if mode.frequency < _MAX_MODE_FREQUENCY:
+            paths = (name.split(".")[-2:] for name in mode.states if ".vehicle." in name)
+            states = ", ".join(dict.fromkeys("rotors" if group == "rotor_speed" else row for group, row in paths))
             decay = -mode.pole.real
             rows.append((f"{mode.frequency:.2f} rad/s", f"{mode.damping:.2f}", f"{1.0 / decay:.2f} s", states))
-    print(f"\nmodes of the whole loop, from one tick to the next ({system.period:g} s)")
+    print(f"\nmodes of the whole closed loop, sampled at each tick ({system.period:g} s)")
     print_columns(("frequency", "damping", "time constant", "states"), rows)

@@ -1,7 +1,7 @@
-"""Designs linear-quadratic-Gaussian control for a scenario, and states the margins that it keeps.
+"""Design a linear-quadratic-Gaussian controller for a scenario, and print its stability margins.
 
-The wind is that of the scenario along its plan, the plants are those of its distributions, or what its numbers may be
-off by.
+The design uses the wind of the scenario along its plan. It covers several plants with different lags and delays: those
+that the distributions of the scenario contain or, without distributions, typical deviations from the given values.
 """
 
 import argparse
@@ -23,34 +23,39 @@ _RANGES = {"sensitivity": (1.2, 10.0), "delay-margin": (0.0, 10.0), "snap": (0.1
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the options of the command."""
+    """Return the argument parser of the command."""
     result = parser(__doc__, "drake-quad design-lqg laboratory:low_wind --sensitivity 2.5", output="out/lqg")
     add_controller(result)
     default = LqgLimits()
     result.add_argument(
-        "--sensitivity", type=float, default=default.sensitivity, metavar="PEAK", help="at most (%(default)s)"
+        "--sensitivity",
+        type=float,
+        default=default.sensitivity,
+        metavar="PEAK",
+        help="largest peak sensitivity max |S| (default: %(default)s)",
     )
     result.add_argument(
         "--delay-margin",
         type=float,
         default=default.delay,
         metavar="SECONDS",
-        help="at least (%(default)s)",
+        help="least delay margin, s (default: %(default)s)",
     )
     result.add_argument(
         "--snap",
         type=float,
         default=default.snap,
         metavar="SIZE",
-        help="root mean square of the command along x and y with torques over the link, m/s⁴, at most (%(default)s, or"
-        " twice that of the torque that it has to hold)",
+        help="largest root mean square of the command along x and y if torques go over the link, m/s⁴ (default:"
+        " %(default)s, or twice the snap that compensates the disturbance torque, if this is larger)",
     )
     result.add_argument(
         "--acceleration",
         type=float,
         default=default.acceleration,
         metavar="SIZE",
-        help="of that along z, and along x and y with an autopilot, m/s² (%(default)s)",
+        help="largest root mean square of the command along z, and with an autopilot also along x and y, m/s² (default:"
+        " %(default)s)",
     )
     return result
 
@@ -70,13 +75,13 @@ def main(arguments: argparse.Namespace) -> None:
     print_plants(design)
     print()
     print_margins(link_margins(middle_of(designed)))
-    print(f"\na scenario takes the control by `extends: [FILE:NAME, {files[0]}]`, in this order; or fly it as it is:")
+    print(f"\nto use the controller in a scenario, write `extends: [FILE:NAME, {files[0]}]`; to fly the designed one:")
     print(f"  drake-quad study {files[1]} --samples 32")
     print_files(files)
 
 
 def write_control(design: LqgDesign, path: Path, command: str) -> None:
-    """Write the control as YAML that a scenario can extend, below a comment with the command that designed it."""
+    """Write the controller as YAML that a scenario can extend, with the command that designed it in a comment."""
     yaml = YAML()
     yaml.default_flow_style = None
     control: dict[str, Any] = design.control.model_dump(mode="json", exclude_none=True)
@@ -86,18 +91,18 @@ def write_control(design: LqgDesign, path: Path, command: str) -> None:
 
 
 def print_plants(design: LqgDesign) -> None:
-    """Print the plants, each with the predicted RMS errors of the position."""
+    """Print the plants of the design, each with the predicted RMS position errors."""
     rows = []
     for plant, x, z in zip(design.plants, design.lateral, design.vertical, strict=True):
-        answer = "–" if plant.response is None else f"{plant.response.natural_frequency:.2f} rad/s"
+        attitude = "–" if plant.response is None else f"{plant.response.natural_frequency:.2f} rad/s"
         rows.append(
             (
                 f"{1e3 * plant.lag:.0f} ms",
-                answer,
+                attitude,
                 f"{plant.latency_frames}",
                 f"{plant.delay_ticks}",
                 *(f"{100.0 * each.error:.2f} cm" for each in (x, z)),
             )
         )
-    print("root mean square of the error that the linear model predicts, in the scenario's wind and noise")
-    print_columns(("rotors' lag", "attitude", "frames late", "delay (ticks)", "x and y", "z"), rows)
+    print("RMS position errors that the linear model predicts in the scenario's wind and noise, for each plant")
+    print_columns(("rotor lag", "attitude ω_n", "camera latency (frames)", "link delay (ticks)", "x and y", "z"), rows)

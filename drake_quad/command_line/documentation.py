@@ -1,4 +1,4 @@
-"""Page of the documentation with the arguments of all commands."""
+"""Documentation page with the arguments of all commands."""
 
 import argparse
 import re
@@ -9,10 +9,10 @@ _MARK = "<!-- What follows is written by scripts/development/document_scenarios.
 
 
 def command_page(page: str) -> str:
-    """Return the page of the command line, with the text after its mark generated anew.
+    """Return the page on the command line, with its generated part brought up to date.
 
     Args:
-        page: text of the page, which contains the mark.
+        page: current text of the page. The generated part follows the line that says so.
     """
     before, mark, _ = page.partition(_MARK)
     parts = []
@@ -39,5 +39,5 @@ def _section(name: str, parser: argparse.ArgumentParser) -> str:
 
 
 def _cell(text: str) -> str:
-    """Return a text that is escaped for a cell of a table."""
+    """Return a text with the characters escaped that a cell of a Markdown table cannot contain."""
     return text.replace("|", r"\|").replace("\n", " ").replace("<", "&lt;")

@@ -1,4 +1,4 @@
-"""Draws the diagram of a scenario as SVG: the loop, and each diagram inside it."""
+"""Draw the block diagram of a scenario as SVG files: one for the whole loop, and one for each diagram inside it."""
 
 import argparse
 
@@ -11,7 +11,7 @@ from drake_quad.visualization.block_drawing import drawings, svg
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the options of the command."""
+    """Return the argument parser of the command."""
     result = parser(__doc__, "drake-quad draw laboratory:low_wind", output="out/drawings")
     add_controller(result)
     return result

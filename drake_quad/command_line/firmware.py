@@ -1,4 +1,4 @@
-"""Controllers of flight-controller firmware, as `drake-quad design --firmware` writes them."""
+"""Implementation of `drake-quad design --firmware`, which writes the controller of a flight-controller firmware."""
 
 import argparse
 import tempfile
@@ -16,15 +16,15 @@ from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.files.saving import save_scenario
 
 
-def take_firmware(arguments: argparse.Namespace) -> None:
-    """Write the controller of a firmware as a layer, and the scenario with it.
+def write_firmware_controller(arguments: argparse.Namespace) -> None:
+    """Write the controller of a firmware as a layer, and the scenario with this controller.
 
     Args:
-        arguments: arguments of the command, whose `firmware` is the file with the parameters, or the name of a firmware
-            for its defaults.
+        arguments: arguments of the command. `firmware` is the path of a parameter file, or the name of a firmware for
+            its default parameters.
 
     Raises:
-        InputError: if the file cannot be read, or the scenario cannot take the controller.
+        InputError: if the file cannot be read, or the scenario cannot use the controller.
     """
     name, overrides = arguments.firmware, all_overrides_of(arguments)
     parameters = defaults_of(name) if name in FIRMWARE else read_parameters(Path(name))
@@ -34,34 +34,37 @@ def take_firmware(arguments: argparse.Namespace) -> None:
     with tempfile.TemporaryDirectory() as temporary:
         path = Path(temporary, "controller.yaml")
         write_layer(layer, parameters, path, arguments.command)
-        with_it = load_undesigned(arguments.scenario, overrides, layers=[path])
+        designed = load_undesigned(arguments.scenario, overrides, layers=[path])
         text = path.read_text(encoding="utf-8")
     path = write_text(folder / "controller.yaml", text)
-    flown = write_atomically(folder / "scenario.yaml", lambda target: save_scenario(with_it, target))
+    scenario_file = write_atomically(folder / "scenario.yaml", lambda target: save_scenario(designed, target))
     if parameters.missing:
         count = len(parameters.missing)
-        were = "parameter has the default" if count == 1 else "parameters have the defaults"
-        remark(f"{count} {were} of the firmware: {_some(parameters.missing)}")
+        phrase = "parameter is" if count == 1 else "parameters are"
+        remark(
+            f"{count} {phrase} missing in the file and set to the firmware's default:"
+            f" {_shortened_list(parameters.missing)}"
+        )
     print(FIRMWARE[parameters.firmware])
-    print(f"a scenario takes it by `extends: [FILE:NAME, {path}]`, in this order; or fly it as it is:")
-    print(f"  drake-quad fly {flown}")
-    print_files([path, flown])
+    print(f"to use the controller in a scenario, write `extends: [FILE:NAME, {path}]`; to fly it in this scenario:")
+    print(f"  drake-quad fly {scenario_file}")
+    print_files([path, scenario_file])
 
 
 def write_layer(layer: dict[str, Any], parameters: FirmwareParameters, path: Path, command: str) -> None:
-    """Write a layer as YAML that a scenario can extend, below a comment with the command and the source."""
+    """Write a layer as YAML that a scenario can extend, with the command and the source in a comment."""
     yaml = YAML()
     yaml.default_flow_style = None
     yaml.width = 110
     missing = ""
     if parameters.missing:
-        missing = f"# defaults, since the file does not have them: {_some(parameters.missing)}\n"
+        missing = f"# missing in the parameter file and set to defaults: {_shortened_list(parameters.missing)}\n"
     with path.open("w", encoding="utf-8") as file:
         file.write(f"# {command}\n# {FIRMWARE[parameters.firmware]}\n{missing}")
         yaml.dump({"controller": layer}, file)
 
 
-def _some(names: tuple[str, ...]) -> str:
-    """Return the first names and the number of the rest as text."""
+def _shortened_list(names: tuple[str, ...]) -> str:
+    """Return the first five names and the number of the others as text."""
     first = ", ".join(names[:5])
     return first if len(names) <= 5 else f"{first} and {len(names) - 5} more"

@@ -1,4 +1,4 @@
-"""Remarks that commands print before they fly scenarios."""
+"""Remarks on scenarios that commands print before the flight."""
 
 from collections.abc import Iterable
 
@@ -8,6 +8,6 @@ from drake_quad.scenario.models import Scenario
 
 
 def print_flight_remarks(scenarios: Iterable[Scenario]) -> None:
-    """Print the `flight_remarks` of scenarios on standard error, each sentence once."""
+    """Print the `flight_remarks` of scenarios on standard error, without repetitions."""
     for sentence in dict.fromkeys(sentence for scenario in scenarios for sentence in flight_remarks(scenario)):
         remark(sentence)

@@ -1,4 +1,4 @@
-"""Flies one scenario, prints its metrics and writes signals, plots and a replay to open in a browser."""
+"""Fly one scenario, print its metrics, and write signals, plots and a replay for a browser."""
 
 import argparse
 import math
@@ -33,22 +33,25 @@ from drake_quad.scenario.batch import draw_sample
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the options of the command."""
+    """Return the argument parser of the command."""
     result = parser(__doc__, "drake-quad fly figure_eight --set vehicle.mass=0.7", output="out")
-    result.add_argument("--sample", type=int, help="which sample of the scenario's study to fly, from 0 on")
+    result.add_argument("--sample", type=int, help="number of the sample to fly, as in a study, from 0 on")
     add_controller(result)
     add_wired(result)
     result.add_argument("--meshcat", action="store_true", help="show the flight live in a browser on this machine")
     result.add_argument(
-        "--rate", type=float, default=1.0, help="of real time, with --meshcat; 0 is as fast as can be (default: 1)"
+        "--rate",
+        type=float,
+        default=1.0,
+        help="ratio of simulated time to real time with --meshcat; 0 for as fast as possible (default: 1)",
     )
     result.add_argument(
         "--save-network",
         metavar="FILE",
-        help="write what the network has learned, for `control.network.learned: FILE` of another flight",
+        help="write the learned weights of the network, which `control.network.learned: FILE` loads for another flight",
     )
-    for written in FORMATS:
-        result.add_argument(f"--{written.option}", action="store_true", help=written.help)
+    for flight_format in FORMATS:
+        result.add_argument(f"--{flight_format.option}", action="store_true", help=flight_format.help)
     add_vector(result)
     return result
 
@@ -58,15 +61,15 @@ def main(arguments: argparse.Namespace) -> None:
     check_ranges(arguments, {"rate": (0.0, 1e6)})
     scenario = scenario_of(arguments)
     if arguments.save_network and scenario.control.network is None:
-        raise InputError("--save-network needs a network, but the scenario has none")
-    formats = [written for written in FORMATS if getattr(arguments, written.option)]
-    for written in formats:
-        if written.library is not None:
-            module, extra = written.library
-            check_extra(f"--{written.option}", extra, module)
+        raise InputError("--save-network requires a scenario with a network, but control.network is not given")
+    formats = [flight_format for flight_format in FORMATS if getattr(arguments, flight_format.option)]
+    for flight_format in formats:
+        if flight_format.library is not None:
+            module, extra = flight_format.library
+            check_extra(f"--{flight_format.option}", extra, module)
     folder = output_folder(folder_of(arguments, scenario.name))
     sample = scenario.sample if arguments.sample is None else arguments.sample
-    meshcat = opened_meshcat() if arguments.meshcat else None
+    meshcat = start_meshcat() if arguments.meshcat else None
     print_flight_remarks([scenario])
     drawn = draw_sample(scenario, sample or 0)
     plan = plan_route(drawn)
@@ -74,44 +77,44 @@ def main(arguments: argparse.Namespace) -> None:
     with progress_bar("flying", **FLIGHT_BAR) as progress:
         compiled = False if arguments.wired else None
         flight = simulate(scenario, sample=sample, plan=plan, compiled=compiled, prepare=prepare, progress=progress)
-    # Matplotlib takes half a second to load, and an error message should not wait for it.
+    # Matplotlib takes half a second to load, so it is loaded after all input has been checked.
     from drake_quad.visualization.plots import save_plots
     from drake_quad.visualization.replay.page import save_replay
 
     replay = save_replay({scenario.name: flight}, folder / "replay.html")
     files = [*flight.save(folder), *save_plots(flight, folder, vector=arguments.vector), replay]
-    files += [written.write(flight, folder / written.file_name) for written in formats]
+    files += [flight_format.write(flight, folder / flight_format.file_name) for flight_format in formats]
     if arguments.save_network:
         files.append(save_network(flight, arguments.save_network))
-    which = [("sample", str(sample), f"of seed {scenario.seed}")] if sample is not None else []
-    print_table([*which, *summary(flight)])
+    sample_rows = [("sample", str(sample), f"(seed {scenario.seed})")] if sample is not None else []
+    print_table([*sample_rows, *summary(flight)])
     if flight.cause is not None:
-        remark(f"the flight ended since {flight.cause}")
+        remark(f"the flight ended because {flight.cause}")
     print_files(files)
     if meshcat is not None:
-        show_again(meshcat, scenario.name, flight)
+        show_replay(meshcat, scenario.name, flight)
 
 
-def opened_meshcat() -> Meshcat:
-    """Start Meshcat, and on a terminal wait until somebody has opened it in a browser."""
+def start_meshcat() -> Meshcat:
+    """Start Meshcat and print its address; on a terminal, wait until the user has opened it in a browser."""
     from drake_quad.visualization.replay.scene import local_meshcat
 
     meshcat = local_meshcat()
     print(f"open {meshcat.web_url()} in a browser on this machine", flush=True)
     if sys.stdin.isatty():
-        print("the flight begins when it is there", flush=True)
+        print("the flight starts as soon as the page is open", flush=True)
         while meshcat.GetNumActiveConnections() == 0:
             time.sleep(0.1)
     return meshcat
 
 
 def live_view(meshcat: Meshcat, scenario: Scenario, plan: Plan, rate: float) -> Callable[[Simulator], None]:
-    """Draw the scene of a flight, and return a function that has a simulator show the flight in it.
+    """Draw the scene of a flight, and return a function that makes a simulator show its flight in this scene.
 
     Args:
         meshcat: server that shows the scene.
-        scenario: scenario that is flown.
-        plan: plan that is flown.
+        scenario: scenario of the flight.
+        plan: plan of the flight.
         rate: ratio of simulated time to real time; 0 for as fast as possible.
     """
     from drake_quad.visualization.replay.visualizer import QuadrotorVisualizer
@@ -125,7 +128,7 @@ def live_view(meshcat: Meshcat, scenario: Scenario, plan: Plan, rate: float) -> 
     return prepare
 
 
-def show_again(meshcat: Meshcat, name: str, flight: Flight) -> None:
+def show_replay(meshcat: Meshcat, name: str, flight: Flight) -> None:
     """Send the whole flight to the browser for replay; on a terminal, wait for Enter."""
     from drake_quad.visualization.replay.page import draw_replay
 
@@ -133,12 +136,12 @@ def show_again(meshcat: Meshcat, name: str, flight: Flight) -> None:
     draw_replay(meshcat, {name: flight})
     if sys.stdin.isatty():
         with suppress(EOFError):  # Ctrl-D ends the command like Enter
-            input("the browser can now replay the whole flight; press Enter to end ")
+            input("the browser now shows a replay of the whole flight; press Enter to end ")
 
 
 def summary(flight: Flight) -> list[tuple[str, str, str]]:
-    """Return rows of name, value and unit for the metrics, with a dash for an unknown value."""
-    rows = [("flown", flight.crash.removesuffix(" s") or f"{flight.time[-1]:.2f}", "s")]
+    """Return a row of name, value and unit for each metric; a dash replaces a value that is not finite."""
+    rows = [("flight time", flight.crash.removesuffix(" s") or f"{flight.time[-1]:.2f}", "s")]
     for name, metric in METRICS.items():
         if metric.display is not None:
             value = getattr(flight.metrics, name) / metric.display.size

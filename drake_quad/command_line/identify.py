@@ -1,8 +1,8 @@
-"""Identify a vehicle from flight logs, and write it with its uncertainty.
+"""Identify a vehicle from flight logs, and write it with the uncertainty of its parameters.
 
-The command prints the signals of the logs, the identified parameters with 95 % intervals, the parameters that are not
-identified with the reasons, and two scores on the last third of each flight, which is held out: the variance that a
-forecast explains, and the errors of open-loop predictions beside those of the initial vehicle.
+The command prints the signals of the logs, the identified parameters with 95 % intervals, and the parameters that the
+logs do not identify, with the reasons. It also prints two scores on held-out data, the last third of each flight: the
+variance that a forecast explains, and the errors of open-loop predictions, compared with those of the initial vehicle.
 """
 
 import argparse
@@ -31,32 +31,35 @@ from drake_quad.scenario.paths import distributions_in
 from drake_quad.statistics.interval import plus_minus, spread_alone
 from drake_quad.visualization import identification_plots as plots
 from drake_quad.visualization.style import save_figures
-from drake_quad.written_numbers import float_in
+from drake_quad.written_numbers import parse_float
 
-# Initial vehicles that are suggested for a log that names none, with the commands that they take.
+# Initial vehicles that an error message suggests for a log without a vehicle, each with the commands that it takes.
 _AUTOPILOT_EXAMPLE = "vehicles/neural_fly:neural_fly", "whose autopilot takes attitudes and thrust"
 _ROTORS_EXAMPLE = "vehicles/hummingbird", "whose rotors are commanded"
-_MAX_WIND = 100.0  # m/s, as in scenarios
-_HELD_OUT_SHARE = 1.0 / 3.0  # share of the airborne time, at its end
+_MAX_WIND = 100.0  # m/s, the limit of scenarios
+_HELD_OUT_SHARE = 1.0 / 3.0  # the last third of the airborne time of each flight is held out
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the options of the command."""
+    """Return the argument parser of the command."""
     result = bare_parser(__doc__, "drake-quad identify tests/data/crazyflie/crazyswarm2/log100.xz --mass 0.0375")
-    result.add_argument("log", nargs="+", type=Path, help="flight logs of the same vehicle, in any format of read_log")
+    result.add_argument(
+        "log", nargs="+", type=Path, help="flight logs of the same vehicle, in any format that `read_log` reads"
+    )
     result.add_argument(
         "--vehicle",
-        help="FILE or FILE:NAME of the initial vehicle (default: that of the mapping, or of a saved flight)",
+        help="FILE or FILE:NAME of the initial vehicle (default: vehicle that the mapping or the saved flight names)",
     )
-    result.add_argument("--mapping", help="mapping of columns to signals: a YAML file, or the name of a shipped one")
+    result.add_argument("--mapping", help="YAML file that maps columns to signals, or the name of a shipped one")
     result.add_argument(
         "--wind",
         metavar="X,Y,Z",
         action="append",
         default=[],
-        help="wind velocity in W, m/s, for logs that do not contain it: given once for all logs, or once for each",
+        help="wind velocity in the world frame, m/s, for logs that do not contain it; given once for all logs, or once"
+        " for each log",
     )
-    result.add_argument("--mass", type=float, metavar="KG", help="weighed mass, which logs do not determine")
+    result.add_argument("--mass", type=float, metavar="KG", help="measured mass, which logs cannot identify")
     result.add_argument(
         "--set", metavar="FIELD=VALUE", action="append", default=[], help="override a field of the initial vehicle"
     )
@@ -64,9 +67,11 @@ def options() -> argparse.ArgumentParser:
     result.add_argument(
         "--nominal",
         action="store_true",
-        help="also write the estimates to nominal, which planner and controllers believe",
+        help="also write the estimates to `nominal`, the parameters that planner and controllers use",
     )
-    result.add_argument("--name", help="name of the vehicle (default: that of the file, or of the first log)")
+    result.add_argument(
+        "--name", help="name of the vehicle (default: name of the output file, or else of the first log)"
+    )
     add_vector(result)
     return result
 
@@ -76,47 +81,47 @@ def main(arguments: argparse.Namespace) -> None:
     name = name_of(arguments)
     path = arguments.output or Path("out/identified") / f"{name}.yaml"
     if path.suffix not in (".yaml", ".yml"):
-        raise InputError(f"--output {path}: must end in .yaml or .yml")
+        raise InputError(f"--output {path}: the name of the file must end in .yaml or .yml")
     output_folder(path.parent)
-    given = overrides_of(arguments.set)
+    overrides = overrides_of(arguments.set)
     if arguments.mass is not None:
-        given.append(Override(f"nominal.mass={arguments.mass}", f"--mass {arguments.mass:g}"))
+        overrides.append(Override(f"nominal.mass={arguments.mass}", f"--mass {arguments.mass:g}"))
     records = with_winds([read_log(log, arguments.mapping) for log in arguments.log], arguments.wind)
-    vehicle = arguments.vehicle or vehicle_to_begin_with(records, arguments.log)
-    base = vehicle_of(vehicle, given)
+    vehicle = arguments.vehicle or initial_vehicle_name(records, arguments.log)
+    base = load_initial_vehicle(vehicle, overrides)
     print_logs(records)
     print_hover(records, float(base.vehicle.mass * base.vehicle.gravity))
     print(f"the initial vehicle is {vehicle}")
-    found = identify(records, base, held_out_share=_HELD_OUT_SHARE)
-    print_estimates(found)
-    print_flights(found)
-    print_score(found)
-    predictions = predicted(records, found, base)
-    print("RMS error of open-loop predictions of the last third of each flight, by a vehicle identified from the rest")
+    identification = identify(records, base, held_out_share=_HELD_OUT_SHARE)
+    print_estimates(identification)
+    print_flights(identification)
+    print_score(identification)
+    predictions = predict_held_out(records, identification, base)
+    print("RMS errors of open-loop predictions of held-out flight, by a vehicle identified from the training set")
     print_predictions(predictions)
     for sentence in predictions.losses("identified"):
         remark(sentence)
-    assignments = [each.assignment for each in given]
-    motors = found.vehicle.vehicle.motors
-    written = {"base": vehicle, "nominal": arguments.nominal, "given": assignments}
-    write_vehicle(path, name, found.estimates, **written, voltage=getattr(motors, "voltage", None))
+    assignments = [override.assignment for override in overrides]
+    motors = identification.vehicle.vehicle.motors
+    file_options = {"base": vehicle, "nominal": arguments.nominal, "given": assignments}
+    write_vehicle(path, name, identification.estimates, **file_options, voltage=getattr(motors, "voltage", None))
     figures = {
-        "fit": plots.plot_fit(found),
-        "residuals": plots.plot_residuals(found),
-        "thrust": plots.plot_thrust(found, throttles(records)),
-        "correlations": plots.plot_correlations(found.estimates),
+        "fit": plots.plot_fit(identification),
+        "residuals": plots.plot_residuals(identification),
+        "thrust": plots.plot_thrust(identification, throttles(records)),
+        "correlations": plots.plot_correlations(identification.estimates),
         "predictions": plots.plot_predictions(predictions),
     }
-    drawn = {name: figure for name, figure in figures.items() if figure is not None}
+    saved = {name: figure for name, figure in figures.items() if figure is not None}
     folder = output_folder(path.with_suffix(""))
-    print_files([path, *save_figures(drawn, folder, vector=arguments.vector)])
+    print_files([path, *save_figures(saved, folder, vector=arguments.vector)])
 
 
 def name_of(arguments: argparse.Namespace) -> str:
     """Return the name of the vehicle."""
     if arguments.name is not None:
         if not re.fullmatch(NAME, arguments.name):
-            raise InputError(f"--name {shown(arguments.name)}: allowed are letters, digits, '_', '.' and '-'")
+            raise InputError(f"--name {shown(arguments.name)}: a name consists of letters, digits, '_', '.' and '-'")
         return str(arguments.name)
     source = arguments.output or arguments.log[0]
     return re.sub(r"[^\w.-]", "_", source.name.partition(".")[0]) or "identified"
@@ -127,72 +132,81 @@ def with_winds(records: list[FlightRecord], winds: list[str]) -> list[FlightReco
     if not winds:
         return records
     if len(winds) not in (1, len(records)):
-        raise InputError(f"--wind is given {len(winds)} times; give it once, or once for each of {len(records)} logs")
-    given = winds * len(records) if len(winds) == 1 else winds
-    found = []
-    for record, text in zip(records, given, strict=True):
+        raise InputError(
+            f"--wind is given {len(winds)} times for {len(records)} logs; give it once, or once for each log"
+        )
+    wind_of_log = winds * len(records) if len(winds) == 1 else winds
+    records_with_wind = []
+    for record, text in zip(records, wind_of_log, strict=True):
         try:
-            wind = [float_in(each) for each in text.split(",")]
+            wind = [parse_float(each) for each in text.split(",")]
         except ValueError:
             wind = []
         if len(wind) != 3 or not np.all(np.abs(wind) < _MAX_WIND):
             raise InputError(f"--wind {shown(text)}: must be three numbers below {_MAX_WIND:g} m/s, as in -8.5,0,0")
         if record.wind is not None:
-            remark(f"{record.name}: contains the wind, which --wind does not replace")
-        found.append(record if record.wind is not None else replace(record, wind=np.tile(wind, (len(record.time), 1))))
-    return found
+            remark(f"{record.name}: the log contains the wind, so --wind is ignored")
+        records_with_wind.append(
+            record if record.wind is not None else replace(record, wind=np.tile(wind, (len(record.time), 1)))
+        )
+    return records_with_wind
 
 
-def vehicle_to_begin_with(records: list[FlightRecord], logs: list[Path]) -> str:
-    """Return the initial vehicle: that of the mapping, or the scenario that was saved beside a flight.
+def initial_vehicle_name(records: list[FlightRecord], logs: list[Path]) -> str:
+    """Return the path of the initial vehicle: that which the mapping names, or the scenario saved with a flight.
 
     Raises:
-        InputError: if the logs are of different vehicles, or do not say which vehicle they are of.
+        InputError: if the logs name different vehicles, or no vehicle.
     """
-    beside = logs[0].parent / "scenario.yaml"
-    named = sorted({record.vehicle for record in records if record.vehicle is not None})
-    if len(named) > 1:
-        raise InputError(f"the logs are of different vehicles, {' and '.join(named)}: identify them one by one")
-    if named:
-        return named[0]
-    if logs[0].name.startswith("flight.csv") and beside.is_file():
-        return str(beside)
-    has = {name for record in records for name in record.names}
-    onboard = {"attitude", "attitude_command"} <= has and not has & {"motor_command", "rotor_speed_command"}
+    saved_scenario = logs[0].parent / "scenario.yaml"
+    vehicles = sorted({record.vehicle for record in records if record.vehicle is not None})
+    if len(vehicles) > 1:
+        raise InputError(
+            f"the logs are of different vehicles, {' and '.join(vehicles)}; identify each vehicle separately"
+        )
+    if vehicles:
+        return vehicles[0]
+    if logs[0].name.startswith("flight.csv") and saved_scenario.is_file():
+        return str(saved_scenario)
+    signals = {name for record in records for name in record.names}
+    onboard = {"attitude", "attitude_command"} <= signals and not signals & {"motor_command", "rotor_speed_command"}
     example, commands = _AUTOPILOT_EXAMPLE if onboard else _ROTORS_EXAMPLE
     raise InputError(
-        f"the log {shown(records[0].name)} does not say which vehicle it is of: give an initial vehicle by --vehicle,"
-        f" such as {example}, {commands}, and its weighed mass by --mass"
+        f"the log {shown(records[0].name)} does not name its vehicle; give an initial vehicle by --vehicle,"
+        f" such as {example}, {commands}, and its measured mass by --mass"
     )
 
 
-def vehicle_of(spec: str, given: list[Override]) -> Scenario:
-    """Return the initial vehicle.
+def load_initial_vehicle(spec: str, overrides: list[Override]) -> Scenario:
+    """Load the initial vehicle.
 
     Raises:
         InputError: if it cannot be loaded, or contains a distribution.
     """
-    base = load_undesigned(spec, given)
-    drawn = distributions_in(base)
-    if drawn:
-        raise InputError(f"{spec}: {next(iter(drawn))} is a distribution; an identification begins with numbers")
+    base = load_undesigned(spec, overrides)
+    distributions = distributions_in(base)
+    if distributions:
+        raise InputError(
+            f"{spec}: {next(iter(distributions))} is a distribution, but the initial vehicle must have numbers; replace"
+            " it by a number"
+        )
     return base
 
 
 def throttles(records: list[FlightRecord]) -> np.ndarray | None:
-    """Return all commanded throttles (n,); None if there are none."""
-    found = [each for record in records for each in (record.motor_command, record.thrust_share) if each is not None]
-    return np.concatenate([each.ravel() for each in found]) if found else None
+    """Return the commanded throttles in all logs, (n,); None if the logs contain none."""
+    commands = [each for record in records for each in (record.motor_command, record.thrust_share) if each is not None]
+    return np.concatenate([each.ravel() for each in commands]) if commands else None
 
 
-def predicted(records: list[FlightRecord], found: Identification, base: Scenario) -> Predictions:
-    """Predict the ends of the flights by a vehicle identified from the rest, and by the initial vehicle."""
-    vehicles = {"identified": found.training_vehicle or found.vehicle, base.name: base}
+def predict_held_out(records: list[FlightRecord], identification: Identification, base: Scenario) -> Predictions:
+    """Predict the held-out ends of the flights by the vehicle from the training set, and by the initial vehicle."""
+    vehicles = {"identified": identification.training_vehicle or identification.vehicle, base.name: base}
     return joined([predict(record, vehicles, believed=base, share=_HELD_OUT_SHARE) for record in records])
 
 
 def print_logs(records: list[FlightRecord]) -> None:
-    """Print duration, rate, signals and remarks of the logs."""
+    """Print the duration, the sampling rate, the signals and the remarks of each log."""
     for record in records:
         seconds = record.time[-1] - record.time[0]
         print(f"{record.name}: {seconds:.1f} s, {len(record.time):,} samples at {1.0 / record.period:.0f} Hz")
@@ -201,16 +215,18 @@ def print_logs(records: list[FlightRecord]) -> None:
             remark(f"{record.name}: {sentence}")
 
 
-def print_estimates(found: Identification) -> None:
-    """Print the identified parameters, and the parameters that could not be identified."""
-    estimates = found.estimates
-    reaches = estimates.quantiles() * estimates.deviations
-    elsewhere = estimates.for_new_flight()
-    farther = elsewhere.quantiles() * elsewhere.deviations
+def print_estimates(identification: Identification) -> None:
+    """Print the identified parameters, and the parameters that the logs do not identify."""
+    estimates = identification.estimates
+    half_widths = estimates.quantiles() * estimates.deviations
+    new_flight = estimates.for_new_flight()
+    new_flight_half_widths = new_flight.quantiles() * new_flight.deviations
     rows = []
     known = estimates.variation_known
-    columns = zip(estimates.names, estimates.values, reaches, farther, known, estimates.units, strict=True)
-    for name, value, reach, far, varies, unit in columns:
+    columns = zip(
+        estimates.names, estimates.values, half_widths, new_flight_half_widths, known, estimates.units, strict=True
+    )
+    for name, value, half_width, new_flight_half_width, varies, unit in columns:
         if name in estimates.not_identified:
             continue
         explained = estimates.explained.get(name)
@@ -219,57 +235,74 @@ def print_estimates(found: Identification) -> None:
             if explained is None or explained.share < 5e-4
             else f"{100.0 * explained.share:.1f} % of {explained.output}"
         )
-        another = spread_alone(far) if varies else "–"
-        rows.append((name, plus_minus(value, reach), "" if unit == "1" else unit, another, covered(found, name), share))
-    print("identified parameters with 95 % intervals, those for another stretch, and held-out stretches inside them")
-    print_columns(("parameter", "value", "unit", "another stretch", "inside", "explained, held out"), rows)
-    if found.delay is not None:
-        delay = plus_minus(1e3 * found.delay.value, 1e3 * found.delay.reach)
+        new_flight_text = spread_alone(new_flight_half_width) if varies else "–"
+        rows.append(
+            (
+                name,
+                plus_minus(value, half_width),
+                "" if unit == "1" else unit,
+                new_flight_text,
+                coverage_text(identification, name),
+                share,
+            )
+        )
+    print(
+        "identified parameters with 95 % intervals, the half-width of the interval for a new flight, the number of"
+        " held-out segments whose estimate is within it, and the variance of held-out flight that they explain"
+    )
+    print_columns(("parameter", "value", "unit", "new flight", "within", "explained variance"), rows)
+    if identification.delay is not None:
+        delay = plus_minus(1e3 * identification.delay.value, 1e3 * identification.delay.reach)
         print(f"delay from a command to the measurement of its effect: {delay} ms")
     for name, why in estimates.not_identified.items():
         print(f"not identified: {name}: {why}")
-    for sentence in (*found.remarks, *estimates.remarks):
+    for sentence in (*identification.remarks, *estimates.remarks):
         remark(sentence)
 
 
-def covered(found: Identification, name: str) -> str:
-    """Return how many held-out stretches are inside the interval of a parameter; empty if this is unknown."""
-    if name not in found.held_out:
+def coverage_text(identification: Identification, name: str) -> str:
+    """Return how many held-out segments have an estimate within the interval of a parameter; empty if unknown."""
+    if name not in identification.held_out:
         return ""
-    each = found.held_out[name]
-    return f"{each.covered} of {len(each.errors)}"
+    errors = identification.held_out[name]
+    return f"{errors.covered} of {len(errors.errors)}"
 
 
-def print_flights(found: Identification) -> None:
-    """Print the thrust and the mean forces that each flight has of its own."""
+def print_flights(identification: Identification) -> None:
+    """Print the deviations of each flight: its thrust relative to the mean, and its additional mean forces."""
     rows = []
-    for flight in found.flights:
+    for flight in identification.flights:
         thrust = "–" if flight.thrust is None else plus_minus(100.0 * flight.thrust.value, 100.0 * flight.thrust.reach)
         forces = (flight.forces.get(f"{kind}_force.{axis}") for kind in ("trim", "wind") for axis in "xy")
         rows.append((flight.name, thrust, *("–" if f is None else plus_minus(f.value, f.reach) for f in forces)))
     if any(set(row[1:]) != {"–"} for row in rows):
-        print("each flight: thrust relative to the mean, and mean forces in addition to those of the vehicle")
+        print("deviations of each flight: thrust relative to the mean over all flights, and additional mean forces")
         print_columns(("flight", "thrust, %", "trim x, N", "trim y, N", "wind x, N", "wind y, N"), rows)
 
 
-def print_score(found: Identification) -> None:
-    """Print the share of the variance that the forecast of held-out flight explains."""
+def print_score(identification: Identification) -> None:
+    """Print the scores of the forecast of held-out flight, with a row for each output."""
     rows = [
         (
             output.name,
-            percent(output.explained),
+            variance_text(output.explained),
             f"{np.sqrt(np.mean(output.residual**2)):.2g}",
             f"{output.deviation:.2g}",
             output.unit,
         )
-        for output in found.outputs
+        for output in identification.outputs
     ]
-    print("forecast of held-out flight, in windows")
+    print("forecast of held-out flight in short windows")
     print_columns(("output", "explained variance", "RMS error", "white noise", ""), rows)
 
 
 def print_hover(records: list[FlightRecord], weight: float) -> None:
-    """Print the white noise of the measurements, and the trim for a weight in N."""
+    """Print the white noise of the measurements, the trim in hover and the attitude delay.
+
+    Args:
+        records: logs of the flights.
+        weight: weight of the vehicle, N.
+    """
     rows = []
     for record in records:
         for noise in white_noise(record):
@@ -280,13 +313,13 @@ def print_hover(records: list[FlightRecord], weight: float) -> None:
     for record in records:
         for name, spread in trim(record, weight).items():
             print(f"{record.name}: {name} in hover {plus_minus(spread.value, spread.reach)} {spread.unit}")
-        behind = delay_by_correlation(record)
-        if behind is not None:
-            print(f"{record.name}: the attitude correlates most with its command {1e3 * behind:.0f} ms before")
+        delay = delay_by_correlation(record)
+        if delay is not None:
+            print(f"{record.name}: delay of the attitude behind its command, by correlation: {1e3 * delay:.0f} ms")
 
 
-def percent(share: float) -> str:
-    """Return an explained share of variance as text."""
+def variance_text(share: float) -> str:
+    """Return the explained share of the variance as text."""
     if not math.isfinite(share):
         return "–"
     return f"{100.0 * share:.1f} %" if share > 0.0 else "none"

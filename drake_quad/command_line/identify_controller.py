@@ -1,8 +1,8 @@
-"""Identify the position law of the controller that flew some logs, and write it as a controller of scenarios.
+"""Identify the position law of a controller from its flight logs, and write it as a controller for scenarios.
 
-The command prints the gains on position and velocity, the integral, the feed-forward, filter, limit and delay with 95 %
-intervals, and what the logs do not determine. A scenario takes the written file by `extends`, and `drake-quad study` by
-`--controller`.
+The command prints the gains on position and velocity, the integral gain, the feed-forward, the filter, the limit and
+the delay with 95 % intervals, and the parameters that the logs do not identify. To use the written controller, extend
+it in a scenario, or give it to `drake-quad study` by `--controller`.
 """
 
 import argparse
@@ -11,7 +11,7 @@ from typing import Any
 
 from ruamel.yaml import YAML
 
-from drake_quad.command_line.identify import name_of, vehicle_of, vehicle_to_begin_with
+from drake_quad.command_line.identify import initial_vehicle_name, load_initial_vehicle, name_of
 from drake_quad.command_line.options import bare_parser, overrides_of
 from drake_quad.command_line.output import print_columns, print_files, remark
 from drake_quad.errors import InputError
@@ -22,29 +22,29 @@ from drake_quad.identification.position_law.law import PositionLaw, identify_pos
 from drake_quad.scenario.files.loading import Override
 from drake_quad.statistics.interval import plus_minus
 
-_FORMS = {
+_FORM_DESCRIPTIONS = {
     "acceleration": "thrust along the commanded attitude",
     "heading": "thrust along the commanded roll and pitch at the measured yaw",
-    "decoupled": "horizontal acceleration by the tilt alone, and vertical thrust",
-    "projected": "the component of the commanded force along the measured thrust axis",
-    "tilt": "roll and pitch, and thrust, each by itself",
+    "decoupled": "tilt from the horizontal acceleration alone, and vertical thrust",
+    "projected": "component of the commanded force along the measured thrust axis",
+    "tilt": "roll, pitch and thrust, independently of each other",
 }
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the options of the command."""
+    """Return the argument parser of the command."""
     result = bare_parser(
         __doc__, "drake-quad identify-controller tests/data/crazyflie/crazyswarm2/log08.xz --mass 0.0333"
     )
-    result.add_argument("log", nargs="+", type=Path, help="flight logs under the same controller")
-    result.add_argument("--vehicle", help="FILE or FILE:NAME of the vehicle that the controller believes in")
-    result.add_argument("--mapping", help="of columns to signals: a YAML file, or the name of a shipped one")
-    result.add_argument("--mass", type=float, metavar="KG", help="mass that the controller believes")
+    result.add_argument("log", nargs="+", type=Path, help="flight logs with the same controller")
+    result.add_argument("--vehicle", help="FILE or FILE:NAME of the vehicle whose parameters the controller uses")
+    result.add_argument("--mapping", help="YAML file that maps columns to signals, or the name of a shipped one")
+    result.add_argument("--mass", type=float, metavar="KG", help="mass that the controller uses")
     result.add_argument(
         "--set", metavar="FIELD=VALUE", action="append", default=[], help="override a field of the vehicle"
     )
     result.add_argument(
-        "--output", type=Path, metavar="FILE", help="to write (default: out/identified/NAME_controller.yaml)"
+        "--output", type=Path, metavar="FILE", help="file to write (default: out/identified/NAME_controller.yaml)"
     )
     result.set_defaults(name=None)
     return result
@@ -54,12 +54,12 @@ def main(arguments: argparse.Namespace) -> None:
     """Run the command."""
     path = arguments.output or Path("out/identified") / f"{name_of(arguments)}_controller.yaml"
     if path.suffix not in (".yaml", ".yml"):
-        raise InputError(f"--output {path}: must end in .yaml or .yml")
-    given = overrides_of(arguments.set)
+        raise InputError(f"--output {path}: the name of the file must end in .yaml or .yml")
+    overrides = overrides_of(arguments.set)
     if arguments.mass is not None:
-        given.append(Override(f"nominal.mass={arguments.mass}", f"--mass {arguments.mass:g}"))
+        overrides.append(Override(f"nominal.mass={arguments.mass}", f"--mass {arguments.mass:g}"))
     records = [read_log(log, arguments.mapping) for log in arguments.log]
-    vehicle = vehicle_of(arguments.vehicle or vehicle_to_begin_with(records, arguments.log), given)
+    vehicle = load_initial_vehicle(arguments.vehicle or initial_vehicle_name(records, arguments.log), overrides)
     law = identify_position_law(records, vehicle)
     print_law(law)
     try:
@@ -71,17 +71,17 @@ def main(arguments: argparse.Namespace) -> None:
     write_atomically(path, lambda target: write_controller(layer, law, target, arguments.command))
     control = layer["control"]
     if "kind" in control:
-        print("this law is a control of kind pid_cascade, for scenarios with an attitude control on board:")
+        print("the law is written as a controller of kind pid_cascade, for scenarios with attitude control on board:")
     else:
         kind = control["position"]["kind"]
-        print(f"this law is a position controller of kind {kind}, for scenarios with a control of kind cascade:")
+        print(f"the law is written as a position controller of kind {kind}, for scenarios with control.kind cascade:")
     print(f"  drake-quad study SCENARIO --controller {path}:controller")
-    print(f"or, to fly it once, a scenario with `extends: [SCENARIO, {path}:controller]`")
+    print(f"or use it in a scenario with `extends: [SCENARIO, {path}:controller]`")
     print_files([path])
 
 
 def print_law(law: PositionLaw) -> None:
-    """Print the estimates of a law, and what is not identified."""
+    """Print the estimates of a position law, and the parameters that the logs do not identify."""
     rows = [
         (" and ".join(axis.axes), name.replace("_", " "), plus_minus(spread.value, spread.reach), unit)
         for axis in law.axes
@@ -99,20 +99,20 @@ def print_law(law: PositionLaw) -> None:
             print(f"not identified: {name.replace('_', ' ')} on {names}: {why}")
     for name, why in law.not_identified.items():
         print(f"not identified: {name}: {why}")
-    print(f"the output of the law is commanded as {_FORMS[law.form]}")
+    print(f"form of the command: {_FORM_DESCRIPTIONS[law.form]}")
     if law.at_limits:
-        print(f"{100.0 * law.at_limits:.1f} % of the samples are left out, since a command is at its limit")
+        print(f"{100.0 * law.at_limits:.1f} % of the samples are left out, because a command is at its limit")
     for sentence in law.remarks:
         remark(sentence)
 
 
 def write_controller(layer: dict[str, Any], law: PositionLaw, path: Path, command: str) -> None:
-    """Write a controller as a layer that scenarios can extend, below a comment with the command and the delays."""
+    """Write a controller as a layer that scenarios can extend, with the command and the delays in a comment."""
     yaml = YAML()
     yaml.default_flow_style = None
     yaml.width = 110
     delays = [
-        f"# {' and '.join(axis.axes)}: the command follows the measurement by"
+        f"# {' and '.join(axis.axes)}: delay from the measurement to the command"
         f" {plus_minus(1e3 * axis.gains['delay'].value, 1e3 * axis.gains['delay'].reach)} ms\n"
         for axis in law.axes
         if "delay" in axis.gains

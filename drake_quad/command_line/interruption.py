@@ -1,9 +1,8 @@
-"""Ctrl-C while a command begins.
+"""Handling of Ctrl-C while a command loads its libraries.
 
-The imports of a command take a second. Until `run` takes over, Ctrl-C ends the command with a sentence. As an
-exception it would be raised inside a library, which might show it, take it for an error of its own, or swallow it.
-`main` has this module imported, by `running`, before everything that takes long. What is loaded only when it is used is
-interrupted as the computation is.
+The imports of a command take about a second. During this time Ctrl-C must not raise KeyboardInterrupt, because a
+library that is being imported might print it, suppress it, or report it as an error of its own. Instead, the process
+ends at once with a message. Python's default behaviour is restored before the command runs.
 """
 
 import multiprocessing
@@ -12,18 +11,18 @@ import signal
 import sys
 from typing import Any
 
-SENTENCE = "interrupted: nothing was written"
+INTERRUPTION_MESSAGE = "interrupted: no file was written"
 
 
 def raise_interruptions() -> None:
-    """Make Ctrl-C raise KeyboardInterrupt from now on, which is the default of Python."""
+    """Make Ctrl-C raise KeyboardInterrupt, which is Python's default."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def _end(*_: Any) -> None:
-    print(SENTENCE, file=sys.stderr, flush=True)
+def _exit_at_once(*_: Any) -> None:
+    print(INTERRUPTION_MESSAGE, file=sys.stderr, flush=True)
     os._exit(1)
 
 
-if multiprocessing.current_process().name == "MainProcess":  # workers leave Ctrl-C to their parent
-    signal.signal(signal.SIGINT, _end)
+if multiprocessing.current_process().name == "MainProcess":  # worker processes are ended by their parent
+    signal.signal(signal.SIGINT, _exit_at_once)

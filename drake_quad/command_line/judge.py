@@ -1,7 +1,7 @@
-"""Flies all designed controllers in all laboratories, and writes a report that says what each is worth.
+"""Fly all designed controllers in all laboratories, and write a report that compares their performance.
 
-With --tune, designs the controllers of families of laboratories anew, all by one protocol, and writes them into
-diagrams/controllers/designed; the report is then made by a run without.
+With --tune, the command instead designs the controllers for families of laboratories, all by the same protocol, and
+writes them into diagrams/controllers/designed. A second run without --tune then writes the report.
 """
 
 import argparse
@@ -30,23 +30,40 @@ _RANGES = {"samples": (2, 10_000), "rounds": (1, 1000)}
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the options of the command."""
+    """Return the argument parser of the command."""
     result = bare_parser(__doc__, "drake-quad judge --quick --family outdoor")
-    result.add_argument("--family", action="append", choices=FAMILIES, help="of laboratories; repeatable (all)")
-    result.add_argument("--only", action="append", metavar="NAME", help="a designed controller; repeatable (all)")
-    add_controller(result, several="flown as it is beside the designed ones; repeatable")
     result.add_argument(
-        "--samples", type=int, default=EvaluationSizes().samples, help="in each laboratory (%(default)s)"
+        "--family",
+        action="append",
+        choices=FAMILIES,
+        help="family of laboratories; can be given several times (default: all)",
     )
-    result.add_argument("--quick", action="store_true", help="a few samples over a second of flight")
+    result.add_argument(
+        "--only", action="append", metavar="NAME", help="designed controller; can be given several times (default: all)"
+    )
+    add_controller(result, several="can be given several times; it is compared with the designed ones and not tuned")
+    result.add_argument(
+        "--samples",
+        type=int,
+        default=EvaluationSizes().samples,
+        help="number of samples in each laboratory (default: %(default)s)",
+    )
+    result.add_argument(
+        "--quick", action="store_true", help="simulate a few samples for one second each, as a quick test"
+    )
     result.add_argument(
         "--tune",
         nargs="*",
         choices=[*FAMILIES, PRICED],
-        help=f"design the controllers of these families anew, all if none is named; {PRICED}: those with other limits",
+        help="design the controllers for these families, or for all if none is named;"
+        f" {PRICED} designs the controllers under other stability limits",
     )
-    result.add_argument("--rounds", type=int, default=Budget().rounds, help="of each search (%(default)s)")
-    result.add_argument("--output", type=Path, help="folder (default: out/controllers, or out/controllers_quick)")
+    result.add_argument(
+        "--rounds", type=int, default=Budget().rounds, help="number of rounds of each search (default: %(default)s)"
+    )
+    result.add_argument(
+        "--output", type=Path, help="output folder (default: out/controllers, or out/controllers_quick with --quick)"
+    )
     return result
 
 
@@ -59,43 +76,48 @@ def main(arguments: argparse.Namespace) -> None:
     sizes = QUICK if arguments.quick else EvaluationSizes(samples=arguments.samples)
     families = arguments.family or [*FAMILIES]
     folder = output_folder(arguments.output or Path("out/controllers_quick" if arguments.quick else "out/controllers"))
-    own = own_controllers(arguments.controller)
-    begun = time.monotonic()
+    own_entries = own_controllers(arguments.controller)
+    start_time = time.monotonic()
     for name in families:
-        absent = missing_designs(shipped_folder(), name)
-        if absent:
-            remark(f"{name} has no design of {', '.join(absent)}, which are not flown")
+        missing = missing_designs(shipped_folder(), name)
+        if missing:
+            remark(f"the family {name} has no design of {', '.join(missing)}, so these controllers are left out")
     with progress_bar("flying") as progress:
-        found = fly_evaluation(
-            shipped_folder(), families, sizes, folder, only=arguments.only, own=own, progress=progress
+        evaluation = fly_evaluation(
+            shipped_folder(), families, sizes, folder, only=arguments.only, own=own_entries, progress=progress
         )
-    files = [folder / "flights.csv", folder / "traits.csv", *write_report(folder, found)]
-    print_errors(found)
-    print(f"flown in {time.monotonic() - begun:.0f} s")
+    files = [folder / "flights.csv", folder / "traits.csv", *write_report(folder, evaluation)]
+    print_errors(evaluation)
+    print(f"simulated in {time.monotonic() - start_time:.0f} s")
     print_files(files)
 
 
 def own_controllers(specs: list[str]) -> list[OwnController]:
-    """Return the controllers of `--controller`. A controller with the short name of a designed one keeps its full name.
+    """Return the controllers that `--controller` names.
+
+    A controller with the same short name as a designed one keeps its full name.
 
     Raises:
-        InputError: if one of them cannot be loaded, or is given twice.
+        InputError: if a controller cannot be loaded, or two controllers have the same name.
     """
     laboratory = str(shipped_folder() / "laboratory.yaml:nominal")
-    found: list[OwnController] = []
+    controllers: list[OwnController] = []
     for spec in specs:
         name, layers, overrides = controller_of(spec, laboratory)
         name = spec if name in WORDS else name
-        if name in (each.name for each in found):
-            raise InputError(f"--controller {spec}: another controller is called {name}; rename it")
-        found.append(OwnController(name, layers, overrides))
-    return found
+        if name in (each.name for each in controllers):
+            raise InputError(f"--controller {spec}: another controller is also called {name}; rename one of them")
+        controllers.append(OwnController(name, layers, overrides))
+    return controllers
 
 
 def tune(arguments: argparse.Namespace) -> None:
-    """Design controllers, and print a line on each as soon as it is written."""
+    """Design controllers, and print a line for each as soon as it is written."""
     if not (shipped_folder().parent / "pyproject.toml").exists():
-        raise InputError("--tune writes into diagrams/ of a checkout, and this is an installed package")
+        raise InputError(
+            "--tune writes into diagrams/ of a source checkout, but the package is installed without one; run it in a"
+            " checkout"
+        )
     budget = Budget(rounds=arguments.rounds)
     for name in arguments.tune or [*FAMILIES, PRICED]:
         path = design_file(shipped_folder(), name)
@@ -105,26 +127,27 @@ def tune(arguments: argparse.Namespace) -> None:
             designs = design_family(
                 shipped_folder(), name, FAMILIES[name], tunable(FAMILIES[name], path, arguments.only), budget=budget
             )
-        begun = time.monotonic()
+        start_time = time.monotonic()
         for design in designs:
-            spent = time.monotonic() - begun
-            print(f"{name}: {design.name}, {design.words}, {spent:.0f} s", flush=True)
-            begun = time.monotonic()
+            duration = time.monotonic() - start_time
+            print(f"{name}: {design.name}, {design.words}, {duration:.0f} s", flush=True)
+            start_time = time.monotonic()
         print_files([path])
 
 
-def print_errors(found: Evaluation) -> None:
-    """Print the mean errors of all controllers."""
-    places = [place for place in FAMILY_OF if place in found.flights]
+def print_errors(evaluation: Evaluation) -> None:
+    """Print the mean errors of all controllers in all laboratories."""
+    laboratories = [laboratory for laboratory in FAMILY_OF if laboratory in evaluation.flights]
     rows = [
-        (WORDS[name], *(error_in(found.flights[place].get(name)) for place in places)) for name in found.controllers
+        (WORDS[name], *(error_text(evaluation.flights[laboratory].get(name)) for laboratory in laboratories))
+        for name in evaluation.controllers
     ]
-    print("mean RMSE (cm), and the share of crashes where there are any")
-    print_columns(("", *places), rows)
+    print("mean RMSE in cm, followed by the share of crashes if there are any")
+    print_columns(("", *laboratories), rows)
 
 
-def error_in(metrics: Metrics | None) -> str:
-    """Return the mean error as text."""
+def error_text(metrics: Metrics | None) -> str:
+    """Return the mean error in cm as text, with the share of crashes; a dash if the controller did not fly."""
     if metrics is None:
         return "–"
     error = mean_interval(of_survivors(metrics, "rmse")).alone().text(size=0.01)

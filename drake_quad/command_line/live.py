@@ -1,25 +1,33 @@
-"""Flies a scenario live in the browser, with sliders for wind, mass and gains, and buttons for a gust and a failure."""
+"""Fly a scenario live in the browser, with sliders for wind, mass and gains, and buttons for a gust and a failure."""
 
 import argparse
 
 from drake_quad.command_line.flight_remarks import print_flight_remarks
-from drake_quad.command_line.fly import opened_meshcat
+from drake_quad.command_line.fly import start_meshcat
 from drake_quad.command_line.options import add_controller, add_overrides, bare_parser, check_ranges, scenario_of
 from drake_quad.command_line.output import remark
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the options of the command."""
+    """Return the argument parser of the command."""
     result = bare_parser(__doc__, "drake-quad live laboratory:low_wind")
     result.add_argument(
-        "scenario", nargs="?", default="laboratory:low_wind", help="FILE or FILE:NAME, or a shipped one (%(default)s)"
+        "scenario",
+        nargs="?",
+        default="laboratory:low_wind",
+        help="FILE or FILE:NAME, or the name of a shipped scenario (default: %(default)s)",
     )
     add_overrides(result)
-    result.add_argument("--sample", type=int, help="sample of the scenario's study to fly, from 0 on")
+    result.add_argument("--sample", type=int, help="number of the sample to fly, as in a study, from 0 on")
     add_controller(result)
-    result.add_argument("--rate", type=float, default=1.0, help="ratio to real time; 0 for as fast as possible (1)")
     result.add_argument(
-        "--time", type=float, metavar="SECONDS", help="end after this time of flight (default: when you click on stop)"
+        "--rate",
+        type=float,
+        default=1.0,
+        help="ratio of simulated time to real time; 0 for as fast as possible (default: 1)",
+    )
+    result.add_argument(
+        "--time", type=float, metavar="SECONDS", help="end after this simulated time (default: when you click on stop)"
     )
     return result
 
@@ -28,17 +36,17 @@ def main(arguments: argparse.Namespace) -> None:
     """Run the command."""
     check_ranges(arguments, {"rate": (0.0, 1e6), "time": (0.0, 1e6)})
     scenario = scenario_of(arguments)
-    # Imported here because Meshcat is slow to load, and an error message should not wait for it.
-    from drake_quad.visualization.live import LiveFlight, feels_wind
+    # Meshcat is slow to load, so it is imported after the input has been checked.
+    from drake_quad.visualization.live import LiveFlight, is_affected_by_wind
 
     print_flight_remarks([scenario])
-    if not feels_wind(scenario):
+    if not is_affected_by_wind(scenario):
         remark("this vehicle has no drag, so wind and gusts do not move it")
     sample = scenario.sample if arguments.sample is None else arguments.sample
-    meshcat = opened_meshcat()
+    meshcat = start_meshcat()
     flight = LiveFlight(scenario, meshcat, sample=sample or 0, rate=arguments.rate)
-    print("open the controls at the top right of the page for sliders and buttons: keys g, m, r and Escape")
-    print("click on stop, or press Ctrl-C here, to end", flush=True)
+    print("open the controls at the top right of the page for sliders and buttons")
+    print("keys: g for a gust, m for a motor failure, r to start again, Escape to stop (or Ctrl-C here)", flush=True)
     frames = flight.fly(float("inf") if arguments.time is None else arguments.time)
     try:
         for _ in frames:

@@ -1,6 +1,7 @@
-"""Maps which gains stabilise a loop, in its linear model and in flight, nominal and with more lag and delay.
+"""Map which gains stabilise a loop, for the scenario and for a worst case with more lag and delay.
 
-With an autopilot of kind attitude the gains of the attitude are those on board, k_attitude and k_rate.
+Each map shows the stability of the linear model, and the errors of simulated flights. With an autopilot of kind
+attitude, the gains of the attitude loop are k_attitude and k_rate on board.
 """
 
 import argparse
@@ -30,32 +31,37 @@ from drake_quad.visualization.map_plots import MapPanel, plot_map
 from drake_quad.visualization.style import save_figures
 
 # Ends of the default ranges of the gains, relative to the gains of the scenario.
-_MIN_GAIN_RATIO, _MAX_GAIN_RATIO = 0.05, 3.0
-# Default worst case: factor on the time constant of the rotors, and additional ticks of command delay.
-_WORST_LAG_FACTOR, _WORST_EXTRA_TICKS = 1.4, 1
+_MIN_GAIN_RATIO = 0.05
+_MAX_GAIN_RATIO = 3.0
+# Factor on the time constant of the rotors in the default worst case.
+_WORST_LAG_FACTOR = 1.4
+# Additional delay of the command link in the default worst case, ticks.
+_WORST_EXTRA_TICKS = 1
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the options of the command."""
+    """Return the argument parser of the command."""
     result = parser(__doc__, "drake-quad map laboratory:nominal --loop attitude", output="out/stability")
-    result.add_argument("--loop", choices=get_args(Loop), default="position", help="whose gains (default: position)")
-    result.add_argument("--size", type=int, help="gains along each side of the map (default: 40)")
-    for flags, what in (
+    result.add_argument(
+        "--loop", choices=get_args(Loop), default="position", help="loop whose gains are mapped (default: position)"
+    )
+    result.add_argument("--size", type=int, help="number of gains along each side of the map (default: 40)")
+    for flags, help_text in (
         (
             ("--k-p", "--k-attitude"),
-            "range of k_P, 1/s², or of k_attitude, 1/s (default: around the scenario's)",
+            "range of k_P, 1/s², or of k_attitude, 1/s (default: around the value of the scenario)",
         ),
-        (("--k-d", "--k-rate"), "range of k_D or k_rate, 1/s"),
+        (("--k-d", "--k-rate"), "range of k_D or k_rate, 1/s (default: around the value of the scenario)"),
     ):
-        result.add_argument(*flags, type=float, nargs=2, metavar=("LEAST", "MOST"), help=what)
+        result.add_argument(*flags, type=float, nargs=2, metavar=("MIN", "MAX"), help=help_text)
     result.add_argument(
         "--worst",
         metavar="FIELD=VALUE",
         action="append",
-        help=f"a field of vehicle or laboratory in the worst case; can be given several times (default: rotors"
-        f" {_WORST_LAG_FACTOR:g} times as slow and a tick more of delay)",
+        help="value of a field of vehicle or laboratory in the worst case; can be given several times (default: rotors"
+        f" {_WORST_LAG_FACTOR:g} times as slow, and one more tick of delay)",
     )
-    result.add_argument("--quick", action="store_true", help="a map of 12 by 12 over 5 s of flight")
+    result.add_argument("--quick", action="store_true", help="map 12 by 12 gains with flights of 5 s, as a quick test")
     add_controller(result)
     add_wired(result)
     add_vector(result)
@@ -74,7 +80,7 @@ def main(arguments: argparse.Namespace) -> None:
     first, second = (float(value_at(scenario, f"{gains.block}.{name}.{axis}")) for name in gains.fields)
     k_p = _grid("--k-p", arguments.k_p or (_MIN_GAIN_RATIO * first, _MAX_GAIN_RATIO * first), size)
     k_d = _grid("--k-d", arguments.k_d or (_MIN_GAIN_RATIO * second, _MAX_GAIN_RATIO * second), size)
-    worst = arguments.worst or _worst_of(scenario)
+    worst = arguments.worst or _default_worst_case(scenario)
     names = [field.split("=")[0].split(".")[-1] + "=" + field.split("=", 1)[-1] for field in worst]
     cases = {"nominal": scenario, ", ".join(names): _worst_case(arguments, worst)}
     folder = output_folder(folder_of(arguments, scenario.name))
@@ -90,7 +96,7 @@ def main(arguments: argparse.Namespace) -> None:
     print_files(files)
 
 
-def _worst_of(scenario: Scenario) -> list[str]:
+def _default_worst_case(scenario: Scenario) -> list[str]:
     """Return the assignments of the default worst case."""
     drawn = draw_sample(scenario, scenario.sample or 0)
     lag, delay = drawn.vehicle.rotor_time_constant, drawn.laboratory.command_link.delay_ticks
@@ -104,31 +110,31 @@ def _worst_case(arguments: argparse.Namespace, worst: list[str]) -> Scenario:
     """Return the scenario with the assignments of the worst case."""
     for field in worst:
         if not field.startswith(("vehicle.", "laboratory.")):
-            raise InputError(f"--worst {field}: must be a field of vehicle or laboratory; all others are chosen")
+            raise InputError(f"--worst {field}: must be a field of vehicle or laboratory; use --set for other fields")
     return scenario_of(arguments, further=overrides_of(worst, "--worst"))
 
 
 def panel(title: str, scenario: Scenario, loop: Loop, k_p: np.ndarray, k_d: np.ndarray, *, compiled: bool) -> MapPanel:
-    """Return the map of the gains for one scenario, linear and simulated."""
+    """Return the map of the gains for one scenario, from its linear model and from simulated flights."""
     linear = linear_map(scenario, loop, k_p, k_d)
     flown = simulated_map(scenario, loop, k_p, k_d, sample=scenario.sample or 0, compiled=compiled)
     return MapPanel(title, linear, flown)
 
 
 def print_panel(panel: MapPanel, gains: MappedGains, k_p: np.ndarray, k_d: np.ndarray) -> None:
-    """Print the shares of the gains that are stable and that fly to the end, and the best pair."""
+    """Print the share of the gains that are stable, the share that does not crash, and the best pair of gains."""
     rmse = np.where(panel.flown.crashed | ~panel.linear.stable, np.inf, panel.flown.rmse)
     row, column = np.unravel_index(np.argmin(rmse), rmse.shape)
-    best = "no stable gains flew to the end"
+    best = "all flights with stable gains crashed"
     if np.isfinite(rmse[row, column]):
         first, second = gains.symbols
         best = (
-            f"least RMSE of the stable {100.0 * rmse[row, column]:.2f} cm at {first} {k_p[row]:.3g},"
-            f" {second} {k_d[column]:.3g}"
+            f"smallest RMSE with stable gains: {100.0 * rmse[row, column]:.2f} cm at {first} = {k_p[row]:.3g},"
+            f" {second} = {k_d[column]:.3g}"
         )
     print(
         f"{panel.title}: {100.0 * panel.linear.stable.mean():.0f} % of the gains are stable,"
-        f" {100.0 * (~panel.flown.crashed).mean():.0f} % flew to the end; {best}"
+        f" {100.0 * (~panel.flown.crashed).mean():.0f} % do not crash; {best}"
     )
 
 
@@ -148,7 +154,9 @@ def write_map(path: Path, panels: list[MapPanel], gains: MappedGains, k_p: np.nd
 
 
 def _grid(name: str, limits: tuple[float, float], size: int) -> np.ndarray:
-    least, most = limits
-    if not 0.0 <= least < most < math.inf:
-        raise InputError(f"{name} is {least:g} {most:g}, but must be a least gain from 0 on and a larger one")
-    return np.linspace(least, most, size)
+    minimum, maximum = limits
+    if not 0.0 <= minimum < maximum < math.inf:
+        raise InputError(
+            f"{name} is {minimum:g} {maximum:g}, but must be two gains: a smaller one of at least 0, and a larger one"
+        )
+    return np.linspace(minimum, maximum, size)

@@ -1,4 +1,4 @@
-"""Options that several commands share."""
+"""Command-line options that several commands share, and functions that evaluate them."""
 
 import argparse
 import importlib
@@ -14,15 +14,15 @@ from drake_quad.extras import import_extra
 from drake_quad.scenario.files.loading import Override, load_undesigned
 from drake_quad.scenario.models import NAME
 from drake_quad.visualization.style import Vector
-from drake_quad.written_numbers import float_in, int_in
+from drake_quad.written_numbers import parse_float, parse_int
 
 
 def bare_parser(description: str | None, example: str) -> argparse.ArgumentParser:
     """Return a parser without options.
 
     Args:
-        description: sentence that says what the command does.
-        example: complete command line that runs, whose first two words are those of the command.
+        description: description of the command.
+        example: complete command line as an example; its first two words are the name of the command.
     """
     result = argparse.ArgumentParser(
         prog=" ".join(example.split()[:2]),
@@ -30,29 +30,32 @@ def bare_parser(description: str | None, example: str) -> argparse.ArgumentParse
         epilog=f"example: {example}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    result.register("type", int, int_in)
-    result.register("type", float, float_in)
+    result.register("type", int, parse_int)
+    result.register("type", float, parse_float)
     return result
 
 
 def parser(
     description: str | None, example: str, *, output: str, scenario: str = "figure_eight"
 ) -> argparse.ArgumentParser:
-    """Return a parser with the options of a command for a scenario.
+    """Return a parser with the scenario, its overrides and the output folder as options.
 
     Args:
-        description: as for `bare_parser`.
-        example: as for `bare_parser`.
-        output: folder that by default contains a folder for each scenario.
-        scenario: name of the default scenario, which is shipped.
+        description: description of the command.
+        example: complete command line as an example; its first two words are the name of the command.
+        output: parent of the default output folder, which has the name of the scenario.
+        scenario: name of the default scenario.
     """
     result = bare_parser(description, example)
-    help_ = "FILE or FILE:NAME, or a shipped one by its name (default: %(default)s)"
-    result.add_argument("scenario", nargs="?", default=scenario, help=help_)
+    help_text = "FILE or FILE:NAME, or the name of a shipped scenario (default: %(default)s)"
+    result.add_argument("scenario", nargs="?", default=scenario, help=help_text)
     add_overrides(result)
     result.set_defaults(default_output=Path(output))
     result.add_argument(
-        "--output", type=Path, metavar="FOLDER", help=f"to write to (default: {output}/NAME, after the scenario)"
+        "--output",
+        type=Path,
+        metavar="FOLDER",
+        help=f"output folder (default: {output}/NAME with the name of the scenario)",
     )
     return result
 
@@ -64,7 +67,7 @@ def add_overrides(options: argparse.ArgumentParser) -> None:
         metavar="FIELD=VALUE",
         action="append",
         default=[],
-        help="override a field, as in nominal.mass=0.7 or route.waypoints.2=[1,0,1]",
+        help="override a field, as in nominal.mass=0.7 or route.waypoints.2=[1,0,1]; can be given several times",
     )
     options.add_argument(
         "--import",
@@ -72,13 +75,13 @@ def add_overrides(options: argparse.ArgumentParser) -> None:
         action=_Import,
         dest="imports",
         default=[],
-        help="run a Python file of yours first, such as one that registers a kind of wind; can be given several times",
+        help="Python file to run first, such as one that registers a kind of wind; can be given several times",
     )
-    options.add_argument("--seed", type=int, help="seed of everything random (default: the scenario's)")
+    options.add_argument("--seed", type=int, help="seed of all random numbers (default: seed of the scenario)")
 
 
 class _Import(argparse.Action):
-    """Action that imports a Python file when the option is parsed, before any scenario is loaded."""
+    """Action that imports a Python file while the options are parsed, before any scenario is loaded."""
 
     def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, *given: Any) -> None:
         path = Path(given[0])
@@ -92,20 +95,20 @@ class _Import(argparse.Action):
 def import_file(path: Path, *, again: bool = True) -> ModuleType:
     """Import a Python file of the user.
 
-    Its folder joins the search path, which worker processes inherit, so they find the module as well.
+    The folder of the file is added to the search path. Worker processes inherit this path and find the module as well.
 
     Args:
         path: path of the file.
-        again: whether a module that is imported already is imported again, which makes new classes.
+        again: True to reload a module that is already imported, which creates its classes anew.
 
     Raises:
-        InputError: if it is no Python file, raises an error, or has the name of another module.
+        InputError: if the path is not a Python file, the file raises an error, or another module has the same name.
     """
     if path.suffix != ".py" or not path.is_file():
-        raise InputError(f"{path}: is not a Python file")
+        raise InputError(f"{path}: is not an existing Python file")
     loaded = sys.modules.get(path.stem)
     if loaded is not None and getattr(loaded, "__file__", None) != str(path.resolve()):
-        raise InputError(f"{path}: another module is called {path.stem}; rename the file")
+        raise InputError(f"{path}: another module is also called {path.stem}; rename the file")
     if loaded is not None and not again:
         return loaded
     sys.path.insert(0, str(path.parent.resolve()))
@@ -116,40 +119,48 @@ def import_file(path: Path, *, again: bool = True) -> ModuleType:
 
 
 def folder_of(arguments: argparse.Namespace, name: str) -> Path:
-    """Return the output folder: the one of --output, or by default the one for a scenario of this name."""
-    chosen: Path = arguments.output or arguments.default_output / name
-    return chosen
+    """Return the output folder: that of `--output`, or by default the folder with the name of a scenario."""
+    folder: Path = arguments.output or arguments.default_output / name
+    return folder
 
 
 def add_vector(options: argparse.ArgumentParser) -> None:
-    """Add the option to write figures in a vector format for print."""
-    options.add_argument("--vector", choices=get_args(Vector), help="write each figure also as a vector drawing")
+    """Add the option that writes figures in a vector format for print."""
+    options.add_argument("--vector", choices=get_args(Vector), help="also write each figure in this vector format")
 
 
 def check_ranges(arguments: argparse.Namespace, ranges: Mapping[str, tuple[float, float]]) -> None:
-    """Raise InputError if a given number is out of its range; ranges are by option, without its leading dashes."""
-    for option, (least, most) in ranges.items():
+    """Check that the given numbers are within their ranges.
+
+    Args:
+        arguments: arguments of the command.
+        ranges: smallest and largest value of each option, by the name of the option without dashes in front.
+
+    Raises:
+        InputError: if a number is out of its range.
+    """
+    for option, (minimum, maximum) in ranges.items():
         value = getattr(arguments, option.replace("-", "_"))
-        if value is not None and not least <= value <= most:
-            raise InputError(f"--{option} is {value:g}, but must be between {least:g} and {most:g}")
+        if value is not None and not minimum <= value <= maximum:
+            raise InputError(f"--{option} is {value:g}, but must be between {minimum:g} and {maximum:g}")
 
 
 def add_wired(options: argparse.ArgumentParser) -> None:
-    """Add the option to simulate diagrams without compiling them."""
+    """Add the option that simulates diagrams without compiling them."""
     options.add_argument(
         "--wired",
         action="store_true",
-        help="simulate diagrams without compiling them to machine code, which is slower",
+        help="simulate the Drake diagrams without compiling them to machine code, which is slower",
     )
 
 
 def overrides_of(assignments: Iterable[str], option: str = "--set") -> list[Override]:
-    """Return the overrides for the assignments of an option; error messages name the option."""
+    """Return overrides for assignments such as `vehicle.mass=0.7`; error messages about them name the option."""
     return [Override(assignment, f"{option} {assignment}") for assignment in assignments]
 
 
 def all_overrides_of(arguments: argparse.Namespace) -> list[Override]:
-    """Return the overrides of --set and --seed."""
+    """Return the overrides that the options `--set` and `--seed` give."""
     seed = [] if arguments.seed is None else [Override(f"seed={arguments.seed}", f"--seed {arguments.seed}")]
     return [*overrides_of(arguments.set), *seed]
 
@@ -159,27 +170,27 @@ def add_controller(options: argparse.ArgumentParser, *, several: str | None = No
 
     Args:
         options: options of a command.
-        several: phrase about the use of several controllers; None if the command takes one.
+        several: phrase for the help on the use of several controllers; None if the command takes only one.
     """
-    help_ = (
-        "controller that replaces that of the scenario: a layer as FILE:NAME, shipped or your own, or a Drake system in"
-        " Python as FILE.py:CLASS"
+    help_text = (
+        "controller that replaces that of the scenario: a layer in YAML as FILE:NAME, or a Drake system in Python as"
+        " FILE.py:CLASS"
     )
     if several is None:
-        options.add_argument("--controller", metavar="FILE:NAME", help=help_)
+        options.add_argument("--controller", metavar="FILE:NAME", help=help_text)
     else:
         options.add_argument(
-            "--controller", metavar="FILE:NAME", action="append", default=[], help=f"{help_}; {several}"
+            "--controller", metavar="FILE:NAME", action="append", default=[], help=f"{help_text}; {several}"
         )
 
 
 class NamedController(NamedTuple):
-    """Controller that a command line names.
+    """Controller that `--controller` names.
 
     Attributes:
         name: short name of the controller.
-        layers: layers over the scenario.
-        overrides: overrides of the scenario, before those of `--set`.
+        layers: layers that are laid over the scenario.
+        overrides: overrides of fields of the scenario, which `--set` can override in turn.
     """
 
     name: str
@@ -191,16 +202,16 @@ def controller_of(spec: str, scenario: str) -> NamedController:
     """Return the controller that `--controller` names.
 
     Args:
-        spec: FILE:NAME, or FILE.py:CLASS.
-        scenario: scenario over which it is laid, whose feed-forward a position controller in Python keeps.
+        spec: value of the option, FILE:NAME or FILE.py:CLASS.
+        scenario: scenario that will use the controller; a position controller in Python keeps its feed-forward.
 
     Raises:
-        InputError: if the file or the class does not exist, or is no controller.
+        InputError: if the file or the class does not exist, or is not a controller.
     """
     file, _, name = spec.rpartition(":")
     if not file.endswith(".py"):
         return NamedController(Path(name).stem, layers=(spec,))
-    # Imported here because systems take half a second to load.
+    # Modules with systems take half a second to load, so they are imported only when they are needed.
     from drake_quad.assembly.registered_controllers import register_controller
     from drake_quad.scenario.controls.control import CONTROLS
 
@@ -215,7 +226,7 @@ def controller_of(spec: str, scenario: str) -> NamedController:
     control = load_undesigned(scenario).control
     cascade = control.cascade()
     if kind in (control.kind, None if cascade is None else cascade.position.kind):
-        return NamedController(name)  # the scenario has its parameters
+        return NamedController(name)  # the scenario already has parameters of this controller
     if CONTROLS.get(kind) is not None:
         return NamedController(name, overrides=(Override(f"control={{kind: {kind}}}", option),))
     feed_forward = "none" if cascade is None else cascade.position.feed_forward
@@ -229,7 +240,13 @@ def scenario_of(
     further: Sequence[Override] = (),
     load: Callable[..., Scenario] = load_scenario,
 ) -> Scenario:
-    """Load the scenario that the arguments name, with its `--controller`, their overrides and further overrides."""
+    """Load the scenario that the arguments name, with the controller of `--controller` and all overrides.
+
+    Args:
+        arguments: arguments of the command.
+        further: overrides in addition to those of the arguments.
+        load: function that loads the scenario.
+    """
     spec = getattr(arguments, "controller", None)
     controller = NamedController("") if not spec else controller_of(spec, arguments.scenario)
     overrides = [*controller.overrides, *all_overrides_of(arguments), *further]
@@ -237,33 +254,42 @@ def scenario_of(
 
 
 def controlled_scenarios(arguments: argparse.Namespace, spec: str | None = None) -> dict[str, Scenario]:
-    """Load a scenario once with each `--controller`, or once as it is if there is none.
+    """Load a scenario with each of the controllers that `--controller` names, or unchanged if it names none.
 
     Args:
         arguments: arguments with the controllers and overrides.
-        spec: scenario; by default that of the arguments.
+        spec: FILE or FILE:NAME of the scenario; by default that of the arguments.
 
     Returns:
-        The scenarios, by the names of the controllers; or the only one, by its own name.
+        The scenarios by the names of the controllers, or the unchanged scenario by its own name.
     """
     spec = spec or arguments.scenario
     overrides = all_overrides_of(arguments)
     if not arguments.controller:
         scenario = load_scenario(spec, overrides)
         return {scenario.name: scenario}
-    found: dict[str, Scenario] = {}
+    scenarios: dict[str, Scenario] = {}
     for each in arguments.controller:
-        name, layers, own = controller_of(each, spec)
+        name, layers, controller_overrides = controller_of(each, spec)
         if not re.fullmatch(NAME, name):
-            raise InputError(f"--controller {each}: {name!r} is no name for a folder; use letters and digits")
-        if name in found:
-            raise InputError(f"--controller {each}: another controller is called {name}; give each its own name")
-        found[name] = load_scenario(spec, [*own, *overrides], layers=layers)
-    return found
+            raise InputError(f"--controller {each}: {name!r} cannot be the name of a folder; rename the controller")
+        if name in scenarios:
+            raise InputError(f"--controller {each}: another controller is also called {name}; rename one of them")
+        scenarios[name] = load_scenario(spec, [*controller_overrides, *overrides], layers=layers)
+    return scenarios
 
 
 def check_extra(option: str, extra: str, *modules: str) -> None:
-    """Raise InputError if an option needs a module of an extra that is not installed."""
+    """Check that the modules that an option needs are installed.
+
+    Args:
+        option: option of a command, for the message.
+        extra: name of the package's extra that installs the modules.
+        modules: names of the modules.
+
+    Raises:
+        InputError: if a module is not installed.
+    """
     try:
         for module in modules:
             import_extra(module, extra)

@@ -1,4 +1,4 @@
-"""Output of commands: tables, margins, predictions, files and remarks."""
+"""Functions that print the output of commands: tables, margins, prediction errors, file names and remarks."""
 
 import math
 import sys
@@ -34,8 +34,12 @@ def print_columns(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
         print("  ".join([line[0].ljust(widths[0]), *cells[1:-1], line[-1]]).rstrip())
 
 
-def print_margins(found: dict[str, Any]) -> None:
-    """Print margins of `link_margins`, with a row for each signal that a loop is closed around."""
+def print_margins(margins_by_signal: dict[str, Any]) -> None:
+    """Print stability margins, with a row for each signal at which the loop is opened.
+
+    Args:
+        margins_by_signal: margins that `link_margins` returns, by signal; None for a signal without a loop.
+    """
     rows = [
         (
             name,
@@ -47,20 +51,20 @@ def print_margins(found: dict[str, Any]) -> None:
             f"{margins.crossover:.2f} rad/s",
             f"{margins.bandwidth:.2f} rad/s",
         )
-        for name, margins in found.items()
+        for name, margins in margins_by_signal.items()
         if margins is not None
     ]
-    print("margins where commands go over the link, of the exact linear model of the whole loop")
-    print_columns(("signal", "max |S|", "delay", "phase", "gain", "less gain", "crossover", "bandwidth"), rows)
+    print("stability margins of the exact linear model, with the loop opened at the command link")
+    print_columns(("signal", "max |S|", "delay", "phase", "gain", "gain reduction", "crossover", "bandwidth"), rows)
 
 
 def remark(sentence: str) -> None:
-    """Print a remark on something that the user may not have intended, on standard error."""
+    """Print a remark on standard error, about something that the user may not have intended."""
     print(f"remark: {sentence}", file=sys.stderr)
 
 
 def print_predictions(predictions: "Predictions") -> None:
-    """Print the prediction errors of vehicles at several horizons, and the improvement of the first over the second."""
+    """Print the prediction errors of vehicles at several horizons, and how much smaller those of the first one are."""
     names, rows = predictions.vehicles, []
     first, second, *_ = names
     for quantity, (size, unit) in _DISPLAY_UNITS.items():
@@ -69,7 +73,7 @@ def print_predictions(predictions: "Predictions") -> None:
                 errors = [predictions.rmse(quantity, name, horizon).text(size=1.0 / size) for name in names]
                 errors.append(predictions.better(quantity, first, second, horizon).text(size=0.01))
                 rows.append((quantity.replace("_", " "), f"{horizon:g} s", *errors, unit))
-    print_columns(("", "horizon", *names, f"better than {second} by, %", ""), rows)
+    print_columns(("", "horizon", *names, f"improvement over {second} (%)", "unit"), rows)
 
 
 def print_files(files: list[Path]) -> None:

@@ -1,4 +1,4 @@
-"""Plans a route through waypoints from a YAML or CSV file, and writes the trajectory and a plot of it."""
+"""Plan a route through waypoints from a YAML or CSV file, and write the trajectory and a plot of it."""
 
 import argparse
 import itertools
@@ -26,7 +26,7 @@ from drake_quad.visualization.style import save_figures
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the options of the command."""
+    """Return the argument parser of the command."""
     result = parser(__doc__, "drake-quad plan slalom --set route.top_speed=1.5", output="out", scenario="slalom")
     add_vector(result)
     return result
@@ -38,8 +38,8 @@ def main(arguments: argparse.Namespace) -> None:
     plan, problem, waypoints, space = planned(mission)
     folder = output_folder(folder_of(arguments, mission.name))
     route = mission.route
-    # The corners of a path around obstacles are no waypoints of the route, so they are left out.
-    places = (
+    # The planner adds corners to a path around obstacles. They are not waypoints of the route, so they are left out.
+    regions = (
         () if problem is None else problem.waypoints if waypoints is None else [problem.waypoints[i] for i in waypoints]
     )
     limits = route.limits()
@@ -47,7 +47,7 @@ def main(arguments: argparse.Namespace) -> None:
         plan,
         planned_parameters(mission),
         limits=limits,
-        places=places,
+        regions=regions,
         corridors=problem.corridors if problem else (),
         waypoints=waypoints,
         space=space,
@@ -60,11 +60,13 @@ def main(arguments: argparse.Namespace) -> None:
     approach = None if space is None else nearest_approach(plan.path, space)
     if space is not None and approach is not None:
         rows.append(
-            ("least distance", f"{approach.distance:.3f}", f"m, from {approach.obstacle} at {approach.time:.2f} s")
+            ("smallest distance", f"{approach.distance:.3f}", f"m from {approach.obstacle}, at {approach.time:.2f} s")
         )
         rows.append(("clearance", f"{space.clearance:.3f}", f"m: {space.clearance_in_words}"))
     print_table(rows)
-    print("binds:", binding_summary(active_constraints(plan.path, limits, problem.corridors if problem else ())))
+    print(
+        "active limits:", binding_summary(active_constraints(plan.path, limits, problem.corridors if problem else ()))
+    )
     print_files(files)
 
 
@@ -80,8 +82,8 @@ def summary(
         ("waypoints", f"{len(path.times)}", ""),
         ("duration", f"{plan.duration:.3f}", "s"),
         ("length", f"{length:.2f}", "m"),
-        ("top speed", f"{peak_norm(path, 1):.3f}", _of("m/s", limits.speed)),
-        ("top acceleration", f"{peak_norm(path, 2):.3f}", _of("m/s²", limits.acceleration)),
+        ("top speed", f"{peak_norm(path, 1):.3f}", _with_limit("m/s", limits.speed)),
+        ("top acceleration", f"{peak_norm(path, 2):.3f}", _with_limit("m/s²", limits.acceleration)),
         ("top snap", f"{peak_norm(path, 4):.2f}", "m/s⁴"),
         ("snap cost", f"{snap_cost(path).sum():.4g}", "m²/s⁷"),
         (
@@ -92,26 +94,31 @@ def summary(
     ]
     if problem is not None and len(path.times) < len(problem.waypoints):
         repeats = len(problem.waypoints) - len(path.times)
-        rows.insert(1, ("repeats", f"{repeats}", "waypoints that repeat the one before, passed once"))
+        rows.insert(1, ("repeated", f"{repeats}", "waypoints that equal the previous one and are passed only once"))
     return rows
 
 
-def _of(unit: str, limit: float) -> str:
+def _with_limit(unit: str, limit: float) -> str:
     """Return a unit, followed by the limit if there is one."""
     return f"{unit} of {limit:g}" if np.isfinite(limit) else unit
 
 
-def binding_summary(found: list[ActiveConstraint]) -> str:
+def binding_summary(constraints: list[ActiveConstraint]) -> str:
     """Return the active constraints of a path as text, each with the segments on which it is active."""
-    by_what: dict[str, set[int]] = {}
-    for binding in found:
-        by_what.setdefault(f"{binding.what} {binding.where}".strip(), set()).add(binding.segment)
-    parts = [f"{what} on segment{'s' if len(on) > 1 else ''} {_ranges(on)}" for what, on in by_what.items()]
-    return "; ".join(parts) or "nothing"
+    segments_by_constraint: dict[str, set[int]] = {}
+    for constraint in constraints:
+        segments_by_constraint.setdefault(f"{constraint.what} {constraint.where}".strip(), set()).add(
+            constraint.segment
+        )
+    parts = [
+        f"{name} on segment{'s' if len(segments) > 1 else ''} {_ranges(segments)}"
+        for name, segments in segments_by_constraint.items()
+    ]
+    return "; ".join(parts) or "none"
 
 
 def _ranges(numbers: set[int]) -> str:
-    """Return numbers as text such as `0, 2-4`."""
+    """Return whole numbers as text, with runs abbreviated as in `0, 2-4`."""
     runs = itertools.groupby(enumerate(sorted(numbers)), key=lambda pair: pair[1] - pair[0])
     parts = [[number for _, number in run] for _, run in runs]
     return ", ".join(f"{part[0]}-{part[-1]}" if len(part) > 1 else f"{part[0]}" for part in parts)

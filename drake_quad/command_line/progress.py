@@ -1,21 +1,21 @@
-"""Progress bars on a terminal."""
+"""Progress bars for the terminal."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-# Options of tqdm for a bar that counts seconds of flight; the delay is in s.
+# Options of tqdm for a bar that counts seconds of flight and appears after a delay in s.
 FLIGHT_BAR: dict[str, Any] = {
-    "bar_format": "{desc}: {percentage:3.0f}% |{bar}| {n:.0f} of {total:.0f} s flown, {remaining} to go",
+    "bar_format": "{desc}: {percentage:3.0f}% |{bar}| {n:.0f} of {total:.0f} s flown, {remaining} remaining",
     "delay": 1.0,
 }
 
 
 def new_bar(*items: Any, **options: Any) -> Any:
-    """Return a progress bar of tqdm that is shown only on a terminal, and only until it ends."""
+    """Return a tqdm progress bar that is shown only on a terminal, and disappears at its end."""
     from tqdm import tqdm
 
-    # Worker processes are forked only from a process with a single thread, so tqdm must not start its monitor thread.
+    # tqdm must not start its monitor thread, since worker processes are forked only from a single-threaded process.
     tqdm.monitor_interval = 0
     return tqdm(*items, leave=False, disable=None, **options)
 

@@ -1,4 +1,4 @@
-"""Writes a page for the browser that replays many samples of a scenario, or several controllers, together."""
+"""Write a page that replays many samples of a scenario, or several controllers, together in a browser."""
 
 import argparse
 
@@ -12,11 +12,13 @@ from drake_quad.visualization.replay.page import save_replay, save_swarm
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the options of the command."""
+    """Return the argument parser of the command."""
     result = parser(__doc__, "drake-quad replay robustness --samples 100", output="out/replay", scenario="robustness")
-    result.add_argument("--samples", type=int, default=100, help="how many flights of each (default: %(default)s)")
+    result.add_argument(
+        "--samples", type=int, default=100, help="number of samples of each scenario (default: %(default)s)"
+    )
     result.add_argument("--first", type=int, default=0, help="number of the first sample (default: %(default)s)")
-    add_controller(result, several="several fly the same samples, each in its own colour")
+    add_controller(result, several="can be given several times; all fly the same samples, each in its own colour")
     return result
 
 
@@ -37,6 +39,6 @@ def main(arguments: argparse.Namespace) -> None:
 
 
 def print_crashes(flights: dict[str, list[Flight]]) -> None:
-    """Print how many flights of each scenario crashed."""
+    """Print the number of flights and of crashes of each scenario."""
     for name, group in flights.items():
         print(f"{name}: {len(group)} flights, {sum(bool(flight.metrics.crashed) for flight in group)} crashed")

@@ -1,4 +1,4 @@
-"""Flies the paper's experiment again, and writes a report with its table, its figures and a verdict on each claim."""
+"""Repeat the experiment of the paper, and write a report with its table, its figures and a verdict on each claim."""
 
 import argparse
 from collections.abc import Sequence
@@ -18,12 +18,14 @@ from drake_quad.studies.processes import Workers
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the options of the command."""
+    """Return the argument parser of the command."""
     result = bare_parser(__doc__, "drake-quad replicate --quick")
-    result.add_argument("--quick", action="store_true", help="fewer samples, to see whether everything works")
-    result.add_argument("--workers", type=int, help="processes (default: as many as there are cores)")
-    result.add_argument("--resume", action="store_true", help="keep the cells that are in the folder already")
-    result.add_argument("--output", type=Path, help="folder (default: out/paper, or out/paper_quick)")
+    result.add_argument("--quick", action="store_true", help="simulate fewer samples, as a quick test")
+    result.add_argument("--workers", type=int, help="number of worker processes (default: number of cores)")
+    result.add_argument("--resume", action="store_true", help="keep the table cells that the folder already contains")
+    result.add_argument(
+        "--output", type=Path, help="output folder (default: out/paper, or out/paper_quick with --quick)"
+    )
     add_wired(result)
     add_vector(result)
     return result
@@ -45,23 +47,25 @@ def main(arguments: argparse.Namespace) -> None:
                 progress=progress,
             )
     except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"interrupted: the cells that are done are in {folder}; --resume goes on") from None
-    found = read_experiment(folder)
-    findings = findings_of(found)
+        raise KeyboardInterrupt(
+            f"interrupted: the finished table cells are in {folder}; --resume continues from them"
+        ) from None
+    experiment = read_experiment(folder)
+    findings = findings_of(experiment)
     with new_bar(total=len(FIGURES), desc="drawing") as bar:
-        files = write_report(folder, found, findings, flights, vector=arguments.vector, progress=bar.update)
+        files = write_report(folder, experiment, findings, flights, vector=arguments.vector, progress=bar.update)
     print_errors(findings.entries)
     print_columns(("claim", "verdict"), [(claim.words, claim.verdict) for claim in findings.claims])
     print_files(files)
 
 
 def load(cell: Cell) -> Scenario:
-    """Return the scenario of a cell of Table II."""
+    """Load the scenario of a cell of Table II."""
     return load_scenario(f"paper:{cell.scenario}")
 
 
 def print_errors(entries: Sequence[TableEntry]) -> None:
-    """Print the errors of Table II next to those of the paper."""
+    """Print the simulated errors of Table II beside those that the paper reports."""
     rows = [
         (
             WINDS[entry.cell.wind],
@@ -73,4 +77,4 @@ def print_errors(entries: Sequence[TableEntry]) -> None:
         for entry in entries
         if entry.quantity == "rmse"
     ]
-    print_columns(("", "", "RMSE (m)", "printed", "off by"), rows)
+    print_columns(("wind", "controller", "RMSE (m)", "RMSE in the paper (m)", "deviation"), rows)

@@ -1,4 +1,4 @@
-"""Start and end of a command, with its exit status."""
+"""Start and end of a command, with its error messages and exit status."""
 
 import io
 import os
@@ -10,33 +10,35 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from drake_quad.command_line.interruption import SENTENCE, raise_interruptions
+from drake_quad.command_line.interruption import INTERRUPTION_MESSAGE, raise_interruptions
 from drake_quad.command_line.output import remark
 from drake_quad.errors import InputError, InputWarning
 
 
-def _show(otherwise: Callable[..., None], message: Any, category: type[Warning], *where: Any, **options: Any) -> None:
+def _show_warning(
+    default: Callable[..., None], message: Any, category: type[Warning], *where: Any, **options: Any
+) -> None:
     """Print an `InputWarning` as a remark, and any other warning as Python does."""
     if issubclass(category, InputWarning):
         remark(str(message))
     else:
-        otherwise(message, category, *where, **options)
+        default(message, category, *where, **options)
 
 
 def run(main: Callable[[], None]) -> None:
-    """Run a command; if it fails, exit with status 1 for a failed computation and with status 2 for wrong input."""
+    """Run a command; exit with status 1 if the computation fails, and with status 2 if the input is wrong."""
     raise_interruptions()
-    warnings.showwarning = partial(_show, warnings.showwarning)
+    warnings.showwarning = partial(_show_warning, warnings.showwarning)
     with orderly_exit():
         main()
 
 
 @contextmanager
 def orderly_exit() -> Iterator[None]:
-    """End the process with a sentence, without a traceback, if the body of a `with` statement fails.
+    """End the process with a message and no traceback if the body of a `with` statement fails.
 
-    Inside the statement, printing works for any terminal or file: characters that its encoding lacks are escaped. A
-    standard output that cannot be written, such as a file on a full disk, counts as a failure.
+    Inside the statement, characters that the encoding of a terminal or file lacks are printed as escape sequences. A
+    standard output that cannot be written to, such as a file on a full disk, is a failure.
     """
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
@@ -45,41 +47,41 @@ def orderly_exit() -> Iterator[None]:
         elif isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     status: str | int | None = 0
-    sentence, exits = "", False
+    message, has_exited = "", False
     try:
         yield
     except SystemExit as stop:
-        status, exits = stop.code, True
+        status, has_exited = stop.code, True
     except InputError as error:
-        status, sentence = 2, f"error: {error}"
-    except BrokenPipeError:  # the reader of the pipe has ended, so further output is useless
+        status, message = 2, f"error: {error}"
+    except BrokenPipeError:  # the process that reads the pipe has ended, so nobody would see a message
         status = 1
     except MemoryError as error:
-        status, sentence = 1, f"failed: {str(error) or 'the memory does not suffice'}"
+        status, message = 1, f"failed: {str(error) or 'not enough memory'}"
     except (RuntimeError, OSError) as error:
-        status, sentence = 1, f"failed: {error}"
+        status, message = 1, f"failed: {error}"
     except KeyboardInterrupt as interruption:
-        status, sentence = 1, str(interruption) or SENTENCE
-    unwritten = _flushed()
-    if unwritten and not status:
-        status, sentence = 1, unwritten
-    if sentence:
+        status, message = 1, str(interruption) or INTERRUPTION_MESSAGE
+    output_error = _flush_error()
+    if output_error and not status:
+        status, message = 1, output_error
+    if message:
         with suppress(OSError):
-            print(sentence, file=sys.stderr)
-    if status or exits:
+            print(message, file=sys.stderr)
+    if status or has_exited:
         sys.exit(status)
 
 
-def _flushed() -> str:
-    """Flush the standard output.
+def _flush_error() -> str:
+    """Flush the standard output, and discard the rest of the output if this fails.
 
     Returns:
-        The reason why this fails; empty if it succeeds. The rest of the output is discarded if it fails.
+        The error message; empty if the output has been written.
     """
     try:
         sys.stdout.flush()
     except OSError as error:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         reason = (error.strerror or str(error)).lower()
-        return f"failed: the standard output cannot be written: {reason}"
+        return f"failed: cannot write to the standard output: {reason}"
     return ""

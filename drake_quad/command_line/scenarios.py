@@ -1,6 +1,7 @@
-"""Lists the scenarios that are shipped, by the names that mean them everywhere; or prints one in full.
+"""List the shipped scenarios by name, or print one scenario in full.
 
-In full means with what it extends and with all defaults: a file of one's own to begin with.
+The names are valid in every command and in Python. A scenario that is printed in full includes everything that it
+extends and all default values, so it is a starting point for your own file.
 """
 
 import argparse
@@ -13,9 +14,13 @@ from drake_quad.scenario.files.shipped import shipped_scenarios
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the options of the command."""
+    """Return the argument parser of the command."""
     result = bare_parser(__doc__, "drake-quad scenarios laboratory:high_wind > mine.yaml")
-    result.add_argument("scenario", nargs="?", help="FILE or FILE:NAME, or a shipped one (default: list those shipped)")
+    result.add_argument(
+        "scenario",
+        nargs="?",
+        help="FILE or FILE:NAME, or the name of a shipped scenario (default: list all shipped scenarios)",
+    )
     add_overrides(result)
     add_controller(result)
     return result

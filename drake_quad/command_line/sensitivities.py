@@ -1,4 +1,7 @@
-"""Differentiates the metrics of a flight by numbers of its scenario, exactly, through Drake's simulator."""
+"""Differentiate the metrics of a flight with respect to fields of its scenario.
+
+The derivatives are exact, since automatic differentiation computes them through Drake's simulator.
+"""
 
 import argparse
 import math
@@ -16,24 +19,27 @@ from drake_quad.scenario.paths import leaves
 from drake_quad.visualization.sensitivity_plots import plot_sensitivities
 from drake_quad.visualization.style import save_figures
 
-# Default fields of every vehicle; a builder can get each of them wrong.
-_FIELDS = (
+# Default fields that every vehicle has, and whose values are uncertain for a real vehicle.
+_COMMON_FIELDS = (
     *("vehicle.mass", "nominal.mass", "vehicle.thrust_factor", "nominal.thrust_factor"),
     "vehicle.rotor_time_constant",
 )
-# Fields of the drag, which are default fields where they are not 0.
-_DRAG = ("vehicle.linear_drag", "vehicle.quadratic_drag", "vehicle.body_drag", "vehicle.rotor_aerodynamics")
-# Gains of a loop on the ground that are default fields.
+# Beginnings of the paths of drag fields, which are default fields if they are not 0.
+_DRAG_FIELDS = ("vehicle.linear_drag", "vehicle.quadratic_drag", "vehicle.body_drag", "vehicle.rotor_aerodynamics")
+# Gains of loops on the ground that are default fields.
 _GAINS = ("k_p", "k_d")
 
 
 def default_fields(scenario: Scenario) -> tuple[str, ...]:
-    """Return the default fields, with inertia and arms unless the autopilot models the response of the attitude."""
+    """Return the fields of a scenario with respect to which metrics are differentiated by default.
+
+    Inertia and rotor positions are left out if the autopilot models the attitude response, which replaces them.
+    """
     autopilot, layout = scenario.laboratory.autopilot, scenario.vehicle.layout
-    # Gains of 0 are left out, because the diagram may lack their term and then has no derivative with respect to it.
+    # Gains of 0 are left out, because the diagram may lack their terms and then has no derivative with respect to them.
     fields = [
-        *_FIELDS,
-        *(path for path, value in leaves(scenario) if path.startswith(_DRAG) and value),
+        *_COMMON_FIELDS,
+        *(path for path, value in leaves(scenario) if path.startswith(_DRAG_FIELDS) and value),
         *(
             f"control.{part}.{gain}.{axis}"
             for part in ("position", "velocity")
@@ -42,31 +48,34 @@ def default_fields(scenario: Scenario) -> tuple[str, ...]:
             if value != 0.0
         ),
     ]
-    loops = [f"control.attitude.{gain}" for gain in _GAINS]
+    loop_gains = [f"control.attitude.{gain}" for gain in _GAINS]
     if autopilot.controls_attitude:
-        numbers = type(autopilot).model_fields
-        loops = [f"laboratory.autopilot.{name}" for name in numbers if isinstance(getattr(autopilot, name), tuple)]
-    gains = [f"{numbers}.{axis}" for numbers in loops for axis in (0, 1)]
+        names = type(autopilot).model_fields
+        loop_gains = [f"laboratory.autopilot.{name}" for name in names if isinstance(getattr(autopilot, name), tuple)]
+    gains = [f"{names}.{axis}" for names in loop_gains for axis in (0, 1)]
     if autopilot.models_vehicle:
         return (*fields, *gains)
-    level = ["arm_length"]
+    geometry_fields = ["arm_length"]
     if layout.has_distances:
-        places = [path for path, _ in leaves(layout) if path in ("length", "width") or ".position." in path]
-        # The height of a rotor has no effect, so it is left out.
-        level = [f"layout.{path}" for path in places if not path.endswith(".2")]
+        paths = [path for path, _ in leaves(layout) if path in ("length", "width") or ".position." in path]
+        # The height of a rotor, the third coordinate, has no effect, so it is left out.
+        geometry_fields = [f"layout.{path}" for path in paths if not path.endswith(".2")]
     inertia = [f"{owner}.inertia.{axis}" for owner in ("vehicle", "nominal") for axis in (0, 1)]
-    return (*fields, *inertia, *(f"vehicle.{name}" for name in level), *gains)
+    return (*fields, *inertia, *(f"vehicle.{name}" for name in geometry_fields), *gains)
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the options of the command."""
+    """Return the argument parser of the command."""
     result = parser(__doc__, "drake-quad sensitivities laboratory:low_wind --metric rmse_y", output="out/sensitivities")
-    result.add_argument("--sample", type=int, help="which sample of the scenario's study to fly, from 0 on")
+    result.add_argument("--sample", type=int, help="number of the sample to fly, as in a study, from 0 on")
     result.add_argument(
-        "--field", action="append", metavar="PATH", help="of a number of the scenario; can be given several times"
+        "--field",
+        action="append",
+        metavar="PATH",
+        help="field of the scenario; can be given several times (default: uncertain parameters and gains)",
     )
     result.add_argument(
-        "--metric", choices=DIFFERENTIABLE, default="rmse", help="that is printed and drawn (default: %(default)s)"
+        "--metric", choices=DIFFERENTIABLE, default="rmse", help="metric to print and plot (default: %(default)s)"
     )
     add_controller(result)
     add_vector(result)
@@ -79,31 +88,31 @@ def main(arguments: argparse.Namespace) -> None:
     print_flight_remarks([scenario])
     folder = output_folder(folder_of(arguments, scenario.name))
     fields = tuple(dict.fromkeys(arguments.field or default_fields(scenario)))
-    found = flight_sensitivities(scenario, fields, sample=arguments.sample)
-    figure = plot_sensitivities(found, arguments.metric)
+    sensitivities = flight_sensitivities(scenario, fields, sample=arguments.sample)
+    figure = plot_sensitivities(sensitivities, arguments.metric)
     files = [
-        write_sensitivities(folder / "sensitivities.csv", found),
+        write_sensitivities(folder / "sensitivities.csv", sensitivities),
         *save_figures({"sensitivities": figure}, folder, vector=arguments.vector),
     ]
-    print_sensitivities(found, arguments.metric)
+    print_sensitivities(sensitivities, arguments.metric)
     print_files(files)
 
 
-def print_sensitivities(found: Sensitivities, metric: str) -> None:
-    """Print the derivatives of a metric by each field, sorted by the effect of a change of 1 %, largest first."""
-    if found.crash_time < math.inf:
-        print(f"crashed at {found.crash_time:.2f} s; metrics and derivatives are those of the flight until then")
-    print(f"{metric} {found.metrics[metric]:.6g} (SI units)")
-    if not found.metrics[metric] > 0.0 or np.isnan(found.gradients[metric]).all():
-        print(f"{metric} is zero, where it has no derivative")
+def print_sensitivities(sensitivities: Sensitivities, metric: str) -> None:
+    """Print the derivative of a metric with respect to each field, sorted by the effect of a change of 1 %."""
+    if sensitivities.crash_time < math.inf:
+        print(f"crashed at {sensitivities.crash_time:.2f} s; metrics and derivatives refer to the flight until then")
+    print(f"{metric} {sensitivities.metrics[metric]:.6g} (SI units)")
+    if not sensitivities.metrics[metric] > 0.0 or np.isnan(sensitivities.gradients[metric]).all():
+        print(f"{metric} is zero and has no derivative there")
         return
-    effects = found.values * found.gradients[metric] / (found.metrics[metric] or math.nan)
+    effects = sensitivities.values * sensitivities.gradients[metric] / (sensitivities.metrics[metric] or math.nan)
     rows = [
         (
-            found.fields[i],
-            f"{found.values[i]:.4g}",
-            f"{found.gradients[metric][i]:.5g}",
-            f"{effects[i]:+.3f} %" if found.values[i] and math.isfinite(effects[i]) else "–",
+            sensitivities.fields[i],
+            f"{sensitivities.values[i]:.4g}",
+            f"{sensitivities.gradients[metric][i]:.5g}",
+            f"{effects[i]:+.3f} %" if sensitivities.values[i] and math.isfinite(effects[i]) else "–",
             "",
         )
         for i in np.argsort(-np.abs(effects))
@@ -111,8 +120,8 @@ def print_sensitivities(found: Sensitivities, metric: str) -> None:
     print_columns(("field", "value", "derivative", "change for +1 %", ""), rows)
 
 
-def write_sensitivities(path: Path, found: Sensitivities) -> Path:
-    """Write a CSV file with a row of metrics and a row of their derivatives by each field, and return its path."""
-    columns: dict[str, list] = {"field": ["(metric)", *found.fields], "value": ["", *found.values]}
-    metrics = {name: [value, *found.gradients[name]] for name, value in found.metrics.items()}
+def write_sensitivities(path: Path, sensitivities: Sensitivities) -> Path:
+    """Write a CSV file with a row of metrics, and a row of derivatives for each field, and return its path."""
+    columns: dict[str, list] = {"field": ["(metric)", *sensitivities.fields], "value": ["", *sensitivities.values]}
+    metrics = {name: [value, *sensitivities.gradients[name]] for name, value in sensitivities.metrics.items()}
     return write_table(path, columns | metrics, digits=9)

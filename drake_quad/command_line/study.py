@@ -1,4 +1,4 @@
-"""Flies thousands of samples of a scenario in fleets, on all cores or a cluster, and summarises their metrics."""
+"""Fly thousands of samples of a scenario in fleets, on all cores or on a cluster, and summarise their metrics."""
 
 import argparse
 import time
@@ -36,35 +36,45 @@ from drake_quad.visualization.style import save_figures
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the options of the command."""
+    """Return the argument parser of the command."""
     result = parser(
         __doc__,
         "drake-quad study robustness --samples 200 --workers 2",
         output="out/monte_carlo",
         scenario="robustness",
     )
-    result.add_argument("--samples", type=int, default=1000, help="how many flights (default: %(default)s)")
-    add_controller(result, several="several fly the same samples and are compared with the first")
-    result.add_argument("--workers", type=int, help="processes (default: as many as there are cores)")
-    result.add_argument("--batch", type=int, help="vehicles in a fleet (default: about a thousand)")
-    result.add_argument(
-        "--time-limit", type=float, metavar="SECONDS", help="after which a batch is given up (default: never)"
+    result.add_argument("--samples", type=int, default=1000, help="number of samples (default: %(default)s)")
+    add_controller(
+        result, several="can be given several times; all fly the same samples, and the first is the baseline"
     )
-    result.add_argument("--cluster", metavar="ADDRESS", help="of a Dask scheduler whose workers fly")
+    result.add_argument("--workers", type=int, help="number of worker processes (default: number of cores)")
+    result.add_argument("--batch", type=int, help="number of vehicles in a fleet (default: about a thousand)")
+    result.add_argument(
+        "--time-limit",
+        type=float,
+        metavar="SECONDS",
+        help="computing time after which a batch is abandoned (default: no limit)",
+    )
+    result.add_argument(
+        "--cluster", metavar="ADDRESS", help="address of a Dask scheduler, whose workers fly the samples"
+    )
     add_wired(result)
-    result.add_argument("--resume", action="store_true", help="go on with the study in the folder, if there is one")
+    result.add_argument(
+        "--resume", action="store_true", help="continue the study in the output folder, if there is one"
+    )
     result.add_argument(
         "--metric",
         choices=[*METRICS],
         default="rmse",
-        help="that is drawn and compared (default: %(default)s)",
+        help="metric to plot and compare (default: %(default)s)",
     )
     result.add_argument(
         "--over",
         metavar="FIELD",
-        help="a drawn number over which the probability of a crash is plotted (default: that with most to do with it)",
+        help="random parameter over which the crash probability is plotted (default: the one with the largest influence"
+        " on crashes)",
     )
-    result.add_argument("--parquet", action="store_true", help=f"write the table also as {PARQUET}, for large studies")
+    result.add_argument("--parquet", action="store_true", help=f"also write the table as {PARQUET}, for large studies")
     add_vector(result)
     return result
 
@@ -78,7 +88,7 @@ def main(arguments: argparse.Namespace) -> None:
     folders = {name: folder / name if arguments.controller else folder for name in scenarios}
     studies: dict[str, Study] = {}
     began = time.perf_counter()
-    with crew_of(arguments) as crew:
+    with open_executor(arguments) as crew:
         for name, scenario in scenarios.items():
             with progress_bar(name, unit=" flights", mininterval=0.2) as progress:
                 studies[name] = run_monte_carlo(
@@ -100,9 +110,11 @@ def main(arguments: argparse.Namespace) -> None:
     for name, study in studies.items():
         if study.misfits:
             lines = ", ".join(map(str, study.misfits[:5])) + (", ..." if len(study.misfits) > 5 else "")
-            remark(f"{folders[name] / 'results.csv'} was altered in lines {lines}; these samples were flown again")
-        how = "as they are wired" if arguments.wired else "compiled"
-        print_study(name, study, folders[name], how, imports=python_options(arguments, name))
+            remark(
+                f"{folders[name] / 'results.csv'}: lines {lines} had been altered, so their samples were flown again"
+            )
+        method = "uncompiled" if arguments.wired else "compiled"
+        print_study(name, study, folders[name], method, imports=python_options(arguments, name))
     if len(studies) > 1:
         print_comparison(studies, arguments.metric)
     print_files(files)
@@ -113,45 +125,47 @@ def main(arguments: argparse.Namespace) -> None:
 
 def scenarios_of(arguments: argparse.Namespace) -> dict[str, Scenario]:
     """Return the scenarios to fly by name: one for each controller, or the only one."""
-    found = controlled_scenarios(arguments)
-    print_flight_remarks(found.values())
-    for name, scenario in found.items():
+    scenarios = controlled_scenarios(arguments)
+    print_flight_remarks(scenarios.values())
+    for name, scenario in scenarios.items():
         if not distributions_in(scenario):
-            remark(f"{name} holds no distribution: its samples differ by wind and noise, if it has any, and else not")
+            remark(f"{name} has no distribution, so its samples differ only by wind and noise, if there are any")
             break
-    for name, scenario in found.items():
-        drawn = [*distributions_in(scenario)]
-        if arguments.over is not None and arguments.over not in drawn:
-            there = listed(drawn) or "no numbers"
-            raise InputError(f"--over is {arguments.over}, which is not drawn in {name}; drawn are {there}")
-    return found
+    for name, scenario in scenarios.items():
+        random_fields = [*distributions_in(scenario)]
+        if arguments.over is not None and arguments.over not in random_fields:
+            names = listed(random_fields) or "none"
+            raise InputError(
+                f"--over {arguments.over}: is not a random parameter of {name}; its random parameters are: {names}"
+            )
+    return scenarios
 
 
 def python_options(arguments: argparse.Namespace, name: str) -> list[str]:
-    """Return the options that import the Python files which the scenario of a controller needs."""
+    """Return the command-line options that import the Python files of a controller and of its scenario."""
     specs = [spec for spec in arguments.controller if spec.endswith(f".py:{name}")]
     return [*(f"--import {path}" for path in arguments.imports), *(f"--controller {spec}" for spec in specs)]
 
 
 @contextmanager
-def crew_of(arguments: argparse.Namespace) -> Iterator[Crew]:
-    """Open the crew that flies the batches: processes of this machine, or a cluster."""
+def open_executor(arguments: argparse.Namespace) -> Iterator[Crew]:
+    """Open the workers that fly the batches: processes on this machine, or those of a Dask cluster."""
     if arguments.cluster is None:
         with Workers(arguments.workers, time_limit=arguments.time_limit) as workers:
             yield workers
     elif arguments.time_limit is not None:
-        raise InputError("--time-limit is for processes of this machine, not for a cluster")
+        raise InputError("--time-limit works for processes on this machine only; leave it out with --cluster")
     else:
         with dask_crew(arguments.cluster, arguments.workers) as crew:
             yield crew
 
 
 def save_plots(studies: Mapping[str, Study], folder: Path, arguments: argparse.Namespace) -> list[Path]:
-    """Plot distribution, convergence and crashes of all studies together, and the influences of each study."""
+    """Plot distribution, convergence and crash probability of all studies together, and influences for each study."""
     studies = {name: study for name, study in studies.items() if len(study.samples)}
     if not studies:
         return []
-    # Matplotlib takes half a second to load, and neither an error message nor a worker process should wait for it.
+    # Matplotlib takes half a second to load, so it is loaded only in the main process, and after the flights.
     from drake_quad.visualization.study_plots import (
         plot_convergence,
         plot_crash_probability,
@@ -173,46 +187,46 @@ def save_plots(studies: Mapping[str, Study], folder: Path, arguments: argparse.N
     return save_figures(figures, folder, vector=arguments.vector)
 
 
-def print_study(name: str, study: Study, folder: Path, how: str, *, imports: Sequence[str] = ()) -> None:
-    """Print estimates of the metrics, and the commands that repeat the flights of the worst samples."""
+def print_study(name: str, study: Study, folder: Path, method: str, *, imports: Sequence[str] = ()) -> None:
+    """Print estimates of the metrics, and commands that repeat the flights of the worst samples."""
     print(
         f"{name}: {len(study.samples):,} samples of seed {study.scenario.seed}, {study.duration:.2f} s each, diagrams"
-        f" {how}; {crashes_of(study)}"
+        f" {method}; {crashes_of(study)}"
     )
     print_summary(summary_of(study))
     if (touches := touches_of(study)).rows:
         print_summary(touches)
     if pairs := correlated_pairs(distributions_in(study.scenario)):
-        first, more = pairs[0], f" and {len(pairs) - 1:,} pairs more" if len(pairs) > 1 else ""
+        first, others = pairs[0], f"; {len(pairs) - 1:,} more pairs" if len(pairs) > 1 else ""
         print(
-            f"drawn numbers are correlated ({first.first} and {first.second} by {first.correlation:+.2f}{more}): an"
-            " influence of one holds what comes with the others"
+            f"random parameters are correlated ({first.first} and {first.second}: {first.correlation:+.2f}{others}), so"
+            " the influence of a parameter includes that of the correlated ones"
         )
     if len(study.samples):
-        print("the worst:")
-    ends = {sample: _end_of(study, int(np.searchsorted(study.samples, sample))) for sample in worst(study)}
-    width = max(18, *map(len, ends.values())) if ends else 0
-    known = "".join(f" {option}" for option in imports)
-    for sample, end in ends.items():
-        print(f"  {end:<{width}}  drake-quad fly {folder / 'scenario.yaml'} --sample {sample}{known}")
+        print("worst samples:")
+    outcomes = {sample: _outcome_of(study, int(np.searchsorted(study.samples, sample))) for sample in worst(study)}
+    width = max(18, *map(len, outcomes.values())) if outcomes else 0
+    options = "".join(f" {option}" for option in imports)
+    for sample, outcome in outcomes.items():
+        print(f"  {outcome:<{width}}  drake-quad fly {folder / 'scenario.yaml'} --sample {sample}{options}")
 
 
-def _end_of(study: Study, place: int) -> str:
-    """Return the outcome of the sample at a position: its error, or the time of its crash and the obstacle."""
-    own, obstacle = study.metrics.take(place), study.obstacle_of(place)
-    if not own.crashed:
-        return f"{100.0 * own.rmse:.1f} cm"
-    return f"crashed{'' if obstacle is None else f' into {obstacle}'} at {own.crash_time:.2f} s"
+def _outcome_of(study: Study, index: int) -> str:
+    """Return the outcome of the sample at an index: its RMSE, or the time and the obstacle of its crash."""
+    metrics, obstacle = study.metrics.take(index), study.obstacle_of(index)
+    if not metrics.crashed:
+        return f"{100.0 * metrics.rmse:.1f} cm"
+    return f"crashed{'' if obstacle is None else f' into {obstacle}'} at {metrics.crash_time:.2f} s"
 
 
 def print_comparison(studies: Mapping[str, Study], metric: str) -> None:
-    """Print a comparison of each controller with the first, on the samples that both fly to the end."""
-    print(f"beside {next(iter(studies))}, sample by sample:")
+    """Print a paired comparison of each controller with the first, on the samples that neither crashes."""
+    print(f"paired comparison with {next(iter(studies))} on the same samples:")
     print_summary(comparison_of(studies, metric))
 
 
 def print_summary(summary: Summary) -> None:
-    """Print a summary table, and its remarks below."""
+    """Print a summary as a table, followed by its remarks."""
     print_columns(summary.headings, summary.rows)
     for sentence in summary.remarks:
         print(sentence)
@@ -222,16 +236,16 @@ def print_rate(studies: Mapping[str, Study], seconds: float) -> None:
     """Print the simulation speed of the studies, including the start of the workers."""
     flown = sum(study.flown_time for study in studies.values())
     if flown > 0.0:
-        print(f"{flown / seconds:,.0f} vehicle-seconds per second")
+        print(f"simulation speed: {flown / seconds:,.0f} vehicle-seconds per second")
     else:
-        print("nothing was left to fly")
+        print("all samples had already been flown")
 
 
 def failure(studies: Mapping[str, Study], folders: Mapping[str, Path]) -> str:
-    """Return a sentence with the number of samples that failed, and the reason for the first failure."""
+    """Return an error message with the number of samples that failed, and the reason for the first failure."""
     failures = [(name, *each) for name, study in studies.items() for each in sorted(study.failures.items())]
     name, sample, reason = failures[0]
     return (
-        f"{len(failures):,} samples could not be flown (sample {sample} of {name}: {reason});"
-        f" all of them are in {folders[name] / 'failed.csv'}, and --resume tries them again"
+        f"{len(failures):,} samples could not be simulated (sample {sample} of {name}: {reason});"
+        f" {folders[name] / 'failed.csv'} lists them, and --resume tries them again"
     )

@@ -25,7 +25,7 @@ from drake_quad.studies.statistics import of_survivors
 from drake_quad.visualization.learning_plots import PAPER_EXPONENTS
 from drake_quad.visualization.leg_marks import leg_marks, number_legs, shade_legs
 from drake_quad.visualization.panels import legend_above, name_rows, plot_intervals
-from drake_quad.visualization.places import places
+from drake_quad.visualization.positions import positions
 from drake_quad.visualization.style import (
     BLACK,
     BLUE,
@@ -85,13 +85,13 @@ def figure_4() -> Figure:
 def figure_7(flights: Flights) -> Figure:
     """Plot the paths of PD and PD+T2FNN without wind in space."""
     with print_panels(2.7, subplot_kw={"projection": "3d"}) as (figure, axes):
-        wanted = places(_whole(flights).record("reference")).T
+        wanted = positions(_whole(flights).record("reference")).T
         axes.plot(*wanted, label="reference", **REFERENCE)
         for name in ("pd", "pd_t2fnn"):
-            path = places(flights[Cell("no_wind", name)].record("state")).T
+            path = positions(flights[Cell("no_wind", name)].record("state")).T
             axes.plot(*path, **_style(name), label=CONTROLLERS[name])
-        for number, place, beside in leg_marks(_whole(flights).plan):
-            x, y, z = place + 0.35 * np.array([*beside, 0.0])
+        for number, middle, right in leg_marks(_whole(flights).plan):
+            x, y, z = middle + 0.35 * np.array([*right, 0.0])
             axes.text(x, y, z, str(number), color="0.2", fontsize=8, fontweight="bold", ha="center", va="center")
         axes.set(xlabel="X (m)", ylabel="Y (m)", zlabel="Z (m)")
         axes.set_box_aspect(np.maximum(np.ptp(wanted, axis=1), 1.5), zoom=1.0)

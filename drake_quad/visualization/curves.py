@@ -1,4 +1,4 @@
-"""Line styles that distinguish overlapping curves, and quantiles in place of many curves."""
+"""Line styles that distinguish overlapping curves, and quantiles over many flights."""
 
 from collections.abc import Sequence
 
@@ -6,34 +6,38 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-# Curves coincide if they are nearer than this distance (points) over more than this share of their length.
-_MAX_SEPARATION, _MIN_OVERLAP = 1.2, 0.25
-# Length of a dash of one of several coinciding curves, in line widths.
+# Two curves overlap if their distance is below this value, in points, ...
+_MAX_SEPARATION = 1.2
+# ... over more than this share of their length.
+_MIN_OVERLAP = 0.25
+# Unit of the dash length of overlapping curves, in line widths.
 _DASH_LENGTH = 5.0
 
 
-def tell_apart(axes: Axes) -> None:
+def dash_overlapping_curves(axes: Axes) -> None:
     """Dash the curves that lie on top of other curves, so that the colour of each curve is visible.
 
-    If n curves coincide, the first one stays solid, the second shows (n - 1) / n of its length, and the last one 1 / n.
-    Only solid curves over the same abscissas are compared.
+    If n curves overlap, the first one stays solid, the dashes of the second cover (n - 1) / n of its length, and those
+    of the last one 1 / n. Only solid curves with the same abscissas are compared.
 
     Args:
-        axes: axes with all their curves.
+        axes: axes in which all curves have been drawn.
     """
-    axes.autoscale_view()  # otherwise Matplotlib scales the axes only when it draws
-    left: list[Line2D] = [line for line in axes.lines if np.size(line.get_xdata()) > 2 and line.get_linestyle() == "-"]
-    while left:
-        first, *others = left
+    axes.autoscale_view()  # Matplotlib would scale the axes only when it draws
+    remaining: list[Line2D] = [
+        line for line in axes.lines if np.size(line.get_xdata()) > 2 and line.get_linestyle() == "-"
+    ]
+    while remaining:
+        first, *others = remaining
         group = [first, *(other for other in others if _coincide(axes, first, other))]
-        for place, line in enumerate(group[1:], start=1):
-            line.set_linestyle(dashes(place, len(group)))
-        left = [line for line in others if line not in group]
+        for index, line in enumerate(group[1:], start=1):
+            line.set_linestyle(dashes(index, len(group)))
+        remaining = [line for line in others if line not in group]
 
 
-def dashes(place: int, count: int) -> tuple[float, Sequence[float]]:
-    """Return the line style of the curve with index `place` among `count` curves that coincide."""
-    return (0.0, (_DASH_LENGTH * (count - place), _DASH_LENGTH * place))
+def dashes(index: int, count: int) -> tuple[float, Sequence[float]]:
+    """Return the line style of the curve with this index among `count` overlapping curves."""
+    return (0.0, (_DASH_LENGTH * (count - index), _DASH_LENGTH * index))
 
 
 def _coincide(axes: Axes, one: Line2D, other: Line2D) -> bool:
@@ -46,8 +50,16 @@ def _coincide(axes: Axes, one: Line2D, other: Line2D) -> bool:
 
 
 def quantiles_over_flights(values: np.ndarray, shares: Sequence[float]) -> np.ndarray:
-    """Return quantiles (shares, n) at each of n instants over values (flights, n), without NaN; NaN if all are NaN."""
-    found = np.full((len(shares), values.shape[1]), np.nan)
-    there = ~np.isnan(values).all(axis=0)
-    found[:, there] = np.nanquantile(values[:, there], shares, axis=0)
-    return found
+    """Return quantiles over the flights, ignoring NaN, at each of n instants; NaN where all flights are NaN.
+
+    Args:
+        values: values (flights, n).
+        shares: probabilities of the quantiles.
+
+    Returns:
+        The quantiles (shares, n).
+    """
+    quantiles = np.full((len(shares), values.shape[1]), np.nan)
+    has_values = ~np.isnan(values).all(axis=0)
+    quantiles[:, has_values] = np.nanquantile(values[:, has_values], shares, axis=0)
+    return quantiles

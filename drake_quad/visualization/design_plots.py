@@ -13,55 +13,55 @@ from drake_quad.linear.margins import frequencies
 from drake_quad.linear.step_response import release
 from drake_quad.signals import State
 from drake_quad.visualization.panels import new_panels
-from drake_quad.visualization.style import BLACK, BLUE, LIMIT, PLATE, VERMILION
+from drake_quad.visualization.style import BLACK, BLUE, LIMIT, TEXT_BACKGROUND, VERMILION
 
-# One axis of each kind of loop is drawn, because roll and y are their mirror images.
-_DRAWN = {"pitch": "attitude (pitch)", "x": "position (x)"}
-# There is no attitude loop to draw if the autopilot controls the attitude with given gains.
-_DRAWN_WITH_AUTOPILOT = {"z": "height (z)", "x": "position (x)"}
-# Each step of the reference has the row of the state, the size in SI units, and the label of the axis.
+# Titles of the drawn loops. Roll and y are left out, because they are mirror images of pitch and x.
+_LOOP_TITLES = {"pitch": "attitude (pitch)", "x": "position (x)"}
+# Titles of the drawn loops if no attitude loop is designed, because the autopilot controls the attitude.
+_LOOP_TITLES_WITH_AUTOPILOT = {"z": "height (z)", "x": "position (x)"}
+# Steps of the reference: row of the state, size in SI units, and label of the axis.
 _STEPS = (("x", 0.5, "x (m)"), ("z", 0.5, "z (m)"), ("yaw", 0.5, "yaw (rad)"))
 
 
-def _drawn(loops: Mapping[str, LoopDesign]) -> dict[str, str]:
-    """Return the titles of the two loops that are drawn, by axis."""
-    return _DRAWN if loops.keys() >= _DRAWN.keys() else _DRAWN_WITH_AUTOPILOT
+def _titles_of_drawn_loops(loops: Mapping[str, LoopDesign]) -> dict[str, str]:
+    """Return the titles of the two drawn loops, by axis."""
+    return _LOOP_TITLES if loops.keys() >= _LOOP_TITLES.keys() else _LOOP_TITLES_WITH_AUTOPILOT
 
 
 def plot_bode(design: CascadeDesign) -> Figure:
-    """Plot gain and phase of the attitude and the position loop over frequency, with their margins."""
+    """Plot gain and phase of both drawn loops over frequency, with the stability margins."""
     import control
 
     loops = design.all_loops
     with new_panels(9.0, 5.4, 2, 2, sharex="col", sharey="row") as (figure, grid):
-        for column, (axis, title) in enumerate(_drawn(loops).items()):
+        for column, (axis, title) in enumerate(_titles_of_drawn_loops(loops).items()):
             loop, panels = pd_loop(loops[axis].plant, loops[axis].gains).to_control(), grid[:, [column]]
             omega = frequencies(loop.dt)
             control.bode_plot(loop, omega, ax=panels, dB=True, display_margins=True, color=BLUE, title="")
             upper, lower = panels[:, 0]
-            found, delay = upper.get_title().partition(": ")[2], loops[axis].margins.delay
-            upper.set_title(f"{title}, delay margin {1e3 * delay:.0f} ms\n{found}", fontsize=8.5)
+            margins, delay = upper.get_title().partition(": ")[2], loops[axis].margins.delay
+            upper.set_title(f"{title}, delay margin {1e3 * delay:.0f} ms\n{margins}", fontsize=8.5)
             upper.set(ylim=(-60.0, 60.0))
             lower.set(ylim=(-360.0, -90.0), xlim=(0.02, math.pi / loop.dt))
         return figure
 
 
 def plot_nyquist(design: CascadeDesign) -> Figure:
-    """Plot the Nyquist curves of both loops, with the disk around -1 that they avoid."""
+    """Plot the Nyquist curves of both drawn loops, with the disk around -1 that the disk margin excludes."""
     loops = design.all_loops
     with new_panels(9.0, 4.5, 1, 2) as (figure, (row,)):
-        for axes, (axis, title) in zip(row, _drawn(loops).items(), strict=True):
+        for axes, (axis, title) in zip(row, _titles_of_drawn_loops(loops).items(), strict=True):
             loop = loops[axis]
             _, response = _response(loop)
             axes.plot(response.real, response.imag, color=BLUE, label="L")
-            turn = np.linspace(0.0, 2.0 * np.pi, 200)
-            axes.plot(np.cos(turn), np.sin(turn), label="|L| = 1", **LIMIT)
-            # The disk of a disk margin α reaches from -(1 - α/2) / (1 + α/2) on the real axis to the inverse of that.
+            angles = np.linspace(0.0, 2.0 * np.pi, 200)
+            axes.plot(np.cos(angles), np.sin(angles), label="|L| = 1", **LIMIT)
+            # On the real axis, the disk of margin α extends from -(1 + α/2) / (1 - α/2) to -(1 - α/2) / (1 + α/2).
             low = (1.0 - 0.5 * loop.margins.disk) / (1.0 + 0.5 * loop.margins.disk)
             middle, radius = -0.5 * (low + 1.0 / low), 0.5 * (1.0 / low - low)
             axes.fill(
-                middle + radius * np.cos(turn),
-                radius * np.sin(turn),
+                middle + radius * np.cos(angles),
+                radius * np.sin(angles),
                 color="0.9",
                 label=f"disk margin {loop.margins.disk:.2f}",
             )
@@ -73,12 +73,12 @@ def plot_nyquist(design: CascadeDesign) -> Figure:
 
 
 def plot_root_locus(design: CascadeDesign) -> Figure:
-    """Plot the root locus of the position loop over a common factor on both of its gains."""
+    """Plot the root locus of the position loop, whose two gains are multiplied by a common factor."""
     loop = design.loops["x"]
     plant, period = loop.plant, loop.plant.period
-    factors = np.concatenate([[0.0], np.geomspace(0.01, 30.0, 1500)])  # multiply both gains
-    row = np.array([loop.gains])
-    poles = np.linalg.eigvals(plant.A - factors[:, np.newaxis, np.newaxis] * (plant.B @ row @ plant.C))
+    factors = np.concatenate([[0.0], np.geomspace(0.01, 30.0, 1500)])  # factors on both gains
+    gain_row = np.array([loop.gains])
+    poles = np.linalg.eigvals(plant.A - factors[:, np.newaxis, np.newaxis] * (plant.B @ gain_row @ plant.C))
     limit_factor = 10.0 ** (loop.margins.gain / 20.0)
     with new_panels(7.0, 5.2) as (figure, axes):
         s = _continuous(poles, period)
@@ -90,17 +90,17 @@ def plot_root_locus(design: CascadeDesign) -> Figure:
         ):
             if not math.isfinite(factor):
                 continue
-            place = _continuous(plant.with_feedback(factor * row).poles(), period)
-            axes.plot(place.real, place.imag, marker, color=color, label=label, markerfacecolor="none", markersize=7)
-        edge = _continuous(plant.with_feedback(limit_factor * row).poles(), period)
-        critical = edge[np.nanargmin(np.abs(edge.real))] if math.isfinite(limit_factor) else 0.0
+            roots = _continuous(plant.with_feedback(factor * gain_row).poles(), period)
+            axes.plot(roots.real, roots.imag, marker, color=color, label=label, markerfacecolor="none", markersize=7)
+        critical_poles = _continuous(plant.with_feedback(limit_factor * gain_row).poles(), period)
+        critical = critical_poles[np.nanargmin(np.abs(critical_poles.real))] if math.isfinite(limit_factor) else 0.0
         limit = max(4.0 * loop.margins.bandwidth, 1.2 * abs(critical.imag))
         for damping in (0.3, 0.5, 0.7):
             x = -damping / math.sqrt(1.0 - damping**2) * limit
             axes.plot(
                 [0.0, x, np.nan, 0.0, x], [0.0, limit, np.nan, 0.0, -limit], color="0.85", linewidth=0.8, zorder=0
             )
-            axes.annotate(f"ζ {damping:g}", (0.93 * x, 0.93 * limit), color="0.45", fontsize=8.5, bbox=PLATE)
+            axes.annotate(f"ζ {damping:g}", (0.93 * x, 0.93 * limit), color="0.45", fontsize=8.5, bbox=TEXT_BACKGROUND)
         axes.axvline(0.0, color="0.4", linewidth=0.8)
         axes.set(
             xlabel="Re s (1/s)",
@@ -114,7 +114,7 @@ def plot_root_locus(design: CascadeDesign) -> Figure:
 
 
 def plot_steps(loop: ClosedLoop) -> Figure:
-    """Plot the responses of the diagram and of its linear model to steps of position, height and yaw."""
+    """Plot the responses of the nonlinear diagram and of its linear model to steps of x, z and yaw."""
     slowest = -math.log(np.abs(loop.system.poles()).max()) / loop.system.period
     duration = min(max(5.0 / slowest, 4.0), 60.0)
     with new_panels(9.0, 3.4, 1, 3) as (figure, (panels,)):
@@ -139,11 +139,11 @@ DESIGN_PLOTS: dict[str, Callable[[CascadeDesign], Figure]] = {
 
 
 def _continuous(poles: np.ndarray, period: float) -> np.ndarray:
-    """Return poles in continuous time, s = log(z) / period; NaN for poles of delay lines."""
+    """Return poles in continuous time, s = log(z) / period; NaN for poles near z = 0, which belong to delay lines."""
     return np.asarray(np.log(np.where(np.abs(poles) > 1e-6, poles, np.nan).astype(complex)) / period)
 
 
 def _response(design: LoopDesign) -> tuple[np.ndarray, np.ndarray]:
-    """Return frequencies (rad/s), and the loop transfer function L at each of them."""
+    """Return frequencies, rad/s, and the loop transfer function L at each frequency."""
     grid = frequencies(design.plant.period)
     return grid, pd_loop(design.plant, design.gains).response(np.exp(1j * grid * design.plant.period))[:, 0, 0]

@@ -1,4 +1,4 @@
-"""Images of vehicles in flight as arrays, for environments that render each tick."""
+"""Camera images of vehicles in flight as arrays, for environments that render every tick."""
 
 from typing import Any
 
@@ -18,23 +18,25 @@ from drake_quad.signals import Reference, State
 from drake_quad.visualization.obstacles import draw_solids
 from drake_quad.visualization.replay.scene import reference_points
 
-# Size in inches, resolution and font size give a frame of 480 by 360 pixels, as in videos of rollouts.
-_SIZE, _DPI, _FONT = (4.8, 3.6), 100.0, 8
-# A vehicle smaller than this share of the scene is enlarged to remain visible.
+# A frame has 480 by 360 pixels, which is enough for a video of a rollout.
+_SIZE = (4.8, 3.6)  # inches
+_DPI = 100.0
+_FONT_SIZE = 8
+# A vehicle that is smaller than this share of the scene is enlarged to this share, so that it remains visible.
 _MIN_VEHICLE_SHARE = 0.05
-# Share of the frame that the scene fills with its labels.
-_FRAME_SHARE = 0.97
-# Largest number of tick marks along the longest side.
-_MARKS = 6
+# Largest share of the width and of the height of the frame that the scene and its labels fill.
+_MAX_FRAME_SHARE = 0.97
+# Number of tick marks along the longest side of the scene.
+_NUM_TICK_MARKS = 6
 _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 25)
-_BODY: dict[str, Any] = {"color": "0.1", "linewidth": 2.0, "solid_capstyle": "round"}
-_FRONT: dict[str, Any] = {"color": "tab:red", "linewidth": 1.6}
-_DISC: dict[str, Any] = {"color": "tab:blue", "linewidth": 1.6}
-_TARGET: dict[str, Any] = {"color": "tab:green", "marker": "o", "markersize": 5, "linestyle": "none"}
+_BODY_STYLE: dict[str, Any] = {"color": "0.1", "linewidth": 2.0, "solid_capstyle": "round"}
+_NOSE_STYLE: dict[str, Any] = {"color": "tab:red", "linewidth": 1.6}
+_DISC_STYLE: dict[str, Any] = {"color": "tab:blue", "linewidth": 1.6}
+_TARGET_STYLE: dict[str, Any] = {"color": "tab:green", "marker": "o", "markersize": 5, "linestyle": "none"}
 
 
 class Camera:
-    """Camera that shows the room in which a plan is flown.
+    """Camera that renders the room in which a plan is flown.
 
     Args:
         scenario: scenario with the vehicle and the obstacles.
@@ -49,36 +51,36 @@ class Camera:
         axes.plot(*path.T, color="0.6", linewidth=1.0)
         rotors = rotors_of(scenario.nominal)
         self._arms = np.array([[float(rotor.x), float(rotor.y), float(rotor.z)] for rotor in rotors])
-        reach = float(np.linalg.norm(self._arms[:, :2], axis=1).max())
-        corners = [path.min(axis=0) - 3.0 * reach, path.max(axis=0) + 3.0 * reach]
+        arm_length = float(np.linalg.norm(self._arms[:, :2], axis=1).max())
+        corners = [path.min(axis=0) - 3.0 * arm_length, path.max(axis=0) + 3.0 * arm_length]
         space = space_of(scenario)
         if space is not None and space.obstacles:
-            around = draw_solids(axes, space)
-            corners = [np.minimum(corners[0], around[0]), np.maximum(corners[1], around[1])]
+            obstacle_corners = draw_solids(axes, space)
+            corners = [np.minimum(corners[0], obstacle_corners[0]), np.maximum(corners[1], obstacle_corners[1])]
         low, high = np.array(corners)
         size = np.maximum(high - low, 0.3 * (high - low).max())
         middle = 0.5 * (low + high)
         for axis, name in enumerate("xyz"):
             getattr(axes, f"set_{name}lim")(middle[axis] - 0.5 * size[axis], middle[axis] + 0.5 * size[axis])
-            getattr(axes, f"set_{name}label")(f"{name.upper()} (m)", fontsize=_FONT, labelpad=1)
-            marks = max(2, round(_MARKS * size[axis] / size.max()))
-            getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(marks))
-        axes.tick_params(labelsize=_FONT, pad=-1)
+            getattr(axes, f"set_{name}label")(f"{name.upper()} (m)", fontsize=_FONT_SIZE, labelpad=1)
+            num_marks = max(2, round(_NUM_TICK_MARKS * size[axis] / size.max()))
+            getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(num_marks))
+        axes.tick_params(labelsize=_FONT_SIZE, pad=-1)
         _fit(axes, size, self._canvas)
-        enlarged = max(1.0, _MIN_VEHICLE_SHARE * size.max() / reach)
-        self._arms = enlarged * self._arms
-        self._radius = 0.45 * enlarged * reach
+        enlargement = max(1.0, _MIN_VEHICLE_SHARE * size.max() / arm_length)
+        self._arms = enlargement * self._arms
+        self._radius = 0.45 * enlargement * arm_length
         self._axes = axes
         self._canvas.draw()
         self._background = self._canvas.copy_from_bbox(figure.bbox)
         self._projection = axes.get_proj()
 
     def frames(self, state: State, reference: Reference) -> tuple[np.ndarray, ...]:
-        """Return a frame of each of N vehicles, (height, width, 3) uint8, with a green dot at its reference.
+        """Return an image of each of N vehicles, (height, width, 3) uint8, with a green dot at its reference.
 
         Args:
-            state: states of the vehicles, with rows (N,).
-            reference: references of the vehicles, with rows (N,).
+            state: states of the vehicles; each row is an array (N,).
+            reference: references of the vehicles; each row is an array (N,).
         """
         rows = np.array([*state[:6], *reference[:3]]).T
         return tuple([self._frame(row) for row in rows])
@@ -86,16 +88,16 @@ class Camera:
     def _frame(self, row: np.ndarray) -> np.ndarray:
         x, y, z, roll, pitch, yaw, *target = row.tolist()
         self._canvas.restore_region(self._background)
-        self._draw(np.array([target]), _TARGET)
+        self._draw(np.array([target]), _TARGET_STYLE)
         if np.isfinite([x, y, z, roll, pitch, yaw]).all():
             axes = np.array(BodyAxes.of(roll, pitch, yaw))
             middle = np.array([x, y, z])
             front = 1.6 * self._radius * axes[0]
             for arm in self._arms @ axes:
-                self._draw(np.array([middle, middle + arm]), _BODY)
+                self._draw(np.array([middle, middle + arm]), _BODY_STYLE)
                 disc = self._radius * (np.outer(np.cos(_CIRCLE), axes[0]) + np.outer(np.sin(_CIRCLE), axes[1]))
-                self._draw(middle + arm + disc, _DISC)
-            self._draw(np.array([middle, middle + front]), _FRONT)
+                self._draw(middle + arm + disc, _DISC_STYLE)
+            self._draw(np.array([middle, middle + front]), _NOSE_STYLE)
         pixels: np.ndarray = np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
         return pixels
 
@@ -106,14 +108,14 @@ class Camera:
 
 
 def _fit(axes: Any, size: np.ndarray, canvas: FigureCanvasAgg) -> None:
-    """Scale a scene with its labels to fill its frame, and centre it."""
+    """Scale a scene so that it fills its frame together with its labels, and centre it."""
     frame, zoom = axes.figure.bbox, 1.0
-    # Labels do not scale with the scene, so the fit is repeated.
+    # The size of the labels does not change with the zoom, so the fit is repeated until it converges.
     for _ in range(3):
         axes.set_box_aspect(tuple(size), zoom=zoom)
         canvas.draw()
-        seen = axes.get_tightbbox()
-        zoom *= _FRAME_SHARE * min(frame.width / seen.width, frame.height / seen.height)
-    across = (frame.x0 + frame.x1 - seen.x0 - seen.x1) / frame.width / 2.0
-    up = (frame.y0 + frame.y1 - seen.y0 - seen.y1) / frame.height / 2.0
+        extent = axes.get_tightbbox()
+        zoom *= _MAX_FRAME_SHARE * min(frame.width / extent.width, frame.height / extent.height)
+    across = (frame.x0 + frame.x1 - extent.x0 - extent.x1) / frame.width / 2.0
+    up = (frame.y0 + frame.y1 - extent.y0 - extent.y1) / frame.height / 2.0
     axes.set_position((across, up, 1.0, 1.0))

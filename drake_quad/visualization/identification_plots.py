@@ -1,4 +1,4 @@
-"""Plots of an identification: forecast and residuals, thrust, correlations, and errors of open-loop prediction."""
+"""Plots of an identification: forecasts, residuals, thrust curve, correlations, and open-loop prediction errors."""
 
 import math
 import textwrap
@@ -18,9 +18,9 @@ from drake_quad.visualization.names import short_name
 from drake_quad.visualization.panels import new_panels, plot_intervals
 from drake_quad.visualization.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, REFERENCE, VERMILION
 
-_MAX_WINDOWS = 10  # windows in a plot of the fit
-_MAX_LABEL_LENGTH = 15  # characters that fit on a line beside an axis
-_BAND = "0.92"
+_MAX_WINDOWS = 10  # largest number of windows in a plot of the fit
+_MAX_LABEL_LENGTH = 15  # largest number of characters in a line beside an axis
+_BAND_COLOUR = "0.92"
 _COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, BLACK)
 # Conversion factor and label of each display unit.
 _DISPLAY_UNITS = {
@@ -32,7 +32,7 @@ _DISPLAY_UNITS = {
 
 
 def plot_fit(identification: Identification) -> Figure:
-    """Plot measurements, their forecast and its errors in the first windows of held-out flight."""
+    """Plot measurements, forecasts and forecast errors in the first windows of the held-out flight."""
     outputs = identification.outputs
     size = 10.0, 0.6 + 1.25 * len(outputs)
     with new_panels(*size, len(outputs), 2, sharex=True, width_ratios=[1.6, 1.0]) as (figure, rows):
@@ -54,19 +54,19 @@ def _draw_windows(left: Axes, right: Axes, output: ForecastOutput) -> None:
         time = output.time[window]
         if window % 2:
             for axes in (left, right):
-                axes.axvspan(time[0], time[-1], color=_BAND, linewidth=0.0, zorder=0)
+                axes.axvspan(time[0], time[-1], color=_BAND_COLOUR, linewidth=0.0, zorder=0)
         measured, predicted = ("measured", "forecast") if window == 0 else (None, None)
         left.plot(time, factor * output.measured[window], color="0.45", linewidth=2.2, label=measured)
         left.plot(time, factor * output.predicted[window], color=BLUE, linewidth=1.1, label=predicted)
         right.plot(time, factor * output.residual[window], color=VERMILION, linewidth=0.8)
     left.set_ylabel("\n".join([*textwrap.wrap(output.name, _MAX_LABEL_LENGTH), f"({unit})"]))
     right.axhline(0.0, color="0.3", linewidth=0.8)
-    said = f"explained {100.0 * output.explained:.1f} %" if output.explained > 0.0 else "nothing explained"
-    right.set_title(said, loc="right", fontsize=8, pad=2.0)
+    text = f"explained variance {100.0 * output.explained:.1f} %" if output.explained > 0.0 else "no variance explained"
+    right.set_title(text, loc="right", fontsize=8, pad=2.0)
 
 
 def plot_residuals(identification: Identification) -> Figure:
-    """Plot the autocorrelation and the spectrum of the forecast errors; a flat spectrum is that of white noise."""
+    """Plot the autocorrelation and the spectrum of the forecast errors; white noise has a flat spectrum."""
     with new_panels(9.0, 3.4, 1, 2) as (figure, ((left, right),)):
         for i, output in enumerate(identification.outputs):
             colour, style = _COLOURS[i % len(_COLOURS)], ("-", "--", ":")[i // len(_COLOURS) % 3]
@@ -74,8 +74,8 @@ def plot_residuals(identification: Identification) -> Figure:
             left.plot(lags, correlation, color=colour, linestyle=style, linewidth=1.1, label=output.name)
             frequency, density = _spectrum(output)
             right.loglog(frequency, density, color=colour, linestyle=style, linewidth=1.1)
-        reach = 1.96 / math.sqrt(identification.outputs[0].residual.size)
-        left.axhspan(-reach, reach, color=_BAND, zorder=0)
+        half_width = 1.96 / math.sqrt(identification.outputs[0].residual.size)
+        left.axhspan(-half_width, half_width, color=_BAND_COLOUR, zorder=0)
         left.set(xlabel="lag (s)", ylabel="autocorrelation (1)", ylim=(-0.6, 1.05))
         right.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         right.xaxis.set_major_formatter("{x:g}")
@@ -88,10 +88,12 @@ def plot_residuals(identification: Identification) -> Figure:
 def _autocorrelation(output: ForecastOutput) -> tuple[np.ndarray, np.ndarray]:
     residual = output.residual - output.residual.mean()
     samples = residual.shape[1]
-    most = samples // 2
+    num_lags = samples // 2
     variance = float(np.mean(residual**2)) or 1.0
-    found = [float(np.mean(residual[:, lag:] * residual[:, : samples - lag])) / variance for lag in range(most)]
-    return (output.time[0, :most] - output.time[0, 0]), np.array(found)
+    correlations = [
+        float(np.mean(residual[:, lag:] * residual[:, : samples - lag])) / variance for lag in range(num_lags)
+    ]
+    return (output.time[0, :num_lags] - output.time[0, 0]), np.array(correlations)
 
 
 def _spectrum(output: ForecastOutput) -> tuple[np.ndarray, np.ndarray]:
@@ -104,41 +106,46 @@ def _spectrum(output: ForecastOutput) -> tuple[np.ndarray, np.ndarray]:
 
 
 def plot_thrust(identification: Identification, commands: np.ndarray | None = None) -> Figure | None:
-    """Plot the thrust of a rotor over its throttle with a 95 % band; return None if no curve was estimated.
+    """Plot the thrust of a rotor over its throttle with a 95 % confidence band.
 
     Args:
-        identification: identification.
-        commands: logged throttles, whose range is marked.
+        identification: identification of the vehicle.
+        commands: logged throttles, whose range from the 1 % to the 99 % quantile is shaded.
+
+    Returns:
+        The figure; None if the identification estimated no thrust curve.
     """
     estimates = identification.estimates
     names = [f"motors.curve[{i}]" for i in range(3)]
-    found = [name for name in names if name in estimates.names]
-    if not found:
+    estimated_names = [name for name in names if name in estimates.names]
+    if not estimated_names:
         return None
     curve = identification.vehicle.vehicle.motors.curve  # type: ignore[union-attr]
     throttle = np.linspace(0.0, 1.0, 101)
-    places = [estimates.names.index(name) for name in found]
-    slopes = np.stack([throttle ** names.index(name) for name in found], axis=1)
-    covariance = estimates.covariance[np.ix_(places, places)]
+    indices = [estimates.names.index(name) for name in estimated_names]
+    slopes = np.stack([throttle ** names.index(name) for name in estimated_names], axis=1)
+    covariance = estimates.covariance[np.ix_(indices, indices)]
     deviation = np.sqrt(np.einsum("ti,ij,tj->t", slopes, covariance, slopes))
-    reach = float(estimates.quantiles()[places].max()) * deviation
+    half_width = float(estimates.quantiles()[indices].max()) * deviation
     thrust = np.asarray(thrust_of(throttle, ThrustCurve(*map(float, curve))))  # type: ignore[arg-type]
     vehicle = identification.vehicle.vehicle
     with new_panels(5.6, 3.8) as (figure, axes):
-        axes.fill_between(throttle, thrust - reach, thrust + reach, color=BLUE, alpha=0.25, linewidth=0.0, label="95 %")
+        axes.fill_between(
+            throttle, thrust - half_width, thrust + half_width, color=BLUE, alpha=0.25, linewidth=0.0, label="95 %"
+        )
         axes.plot(throttle, thrust, color=BLUE, label="identified")
         hover = 0.25 * float(vehicle.mass) * float(vehicle.gravity)
         axes.axhline(hover, **REFERENCE, label="hover")
         if commands is not None:
             low, high = np.quantile(commands, [0.01, 0.99])
-            axes.axvspan(low, high, color=_BAND, zorder=0, label="flown")
+            axes.axvspan(low, high, color=_BAND_COLOUR, zorder=0, label="flown")
         axes.set(xlabel="throttle (1)", ylabel="thrust of a rotor (N)", xlim=(0.0, 1.0), ylim=(0.0, None))
         figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=4)
         return figure
 
 
 def plot_correlations(estimates: Estimates) -> Figure:
-    """Plot the correlations of the errors of estimates, as colours and numbers."""
+    """Plot the correlation matrix of the estimation errors, as colours and numbers."""
     count = len(estimates.names)
     labels = [short_name(name) for name in estimates.names]
     size = 2.6 + 0.42 * count
@@ -153,24 +160,26 @@ def plot_correlations(estimates: Estimates) -> Figure:
                 if i != j and abs(value) >= 0.05:
                     colour = "white" if abs(value) > 0.7 else "black"
                     axes.text(j, i, f"{value:.1f}", ha="center", va="center", fontsize=7, color=colour)
-        figure.colorbar(shades, ax=axes, shrink=0.7, label="correlation of errors (1)")
+        figure.colorbar(shades, ax=axes, shrink=0.7, label="correlation of estimation errors (1)")
         return figure
 
 
 def plot_predictions(predictions: Predictions, quantities: Sequence[str] = ("position", "attitude")) -> Figure:
     """Plot the RMS errors of open-loop predictions over the horizon, with 95 % intervals."""
-    there = [name for name in quantities if name in predictions.errors] or list(predictions.errors)[:2]
-    with new_panels(4.4 * len(there) + 0.4, 3.6, 1, len(there)) as (figure, (row,)):
-        for axes, quantity in zip(row, there, strict=True):
+    shown_quantities = [name for name in quantities if name in predictions.errors] or list(predictions.errors)[:2]
+    with new_panels(4.4 * len(shown_quantities) + 0.4, 3.6, 1, len(shown_quantities)) as (figure, (row,)):
+        for axes, quantity in zip(row, shown_quantities, strict=True):
             factor, unit = _DISPLAY_UNITS[UNITS[quantity]]
             for i, vehicle in enumerate(predictions.vehicles):
                 errors = [predictions.rmse(quantity, vehicle, horizon) for horizon in predictions.horizons]
                 value, low, high = factor * np.transpose(errors)
                 known = np.isfinite(value)
-                found = np.transpose([value, low, np.where(np.isfinite(high), high, value)])[known]
-                shift = 1.0 + 0.03 * (i - 0.5 * (len(predictions.vehicles) - 1))
-                look: dict[str, Any] = {"color": _COLOURS[i], "marker": "o", "markersize": 4, "capsize": 3}
-                plot_intervals(axes, shift * np.array(predictions.horizons)[known], found, label=vehicle, **look)
+                intervals = np.transpose([value, low, np.where(np.isfinite(high), high, value)])[known]
+                factor_on_horizon = 1.0 + 0.03 * (i - 0.5 * (len(predictions.vehicles) - 1))
+                style: dict[str, Any] = {"color": _COLOURS[i], "marker": "o", "markersize": 4, "capsize": 3}
+                plot_intervals(
+                    axes, factor_on_horizon * np.array(predictions.horizons)[known], intervals, label=vehicle, **style
+                )
             axes.set(
                 xscale="log",
                 yscale="log",

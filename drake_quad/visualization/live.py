@@ -1,7 +1,7 @@
-"""Flight in Meshcat in real time, whose wind, gains and mass are changed while it goes on.
+"""Flight in Meshcat in real time, whose wind, gains and mass can be changed during the flight.
 
-The page has a slider for each number, buttons for a gust, for the failure of a motor and for a new start, and two
-sliders that show the position error. The diagram is the one that `simulate` flies.
+The page has a slider for each of these numbers, buttons for a gust, for a motor failure, for a new start and for the
+end, and two sliders that display the position error. The simulated diagram is the one that `simulate` uses.
 """
 
 import time
@@ -23,30 +23,32 @@ from drake_quad.scenario.limits import LONGEST
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.numbers import number_at, with_number
 from drake_quad.signals import Reference, State
-from drake_quad.visualization.places import places
+from drake_quad.visualization.positions import positions
 from drake_quad.visualization.replay.visualizer import QuadrotorVisualizer
 
-_FRAME = 1.0 / 32.0  # s, time between two looks at the page
+_FRAME_PERIOD = 1.0 / 32.0  # s, period with which the sliders and buttons are read
 _MAX_WIND = 10.0  # m/s, along X and Y
-_GUST_SPEED, _GUST_DURATION = 8.0, 1.5  # m/s, s
+_GUST_SPEED = 8.0  # m/s
+_GUST_DURATION = 1.5  # s
 _ERROR_WINDOW = 5.0  # s, window for the RMS error
-_MAX_SHOWN_ERROR = 200.0  # cm
+_MAX_SHOWN_ERROR = 200.0  # cm, upper end of the sliders that display the error
 _MAX_FACTOR = 3.0  # largest factor on a gain
-_MASS_RATIOS = (0.5, 1.5)  # range of the mass, relative to the mass of the scenario
-_WIND = ("wind X (m/s)", "wind Y (m/s)")
-_MASS = "mass (kg)"
+_MASS_RATIOS = (0.5, 1.5)  # range of the mass slider, relative to the mass in the scenario
+_WIND_LABELS = ("wind X (m/s)", "wind Y (m/s)")
+_MASS_LABEL = "mass (kg)"
 _FAILURE_TIME = "vehicle.rotor_failure.time"
-_ERRORS = ("error (cm)", "RMS error, 5 s (cm)")
+_ERROR_LABELS = ("error (cm)", "RMS error, 5 s (cm)")
 _GUST, _FAILURE, _RESTART, _STOP = "gust", "motor fails", "start again", "stop"
-_BUTTONS = {_GUST: "KeyG", _FAILURE: "KeyM", _RESTART: "KeyR", _STOP: "Escape"}  # each with its key
+# Keyboard key of each button.
+_BUTTONS = {_GUST: "KeyG", _FAILURE: "KeyM", _RESTART: "KeyR", _STOP: "Escape"}
 
 
 class _Gain(NamedTuple):
-    """Gain of the position controller along all axes, as a factor of the scenario's.
+    """Gain of the position controller, which a slider multiplies by a common factor on all axes.
 
     Attributes:
-        label: label of its slider.
-        paths: fields of the scenario.
+        label: label of the slider.
+        paths: paths of the gain in the scenario, one for each axis.
     """
 
     label: str
@@ -54,16 +56,16 @@ class _Gain(NamedTuple):
 
 
 class LiveFlight:
-    """Flight of one sample of a scenario whose numbers can be changed while it goes on.
+    """Flight of one sample of a scenario, whose wind, mass and gains can be changed during the flight.
 
     Args:
-        scenario: scenario that is flown.
+        scenario: scenario to simulate.
         meshcat: server that shows the flight.
-        sample: sample of the scenario.
+        sample: number of the sample.
         rate: ratio of simulated time to real time; 0 for as fast as possible.
 
     Raises:
-        InputError: as `simulate`.
+        InputError: if `simulate` cannot fly the scenario either.
     """
 
     def __init__(self, scenario: Scenario, meshcat: Meshcat, *, sample: int = 0, rate: float = 1.0) -> None:
@@ -71,16 +73,16 @@ class LiveFlight:
         self.plan = plan_route(drawn)
         self.duration = flight_duration(drawn, self.plan)
         self._meshcat, self._sample = meshcat, sample
-        # An autopilot that models the attitude response has no rotors that could fail.
+        # With an autopilot that models the attitude response, the diagram has no rotors that could fail.
         self._can_fail = not drawn.laboratory.autopilot.models_vehicle
-        self._scenario = self._given = _with_failure(drawn) if self._can_fail else drawn
+        self._scenario = self._given = _with_failing_motor(drawn) if self._can_fail else drawn
         self._wind: Any = ConstantVectorSource(np.zeros(3))
         self._own = UserSystems(wind=self._wind)
         self._diagram = build_fleet_diagram(self._batch, self.plan, own=self._own)
         self.simulator = Simulator(self._diagram)
         self.simulator.set_target_realtime_rate(rate)
         self._visualizer = QuadrotorVisualizer(meshcat, drawn, self.plan)
-        self._gains = [*_gains_of(drawn)]
+        self._gains = [*_position_gains(drawn)]
         self._errors: list[float] = []
         self._gust_end = -np.inf
         self._clicks: dict[str, int] = {}
@@ -104,7 +106,7 @@ class LiveFlight:
 
     @property
     def scenario(self) -> Scenario:
-        """Scenario with the numbers that fly now."""
+        """Scenario with the current values of mass and gains."""
         return self._scenario
 
     @property
@@ -113,12 +115,12 @@ class LiveFlight:
         return bool(self._diagram.GetOutputPort("crashed").Eval(self.simulator.get_context())[0])
 
     def fly(self, duration: float = np.inf) -> Iterator[float]:
-        """Fly over and over until somebody clicks on stop; yield the time of the flight (s) after each frame.
+        """Repeat the flight until the user clicks on "stop", and yield the flight time (s) after each frame.
 
-        After a crash the vehicle lies where it is until somebody clicks on start.
+        After a crash, the vehicle remains where it is until the user clicks on "start again".
 
         Args:
-            duration: simulated time of all flights together after which it ends, s.
+            duration: total simulated time of all repetitions after which the simulation ends, s.
         """
         flown = 0.0
         while flown < duration and not self._clicked(_STOP):
@@ -126,21 +128,21 @@ class LiveFlight:
                 self._start()
             self._read_controls()
             if self.crashed:
-                time.sleep(_FRAME)
+                time.sleep(_FRAME_PERIOD)
             else:
-                self.simulator.AdvanceTo(min(self.time + _FRAME, self.duration))
+                self.simulator.AdvanceTo(min(self.time + _FRAME_PERIOD, self.duration))
                 self._show_error()
-            flown += _FRAME
+            flown += _FRAME_PERIOD
             yield self.time
 
     def _add_controls(self) -> None:
         sliders: list[tuple[str, float, float, float, float]] = []
-        sliders += [(label, -_MAX_WIND, _MAX_WIND, 0.1, 0.0) for label in _WIND]
+        sliders += [(label, -_MAX_WIND, _MAX_WIND, 0.1, 0.0) for label in _WIND_LABELS]
         mass = float(self._given.vehicle.mass)
-        least, most = (round(ratio * mass, 4) for ratio in _MASS_RATIOS)
-        sliders.append((_MASS, least, most, 1e-4, mass))
+        lowest, highest = (round(ratio * mass, 4) for ratio in _MASS_RATIOS)
+        sliders.append((_MASS_LABEL, lowest, highest, 1e-4, mass))
         sliders += [(gain.label, 0.0, _MAX_FACTOR, 0.01, 1.0) for gain in self._gains]
-        for label in _ERRORS:
+        for label in _ERROR_LABELS:
             self._meshcat.AddSlider(label, 0.0, _MAX_SHOWN_ERROR, 0.1, 0.0)
         for label, low, high, step, value in sliders:
             self._values[label] = self._meshcat.AddSlider(label, low, high, step, value)
@@ -149,7 +151,7 @@ class LiveFlight:
                 self._meshcat.AddButton(button, key)
 
     def _start(self) -> None:
-        """Begin a flight with the present numbers, and with all motors."""
+        """Start a flight with the current mass and gains, and with all motors intact."""
         if self._can_fail:
             self._scenario = with_number(self._scenario, _FAILURE_TIME, number_at(self._given, _FAILURE_TIME))
         context = self.simulator.get_mutable_context()
@@ -164,10 +166,12 @@ class LiveFlight:
         return self._clicks[button] > before
 
     def _read_controls(self) -> None:
-        """Apply the values of the sliders and the clicks on buttons."""
-        changed = {label: value for label in self._values if (value := self._slider(label)) != self._values[label]}
+        """Apply the values of the sliders and the button clicks to the simulation."""
+        changed = {
+            label: value for label in self._values if (value := self._slider_value(label)) != self._values[label]
+        }
         self._values |= changed
-        numbers = {"vehicle.mass": changed[_MASS]} if _MASS in changed else {}
+        numbers = {"vehicle.mass": changed[_MASS_LABEL]} if _MASS_LABEL in changed else {}
         for gain in self._gains:
             if gain.label in changed:
                 numbers |= {path: changed[gain.label] * number_at(self._given, path) for path in gain.paths}
@@ -180,34 +184,37 @@ class LiveFlight:
             set_fleet_numbers(self._diagram, context, self._batch, self.plan, own=self._own)
         if self._clicked(_GUST):
             self._gust_end = self.time + _GUST_DURATION
-        wind = np.array([*(self._values[label] for label in _WIND), 0.0])
+        wind = np.array([*(self._values[label] for label in _WIND_LABELS), 0.0])
         if self.time < self._gust_end:
-            share = (self._gust_end - self.time) / _GUST_DURATION
-            wind[0] += 0.5 * _GUST_SPEED * (1.0 - np.cos(2.0 * np.pi * share))
-        own = self._wind.GetMyMutableContextFromRoot(context)
-        self._wind.get_mutable_source_value(own).set_value(wind)
+            remaining_share = (self._gust_end - self.time) / _GUST_DURATION
+            wind[0] += 0.5 * _GUST_SPEED * (1.0 - np.cos(2.0 * np.pi * remaining_share))
+        wind_context = self._wind.GetMyMutableContextFromRoot(context)
+        self._wind.get_mutable_source_value(wind_context).set_value(wind)
 
-    def _slider(self, label: str) -> float:
+    def _slider_value(self, label: str) -> float:
         return float(self._meshcat.GetSliderValue(label))
 
     def _show_error(self) -> None:
-        """Show the position error, and its RMS value over the last seconds."""
+        """Display the position error, and its RMS value over the last seconds."""
         context = self.simulator.get_context()
         reference = Reference(*self._diagram.GetOutputPort("reference").Eval(context))
-        error = 100.0 * float(np.linalg.norm(places(self.state) - places(reference)))
-        self._errors = [*self._errors, error][-round(_ERROR_WINDOW / _FRAME) :]
-        for label, shown in zip(_ERRORS, (error, float(np.sqrt(np.mean(np.square(self._errors))))), strict=True):
+        error = 100.0 * float(np.linalg.norm(positions(self.state) - positions(reference)))
+        self._errors = [*self._errors, error][-round(_ERROR_WINDOW / _FRAME_PERIOD) :]
+        for label, shown in zip(_ERROR_LABELS, (error, float(np.sqrt(np.mean(np.square(self._errors))))), strict=True):
             self._meshcat.SetSliderValue(label, min(shown, _MAX_SHOWN_ERROR))
 
 
-def feels_wind(scenario: Scenario) -> bool:
+def is_affected_by_wind(scenario: Scenario) -> bool:
     """Return whether wind exerts a force on the vehicle of a scenario."""
     vehicle: Any = scenario.vehicle
     return bool(vehicle.linear_drag or vehicle.quadratic_drag or vehicle.body_drag or vehicle.rotor_aerodynamics)
 
 
-def _with_failure(scenario: Scenario) -> Scenario:
-    """Return the scenario with a motor that fails after the flight, unless it already has one that fails."""
+def _with_failing_motor(scenario: Scenario) -> Scenario:
+    """Return the scenario with a motor failure after the end of the flight, unless it already has a failure.
+
+    A click on the button moves the failure to the current time.
+    """
     vehicle: Any = scenario.vehicle
     if vehicle.rotor_failure is not None:
         return scenario
@@ -215,8 +222,8 @@ def _with_failure(scenario: Scenario) -> Scenario:
     return scenario.model_copy(update={"vehicle": vehicle.model_copy(update={"rotor_failure": failure})})
 
 
-def _gains_of(scenario: Scenario) -> Iterator[_Gain]:
-    """Yield the gains of the position controller, whose names begin with k_."""
+def _position_gains(scenario: Scenario) -> Iterator[_Gain]:
+    """Yield the gains of the position controller: its fields whose names begin with k_."""
     cascade = scenario.control.cascade()
     if cascade is None:
         return

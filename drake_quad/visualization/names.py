@@ -1,8 +1,8 @@
-"""Short names of fields and parameters for axes and tables."""
+"""Short names of scenario fields and identified parameters, for axes and tables."""
 
 import re
 
-# Symbols for lists whose items are not along x, y and z.
+# Names of the items of lists that would be misleading as "x", "y" and "z".
 _SYMBOLS = {
     "inertia": ("I_xx", "I_yy", "I_zz"),
     "centre_of_mass": ("c_x", "c_y", "c_z"),
@@ -11,7 +11,7 @@ _SYMBOLS = {
     "damping": ("damping of roll", "damping of pitch", "damping of yaw"),
     "curve": ("thrust curve k_0", "thrust curve k_1", "thrust curve k_2"),
 }
-_SHORT = {
+_ABBREVIATIONS = {
     "laboratory.motion_capture.": "",
     "laboratory.command_link.": "",
     "rotor_aerodynamics.": "",
@@ -25,20 +25,20 @@ def short_name(name: str) -> str:
     """Return the short name of a field or parameter, such as "I_xx" for `inertia[0]` and for `inertia.0`.
 
     Args:
-        name: path of a field, or name of a parameter with its place in brackets.
+        name: path of a field, such as `vehicle.inertia.0`, or name of a parameter with an index in brackets.
     """
-    for long, short in _SHORT.items():
+    for long, short in _ABBREVIATIONS.items():
         name = name.replace(long, short)
-    found = re.fullmatch(r"(.*?)(?:\[(\d)\]|\.(\d))", name)
-    *holders, field = re.split("[. ]", name if found is None else found[1])
-    last = _words(field)
-    if found is not None:
-        place = int(found[2] or found[3])
-        symbols = _SYMBOLS.get(field, tuple(f"{last} {axis}" for axis in "xyz"))
-        last = symbols[place] if place < len(symbols) else f"{last} {place + 1}"
-    return " ".join([*map(_words, holders), last])
+    match = re.fullmatch(r"(.*?)(?:\[(\d)\]|\.(\d))", name)
+    *groups, field = re.split("[. ]", name if match is None else match[1])
+    label = _words(field)
+    if match is not None:
+        index = int(match[2] or match[3])
+        symbols = _SYMBOLS.get(field, tuple(f"{label} {axis}" for axis in "xyz"))
+        label = symbols[index] if index < len(symbols) else f"{label} {index + 1}"
+    return " ".join([*map(_words, groups), label])
 
 
 def _words(name: str) -> str:
-    """Return a name in words; symbols such as k_p stay."""
+    """Return a name with spaces in place of underscores, unless it is a symbol such as k_p."""
     return name if re.fullmatch(r"[a-z]_\w{1,2}", name) else name.replace("_", " ")

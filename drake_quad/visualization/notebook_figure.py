@@ -1,4 +1,4 @@
-"""Figures that notebooks show."""
+"""Matplotlib figure that notebooks display."""
 
 import io
 from typing import Any
@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 
 class NotebookFigure(Figure):
-    """Figure that a notebook shows as the last value of a cell, whether pyplot was imported or not."""
+    """Figure that a notebook displays as the value of a cell, even if pyplot was not imported."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)

@@ -1,4 +1,4 @@
-"""Drawings of obstacles in two-dimensional and three-dimensional views of a path."""
+"""Drawing of obstacles in two-dimensional and three-dimensional views of a path."""
 
 from typing import Any
 
@@ -10,49 +10,55 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from drake_quad.space.space import Space
 
-# Shadows are translucent because they can overlap.
-_SOLID: dict[str, Any] = {"facecolor": (0.35, 0.35, 0.35, 0.5), "edgecolor": "0.35", "linewidth": 0.8}
-_CLEARANCE: dict[str, Any] = {"fill": False, "edgecolor": "0.55", "linewidth": 0.7, "linestyle": (0, (2, 2))}
-_NAME: dict[str, Any] = {"fontsize": 6, "color": "0.25", "horizontalalignment": "center", "verticalalignment": "top"}
-# More names than this would hide the obstacles.
+# Obstacles are translucent because their projections can overlap.
+_SOLID_STYLE: dict[str, Any] = {"facecolor": (0.35, 0.35, 0.35, 0.5), "edgecolor": "0.35", "linewidth": 0.8}
+_CLEARANCE_STYLE: dict[str, Any] = {"fill": False, "edgecolor": "0.55", "linewidth": 0.7, "linestyle": (0, (2, 2))}
+_NAME_STYLE: dict[str, Any] = {
+    "fontsize": 6,
+    "color": "0.25",
+    "horizontalalignment": "center",
+    "verticalalignment": "top",
+}
+# Names are drawn for at most this many obstacles, since more names would hide the obstacles.
 _MAX_NAMES = 30
 _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
 
 
 def draw_obstacles(axes: Axes, space: Space, i: int, j: int, *, clearance: bool = False) -> None:
-    """Draw the shadows of obstacles in a plane; seen from above, add their names unless there are too many.
+    """Draw the projections of obstacles onto a plane; in a view from above, add their names unless there are too many.
 
     Args:
         axes: axes in metres.
         space: space with the obstacles.
-        i: axis of W that points to the right.
-        j: axis of W that points upwards.
-        clearance: True to draw the clearance of a planned path as well. The outline around a shadow is exact where the
-            path is at the height, or the depth, at which the shadow ends.
+        i: index of the axis of W that points to the right.
+        j: index of the axis of W that points upwards.
+        clearance: True to draw the clearance that a planned path keeps, as a dashed outline around each obstacle.
+            The path may cross this outline at another height or depth than that of the obstacle.
     """
     for obstacle in space.obstacles:
-        corners = shadow(obstacle.shape.triangles().reshape(-1, 3)[:, [i, j]])
-        axes.add_patch(Polygon(corners, **_SOLID))
+        corners = convex_hull(obstacle.shape.triangles().reshape(-1, 3)[:, [i, j]])
+        axes.add_patch(Polygon(corners, **_SOLID_STYLE))
         if clearance:
             rounding = space.clearance * np.column_stack([np.cos(_CIRCLE), np.sin(_CIRCLE)])
-            axes.add_patch(Polygon(shadow((corners[:, np.newaxis] + rounding).reshape(-1, 2)), **_CLEARANCE))
+            outline = convex_hull((corners[:, np.newaxis] + rounding).reshape(-1, 2))
+            axes.add_patch(Polygon(outline, **_CLEARANCE_STYLE))
         if (i, j) == (0, 1) and len(space.obstacles) <= _MAX_NAMES:
             halo = [withStroke(linewidth=1.5, foreground="white", alpha=0.8)]
             below = (corners[:, 0].mean(), corners[:, 1].min())
-            axes.text(*below, obstacle.name, path_effects=halo, clip_on=True, **_NAME)
+            axes.text(*below, obstacle.name, path_effects=halo, clip_on=True, **_NAME_STYLE)
 
 
 def draw_solids(axes: Any, space: Space) -> np.ndarray:
-    """Draw obstacles in three dimensions, and return the corners (2, 3) of their bounding box, m."""
+    """Draw obstacles in three dimensions, and return the lower and the upper corner (2, 3) of all of them, m."""
     for obstacle in space.obstacles:
         axes.add_collection3d(Poly3DCollection(obstacle.shape.triangles(), facecolors="0.6", alpha=0.45, shade=True))
     extents = np.array([obstacle.shape.extent() for obstacle in space.obstacles])
     return np.array([extents[:, 0].min(axis=0), extents[:, 1].max(axis=0)])
 
 
-def shadow(points: np.ndarray) -> np.ndarray:
-    """Return the convex hull (corners, 2) of points (n, 2), anticlockwise."""
-    # Imported here because flights without obstacles do not need it.
+def convex_hull(points: np.ndarray) -> np.ndarray:
+    """Return the corners (m, 2) of the convex hull of points (n, 2), anticlockwise."""
+    # SciPy's spatial module is imported here because flights without obstacles do not need it.
     from scipy.spatial import ConvexHull
 
     return np.asarray(points[ConvexHull(points).vertices])

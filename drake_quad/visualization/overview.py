@@ -1,4 +1,4 @@
-"""Overview of a flight or of studies in a single figure, whose axes a notebook can add to."""
+"""Overview figures of a flight and of studies, which return their axes so that a notebook can add to them."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -11,20 +11,21 @@ from drake_quad.flight.flight import Flight
 from drake_quad.statistics.estimates import mean_interval, share_interval
 from drake_quad.studies.statistics import of_survivors
 from drake_quad.studies.study import Study
-from drake_quad.visualization.curves import tell_apart
+from drake_quad.visualization.curves import dash_overlapping_curves
 from drake_quad.visualization.panels import name_rows
 from drake_quad.visualization.plots import draw_error, draw_from_above, draw_rotor_speeds
 from drake_quad.visualization.study_plots import draw_distribution, label_metric
 from drake_quad.visualization.style import AXES, BLACK, VERMILION, new_figure, styled
 
-_ABOVE: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.97), "columnspacing": 0.8}
+_LEGEND_ABOVE_PANEL: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.97), "columnspacing": 0.8}
 
 
 def plot_flight(flight: Flight) -> tuple[Figure, dict[str, Axes]]:
-    """Plot the path, the error, the commands and the rotor speeds of a flight.
+    """Plot the path, the position error, the commanded acceleration and the rotor speeds of a flight.
 
     Returns:
-        The figure, and its axes by name: "path" from above, and "error", "command" and "rotors" over time.
+        The figure, and its axes by name: "path" shows the path from above; "error", "command" and "rotors" show
+        signals over time.
     """
     with styled():
         figure = new_figure(9.5, 6.6)
@@ -37,11 +38,11 @@ def plot_flight(flight: Flight) -> tuple[Figure, dict[str, Axes]]:
             for axis, color in AXES.items():
                 values = getattr(command, axis)
                 axes["command"].plot(flight.time, values, color=color, linewidth=1.1, label=axis.upper())
-            tell_apart(axes["command"])
-            axes["command"].legend(**_ABOVE, ncols=3)
+            dash_overlapping_curves(axes["command"])
+            axes["command"].legend(**_LEGEND_ABOVE_PANEL, ncols=3)
         axes["command"].set(xlabel="time (s)", ylabel="acceleration\ncommand (m/s²)")
         draw_rotor_speeds(axes["rotors"], flight)
-        axes["rotors"].legend(**_ABOVE, ncols=4)
+        axes["rotors"].legend(**_LEGEND_ABOVE_PANEL, ncols=4)
         for name in ("error", "command"):
             axes[name].set_xlabel("")
             axes[name].sharex(axes["rotors"])
@@ -52,25 +53,26 @@ def plot_study(studies: Study | Mapping[str, Study], name: str = "rmse") -> tupl
     """Plot the distribution of a metric, its mean, and the share of crashes for one study or several.
 
     Args:
-        studies: a study, or studies by their names in the figure; each has at least one flight.
+        studies: study, or several studies by their names in the figure; each has at least one flight.
         name: name of the metric.
 
     Returns:
-        The figure, and its axes by name: "distribution", "mean" and "crashes", the latter two with 95 %
-        intervals.
+        The figure, and its axes by name: "distribution", and "mean" and "crashes" with 95 % confidence intervals.
     """
-    found = {studies.scenario.name: studies} if isinstance(studies, Study) else dict(studies)
+    study_by_name = {studies.scenario.name: studies} if isinstance(studies, Study) else dict(studies)
     with styled():
-        figure = new_figure(9.5, 3.4 + 0.25 * len(found))
+        figure = new_figure(9.5, 3.4 + 0.25 * len(study_by_name))
         axes = figure.subplot_mosaic([["distribution", "mean"], ["distribution", "crashes"]], width_ratios=[3, 2])
-        draw_distribution(axes["distribution"], found, name)
-        means = [mean_interval(of_survivors(study.metrics, name)) for study in found.values()]
-        crashes = [share_interval(int(study.metrics.crashed.sum()), len(study.samples)) for study in found.values()]
-        for part, intervals, color in (("mean", means, BLACK), ("crashes", crashes, VERMILION)):
+        draw_distribution(axes["distribution"], study_by_name, name)
+        means = [mean_interval(of_survivors(study.metrics, name)) for study in study_by_name.values()]
+        crashes = [
+            share_interval(int(study.metrics.crashed.sum()), len(study.samples)) for study in study_by_name.values()
+        ]
+        for panel, intervals, color in (("mean", means, BLACK), ("crashes", crashes, VERMILION)):
             value, low, high = np.transpose(intervals)
-            reach = np.abs([low - value, high - value])
-            axes[part].errorbar(value, range(len(found)), xerr=reach, fmt="o", color=color, capsize=3.0)
-            name_rows(axes[part], list(found))
+            error_bars = np.abs([low - value, high - value])
+            axes[panel].errorbar(value, range(len(study_by_name)), xerr=error_bars, fmt="o", color=color, capsize=3.0)
+            name_rows(axes[panel], list(study_by_name))
         label_metric(axes["mean"].xaxis, name, "mean ")
         label_metric(axes["crashes"].xaxis, "crashed")
         return figure, axes

@@ -1,4 +1,4 @@
-"""Panels of figures, and their common parts."""
+"""Figures with one or several panels, and elements that several figures share."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -18,15 +18,15 @@ from drake_quad.visualization.style import new_figure, styled
 def new_panels(
     width: float, height: float, *grid: int, settings: Mapping[str, Any] = MappingProxyType({}), **options: Any
 ) -> Iterator[tuple[Figure, Any]]:
-    """Open a context in which a figure is drawn in the style of the project.
+    """Create a figure, and draw it in the style of the project inside a `with` statement.
 
-    The context yields the figure and its axes: by default a single one, for a grid an array of rows and columns.
+    The statement yields the figure and its axes: a single one, or for a grid an array with rows and columns.
 
     Args:
         width: width of the figure, inches.
         height: height of the figure, inches.
-        grid: number of rows and of columns of axes.
-        settings: settings of Matplotlib in place of those of the style.
+        grid: number of rows and number of columns of axes; empty for a single one.
+        settings: Matplotlib settings that replace those of the style.
         options: options of `Figure.subplots`.
     """
     with styled(settings):
@@ -35,12 +35,12 @@ def new_panels(
 
 
 def legend_above(figure: Figure, axes: Axes, num_columns: int, **options: Any) -> None:
-    """Draw the legend of the curves of some axes above the figure; the options are those of `Figure.legend`."""
+    """Draw a legend of the curves in some axes above a figure; the options are those of `Figure.legend`."""
     figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=num_columns, **options)
 
 
 def name_rows(axes: Axes, names: Sequence[str]) -> None:
-    """Name rows at the heights 0, 1, ... from the top to the bottom."""
+    """Label the rows of a chart, which are at the heights 0, 1, 2, ..., from the top to the bottom."""
     axes.set_yticks(range(len(names)), names)
     axes.set_ylim(max(len(names), 1) - 0.5, -0.5)
     axes.grid(visible=False, axis="y")

@@ -1,4 +1,4 @@
-"""Plot of a plan: its path, its speed and acceleration over time, and the rotor speeds that it requires."""
+"""Plot of a planned trajectory: path, speed, acceleration, snap and yaw, and the rotor speeds that it requires."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -18,11 +18,21 @@ from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.reference.regions import Box, Corridor, Polytope, Sphere, WaypointRegion
 from drake_quad.space.space import Space
 from drake_quad.vehicle.parameters import QuadrotorParameters
-from drake_quad.visualization.curves import tell_apart
+from drake_quad.visualization.curves import dash_overlapping_curves
 from drake_quad.visualization.obstacles import draw_obstacles
-from drake_quad.visualization.style import ABOVE, BLUE, GREEN, LIMIT, ORANGE, PLATE, ROTORS, new_figure, styled
+from drake_quad.visualization.style import (
+    BLUE,
+    GREEN,
+    LEGEND_ABOVE,
+    LIMIT,
+    ORANGE,
+    ROTORS,
+    TEXT_BACKGROUND,
+    new_figure,
+    styled,
+)
 
-# The horizontal and the two vertical planes, by the indices of their axes in (x, y, z).
+# Planes of the three views, each with the indices of its axes in (x, y, z): from above, and from two sides.
 _VIEWS = ((0, 1), (0, 2), (1, 2))
 
 
@@ -31,34 +41,34 @@ def plot_plan(
     parameters: QuadrotorParameters,
     *,
     limits: PathLimits | None = None,
-    places: Sequence[WaypointRegion] = (),
+    regions: Sequence[WaypointRegion] = (),
     corridors: Sequence[Corridor | None] = (),
     waypoints: np.ndarray | None = None,
     space: Space | None = None,
 ) -> Figure:
-    """Plot the path from three sides, and speed, acceleration, snap, yaw and rotor speeds over time.
+    """Plot the path in three views, and speed, acceleration, snap, yaw and rotor speeds over time.
 
     Args:
         plan: plan to draw.
-        parameters: parameters of the vehicle, from which rotor speeds follow.
-        limits: limits on speed and acceleration, if there are any.
-        places: regions that the path must pass through.
+        parameters: parameters of the vehicle, which determine the rotor speeds.
+        limits: limits on speed and acceleration; None for none.
+        regions: regions that the path must pass through.
         corridors: box or polytope that each segment must stay in, or None for a free segment.
-        waypoints: indices of the waypoints that are drawn and numbered, (n,); None for all.
-        space: space with the obstacles, if there are any.
+        waypoints: indices of the waypoints to draw and number, (n,); None for all.
+        space: space with the obstacles; None for none.
     """
     times = sample_times(plan.path)
     with styled():
         figure = new_figure(11.0, 8.5)
-        sides = figure.add_gridspec(1, 2, width_ratios=[1.0, 1.25])
-        views = sides[0].subgridspec(3, 1, height_ratios=[1.6, 1.0, 1.0])
+        columns = figure.add_gridspec(1, 2, width_ratios=[1.0, 1.25])
+        views = columns[0].subgridspec(3, 1, height_ratios=[1.6, 1.0, 1.0])
         for i, view in enumerate(_VIEWS):
             axes = figure.add_subplot(views[i])
             if space is not None:
                 draw_obstacles(axes, space, *view, clearance=True)
-            given = plan.waypoints if waypoints is None else plan.waypoints[waypoints]
-            _draw_view(axes, view, given, evaluate(plan.path, times), places, corridors)
-        rows = sides[1].subgridspec(5, 1)
+            drawn_waypoints = plan.waypoints if waypoints is None else plan.waypoints[waypoints]
+            _draw_view(axes, view, drawn_waypoints, evaluate(plan.path, times), regions, corridors)
+        rows = columns[1].subgridspec(5, 1)
         _draw_profiles([figure.add_subplot(rows[i]) for i in range(5)], plan, parameters, times, limits or PathLimits())
         figure.axes[0].set_title("Path, from above and from two sides")
         figure.align_ylabels(figure.axes[3:])
@@ -70,52 +80,59 @@ def _draw_view(
     view: tuple[int, int],
     waypoints: np.ndarray,
     position: np.ndarray,
-    places: Sequence[WaypointRegion],
+    regions: Sequence[WaypointRegion],
     corridors: Sequence[Corridor | None],
 ) -> None:
-    """Draw the path in a plane, and from above the numbers of its waypoints (n, 3)."""
+    """Draw the path in a view, with its waypoints (n, 3), which are numbered in the view from above."""
     i, j = view
     low, high = position.min(axis=1), position.max(axis=1)
     margin = 0.25 + 0.1 * float((high - low).max())
-    drawing = Box(low - margin, high + margin)
+    clip_box = Box(low - margin, high + margin)
     # Several segments can share a corridor, which is drawn once.
     drawn: list[Corridor] = []
     for corridor in corridors:
         if corridor is not None and not any(_same(corridor, other) for other in drawn):
             drawn.append(corridor)
             style: dict[str, object] = {"facecolor": (0.0, 0.0, 0.0, 0.05), "edgecolor": "0.7", "linewidth": 0.8}
-            axes.add_patch(_patch(corridor, drawing, i, j, **style))
-    for place in places:
-        if isinstance(place, Sphere):
-            centre = (place.centre[i], place.centre[j])
-            axes.add_patch(Circle(centre, place.radius, facecolor=to_rgba(ORANGE, 0.3), edgecolor=ORANGE))
-        elif isinstance(place, Polytope) or not place.is_point:
-            axes.add_patch(_patch(place, drawing, i, j, facecolor=to_rgba(ORANGE, 0.3), edgecolor=ORANGE))
+            axes.add_patch(_patch(corridor, clip_box, i, j, **style))
+    for region in regions:
+        if isinstance(region, Sphere):
+            centre = (region.centre[i], region.centre[j])
+            axes.add_patch(Circle(centre, region.radius, facecolor=to_rgba(ORANGE, 0.3), edgecolor=ORANGE))
+        elif isinstance(region, Polytope) or not region.is_point:
+            axes.add_patch(_patch(region, clip_box, i, j, facecolor=to_rgba(ORANGE, 0.3), edgecolor=ORANGE))
     axes.plot(position[i], position[j], color=BLUE)
     axes.plot(waypoints[:, i], waypoints[:, j], color="black", marker="o", markersize=3, linestyle="none")
     axes.plot(*waypoints[0, [i, j]], color=GREEN, marker="o", markersize=7, linestyle="none")
     if len(waypoints) <= 30 and j == 1:
-        for point, numbers in _numbered(waypoints[:, [i, j]]):
-            near: dict[str, Any] = {"xytext": (5, 5), "textcoords": "offset points", "fontsize": 8, "color": "0.35"}
-            axes.annotate(numbers, point, bbox=PLATE, **near)
-    names = "XYZ"
-    axes.set(xlabel=f"{names[i]} (m)", ylabel=f"{names[j]} (m)")
+        for point, numbers in _numbered_points(waypoints[:, [i, j]]):
+            label_style: dict[str, Any] = {
+                "xytext": (5, 5),
+                "textcoords": "offset points",
+                "fontsize": 8,
+                "color": "0.35",
+            }
+            axes.annotate(numbers, point, bbox=TEXT_BACKGROUND, **label_style)
+    letters = "XYZ"
+    axes.set(xlabel=f"{letters[i]} (m)", ylabel=f"{letters[j]} (m)")
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.08)
-    # A hover has no extent, so the axes get one.
+    # The path of a hover is a point, so a range is added to the axes.
     axes.update_datalim([waypoints[0, [i, j]] - 0.25, waypoints[0, [i, j]] + 0.25])
 
 
-def _numbered(points: np.ndarray) -> list[tuple[tuple[float, float], str]]:
-    """Return points (n, 2) with their numbers; points that nearly coincide are one point with several numbers."""
+def _numbered_points(points: np.ndarray) -> list[tuple[tuple[float, float], str]]:
+    """Return points (n, 2), each with its number; points that nearly coincide become one point with several numbers."""
     labels: list[tuple[np.ndarray, list[int]]] = []
-    near = 0.02 * float(np.ptp(points, axis=0).max())
+    max_distance = 0.02 * float(np.ptp(points, axis=0).max())
     for number, point in enumerate(points):
-        beside = next((numbers for other, numbers in labels if np.linalg.norm(point - other) <= near), None)
-        if beside is None:
+        numbers_at_point = next(
+            (numbers for other, numbers in labels if np.linalg.norm(point - other) <= max_distance), None
+        )
+        if numbers_at_point is None:
             labels.append((point, [number]))
         else:
-            beside.append(number)
+            numbers_at_point.append(number)
     return [((float(x), float(y)), ", ".join(map(str, numbers))) for (x, y), numbers in labels]
 
 
@@ -136,19 +153,19 @@ def outline(region: Polytope, drawing: Box, i: int, j: int) -> np.ndarray:
     """Return the projection of a polytope onto a plane as a convex polygon (corners, 2), anticlockwise, m.
 
     Args:
-        region: polytope with an extent in every direction.
-        drawing: box to which the polytope is clipped; a polytope outside of it has no corners left.
-        i: axis that points to the right.
-        j: axis that points upwards.
+        region: polytope with a volume.
+        drawing: box to which an unbounded polytope is clipped; a polytope outside of it has no corners left.
+        i: index of the axis that points to the right.
+        j: index of the axis that points upwards.
     """
     solid = HPolyhedron(region.normals, region.offsets)
     if not solid.IsBounded():
         solid = solid.Intersection(HPolyhedron.MakeBox(drawing.low, drawing.high))
         if solid.IsEmpty():
             return np.empty((0, 2))
-    shadow = VPolytope(VPolytope(solid).vertices()[[i, j]]).GetMinimalRepresentation().vertices().T
-    x, y = (shadow - shadow.mean(axis=0)).T
-    return np.asarray(shadow[np.argsort(np.arctan2(y, x))])
+    corners = VPolytope(VPolytope(solid).vertices()[[i, j]]).GetMinimalRepresentation().vertices().T
+    x, y = (corners - corners.mean(axis=0)).T
+    return np.asarray(corners[np.argsort(np.arctan2(y, x))])
 
 
 def _draw_profiles(
@@ -178,13 +195,13 @@ def _draw_profiles(
         rotors.plot(times, speeds, color=color, label=name.replace("_", " "))
     for limit in (parameters.min_rotor_speed, parameters.max_rotor_speed):
         rotors.axhline(limit, **LIMIT)
-    rotors.set(xlabel="time (s)", ylabel="rotors (rad/s)", ylim=(0.0, 1.12 * parameters.max_rotor_speed))
-    tell_apart(rotors)
-    rotors.legend(ncols=4, columnspacing=1.0, **ABOVE)
+    rotors.set(xlabel="time (s)", ylabel="rotor speed (rad/s)", ylim=(0.0, 1.12 * parameters.max_rotor_speed))
+    dash_overlapping_curves(rotors)
+    rotors.legend(ncols=4, columnspacing=1.0, **LEGEND_ABOVE)
     for axes in profiles:
         axes.set_xlim(times[0], times[-1])
         for time in plan.path.times:
             axes.axvline(time, color="0.85", linewidth=0.7, zorder=0)
     for axes in profiles[:-1]:
         axes.tick_params(labelbottom=False)
-    speed.set_title("Limits dotted; vertical lines where waypoints are passed")
+    speed.set_title("Dotted lines: limits; vertical lines: times of the waypoints")

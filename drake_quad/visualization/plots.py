@@ -1,4 +1,4 @@
-"""Plots of one flight: path, errors, attitude and rotors."""
+"""Plots of one flight: path, position error, attitude and rotor speeds."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -13,21 +13,21 @@ from drake_quad.files import output_folder
 from drake_quad.flight.flight import Flight
 from drake_quad.planning.space import space_of
 from drake_quad.signals import Attitude
-from drake_quad.visualization.curves import tell_apart
+from drake_quad.visualization.curves import dash_overlapping_curves
 from drake_quad.visualization.learning_plots import (
     plot_learning,
-    plot_own_memberships,
+    plot_network_memberships,
     plot_secant_gains,
     plot_surfaces,
 )
-from drake_quad.visualization.leg_marks import leg_names, number_legs, shade_legs
+from drake_quad.visualization.leg_marks import leg_legend, number_legs, shade_legs
 from drake_quad.visualization.obstacles import draw_obstacles, draw_solids
 from drake_quad.visualization.panels import new_panels
-from drake_quad.visualization.places import places
+from drake_quad.visualization.positions import positions
 from drake_quad.visualization.style import (
-    ABOVE,
     AXES,
     BLUE,
+    LEGEND_ABOVE,
     LIMIT,
     REFERENCE,
     ROTORS,
@@ -40,28 +40,30 @@ from drake_quad.visualization.style import (
 from drake_quad.visualization.wind_plots import plot_wind
 
 _INSIDE: Any = {"xycoords": ("axes fraction", "data"), "textcoords": "offset points"}
-# Smallest ratio of the sides of a box in space, and smallest side (m).
-_MIN_SIDE_RATIO, _MIN_SIDE = 0.35, 0.5
+# Smallest side of the three-dimensional view, relative to its longest side.
+_MIN_SIDE_RATIO = 0.35
+# Smallest side of a view of the path, m.
+_MIN_SIDE = 0.5
 
 
 def plot_path(flight: Flight) -> Figure:
-    """Plot the flown path and the reference in space and from above."""
-    flown, wanted = places(flight.record("state")).T, places(flight.record("reference")).T
+    """Plot the flown path and the reference in three dimensions and from above."""
+    flown, reference = positions(flight.record("state")).T, positions(flight.record("reference")).T
     with styled():
         figure = new_figure(9.5, 4.8)
         space = figure.add_subplot(1, 2, 1, projection="3d")
         space.plot(*flown, color=BLUE)
-        space.plot(*wanted, **REFERENCE)
+        space.plot(*reference, **REFERENCE)
         space.scatter(*flown[:, :1], color=BLUE, marker="o", s=18)
         space.set(xlabel="X (m)", ylabel="Y (m)", zlabel="Z (m)", title="Path")
         space.yaxis.labelpad = 12.0
-        shown = np.hstack([flown, wanted])
-        shown = shown[:, np.isfinite(shown).all(axis=0)]  # the state of a vehicle that diverged is not finite
+        points = np.hstack([flown, reference])
+        points = points[:, np.isfinite(points).all(axis=0)]  # the state of a vehicle that diverged is not finite
         room = space_of(flight.scenario)
         if room is not None and room.obstacles:
-            shown = np.hstack([shown, draw_solids(space, room).T])
-        low, high = shown.min(axis=1), shown.max(axis=1)
-        # A hover has no extent, and a flat box has no room for the numbers on its axes.
+            points = np.hstack([points, draw_solids(space, room).T])
+        low, high = points.min(axis=1), points.max(axis=1)
+        # The path of a hover is a point, and a flat view has no room for the numbers on its axes.
         extent = np.maximum(high - low, max(_MIN_SIDE_RATIO * float(np.max(high - low)), _MIN_SIDE))
         middle = 0.5 * (low + high)
         space.set(
@@ -74,12 +76,12 @@ def plot_path(flight: Flight) -> Figure:
         plane = figure.add_subplot(1, 2, 2)
         draw_from_above(plane, flight)
         handles, _ = plane.get_legend_handles_labels()
-        plane.legend(handles=[*handles, *leg_names(flight.plan)], loc="upper left", bbox_to_anchor=(1.0, 1.0))
+        plane.legend(handles=[*handles, *leg_legend(flight.plan)], loc="upper left", bbox_to_anchor=(1.0, 1.0))
         return figure
 
 
 def draw_from_above(axes: Axes, flight: Flight) -> None:
-    """Draw the flown path and the reference in the X-Y plane, with the numbers of the legs."""
+    """Draw the flown path and the reference in the X-Y plane, with the numbers of the route's legs."""
     state, reference = flight.record("state"), flight.record("reference")
     room = space_of(flight.scenario)
     if room is not None:
@@ -93,21 +95,21 @@ def draw_from_above(axes: Axes, flight: Flight) -> None:
         axes.plot(state.x[-1:], state.y[-1:], linestyle="none", label=flight.crash, **crash)
     axes.set(xlabel="X (m)", ylabel="Y (m)", title="From above")
     axes.margins(0.1)
-    # A hover has no extent, so the axes get one.
+    # The path of a hover is a point, so a range is added to the axes.
     for end in (-0.5 * _MIN_SIDE, 0.5 * _MIN_SIDE):
         axes.update_datalim([(float(state.x[0]) + end, float(state.y[0]) + end)])
     axes.set_aspect("equal", adjustable="datalim")
 
 
 def plot_errors(flight: Flight) -> Figure:
-    """Plot the position error over time, on each axis and as its Euclidean norm."""
+    """Plot the position error over time: its component on each axis, and its Euclidean norm."""
     state, reference = flight.record("state"), flight.record("reference")
     with new_panels(8.0, 4.8, 2, 1, sharex=True) as (figure, ((upper,), (lower,))):
         for axis, color in AXES.items():
             error = 100.0 * (getattr(reference, axis) - getattr(state, axis))
             upper.plot(flight.time, error, color=color, label=axis.upper())
         upper.set_ylabel("error (cm)")
-        tell_apart(upper)
+        dash_overlapping_curves(upper)
         figure.suptitle("Position error, reference minus flown", x=0.01, ha="left", fontsize=10)
         figure.legend(*upper.get_legend_handles_labels(), loc="outside upper right", ncols=3)
         shade_legs(upper, flight.plan, float(flight.time[-1]))
@@ -116,53 +118,53 @@ def plot_errors(flight: Flight) -> Figure:
 
 
 def draw_error(axes: Axes, flight: Flight) -> None:
-    """Draw the Euclidean position error over time, and its RMSE."""
+    """Draw the Euclidean position error over time, with a line at the RMSE."""
     axes.plot(flight.time, 100.0 * flight.euclidean_error, color="black")
     if np.isfinite(flight.metrics.rmse):
         rmse = 100.0 * flight.metrics.rmse
         axes.axhline(rmse, **LIMIT)
-        beside = ("axes fraction", "data")
-        axes.annotate(f"RMSE\n{rmse:.2f} cm", (1.01, rmse), xycoords=beside, va="center", annotation_clip=False)
+        coordinates = ("axes fraction", "data")
+        axes.annotate(f"RMSE\n{rmse:.2f} cm", (1.01, rmse), xycoords=coordinates, va="center", annotation_clip=False)
     axes.set(xlabel="time (s)", ylabel="Euclidean error (cm)", ylim=(0.0, None))
     shade_legs(axes, flight.plan, float(flight.time[-1]))
 
 
 def plot_attitude(flight: Flight) -> Figure:
-    """Plot roll, pitch and yaw over time, with the commanded attitude if the control commands one."""
+    """Plot roll, pitch and yaw over time, with the commanded attitude if the controller commands one."""
     flown = flight.record("state")
-    wanted = flight.record("attitude_command") if "attitude_command" in flight.signals else None
+    command = flight.record("attitude_command") if "attitude_command" in flight.signals else None
     with new_panels(8.0, 5.6, 3, 1, sharex=True) as (figure, grid):
         for (axes,), angle in zip(grid, Attitude._fields, strict=True):
-            if wanted is not None:
-                commanded = np.degrees(getattr(wanted, angle))
+            if command is not None:
+                commanded = np.degrees(getattr(command, angle))
                 axes.plot(flight.time, commanded, color=VERMILION, linewidth=1.0, label="commanded")
             axes.plot(flight.time, np.degrees(getattr(flown, angle)), color=BLUE, label="flown")
-            tell_apart(axes)
+            dash_overlapping_curves(axes)
             axes.set(ylabel=f"{angle} (°)")
             low, high = axes.get_ylim()
             if high - low < 2.0:
                 middle = 0.5 * (low + high)
                 axes.set_ylim(middle - 1.0, middle + 1.0)
         figure.axes[0].set_title("Attitude", loc="left")
-        figure.axes[0].legend(ncols=2, **ABOVE)
+        figure.axes[0].legend(ncols=2, **LEGEND_ABOVE)
         figure.axes[-1].set_xlabel("time (s)")
         return figure
 
 
 def plot_rotors(flight: Flight) -> Figure:
-    """Plot the rotor speeds over time, enlarged and within the range between the limits of the rotors."""
+    """Plot the rotor speeds over time, once enlarged and once with the limits of the rotors."""
     limits = flight.scenario.vehicle.min_rotor_speed, flight.scenario.vehicle.max_rotor_speed
-    with new_panels(8.0, 4.4, 1, 2, width_ratios=[3.0, 1.0]) as (figure, ((close, whole),)):
-        for axes in (close, whole):
+    with new_panels(8.0, 4.4, 1, 2, width_ratios=[3.0, 1.0]) as (figure, ((enlarged, whole),)):
+        for axes in (enlarged, whole):
             draw_rotor_speeds(axes, flight)
-        low, high = close.get_ylim()
+        low, high = enlarged.get_ylim()
         for limit in limits:
             whole.axhline(limit, **LIMIT)
-            close.axhline(limit, **LIMIT)
-        close.set(ylim=(low, high), ylabel="rotor speed (rad/s)")
-        close.set_title("Rotor speeds", loc="left")
-        close.legend(ncols=4, columnspacing=1.0, **ABOVE)
-        whole.set(title="between the limits", ylabel="", ylim=(0.0, 1.08 * limits[1]))
+            enlarged.axhline(limit, **LIMIT)
+        enlarged.set(ylim=(low, high), ylabel="rotor speed (rad/s)")
+        enlarged.set_title("Rotor speeds", loc="left")
+        enlarged.legend(ncols=4, columnspacing=1.0, **LEGEND_ABOVE)
+        whole.set(title="with the limits", ylabel="", ylim=(0.0, 1.08 * limits[1]))
         for limit, name in zip(limits, ("idle", "top"), strict=True):
             whole.annotate(f"{name} {limit:g}", (0.02, limit), (0, 2), **_INSIDE, va="bottom", fontsize=8.5)
         return figure
@@ -174,7 +176,7 @@ def draw_rotor_speeds(axes: Axes, flight: Flight) -> None:
     for (name, speed), color in zip(speeds.items(), ROTORS, strict=True):
         axes.plot(flight.time, speed, color=color, label=name.replace("_", " "))
     axes.set(xlabel="time (s)", ylabel="rotor speed (rad/s)")
-    tell_apart(axes)
+    dash_overlapping_curves(axes)
 
 
 PLOTS: dict[str, Callable[[Flight], Figure]] = {
@@ -186,18 +188,18 @@ PLOTS: dict[str, Callable[[Flight], Figure]] = {
 
 
 def save_plots(flight: Flight, folder: Path | str, *, vector: Vector | None = None) -> list[Path]:
-    """Write all plots of a flight into a folder, and return the files.
+    """Write all plots of a flight into a folder, and return the paths of the files.
 
-    A flight without wind has no plot of wind, and a flight without a network has no plot of learning. Surfaces and
-    gains are plotted for networks whose inputs are error and rate, as in the paper.
+    A plot of the wind is written if there is wind, and plots of the learning are written if there is a network. The
+    surfaces and the secant gains of a network are plotted if its inputs are error and error rate, as in the paper.
 
     Args:
         flight: flight to plot.
-        folder: folder for a PNG of each plot.
-        vector: vector format in which each plot is written as well, for print.
+        folder: folder for the PNG files.
+        vector: vector format in which each plot is written in addition; None for none.
 
     Raises:
-        InputError: the folder cannot be written to.
+        InputError: if the folder cannot be written to.
     """
     target = output_folder(Path(folder))
     plots = dict(PLOTS)
@@ -205,7 +207,7 @@ def save_plots(flight: Flight, folder: Path | str, *, vector: Vector | None = No
         plots["wind"] = plot_wind
     network = flight.scenario.control.network
     if network is not None and "weights" in flight.signals:
-        plots |= {"memberships": plot_own_memberships, "learning": plot_learning}
+        plots |= {"memberships": plot_network_memberships, "learning": plot_learning}
         if [*network.inputs.given] == ["error", "error_rate"]:
             plots |= {"surfaces": plot_surfaces, "secant_gains": plot_secant_gains}
     return save_figures({name: plot(flight) for name, plot in plots.items()}, target, vector=vector)

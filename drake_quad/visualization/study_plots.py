@@ -1,4 +1,4 @@
-"""Plots of studies: distributions, convergence, and the influence of random parameters."""
+"""Plots of Monte Carlo studies: distributions, convergence, and influences of random parameters."""
 
 from collections.abc import Mapping
 from itertools import cycle
@@ -28,24 +28,25 @@ from drake_quad.visualization.names import short_name
 from drake_quad.visualization.panels import name_rows, new_panels
 from drake_quad.visualization.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
 
-_LINES = [(BLUE, "-"), (VERMILION, "--"), (GREEN, "-."), (PURPLE, ":"), (ORANGE, "-"), (SKY, "--"), (BLACK, "-.")]
-# Largest number of fields in a tornado chart.
+_LINE_STYLES = [(BLUE, "-"), (VERMILION, "--"), (GREEN, "-."), (PURPLE, ":"), (ORANGE, "-"), (SKY, "--"), (BLACK, "-.")]
+# Largest number of parameters in a tornado chart.
 _MAX_FIELDS = 16
-# Horizontal distance between the points of one controller and the next, points.
+# Horizontal offset between the points of successive controllers, which separates equal values, points.
 _POINT_OFFSET = 3.0
-_LOG_AXIS_RATIO = 10.0  # ratio of medians from which on the axis is logarithmic
+# The axis is logarithmic if the largest median exceeds the smallest one by this factor.
+_LOG_AXIS_RATIO = 10.0
 
 
 def label_metric(axis: Axis, name: str, prefix: str = "") -> None:
-    """Label an axis on which a metric is drawn in its own unit, with numbers in the unit of the tables.
+    """Label an axis with a metric, and show its numbers in the unit that tables use.
 
     Args:
-        axis: axis of a plot.
+        axis: axis on which the metric is drawn in the unit of `Metrics`.
         name: name of the metric, or "crashed" for the share of crashes.
-        prefix: words before the name.
+        prefix: words before the name of the metric.
     """
     if name == "crashed":
-        axis.set_label_text("share of the samples that crashed")
+        axis.set_label_text("crashed samples")
         _in_percent(axis)
         return
     unit, size = UNITS[name], 1.0
@@ -59,13 +60,13 @@ def label_metric(axis: Axis, name: str, prefix: str = "") -> None:
 def plot_distribution(studies: Mapping[str, Study], name: str = "rmse") -> Figure:
     """Plot the empirical distribution function of a metric, with a line for each controller.
 
-    A crashed sample counts as worse than any value.
+    A crashed sample counts as worse than every sample that did not crash.
 
-    The bands contain the whole true distribution with 95 % confidence, by the inequality of Dvoretzky, Kiefer,
-    Wolfowitz and Massart.
+    Each band contains the whole true distribution function with 95 % confidence, by the inequality of Dvoretzky,
+    Kiefer, Wolfowitz and Massart.
 
     Args:
-        studies: studies by the name of the controller.
+        studies: study of each controller, by name.
         name: name of the metric.
     """
     with new_panels(7.0, 4.2) as (figure, axes):
@@ -74,74 +75,74 @@ def plot_distribution(studies: Mapping[str, Study], name: str = "rmse") -> Figur
 
 
 def draw_distribution(axes: Axes, studies: Mapping[str, Study], name: str) -> None:
-    """Draw the plot of `plot_distribution` into given axes.
+    """Draw the plot of `plot_distribution` in existing axes.
 
     Args:
         axes: axes to draw into.
-        studies: studies by the name of the controller.
+        studies: study of each controller, by name.
         name: name of the metric.
     """
-    for (controller, study), (color, style) in zip(studies.items(), cycle(_LINES), strict=False):
+    for (controller, study), (color, style) in zip(studies.items(), cycle(_LINE_STYLES), strict=False):
         values = np.sort(with_crashes(study.metrics, name))
         n = len(values)
         finite = values[np.isfinite(values)]
         share = np.arange(1, len(finite) + 1) / n
-        reach = np.sqrt(np.log(2.0 / 0.05) / (2.0 * n))
+        half_width = np.sqrt(np.log(2.0 / 0.05) / (2.0 * n))
         label = controller
         if study.metrics.crashed.any():
             label += f" ({crash_probability(study.metrics).alone().percent()} crashed)"
         axes.step(finite, share, where="post", color=color, linestyle=style, label=label)
         axes.fill_between(
             finite,
-            np.maximum(share - reach, 0.0),
-            np.minimum(share + reach, 1.0),
+            np.maximum(share - half_width, 0.0),
+            np.minimum(share + half_width, 1.0),
             step="post",
             color=color,
             alpha=0.15,
             linewidth=0.0,
         )
-    axes.set(ylabel="share of the samples", ylim=(0.0, 1.02))
+    axes.set(ylabel="cumulative share of samples", ylim=(0.0, 1.02))
     survivors = [of_survivors(study.metrics, name) for study in studies.values()]
-    known = [median for values in survivors if len(values) and (median := np.median(values)) > 0.0]
-    if known and max(known) > _LOG_AXIS_RATIO * min(known):
+    medians = [median for values in survivors if len(values) and (median := np.median(values)) > 0.0]
+    if medians and max(medians) > _LOG_AXIS_RATIO * min(medians):
         axes.set_xscale("log")
     label_metric(axes.xaxis, name)
     _in_percent(axes.yaxis)
-    axes.set_title(f"{_count(studies)}; bands: 95 % confidence", loc="left")
+    axes.set_title(f"{_num_samples_text(studies)}; bands: 95 % confidence", loc="left")
     axes.legend(loc="lower right")
 
 
 def plot_convergence(studies: Mapping[str, Study], name: str = "rmse") -> Figure:
     """Plot the mean of a metric and the share of crashes over the number of samples.
 
-    If no sample crashed, the 95 % quantile replaces the share of crashes.
+    If no sample crashed, the 95 % quantile of the metric is plotted in place of the share of crashes.
 
     Args:
-        studies: studies by the name of the controller.
+        studies: study of each controller, by name.
         name: name of the metric.
     """
     crashes = any(study.metrics.crashed.any() for study in studies.values())
     with new_panels(9.0, 3.8, 1, 2) as (figure, ((left, right),)):
-        for (controller, study), (color, style) in zip(studies.items(), cycle(_LINES), strict=False):
-            count, mean, low, high = _running(study, name)
+        for (controller, study), (color, style) in zip(studies.items(), cycle(_LINE_STYLES), strict=False):
+            count, mean, low, high = _running_mean(study, name)
             left.plot(count, mean, color=color, linestyle=style, label=controller)
             left.fill_between(count, low, high, color=color, alpha=0.15, linewidth=0.0)
             stops = np.unique(np.geomspace(min(20, len(study.samples)), len(study.samples), 60).astype(int))
             values = study.metrics.crashed if crashes else getattr(study.metrics, name)
-            parts = [values[:stop] for stop in stops]
-            shares = (share_interval(int(part.sum()), len(part)) for part in parts)
-            found = np.array([*shares] if crashes else [quantile_interval(part, 0.95) for part in parts])
-            value, low, high = np.where(np.isfinite(found), found, np.nan).T
+            first_values = [values[:stop] for stop in stops]
+            shares = (share_interval(int(part.sum()), len(part)) for part in first_values)
+            intervals = np.array([*shares] if crashes else [quantile_interval(part, 0.95) for part in first_values])
+            value, low, high = np.where(np.isfinite(intervals), intervals, np.nan).T
             right.plot(stops, value, color=color, linestyle=style, label=controller)
             right.fill_between(stops, low, high, color=color, alpha=0.15, linewidth=0.0)
-        left.set_title("mean of the flights that went to the end", loc="left")
+        left.set_title("mean over the flights without a crash", loc="left")
         label_metric(left.yaxis, name)
         right.set_title("crashes" if crashes else "95 % quantile", loc="left")
         label_metric(right.yaxis, "crashed" if crashes else name)
         for axes in (left, right):
             # Matplotlib cannot scale an empty axis logarithmically.
             drawn = any(len(line.get_xdata()) for line in axes.lines)
-            axes.set(xscale="log" if drawn else "linear", xlabel="samples; bands: 95 % confidence")
+            axes.set(xscale="log" if drawn else "linear", xlabel="number of samples; bands: 95 % confidence")
             if drawn:
                 axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
                 axes.xaxis.set_minor_locator(NullLocator())
@@ -150,8 +151,8 @@ def plot_convergence(studies: Mapping[str, Study], name: str = "rmse") -> Figure
         return figure
 
 
-def _running(study: Study, name: str) -> tuple[np.ndarray, ...]:
-    """Return numbers n of completed flights, the mean over the first n, and the ends of its interval."""
+def _running_mean(study: Study, name: str) -> tuple[np.ndarray, ...]:
+    """Return numbers n of flights without a crash, the mean over the first n, and the ends of its 95 % interval."""
     values = of_survivors(study.metrics, name)
     # The first few points are left out, because their wide intervals would dominate the axis.
     first = max(min(10, len(values)) - 1, 0)
@@ -159,25 +160,25 @@ def _running(study: Study, name: str) -> tuple[np.ndarray, ...]:
 
 
 def plot_influences(study: Study, name: str = "rmse") -> Figure:
-    """Plot a tornado chart of the mean of a metric in the lowest and the highest tenth of each random parameter.
+    """Plot a tornado chart: the mean of a metric in the lowest and in the highest tenth of each random parameter.
 
     Args:
         study: study of a scenario with distributions.
         name: name of the metric, or "crashed" for the share of crashes.
     """
-    found = influences(study, name)
-    with new_panels(8.6, 1.4 + 0.34 * max(min(len(found), _MAX_FIELDS), 1)) as (figure, axes):
+    ranking = influences(study, name)
+    with new_panels(8.6, 1.4 + 0.34 * max(min(len(ranking), _MAX_FIELDS), 1)) as (figure, axes):
         mean = float(np.mean(study.metrics.crashed if name == "crashed" else of_survivors(study.metrics, name)))
-        for place, each in enumerate(found[:_MAX_FIELDS]):
-            for end, color, offset in ((each.low, SKY, -0.18), (each.high, ORANGE, 0.18)):
-                axes.barh(place + offset, end.value - mean, 0.36, left=mean, color=color)
-                axes.plot([end.low, end.high], [place + offset] * 2, color="0.25", linewidth=1.0)
-            rho = each.correlation
+        for row, influence in enumerate(ranking[:_MAX_FIELDS]):
+            for end, color, offset in ((influence.low, SKY, -0.18), (influence.high, ORANGE, 0.18)):
+                axes.barh(row + offset, end.value - mean, 0.36, left=mean, color=color)
+                axes.plot([end.low, end.high], [row + offset] * 2, color="0.25", linewidth=1.0)
+            rho = influence.correlation
             text = rho.text(signed=True)
-            if each.alone != rho and np.isfinite(each.alone.value):
-                text += f"; alone {each.alone.value:+.2f}"
-            axes.annotate(text, (1.01, place), xycoords=("axes fraction", "data"), va="center", fontsize=8.5)
-        labels = [_field_label(study, each.path) for each in found[:_MAX_FIELDS]]
+            if influence.alone != rho and np.isfinite(influence.alone.value):
+                text += f"; partial {influence.alone.value:+.2f}"
+            axes.annotate(text, (1.01, row), xycoords=("axes fraction", "data"), va="center", fontsize=8.5)
+        labels = [_field_label(study, influence.path) for influence in ranking[:_MAX_FIELDS]]
         name_rows(axes, labels)
         axes.set_axisbelow(True)
         label_metric(axes.xaxis, name)
@@ -185,7 +186,7 @@ def plot_influences(study: Study, name: str = "rmse") -> Figure:
         bars = [Patch(color=color) for color in (SKY, ORANGE)]
         axes.legend(
             bars,
-            ["least tenth of the number", "largest tenth"],
+            ["lowest tenth of the parameter", "highest tenth"],
             loc="lower left",
             bbox_to_anchor=(0.0, 1.0),
             ncols=2,
@@ -205,50 +206,52 @@ def plot_influences(study: Study, name: str = "rmse") -> Figure:
 def plot_crash_probability(
     studies: Study | Mapping[str, Study], path: str | None = None, *, num_bins: int | None = None
 ) -> Figure:
-    """Plot the probability of a crash over a random parameter, with 95 % intervals.
+    """Plot the probability of a crash over a random parameter, with 95 % confidence intervals.
 
-    Each point is at the median of a bin of equally many samples, and its horizontal line spans the bin; see
-    `crash_levels`. Thin lines are the probabilities over all samples.
+    The samples are divided into bins of equal size. Each point is at the median of a bin, and its horizontal line spans
+    the bin; see `crash_levels`. Thin horizontal lines are the probabilities over all samples.
 
     Args:
-        studies: a study, or several by controller; the parameter is random in all of them.
+        studies: study, or several studies by controller; the parameter is random in all of them.
         path: path of the parameter; by default the one with the largest influence on crashes.
-        num_bins: as for `crash_levels`.
+        num_bins: number of bins; None for the default of `crash_levels`.
 
     Raises:
-        InputError: no parameter is random, or not the one at this path.
+        InputError: if the studies have no random parameter, or none at this path.
     """
     studies = {studies.scenario.name: studies} if isinstance(studies, Study) else studies
     path = path or most_influential(studies.values())
     if path is None:
-        raise InputError("no number is drawn in this study, over which the probability of a crash could be plotted")
+        raise InputError("the crash probability cannot be plotted: this study has no random parameter")
     with new_panels(7.0, 4.2) as (figure, axes):
-        for place, ((controller, study), (color, style)) in enumerate(
-            zip(studies.items(), cycle(_LINES), strict=False)
+        for index, ((controller, study), (color, style)) in enumerate(
+            zip(studies.items(), cycle(_LINE_STYLES), strict=False)
         ):
             levels = crash_levels(study, path, num_bins=num_bins)
             if not levels:
                 continue
             middle = np.array([level.middle for level in levels])
             value, low, high = np.transpose([level.probability for level in levels])
-            aside = np.array([[level.middle - level.low, level.high - level.middle] for level in levels]).T
-            whole = crash_probability(study.metrics)
-            label = f"{controller}: {whole.percent()} of {len(study.samples):,} samples"
-            upright = axes.errorbar(middle, value, [value - low, high - value], fmt="none", ecolor=color, capsize=2.5)
-            across = axes.errorbar(middle, value, xerr=aside, fmt="none", ecolor=color, alpha=0.5)
+            half_widths = np.array([[level.middle - level.low, level.high - level.middle] for level in levels]).T
+            overall = crash_probability(study.metrics)
+            label = f"{controller}: {overall.percent()} of {len(study.samples):,} samples"
+            vertical_bars = axes.errorbar(
+                middle, value, [value - low, high - value], fmt="none", ecolor=color, capsize=2.5
+            )
+            horizontal_bars = axes.errorbar(middle, value, xerr=half_widths, fmt="none", ecolor=color, alpha=0.5)
             points = axes.plot(middle, value, color=color, linestyle=style, marker="o", markersize=4.0, label=label)
-            # The offset separates controllers with equal values. It does not affect the limits of the axis.
-            offset = _POINT_OFFSET * (place - 0.5 * (len(studies) - 1)) / 72.0
-            there = axes.transData + ScaledTranslation(offset, 0.0, figure.dpi_scale_trans)
-            for artist in (*upright.get_children(), *across.get_children(), *points):
-                artist.set_transform(there)
-            if np.all(middle == np.round(middle)) and not aside.any():
+            # The offset separates controllers with equal values. It does not change the limits of the axis.
+            offset = _POINT_OFFSET * (index - 0.5 * (len(studies) - 1)) / 72.0
+            shifted = axes.transData + ScaledTranslation(offset, 0.0, figure.dpi_scale_trans)
+            for artist in (*vertical_bars.get_children(), *horizontal_bars.get_children(), *points):
+                artist.set_transform(shifted)
+            if np.all(middle == np.round(middle)) and not half_widths.any():
                 axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-            axes.axhline(whole.value, color=color, linewidth=0.7)
-        axes.set(xlabel=_field_label(next(iter(studies.values())), path), ylabel="probability of a crash")
+            axes.axhline(overall.value, color=color, linewidth=0.7)
+        axes.set(xlabel=_field_label(next(iter(studies.values())), path), ylabel="crash probability")
         axes.set_ylim(bottom=0.0)
         _in_percent(axes.yaxis)
-        axes.set_title("bins of equally many samples; bars: 95 % confidence", loc="left")
+        axes.set_title("bins of equal size; bars: 95 % confidence", loc="left")
         if axes.lines:
             axes.legend(loc="best")
         return figure
@@ -259,7 +262,7 @@ def _in_percent(axis: Axis) -> None:
 
 
 def _field_label(study: Study, path: str) -> str:
-    """Return a short name of a field, with its unit."""
+    """Return the label of a random parameter: a short name, with its unit."""
     unit = unit_at(study.scenario, path)
     short = path.removeprefix("laboratory.").replace("motion_capture.", "cameras: ").replace("command_link.", "link: ")
     for i, source in enumerate(study.scenario.laboratory.wind):
@@ -268,7 +271,7 @@ def _field_label(study: Study, path: str) -> str:
     return f"{short} ({unit})" if unit not in ("", "1") else short
 
 
-def _count(studies: Mapping[str, Study]) -> str:
+def _num_samples_text(studies: Mapping[str, Study]) -> str:
     """Return the number of samples of the studies as text."""
     counts = {len(study.samples) for study in studies.values()}
     return (

@@ -1,4 +1,4 @@
-"""Style of all figures, and functions that write figures."""
+"""Style of all figures, and functions that create and write figures."""
 
 import functools
 from collections.abc import Iterator, Mapping
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.colors import Colormap
     from matplotlib.figure import Figure
 
-# M. Okabe and K. Ito, "Color universal design", 2008: distinguishable with any colour vision.
+# These colours are distinguishable with any colour vision (M. Okabe and K. Ito, "Color universal design", 2008).
 BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILION, PURPLE = (
     "#000000",
     "#E69F00",
@@ -29,10 +29,10 @@ BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILION, PURPLE = (
 )
 REFERENCE: dict[str, Any] = {"color": "0.45", "linestyle": "--", "linewidth": 1.2}
 LIMIT: dict[str, Any] = {"color": "0.3", "linestyle": ":", "linewidth": 1.2}
-# Background of a text, which keeps the text legible where it crosses a line.
-PLATE: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 1.0}
-# Place of a legend above the axes at the right, where it hides no curve.
-ABOVE: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.2}
+# Background that keeps a text legible where the text crosses a line.
+TEXT_BACKGROUND: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 1.0}
+# Position of a legend above the right end of the axes, where it hides no curve.
+LEGEND_ABOVE: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.2}
 AXES = {"x": BLUE, "y": VERMILION, "z": GREEN}
 ROTORS = (BLUE, VERMILION, GREEN, PURPLE)
 
@@ -49,7 +49,7 @@ _SETTINGS: Any = {
     "lines.linewidth": 1.4,
     "legend.frameon": False,
     "legend.fontsize": 9,
-    # Publishers require TrueType fonts. The fixed salt makes repeated output identical to the byte.
+    # Publishers require TrueType fonts. The fixed salt makes SVG files reproducible byte by byte.
     "pdf.fonttype": 42,
     "svg.hashsalt": "drake_quad",
 }
@@ -60,7 +60,7 @@ _UNDATED: dict[str, Any] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}
 
 @functools.cache
 def shading() -> "Colormap":
-    """Return the colour map of areas, light enough for lines and arrows on top."""
+    """Return a colour map for areas that is light enough for lines and arrows on top of them."""
     from matplotlib import colormaps
     from matplotlib.colors import LinearSegmentedColormap
 
@@ -69,10 +69,10 @@ def shading() -> "Colormap":
 
 @contextmanager
 def styled(settings: Mapping[str, Any] = MappingProxyType({})) -> Iterator[None]:
-    """Open a context in which figures have the style of the project, without a change of global settings.
+    """Give figures the style of the project inside a `with` statement, and restore Matplotlib's settings at its end.
 
     Args:
-        settings: settings of Matplotlib in place of those of the style.
+        settings: Matplotlib settings that replace those of the style.
     """
     import matplotlib
 
@@ -81,14 +81,25 @@ def styled(settings: Mapping[str, Any] = MappingProxyType({})) -> Iterator[None]
 
 
 def new_figure(width: float, height: float) -> "Figure":
-    """Return an empty figure of a size in inches; no window shows it, and a notebook only as the value of a cell."""
+    """Return an empty figure; no window shows it, but a notebook shows it as the value of a cell.
+
+    Args:
+        width: width, inches.
+        height: height, inches.
+    """
     from drake_quad.visualization.notebook_figure import NotebookFigure
 
     return NotebookFigure(figsize=(width, height), layout="constrained")
 
 
 def save_figures(figures: Mapping[str, "Figure"], folder: Path, *, vector: Vector | None = None) -> list[Path]:
-    """Write each figure as a PNG with its name, optionally also in a vector format, and return the files."""
+    """Write each figure as a PNG file, optionally also in a vector format, and return the paths of the files.
+
+    Args:
+        figures: figures by the names of their files, without a suffix.
+        folder: folder for the files.
+        vector: vector format in which each figure is written in addition; None for none.
+    """
     files = []
     for name, figure in figures.items():
         with styled():
@@ -99,6 +110,6 @@ def save_figures(figures: Mapping[str, "Figure"], folder: Path, *, vector: Vecto
 
 
 def save_vector(figure: "Figure", path: Path, kind: Vector) -> Path:
-    """Write a figure as a reproducible PDF or SVG file, and return the path."""
+    """Write a figure as a PDF or SVG file without a date, so that the file is reproducible, and return its path."""
     with styled():
         return write_atomically(path, lambda target: figure.savefig(target, format=kind, metadata=_UNDATED[kind]))

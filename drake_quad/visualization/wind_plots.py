@@ -1,4 +1,4 @@
-"""Plot of the wind of a flight: maps of the mean wind, and the wind at the vehicle."""
+"""Plot of the wind of a flight: maps of the mean wind, and the wind at the vehicle over time."""
 
 from typing import Any, NamedTuple
 
@@ -11,22 +11,26 @@ from drake_quad.flight.flight import Flight
 from drake_quad.laboratory.wind.fans import Jet, jet_speed
 from drake_quad.scenario.winds.source import jets, steady_wind
 from drake_quad.signals import State
-from drake_quad.visualization.places import place_by_axis
-from drake_quad.visualization.style import AXES, BLACK, PLATE, REFERENCE, new_figure, shading, styled
+from drake_quad.visualization.positions import coordinates_by_axis
+from drake_quad.visualization.style import AXES, BLACK, REFERENCE, TEXT_BACKGROUND, new_figure, shading, styled
 
-# Numbers of arrows and of shades along a map, and margin around path and fans (m).
-_ARROWS, _SHADES, _MARGIN = 30, 300, 0.7
-# Air below this speed (m/s) counts as still, and a flight in still air has no maps.
+# Number of arrows along the width of a map.
+_NUM_ARROWS = 30
+# Number of grid points of the speed along the width of a map.
+_NUM_SHADES = 300
+# Margin of the maps around path and fans, m.
+_MARGIN = 0.7
+# Air below this speed, m/s, counts as still. Maps of still air are not drawn.
 _MAX_STILL_AIR_SPEED = 1e-3
 _ORIGIN = State(*(0.0,) * len(State._fields))
 
 
 class _Room(NamedTuple):
-    """Region that the maps show, m.
+    """Region that the maps show.
 
     Attributes:
-        low: lower end by axis.
-        high: upper end by axis.
+        low: lower end by axis, m.
+        high: upper end by axis, m.
     """
 
     low: dict[str, float]
@@ -38,13 +42,13 @@ class _Room(NamedTuple):
 
 
 class _Plane(NamedTuple):
-    """Plane of W that a map shows.
+    """Plane that a map shows.
 
     Attributes:
-        across: axis across the page.
-        up: axis up the page.
-        normal: axis normal to the plane.
-        level: coordinate of the plane on that axis, m.
+        across: name of the axis of W that points to the right in the map.
+        up: name of the axis of W that points upwards in the map.
+        normal: name of the axis of W that is normal to the plane.
+        level: coordinate of the plane on the normal axis, m.
     """
 
     across: str
@@ -57,8 +61,8 @@ class _Field(NamedTuple):
     """Mean wind in a plane.
 
     Attributes:
-        across: coordinates across the page, (n,), m.
-        up: coordinates up the page, (m,), m.
+        across: horizontal coordinates in the map, (n,), m.
+        up: vertical coordinates in the map, (m,), m.
         velocity: velocity of the air by axis, (m, n), m/s.
         speed: speed of the air, (m, n), m/s.
     """
@@ -72,17 +76,18 @@ class _Field(NamedTuple):
 def plot_wind(flight: Flight) -> Figure:
     """Plot the mean wind in a horizontal and in a vertical plane, and the wind at the vehicle over time.
 
-    The maps show only fans and steady wind. The wind at the vehicle includes gusts and turbulence.
+    The maps show the mean wind: steady wind and the jets of fans. The wind at the vehicle includes gusts and
+    turbulence.
     """
     fans = jets(flight.scenario.laboratory.wind)
     room = _room(flight, fans)
-    # The planes pass through the first fan or the middle of the path, with the longer side across the page.
+    # The planes pass through the first fan, or else through the middle of the region. Their longer side is horizontal.
     middle = {axis: 0.5 * (room.low[axis] + room.high[axis]) for axis in AXES}
     if fans:
         middle = fans[0].outlet._asdict()
-    long, short = ("y", "x") if room.length("y") > room.length("x") else ("x", "y")
-    planes = _Plane(long, short, "z", middle["z"]), _Plane(long, "z", short, middle[short])
-    heights = [room.length(plane.up) / room.length(long) for plane in planes]
+    long_axis, short_axis = ("y", "x") if room.length("y") > room.length("x") else ("x", "y")
+    planes = _Plane(long_axis, short_axis, "z", middle["z"]), _Plane(long_axis, "z", short_axis, middle[short_axis])
+    heights = [room.length(plane.up) / room.length(long_axis) for plane in planes]
     fields = [_mean_wind(flight, plane, room) for plane in planes]
     top = max(float(field.speed.max()) for field in fields)
     with styled():
@@ -95,7 +100,7 @@ def plot_wind(flight: Flight) -> Figure:
         for axes, plane, field in zip((above, side), planes, fields, strict=True):
             shades = _draw_map(axes, plane, field, top)
             _draw_flight(axes, plane, flight, fans)
-        if long == "y":
+        if long_axis == "y":
             above.invert_yaxis()  # seen from above, X is to the right of Y
         above.legend(ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.0))
         figure.colorbar(shades, ax=[above, side], label="mean wind speed (m/s)", pad=0.02, fraction=0.05)
@@ -104,40 +109,42 @@ def plot_wind(flight: Flight) -> Figure:
 
 
 def _room(flight: Flight, fans: tuple[Jet, ...]) -> _Room:
-    """Return the region around both paths and all fans with a margin, cut off at the ground."""
-    flown, wanted = place_by_axis(flight.record("state")), place_by_axis(flight.record("reference"))
+    """Return the region above the ground that contains both paths and all fans with a margin."""
+    flown, reference = coordinates_by_axis(flight.record("state")), coordinates_by_axis(flight.record("reference"))
     finite = np.all([np.isfinite(flown[axis]) for axis in AXES], axis=0)  # a vehicle may have diverged
-    ends = {axis: [*flown[axis][finite], *wanted[axis], *(getattr(jet.outlet, axis) for jet in fans)] for axis in AXES}
-    low = {axis: min(places) - _MARGIN for axis, places in ends.items()}
+    ends = {
+        axis: [*flown[axis][finite], *reference[axis], *(getattr(jet.outlet, axis) for jet in fans)] for axis in AXES
+    }
+    low = {axis: min(coordinates) - _MARGIN for axis, coordinates in ends.items()}
     low["z"] = max(low["z"], 0.0)
-    return _Room(low, {axis: max(places) + _MARGIN for axis, places in ends.items()})
+    return _Room(low, {axis: max(coordinates) + _MARGIN for axis, coordinates in ends.items()})
 
 
 def _mean_wind(flight: Flight, plane: _Plane, room: _Room) -> _Field:
-    """Return the steady part of the wind in a plane."""
-    spacing = room.length(plane.across) / _SHADES
+    """Return the mean wind in a plane."""
+    spacing = room.length(plane.across) / _NUM_SHADES
     across, up = (np.arange(room.low[axis], room.high[axis], spacing) for axis in (plane.across, plane.up))
     a, b = np.meshgrid(across, up)
-    place: Any = _ORIGIN._replace(**{plane.across: a, plane.up: b, plane.normal: np.full_like(a, plane.level)})
+    position: Any = _ORIGIN._replace(**{plane.across: a, plane.up: b, plane.normal: np.full_like(a, plane.level)})
     steady = steady_wind(flight.scenario.laboratory.wind)
     velocity = {axis: np.full_like(a, getattr(steady, axis)) for axis in AXES}
     for jet in jets(flight.scenario.laboratory.wind):
-        speed, _ = jet_speed(place, jet)
+        speed, _ = jet_speed(position, jet)
         for axis, part in velocity.items():
             part += speed * getattr(jet.direction, axis)
     return _Field(across, up, velocity, np.linalg.norm(list(velocity.values()), axis=0))
 
 
 def _draw_map(axes: Axes, plane: _Plane, field: _Field, top: float) -> QuadMesh:
-    """Draw the speed as shades, and the velocity as arrows where it is not negligible."""
+    """Draw the wind speed as colours, and the wind velocity as arrows where it is not negligible."""
     across, up, velocity, speed = field
     shades = axes.pcolormesh(across, up, speed, cmap=shading(), vmin=0.0, vmax=top, rasterized=True)
-    every = _SHADES // _ARROWS
-    thin = slice(every // 2, None, every), slice(every // 2, None, every)
-    felt = speed[thin] > 0.03 * top
-    a, b = (coordinate[thin][felt] for coordinate in np.meshgrid(across, up))
-    v_a, v_b = (velocity[axis][thin][felt] for axis in (plane.across, plane.up))
-    per_metre = top / (every * float(np.diff(across[:2]).item()))  # the longest arrow reaches to the next one
+    step = _NUM_SHADES // _NUM_ARROWS
+    thinned = slice(step // 2, None, step), slice(step // 2, None, step)
+    is_windy = speed[thinned] > 0.03 * top
+    a, b = (coordinate[thinned][is_windy] for coordinate in np.meshgrid(across, up))
+    v_a, v_b = (velocity[axis][thinned][is_windy] for axis in (plane.across, plane.up))
+    per_metre = top / (step * float(np.diff(across[:2]).item()))  # the longest arrow reaches to the next one
     axes.quiver(a, b, v_a, v_b, color="0.25", angles="xy", scale_units="xy", scale=per_metre, width=0.0016)
     axes.set(xlabel=f"{plane.across.upper()} (m)", ylabel=f"{plane.up.upper()} (m)")
     side = "From the side" if plane.up == "z" else "From above"
@@ -148,20 +155,20 @@ def _draw_map(axes: Axes, plane: _Plane, field: _Field, top: float) -> QuadMesh:
 
 
 def _draw_flight(axes: Axes, plane: _Plane, flight: Flight, fans: tuple[Jet, ...]) -> None:
-    """Draw the paths, and the outlets of the fans as bars normal to their jets."""
+    """Draw the flown path and the reference, and the outlets of the fans as bars normal to their jets."""
 
-    def shown(record: Any) -> tuple[Any, Any]:
+    def coordinates(record: Any) -> tuple[Any, Any]:
         """Return the coordinates of a record along the axes of the plane."""
         return getattr(record, plane.across), getattr(record, plane.up)
 
-    axes.plot(*shown(flight.record("reference")), label="reference", **REFERENCE)
-    axes.plot(*shown(flight.record("state")), color=BLACK, linewidth=1.0, label="flown")
+    axes.plot(*coordinates(flight.record("reference")), label="reference", **REFERENCE)
+    axes.plot(*coordinates(flight.record("state")), color=BLACK, linewidth=1.0, label="flown")
     for jet in fans:
-        (x, y), (along_x, along_y), half = shown(jet.outlet), shown(jet.direction), 0.5 * jet.diameter
+        (x, y), (along_x, along_y), half = coordinates(jet.outlet), coordinates(jet.direction), 0.5 * jet.diameter
         bar = [x + half * along_y, x - half * along_y], [y - half * along_x, y + half * along_x]
         axes.plot(*bar, color="0.35", linewidth=4.0, solid_capstyle="butt")
         label: dict[str, Any] = {"xytext": (-6, 0), "textcoords": "offset points", "ha": "right", "va": "center"}
-        axes.annotate("fan", (x, y), bbox=PLATE, **label)
+        axes.annotate("fan", (x, y), bbox=TEXT_BACKGROUND, **label)
 
 
 def _draw_series(axes: Axes, flight: Flight) -> None:

@@ -1,4 +1,4 @@
-"""Every command as a person runs it, and the scripts that are no commands."""
+"""Commands and development scripts work as a user runs them."""
 
 import csv
 import importlib.util
@@ -26,7 +26,7 @@ ROOT = Path(__file__).parent.parent.parent
 
 @pytest.fixture
 def without_figures(monkeypatch):
-    """Commands plot nothing, for tests of what they print and of the other files that they write."""
+    """Make commands draw no figures, for tests of their printed output and their other files."""
     monkeypatch.setattr("drake_quad.visualization.plots.save_plots", lambda flight, folder, vector: [])
     monkeypatch.setattr("drake_quad.visualization.replay.page.save_replay", lambda flights, file: file)
     monkeypatch.setattr("drake_quad.command_line.study.save_plots", lambda studies, folder, arguments: [])
@@ -34,7 +34,7 @@ def without_figures(monkeypatch):
 
 
 @pytest.mark.slow
-def test_simulate_prints_a_table_and_the_files_it_wrote(run, tmp_path):
+def test_fly_prints_a_table_and_the_files_that_it_wrote(run, tmp_path):
     result = run("fly", "diagrams/figure_eight.yaml", "--set", "duration=2", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     assert re.search(r"^RMSE +\d+\.\d\d cm$", result.stdout, re.MULTILINE)
@@ -45,8 +45,8 @@ def test_simulate_prints_a_table_and_the_files_it_wrote(run, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "without_figures")
-def test_simulate_flies_another_layout(run, tmp_path):
-    """An x flies as well as the plus, with as long arms; what is flown is what is saved."""
+def test_fly_simulates_another_layout(run, tmp_path):
+    """An X layout flies as well as the plus with arms of the same length, and the saved scenario is the flown one."""
     short = ["diagrams/figure_eight.yaml", "--set", "duration=2", "--output"]
     plus = run("fly", *short, tmp_path / "plus")
     result = run("fly", *short, tmp_path / "x", "--set", "nominal.layout={kind: x}")
@@ -66,7 +66,7 @@ def test_simulate_flies_another_layout(run, tmp_path):
         ("{kind: x, length: 0.2, width: 0.000001}", "must produce thrust and all torques, but has no"),
     ],
 )
-def test_simulate_refuses_a_broken_layout_in_one_sentence(run, tmp_path, layout, words):
+def test_fly_refuses_an_invalid_layout_in_one_sentence(run, tmp_path, layout, words):
     result = run("fly", "--set", f"nominal.layout={layout}", "--output", tmp_path / "out")
     assert (result.returncode, result.stdout) == (2, "")
     assert words in result.stderr
@@ -76,7 +76,7 @@ def test_simulate_refuses_a_broken_layout_in_one_sentence(run, tmp_path, layout,
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "without_figures")
-def test_simulate_saves_what_a_network_has_learned_to_be_flown_again(run, tmp_path):
+def test_fly_saves_the_learned_weights_of_a_network_for_another_flight(run, tmp_path):
     file, short = tmp_path / "learned.yaml", ["--set", "duration=1", "--set", "metrics.start=0", "--output", tmp_path]
     study = ["diagrams/paper.yaml:no_wind_pd_t2fnn", "--sample", 0, *short]
     result = run("fly", *study, "--save-network", file)
@@ -85,25 +85,25 @@ def test_simulate_saves_what_a_network_has_learned_to_be_flown_again(run, tmp_pa
     assert run("fly", *study, "--set", f"control.network.learned={file}").returncode == 0
     refused = run("fly", "diagrams/figure_eight.yaml", *short, "--save-network", file)
     assert refused.returncode == 2
-    assert "--save-network needs a network" in refused.stderr
+    assert "--save-network requires a scenario with a network" in refused.stderr
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_simulate_flies_one_sample_of_a_study_in_the_wind(run, tmp_path):
+def test_fly_simulates_one_sample_of_a_study_in_the_wind(run, tmp_path):
     study = ["diagrams/laboratory.yaml:low_wind", "--set", "vehicle.mass={choice: [0.6, 0.7]}", "--set", "duration=2"]
     result = run("fly", *study, "--seed", 5, "--sample", 3, "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
-    assert re.search(r"^sample +3 of seed 5$", result.stdout, re.MULTILINE)
+    assert re.search(r"^sample +3 \(seed 5\)$", result.stdout, re.MULTILINE)
     assert (tmp_path / "wind.png").exists()
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "without_figures")
-def test_a_crash_is_reported_and_is_no_failure(run, tmp_path):
+def test_a_crash_is_reported_but_is_not_a_failure(run, tmp_path):
     result = run("fly", "--set", "control.position.k_p=[20,20,20]", "--output", tmp_path)
     assert result.returncode == 0
-    assert re.search(r"^flown +crashed at \d+\.\d\d s$", result.stdout, re.MULTILINE)
+    assert re.search(r"^flight time +crashed at \d+\.\d\d s$", result.stdout, re.MULTILINE)
     assert "nan" not in result.stdout
 
 
@@ -148,14 +148,14 @@ def test_wrong_input_gets_one_sentence_and_status_2(run, tmp_path, arguments, wo
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_plan_prints_what_binds_and_writes_a_trajectory_that_flies(run, tmp_path):
+def test_plan_prints_the_active_limits_and_writes_a_trajectory_that_can_be_flown(run, tmp_path):
     course = tmp_path / "course.csv"
     course.write_text("x,y,z\n0,0,1\n1,1,1\n1,1,1\n2,0,1.5\n0,0,1\n", encoding="utf-8")
     result = run("plan", course, "--output", tmp_path, "--vector", "svg")
     assert (result.returncode, result.stderr) == (0, "")
-    assert re.search(r"^repeats +1 ", result.stdout, re.MULTILINE)
+    assert re.search(r"^repeated +1 ", result.stdout, re.MULTILINE)
     assert re.search(r"^top acceleration +0\.700 m/s² of 0\.7$", result.stdout, re.MULTILINE)
-    assert re.search(r"^binds: acceleration on segments? \d", result.stdout, re.MULTILINE)
+    assert re.search(r"^active limits: acceleration on segments? \d", result.stdout, re.MULTILINE)
     written = [Path(line.strip()) for line in result.stdout.split("wrote\n")[1].splitlines()]
     assert [path.name for path in written] == [
         "trajectory.csv",
@@ -194,16 +194,16 @@ def test_a_route_that_cannot_be_planned_gets_one_sentence_and_status_2(run, tmp_
     assert not any(path.is_file() for path in output.rglob("*"))
 
 
-def test_an_unwritable_output_folder_is_told_before_flying(run, tmp_path):
+def test_an_unwritable_output_folder_is_refused_before_the_flight(run, tmp_path):
     (tmp_path / "file").write_text("in the way")
     result = run("fly", "--output", tmp_path / "file")
     assert result.returncode == 2
-    assert "cannot be written" in result.stderr
+    assert "cannot write to the output folder" in result.stderr
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_design_gains_states_margins_and_writes_what_a_scenario_extends(run, tmp_path):
+def test_design_prints_margins_and_writes_gains_that_a_scenario_can_extend(run, tmp_path):
     result = run("design", "--loop", "position.bandwidth=0.5", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     for axis in ("roll", "pitch", "yaw", "x", "y", "z"):
@@ -221,7 +221,7 @@ def test_design_gains_states_margins_and_writes_what_a_scenario_extends(run, tmp
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "without_figures")
-def test_design_gains_designs_a_pid_that_a_scenario_extends(run, tmp_path):
+def test_design_writes_a_pid_that_a_scenario_can_extend(run, tmp_path):
     result = run("design", "--integral", "0.2", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     mine = tmp_path / "mine.yaml"
@@ -233,7 +233,7 @@ def test_design_gains_designs_a_pid_that_a_scenario_extends(run, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "without_figures")
-def test_design_gains_designs_the_integral_of_what_is_a_pid(run, tmp_path):
+def test_design_includes_the_integral_of_an_existing_pid(run, tmp_path):
     pid = "control.position={kind: pid, k_p: [1, 1, 1], k_d: [1, 1, 1], k_i: [0, 0, 0]}"
     result = run("design", "--set", pid, "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
@@ -249,7 +249,7 @@ RESPONDING = [
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_design_lqg_states_margins_and_writes_what_a_scenario_extends(run, tmp_path, monkeypatch):
+def test_design_lqg_prints_margins_and_writes_a_controller_that_a_scenario_can_extend(run, tmp_path, monkeypatch):
     monkeypatch.setattr("drake_quad.design.lqg._MAX_EVALUATIONS", 20)
     result = run("design-lqg", ONBOARD, "--sensitivity", "2.5", "--output", tmp_path)
     assert result.returncode == 0, result.stderr
@@ -266,14 +266,16 @@ def test_design_lqg_states_margins_and_writes_what_a_scenario_extends(run, tmp_p
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_tune_controller_finds_less_error_and_says_what_margins_are_left(run, tmp_path, monkeypatch):
+def test_tune_reduces_the_error_and_prints_the_remaining_margins(run, tmp_path, monkeypatch):
     monkeypatch.setattr(tune, "Budget", partial(Budget, candidates=32, checks=2, steps=4))
     soft = ["diagrams/laboratory.yaml:low_wind", "--controller", "diagrams/gains/laboratory.yaml"]
     soft += ["--set", "duration=3", "--rounds", "1", "--samples", "1"]
     loose = ["--sensitivity", "20", "--delay-margin", "0.002", "--output", tmp_path]
     result = run("tune", *soft, *loose)
     assert (result.returncode, result.stderr) == (0, "")
-    before, after = re.search(r"^RMSE on 32 other samples +(\S+) cm +(\S+) cm$", result.stdout, re.MULTILINE).groups()
+    before, after = re.search(
+        r"^RMSE on 32 held-out samples +(\S+) cm +(\S+) cm$", result.stdout, re.MULTILINE
+    ).groups()
     assert float(after) < 0.7 * float(before)
     assert re.search(r"^tau_y +\d+\.\d\d +\d+ ms", result.stdout, re.MULTILINE)
     gains = load_scenario(tmp_path / "scenario.yaml").control.position
@@ -283,7 +285,7 @@ def test_tune_controller_finds_less_error_and_says_what_margins_are_left(run, tm
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_judge_controllers_flies_designs_and_writes_what_follows(run, tmp_path):
+def test_judge_flies_the_designs_and_writes_a_report(run, tmp_path):
     few = ["--family", "laboratory", "--only", "pd", "--only", "pd_t2fnn"]
     result = run("judge", "--quick", *few, "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
@@ -297,7 +299,7 @@ def test_judge_controllers_flies_designs_and_writes_what_follows(run, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_design_gains_designs_loops_on_board_and_the_position_around_them(run, tmp_path):
+def test_design_includes_loops_on_board_and_the_position_around_them(run, tmp_path):
     result = run("design", ONBOARD, "--on-board", "--phase-margin", "65", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     rows = re.findall(r"^(\w+(?: rate)?) .* (\d\d\.\d)° .* dB .* ms .* rad/s ", result.stdout, re.MULTILINE)
@@ -316,7 +318,7 @@ def test_design_gains_designs_loops_on_board_and_the_position_around_them(run, t
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "without_figures")
-def test_gains_of_the_position_alone_are_designed_for_an_attitude_that_responds(run, tmp_path):
+def test_only_position_gains_are_designed_for_an_attitude_response(run, tmp_path):
     result = run("design", ONBOARD, *RESPONDING, "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     assert re.findall(r"^(\w+) .* \d\d\.\d° ", result.stdout, re.MULTILINE) == ["z", "x", "y"]
@@ -325,7 +327,7 @@ def test_gains_of_the_position_alone_are_designed_for_an_attitude_that_responds(
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "without_figures")
-def test_gains_are_designed_for_a_vehicle_alone_and_fly(run, tmp_path):
+def test_gains_are_designed_for_a_vehicle_without_a_controller_and_fly(run, tmp_path):
     vehicle = (
         "{nominal: {mass: 0.5, inertia: [0.003, 0.0032, 0.006], thrust_factor: 3.0e-5, drag_factor: 8.5e-7,"
         " arm_length: 0.17, rotor_inertia: 6.5e-5, min_rotor_speed: 60.0, max_rotor_speed: 300.0},"
@@ -333,7 +335,10 @@ def test_gains_are_designed_for_a_vehicle_alone_and_fly(run, tmp_path):
     )
     (tmp_path / "vehicle.yaml").write_text(f"small: {vehicle}\n", encoding="utf-8")
     result = run("design", tmp_path / "vehicle.yaml", "--output", tmp_path / "gains")
-    assert (result.returncode, result.stderr) == (0, "remark: gains are designed for the median of each distribution\n")
+    assert (result.returncode, result.stderr) == (
+        0,
+        "remark: the gains are designed for the median of each distribution\n",
+    )
     command = re.search(r"drake-quad study (\S+) --samples 32", result.stdout)
     assert run("fly", command[1], "--sample", 3, "--output", tmp_path / "flight").returncode == 0
     with (tmp_path / "flight" / "metrics.csv").open() as file:
@@ -346,10 +351,10 @@ def test_gains_are_designed_for_a_vehicle_alone_and_fly(run, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_stability_map_counts_and_draws(run, tmp_path):
+def test_map_prints_shares_and_draws_a_figure(run, tmp_path):
     result = run("map", "--quick", "--loop", "attitude", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
-    assert re.search(r"^nominal: \d+ % of the gains are stable, \d+ % flew", result.stdout, re.MULTILINE)
+    assert re.search(r"^nominal: \d+ % of the gains are stable, \d+ % do not crash", result.stdout, re.MULTILINE)
     assert len((tmp_path / "attitude_map.csv").read_text(encoding="utf-8").splitlines()) == 1 + 12 * 12
     assert (tmp_path / "attitude_map.png").exists()
 
@@ -362,7 +367,7 @@ def test_with_an_autopilot_the_gains_on_board_are_mapped(run, tmp_path):
         *("--k-attitude", "4", "40", "--k-rate", "5", "15", "--output", tmp_path),
     )
     assert (result.returncode, result.stderr) == (0, "")
-    assert re.search(r"^nominal: 33 % of the gains .* at k_attitude 4, k_rate \d+$", result.stdout, re.MULTILINE)
+    assert re.search(r"^nominal: 33 % of the gains .* at k_attitude = 4, k_rate = \d+$", result.stdout, re.MULTILINE)
     header, *rows = (tmp_path / "attitude_map.csv").read_text(encoding="utf-8").splitlines()
     assert header.startswith("k_attitude (1/s),k_rate (1/s),nominal: stable,")
     assert [row.split(",")[:3] for row in rows[2:4]] == [["4", "15", "1"], ["22", "5", "0"]]
@@ -371,7 +376,7 @@ def test_with_an_autopilot_the_gains_on_board_are_mapped(run, tmp_path):
 @pytest.mark.slow
 @pytest.mark.usefixtures("unpainted")
 def test_a_map_of_gains_from_zero_on_and_of_flights_without_error(run, tmp_path):
-    """Neither is logarithms of zero, which the tests would not let pass."""
+    """Gains and errors of zero cause no warning about the logarithm of zero, which would fail the test."""
     result = run(
         *("map", "diagrams/hover.yaml", "--size", "3", "--set", "duration=0.2"),
         *("--k-p", "0", "1", "--k-d", "0", "1", "--output", tmp_path),
@@ -390,12 +395,12 @@ def test_wind_without_a_mean_is_drawn(run, tmp_path, wind):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_what_is_zero_has_no_sensitivities(run, tmp_path):
+def test_a_zero_metric_has_no_sensitivities(run, tmp_path):
     result = run(
         "sensitivities", "diagrams/hover.yaml", "--field", "vehicle.mass", "--set", "duration=0.5", "--output", tmp_path
     )
     assert (result.returncode, result.stderr) == (0, "")
-    assert "rmse is zero, where it has no derivative" in result.stdout
+    assert "rmse is zero and has no derivative there" in result.stdout
 
 
 @pytest.mark.slow
@@ -451,16 +456,16 @@ def test_sensitivities_are_sorted_by_effect(run, tmp_path):
         (
             "tune",
             ["--tune", "vehicle.mass"],
-            "--tune names vehicle.mass, which is no number larger than 0",
+            "--tune vehicle.mass: must be a field of the control with a number larger than 0",
         ),
-        ("tune", ["--tune", "control.position.kind"], "which is no number larger than 0 of the control"),
+        ("tune", ["--tune", "control.position.kind"], "must be a field of the control with a number larger than 0"),
         ("tune", ["--tune", "control.position.k_q"], "the scenario has no field control.position.k_q"),
         (
             "tune",
             ["--tune", "control.position.k_p.0=3:1"],
-            "the range 3:1, which must rise, from above 0",
+            "the range 3:1, but LOW must be above 0 and HIGH above LOW",
         ),
-        ("tune", ["--tune", "control.position.k_p.0=3"], "the range 3, but must have LOW:HIGH"),
+        ("tune", ["--tune", "control.position.k_p.0=3"], "the range 3; write it as LOW:HIGH with two numbers"),
         ("judge", ["--samples", "1"], "--samples is 1, but must be between 2 and 10000"),
         ("judge", ["--tune", "outdoor", "--only", "lqg"], "lqg is no controller that is tuned here"),
         ("design-lqg", ["--sensitivity", "1"], "--sensitivity is 1, but must be between 1.2 and 10"),
@@ -469,14 +474,14 @@ def test_sensitivities_are_sorted_by_effect(run, tmp_path):
         ("design-lqg", ["--acceleration", "0"], "--acceleration is 0, but must be between 0.01 and 1000"),
         ("design", ["--phase-margin", "85"], "no gains of this family meet the requirements for roll; at best phase"),
         ("design", ["--loop", "attitude.bandwidth=5"], "roll cannot have a bandwidth of 5 rad/s: phase margin"),
-        ("design", ["--method", "lqr", "--loop", "yaw.bandwidth=1"], "--loop yaw.bandwidth is for --method poles"),
+        ("design", ["--method", "lqr", "--loop", "yaw.bandwidth=1"], "--loop yaw.bandwidth requires --method poles"),
         ("design", ["--on-board"], "laboratory.autopilot is of kind none, which has no gains; use kind attitude"),
         (
             "design",
             [ONBOARD, "--loop", "yaw.bandwidth=1"],
-            "--loop yaw.bandwidth is for attitude control on the ground",
+            "--loop yaw.bandwidth belongs to attitude control on the ground",
         ),
-        ("design", [ONBOARD, "--delay-margin", "2"], "--delay-margin is for attitude control on the ground"),
+        ("design", [ONBOARD, "--delay-margin", "2"], "--delay-margin belongs to attitude control on the ground"),
         (
             "map",
             [ONBOARD, *RESPONDING, "--quick", "--loop", "attitude"],
@@ -512,28 +517,28 @@ def monte_carlo(run, folder, *arguments):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_monte_carlo_prints_what_the_samples_did(run, tmp_path):
+def test_study_prints_the_statistics_of_its_samples(run, tmp_path):
     result = monte_carlo(run, tmp_path, "--seed", 3)
     assert (result.returncode, result.stderr) == (0, "")
     lines = result.stdout.splitlines()
     assert lines[0].startswith(
         "robustness: 6 samples of seed 3, 0.40 s each, diagrams compiled; 0 crashed, 0 % [0, 46]"
     )
-    assert re.fullmatch(r"[\d,]+ vehicle-seconds per second", lines[-1])
+    assert re.fullmatch(r"simulation speed: [\d,]+ vehicle-seconds per second", lines[-1])
     files = {path.name for path in tmp_path.iterdir()}
     assert {"results.csv", "scenario.yaml", "study.yaml", "distribution.png", "influences.png"} <= files
     again = monte_carlo(run, tmp_path, "--seed", 3, "--resume")
-    assert again.stdout.splitlines()[-1] == "nothing was left to fly"
+    assert again.stdout.splitlines()[-1] == "all samples had already been flown"
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "without_figures")
-def test_monte_carlo_says_which_drawn_numbers_are_correlated(run, tmp_path):
+def test_study_names_correlated_random_parameters(run, tmp_path):
     shared = "vehicle.{}={{normal: {{mean: {}, standard_deviation: {}, min: 0.0001, shared: {{a: {}}}}}}}"
     mass, drag = shared.format("mass", 0.68, 0.02, 0.9), shared.format("linear_drag", 0.2, 0.05, -0.5)
     result = monte_carlo(run, tmp_path, "--set", mass, "--set", drag)
     assert (result.returncode, result.stderr) == (0, "")
-    words = "drawn numbers are correlated (vehicle.mass and vehicle.linear_drag by -0.45): an influence of one holds"
+    words = "random parameters are correlated (vehicle.mass and vehicle.linear_drag: -0.45), so the influence of a"
     assert words in result.stdout
     assert "are correlated" not in monte_carlo(run, tmp_path / "none").stdout
 
@@ -541,7 +546,7 @@ def test_monte_carlo_says_which_drawn_numbers_are_correlated(run, tmp_path):
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "without_figures")
 def test_the_command_for_a_worst_sample_flies_it_again(run, tmp_path):
-    """With the metrics of its row, to 1e-9."""
+    """The repeated flight has the metrics in the row of the sample, to 1e-9."""
     result = monte_carlo(run, tmp_path, "--seed", 3)
     command = re.search(r"drake-quad (\S+) (\S+) --sample (\d+)", result.stdout)
     again = run(command[1], command[2], "--sample", command[3], "--output", tmp_path)
@@ -559,7 +564,7 @@ def test_the_command_for_a_worst_sample_flies_it_again(run, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "without_figures")
-def test_the_worst_samples_are_those_that_crashed_and_say_into_what(run, tmp_path):
+def test_the_worst_samples_are_crashes_with_their_obstacles(run, tmp_path):
     scenario = tmp_path / "pillars.yaml"
     scenario.write_text(
         "pillars:\n  extends: hover\n  duration: 0.4\n  vehicle: {linear_drag: {uniform: {min: 0.0, max: 1.0}}}\n"
@@ -568,7 +573,7 @@ def test_the_worst_samples_are_those_that_crashed_and_say_into_what(run, tmp_pat
     )
     result = run("study", scenario, "--samples", 6, "--workers", 1, "--output", tmp_path / "study")
     assert result.returncode == 0
-    ends = re.findall(r"^  (.*?) +drake-quad fly", result.stdout.split("the worst:")[1], re.MULTILINE)
+    ends = re.findall(r"^  (.*?) +drake-quad fly", result.stdout.split("worst samples:")[1], re.MULTILINE)
     crashed = [end for end in ends if end.startswith("crashed")]
     assert len(ends) == 5
     assert 0 < len(crashed) < 5
@@ -578,11 +583,11 @@ def test_the_worst_samples_are_those_that_crashed_and_say_into_what(run, tmp_pat
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_monte_carlo_compares_controllers_on_the_same_samples(run, tmp_path):
+def test_study_compares_controllers_on_the_same_samples(run, tmp_path):
     chosen = [word for name in ("pd", "pid") for word in ("--controller", f"diagrams/controllers/paper.yaml:{name}")]
     result = monte_carlo(run, tmp_path, *chosen)
     assert (result.returncode, result.stderr) == (0, "")
-    assert "beside pd, sample by sample:" in result.stdout
+    assert "paired comparison with pd on the same samples:" in result.stdout
     for name in ("pd", "pid"):
         assert load_scenario(tmp_path / name / "scenario.yaml").control.position.kind == name
         assert (tmp_path / f"influences_{name}.png").exists()
@@ -595,11 +600,11 @@ def test_monte_carlo_compares_controllers_on_the_same_samples(run, tmp_path):
         (["--workers", -2], "workers is -2"),
         (["--batch", 0], "batch is 0"),
         (["--seed", -1], "seed"),
-        (["--output", "/proc/nowhere"], "cannot be written"),
+        (["--output", "/proc/nowhere"], "cannot write to the output folder"),
         (["--set", "route.radius={uniform: {min: 1.2, max: 1.4}}"], "route.radius is a distribution"),
     ],
 )
-def test_monte_carlo_refuses_what_it_cannot_fly(run, tmp_path, arguments, words):
+def test_study_refuses_input_that_it_cannot_fly(run, tmp_path, arguments, words):
     result = monte_carlo(run, tmp_path / "study", *arguments)
     assert result.returncode == 2
     assert words in result.stderr
@@ -607,21 +612,21 @@ def test_monte_carlo_refuses_what_it_cannot_fly(run, tmp_path, arguments, words)
 
 
 @pytest.mark.parametrize("name", ["..", ".", "a b"])
-def test_a_controller_whose_name_is_no_folder_s_is_refused(run, tmp_path, name):
-    """A folder called `..` would be the one above."""
+def test_a_controller_whose_name_cannot_name_a_folder_is_refused(run, tmp_path, name):
+    """A folder called `..` would be the parent folder."""
     file = tmp_path / "controllers.yaml"
     file.write_text(f"{{'{name}': {{control: {{thrust_vectoring: {{max_tilt: 0.5}}}}}}}}\n")
     result = monte_carlo(run, tmp_path / "study", "--controller", f"{file}:{name}")
     assert result.returncode == 2
     assert re.fullmatch(
-        r"error: --controller \S+:.*: '.*' is no name for a folder; use letters and digits\n", result.stderr
+        r"error: --controller \S+:.*: '.*' cannot be the name of a folder; rename the controller\n", result.stderr
     )
     assert [path.name for path in tmp_path.iterdir()] == ["controllers.yaml"]
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "without_figures")
-def test_a_study_says_which_rows_were_altered_and_flown_again(run, tmp_path):
+def test_a_study_reports_altered_rows_that_it_flew_again(run, tmp_path):
     monte_carlo(run, tmp_path)
     path = tmp_path / "results.csv"
     before = path.read_text()
@@ -629,21 +634,21 @@ def test_a_study_says_which_rows_were_altered_and_flown_again(run, tmp_path):
     assert path.read_text() != before
     result = monte_carlo(run, tmp_path, "--resume")
     assert (result.returncode, path.read_text()) == (0, before)
-    assert result.stderr == f"remark: {path} was altered in lines 5; these samples were flown again\n"
+    assert result.stderr == f"remark: {path}: lines 5 had been altered, so their samples were flown again\n"
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "without_figures")
-def test_monte_carlo_remarks_on_a_scenario_without_distributions(run, tmp_path):
+def test_study_remarks_on_a_scenario_without_distributions(run, tmp_path):
     options = ("--set", "duration=0.2", "--samples", 3, "--workers", 1, "--output", tmp_path)
     result = run("study", "diagrams/figure_eight.yaml", *options)
     assert result.returncode == 0
-    assert result.stderr.startswith("remark: figure_eight holds no distribution")
+    assert result.stderr.startswith("remark: figure_eight has no distribution")
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "without_figures")
-def test_a_study_that_is_there_is_neither_overwritten_nor_mixed_with_another(run, tmp_path):
+def test_an_existing_study_is_neither_overwritten_nor_mixed_with_another(run, tmp_path):
     assert monte_carlo(run, tmp_path).returncode == 0
     before = (tmp_path / "results.csv").read_bytes()
     for arguments, words in (([], "holds a study already"), (["--resume", "--seed", 9], "its seed is 0, not 9")):
@@ -661,7 +666,7 @@ def test_calibrate_paper_refuses_too_few_samples(run, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("unpainted")
-def test_a_study_in_which_everything_crashes_is_told_too(run, tmp_path):
+def test_a_study_in_which_all_samples_crash_is_printed(run, tmp_path):
     result = monte_carlo(run, tmp_path, "--set", "crash.position_error=0.001")
     assert (result.returncode, result.stderr) == (0, "")
     assert "6 crashed, 100 % [54, 100]" in result.stdout
@@ -671,7 +676,7 @@ def test_a_study_in_which_everything_crashes_is_told_too(run, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "without_figures")
-def test_simulate_shows_the_flight_live(run, tmp_path):
+def test_fly_shows_the_flight_live(run, tmp_path):
     study = ["diagrams/laboratory.yaml:low_wind", "--set", "duration=1", "--output", tmp_path]
     result = run("fly", *study, "--meshcat", "--rate", 0)
     assert (result.returncode, result.stderr) == (0, "")
@@ -696,22 +701,22 @@ def test_replay_makes_pages_of_samples_and_of_controllers(run, tmp_path):
 
 
 @pytest.mark.skipif(shutil.which("dot") is None, reason="no Graphviz on PATH; Debian's package is graphviz")
-def test_draw_diagram_draws_the_loop_and_what_is_in_it(run, tmp_path):
+def test_draw_draws_the_loop_and_its_inner_diagrams(run, tmp_path):
     result = run("draw", "diagrams/hover.yaml", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     assert {path.stem for path in tmp_path.iterdir()} >= {"loop", "control", "laboratory"}
 
 
-def test_without_graphviz_a_sentence_says_so(run, tmp_path, monkeypatch):
+def test_missing_graphviz_is_reported_in_one_sentence(run, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", "")
     result = run("draw", "diagrams/hover.yaml", "--output", tmp_path)
     assert result.returncode == 2
-    assert re.fullmatch(r"error: .*Graphviz.* is not on PATH; Debian's package is graphviz\n", result.stderr)
+    assert re.fullmatch(r"error: .*Graphviz.* is not on PATH; install Graphviz .*\n", result.stderr)
 
 
 @pytest.fixture
 def forked(monkeypatch):
-    """Processes for measurements that are forked, and so need not import and compile everything again."""
+    """Make measurements in forked processes, which need not import and compile everything again."""
     monkeypatch.setenv("SCIPY_ARRAY_API", "1")
     monkeypatch.setattr(os, "sched_setaffinity", lambda process, cores: None, raising=False)
     # crazyflow must be imported before SciPy, which only a spawned process can do.
@@ -722,7 +727,7 @@ def forked(monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("forked")
-def test_simulators_are_compared_as_far_as_they_are_there(run):
+def test_installed_simulators_are_compared(run):
     result = run("compare_simulators.py", "--quick")
     assert result.returncode == 0
     assert re.search(
@@ -735,17 +740,17 @@ def test_simulators_are_compared_as_far_as_they_are_there(run):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("forked")
-def test_environments_are_compared_as_far_as_they_are_there(run):
+def test_installed_environments_are_compared(run):
     result = run("compare_environments.py", "--quick")
     assert result.returncode == 0
     assert re.search(r"^\| drake_quad, everything \| [\d,]+ \|$", result.stdout, re.M)
-    told = "crazyflow is not installed, so it is not measured" in result.stderr
-    assert told != bool(re.search(r"^\| crazyflow ", result.stdout, re.MULTILINE))
+    reports_missing = "crazyflow is not installed, so it is not measured" in result.stderr
+    assert reports_missing != bool(re.search(r"^\| crazyflow ", result.stdout, re.MULTILINE))
     first, last = map(float, re.search(r"time: ([\d.]+) MB .*, ([\d.]+) MB in all", result.stdout).groups())
     assert last - first < 12.0
 
 
-def test_the_weights_that_are_shipped_are_those_of_the_package(run, tmp_path):
+def test_shipped_weights_are_those_of_the_package(run, tmp_path):
     pytest.importorskip("foundation_policy")
     result = run("write_raptor.py", "--output", str(tmp_path))
     assert result.returncode == 0, result.stderr
@@ -761,8 +766,8 @@ PX4 = "tests/data/px4/sample_px4_events.ulg.xz"
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "shared_fits")
-def test_a_crazyflie_of_crazyswarm2_is_identified_as_it_is_shipped(run, tmp_path):
-    """The file that the script writes from a log has the scenario of the one that is shipped, to 2 %."""
+def test_the_shipped_crazyswarm2_vehicle_can_be_identified_again(run, tmp_path):
+    """The script identifies from a log the vehicle in the shipped file, to 2 %."""
     result = run("identify_crazyswarm2.py", "--log", "180", "--output", tmp_path / "mine.yaml")
     assert result.returncode == 0
     assert load_scenario(f"{tmp_path / 'mine.yaml'}:log180").name == "log180"
@@ -771,19 +776,19 @@ def test_a_crazyflie_of_crazyswarm2_is_identified_as_it_is_shipped(run, tmp_path
         (path.read_text(encoding="utf-8").partition("\nlog180:")[2]).splitlines()
         for path in (tmp_path / "mine.yaml", ROOT / "diagrams" / "crazyswarm2.yaml")
     ]
-    # Along no axis is the centre of mass of log180 told to 2 % of itself: 2 µm of some 30.
+    # log180 does not determine the centre of mass, of some 30 µm, to 2 % of its value, so the tolerance is 2 µm.
     atol = 0.0
     for mine, shipped in zip(*lines, strict=True):
         if mine.endswith(":"):
             atol = 2e-6 if "centre_of_mass" in mine else 0.0
-        found, expected = (
+        identified, expected = (
             [float(number) for number in re.findall(r"(?<![\w.])-?\d+\.\d+(?:e-?\d+)?", line.partition("shared")[0])]
             for line in (mine, shipped)
         )
-        np.testing.assert_allclose(found, expected, rtol=0.02, atol=atol)
+        np.testing.assert_allclose(identified, expected, rtol=0.02, atol=atol)
 
 
-def test_the_shipped_crazyflies_are_not_overwritten_by_some_of_them(run):
+def test_a_partial_identification_does_not_overwrite_the_shipped_crazyflies(run):
     shipped = (ROOT / "diagrams" / "crazyswarm2.yaml").read_bytes()
     result = run("identify_crazyswarm2.py", "--log", "180")
     sentence = "error: --log: the shipped file has all four; --output says where to write some\n"
@@ -798,7 +803,7 @@ def test_a_vehicle_is_identified_written_and_flown(run, tmp_path):
     result = run("identify", LOG, "--mass", "0.0375", "--output", mine, "--name", "log_100")
     assert result.returncode == 0
     assert re.search(r"^thrust_factor +3\.0\d+e-08 ± ", result.stdout, re.MULTILINE)
-    # Of each number, in how many stretches that were held out its interval holds.
+    # For each parameter, the table gives the number of held-out segments whose estimate is within its interval.
     held = re.findall(r"  (\d+) of 10\b", result.stdout)
     assert len(held) >= 8
     assert min(map(int, held)) >= 9
@@ -819,8 +824,8 @@ def test_a_vehicle_is_identified_written_and_flown(run, tmp_path):
     assert load_scenario(loop).nominal.mass == 0.0375
 
 
-def test_intervals_that_hold_are_counted(run, tmp_path):
-    """Of a run that is done: nothing is flown; one flight told nothing, and another did not tell of the drag."""
+def test_intervals_that_contain_the_true_value_are_counted(run, tmp_path):
+    """The run is finished, so nothing is flown. One flight identified nothing, and another one only the inertia."""
     path = tmp_path / "wind.csv"
     rows = ["0,inertia[0],1.0,1.2,0.1,inf", "0,linear_drag,0.1,0.3,0.1,inf", "1,inertia[0],1.0,0.9,0.1,inf", "2,,,,,"]
     head = ["# wind seed=11", "sample,name,true,value,deviation,degrees_of_freedom"]
@@ -829,7 +834,7 @@ def test_intervals_that_hold_are_counted(run, tmp_path):
     assert (result.returncode, result.stderr) == (0, "")
     lines = [line.split() for line in result.stdout.splitlines() if "of" in line.split()]
     assert result.stdout.startswith("3 flights")
-    # Two off by 2 and by -1 deviations of what is said: their mean over their spread is 0.05 / 0.15.
+    # Two estimates are off by 2 and by -1 standard deviations; their mean over their spread is 0.05 / 0.15.
     assert lines[0] == ["inertia[0]", "1", "of", "2", "50", "%", "[1,", "99]", "+0.33", "0.63", "0.16", "1"]
     assert lines[1][:4] == ["linear_drag", "0", "of", "1"]
     assert lines[1][-1] == "2"
@@ -837,13 +842,13 @@ def test_intervals_that_hold_are_counted(run, tmp_path):
 
 
 def second_flight(task):
-    """What is found of the second flight; worker processes import this function."""
+    """Return the identification of the second flight; worker processes import this function."""
     assert task.samples == [1]
     return {1: [known_flights.Checked("autopilot.damping[0]", 0.5, 0.6, 0.1, 30.0)]}
 
 
 @pytest.mark.slow
-def test_a_known_vehicle_is_identified_and_the_next_run_goes_on(run, tmp_path, monkeypatch):
+def test_a_known_vehicle_is_identified_and_the_next_run_continues(run, tmp_path, monkeypatch):
     path, short = tmp_path / "autopilot.csv", ("--set", "duration=14")
     result = run("check_identification.py", "autopilot", "--samples", "1", *short, "--output", path)
     assert result.returncode == 0
@@ -875,30 +880,30 @@ def test_a_known_vehicle_is_identified_and_the_next_run_goes_on(run, tmp_path, m
         (["wind", "--seed", "12", "--output", "before.csv"], "is of 'wind seed=11', not of 'wind seed=12'"),
     ],
 )
-def test_what_cannot_be_checked_gets_one_sentence_and_status_2(run, tmp_path, arguments, words):
+def test_an_impossible_check_gets_one_sentence_and_status_2(run, tmp_path, arguments, words):
     (tmp_path / "other.csv").write_text("time,x\n0,1\n", encoding="utf-8")
     head = "# wind seed=11\nsample,name,true,value,deviation,degrees_of_freedom\n"
     (tmp_path / "before.csv").write_text(head, encoding="utf-8")
     (tmp_path / "cut.csv").write_text(f"{head}0,inertia[0],1.0,1.2,0.1,2", encoding="utf-8")
     (tmp_path / "row.csv").write_text(f"{head}0,inertia[0],1.0\n", encoding="utf-8")
     (tmp_path / "binary.csv").write_bytes(bytes(range(256)))
-    given = [str(tmp_path / each) if (tmp_path / each).is_file() else each for each in arguments]
-    result = run("check_identification.py", *given)
+    paths_and_options = [str(tmp_path / each) if (tmp_path / each).is_file() else each for each in arguments]
+    result = run("check_identification.py", *paths_and_options)
     assert result.returncode == 2
     assert words in result.stderr.splitlines()[-1]
 
 
-def test_a_wind_is_that_of_logs_that_have_none(capsys):
+def test_the_wind_option_applies_to_logs_without_wind(capsys):
     time = np.array([0.0, 0.1])
     still, logged = FlightRecord("still", time), FlightRecord("logged", time, wind=np.ones((2, 3)))
     for winds in (["-8.5,0,0.25"], ["-8.5,0,0.25", "1,2,3"]):
         found = with_winds([still, logged], winds)
         np.testing.assert_array_equal(found[0].wind, [[-8.5, 0.0, 0.25]] * 2)
         np.testing.assert_array_equal(found[1].wind, np.ones((2, 3)))
-        assert "remark: logged: contains the wind, which --wind does not replace" in capsys.readouterr().err
+        assert "remark: logged: the log contains the wind, so --wind is ignored" in capsys.readouterr().err
 
 
-def test_logs_of_different_vehicles_are_not_taken_together(run, tmp_path):
+def test_logs_of_different_vehicles_are_not_combined(run, tmp_path):
     cells = ['"[0, 0, 1]"', '"[0, 0, 0]"', '"[0, 0, 0, 1]"', '"[0, 0, 0]"', "0.4", '"[0, 0, 0, 1]"']
     rows = [",".join([time, *cells]) for time in ("0.0", "0.02", "0.04")]
     (tmp_path / "other.csv").write_text("\n".join(["t,p,v,q,w,T_sp,q_sp", *rows, ""]), encoding="utf-8")
@@ -906,7 +911,7 @@ def test_logs_of_different_vehicles_are_not_taken_together(run, tmp_path):
     assert result.returncode == 2
     sentence = result.stderr.splitlines()[-1]
     named = "vehicles/crazyflie and vehicles/neural_fly:neural_fly"
-    assert sentence == f"error: the logs are of different vehicles, {named}: identify them one by one"
+    assert sentence == f"error: the logs are of different vehicles, {named}; identify each vehicle separately"
 
 
 @pytest.mark.parametrize(
@@ -914,16 +919,16 @@ def test_logs_of_different_vehicles_are_not_taken_together(run, tmp_path):
     [
         (["nothing.bin"], "nothing.bin: cannot be read"),
         (["README.md"], "README.md: none of the shipped mappings .* fits its columns"),
-        ([LOG, "--output", "mine.txt"], "--output mine.txt: must end in .yaml or .yml"),
+        ([LOG, "--output", "mine.txt"], "--output mine.txt: the name of the file must end in .yaml or .yml"),
         ([LOG, "--mass", "-1"], "--mass -1"),
         ([LOG, "--wind", "1,2"], "--wind '1,2': must be three numbers below 100 m/s, as in -8.5,0,0"),
         (
             [LOG, "--wind", "0,0,0", "--wind", "1,0,0"],
-            "--wind is given 2 times; give it once, or once for each of 1 logs",
+            "--wind is given 2 times for 1 logs; give it once, or once for each log",
         ),
-        ([PX4], "does not say which vehicle it is of: give an initial vehicle by --vehicle, such as"),
+        ([PX4], "does not name its vehicle; give an initial vehicle by --vehicle, such as"),
         ([LOG, "--vehicle", "nowhere.yaml"], "nowhere.yaml"),
-        ([LOG, "--name", "a b"], "--name 'a b': allowed are letters"),
+        ([LOG, "--name", "a b"], "--name 'a b': a name consists of letters"),
         ([LOG, "--set", "nominal.mas=1"], "nominal.mas"),
         (
             [LOG, "--vehicle", "diagrams/laboratory.yaml:uncertain"],
@@ -931,7 +936,7 @@ def test_logs_of_different_vehicles_are_not_taken_together(run, tmp_path):
         ),
     ],
 )
-def test_what_cannot_be_identified_gets_one_sentence_and_status_2(run, tmp_path, arguments, words, monkeypatch):
+def test_an_impossible_identification_gets_one_sentence_and_status_2(run, tmp_path, arguments, words, monkeypatch):
     output = [] if "--output" in arguments else ["--output", tmp_path / "mine.yaml"]
     result = run("identify", *arguments, *output)
     assert result.returncode == 2
@@ -943,7 +948,7 @@ def test_what_cannot_be_identified_gets_one_sentence_and_status_2(run, tmp_path,
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_a_study_is_written_as_parquet_and_its_crashes_are_plotted_over_a_number(run, tmp_path):
+def test_a_study_is_written_as_parquet_and_its_crashes_are_plotted_over_a_parameter(run, tmp_path):
     over = ["--over", "vehicle.mass", "--parquet", "--set", "crash.position_error=0.1", "--set", "duration=2"]
     result = monte_carlo(run, tmp_path, *over)
     assert result.returncode == 0
@@ -952,7 +957,10 @@ def test_a_study_is_written_as_parquet_and_its_crashes_are_plotted_over_a_number
     assert (tmp_path / "results.parquet").stat().st_size > 1000
     refused = monte_carlo(run, tmp_path / "none", "--over", "vehicle.gravity")
     assert (refused.returncode, refused.stdout) == (2, "")
-    assert "--over is vehicle.gravity, which is not drawn in robustness; drawn are vehicle.mass" in refused.stderr
+    assert (
+        "--over vehicle.gravity: is not a random parameter of robustness; its random parameters are: vehicle.mass"
+        in refused.stderr
+    )
 
 
 @pytest.mark.slow
@@ -966,4 +974,4 @@ def test_a_flight_is_written_for_other_programs(run, tmp_path, monkeypatch):
         monkeypatch.setitem(sys.modules, module, None)
     refused = run("fly", *flight)
     assert refused.returncode == 2
-    assert "--mcap: mcap is not installed; pip install 'drake_quad[mcap]' has it" in refused.stderr
+    assert "--mcap: mcap is not installed; install it with: pip install 'drake_quad[mcap]'" in refused.stderr

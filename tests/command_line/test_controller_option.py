@@ -1,4 +1,4 @@
-"""The option `--controller`: layers of the scenario language, and Drake systems in Python."""
+"""The option `--controller` accepts layers of the scenario language and Drake systems in Python."""
 
 import argparse
 from importlib import import_module
@@ -65,12 +65,12 @@ def test_a_position_controller_in_python_keeps_the_feed_forward_of_the_scenario(
     assert scenario.control.attitude == shipped.control.attitude
 
 
-def test_numbers_of_a_controller_in_python_are_set_after_it_is_chosen(mine) -> None:
+def test_parameters_of_a_controller_in_python_can_be_set(mine) -> None:
     scenario = scenario_of(arguments(controller=f"{mine}:Mine", set=["control.position.k_p=0.75"]))
     assert scenario.control.position.k_p == 0.75
 
 
-def test_a_scenario_with_the_controller_keeps_its_numbers(mine, tmp_path) -> None:
+def test_a_scenario_with_the_controller_keeps_its_parameters(mine, tmp_path) -> None:
     from drake_quad.scenario.files.saving import save_scenario
 
     chosen = scenario_of(arguments(controller=f"{mine}:Mine", set=["control.position.k_p=0.75"]))
@@ -89,10 +89,10 @@ def test_a_whole_control_in_python_replaces_the_cascade(mine) -> None:
     [
         ("{mine}:Other", "has no class Other"),
         ("{mine}:Gains", "Gains has no output port `acceleration_command`"),
-        ("absent.py:Mine", "absent.py: is not a Python file"),
+        ("absent.py:Mine", "absent.py: is not an existing Python file"),
     ],
 )
-def test_what_is_no_controller_is_refused_with_the_option(mine, spec: str, words: str) -> None:
+def test_an_invalid_controller_is_refused_with_the_name_of_the_option(mine, spec: str, words: str) -> None:
     with pytest.raises(InputError) as caught:
         controller_of(spec.format(mine=mine), "hover")
     assert str(caught.value).startswith(f"--controller {spec.format(mine=mine)}: ")
@@ -117,21 +117,21 @@ def test_each_command_that_flies_designs_or_judges_has_the_option(command: str) 
     assert "--controller" in module.options().format_help()
 
 
-def test_judged_controllers_have_names_of_their_own(mine) -> None:
+def test_judged_controllers_need_different_names(mine) -> None:
     from drake_quad.command_line.judge import own_controllers
 
     found = own_controllers([f"{mine}:Mine", "controllers/lqg:lqg"])
     assert [each.name for each in found] == ["Mine", "controllers/lqg:lqg"]
     assert "lqg" in WORDS
     assert WORDS["Mine"] == "Mine"
-    with pytest.raises(InputError, match="another controller is called Mine"):
+    with pytest.raises(InputError, match="another controller is also called Mine"):
         own_controllers([f"{mine}:Mine", f"{mine}:Mine"])
 
 
 @pytest.mark.slow
 def test_a_controller_in_python_is_judged_beside_the_designed_ones(run, mine, tmp_path) -> None:
-    given = ["judge", "--quick", "--family", "outdoor", "--only", "pd", "--controller", f"{mine}:Mine"]
-    result = run(*given, "--output", tmp_path)
+    command_line = ["judge", "--quick", "--family", "outdoor", "--only", "pd", "--controller", f"{mine}:Mine"]
+    result = run(*command_line, "--output", tmp_path)
     assert result.returncode == 0, result.stderr
     assert "\nMine " in result.stdout
     assert "| Mine |" in (tmp_path / "report.md").read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Commands that design gains, plan and read logs, without what takes long; and how commands are interrupted."""
+"""Commands that design gains, plan routes and read logs, with replaced computations; and interruptions of commands."""
 
 import importlib
 import math
@@ -26,7 +26,7 @@ from drake_quad.space.space import Obstacle, Space
 
 @pytest.fixture
 def designed(replaced):  # noqa: F811
-    """Return the calls of a command `design` that finds the same gains for every scenario."""
+    """Return the recorded calls of a command `design` that finds the same gains for every scenario."""
 
     def design(scenario, *_, on_board, integral):
         rows = {"k_p": [1.0, 2.0, 3.0], "k_d": [4.0, 5.0, 6.0]}
@@ -62,13 +62,13 @@ def test_gains_are_designed_for_the_scenario_and_written(run, designed, monkeypa
     for saved in (load_scenario(tmp_path / "scenario.yaml"), load_scenario("hover", layers=[f"{gains}:gains"])):
         position = saved.control.position
         assert (position.kind, position.k_p, position.k_d) == ("pd", (1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
-    # The loop that is drawn has the new gains.
+    # The plotted loop has the new gains.
     (((flown,), _),) = designed["closed_loop"]
     assert flown.control.position.k_p == (1.0, 2.0, 3.0)
     assert designed["save_figures"] == [(({"bode": "bode", "steps": "steps"}, tmp_path), {"vector": "svg"})]
     lines = result.stdout.splitlines()
     assert lines[1] == (
-        f"a scenario takes the gains by `extends: [FILE:NAME, {gains}]`, in this order; or fly it as it is:"
+        f"to use the gains in a scenario, write `extends: [FILE:NAME, {gains}]`; to fly the designed scenario:"
     )
     assert lines[2:] == [
         f"  drake-quad fly {tmp_path / 'scenario.yaml'}",
@@ -97,7 +97,7 @@ def test_gains_of_an_uncertain_vehicle_and_of_an_autopilot(run, designed, monkey
     drawn = "vehicle.mass={choice: [0.6, 0.7, 0.8]}"
     result = run("design", "onboard", "--set", drawn, "--on-board", "--output", tmp_path)
     assert result.returncode == 0
-    assert result.stderr == "remark: gains are designed for the median of each distribution\n"
+    assert result.stderr == "remark: the gains are designed for the median of each distribution\n"
     assert f"  drake-quad study {tmp_path / 'scenario.yaml'} --samples 32\n" in result.stdout
     (scenario, options), named = designed["design_cascade"][0]
     assert (scenario.vehicle.mass, named["on_board"]) == (0.7, True)
@@ -109,10 +109,10 @@ def test_gains_of_an_uncertain_vehicle_and_of_an_autopilot(run, designed, monkey
     for field in ("attitude.bandwidth", "attitude.damping", "yaw.damping"):
         refused = run("design", "onboard", "--loop", f"{field}=0.5", "--output", tmp_path)
         assert refused.returncode == 2
-        assert f"--loop {field} is for attitude control on the ground" in refused.stderr
+        assert f"--loop {field} belongs to attitude control on the ground" in refused.stderr
 
 
-def test_a_regulator_is_designed_within_the_limits_that_are_asked_for(run, replaced, tmp_path):  # noqa: F811
+def test_a_regulator_is_designed_within_the_requested_limits(run, replaced, tmp_path):  # noqa: F811
     control = load_scenario("laboratory:low_wind", layers=["controllers/designed/laboratory:lqg"]).control
     found = SimpleNamespace(control=control, plants=[], lateral=[], vertical=[])
     calls = replaced("design_lqg", design_lqg=found, link_margins="margins", print_margins=None)
@@ -133,7 +133,7 @@ def test_a_regulator_is_designed_within_the_limits_that_are_asked_for(run, repla
 
 
 @pytest.mark.slow
-def test_a_plan_names_the_obstacle_that_is_next_to_it(run, replaced, tmp_path):  # noqa: F811
+def test_a_plan_names_the_nearest_obstacle(run, replaced, tmp_path):  # noqa: F811
     flown = plan_route(load_scenario("figure_eight"))
     space = Space((Obstacle("ball", Ball((3.0, 0.0, 1.0), radius=0.2)), Obstacle("far", Ball((9.0, 9.0, 1.0)))), 0.1)
     problem = SimpleNamespace(waypoints=[*range(len(flown.path.times) + 2)], corridors=())
@@ -144,61 +144,61 @@ def test_a_plan_names_the_obstacle_that_is_next_to_it(run, replaced, tmp_path): 
     rows = [line.split() for line in result.stdout.splitlines()]
     approach = nearest_approach(flown.path, space)
     assert [
-        "least",
+        "smallest",
         "distance",
         f"{approach.distance:.3f}",
-        "m,",
+        "m",
         "from",
-        "ball",
+        "ball,",
         "at",
         f"{approach.time:.2f}",
         "s",
     ] in rows
-    assert rows[1][:2] == ["repeats", "2"]
+    assert rows[1][:2] == ["repeated", "2"]
     (clearance,) = (row for row in rows if row[0] == "clearance")
     assert clearance[1] == f"{space.clearance:.3f}"
-    assert any(row[0] == "binds:" for row in rows)
+    assert any(row[:2] == ["active", "limits:"] for row in rows)
     assert rows[-3:] == [["wrote"], ["pieces"], ["plan"]]
     ((plan, _), named) = calls["plot_plan"][0]
     assert plan is flown
-    assert (named["places"], named["space"], named["waypoints"]) == (problem.waypoints, space, None)
+    assert (named["regions"], named["space"], named["waypoints"]) == (problem.waypoints, space, None)
     assert calls["save_plan"] == [((flown, tmp_path), {"name": "figure_eight"})]
     assert calls["save_figures"] == [(({"plan": "figure"}, tmp_path), {"vector": "pdf"})]
-    # The plan around obstacles passes further places, which are not drawn.
+    # The plan around obstacles has additional corners, which are not drawn as waypoints.
     planned[2] = [0, 2]
     run("plan", "figure_eight", "--output", tmp_path)
-    assert calls["plot_plan"][1][1]["places"] == [0, 2]
+    assert calls["plot_plan"][1][1]["regions"] == [0, 2]
     planned[1:] = None, None, None
     without = run("plan", "figure_eight", "--output", tmp_path)
-    assert "least distance" not in without.stdout
+    assert "smallest distance" not in without.stdout
     assert "repeats" not in without.stdout
-    assert (calls["plot_plan"][2][1]["places"], calls["plot_plan"][2][1]["corridors"]) == ((), ())
+    assert (calls["plot_plan"][2][1]["regions"], calls["plot_plan"][2][1]["corridors"]) == ((), ())
 
 
-def test_a_log_is_compared_from_where_it_is_asked_for(run, replaced, tmp_path):  # noqa: F811
+def test_a_log_is_compared_from_the_requested_time(run, replaced, tmp_path):  # noqa: F811
     record = FlightRecord("log7", np.arange(3.0), remarks=("it has a gap",))
     calls = replaced(
         "compare_log", read_log=record, compare_with_log="comparison", print_comparison=None, save_comparison=["file"]
     )
-    given = ["compare-log", "log.csv", "hover", "--output", tmp_path]
-    result = run(*given, "--mapping", "mine.yaml", "--samples", 7, "--rest", 2, "--start", 3.5)
+    command_line = ["compare-log", "log.csv", "hover", "--output", tmp_path]
+    result = run(*command_line, "--mapping", "mine.yaml", "--samples", 7, "--rest", 2, "--start", 3.5)
     assert (result.returncode, result.stderr) == (0, "remark: it has a gap\n")
     assert calls["read_log"] == [((Path("log.csv"), "mine.yaml"), {})]
     ((log, scenario), named) = calls["compare_with_log"][0]
     assert (log, scenario.name) == (record, "hover")
     assert (named["samples"], named["rest"], named["start"]) == (7, 2.0, 3.5)
     assert calls["save_comparison"][0][0][:2] == ("comparison", tmp_path)
-    assert run(*given).returncode == 0
+    assert run(*command_line).returncode == 0
     named = calls["compare_with_log"][1][1]
     assert (named["samples"], named["rest"], named["start"]) == (1000, 8.0, None)
     for option, value, status in (
         ("--samples", 0, 2), ("--samples", 10_000, 0), ("--samples", 10_001, 2), ("--rest", 0, 0), ("--rest", 60, 0),
         ("--rest", 61, 2),
     ):  # fmt: skip
-        assert run(*given, option, value).returncode == status
+        assert run(*command_line, option, value).returncode == status
 
 
-def test_a_log_brings_the_route_of_a_scenario_without_one(run, replaced, tmp_path):  # noqa: F811
+def test_a_log_provides_the_route_of_a_scenario_without_one(run, replaced, tmp_path):  # noqa: F811
     record = FlightRecord("log7", np.arange(3.0))
     calls = replaced(
         "compare_log", read_log=record, compare_with_log="comparison", print_comparison=None, save_comparison=["file"]
@@ -213,7 +213,7 @@ def test_a_log_brings_the_route_of_a_scenario_without_one(run, replaced, tmp_pat
     assert calls["compare_with_log"][0][0][1].name == "mine"
 
 
-def test_a_vehicle_is_identified_from_the_logs_with_what_is_given(run, replaced, tmp_path):  # noqa: F811
+def test_a_vehicle_is_identified_with_the_given_options(run, replaced, tmp_path):  # noqa: F811
     time = np.arange(3.0)
     records = {
         "a.csv": FlightRecord("a", time, motor_command=np.full((3, 4), 0.5), vehicle="vehicles/hummingbird"),
@@ -234,8 +234,8 @@ def test_a_vehicle_is_identified_from_the_logs_with_what_is_given(run, replaced,
         calls |= replaced("identify.plots", **{f"plot_{name}": name})
     calls |= replaced("identify.plots", plot_thrust=None)
     mine = tmp_path / "mine.yaml"
-    given = ["--mapping", "map.yaml", "--mass", 0.55, "--set", "vehicle.linear_drag=0.1", "--output", mine]
-    result = run("identify", "a.csv", "b.csv", "--wind", "1,0,0", *given)
+    options = ["--mapping", "map.yaml", "--mass", 0.55, "--set", "vehicle.linear_drag=0.1", "--output", mine]
+    result = run("identify", "a.csv", "b.csv", "--wind", "1,0,0", *options)
     assert (result.returncode, result.stderr) == (0, "remark: identified loses\n")
     ((logs, base), named) = calls["identify"][0]
     assert [log.name for log in logs] == ["a", "b"]
@@ -252,36 +252,36 @@ def test_a_vehicle_is_identified_from_the_logs_with_what_is_given(run, replaced,
     assert named["given"] == ["vehicle.linear_drag=0.1", "nominal.mass=0.55"]
     # The thrust curve holds for this voltage of the battery.
     assert named["voltage"] == 11.1
-    # The trim in hover is that of the weighed mass.
+    # The trim in hover refers to the measured mass.
     (((_, weight), _),) = calls["print_hover"]
     assert weight == pytest.approx(0.55 * base.nominal.gravity)
     assert calls["print_predictions"] == [((predictions,), {})]
     assert "the initial vehicle is vehicles/hummingbird\n" in result.stdout
     written = [line.strip() for line in result.stdout.split("wrote\n")[1].splitlines()]
-    # There is no figure of a thrust that was not identified.
+    # A thrust curve that was not identified is not plotted.
     assert written == [str(mine), "fit", "residuals", "correlations", "predictions"]
     (((_, commands), _),) = calls["plot_thrust"]
     assert commands.tolist() == [0.5] * 12
-    # Without throttles the motors stay as they are.
-    run("identify", "b.csv", *given, "--nominal")
+    # Without throttles in the logs, the kind of the motors does not change.
+    run("identify", "b.csv", *options, "--nominal")
     assert calls["write_vehicle"][1][1]["nominal"] is True
     assert calls["identify"][1][0][1].vehicle.motors.kind == "speed"
 
 
-def test_a_distribution_is_no_number_to_begin_with():
-    assert identify.vehicle_of("hover", []).name == "hover"
+def test_an_initial_vehicle_with_a_distribution_is_refused():
+    assert identify.load_initial_vehicle("hover", []).name == "hover"
     with pytest.raises(identify.InputError, match="robustness: .* is a distribution"):
-        identify.vehicle_of("robustness", [])
+        identify.load_initial_vehicle("robustness", [])
 
 
-def test_warnings_about_input_are_remarks_and_others_stay_warnings(capsys, monkeypatch):
+def test_input_warnings_are_printed_as_remarks_and_others_as_warnings(capsys, monkeypatch):
     shown = []
     monkeypatch.setattr(warnings, "showwarning", lambda *arguments: shown.append(arguments))
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     def command():
-        # From here on Ctrl-C is an exception, as usual in Python.
+        # From this point on, Ctrl-C raises KeyboardInterrupt, as usual in Python.
         assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
         warnings.showwarning(InputWarning("rock.obj: is large"), InputWarning, "file.py", 3)
         warnings.showwarning(RuntimeWarning("of another kind"), RuntimeWarning, "file.py", 4)
@@ -292,11 +292,11 @@ def test_warnings_about_input_are_remarks_and_others_stay_warnings(capsys, monke
     assert (str(message), category, where) == ("of another kind", RuntimeWarning, ["file.py", 4])
 
 
-def test_ctrl_c_while_a_command_begins_ends_it_with_a_sentence(capsys, monkeypatch):
+def test_ctrl_c_during_imports_ends_a_command_with_a_sentence(capsys, monkeypatch):
     ended = []
     monkeypatch.setattr(interruption.os, "_exit", ended.append)
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    # A worker process leaves Ctrl-C to its parent.
+    # A worker process ignores this setting, since its parent ends it.
     monkeypatch.setattr(multiprocessing, "current_process", lambda: SimpleNamespace(name="ForkProcess-1"))
     importlib.reload(interruption)
     assert signal.getsignal(signal.SIGINT) == signal.SIG_DFL
@@ -304,25 +304,25 @@ def test_ctrl_c_while_a_command_begins_ends_it_with_a_sentence(capsys, monkeypat
     importlib.reload(interruption)
     signal.raise_signal(signal.SIGINT)
     assert ended == [1]
-    assert capsys.readouterr() == ("", "interrupted: nothing was written\n")
+    assert capsys.readouterr() == ("", "interrupted: no file was written\n")
     interruption.raise_interruptions()
     with pytest.raises(KeyboardInterrupt):
         signal.raise_signal(signal.SIGINT)
 
 
-def test_a_crash_is_told_before_its_sensitivities(run, replaced, tmp_path):  # noqa: F811
+def test_a_crash_is_printed_before_the_sensitivities(run, replaced, tmp_path):  # noqa: F811
     found = SimpleNamespace(
         fields=("a",), values=np.ones(1), crash_time=1.25, metrics={"rmse": 0.5}, gradients={"rmse": np.ones(1)}
     )
     replaced("sensitivities", flight_sensitivities=found, plot_sensitivities=None, save_figures=["b.png"])
     result = run("sensitivities", "hover", "--output", tmp_path)
-    assert result.stdout.startswith("crashed at 1.25 s; metrics and derivatives are those of the flight until then\n")
+    assert result.stdout.startswith("crashed at 1.25 s; metrics and derivatives refer to the flight until then\n")
     assert result.stdout.endswith(f"wrote\n  {tmp_path / 'sensitivities.csv'}\n  b.png\n")
     found.crash_time = math.inf
     assert "crashed" not in run("sensitivities", "hover", "--output", tmp_path).stdout
 
 
-def test_each_diagram_is_drawn_into_a_file_of_its_path(run, replaced, tmp_path):  # noqa: F811
+def test_each_diagram_is_drawn_into_a_file_named_after_its_path(run, replaced, tmp_path):  # noqa: F811
     calls = replaced("draw", drawings={"": "a", "control/position": "b"}, svg=lambda text: f"<svg>{text}</svg>")
     result = run("draw", "robustness", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")

@@ -1,4 +1,4 @@
-"""The command itself: help, versions, completion, names of what is shipped, interruptions."""
+"""The command `drake-quad` itself: help, versions, completion, list of shipped scenarios, and interruptions."""
 
 import os
 import shutil
@@ -38,8 +38,8 @@ def test_without_a_command_all_are_listed_by_purpose(monkeypatch, capsys):
 
 
 @pytest.mark.parametrize(("given", "threads"), [({}, "1"), ({"OPENBLAS_NUM_THREADS": "3"}, "3")])
-def test_commands_use_one_thread_of_linear_algebra_unless_told_otherwise(root, given, threads):
-    """And they collect garbage seldom."""
+def test_commands_use_one_blas_thread_unless_the_environment_sets_the_number(root, given, threads):
+    """Commands also raise the threshold of the garbage collector."""
     statement = "import gc, os, sys; from drake_quad.command_line.main import main; sys.argv = ['', '--help']\n"
     statement += "try: main()\nexcept SystemExit: print(os.environ['OPENBLAS_NUM_THREADS'], gc.get_threshold()[0])"
     environment = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"} | given
@@ -87,7 +87,7 @@ def test_versions_are_printed(run):
         (["fly", "--no-such-option"], "drake-quad fly: error: unrecognized arguments: --no-such-option"),
     ],
 )
-def test_what_is_no_command_gets_a_sentence_and_status_2(monkeypatch, capsys, arguments, words):
+def test_an_unknown_command_gets_a_sentence_and_status_2(monkeypatch, capsys, arguments, words):
     monkeypatch.setattr(sys, "argv", ["drake-quad", *arguments])
     with pytest.raises(SystemExit) as stop:
         main()
@@ -96,14 +96,14 @@ def test_what_is_no_command_gets_a_sentence_and_status_2(monkeypatch, capsys, ar
     assert words in printed.err
 
 
-def test_a_shipped_scenario_is_printed_as_a_file_of_ones_own(run, tmp_path):
+def test_a_printed_scenario_is_a_complete_file(run, tmp_path):
     result = run("scenarios", "laboratory:high_wind", "--set", "vehicle.mass=0.7")
     assert result.returncode == 0
     (tmp_path / "mine.yaml").write_text(result.stdout, encoding="utf-8")
     assert load_scenario(tmp_path / "mine.yaml") == load_scenario("laboratory:high_wind", ["vehicle.mass=0.7"])
 
 
-def test_all_that_is_shipped_is_listed(run):
+def test_all_shipped_scenarios_are_listed(run):
     result = run("scenarios")
     assert result.returncode == 0
     words = {word.strip(",:") for word in result.stdout.split()}
@@ -137,7 +137,7 @@ printf "%s\\n" "${{COMPREPLY[@]}}"
     assert {*found} == completed
 
 
-# Interrupts a command as it comes to import a module.
+# This program interrupts a command when it imports a given module.
 INTERRUPTED = """
 import os, signal, sys
 
@@ -158,15 +158,15 @@ main()
     "module",
     [
         *("numpy", "drake_quad.scenario.models", "pydrake.geometry", "drake_quad.flight.simulation"),
-        # Loaded when first used: for the bar and for the plots.
+        # These modules are loaded when they are first used, for the progress bar and for the plots.
         *("tqdm", "matplotlib"),
     ],
 )
-def test_an_interruption_while_a_command_loads_something_is_told_in_a_sentence(module, tmp_path):
+def test_an_interruption_during_an_import_is_reported_in_a_sentence(module, tmp_path):
     flight = ["fly", "figure_eight", "--set", "duration=1", "--output", str(tmp_path)]
     command = [sys.executable, "-c", INTERRUPTED, module, *flight]
     result = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-    assert (result.returncode, result.stdout, result.stderr) == (1, "", "interrupted: nothing was written\n")
+    assert (result.returncode, result.stdout, result.stderr) == (1, "", "interrupted: no file was written\n")
 
 
 PROGRAM_WITH_WARNINGS = """
@@ -187,14 +187,14 @@ def test_an_input_warning_is_printed_as_a_remark():
     assert "RuntimeWarning: of another kind" in others[0]
 
 
-def test_an_interruption_later_is_an_exception_again(run):
-    """So that what is under way can be put away: nothing may still end the process at once."""
+def test_an_interruption_after_the_imports_is_an_exception(run):
+    """The computation can then clean up, since nothing ends the process at once."""
     run("scenarios")
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 @pytest.mark.slow
-def test_the_page_of_the_commands_is_current(root):
+def test_the_documentation_page_of_the_commands_is_current(root):
     from drake_quad.command_line.documentation import command_page
 
     page = (root / "docs" / "reference" / "command_line.md").read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Options that commands share, remarks that they print before they fly, and bars while they are under way."""
+"""Options that commands share, remarks that they print before a flight, and progress bars."""
 
 import argparse
 import math
@@ -18,7 +18,7 @@ from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.replication.report import FIGURES
 from drake_quad.scenario.batch import draw_sample
 
-# Commands of a scenario that write nothing, and those that have no scenario.
+# Commands for a scenario that write no files, and commands without a scenario.
 LISTS = {"scenarios"}
 WITHOUT_SCENARIO = {"judge", "replicate", "identify", "identify-controller", "completion"}
 DRAWS = {
@@ -27,12 +27,12 @@ DRAWS = {
 
 
 def options_of(command):
-    """Return the flags of a command."""
+    """Return the names of a command's options."""
     return {flag for action in module_of(command).options()._actions for flag in action.option_strings}
 
 
 @pytest.mark.slow
-def test_commands_of_scenarios_have_overrides_and_those_with_figures_write_drawings():
+def test_scenario_commands_have_overrides_and_commands_with_figures_have_vector():
     for command in COMMANDS:
         flags = options_of(command)
         assert ("--seed" in flags) == (command not in WITHOUT_SCENARIO)
@@ -43,15 +43,15 @@ def test_commands_of_scenarios_have_overrides_and_those_with_figures_write_drawi
 
 
 def test_folders_are_named_after_the_command_by_default():
-    found = {
+    folders = {
         command: str(options.default_output)
         for command in COMMANDS
         if hasattr(options := argparse.Namespace(**vars(module_of(command).options())["_defaults"]), "default_output")
     }
-    assert found["fly"] == found["plan"] == "out"
-    assert found["study"] == "out/monte_carlo"
-    assert found["compare-log"] == "out/compare_log"
-    assert len(set(found.values())) == len(found) - 1
+    assert folders["fly"] == folders["plan"] == "out"
+    assert folders["study"] == "out/monte_carlo"
+    assert folders["compare-log"] == "out/compare_log"
+    assert len(set(folders.values())) == len(folders) - 1
 
 
 @pytest.fixture
@@ -84,35 +84,35 @@ def test_remarks_on_scenarios_are_printed_once_before_they_fly(run, replaced, fl
         assert (result.returncode, result.stderr) == (0, "remark: it has a remark\n")
 
 
-def test_a_live_view_shows_the_flight_at_its_rate_and_then_again(run, replaced, flown, tmp_path):  # noqa: F811
-    calls = replaced("fly", opened_meshcat="a browser", live_view="a view", show_again=None)
+def test_a_live_view_shows_the_flight_at_its_rate_and_then_its_replay(run, replaced, flown, tmp_path):  # noqa: F811
+    calls = replaced("fly", start_meshcat="a browser", live_view="a view", show_replay=None)
     for more, rate in (([], 1.0), (["--rate", 0], 0.0)):
-        calls["show_again"].clear()
+        calls["show_replay"].clear()
         calls["live_view"].clear()
         flown["simulate"].clear()
         assert run("fly", "robustness", "--sample", 3, "--meshcat", *more, "--output", tmp_path).returncode == 0
         (((meshcat, drawn, plan, given), _),) = calls["live_view"]
         assert (meshcat, given) == ("a browser", rate)
-        # The view has the vehicle of the sample.
+        # The view shows the vehicle of the sample.
         assert drawn.vehicle.mass == draw_sample(load_scenario("robustness"), 3).vehicle.mass
         ((_, named),) = flown["simulate"]
         assert named["prepare"] == "a view"
         assert named["plan"] is plan
-        assert calls["show_again"] == [(("a browser", "robustness", flown["flight"]), {})]
+        assert calls["show_replay"] == [(("a browser", "robustness", flown["flight"]), {})]
 
 
-def test_the_default_worst_case_is_that_of_the_sample_that_is_flown():
+def test_the_default_worst_case_is_that_of_the_flown_sample():
     for overrides, sample in (([], 0), (["sample=3"], 3)):
         scenario = load_scenario("robustness", ["vehicle.rotor_time_constant={choice: [0.02, 0.05]}", *overrides])
         drawn = draw_sample(scenario, sample)
         lag, delay = drawn.vehicle.rotor_time_constant, drawn.laboratory.command_link.delay_ticks
-        assert stability_map._worst_of(scenario) == [
+        assert stability_map._default_worst_case(scenario) == [
             f"vehicle.rotor_time_constant={1.4 * lag:.4g}",
             f"laboratory.command_link.delay_ticks={delay + 1:g}",
         ]
 
 
-def test_a_panel_of_a_map_is_the_linear_model_and_the_flights_of_the_same_gains(replaced):  # noqa: F811
+def test_a_map_panel_has_the_linear_model_and_the_flights_of_the_same_gains(replaced):  # noqa: F811
     calls = replaced("map", linear_map="linear", simulated_map="flown")
     k_p, k_d = np.array([1.0, 2.0]), np.array([3.0, 4.0])
     for overrides, sample in (([], 0), (["sample=3"], 3)):
@@ -126,7 +126,7 @@ def test_a_panel_of_a_map_is_the_linear_model_and_the_flights_of_the_same_gains(
         assert calls["simulated_map"][-1] == ((scenario, "position", k_p, k_d), {"sample": sample, "compiled": False})
 
 
-def test_a_vehicle_is_written_beside_others_by_default(run, replaced, monkeypatch, tmp_path):  # noqa: F811
+def test_an_identified_vehicle_is_written_to_the_default_folder(run, replaced, monkeypatch, tmp_path):  # noqa: F811
     prints = dict.fromkeys(
         ("print_logs", "print_estimates", "print_flights", "print_score", "print_hover", "print_predictions")
     )
@@ -134,7 +134,7 @@ def test_a_vehicle_is_written_beside_others_by_default(run, replaced, monkeypatc
     replaced(
         "identify", read_log=FlightRecord("a", np.arange(3.0)),
         identify=SimpleNamespace(estimates=None, vehicle=vehicle), write_vehicle=None, save_figures=[],
-        predicted=SimpleNamespace(losses=lambda _: []), **prints,
+        predict_held_out=SimpleNamespace(losses=lambda _: []), **prints,
     )  # fmt: skip
     replaced("identify.plots", **{f"plot_{name}": None for name in ("fit", "residuals", "thrust", "correlations")})
     replaced("identify.plots", plot_predictions=None)
@@ -146,13 +146,13 @@ def test_a_vehicle_is_written_beside_others_by_default(run, replaced, monkeypatc
     assert run("identify", "a.csv", "--vehicle", "hover", "--output", tmp_path / "mine.yml").returncode == 0
 
 
-def test_an_installed_package_is_not_tuned(monkeypatch, tmp_path):
+def test_an_installed_package_cannot_tune_its_designs(monkeypatch, tmp_path):
     monkeypatch.setattr(judge, "shipped_folder", lambda: tmp_path / "diagrams")
-    with pytest.raises(InputError, match="--tune writes into diagrams/ of a checkout"):
+    with pytest.raises(InputError, match="--tune writes into diagrams/ of a source checkout"):
         judge.tune(SimpleNamespace(tune=["outdoor"], only=None, rounds=1))
 
 
-def test_the_bar_of_a_report_counts_its_figures(run, replaced, monkeypatch, tmp_path):  # noqa: F811
+def test_the_progress_bar_of_a_report_counts_its_figures(run, replaced, monkeypatch, tmp_path):  # noqa: F811
     bars = []
     monkeypatch.setattr(replicate, "new_bar", lambda *items, **options: bars.append(Bar(*items, **options)) or bars[-1])
 
@@ -167,7 +167,7 @@ def test_the_bar_of_a_report_counts_its_figures(run, replaced, monkeypatch, tmp_
     assert bars[-1].n == bars[-1].total == len(FIGURES)
 
 
-def test_correlations_and_obstacles_of_a_study_are_told(capsys, tmp_path):
+def test_correlations_and_obstacles_of_a_study_are_printed(capsys, tmp_path):
     shared = "vehicle.{}={{normal: {{mean: {}, standard_deviation: {}, min: 0.0001, shared: {{a: {}}}}}}}"
     numbers = (("mass", 0.68, 0.02, 0.9), ("linear_drag", 0.2, 0.05, 0.5), ("gravity", 9.8, 0.01, 0.3))
     obstacle = "space={obstacles: {post: {kind: cylinder, centre: [3, 0, 1], radius: 0.1, height: 2}}}"
@@ -176,16 +176,16 @@ def test_correlations_and_obstacles_of_a_study_are_told(capsys, tmp_path):
     found = type(found)(scenario, 10.0, found.samples, found.parameters, found.metrics, touched=np.array([0, 1, 0, 0]))
     study.print_study("mine", found, tmp_path, "compiled")
     text = capsys.readouterr().out
-    assert "(vehicle.mass and vehicle.linear_drag by +0.45 and 2 pairs more)" in text
+    assert "(vehicle.mass and vehicle.linear_drag: +0.45; 2 more pairs)" in text
     assert "means and deviations are of the 2 samples that flew to the end" in text
     (post,) = (line.split() for line in text.splitlines() if line.startswith("post"))
     assert post[1] == "1"
     assert "crashed into post at 3.00 s" in text
     empty = type(found)(scenario, 10.0, np.arange(0), {}, metrics_of(0))
     study.print_study("mine", empty, tmp_path, "compiled")
-    assert "the worst:" not in capsys.readouterr().out
+    assert "worst samples:" not in capsys.readouterr().out
     study.print_rate({"a": studied(scenario, 4, flown_time=0.5)}, 0.25)
-    assert capsys.readouterr().out == "2 vehicle-seconds per second\n"
+    assert capsys.readouterr().out == "simulation speed: 2 vehicle-seconds per second\n"
 
 
 def test_the_first_sample_is_drawn_as_a_diagram(run, replaced, tmp_path):  # noqa: F811
@@ -195,7 +195,7 @@ def test_the_first_sample_is_drawn_as_a_diagram(run, replaced, tmp_path):  # noq
 
 
 def test_further_overrides_come_after_those_of_the_command_line():
-    """They are laid over them: the worst case of a map keeps its delay whatever the delay of the nominal case is."""
+    """They take precedence: `--set` does not change the delay in the worst case of a map."""
     arguments = argparse.Namespace(scenario="hover", set=["duration=3", "name=mine"], seed=7)
     scenario = scenario_of(arguments, further=overrides_of(["duration=2"], "--worst"))
     assert (scenario.duration, scenario.name, scenario.seed) == (2.0, "mine", 7)
@@ -205,7 +205,7 @@ def test_further_overrides_come_after_those_of_the_command_line():
 @pytest.mark.parametrize(
     ("command", "option", "needed"), [("study", "--parquet", {"pandas", "pyarrow"}), ("fly", "--mcap", {"mcap.writer"})]
 )
-def test_what_an_option_needs_is_asked_for_before_anything_is_flown(run, replaced, command, option, needed):  # noqa: F811
+def test_libraries_that_an_option_needs_are_checked_before_the_flight(run, replaced, command, option, needed):  # noqa: F811
     def is_missing(name, _extra, *modules):
         assert (name, {*modules}) == (option, needed)
         raise InputError("it is missing")

@@ -1,4 +1,4 @@
-"""Commands pass the arguments of the command line on to what computes, which is replaced here."""
+"""Commands pass the arguments of the command line on to the computations, which these tests replace."""
 
 import argparse
 import io
@@ -46,7 +46,7 @@ COMMAND = "drake_quad.command_line"
 
 
 def written(result):
-    """Return the files that a command says it wrote."""
+    """Return the files that a command lists as written."""
     return [line.strip() for line in result.stdout.split("wrote\n")[1].splitlines() if line.startswith("  ")]
 
 
@@ -58,7 +58,7 @@ def metrics_of(count, crashed=()):
 
 @pytest.fixture
 def replaced(monkeypatch):
-    """Return a function that replaces functions of a command, and keeps the arguments of their calls."""
+    """Return a function that replaces functions of a command and records the arguments of their calls."""
     calls = {}
 
     def kept(name, result):
@@ -78,7 +78,7 @@ def replaced(monkeypatch):
     return replace
 
 
-def test_controllers_are_compared_on_as_many_samples_as_asked_for(run, replaced, tmp_path):
+def test_controllers_are_compared_on_the_requested_number_of_samples(run, replaced, tmp_path):
     calls = replaced("compare", fly_samples=metrics_of(3), plot_comparison=None, save_figures=["comparison.png"])
     one = ["compare", "--scenario", "hover", "--controller", "controllers/paper:pd", "--output", tmp_path]
     for more, count, compiled, duration in (
@@ -92,7 +92,7 @@ def test_controllers_are_compared_on_as_many_samples_as_asked_for(run, replaced,
         result = run(*one, *more)
         assert result.returncode == 0
         assert written(result) == [str(tmp_path / "comparison.csv"), "comparison.png"]
-        assert result.stdout.startswith(f"{count} samples each; ")
+        assert result.stdout.startswith(f"mean ± standard deviation over {count} samples; ")
         (((scenario, samples), named),) = calls["fly_samples"]
         assert (samples, named["compiled"], scenario.duration) == (range(count), compiled, duration)
     assert run(*one, "--samples", 10_001).returncode == 2
@@ -112,7 +112,7 @@ def test_each_controller_is_laid_over_each_laboratory():
     twice = argparse.Namespace(
         scenario=["hover"], controller=["controllers/paper:pd"] * 2, quick=False, set=[], seed=None
     )
-    with pytest.raises(InputError, match="another controller is called pd"):
+    with pytest.raises(InputError, match="another controller is also called pd"):
         compare.scenarios_of(twice)
 
 
@@ -139,7 +139,7 @@ def test_samples_are_replayed_from_the_first_on(run, replaced, tmp_path):
     assert run("replay", "hover", "--samples", 1000, "--output", tmp_path).returncode == 0
 
 
-def test_fields_of_sensitivities_are_taken_once(run, replaced, tmp_path):
+def test_repeated_sensitivity_fields_are_used_once(run, replaced, tmp_path):
     found = SimpleNamespace(crash_time=math.inf, metrics={"rmse": 0.0}, gradients={"rmse": np.zeros(1)})
     calls = replaced(
         "sensitivities",
@@ -161,8 +161,8 @@ def test_fields_of_sensitivities_are_taken_once(run, replaced, tmp_path):
 def test_gains_are_mapped_around_those_of_the_scenario(run, replaced, tmp_path, loop, block, axis):
     calls = replaced("map", panel="a panel", plot_map=None, write_map="file", print_panel=None, save_figures=[])
     own = [f"control.{block}.k_p=[1.5, 2.5, 3.5]", f"control.{block}.k_d=[4.5, 5.5, 6.5]"]
-    given = ["hover", "--loop", loop, "--set", own[0], "--set", own[1], "--output", tmp_path]
-    result = run("map", *given)
+    command_line = ["hover", "--loop", loop, "--set", own[0], "--set", own[1], "--output", tmp_path]
+    result = run("map", *command_line)
     assert result.returncode == 0
     assert written(result) == ["file"]
     assert len(calls["print_panel"]) == 2
@@ -211,33 +211,33 @@ def test_a_quick_map_is_small_and_short_and_its_worst_case_can_be_named(run, rep
         assert run("map", "hover", "--size", size, "--output", tmp_path).returncode == status
 
 
-def test_a_knob_is_a_factor_of_four_or_the_range_that_is_given():
+def test_the_range_of_a_tuned_parameter_is_a_factor_of_four_or_the_given_range():
     scenario = load_scenario("hover", ["control.position.k_p=[2, 3, 4]"])
     pair = "control.position.k_p.0,control.position.k_p.1"
     paths = tuple(pair.split(","))
     assert tune.knob_of(pair, scenario) == Knob(paths, 0.5, 8.0)
     assert tune.knob_of(f"{pair}=0.1:3", scenario) == Knob(paths, 0.1, 3.0)
     for ends, words in (
-        ("3", "must have LOW:HIGH"),
-        ("a:b", "must have LOW:HIGH"),
-        ("0:3", "must rise"),
-        ("3:3", "must rise"),
+        ("3", "write it as LOW:HIGH"),
+        ("a:b", "write it as LOW:HIGH"),
+        ("0:3", "HIGH above LOW"),
+        ("3:3", "HIGH above LOW"),
     ):
         with pytest.raises(InputError, match=words):
             tune.knob_of(f"{pair}={ends}", scenario)
     for path in ("vehicle.mass", "control.kind"):
-        with pytest.raises(InputError, match="which is no number larger than 0 of the control"):
+        with pytest.raises(InputError, match="must be a field of the control with a number larger than 0"):
             tune.knob_of(f"control.position.k_p.0,{path}", scenario)
     integral = load_scenario("hover", ["control.position={kind: pid, k_p: [1, 1, 1], k_d: [1, 1, 1], k_i: [0, 1, 1]}"])
-    with pytest.raises(InputError, match="no number larger than 0"):
+    with pytest.raises(InputError, match="a number larger than 0"):
         tune.knob_of("control.position.k_i.0", integral)
 
 
-def test_a_controller_is_tuned_and_judged_on_samples_that_follow(run, replaced, tmp_path):
+def test_a_controller_is_tuned_on_training_samples_and_tested_on_later_ones(run, replaced, tmp_path):
     tuned = SimpleNamespace(numbers=(1.5, 2.5), share=0.876)
     calls = replaced("tune", tune=tuned, fly_samples=metrics_of(4, crashed=[3]), link_margins={}, print_margins=None)
-    given = ["hover", "--rounds", 5, "--samples", 6, "--sensitivity", 1.75, "--delay-margin", 0.25]
-    result = run("tune", *given, "--set", "control.position.k_p=[2, 2, 4]", "--output", tmp_path)
+    command_line = ["hover", "--rounds", 5, "--samples", 6, "--sensitivity", 1.75, "--delay-margin", 0.25]
+    result = run("tune", *command_line, "--set", "control.position.k_p=[2, 2, 4]", "--output", tmp_path)
     assert result.returncode == 0
     assert written(result) == [str(tmp_path / "scenario.yaml")]
     assert len(calls["print_margins"]) == 1
@@ -257,15 +257,15 @@ def test_a_controller_is_tuned_and_judged_on_samples_that_follow(run, replaced, 
     assert k_p == ["control.position.k_p.0, control.position.k_p.1", "2", "1.5"]
     # The mean of 10, 13.3 and 16.7 cm. The fourth flight crashes.
     assert "13.33 cm, 1 crashed" in result.stdout
-    assert "none of what was tried keeps the limit; this meets 88 % of it" in result.stdout
+    assert "no candidate keeps the limits; the best one meets 88 % of them" in result.stdout
     tuned.share = 1.0
-    assert "keeps the limit" not in run("tune", *given, "--output", tmp_path).stdout
+    assert "keeps the limit" not in run("tune", *command_line, "--output", tmp_path).stdout
 
 
-def test_a_controller_is_judged_by_the_flights_that_go_to_the_end(monkeypatch):
+def test_the_mean_error_is_over_flights_without_a_crash(monkeypatch):
     for metrics, words in ((metrics_of(2), "15.00 cm"), (metrics_of(2, [0, 1]), "–, 2 crashed")):
         monkeypatch.setattr(tune, "fly_samples", lambda scenario, samples, metrics=metrics: metrics)
-        assert tune.judgement(None, range(2)) == words
+        assert tune.rmse_text(None, range(2)) == words
 
 
 def studied(scenario, samples, **given):
@@ -287,8 +287,8 @@ def test_a_study_flies_each_controller_into_a_folder_of_its_own(run, replaced, t
         assert named["folder"] == tmp_path / name
         assert (named["resume"], named["num_workers"], named["batch_size"], named["compiled"]) == (True, 1, 7, False)
     assert f"  {tmp_path / 'pid' / 'results.csv'}" in result.stdout
-    assert "diagrams as they are wired; 0 crashed" in result.stdout
-    assert "beside pd, sample by sample:" in result.stdout
+    assert "diagrams uncompiled; 0 crashed" in result.stdout
+    assert "paired comparison with pd on the same samples:" in result.stdout
     calls["run_monte_carlo"].clear()
     alone = run("study", "robustness", "--workers", 1, "--output", tmp_path)
     assert "beside" not in alone.stdout
@@ -298,7 +298,7 @@ def test_a_study_flies_each_controller_into_a_folder_of_its_own(run, replaced, t
     assert "diagrams compiled;" in alone.stdout
 
 
-def test_a_study_tells_what_was_altered_and_fails_if_a_sample_was_not_flown(run, replaced, tmp_path):
+def test_a_study_reports_altered_rows_and_fails_if_a_sample_fails(run, replaced, tmp_path):
     rows = SimpleNamespace(misfits=(3, 4, 5, 6, 7, 8), failures={})
     replaced(
         "study",
@@ -307,17 +307,19 @@ def test_a_study_tells_what_was_altered_and_fails_if_a_sample_was_not_flown(run,
         ),
         save_plots=[],
     )
-    given = ["study", "robustness", "--samples", 4, "--workers", 1, "--output", tmp_path]
+    command_line = ["study", "robustness", "--samples", 4, "--workers", 1, "--output", tmp_path]
     for lines, words in (((3, 4, 5, 6, 7, 8), "3, 4, 5, 6, 7, ..."), ((3, 4, 5, 6, 7), "3, 4, 5, 6, 7")):
         rows.misfits = lines
-        result = run(*given)
-        told = f"remark: {tmp_path / 'results.csv'} was altered in lines {words}; these samples were flown again\n"
-        assert (result.returncode, result.stderr) == (0, told)
+        result = run(*command_line)
+        message = (
+            f"remark: {tmp_path / 'results.csv'}: lines {words} had been altered, so their samples were flown again\n"
+        )
+        assert (result.returncode, result.stderr) == (0, message)
     rows.misfits, rows.failures = (), {2: "too slow"}
-    result = run(*given)
+    result = run(*command_line)
     assert result.returncode == 1
-    assert "failed: 1 samples could not be flown (sample 2 of robustness: too slow)" in result.stderr
-    # One controller of two fails.
+    assert "failed: 1 samples could not be simulated (sample 2 of robustness: too slow)" in result.stderr
+    # One of two controllers fails.
     replaced(
         "study",
         run_monte_carlo=lambda scenario, samples, **_: studied(
@@ -325,13 +327,13 @@ def test_a_study_tells_what_was_altered_and_fails_if_a_sample_was_not_flown(run,
         ),
     )
     two = [f"--controller=controllers/paper:{name}" for name in ("pd", "pid")]
-    result = run(*given, *two)
+    result = run(*command_line, *two)
     assert result.returncode == 1
     assert "(sample 2 of pid: too slow)" in result.stderr
     assert written(result) == [str(tmp_path / name / "results.csv") for name in ("pd", "pid")]
 
 
-def test_figures_of_a_study_are_those_for_which_there_are_samples(replaced, monkeypatch):
+def test_a_study_draws_only_figures_that_have_samples(replaced, monkeypatch):
     for name in ("distribution", "convergence", "influences", "crash_probability"):
         monkeypatch.setattr(f"drake_quad.visualization.study_plots.plot_{name}", lambda *arguments: arguments[1])
     replaced("study", save_figures=lambda figures, folder, vector: (figures, folder, vector))
@@ -365,7 +367,7 @@ def test_figures_of_a_study_are_those_for_which_there_are_samples(replaced, monk
     assert figures(a=calm, b=studied(scenario, 0)) == both | {"influences": "peak_error"}
 
 
-def test_a_crew_is_of_this_machine_or_of_a_cluster(monkeypatch):
+def test_batches_fly_on_this_machine_or_on_a_cluster(monkeypatch):
     made = []
 
     @contextmanager
@@ -376,32 +378,34 @@ def test_a_crew_is_of_this_machine_or_of_a_cluster(monkeypatch):
     monkeypatch.setattr(study, "Workers", crew)
     monkeypatch.setattr(study, "dask_crew", crew)
     for cluster, limit in ((None, 5.0), ("tcp://there", None)):
-        with study.crew_of(SimpleNamespace(cluster=cluster, workers=3, time_limit=limit)) as found:
+        with study.open_executor(SimpleNamespace(cluster=cluster, workers=3, time_limit=limit)) as found:
             assert found == "a crew"
     assert made == [((3,), {"time_limit": 5.0}), (("tcp://there", 3), {})]
     with (
-        pytest.raises(InputError, match="--time-limit is for processes of this machine"),
-        study.crew_of(SimpleNamespace(cluster="tcp://there", workers=3, time_limit=5.0)),
+        pytest.raises(InputError, match="--time-limit works for processes on this machine only"),
+        study.open_executor(SimpleNamespace(cluster="tcp://there", workers=3, time_limit=5.0)),
     ):
         pass
 
 
-def test_a_study_remarks_once_that_nothing_is_drawn(capsys):
+def test_studies_without_random_parameters_get_a_single_remark(capsys):
     two = [f"controllers/paper:{name}" for name in ("pd", "pid")]
     given = argparse.Namespace(scenario="hover", controller=two, set=[], seed=None, over=None)
     assert [*study.scenarios_of(given)] == ["pd", "pid"]
-    assert capsys.readouterr().err.count("holds no distribution") == 1
+    assert capsys.readouterr().err.count("has no distribution") == 1
     given.over = "vehicle.mass"
-    with pytest.raises(InputError, match="--over is vehicle.mass, which is not drawn in pd; drawn are no numbers"):
+    with pytest.raises(
+        InputError, match="--over vehicle.mass: is not a random parameter of pd; its random parameters are: none"
+    ):
         study.scenarios_of(given)
     given.scenario, given.controller = "robustness", []
     assert [*study.scenarios_of(given)] == ["robustness"]
-    assert capsys.readouterr().err.count("holds no distribution") == 1
+    assert capsys.readouterr().err.count("has no distribution") == 1
 
 
 @pytest.fixture
 def flown(replaced, monkeypatch):
-    """Return the calls of a command `fly` that flies nothing and writes nothing."""
+    """Return the recorded calls of a command `fly` that simulates nothing and writes nothing."""
     numbers = dict.fromkeys(Metrics._fields, 0.1)
     flight = SimpleNamespace(
         metrics=SimpleNamespace(**numbers), crash="", compiled=False, time=np.array([1.0]), cause=None,
@@ -421,7 +425,7 @@ def flown(replaced, monkeypatch):
     return calls
 
 
-def test_the_sample_that_is_flown_is_that_of_the_option_or_of_the_scenario(run, flown, tmp_path):
+def test_the_flown_sample_is_that_of_the_option_or_of_the_scenario(run, flown, tmp_path):
     for more, sample, compiled in (
         ([], None, None),
         (["--sample", 0, "--wired"], 0, False),
@@ -435,14 +439,14 @@ def test_the_sample_that_is_flown_is_that_of_the_option_or_of_the_scenario(run, 
         assert scenario.name == "low_wind"
         assert (named["sample"], named["compiled"], named["prepare"]) == (sample, compiled, None)
         first = result.stdout.splitlines()[0].split()
-        assert first == (["flown", "1.00", "s"] if sample is None else ["sample", str(sample), "of", "seed", "7"])
+        assert first == (["flight", "time", "1.00", "s"] if sample is None else ["sample", str(sample), "(seed", "7)"])
     flown["flight"].cause = "it diverged"
-    assert run("fly", "hover", "--output", tmp_path).stderr == "remark: the flight ended since it diverged\n"
+    assert run("fly", "hover", "--output", tmp_path).stderr == "remark: the flight ended because it diverged\n"
 
 
-def test_files_for_other_programs_are_written_if_asked_for(run, flown, tmp_path):
-    given = ["fly", "paper:no_wind_pd_t2fnn", "--output", tmp_path]
-    result = run(*given, "--px4", "--vector", "pdf", "--save-network", tmp_path / "net.yaml")
+def test_files_for_other_programs_are_written_on_request(run, flown, tmp_path):
+    command_line = ["fly", "paper:no_wind_pd_t2fnn", "--output", tmp_path]
+    result = run(*command_line, "--px4", "--vector", "pdf", "--save-network", tmp_path / "net.yaml")
     written = [line.strip() for line in result.stdout.split("wrote\n")[1].splitlines()]
     assert written == [str(tmp_path / "flight.csv"), "pdf", str(tmp_path / "replay.html"), "px4.csv", "net.yaml"]
     assert flown["written"] == [("px4.csv", flown["flight"], tmp_path / "px4.csv")]
@@ -451,7 +455,7 @@ def test_files_for_other_programs_are_written_if_asked_for(run, flown, tmp_path)
         (["--rate", "inf"], "--rate is inf, but must be between 0 and 1e+06"),
         (["--rate", "-0.5"], "--rate is -0.5, but must be between 0 and 1e+06"),
     ):
-        refused = run(*given, *wrong)
+        refused = run(*command_line, *wrong)
         assert refused.returncode == 2
         assert words in refused.stderr
 
@@ -462,7 +466,7 @@ class Terminal(io.StringIO):
 
 
 def test_on_a_terminal_a_flight_waits_for_its_viewer(monkeypatch, capsys):
-    """It begins as soon as a browser is connected, and ends at Enter or at the end of the input."""
+    """The flight starts as soon as a browser is connected; the command ends at Enter or at the end of the input."""
     connections = iter((0, 0, 1))
     meshcat = SimpleNamespace(
         web_url=lambda: "http://127.0.0.1:7000", GetNumActiveConnections=lambda: next(connections), Delete=lambda: None
@@ -471,22 +475,22 @@ def test_on_a_terminal_a_flight_waits_for_its_viewer(monkeypatch, capsys):
     monkeypatch.setattr("drake_quad.visualization.replay.scene.local_meshcat", lambda: meshcat)
     monkeypatch.setattr(fly.time, "sleep", waits.append)
     monkeypatch.setattr("sys.stdin", Terminal(""))
-    assert fly.opened_meshcat() is meshcat
+    assert fly.start_meshcat() is meshcat
     assert len(waits) == 2
     assert 0.0 < waits[0] < 1.0
     assert capsys.readouterr().out.splitlines() == [
         "open http://127.0.0.1:7000 in a browser on this machine",
-        "the flight begins when it is there",
+        "the flight starts as soon as the page is open",
     ]
     drawn = []
     monkeypatch.setattr("drake_quad.visualization.replay.page.draw_replay", lambda *arguments: drawn.append(arguments))
-    fly.show_again(meshcat, "mine", "a flight")
+    fly.show_replay(meshcat, "mine", "a flight")
     assert drawn == [(meshcat, {"mine": "a flight"})]
     assert "press Enter to end" in capsys.readouterr().out
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
-    fly.show_again(meshcat, "mine", "a flight")
+    fly.show_replay(meshcat, "mine", "a flight")
     assert capsys.readouterr().out == ""
-    assert fly.opened_meshcat() is meshcat
+    assert fly.start_meshcat() is meshcat
 
 
 def test_options_of_a_design_replace_the_defaults_of_their_loops():
@@ -521,7 +525,7 @@ def test_options_of_a_design_replace_the_defaults_of_their_loops():
         ("integral", 0.01, 0.9),
     ],
 )
-def test_numbers_of_a_design_have_their_ranges(option, least, most):
+def test_design_options_are_checked_against_their_ranges(option, least, most):
     scenario = load_scenario("laboratory:nominal")
     for value in (least, most):
         design.design_options(design.options().parse_args([f"--{option}={value}"]), scenario)
@@ -534,7 +538,7 @@ def test_numbers_of_a_design_have_their_ranges(option, least, most):
     ("field", "least", "most"),
     [("yaw.bandwidth", 1e-3, 100.0), ("height.damping", 0.05, 0.999), ("position.rate_time", 0.0, 10.0)],
 )
-def test_requests_for_a_loop_have_their_ranges(field, least, most):
+def test_loop_requests_are_checked_against_their_ranges(field, least, most):
     scenario = load_scenario("laboratory:nominal")
     method, other = ("lqr", "poles") if "rate" in field else ("poles", "lqr")
 
@@ -549,11 +553,11 @@ def test_requests_for_a_loop_have_their_ranges(field, least, most):
     ):
         with pytest.raises(InputError, match=f"--loop {field}=.*: {field} is .*, but must be {demand}"):
             asked(f"{field}={value:.6f}")
-    with pytest.raises(InputError, match=f"--loop {field} is for --method {method}"):
+    with pytest.raises(InputError, match=f"--loop {field} requires --method {method}"):
         asked(f"{field}={least}", other)
 
 
-def test_a_request_for_a_loop_names_a_loop_and_a_field():
+def test_a_loop_request_must_name_a_loop_and_a_field():
     scenario = load_scenario("laboratory:nominal")
     for wish, complaint in {
         "x.damping=0.7": "x is unknown; allowed are attitude, yaw, height, position",
@@ -573,17 +577,17 @@ def test_a_vehicle_is_named_after_its_file_or_its_first_log():
     assert name(output=Path("out/mine.yaml")) == "mine"
     assert name("a-b.c", output=Path("out/mine.yaml")) == "a-b.c"
     assert name(log=".csv") == "identified"
-    with pytest.raises(InputError, match="--name 'a b': allowed are letters"):
+    with pytest.raises(InputError, match="--name 'a b': a name consists of letters"):
         name("a b")
 
 
-def test_an_identification_begins_with_what_the_log_names_or_lies_beside(tmp_path):
+def test_the_initial_vehicle_is_named_by_the_log_or_saved_beside_it(tmp_path):
     time = np.arange(3.0)
     plain, crazyflie = FlightRecord("a", time), FlightRecord("b", time, vehicle="vehicles/crazyflie")
     logs = [tmp_path / "flight.csv.xz", tmp_path / "b.csv"]
-    assert identify.vehicle_to_begin_with([plain, crazyflie], logs) == "vehicles/crazyflie"
+    assert identify.initial_vehicle_name([plain, crazyflie], logs) == "vehicles/crazyflie"
     (tmp_path / "scenario.yaml").write_text("", encoding="utf-8")
-    assert identify.vehicle_to_begin_with([plain], logs) == str(tmp_path / "scenario.yaml")
+    assert identify.initial_vehicle_name([plain], logs) == str(tmp_path / "scenario.yaml")
     attitude = {"attitude": np.zeros((3, 3)), "attitude_command": np.zeros((3, 3))}
     for record, like in (
         (plain, "vehicles/hummingbird"),
@@ -593,7 +597,7 @@ def test_an_identification_begins_with_what_the_log_names_or_lies_beside(tmp_pat
         (FlightRecord("f", time, rotor_speed_command=np.zeros((3, 4)), **attitude), "vehicles/hummingbird"),
     ):
         with pytest.raises(InputError, match=f"such as {like}, "):
-            identify.vehicle_to_begin_with([record], logs[1:])
+            identify.initial_vehicle_name([record], logs[1:])
 
 
 def test_winds_are_three_numbers_below_a_hundred():
@@ -602,7 +606,7 @@ def test_winds_are_three_numbers_below_a_hundred():
         with pytest.raises(InputError, match="must be three numbers below 100 m/s"):
             identify.with_winds([record], [wrong])
     assert identify.with_winds([record], []) == [record]
-    with pytest.raises(InputError, match="--wind is given 2 times; give it once, or once for each of 3 logs"):
+    with pytest.raises(InputError, match="--wind is given 2 times for 3 logs; give it once, or once for each log"):
         identify.with_winds([record] * 3, ["0,0,0"] * 2)
     found = identify.with_winds([record] * 2, ["1,0,0", "2,0,0"])
     assert [each.wind[0, 0] for each in found] == [1.0, 2.0]
@@ -630,10 +634,10 @@ def test_controllers_are_judged_in_all_families_unless_some_are_named(run, repla
         calls["fly_evaluation"].clear()
         result = run("judge", *given)
         assert result.returncode == 0
-        told = "remark: outdoor has no design of mpc, which are not flown\n"
-        assert result.stderr == (told if "outdoor" in families else "")
+        message = "remark: the family outdoor has no design of mpc, so these controllers are left out\n"
+        assert result.stderr == (message if "outdoor" in families else "")
         assert written(result) == [str(Path(folder) / name) for name in ("flights.csv", "traits.csv")] + ["report.md"]
-        assert "flown in 0 s\n" in result.stdout
+        assert "simulated in 0 s\n" in result.stdout
         ((arguments, named),) = calls["fly_evaluation"]
         assert arguments == (shipped_folder(), families, sizes, Path(folder))
         assert named["only"] == only
@@ -661,7 +665,7 @@ def test_controllers_are_tuned_family_by_family(run, replaced):
         assert run("judge", "--tune", PRICED, "--rounds", rounds).returncode == status
 
 
-def test_the_experiment_is_flown_in_the_size_that_is_asked_for(run, replaced, tmp_path, monkeypatch):
+def test_the_experiment_is_flown_in_the_requested_size(run, replaced, tmp_path, monkeypatch):
     findings = SimpleNamespace(entries=[], claims=[SimpleNamespace(words="a claim", verdict="holds")])
     calls = replaced(
         "replicate",
@@ -695,13 +699,13 @@ def test_the_experiment_is_flown_in_the_size_that_is_asked_for(run, replaced, tm
 
     replaced("replicate", fly_experiment=interrupted)
     result = run("replicate", "--quick", "--workers", 1, "--output", tmp_path)
-    told = f"interrupted: the cells that are done are in {tmp_path}; --resume goes on\n"
+    told = f"interrupted: the finished table cells are in {tmp_path}; --resume continues from them\n"
     assert (result.returncode, result.stderr) == (1, told)
     assert replicate.load(Cell("low_wind", "pd")).name == "low_wind_pd"
 
 
 class Bar:
-    """A progress bar that records its updates."""
+    """Progress bar that records its updates."""
 
     def __init__(self, *items, **options):
         self.options, self.n, self.total = options, 0, options.get("total")
@@ -723,14 +727,14 @@ class Bar:
         self.words.append(words)
 
 
-def test_bars_show_how_much_is_done(monkeypatch):
+def test_progress_bars_show_the_finished_part(monkeypatch):
     bars = []
     monkeypatch.setattr(progress, "new_bar", lambda *items, **options: bars.append(Bar(*items, **options)) or bars[-1])
     with progress.progress_bar("mine", unit=" flights") as show:
         for done in (30, 50, 100):
             show(done, 100)
             assert (bars[-1].n, bars[-1].total) == (done, 100)
-    # The first 30 flights were there before, so the speed is that of the others.
+    # The first 30 flights already existed, so they do not count for the speed.
     assert (bars[-1].initial, bars[-1].options) == (30, {"desc": "mine", "unit": " flights"})
     with progress.progress_bar("flying") as show:
         for what, done in (("pd", 20), ("pid", 70)):
@@ -739,7 +743,7 @@ def test_bars_show_how_much_is_done(monkeypatch):
     assert (bars[-1].words, bars[-1].total) == (["pd", "pid"], 200)
 
 
-def test_bars_are_seen_on_a_terminal_only_while_something_is_under_way(capsys):
+def test_progress_bars_are_shown_only_on_a_terminal_and_disappear(capsys):
     with progress.new_bar(total=3) as bar:
         bar.update()
     assert bar.disable
@@ -748,19 +752,23 @@ def test_bars_are_seen_on_a_terminal_only_while_something_is_under_way(capsys):
     assert capsys.readouterr() == ("", "")
 
 
-def test_arguments_are_completed_by_what_they_name():
-    found = {}
+def test_arguments_are_completed_according_to_their_kind():
+    completions = {}
 
     def complete(action):
         completion._complete(action)
-        found[action.dest, action.metavar] = getattr(action, "complete", None)
+        completions[action.dest, action.metavar] = getattr(action, "complete", None)
 
     parser = full_parser(complete)
     own = {"bash": "_drake_quad_scenarios", "zsh": "_drake_quad_scenarios"}
-    assert found["scenario", None] == found["controller", "FILE:NAME"] == found["vehicle", None] == own
-    assert found["output", "FOLDER"] == shtab.DIRECTORY
-    assert found["log", None] == found["save_network", "FILE"] == found["mapping", "FILE"] == shtab.FILE
-    assert found["seed", None] is None
+    assert (
+        completions["scenario", None] == completions["controller", "FILE:NAME"] == completions["vehicle", None] == own
+    )
+    assert completions["output", "FOLDER"] == shtab.DIRECTORY
+    assert (
+        completions["log", None] == completions["save_network", "FILE"] == completions["mapping", "FILE"] == shtab.FILE
+    )
+    assert completions["seed", None] is None
     (commands,) = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
     assert [*commands.choices] == [*COMMANDS]
     with pytest.raises(SystemExit):
@@ -773,7 +781,7 @@ def test_names_of_scenarios_are_in_the_script_of_each_shell(run):
         assert name in run("completion", shell).stdout
 
 
-def test_controllers_are_named_after_what_is_laid_over():
+def test_scenarios_are_named_after_their_controllers():
     def controlled(*controllers, **given):
         arguments = {"scenario": "hover", "controller": [*controllers], "set": ["duration=2"], "seed": 9}
         return options.controlled_scenarios(argparse.Namespace(**(arguments | given)))
@@ -783,7 +791,7 @@ def test_controllers_are_named_after_what_is_laid_over():
     two = controlled("controllers/paper:pd", "diagrams/gains/laboratory.yaml")
     assert [*two] == ["pd", "laboratory"]
     assert (two["pd"].duration, two["pd"].seed) == (2.0, 9)
-    with pytest.raises(InputError, match="another controller is called pd; give each its own name"):
+    with pytest.raises(InputError, match="another controller is also called pd; rename one of them"):
         controlled("controllers/paper:pd", "controllers/paper:pd")
 
 
@@ -795,7 +803,7 @@ def test_the_folder_is_that_of_the_option_or_named_after_the_scenario():
     assert options.parser("", "drake-quad fly", output="out", scenario="hover").parse_args([]).scenario == "hover"
 
 
-def test_numbers_of_options_have_their_ranges():
+def test_numeric_options_are_checked_against_their_ranges():
     for value, fits in ((0.9, False), (1.0, True), (3.0, True), (3.1, False), (math.nan, False)):
         given = argparse.Namespace(delay_margin=value)
         if fits:
@@ -809,6 +817,6 @@ def test_numbers_of_options_have_their_ranges():
 def test_lists_of_scenarios_are_wrapped_below_each_other(run):
     lines = run("scenarios").stdout.splitlines()
     assert max(map(len, lines)) <= 120
-    # The names begin in one column.
+    # All names begin in the same column.
     width = max(len(line.split()[0]) for line in lines if not line.startswith(" "))
     assert {len(line) - len(line[width:].lstrip()) for line in lines if len(line) > width} == {width + 2}

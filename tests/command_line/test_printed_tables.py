@@ -1,4 +1,4 @@
-"""Commands print the numbers of invented results in their units, and write them into tables."""
+"""Commands print invented results in the right units, and write them into tables."""
 
 import math
 import re
@@ -60,7 +60,7 @@ def cells(text):
 
 
 def metrics_of(rmse, crashed=()):
-    """Return metrics with an RMSE of each flight, some of which crash after 3 s; all others are 1, 2 and so on."""
+    """Return metrics with a given RMSE of each flight, some of which crash after 3 s; the others are 1, 2, ...."""
     rmse = np.asarray(rmse, dtype=float)
     time = np.full(len(rmse), np.inf)
     time[list(crashed)] = 3.0
@@ -86,25 +86,25 @@ def test_margins_have_a_row_for_each_loop(capsys):
     )  # fmt: skip
     output.print_margins({"thrust": margins, "yaw": None})
     title, header, row = cells(capsys.readouterr().out)
-    assert title[0].startswith("margins")
-    assert header == ["signal", "max |S|", "delay", "phase", "gain", "less gain", "crossover", "bandwidth"]
+    assert title[0].startswith("stability margins")
+    assert header == ["signal", "max |S|", "delay", "phase", "gain", "gain reduction", "crossover", "bandwidth"]
     assert row == ["thrust", "1.46", "123 ms", "45.7°", "7.3 dB", "-8.3 dB", "2.35 rad/s", "3.79 rad/s"]
 
 
 @pytest.mark.slow
 def test_predictions_have_a_row_for_each_horizon_that_is_reached(capsys):
-    """Errors that are all alike are their own mean, in cm and degrees; from half the error nothing starts at 1 s."""
+    """Equal errors are their own RMS value, in cm and degrees; no prediction reaches the horizon of 1 s."""
     errors = np.empty((2, 2, 12))
     errors[0], errors[1] = 0.02, 0.04
     errors[:, 1] = np.nan
-    given = {"position": errors, "attitude": errors, "body_rates": errors, "velocity": errors}
-    predictions = Predictions(("mine", "other"), (0.5, 1.0), np.array(["a"] * 12), np.arange(12.0), given)
+    errors_by_quantity = {"position": errors, "attitude": errors, "body_rates": errors, "velocity": errors}
+    predictions = Predictions(("mine", "other"), (0.5, 1.0), np.array(["a"] * 12), np.arange(12.0), errors_by_quantity)
     output.print_predictions(predictions)
     header, *rows = cells(capsys.readouterr().out)
-    assert header == ["horizon", "mine", "other", "better than other by, %"]
-    found = [(row[0], row[1], *(float(cell.split()[0]) for cell in row[2:5]), row[5]) for row in rows]
+    assert header == ["horizon", "mine", "other", "improvement over other (%)", "unit"]
+    printed = [(row[0], row[1], *(float(cell.split()[0]) for cell in row[2:5]), row[5]) for row in rows]
     degrees = math.degrees(0.02)
-    assert found == [
+    assert printed == [
         ("position", "0.5 s", 2.0, 4.0, 50.0, "cm"),
         ("attitude", "0.5 s", pytest.approx(degrees, rel=1e-2), pytest.approx(2.0 * degrees, rel=1e-2), 50.0, "°"),
         ("body rates", "0.5 s", 0.02, 0.04, 50.0, "rad/s"),
@@ -115,21 +115,23 @@ def test_predictions_have_a_row_for_each_horizon_that_is_reached(capsys):
     assert (row[0], float(row[2].split()[0]), row[-1]) == ("height", 2.0, "cm")
 
 
-def test_compared_controllers_have_means_deviations_and_their_share_of_the_first(capsys, tmp_path):
+def test_compared_controllers_have_means_deviations_and_relative_errors(capsys, tmp_path):
     first, second = 0.1 + 0.01 * RNG.uniform(size=8), 0.05 + 0.01 * RNG.uniform(size=8)
     one, other = metrics_of(first), metrics_of(second, crashed=[2])
     alone = metrics_of([0.2])
     flights = {"calm": {"pd": one, "pid": other}, "windy": {"pd": alone}}
     compare.print_comparison(flights)
     header, *rows = cells(capsys.readouterr().out)
-    assert header == ["scenario", "controller", "RMSE", "peak", "effort X (m²/s⁴)", "effort Y", "share"]
+    assert header == [
+        "scenario", "controller", "RMSE", "peak", "effort X (m²/s⁴)", "effort Y (m²/s⁴)", "relative RMSE",
+    ]  # fmt: skip
     flown = np.delete(second, 2)
     assert [row[:3] for row in rows] == [
         ["calm", "pd", plus_minus(100.0 * first.mean(), 100.0 * first.std(ddof=1)) + " cm"],
         ["calm", "pid", plus_minus(100.0 * flown.mean(), 100.0 * flown.std(ddof=1)) + " cm"],
         ["windy", "pd", "20.0 cm"],
     ]
-    # A peak of 4 m, and efforts of 5 and 6 m²/s⁴.
+    # The peak error is 4 m, and the efforts are 5 and 6 m²/s⁴.
     assert rows[2][3:] == ["400 cm", "5.00", "6.00", "100 %"]
     assert rows[0][6:] == ["100 %"]
     pairs = np.delete(first, 2)
@@ -145,7 +147,7 @@ def test_compared_controllers_have_means_deviations_and_their_share_of_the_first
 
 @pytest.fixture(scope="module")
 def compared():
-    """Return twenty predictions of a log, two of which crash; along z the log errs a tenth as much."""
+    """Return twenty predictions of a log, two of which crash; on z the errors of the log are a tenth as large."""
     rng = np.random.default_rng(4)
     time = 3.0 + 0.01 * np.arange(50)
     predicted = 0.01 + 0.001 * rng.normal(size=(20, 50, 3))
@@ -161,7 +163,7 @@ def test_a_log_is_compared_in_centimetres_axis_by_axis(compared, capsys):
     first, second, header, *rows, crashes, last = capsys.readouterr().out.splitlines()
     assert first == "log7: 50 samples, from 3.00 to 3.49 s of the log"
     assert second == "reference: 2 pieces of degree 7, within 1.23 mm of the log's"
-    assert cells(header) == [["error, cm", "axis", "flown", "predicted, median and 95 %", "flown lies"]]
+    assert cells(header) == [["error (cm)", "axis", "measured", "predicted median [95 %]", "measured within 95 %"]]
     rows = cells("\n".join(rows))
     assert [row[:2] for row in rows] == [
         [name, axis] for name in ("RMSE", "mean", "95 % largest") for axis in ("x", "y", "z", "all")
@@ -173,22 +175,22 @@ def test_a_log_is_compared_in_centimetres_axis_by_axis(compared, capsys):
         atol=5e-3,
     )
     assert [row[4] for row in rows] == [
-        "within" if inside else "outside" for name in ("rmse", "mean", "largest") for inside in compared.within(name)
+        "yes" if inside else "no" for name in ("rmse", "mean", "largest") for inside in compared.within(name)
     ]
-    assert {row[4] for row in rows if row[1] in ("z", "all")} == {"outside"}
-    assert {row[4] for row in rows if row[1] in ("x", "y")} == {"within"}
-    # The median of each axis is about a centimetre, the upper end of the interval a crash.
+    assert {row[4] for row in rows if row[1] in ("z", "all")} == {"no"}
+    assert {row[4] for row in rows if row[1] in ("x", "y")} == {"yes"}
+    # The median on each axis is about a centimetre, and the upper end of the interval is a crash.
     for row in rows:
         median, high = re.fullmatch(r"(\S+) \[\S+, (\S+)\]", row[3]).groups()
         assert float(median) == pytest.approx(math.sqrt(3.0) if row[1] == "all" else 1.0, abs=0.4)
         assert high == "crash"
-    assert crashes == "2 of 20 predictions crash"
+    assert crashes == "2 of 20 simulated flights crash"
     assert re.fullmatch(
-        rf"The flown RMSE, {100.0 * figures.rmse[3]:.2f} cm, lies outside the 95 % interval of 20 flights,"
+        rf"The measured RMSE, {100.0 * figures.rmse[3]:.2f} cm, is outside the 95 % interval of 20 simulated flights,"
         r" whose median is 1\.\d+ cm \[.*\]\.",
         last,
     )
-    assert "lies within the 95 % interval" in compare_log.verdict(replace(compared, flown=compared.predicted[0]))
+    assert "is within the 95 % interval" in compare_log.verdict(replace(compared, flown=compared.predicted[0]))
 
 
 def test_a_log_whose_predictions_do_not_differ_has_no_interval(compared, capsys):
@@ -197,10 +199,10 @@ def test_a_log_whose_predictions_do_not_differ_has_no_interval(compared, capsys)
     lines = capsys.readouterr().out.splitlines()
     rows = cells("\n".join(lines[3:-1]))
     assert [row[3:] for row in rows[:3]] == [["2.00", "–"]] * 3
-    assert lines[-1].endswith("the predicted one 3.46 cm in all flights.")
+    assert lines[-1].endswith("All simulated flights have an RMSE of 3.46 cm.")
 
 
-def test_the_table_of_a_compared_log_has_metres(compared, tmp_path, monkeypatch):
+def test_the_table_of_a_compared_log_is_in_metres(compared, tmp_path, monkeypatch):
     for name in ("log_comparison_plots.plot_log_comparison", "replay.page.save_replay", "style.save_figures"):
         monkeypatch.setattr(f"drake_quad.visualization.{name}", lambda *_, **__: [])
     monkeypatch.setattr(compare_log, "side_by_side", lambda _: None)
@@ -235,26 +237,26 @@ def test_a_design_has_a_row_for_each_axis_in_order(capsys):
     on_board = {"roll rate": loop_of(ProportionalGain(9.0))}
     design.print_design(SimpleNamespace(loops=loops, on_board=on_board, all_loops=on_board | loops))
     title, header, *rows = cells(capsys.readouterr().out)
-    assert title == ["margins of each loop, broken at its commanded acceleration, or rate"]
+    assert title == ["stability margins of each loop, opened at its commanded acceleration, or rate"]
     assert header == [
         "axis", "k_P or k", "k_D", "k_I", "phase", "gain", "delay", "ticks", "disk", "crossover", "bandwidth",
-        "max |S|", "limit",
+        "max |S|", "limited by",
     ]  # fmt: skip
     margins = ["45.7°", "7.3 dB", "123 ms", "6.2", "0.88", "2.35 rad/s", "3.79 rad/s", "1.46"]
     assert rows == [
-        ["roll rate", "9", "–", "–", *margins, "as asked"],
-        ["z", "3", "4", "–", *margins, "as asked"],
-        ["x", "1.235", "2", "0.5", *margins, "phase, delay; cost 1.23 × the full regulator's"],
+        ["roll rate", "9", "–", "–", *margins, "as requested"],
+        ["z", "3", "4", "–", *margins, "as requested"],
+        ["x", "1.235", "2", "0.5", *margins, "phase, delay; cost 1.23 × that of full state feedback"],
     ]
     design.print_design(SimpleNamespace(loops=loops, on_board={}, all_loops=loops))
     title, header, *rows = cells(capsys.readouterr().out)
-    assert title == ["margins of each loop, broken at its commanded acceleration"]
+    assert title == ["stability margins of each loop, opened at its commanded acceleration"]
     assert header[1] == "k_P"
     assert [row[0] for row in rows] == ["z", "x"]
 
 
 def test_modes_of_a_loop_have_a_frequency_a_damping_and_states(capsys):
-    """Faster modes than 60 rad/s are left out. The states of a mode are those of the vehicle."""
+    """Modes faster than 60 rad/s are left out. The printed states of a mode are states of the vehicle."""
 
     def oscillator(frequency, damping):
         return np.array([[0.0, 1.0], [-(frequency**2), -2.0 * damping * frequency]])
@@ -267,14 +269,14 @@ def test_modes_of_a_loop_have_a_frequency_a_damping_and_states(capsys):
     A = scipy.linalg.expm(0.01 * scipy.linalg.block_diag(slow, fast, rotors))
     design.print_modes(SimpleNamespace(system=SimpleNamespace(A=A, states=names, period=0.01)))
     _, title, header, first, second = cells(capsys.readouterr().out)
-    assert title == ["modes of the whole loop, from one tick to the next (0.01 s)"]
+    assert title == ["modes of the whole closed loop, sampled at each tick (0.01 s)"]
     assert header == ["frequency", "damping", "time constant", "states"]
     assert first[:3] == ["1.00 rad/s", "0.60", "1.67 s"]
     assert set(first[3].split(", ")) == {"x", "v_x"}
     assert second == ["25.00 rad/s", "1.00", "0.04 s", "rotors"]
 
 
-def test_plants_of_a_regulator_have_a_row_with_what_is_predicted_for_each(capsys):
+def test_each_plant_of_a_regulator_has_a_row_with_its_predicted_errors(capsys):
     answer = SimpleNamespace(natural_frequency=6.789)
     plants = [
         SimpleNamespace(lag=0.0456, response=None, latency_frames=2, delay_ticks=1),
@@ -283,7 +285,9 @@ def test_plants_of_a_regulator_have_a_row_with_what_is_predicted_for_each(capsys
     lateral, vertical = ([SimpleNamespace(error=error) for error in errors] for errors in ((0.01, 0.02), (0.03, 0.04)))
     design_lqg.print_plants(SimpleNamespace(plants=plants, lateral=lateral, vertical=vertical))
     _, header, *rows = cells(capsys.readouterr().out)
-    assert header == ["rotors' lag", "attitude", "frames late", "delay (ticks)", "x and y", "z"]
+    assert header == [
+        "rotor lag", "attitude ω_n", "camera latency (frames)", "link delay (ticks)", "x and y", "z",
+    ]  # fmt: skip
     assert rows == [
         ["46 ms", "–", "2", "1", "1.00 cm", "3.00 cm"],
         ["50 ms", "6.79 rad/s", "3", "4", "2.00 cm", "4.00 cm"],
@@ -291,14 +295,14 @@ def test_plants_of_a_regulator_have_a_row_with_what_is_predicted_for_each(capsys
 
 
 @pytest.mark.slow
-def test_a_regulator_is_written_as_a_scenario_extends_it(tmp_path):
+def test_a_regulator_is_written_as_yaml_that_a_scenario_can_extend(tmp_path):
     control = load_scenario("laboratory:low_wind", layers=["controllers/designed/laboratory:lqg"]).control
     path = tmp_path / "lqg.yaml"
     design_lqg.write_control(SimpleNamespace(control=control), path, "drake-quad design-lqg")
     text = path.read_text(encoding="utf-8")
     assert text.startswith("# drake-quad design-lqg\nlqg:\n")
     assert YAML(typ="safe").load(text) == {"lqg": {"control": control.model_dump(mode="json", exclude_none=True)}}
-    # Blocks of numbers alone are in a line.
+    # Blocks that contain only numbers are written on one line.
     assert re.search(r"first: \{deviation: ", text)
     assert load_scenario("laboratory:low_wind", layers=[f"{path}:lqg"]).control == control
 
@@ -311,7 +315,7 @@ def test_the_metrics_of_a_flight_are_in_their_units():
         time=np.array([0.0, 4.0]),
     )
     rows = fly.summary(flight)
-    assert rows[0] == ("flown", "4.00", "s")
+    assert rows[0] == ("flight time", "4.00", "s")
     expected = [
         ("RMSE", "rmse"),
         *((f"RMSE on {axis}", f"rmse_{axis.lower()}") for axis in "XYZ"),
@@ -325,11 +329,11 @@ def test_the_metrics_of_a_flight_are_in_their_units():
     ]
     assert rows[9] == ("share of ticks with saturated rotors", f"{100.0 * numbers['saturation_share']:.1f}", "%")
     flight.crash = "crashed at 1.20 s"
-    assert fly.summary(flight)[0] == ("flown", "crashed at 1.20", "s")
+    assert fly.summary(flight)[0] == ("flight time", "crashed at 1.20", "s")
 
 
 def identified():
-    """Return an identification of three numbers, of which the first is known to vary and the last explains nothing."""
+    """Return an identification of three parameters; the first is known to vary, and the last explains no variance."""
     estimates = Estimates(
         ("mass", "autopilot.damping[0]", "linear_drag"),
         np.array([0.5, 0.7, 0.1]),
@@ -352,13 +356,14 @@ def identified():
     )  # fmt: skip
 
 
-def test_estimates_have_their_intervals_and_what_they_explain(capsys):
+def test_estimates_are_printed_with_intervals_and_explained_variance(capsys):
     identify.print_estimates(identified())
     printed = capsys.readouterr()
     lines = printed.out.splitlines()
-    assert cells(lines[1]) == [["parameter", "value", "unit", "another stretch", "inside", "explained, held out"]]
+    assert cells(lines[1]) == [["parameter", "value", "unit", "new flight", "within", "explained variance"]]
     mass, damping, drag = cells("\n".join(lines[2:5]))
-    # The mean is off by 0.02 kg, and a stretch by 0.04 kg beside that, which have 6.25 degrees of freedom together.
+    # The standard deviation of the mean is 0.02 kg, and that of a new flight is 0.04 kg more, in quadrature. Together
+    # they have 6.25 degrees of freedom.
     far = scipy.stats.t.ppf(0.975, 6.25) * math.sqrt(0.002)
     assert mass == ["mass", plus_minus(0.5, 1.96 * 0.02), "kg", spread_alone(far), "9 of 10", "12.3 % of climb"]
     assert damping == ["autopilot.damping[0]", plus_minus(0.7, 1.96 * 0.05), "–"]
@@ -370,7 +375,7 @@ def test_estimates_have_their_intervals_and_what_they_explain(capsys):
     assert printed.err == "remark: of the flights\nremark: of the estimates\n"
 
 
-def test_explained_shares_of_outputs_are_printed(capsys):
+def test_explained_variances_of_outputs_are_printed(capsys):
     identify.print_score(identified())
     _, header, *rows = cells(capsys.readouterr().out)
     assert header == ["output", "explained variance", "RMS error", "white noise"]
@@ -378,10 +383,10 @@ def test_explained_shares_of_outputs_are_printed(capsys):
         ["height", "90.0 %", "0.25", "0.12", "m"],
         ["pitch", "none", "0.25", "0.12", "rad"],
     ]
-    assert identify.percent(0.0) == "none"
+    assert identify.variance_text(0.0) == "none"
 
 
-def test_what_logs_hold_is_printed(capsys):
+def test_the_contents_of_logs_are_printed(capsys):
     time = 5.0 + 0.02 * np.arange(1501)
     record = FlightRecord("log7", time, position=np.zeros((1501, 3)), remarks=("it has a gap",))
     identify.print_logs([record])
@@ -404,14 +409,14 @@ def test_noise_and_trim_of_a_hover_are_printed(capsys, monkeypatch):
     assert cells(row) == [["log7: white noise of body rates", "–", f"{math.sqrt(0.25 / 3.0):.2g}", "rad/s"]]
     assert lines == [
         f"log7: mean roll in hover {plus_minus(0.1, 1.96 * 0.01)} rad",
-        "log7: the attitude correlates most with its command 46 ms before",
+        "log7: delay of the attitude behind its command, by correlation: 46 ms",
     ]
     monkeypatch.setattr(identify, "delay_by_correlation", lambda _: None)
     identify.print_hover([record], 10.0)
-    assert "correlates" not in capsys.readouterr().out
+    assert "correlation" not in capsys.readouterr().out
 
 
-def test_throttles_of_all_logs_are_taken_together():
+def test_throttles_of_all_logs_are_combined():
     time = np.arange(2.0)
     four = FlightRecord("a", time, motor_command=np.array([[0.1, 0.2, 0.3, 0.4], [0.5, 0.6, 0.7, 0.8]]))
     one = FlightRecord("b", time, thrust_share=np.array([0.9, 1.0]))
@@ -419,7 +424,7 @@ def test_throttles_of_all_logs_are_taken_together():
     assert identify.throttles([FlightRecord("c", time)]) is None
 
 
-def test_a_map_has_a_row_for_each_pair_of_gains_and_says_which_is_best(capsys, tmp_path):
+def test_a_map_has_a_row_for_each_pair_of_gains_and_names_the_best_pair(capsys, tmp_path):
     k_p, k_d = np.array([1.0, 2.0]), np.array([3.0, 4.0, 5.0])
     size = np.array([[0.9, 0.9, 1.1], [0.9, 0.9, 0.9]])
     linear = StabilityMap(size, 0.1 + size, 0.2 + size)
@@ -432,12 +437,12 @@ def test_a_map_has_a_row_for_each_pair_of_gains_and_says_which_is_best(capsys, t
     gains = MappedGains("control.position", ("k_p", "k_d"), ("k_P", "k_D"), ("1/s²", "1/s"))
     stability_map.print_panel(panel, gains, k_p, k_d)
     assert capsys.readouterr().out == (
-        "nominal: 83 % of the gains are stable, 83 % flew to the end;"
-        " least RMSE of the stable 10.00 cm at k_P 2, k_D 4\n"
+        "nominal: 83 % of the gains are stable, 83 % do not crash;"
+        " smallest RMSE with stable gains: 10.00 cm at k_P = 2, k_D = 4\n"
     )
     panel.flown = panel.flown._replace(crash_time=np.zeros((2, 3)))
     stability_map.print_panel(panel, gains, k_p, k_d)
-    assert capsys.readouterr().out.endswith("0 % flew to the end; no stable gains flew to the end\n")
+    assert capsys.readouterr().out.endswith("0 % do not crash; all flights with stable gains crashed\n")
     panel.flown = panel.flown._replace(crash_time=crash_time)
     panels = [(panel.title, panel.linear, panel.flown), ("worst", panel.linear, panel.flown)]
     table = read_table(stability_map.write_map(tmp_path / "map.csv", panels, gains, k_p, k_d))
@@ -476,7 +481,7 @@ def test_sensitivities_are_printed_by_the_effect_of_a_change_of_one_per_cent(cap
     whole = Sensitivities(fields, found.values, metrics, np.inf, gradients)
     for name in ("effort_x", "rmse_x"):
         sensitivities.print_sensitivities(whole, name)
-        assert capsys.readouterr().out.endswith(f"{name} is zero, where it has no derivative\n")
+        assert capsys.readouterr().out.endswith(f"{name} is zero and has no derivative there\n")
 
 
 def test_default_fields_are_those_of_the_layout_and_the_autopilot():
@@ -486,9 +491,9 @@ def test_default_fields_are_those_of_the_layout_and_the_autopilot():
     attitude = [f"control.attitude.{gain}.{axis}" for gain in ("k_p", "k_d") for axis in (0, 1)]
     turning = [f"{owner}.inertia.{axis}" for owner in ("vehicle", "nominal") for axis in (0, 1)]
     on_board = "laboratory.autopilot."
-    air = ["vehicle.linear_drag", "vehicle.quadratic_drag"]  # of the vehicle of `onboard`
+    air = ["vehicle.linear_drag", "vehicle.quadratic_drag"]  # of the vehicle in `onboard`
     response = "laboratory.autopilot={kind: response, natural_frequency: [6.8, 6.1, 3], damping: [0.5, 0.5, 0.7]}"
-    found = {
+    fields = {
         name: [*sensitivities.default_fields(load_scenario(*arguments))]
         for name, arguments in {
             "plus": ("hover",),
@@ -504,43 +509,43 @@ def test_default_fields_are_those_of_the_layout_and_the_autopilot():
             ),
         }.items()
     }
-    assert found["plus"] == [*vehicle, *position, *turning, "vehicle.arm_length", *attitude]
-    assert found["h"] == [
+    assert fields["plus"] == [*vehicle, *position, *turning, "vehicle.arm_length", *attitude]
+    assert fields["h"] == [
         *vehicle, *position, *turning, "vehicle.layout.length", "vehicle.layout.width", *attitude,
     ]  # fmt: skip
-    assert found["attitude"] == [
+    assert fields["attitude"] == [
         *vehicle, *air, *position, *turning, "vehicle.arm_length",
         *(f"{on_board}{gain}.{axis}" for gain in ("k_attitude", "k_rate") for axis in (0, 1)),
         *(f"{on_board}gyroscope_bias.{axis}" for axis in (0, 1)),
     ]  # fmt: skip
     vehicle += air
     loops = [f"control.{loop}.k_p.{axis}" for loop in ("position", "velocity") for axis in (0, 1, 2)]
-    assert found["cascade"][len(vehicle) :][:8] == [*loops, "control.velocity.k_d.0", "control.velocity.k_d.1"]
-    # A drag that is not there is left out, and one that is there is among them.
+    assert fields["cascade"][len(vehicle) :][:8] == [*loops, "control.velocity.k_d.0", "control.velocity.k_d.1"]
+    # Drag fields that are zero are left out, and the others are included.
     drag = {"vehicle.body_drag": "{linear: [0.1, 0.2, 0.0], quadratic: [0, 0, 0.3]}", "vehicle.linear_drag": 0.0}
     dragged = sensitivities.default_fields(load_scenario("hover", [f"{path}={value}" for path, value in drag.items()]))
     assert [path for path in dragged if "drag" in path] == [
         "vehicle.body_drag.linear.0", "vehicle.body_drag.linear.1", "vehicle.body_drag.quadratic.2",
     ]  # fmt: skip
-    # Inertias and arms are parts of the response of the attitude.
-    assert found["response"] == [
+    # Inertia and arms are left out, since the attitude response replaces them.
+    assert fields["response"] == [
         *vehicle, *position,
         *(f"{on_board}{number}.{axis}" for number in ("natural_frequency", "damping") for axis in (0, 1)),
     ]  # fmt: skip
 
 
-def test_what_binds_a_plan_is_told_with_its_segments():
-    found = [
+def test_active_limits_of_a_plan_are_printed_with_their_segments():
+    constraints = [
         ActiveConstraint("speed", "", 4, 1.0), ActiveConstraint("speed", "", 0, 1.1),
         ActiveConstraint("speed", "", 2, 1.2),
         ActiveConstraint("speed", "", 3, 1.3), ActiveConstraint("corridor", "y max", 1, 1.4),
     ]  # fmt: skip
-    assert plan.binding_summary(found) == "speed on segments 0, 2-4; corridor y max on segment 1"
-    assert plan.binding_summary([]) == "nothing"
+    assert plan.binding_summary(constraints) == "speed on segments 0, 2-4; corridor y max on segment 1"
+    assert plan.binding_summary([]) == "none"
 
 
-def test_the_summary_of_a_plan_has_its_length_its_peaks_and_its_rotors():
-    """A figure eight is measured by its own samples; a limit is named where there is one."""
+def test_the_summary_of_a_plan_has_its_length_peaks_and_rotor_speeds():
+    """The expected values of a figure eight follow from its samples; a limit is printed if there is one."""
     mission = load_scenario("figure_eight")
     flown = plan_route(mission)
     rows = {name: (value, unit) for name, value, unit in plan.summary(mission, flown, PathLimits(speed=9.0), None)}
@@ -570,7 +575,7 @@ def test_errors_of_table_ii_are_printed_beside_those_of_the_paper(capsys):
     ]
     replicate.print_errors(entries)
     header, first, second = cells(capsys.readouterr().out)
-    assert header == ["RMSE (m)", "printed", "off by"]
+    assert header == ["wind", "controller", "RMSE (m)", "RMSE in the paper (m)", "deviation"]
     assert first[2:] == ["0.150 [0.140, 0.160]", "0.200", "-25.0 %"]
     assert second[2:] == ["0.050 [0.040, 0.060]", "–", "–"]
     assert first[0] != second[0]
@@ -585,11 +590,11 @@ def studied(**given):
     return Study(load_scenario("robustness"), 10.0, np.array([0, 2, 3, 5]), numbers, metrics, **given)
 
 
-def test_the_worst_samples_of_a_study_have_the_command_that_flies_them_again(capsys, tmp_path):
+def test_the_worst_samples_are_printed_with_the_command_that_repeats_them(capsys, tmp_path):
     study.print_study("mine", studied(), tmp_path, "compiled")
     text = capsys.readouterr().out
     assert text.startswith("mine: 4 samples of seed 0, 10.00 s each, diagrams compiled; 1 crashed, ")
-    worst = cells(text.split("the worst:\n")[1])
+    worst = cells(text.split("worst samples:\n")[1])
     fly_again = f"drake-quad fly {tmp_path / 'scenario.yaml'} --sample"
     assert worst == [
         ["crashed at 3.00 s", f"{fly_again} 2"],
@@ -597,19 +602,19 @@ def test_the_worst_samples_of_a_study_have_the_command_that_flies_them_again(cap
         ["30.0 cm", f"{fly_again} 3"],
         ["10.0 cm", f"{fly_again} 0"],
     ]
-    # The commands stand below each other, right of the longest end there may be.
-    starts = {line.index("drake-quad") for line in text.split("the worst:\n")[1].splitlines()}
+    # All commands begin in the same column, to the right of the longest outcome.
+    starts = {line.index("drake-quad") for line in text.split("worst samples:\n")[1].splitlines()}
     assert starts == {2 + 18 + 2}
 
 
-def test_the_rate_of_studies_is_that_of_what_was_flown(capsys):
+def test_the_simulation_speed_counts_the_flown_time(capsys):
     study.print_rate({"a": studied(flown_time=1000.0), "b": studied(flown_time=2000.0)}, 1.5)
-    assert capsys.readouterr().out == "2,000 vehicle-seconds per second\n"
+    assert capsys.readouterr().out == "simulation speed: 2,000 vehicle-seconds per second\n"
     study.print_rate({"a": studied()}, 1.5)
-    assert capsys.readouterr().out == "nothing was left to fly\n"
+    assert capsys.readouterr().out == "all samples had already been flown\n"
 
 
-def test_samples_that_could_not_be_flown_are_counted_and_the_first_is_explained(tmp_path):
+def test_failed_samples_are_counted_and_the_first_is_explained(tmp_path):
     studies = {
         "none": studied(),
         "pd": studied(failures={7: "later", 4: "too slow"}),
@@ -617,8 +622,8 @@ def test_samples_that_could_not_be_flown_are_counted_and_the_first_is_explained(
     }
     folders = {name: tmp_path / name for name in studies}
     assert study.failure(studies, folders) == (
-        "3 samples could not be flown (sample 4 of pd: too slow);"
-        f" all of them are in {tmp_path / 'pd' / 'failed.csv'}, and --resume tries them again"
+        "3 samples could not be simulated (sample 4 of pd: too slow);"
+        f" {tmp_path / 'pd' / 'failed.csv'} lists them, and --resume tries them again"
     )
 
 
@@ -630,9 +635,9 @@ def test_crashes_of_replayed_flights_are_counted(capsys):
 
 def test_errors_of_judged_controllers_are_in_centimetres_with_the_share_of_crashes(capsys):
     metrics = metrics_of([0.1, 0.2, 0.3, 0.9], crashed=[3])
-    assert judge.error_in(None) == "–"
-    assert judge.error_in(metrics) == "20.0 25.0 %"
-    assert judge.error_in(metrics_of([0.1, 0.3])) == "20.0"
+    assert judge.error_text(None) == "–"
+    assert judge.error_text(metrics) == "20.0 25.0 %"
+    assert judge.error_text(metrics_of([0.1, 0.3])) == "20.0"
     found = SimpleNamespace(
         controllers=["pd", "indi"],
         flights={"outdoor": {"pd": metrics}, "no wind": {"pd": metrics, "indi": metrics_of([0.1, 0.3])}, "moon": {}},
@@ -644,8 +649,10 @@ def test_errors_of_judged_controllers_are_in_centimetres_with_the_share_of_crash
     assert second == ["INDI", "20.0", "–"]
 
 
-def test_a_range_of_gains_rises_from_zero_or_more():
+def test_a_range_of_gains_must_be_nonnegative_and_increasing():
     assert stability_map._grid("--k-p", (0.0, 4.0), 5).tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
     for limits in ((-1.0, 4.0), (4.0, 4.0), (0.0, math.inf), (math.nan, 1.0)):
-        with pytest.raises(InputError, match="--k-p is .*, but must be a least gain from 0 on and a larger one"):
+        with pytest.raises(
+            InputError, match="--k-p is .*, but must be two gains: a smaller one of at least 0, and a larger one"
+        ):
             stability_map._grid("--k-p", limits, 5)

@@ -33,9 +33,9 @@ def status_of(words, error):
         (InputError("the route is empty"), 2, "error: the route is empty\n"),
         (RuntimeError("it diverged"), 1, "failed: it diverged\n"),
         (ConnectionError("the scheduler is gone"), 1, "failed: the scheduler is gone\n"),
-        (MemoryError(), 1, "failed: the memory does not suffice\n"),
+        (MemoryError(), 1, "failed: not enough memory\n"),
         (MemoryError("nothing was written"), 1, "failed: nothing was written\n"),
-        (KeyboardInterrupt(), 1, "interrupted: nothing was written\n"),
+        (KeyboardInterrupt(), 1, "interrupted: no file was written\n"),
         (BrokenPipeError(), 1, ""),
         (SystemExit(3), 3, ""),
         (SystemExit(), None, ""),
@@ -79,8 +79,8 @@ def test_without_a_standard_output_nothing_is_printed_and_nothing_fails(monkeypa
 @pytest.mark.parametrize(
     ("error", "status", "words"),
     [
-        (None, 1, "failed: the standard output cannot be written: no space left on device\n"),
-        (SystemExit(0), 1, "failed: the standard output cannot be written: no space left on device\n"),
+        (None, 1, "failed: cannot write to the standard output: no space left on device\n"),
+        (SystemExit(0), 1, "failed: cannot write to the standard output: no space left on device\n"),
         (InputError("the route is empty"), 2, "error: the route is empty\n"),
     ],
 )
@@ -106,5 +106,5 @@ def test_a_command_on_a_full_device_has_no_traceback(arguments, root):
     with Path("/dev/full").open("w", encoding="utf-8") as full:
         command = [sys.executable, "-m", "drake_quad", *arguments]
         done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, cwd=root, env=environment)
-    sentence = "failed: the standard output cannot be written: no space left on device\n"
+    sentence = "failed: cannot write to the standard output: no space left on device\n"
     assert (done.returncode, done.stderr) == (1, sentence)

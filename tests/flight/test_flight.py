@@ -74,7 +74,7 @@ def test_a_saved_scenario_repeats_the_flight(flight, tmp_path):
 
 def test_a_folder_that_cannot_be_written_is_refused(flight, tmp_path):
     (tmp_path / "file").write_text("in the way")
-    with pytest.raises(InputError, match="output folder .*file cannot be written"):
+    with pytest.raises(InputError, match="cannot write to the output folder .*file:"):
         flight.save(tmp_path / "file")
 
 

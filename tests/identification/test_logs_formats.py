@@ -470,7 +470,9 @@ def test_a_format_whose_library_is_missing_says_how_to_get_it(read, tmp_path, mo
             for name in [each for each in sys.modules if each.partition(".")[0] == module]:
                 without.delitem(sys.modules, name)
             without.setitem(sys.modules, module, None)
-            with pytest.raises(InputError, match=rf"is not installed; pip install 'drake_quad\[{extra}\]' has it"):
+            with pytest.raises(
+                InputError, match=rf"is not installed; install it with: pip install 'drake_quad\[{extra}\]'"
+            ):
                 read(data)
 
 

@@ -19,7 +19,7 @@ from drake_quad.replication.sweeps import NOISE, Q_VALUES
 from drake_quad.statistics.estimates import mean_interval
 from drake_quad.studies.statistics import of_survivors
 from drake_quad.visualization.leg_marks import leg_marks
-from drake_quad.visualization.places import places
+from drake_quad.visualization.positions import positions
 
 SAMPLES = 40
 
@@ -155,8 +155,8 @@ def test_memberships_of_an_elliptic_set_are_those_of_the_paper_s_figure_4():
 def test_paths_without_wind_are_shown_in_space_and_from_above(flights):
     names = ["reference", CONTROLLERS["pd"], CONTROLLERS["pd_t2fnn"]]
     whole = flights[Cell("no_wind", "pd_t2fnn")]
-    expected = [places(whole.record("reference"))]
-    expected += [places(flights[Cell("no_wind", name)].record("state")) for name in ("pd", "pd_t2fnn")]
+    expected = [positions(whole.record("reference"))]
+    expected += [positions(flights[Cell("no_wind", name)].record("state")) for name in ("pd", "pd_t2fnn")]
     space, above = figures.figure_7(flights), figures.figure_8(flights)
     for figure, count in ((space, 3), (above, 2)):
         (axes,) = figure.axes
@@ -166,7 +166,7 @@ def test_paths_without_wind_are_shown_in_space_and_from_above(flights):
         assert list(legend_of(figure)) == names == [line.get_label() for line in axes.lines]
     assert above.axes[0].get_aspect() == 1.0
     # From above, legs that go straight up have no number.
-    seen = [str(mark.number) for mark in leg_marks(whole.plan) if np.any(mark.beside)]
+    seen = [str(mark.number) for mark in leg_marks(whole.plan) if np.any(mark.right)]
     assert [text.get_text() for text in above.axes[0].texts] == seen
     numbers = {text.get_text(): text.get_position_3d() for text in space.axes[0].texts}
     path = whole.plan.derivative(0)

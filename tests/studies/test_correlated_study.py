@@ -85,7 +85,7 @@ def test_the_plot_says_what_an_influence_is_alone(scenario):
     figure = plot_influences(study_of(scenario, 400, lambda mass, drag, step: 50.0 * mass + step))
     (axes,) = figure.axes
     texts = [text.get_text() for text in axes.texts]
-    assert sum("; alone " in text for text in texts) == 2
+    assert sum("; partial " in text for text in texts) == 2
 
 
 def test_the_partial_rank_correlation_is_that_of_three_variables():

@@ -242,5 +242,5 @@ def test_the_plot_is_over_the_number_that_matters_most_and_has_the_levels_and_in
         assert np.abs(ends - bar).max(axis=(1, 2)).min() < 1e-12
     (over_mass,) = plot_crash_probability(studies, "vehicle.mass").axes
     assert over_mass.get_xlabel() == "mass (kg)"
-    with pytest.raises(InputError, match="no number is drawn"):
+    with pytest.raises(InputError, match="no random parameter"):
         plot_crash_probability(study(3, 1, scenario="diagrams/hover.yaml"))

@@ -1,8 +1,8 @@
-"""A headless Chromium, spoken to by the DevTools protocol over a pair of pipes.
+"""Headless Chromium that tests control by the DevTools protocol over a pair of pipes.
 
-As a script it takes a picture of a replay: browser.py PAGE MOMENT FILE, with the moment in seconds and, optionally, the
-position of the eye and the point that it looks at, in six numbers in metres. If the moment is a range as in 12:16, it
-makes an animation in real time, FILE.webp.
+As a script, the module takes a picture of a replay: browser.py PAGE TIME FILE, with the time in seconds. Six optional
+numbers are the position of the camera and the point that it looks at, in metres. If the time is a range such as 12:16,
+the script writes an animation in real time, FILE.webp.
 """
 
 import base64
@@ -27,7 +27,7 @@ _OPTIONS = (
     "--no-sandbox",
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
-    "--host-resolver-rules=MAP * ~NOTFOUND",  # no network
+    "--host-resolver-rules=MAP * ~NOTFOUND",  # the page must work without a network
     "--window-size=640,400",
     "--remote-debugging-pipe",
 )
@@ -43,10 +43,10 @@ os.execvp(sys.argv[3], sys.argv[3:])
 
 
 class Browser:
-    """A page in a browser, as a context manager.
+    """Context manager that opens a page in a browser.
 
     Attributes:
-        console: what the page's console and log said, while somebody was listening.
+        console: messages on the page's console and in its log, received during calls.
     """
 
     def __init__(self, page: Path, profile: Path, *, fragment: str = "") -> None:
@@ -75,7 +75,7 @@ class Browser:
         os.close(self._from)
 
     def call(self, method: str, **parameters: Any) -> Any:
-        """The result of a method of the protocol."""
+        """Call a method of the protocol, and return its result."""
         self._count += 1
         message = {"id": self._count, "method": method, "params": parameters}
         if self._session is not None:
@@ -90,20 +90,20 @@ class Browser:
                 self.console.append(json.dumps(answer["params"]))
 
     def value(self, expression: str) -> Any:
-        """The value of an expression of JavaScript."""
+        """Return the value of a JavaScript expression."""
         result = self.call("Runtime.evaluate", expression=expression, returnByValue=True)
         assert "exceptionDetails" not in result, result
         return result["result"].get("value")
 
     def wait_for(self, expression: str, timeout: float = 600.0) -> None:
-        """Waits until an expression is true."""
+        """Wait until a JavaScript expression is true."""
         deadline = time.monotonic() + timeout
         while not self.value(f"Boolean({expression})"):
             assert time.monotonic() < deadline, f"{expression} is not true after {timeout} s"
             time.sleep(0.05)
 
     def screenshot(self, file: Path) -> Path:
-        """Writes what is seen as PNG."""
+        """Write a screenshot as PNG."""
         file.write_bytes(base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"]))
         return file
 
@@ -116,19 +116,19 @@ class Browser:
         return json.loads(message)
 
 
-# The picture of the README is shown 500 px wide: a small window, finely drawn.
+# The README shows the picture 500 px wide, so the window is small and its resolution is high.
 _SIZE = {"width": 640, "height": 440, "deviceScaleFactor": 1.5, "mobile": False}
 _FILM_SIZE = {"width": 640, "height": 440, "deviceScaleFactor": 1.0, "mobile": False}
-# Eye, and the point that it looks at, m.
+# Position of the camera, and the point that it looks at, m.
 _VIEW = (4.1, -1.5, 3.0, 0.0, -1.15, 0.9)
-_FRAME_RATE = 10  # 1/s, of a film
-_FILM_QUALITY = 55  # of WebP, 0 to 100
+_FRAME_RATE = 10  # 1/s, frame rate of an animation
+_FILM_QUALITY = 55  # quality of the WebP file, from 0 to 100
 
 
 @contextmanager
 def replay(page: Path, moment: float, view: Sequence[float], size: dict[str, Any]) -> Iterator[Browser]:
-    """Yield a browser that shows a moment (s) of a replay, from an eye to where it looks (6 numbers, m)."""
-    # Meshcat's camera has Y up.
+    """Yield a browser that shows a replay at a time (s), from the camera position to a point (6 numbers, m)."""
+    # In Meshcat's camera frame, Y points up.
     (a, b, c), (d, e, f) = ((x, z, -y) for x, y, z in (view[:3], view[3:]))
     with (
         tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile,
@@ -137,21 +137,21 @@ def replay(page: Path, moment: float, view: Sequence[float], size: dict[str, Any
         browser.wait_for(f"document.getElementById('clock')?.textContent === '{moment:.1f} s'", timeout=60.0)
         browser.call("Emulation.setDeviceMetricsOverride", **size)
         browser.wait_for(f"viewer.renderer.domElement.clientWidth === {size['width']}", timeout=60.0)
-        time.sleep(1.0)  # until the page has set its own view
+        time.sleep(1.0)  # wait until the page has set its own view
         browser.value(f"viewer.camera.position.set({a}, {b}, {c}); viewer.controls.target.set({d}, {e}, {f})")
         browser.value("viewer.controls.update(); viewer.set_dirty()")
-        time.sleep(1.0)  # a few frames
+        time.sleep(1.0)  # wait for a few frames
         yield browser
 
 
 def take_picture(page: Path, moment: float, file: Path, view: Sequence[float] = _VIEW) -> None:
-    """Write what a replay shows at a moment (s) as PNG; the view is that of `replay`."""
+    """Write a picture of a replay at a time (s) as PNG; the view is that of `replay`."""
     with replay(page, moment, view, _SIZE) as browser:
         browser.screenshot(file)
 
 
 def take_film(page: Path, first: float, last: float, file: Path, view: Sequence[float] = _VIEW) -> None:
-    """Write what a replay shows from one moment to another (s) as an animation; the view is that of `replay`."""
+    """Write an animation of a replay from one time to another (s); the view is that of `replay`."""
     frames = []
     with replay(page, first, view, _FILM_SIZE) as browser:
         for i in range(round(_FRAME_RATE * (last - first))):
@@ -159,7 +159,7 @@ def take_film(page: Path, first: float, last: float, file: Path, view: Sequence[
             browser.value(f"document.getElementById('scrub').value = {moment}")
             browser.value("document.getElementById('scrub').oninput()")
             browser.wait_for(f"document.getElementById('clock').textContent === '{moment:.1f} s'", timeout=60.0)
-            time.sleep(0.2)  # a few frames
+            time.sleep(0.2)  # wait for a few frames
             data = browser.call("Page.captureScreenshot", format="png")["data"]
             frames.append(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB"))
     options = {"duration": 1000 // _FRAME_RATE, "loop": 0, "quality": _FILM_QUALITY, "method": 6}

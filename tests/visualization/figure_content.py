@@ -1,4 +1,4 @@
-"""Curves and legends of figures, for tests of what a figure shows."""
+"""Functions that extract curves and legends from figures, for tests of their content."""
 
 
 def curve(axes, label):
@@ -9,5 +9,5 @@ def curve(axes, label):
 
 def legends(figure):
     """Return the texts of all legends of a figure, in order."""
-    found = [*figure.legends, *(axes.get_legend() for axes in figure.axes)]
-    return [text.get_text() for legend in found if legend is not None for text in legend.get_texts()]
+    all_legends = [*figure.legends, *(axes.get_legend() for axes in figure.axes)]
+    return [text.get_text() for legend in all_legends if legend is not None for text in legend.get_texts()]

@@ -1,4 +1,4 @@
-"""The drawings beside the scenarios are those of their diagrams."""
+"""Committed block drawings are current, and show the systems and connections of their diagrams."""
 
 import re
 import shutil
@@ -16,7 +16,7 @@ MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
 DRAWN = re.search(r"^DRAWN = ((?:.*\\\n)*.*)$", MAKEFILE, re.MULTILINE).group(1).replace("\\", " ").split()
 
 
-# A drawing does not depend on the waypoints, and planning the whole way through the forest takes several seconds.
+# A drawing does not depend on the waypoints, and planning the whole path through the forest takes several seconds.
 SHORT_ROUTES = {"forest": ["route.waypoints=[[-1, -2.7, 1.2], [1, -1.9, 1.4]]"]}
 
 
@@ -27,7 +27,7 @@ def drawings_of(spec):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("spec", DRAWN)
-def test_the_committed_drawings_are_not_stale(spec):
+def test_committed_drawings_are_current(spec):
     name, current = drawings_of(spec)
     committed = {
         path.stem: re.search(r"<!-- ([0-9a-f]{64}) -->\n$", path.read_text(encoding="utf-8")).group(1)
@@ -38,7 +38,7 @@ def test_the_committed_drawings_are_not_stale(spec):
     )
 
 
-def test_every_file_of_scenarios_has_a_drawing():
+def test_every_scenario_file_has_a_drawing():
     assert {spec.partition(":")[0] for spec in DRAWN} == {path.stem for path in (ROOT / "diagrams").glob("*.yaml")}
 
 
@@ -62,11 +62,11 @@ def test_a_drawing_shows_systems_connections_and_sizes():
     assert edges["laboratory", "monitor"] == ["shortfall (4)", "state (12)"]
 
 
-def test_a_diagram_is_drawn_alike_again():
+def test_a_diagram_always_has_the_same_drawing():
     assert drawings_of("outdoor") == drawings_of("outdoor")
 
 
 @pytest.mark.skipif(shutil.which("dot") is None, reason="no Graphviz on PATH; Debian's package is graphviz")
-def test_graphviz_understands_every_drawing():
+def test_graphviz_renders_every_drawing():
     for text in drawings_of("robustness")[1].values():
         assert svg(text).startswith("<svg")

@@ -31,7 +31,7 @@ def named(system, name):
 
 @pytest.fixture(scope="module")
 def drawn():
-    """A loop of an adder, a motor and a splitter, with a wrapper of a single system."""
+    """Return a loop of an adder, a motor and a splitter, with a diagram that wraps a single system."""
     builder = DiagramBuilder()
     adder = builder.AddNamedSystem("sum", Adder(2, 3))
     motor = builder.AddSystem(inner_diagram("motor", named(Gain(2.0, 3), "gain"), named(Integrator(3), "integrator")))
@@ -56,13 +56,13 @@ def test_a_diagram_of_a_single_system_has_no_drawing_of_its_own(drawn):
     assert 'label="motor"' in drawn["motor"]
 
 
-def test_blocks_have_their_name_and_their_kind_if_it_says_more(drawn):
+def test_blocks_show_their_name_and_their_class_if_it_differs(drawn):
     nodes = dict(re.findall(r"^ +([sio]\d+) \[(.*)\];$", drawn[""], re.MULTILINE))
     assert nodes["s0"] == 'label="sum\\nAdder"'
     # A diagram with a drawing of its own has a second outline.
     assert nodes["s1"] == 'label="motor", peripheries=2, fillcolor="#DCE9F5"'
     assert nodes["s2"] == 'label="wrapper"'
-    # A splitter is a bar without words.
+    # A splitter is a bar without a label.
     assert nodes["s3"].startswith('label="", shape=box')
     assert nodes["i0"].startswith('label="offset", shape=plaintext')
     assert nodes["o2"].startswith('label="seen", shape=plaintext')
@@ -71,7 +71,7 @@ def test_blocks_have_their_name_and_their_kind_if_it_says_more(drawn):
     assert inside == {"s0": 'label="gain"', "s1": 'label="integrator"'}
 
 
-def test_connections_have_the_name_of_the_signal_and_its_size_and_stand_in_order(drawn):
+def test_connections_are_ordered_and_labelled_with_signal_and_size(drawn):
     edges = re.findall(r'^ +(\w+) -> (\w+) \[label="(.*)"\];$', drawn[""], re.MULTILINE)
     assert edges == [
         ("i0", "s0", "(3)"),
@@ -84,6 +84,6 @@ def test_connections_have_the_name_of_the_signal_and_its_size_and_stand_in_order
     ]
 
 
-def test_the_digest_of_a_drawing_changes_with_it(drawn):
+def test_the_digest_changes_with_the_drawing(drawn):
     assert digest(drawn[""]) == digest(str(drawn[""]))
     assert len({digest(text) for text in (*drawn.values(), drawn[""] + " ")}) == 3

@@ -1,4 +1,4 @@
-"""Plots of designs, maps of gains, plans and sensitivities show the right numbers."""
+"""Plots of designs, stability maps, plans and sensitivities show the right numbers."""
 
 import math
 import re
@@ -23,7 +23,7 @@ from drake_quad.reference.regions import Box, Polytope, Sphere
 from drake_quad.space.shapes import Ball, Cuboid
 from drake_quad.space.space import Obstacle, Space
 from drake_quad.visualization import design_plots, map_plots, plan_plots
-from drake_quad.visualization.obstacles import draw_obstacles, draw_solids, shadow
+from drake_quad.visualization.obstacles import convex_hull, draw_obstacles, draw_solids
 from drake_quad.visualization.sensitivity_plots import plot_sensitivities
 from drake_quad.visualization.style import BLUE, VERMILION, new_figure
 
@@ -36,12 +36,12 @@ def design():
 def response_of(loop, frequency):
     """Return L at frequencies (rad/s), from the transfer matrices of the plant and the gains."""
     plant = loop.plant
-    found = []
+    responses = []
     for w in frequency:
         z = np.exp(1j * w * plant.period)
         outputs = plant.C @ np.linalg.solve(z * np.eye(len(plant.A)) - plant.A, plant.B) + plant.D
-        found.append(complex((np.array([loop.gains]) @ outputs)[0, 0]))
-    return np.array(found)
+        responses.append(complex((np.array([loop.gains]) @ outputs)[0, 0]))
+    return np.array(responses)
 
 
 @pytest.mark.slow
@@ -105,7 +105,7 @@ def test_poles_of_a_root_locus_are_those_of_the_closed_loop(design):
     assert len(named) == 3
 
     def poles(factor):
-        """Return the poles in continuous time, without those of delays, which have no counterpart."""
+        """Return the poles in continuous time, without those of delays, which have no continuous counterpart."""
         found = np.linalg.eigvals(plant.A - factor * plant.B @ row @ plant.C)
         return np.log(found[np.abs(found) > 1e-6].astype(complex)) / plant.period
 
@@ -126,7 +126,7 @@ def test_poles_of_a_root_locus_are_those_of_the_closed_loop(design):
     for factor in (0.0, 0.5, 3.0, 29.0):
         for pole in poles(factor):
             assert np.abs(cloud - pole).min() < 0.02 * (1.0 + abs(pole))
-    # The rays of damping ratios reach the edge of the plot.
+    # The rays of constant damping ratio reach the edge of the plot.
     rays = [line.get_xydata() for line in axes.lines if len(line.get_xdata()) == 5]
     for ray, damping in zip(rays, (0.3, 0.5, 0.7), strict=True):
         for x, y in (ray[1], ray[4]):
@@ -139,7 +139,7 @@ def test_poles_of_a_root_locus_are_those_of_the_closed_loop(design):
 
 
 @pytest.mark.slow
-def test_steps_of_diagram_and_linear_model_settle_at_their_size():
+def test_step_responses_settle_at_the_step_size():
     loop = closed_loop(load_scenario("laboratory:nominal"))
     for axes, (row, size) in zip(
         design_plots.plot_steps(loop).axes, (("x", 0.5), ("z", 0.5), ("yaw", 0.5)), strict=True
@@ -152,7 +152,7 @@ def test_steps_of_diagram_and_linear_model_settle_at_their_size():
             assert line.get_ydata()[-1] == pytest.approx(size, rel=0.1)
         np.testing.assert_allclose(diagram.get_ydata(), model.get_ydata(), atol=0.12 * size)
         assert axes.get_ylim()[1] >= 1.06 * size
-    # The plot ends when the slowest pole has decayed to less than a hundredth, after four seconds to a minute.
+    # The plot ends when the slowest mode has decayed to less than 1 %, but after 4 s to 60 s.
     slowest = -math.log(np.abs(loop.system.poles()).max()) / loop.system.period
     assert diagram.get_xdata()[-1] == pytest.approx(min(max(5.0 / slowest, 4.0), 60.0), abs=0.05)
 
@@ -163,7 +163,7 @@ def metrics_of(rmse, crashed):
 
 @pytest.fixture(scope="module")
 def panels():
-    """Return panels and their numbers; gains with k_D below k_P / 4 are unstable, and the largest gains crash."""
+    """Return panels and their values: gains with k_D below k_P / 4 are unstable, and the largest gains crash."""
     first, second = np.linspace(1.0, 5.0, 9), np.linspace(0.5, 3.5, 13)
     k_p, k_d = np.meshgrid(first, second, indexing="ij")
     size = 1.0 + 0.1 * (0.25 * k_p - k_d)
@@ -182,7 +182,7 @@ def drawn_map(panels, first, second, marked=(3.0, 2.0)):
     return map_plots.plot_map(panels, first, second, labels=("k_P (1/s²)", "k_D (1/s)"), marked=marked, loop="position")
 
 
-def test_a_map_shades_the_error_of_each_pair_of_gains(panels):
+def test_a_map_shows_the_error_of_each_pair_of_gains(panels):
     found, first, second, rmse, crashed = panels
     figure = drawn_map(found, first, second)
     left, right, bar = figure.axes
@@ -203,13 +203,13 @@ def test_a_map_shades_the_error_of_each_pair_of_gains(panels):
     assert bar.get_ylabel() == "RMSE of the flight (cm)"
     assert set(bar.get_yticks()) == {2.0, 5.0, 10.0}
     named = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert named == ["edge of stability", "damping ζ", "delay margin", "scenario", "crashed"]
-    assert figure.get_suptitle() == "Gains of the position loop: flights in shades, the linear model in lines"
+    assert named == ["stability limit", "damping ratio ζ", "delay margin", "gains of the scenario", "crashed"]
+    assert figure.get_suptitle() == "Gains of the position loop: simulated flights as colours, linear model as lines"
     outside = drawn_map(found, first, second, marked=(0.5, 2.0)).axes[0]
     assert not outside.lines
 
 
-def test_lines_of_a_map_are_the_edge_of_stability_and_levels_of_damping_and_delay(panels):
+def test_contours_of_a_map_are_stability_limit_damping_and_delay_margin(panels):
     found, first, second, *_ = panels
     axes = drawn_map(found, first, second).axes[0]
     edge, damping, delay = [each for each in axes.collections if hasattr(each, "levels")]
@@ -226,18 +226,18 @@ def test_lines_of_a_map_are_the_edge_of_stability_and_levels_of_damping_and_dela
             assert 0.5 / (k_p + k_d) == pytest.approx(level, rel=0.05)
     labels = [text.get_text() for text in axes.texts]
     assert {"ζ 0.4", "80 ms"} <= set(labels)
-    # A map has no edge if everything is stable.
+    # A map has no stability limit if all gains are stable.
     stable = [found[0]._replace(linear=found[0].linear._replace(size=np.full((9, 13), 0.9)))]
     assert len([each for each in drawn_map(stable, first, second).axes[0].collections if hasattr(each, "levels")]) == 2
 
 
-def test_labels_of_a_map_are_on_their_lines_and_apart(panels):
+def test_contour_labels_are_on_their_lines_and_do_not_overlap(panels):
     found, first, second, *_ = panels
     figure = drawn_map(found[:1], first, second)
     figure.draw_without_rendering()
     axes = figure.axes[0]
     inside = axes.get_window_extent()
-    places = []
+    positions = []
     for text in axes.texts:
         x, y = axes.transData.transform(text.get_position())
         assert inside.x0 + 20.0 < x < inside.x1 - 20.0
@@ -246,12 +246,12 @@ def test_labels_of_a_map_are_on_their_lines_and_apart(panels):
         k_d, k_p = text.get_position()
         value = k_d / (2.0 * math.sqrt(k_p)) if "ζ" in text.get_text() else 500.0 / (k_p + k_d)
         assert value == pytest.approx(level, rel=0.1)
-        places.append((x, y))
-    assert len(places) >= 4
-    assert scipy.spatial.distance.pdist(places).min() > 20.0
+        positions.append((x, y))
+    assert len(positions) >= 4
+    assert scipy.spatial.distance.pdist(positions).min() > 20.0
 
 
-def test_errors_of_a_map_that_are_equal_or_next_to_zero_have_a_scale(panels):
+def test_equal_or_tiny_errors_of_a_map_have_a_colour_scale(panels):
     found, first, second, *_ = panels
     zero = [found[0]._replace(flown=metrics_of(np.zeros((9, 13)), np.zeros((9, 13), dtype=bool)))]
     image = drawn_map(zero, first, second).axes[0].images[0]
@@ -264,13 +264,13 @@ def test_errors_of_a_map_that_are_equal_or_next_to_zero_have_a_scale(panels):
     assert (image.norm.vmin, image.norm.vmax) == pytest.approx((0.1, 3.0))
 
 
-def test_a_tornado_of_sensitivities_is_in_per_cent_per_per_cent():
+def test_sensitivities_are_drawn_in_per_cent_per_per_cent():
     fields = ("a", "b", "c", "d")
     values = np.array([2.0, 0.5, 0.0, 4.0])
     gradients = {"rmse": np.array([0.1, -2.0, 7.0, np.nan]), "effort_x": np.zeros(4)}
     found = Sensitivities(fields, values, {"rmse": 0.4, "effort_x": 0.0}, np.inf, gradients)
     (axes,) = plot_sensitivities(found, "rmse").axes
-    # The largest bar is at the top. A field that is zero and a metric with a kink have no bar.
+    # The largest bar is at the top. A field that is zero and a metric without a derivative have no bar.
     assert [label.get_text() for label in axes.get_yticklabels()] == ["a", "b"]
     assert [bar.get_width() for bar in axes.patches] == pytest.approx([0.5, -2.5])
     assert [bar.get_y() + 0.5 * bar.get_height() for bar in axes.patches] == pytest.approx([0.0, 1.0])
@@ -280,7 +280,7 @@ def test_a_tornado_of_sensitivities_is_in_per_cent_per_per_cent():
     assert axes.get_title() == "rmse, first order"
     (nothing,) = plot_sensitivities(found, "effort_x").axes
     assert not nothing.patches
-    assert nothing.texts[0].get_text() == "nothing changes it to first order"
+    assert nothing.texts[0].get_text() == "no field changes the metric to first order"
 
 
 @pytest.fixture(scope="module")
@@ -295,7 +295,7 @@ def drawn_plan(planned):
     return plan_plots.plot_plan(*planned, limits=PathLimits(speed=9.0)).axes
 
 
-def test_a_plan_is_seen_from_three_sides(planned, drawn_plan):
+def test_a_plan_is_drawn_in_three_views(planned, drawn_plan):
     plan, _ = planned
     views = drawn_plan[:3]
     for axes, (i, j) in zip(views, ((0, 1), (0, 2), (1, 2)), strict=True):
@@ -308,7 +308,7 @@ def test_a_plan_is_seen_from_three_sides(planned, drawn_plan):
         assert (axes.get_xlabel(), axes.get_ylabel()) == (f"{'XYZ'[i]} (m)", f"{'XYZ'[j]} (m)")
         assert axes.get_aspect() == 1.0
         assert bool(axes.texts) == (j == 1)
-    # Waypoints at the same place have one label with all of their numbers.
+    # Waypoints at the same position have a single label with all their numbers.
     shown = sorted(int(number) for text in views[0].texts for number in text.get_text().split(", "))
     assert shown == list(range(len(plan.waypoints)))
     for text in views[0].texts:
@@ -348,7 +348,7 @@ def test_profiles_of_a_plan_are_norms_of_its_derivatives(planned, drawn_plan):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("turn", [5.0, 90.0])
-def test_a_yaw_is_seen_whole_and_no_closer_than_within_twenty_degrees(planned, turn):
+def test_the_yaw_axis_contains_the_yaw_and_spans_at_least_twenty_degrees(planned, turn):
     plan, parameters = planned
     ends = np.radians([[[0.0], [0.0], [0.0]], [[turn], [0.0], [0.0]]])
     turning = Plan(plan.path, hermite_path(plan.path.times[[0, -1]], ends))
@@ -361,7 +361,7 @@ def test_a_yaw_is_seen_whole_and_no_closer_than_within_twenty_degrees(planned, t
 
 
 @pytest.mark.slow
-def test_regions_and_waypoints_of_a_plan_are_drawn_at_their_places(planned):
+def test_regions_and_waypoints_of_a_plan_are_drawn_at_their_positions(planned):
     """Only the waypoints of the route are drawn."""
     plan, parameters = planned
     box = Box([1.0, 2.0, 0.5], [1.5, 2.6, 1.0])
@@ -371,7 +371,7 @@ def test_regions_and_waypoints_of_a_plan_are_drawn_at_their_places(planned):
     figure = plan_plots.plot_plan(
         plan,
         parameters,
-        places=(Box.point([0, 0, 1]), box, ball),
+        regions=(Box.point([0, 0, 1]), box, ball),
         corridors=(corridor, None, corridor, half),
         waypoints=np.array([0, 2, 5]),
     )
@@ -393,7 +393,7 @@ def test_regions_and_waypoints_of_a_plan_are_drawn_at_their_places(planned):
         assert (fourth.get_center(), fourth.get_radius()) == ((ball.centre[i], ball.centre[j]), 0.25)
 
 
-def test_obstacles_cast_shadows():
+def test_obstacles_are_drawn_as_projections():
     space = Space(
         (Obstacle("post", Cuboid((1.0, 2.0, 0.5), size=(0.4, 0.6, 1.0))), Obstacle("ball", Ball((0.0, 0.0, 1.0)))),
         0.1,
@@ -416,7 +416,7 @@ def test_obstacles_cast_shadows():
     assert [text.get_text() for text in above.texts] == ["post", "ball"]
     assert above.texts[0].get_position() == pytest.approx((1.0, 1.7))
     square = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0.5], [0.5, 0.0]])
-    found = shadow(square)
+    found = convex_hull(square)
     assert sorted(map(tuple, found.tolist())) == [(0, 0), (0, 1), (1, 0), (1, 1)]
     x, y = found.T
     assert 0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1)) == pytest.approx(1.0)

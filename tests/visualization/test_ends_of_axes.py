@@ -1,4 +1,4 @@
-"""Axes contain all curves with small margins and round ticks, and coinciding curves can be distinguished."""
+"""Axes contain all curves with small margins and round ticks, and overlapping curves can be distinguished."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -20,7 +20,7 @@ from drake_quad.planning.believed import planned_parameters
 from drake_quad.signals import Reference, State
 from drake_quad.visualization import block_drawing, curves, design_plots, identification_plots, plots, study_plots
 from drake_quad.visualization.comparison_plots import plot_comparison
-from drake_quad.visualization.curves import tell_apart
+from drake_quad.visualization.curves import dash_overlapping_curves
 from drake_quad.visualization.frames import Camera
 from drake_quad.visualization.plan_plots import plot_plan
 from drake_quad.visualization.replay.scene import reference_points
@@ -40,7 +40,7 @@ def test_bode_plots_show_the_margins_on_even_axes(design):
         margins = design.all_loops[name].margins
         bottom, top = gain.get_ylim()
         assert -bottom == top > margins.gain
-        # Phases have ticks at multiples of half a right angle, from one end of the axis to the other.
+        # Phases have ticks at multiples of 45 degrees, from one end of the axis to the other.
         bottom, top = phase.get_ylim()
         np.testing.assert_array_equal(phase.get_yticks(), np.arange(bottom, top + 1.0, 45.0))
         assert phase.get_yticks()[-1] == top
@@ -55,7 +55,7 @@ def test_a_nyquist_plot_has_one_scale_and_the_unit_circle(design):
         assert 1.0 < right < 1.5
 
 
-def test_rays_of_damping_are_labelled_near_their_ends(design):
+def test_damping_rays_are_labelled_near_their_ends(design):
     (axes,) = design_plots.plot_root_locus(design).axes
     rays = [line.get_xydata()[1] for line in axes.lines if len(line.get_xdata()) == 5]
     for text, end in zip(axes.texts, rays, strict=True):
@@ -65,24 +65,24 @@ def test_rays_of_damping_are_labelled_near_their_ends(design):
     assert [line.get_xdata()[0] for line in axes.lines if len(line.get_xdata()) == 2] == [0.0]
 
 
-def test_compared_errors_end_within_the_axes():
-    found = {place: {"a": study().metrics, "b": no_crash(1, 50).metrics} for place in ("calm", "wind")}
-    for axes in plot_comparison(found).axes:
+def test_compared_errors_fit_into_the_axes():
+    metrics = {place: {"a": study().metrics, "b": no_crash(1, 50).metrics} for place in ("calm", "wind")}
+    for axes in plot_comparison(metrics).axes:
         most = max(line.get_xdata().max() for line in axes.lines)
         assert 1.1 * most < axes.get_xlim()[1] < 1.7 * most
 
 
-def test_shares_of_samples_reach_to_the_top_of_their_axis():
+def test_the_axis_of_sample_shares_ends_just_above_one():
     (axes,) = study_plots.plot_distribution({"one": no_crash()}).axes
     assert 1.0 < axes.get_ylim()[1] < 1.1
     (axes,) = study_plots.plot_influences(study()).axes
-    # Bars of the two ends of a number touch, and those of the next number are apart.
+    # The two bars of a parameter touch, and there is a gap to those of the next parameter.
     bars = [(bar.get_y(), bar.get_y() + bar.get_height()) for bar in axes.patches]
     assert bars[0][1] == pytest.approx(bars[1][0])
     assert bars[1][1] < bars[2][0]
 
 
-def test_numbers_of_samples_have_ticks_at_one_two_and_five():
+def test_sample_counts_have_ticks_at_one_two_and_five():
     for axes in study_plots.plot_convergence({"one": study()}).axes:
         ticks = axes.xaxis.get_major_locator().tick_values(10.0, 200.0)
         assert {10.0, 20.0, 50.0, 100.0, 200.0} <= set(np.round(ticks, 6))
@@ -91,49 +91,49 @@ def test_numbers_of_samples_have_ticks_at_one_two_and_five():
 
 
 def alike(near, share, count=200):
-    """Return whether a curve is dashed that is as near to another, in points, over a share of its length."""
+    """Return whether a curve is dashed if it is at a distance, in points, from another over a share of its length."""
     figure = new_figure(4.0, 3.0)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
     x = np.linspace(0.0, 1.0, count)
     axes.plot(x, np.full(count, 0.5))
     apart = np.where(np.arange(count) < share * count, near, 40.0)
-    # The page is 216 points high.
+    # The figure is 216 points high.
     (other,) = axes.plot(x, 0.5 + apart / 216.0)
-    tell_apart(axes)
+    dash_overlapping_curves(axes)
     return other.is_dashed()
 
 
-def test_curves_coincide_that_are_near_over_a_quarter_of_their_length():
+def test_curves_overlap_if_they_are_near_over_a_quarter_of_their_length():
     assert alike(1.1, 1.0)
     assert not alike(1.3, 1.0)
     assert alike(0.0, 0.27)
     assert not alike(0.0, 0.23)
-    # Lines of two points, such as limits, stay as they are.
+    # Lines between two points, such as limits, are not dashed.
     assert not alike(0.0, 1.0, count=2)
     assert alike(0.0, 1.0, count=3)
 
 
-def test_curves_over_other_places_are_not_compared():
+def test_curves_with_different_abscissas_are_not_compared():
     axes = new_figure(4.0, 3.0).subplots()
     curves = [axes.plot(np.linspace(0.0, 1.0, count), np.zeros(count))[0] for count in (10, 20, 10)]
-    tell_apart(axes)
+    dash_overlapping_curves(axes)
     assert [curve.is_dashed() for curve in curves] == [False, False, True]
 
 
-def test_each_group_of_curves_that_coincide_is_told_apart_once(monkeypatch):
-    told = []
-    monkeypatch.setattr(curves, "dashes", lambda *given: told.append(given) or "--")
+def test_each_group_of_overlapping_curves_is_dashed_once(monkeypatch):
+    calls = []
+    monkeypatch.setattr(curves, "dashes", lambda *given: calls.append(given) or "--")
     axes = new_figure(4.0, 3.0).subplots()
     x = np.linspace(0.0, 1.0, 10)
     lines = [axes.plot(x, np.full(10, height))[0] for height in (0.0, 1.0, 0.0, 1.0, 0.0)]
-    tell_apart(axes)
+    dash_overlapping_curves(axes)
     assert [line.is_dashed() for line in lines] == [False, False, True, True, True]
-    # Numbers 1 and 2 of the three below, and number 1 of the two above.
-    assert told == [(1, 3), (2, 3), (1, 2)]
+    # These are curves 1 and 2 of the lower three, and curve 1 of the upper two.
+    assert calls == [(1, 3), (2, 3), (1, 2)]
 
 
-def test_speeds_of_rotors_rise_upwards_and_close_up_without_the_limits():
+def test_enlarged_rotor_speeds_leave_out_the_limits():
     flight = simulate(load_scenario("figure_eight", ["duration=0.4"]))
     close, whole = plots.plot_rotors(flight).axes
     (bottom, top), (lowest, highest) = close.get_ylim(), whole.get_ylim()
@@ -145,14 +145,14 @@ def test_speeds_of_rotors_rise_upwards_and_close_up_without_the_limits():
 
 
 @pytest.mark.slow
-def test_rotors_of_a_plan_that_turn_alike_are_told_apart():
+def test_equal_rotor_speeds_of_a_plan_are_dashed():
     """In hover all rotors have the same speed."""
     scenario = load_scenario("figure_eight", ["route={kind: hover, position: [0, 0, 1]}", "duration=1"])
     plan = plan_route(scenario)
     figure = plot_plan(plan, planned_parameters(scenario))
     rotors = [line for line in figure.axes[7].lines if line.get_label().startswith("rotor")]
     assert [line.is_dashed() for line in rotors] == [False, True, True, True]
-    # A hover has an extent of half a metre and more.
+    # The views of a hover are at least half a metre wide.
     figure.draw_without_rendering()
     for axes in figure.axes[:3]:
         assert min(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())) >= 0.5
@@ -161,12 +161,12 @@ def test_rotors_of_a_plan_that_turn_alike_are_told_apart():
     assert np.mean(yaw) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_the_room_of_a_flight_that_diverged_is_that_of_what_was_finite():
+def test_a_diverged_flight_is_drawn_as_far_as_it_is_finite():
     wind = "laboratory.wind=[{kind: fan, position: [-2, 0, 1], direction: [1, 0, 0], flow: 1.0, diameter: 0.6}]"
     flight = simulate(load_scenario("hover", ["duration=0.2", wind]))
     state = flight["state"].copy()
     state[-5:] = np.nan
-    state[-5:, 1] = 1e6  # a place with parts that are no number is not shown
+    state[-5:, 1] = 1e6  # a position with NaN components is not shown
     diverged = replace(flight, signals={**flight.signals, "state": state})
     for whole, part in zip(plot_wind(flight).axes[:2], plot_wind(diverged).axes[:2], strict=True):
         np.testing.assert_allclose(part.get_xlim(), whole.get_xlim(), atol=0.02)
@@ -174,8 +174,8 @@ def test_the_room_of_a_flight_that_diverged_is_that_of_what_was_finite():
 
 
 @pytest.mark.slow
-def test_a_gust_of_somebody_s_own_wind_is_plotted(monkeypatch):
-    """Wind that is no part of the scenario blows along one axis for a moment."""
+def test_wind_that_is_not_in_the_scenario_is_plotted(monkeypatch):
+    """A short wind along one axis does not come from the scenario."""
     monkeypatch.setattr(plots, "save_figures", lambda figures, folder, vector: [*figures])
     flight = simulate(load_scenario("hover", ["duration=0.1"]))
     wind = np.zeros_like(flight["wind"])
@@ -184,11 +184,11 @@ def test_a_gust_of_somebody_s_own_wind_is_plotted(monkeypatch):
     assert "wind" in plots.save_plots(replace(flight, signals={**flight.signals, "wind": wind}), ".")
 
 
-def test_points_of_a_reference_go_from_its_start_to_its_end():
+def test_reference_points_span_the_whole_reference():
     plan = plan_route(load_scenario("slalom"))
     points = reference_points(plan)
     np.testing.assert_allclose(points[[0, -1]], plan.waypoints[[0, -1]], atol=1e-6)
-    # Twenty points a second follow the path.
+    # The reference has twenty points per second.
     assert len(points) == int(20.0 * plan.duration)
     np.testing.assert_allclose(
         points[1:4].T, plan.derivative(0).vector_values(np.arange(1, 4) * plan.duration / (len(points) - 1)), atol=1e-6
@@ -196,7 +196,7 @@ def test_points_of_a_reference_go_from_its_start_to_its_end():
 
 
 def identification(*units, share=0.9):
-    """Return an identification with an output in each unit, whose errors are steps of 0.1 rad or whatever."""
+    """Return an identification with an output in each unit, whose forecast errors are steps of 0.1 in this unit."""
     time = np.arange(12)[:, None] + np.linspace(0.0, 1.0, 26)
     measured = np.sin(time)
     outputs = tuple(
@@ -225,17 +225,21 @@ def test_outputs_are_drawn_in_the_unit_of_their_label(unit, factor, shown):
     assert left.get_ylabel() == f"angular\nvelocity about\nx\n({shown})"
     np.testing.assert_allclose(left.lines[0].get_ydata(), factor * output.measured[0])
     np.testing.assert_allclose(right.lines[0].get_ydata(), factor * output.residual[0])
-    # No error is a line, too.
+    # Zero error is marked by a line.
     assert right.lines[-1].get_ydata()[0] == 0.0
 
 
-def test_a_forecast_worse_than_persistence_explains_nothing():
-    for share, words in ((-0.9, "nothing explained"), (0.0, "nothing explained"), (0.001, "explained 0.1 %")):
+def test_a_forecast_worse_than_persistence_explains_no_variance():
+    for share, words in (
+        (-0.9, "no variance explained"),
+        (0.0, "no variance explained"),
+        (0.001, "explained variance 0.1 %"),
+    ):
         _, right = identification_plots.plot_fit(identification("m", share=share)).axes
         assert right.get_title(loc="right") == words
 
 
-def test_correlations_of_residuals_fit_their_axis_and_frequencies_are_written_plainly():
+def test_residual_correlations_fit_their_axis_and_frequencies_are_plain_numbers():
     figure = identification_plots.plot_residuals(identification("m"))
     left, right = figure.axes
     bottom, top = left.get_ylim()
@@ -259,7 +263,7 @@ def test_strong_correlations_are_written_in_white():
     assert colors == {(1, 0): "white", (0, 1): "white", (2, 0): "black", (0, 2): "black"}
 
 
-def test_the_first_two_quantities_are_drawn_if_position_and_attitude_are_not_known():
+def test_the_first_two_quantities_are_drawn_if_position_and_attitude_are_unknown():
     errors = dict.fromkeys(("velocity", "climb", "height"), np.full((1, 2, 8), 0.02))
     given = Predictions(("one",), (0.1, 0.5), np.array(["a"] * 8), np.arange(8.0), errors)
     first, second = identification_plots.plot_predictions(given).axes
@@ -293,13 +297,13 @@ def camera():
 
 
 def middle_of(frame, color):
-    """Return the middle of all pixels of a colour, in pixels from the left and from the bottom; None without any."""
+    """Return the mean position of all pixels of a colour, from the left and from the bottom; None if there are none."""
     up, across = np.nonzero(np.abs(frame - 255.0 * np.array(to_rgb(color))).max(axis=2) < 30.0)
     return np.array([across.mean(), len(frame) - up.mean()]) if len(up) else None
 
 
 @pytest.mark.slow
-def test_a_frame_shows_the_vehicle_and_its_target_where_they_are(camera):
+def test_a_frame_shows_vehicle_and_target_at_their_positions(camera):
     place, target = np.array([0.1, -0.05, 1.05]), np.array([-0.3, -0.3, 0.8])
     attitude = np.array([0.5, -0.4, 2.0])
     state = State(*np.array([*place, *attitude, *[0.0] * 6])[:, np.newaxis])
@@ -310,11 +314,14 @@ def test_a_frame_shows_the_vehicle_and_its_target_where_they_are(camera):
         return camera._axes.transData.transform((across, up))
 
     np.testing.assert_allclose(middle_of(frame, "tab:green"), seen(target), atol=1.5)
-    # Its front is red, and points up and to the left with this pitch and yaw.
+    # The front of the vehicle is red. With this pitch and yaw it points up and to the left.
     ahead = RollPitchYaw(*attitude).ToRotationMatrix().matrix()[:, 0]
-    wanted, found = seen(place + 0.1 * ahead) - seen(place), middle_of(frame, "tab:red") - seen(place)
-    assert found @ wanted / np.linalg.norm(found) / np.linalg.norm(wanted) > 0.98
-    # A vehicle that is nowhere is not drawn, its target is.
+    expected, drawn = (
+        seen(place + 0.1 * ahead) - seen(place),
+        middle_of(frame, "tab:red") - seen(place),
+    )
+    assert drawn @ expected / np.linalg.norm(drawn) / np.linalg.norm(expected) > 0.98
+    # A vehicle whose position is NaN is not drawn, but its target is.
     (empty,) = camera.frames(
         State(*np.full((12, 1), np.nan)), Reference(*np.array([*target, *[0.0] * 8])[:, np.newaxis])
     )
@@ -326,7 +333,7 @@ def test_a_frame_shows_the_vehicle_and_its_target_where_they_are(camera):
 
 
 def test_a_camera_sees_a_room_around_the_path(camera):
-    """The room of a hover is three times as far as its rotors on each side, and each axis has a few round marks."""
+    """The room around a hover extends three times as far as the rotors, and each axis has a few round ticks."""
     axes = camera._axes
     reach = float(np.linalg.norm(camera._arms[:, :2], axis=1).max())
     for limits, middle in ((axes.get_xlim(), 0.0), (axes.get_ylim(), 0.0), (axes.get_zlim(), 1.0)):

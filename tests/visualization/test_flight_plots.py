@@ -1,4 +1,4 @@
-"""Plots of a flight show its signals, in the units of their axes."""
+"""Plots of a flight show its signals in the units of their labels."""
 
 from dataclasses import replace
 
@@ -13,9 +13,9 @@ from drake_quad.laboratory.wind.fans import jet_speed
 from drake_quad.scenario.winds.source import jets
 from drake_quad.signals import State
 from drake_quad.visualization import plots
-from drake_quad.visualization.leg_marks import leg_marks, leg_names, number_legs, shade_legs
+from drake_quad.visualization.leg_marks import leg_legend, leg_marks, number_legs, shade_legs
 from drake_quad.visualization.overview import plot_flight
-from drake_quad.visualization.places import place_by_axis, places
+from drake_quad.visualization.positions import coordinates_by_axis, positions
 from drake_quad.visualization.style import AXES, ROTORS, new_figure
 from drake_quad.visualization.wind_plots import plot_wind
 
@@ -35,7 +35,7 @@ def flight():
 
 @pytest.fixture(scope="module")
 def crash():
-    """Return a flight that a wind blows away."""
+    """Return a flight that crashes in a strong wind."""
     wind = ["vehicle.linear_drag=0.3", "laboratory.wind=[{kind: steady, velocity: [6, 0, 0]}]"]
     return simulate(load_scenario("hover", ["duration=3", "crash.position_error=0.5", *wind]))
 
@@ -85,7 +85,7 @@ def test_a_constant_attitude_is_in_the_middle_of_its_axis():
         assert 0.5 * (low + high) == pytest.approx(still.mean(), abs=0.1)
 
 
-def test_rotor_speeds_are_shown_close_up_and_between_their_limits(flight):
+def test_rotor_speeds_are_shown_enlarged_and_with_their_limits(flight):
     figure = plots.plot_rotors(flight)
     assert legends(figure) == [f"rotor {i}" for i in range(1, 5)]
     close, whole = figure.axes
@@ -105,7 +105,7 @@ def test_rotor_speeds_are_shown_close_up_and_between_their_limits(flight):
         (f"idle {limits[0]:g}", limits[0]),
         (f"top {limits[1]:g}", limits[1]),
     ]
-    # Close up, the speeds fill the axes, whatever the limits are.
+    # In the enlarged panel the speeds fill the axes, independently of the limits.
     low, high = close.get_ylim()
     assert np.ptp(speeds) > 0.8 * (high - low)
 
@@ -115,7 +115,7 @@ def test_a_path_is_shown_in_space_and_from_above(flight):
     assert legends(figure) == ["flown", "reference", "start", *(leg.name for leg in flight.plan.legs)]
     space, plane = figure.axes
     numbers = [text.get_text() for text in plane.texts if text.get_text().isdigit()]
-    assert numbers == [str(mark.number) for mark in leg_marks(flight.plan) if np.any(mark.beside)]
+    assert numbers == [str(mark.number) for mark in leg_marks(flight.plan) if np.any(mark.right)]
     state, reference = flight.record("state"), flight.record("reference")
     flown, wanted = (np.array(line.get_data_3d()) for line in space.lines)
     np.testing.assert_array_equal(flown, [state.x, state.y, state.z])
@@ -128,7 +128,7 @@ def test_a_path_is_shown_in_space_and_from_above(flight):
     assert (limits[:, 0] <= corners.min(axis=1) + 1e-9).all()
     assert (limits[:, 1] >= corners.max(axis=1) - 1e-9).all()
     np.testing.assert_allclose(limits.mean(axis=1), 0.5 * (corners.min(axis=1) + corners.max(axis=1)), atol=1e-9)
-    # No side of the box is much shorter than another.
+    # No side of the three-dimensional view is much shorter than another.
     extents = np.diff(limits)[:, 0]
     np.testing.assert_allclose(
         extents, np.maximum(np.ptp(corners, axis=1), max(0.35 * np.ptp(corners, axis=1).max(), 0.5))
@@ -140,7 +140,7 @@ def test_a_path_is_shown_in_space_and_from_above(flight):
     assert plane.get_aspect() == 1.0
 
 
-def test_the_view_of_a_hover_is_half_a_metre_wide_and_around_its_place():
+def test_the_view_of_a_hover_is_half_a_metre_wide_and_centred():
     flight = simulate(load_scenario("hover", ["duration=0.2", "route={kind: hover, position: [3, -4, 1]}"]))
     space, plane = plots.plot_path(flight).axes
     middle = [state[0] for state in flight.record("state")[:3]]
@@ -153,7 +153,7 @@ def test_the_view_of_a_hover_is_half_a_metre_wide_and_around_its_place():
         assert np.mean(limits) == pytest.approx(place, abs=0.02)
 
 
-def test_a_crash_is_marked_at_its_place(crash):
+def test_a_crash_is_marked_at_its_position(crash):
     assert crash.metrics.crashed
     _, plane = plots.plot_path(crash).axes
     state = crash.record("state")
@@ -163,7 +163,7 @@ def test_a_crash_is_marked_at_its_place(crash):
     assert len(alone.lines) == 3
 
 
-def test_the_overview_of_a_flight_has_all_of_its_parts(flight, crash):
+def test_the_overview_of_a_flight_has_four_panels(flight, crash):
     figure, axes = plot_flight(flight)
     named = ["flown", "reference", "start", "X", "Y", "Z", *(f"rotor {i}" for i in range(1, 5))]
     assert sorted(legends(figure)) == sorted(named)
@@ -179,8 +179,8 @@ def test_the_overview_of_a_flight_has_all_of_its_parts(flight, crash):
 
 
 @pytest.mark.slow
-def test_the_plots_that_a_flight_has_are_saved(flight, monkeypatch):
-    """A flight without wind has no plot of wind, and one without a network none of learning."""
+def test_only_the_plots_that_apply_to_a_flight_are_saved(flight, monkeypatch):
+    """A flight without wind has no plot of the wind, and a flight without a network has no plots of the learning."""
     monkeypatch.setattr(plots, "save_figures", lambda figures, folder, vector: [*figures])
     always = ["path", "errors", "attitude", "rotors"]
     assert plots.save_plots(flight, ".") == [*always, "wind"]
@@ -190,11 +190,11 @@ def test_the_plots_that_a_flight_has_are_saved(flight, monkeypatch):
     assert plots.save_plots(learned, ".") == [*always, "memberships", "learning", "surfaces", "secant_gains"]
 
 
-def test_places_are_positions(flight):
+def test_positions_and_coordinates_are_those_of_the_signal(flight):
     state = flight.record("state")
-    np.testing.assert_array_equal(places(state), np.transpose([state.x, state.y, state.z]))
-    assert {axis: rows is not None for axis, rows in place_by_axis(state).items()} == dict.fromkeys("xyz", True)
-    np.testing.assert_array_equal(place_by_axis(state)["y"], state.y)
+    np.testing.assert_array_equal(positions(state), np.transpose([state.x, state.y, state.z]))
+    assert {axis: rows is not None for axis, rows in coordinates_by_axis(state).items()} == dict.fromkeys("xyz", True)
+    np.testing.assert_array_equal(coordinates_by_axis(state)["y"], state.y)
 
 
 @pytest.fixture(scope="module")
@@ -208,16 +208,16 @@ def test_a_leg_is_marked_to_the_right_of_its_middle(plan):
     assert [mark.number for mark in marks] == list(range(1, len(ends)))
     for mark, start, end in zip(marks, ends[:-1], ends[1:], strict=True):
         middle = 0.5 * (start + end)
-        np.testing.assert_allclose(mark.place, plan.derivative(0).value(middle)[:, 0])
+        np.testing.assert_allclose(mark.middle, plan.derivative(0).value(middle)[:, 0])
         v_x, v_y, _ = plan.derivative(1).value(middle)[:, 0]
-        if np.any(mark.beside):
-            # The mark is to the right of the direction of flight, at a right angle, and of length one.
-            assert mark.beside @ [v_x, v_y] == pytest.approx(0.0, abs=1e-9)
-            assert v_x * mark.beside[1] - v_y * mark.beside[0] < 0.0
-            assert np.linalg.norm(mark.beside) == pytest.approx(1.0)
+        if np.any(mark.right):
+            # The direction to the mark is a unit vector to the right of the direction of flight.
+            assert mark.right @ [v_x, v_y] == pytest.approx(0.0, abs=1e-9)
+            assert v_x * mark.right[1] - v_y * mark.right[0] < 0.0
+            assert np.linalg.norm(mark.right) == pytest.approx(1.0)
         else:
             assert np.hypot(v_x, v_y) <= 0.2
-    assert sum(np.any(mark.beside) for mark in marks) > 1
+    assert sum(np.any(mark.right) for mark in marks) > 1
     assert leg_marks(plan_route(load_scenario("hover"))) == []
 
 
@@ -225,10 +225,10 @@ def test_numbers_of_legs_are_beside_the_path_and_along_the_time_axis(plan):
     figure = new_figure(4.0, 3.0)
     above, time = figure.subplots(2, 1)
     number_legs(above, plan, distance=7.0)
-    marks = [mark for mark in leg_marks(plan) if np.any(mark.beside)]
+    marks = [mark for mark in leg_marks(plan) if np.any(mark.right)]
     assert [text.get_text() for text in above.texts] == [str(mark.number) for mark in marks]
-    np.testing.assert_allclose([text.xy for text in above.texts], [mark.place[:2] for mark in marks])
-    np.testing.assert_allclose([text.get_position() for text in above.texts], [7.0 * mark.beside for mark in marks])
+    np.testing.assert_allclose([text.xy for text in above.texts], [mark.middle[:2] for mark in marks])
+    np.testing.assert_allclose([text.get_position() for text in above.texts], [7.0 * mark.right for mark in marks])
     ends = np.array([*plan.leg_times, plan.path.times[-1]])
     last = 0.5 * (ends[2] + ends[3])
     shade_legs(time, plan, last)
@@ -244,8 +244,8 @@ def test_numbers_of_legs_are_beside_the_path_and_along_the_time_axis(plan):
     assert [text.xy[1] for text in above.texts[len(marks) :]] == [0.3] * (len(ends) - 1)
     assert {text.get_position() for text in above.texts[len(marks) :]} == {(0.0, 0.0)}
     named = [leg.name for leg in plan.legs]
-    assert [line.get_label() for line in leg_names(plan)] == named
-    for line in leg_names(plan):
+    assert [line.get_label() for line in leg_legend(plan)] == named
+    for line in leg_legend(plan):
         extents = line.get_marker().get_extents()
         np.testing.assert_allclose([extents.x0 + extents.x1, extents.y0 + extents.y1], 0.0, atol=1e-6)
 
@@ -266,12 +266,12 @@ def test_the_wind_at_the_vehicle_is_shown_over_time(windy):
 
 
 def middles(mesh):
-    """Return the centres of a mesh's cells, across and up the page: (rows, columns) each, m."""
+    """Return the horizontal and vertical coordinates of the centres of a mesh's cells, (rows, columns) each, m."""
     return np.moveaxis(0.5 * (mesh.get_coordinates()[:-1, :-1] + mesh.get_coordinates()[1:, 1:]), -1, 0)
 
 
 def mean_speed(flight, x, y, z):
-    """Return the speed of steady wind and fans at places, m/s."""
+    """Return the speed of the steady wind and the fans at given positions, m/s."""
     rows = np.broadcast_arrays(x, y, z)
     still = np.zeros_like(rows[0])
     velocity = [still + part for part in (0.3, -0.2, 0.1)]
@@ -282,7 +282,7 @@ def mean_speed(flight, x, y, z):
 
 
 @pytest.mark.slow
-def test_maps_show_the_mean_wind_in_a_level_and_an_upright_plane(windy):
+def test_maps_show_the_mean_wind_in_a_horizontal_and_a_vertical_plane(windy):
     """The fan blows along its axis, and far from it there is only the steady wind."""
     above, side, *_ = plot_wind(windy).axes
     reference, state = windy.record("reference"), windy.record("state")
@@ -296,19 +296,19 @@ def test_maps_show_the_mean_wind_in_a_level_and_an_upright_plane(windy):
     tops = [float(axes.collections[0].get_array().max()) for axes in (above, side)]
     for axes, up in ((above, short), (side, "z")):
         mesh = axes.collections[0]
-        place = {"x": -2.0, "y": 0.3, "z": 1.1} | {long: middles(mesh)[0], up: middles(mesh)[1]}
-        np.testing.assert_allclose(np.asarray(mesh.get_array()), mean_speed(windy, **place), atol=1e-9)
+        position = {"x": -2.0, "y": 0.3, "z": 1.1} | {long: middles(mesh)[0], up: middles(mesh)[1]}
+        np.testing.assert_allclose(np.asarray(mesh.get_array()), mean_speed(windy, **position), atol=1e-9)
         assert (mesh.norm.vmin, mesh.norm.vmax) == (0.0, max(tops))
         np.testing.assert_array_equal(curve(axes, "reference"), [getattr(reference, long), getattr(reference, up)])
         np.testing.assert_array_equal(curve(axes, "flown"), [getattr(state, long), getattr(state, up)])
         # The map contains the path, the fan and a margin, but nothing below the ground.
         corners = mesh.get_coordinates()
-        for place, axis in ((0, long), (1, up)):
+        for position, axis in ((0, long), (1, up)):
             ends = [*getattr(state, axis), *getattr(reference, axis), {"x": -2.0, "y": 0.3, "z": 1.1}[axis]]
             low = max(min(ends) - 0.7, 0.0) if axis == "z" else min(ends) - 0.7
-            assert corners[..., place].min() == pytest.approx(low, abs=0.02)
-            assert corners[..., place].max() == pytest.approx(max(ends) + 0.7, abs=0.03)
-    # The longer side of the map is across the page.
+            assert corners[..., position].min() == pytest.approx(low, abs=0.02)
+            assert corners[..., position].max() == pytest.approx(max(ends) + 0.7, abs=0.03)
+    # The longer side of the map is horizontal.
     corners = above.collections[0].get_coordinates()
     assert np.ptp(corners[..., 0]) >= np.ptp(corners[..., 1])
 
@@ -326,7 +326,7 @@ def test_a_fan_is_a_bar_across_its_direction(windy):
 
 
 def test_arrows_have_the_direction_of_the_wind(windy):
-    """Each arrow is the velocity at its place. The longest arrow reaches to the next one."""
+    """Each arrow shows the velocity at its position. The longest arrow reaches to the next one."""
     above, *_ = plot_wind(windy).axes
     arrows, mesh = above.collections[1], above.collections[0]
     speeds = np.hypot(arrows.U, arrows.V)
@@ -334,11 +334,11 @@ def test_arrows_have_the_direction_of_the_wind(windy):
     at = dict(zip(above.get_xlabel()[0].lower() + above.get_ylabel()[0].lower(), (arrows.X, arrows.Y), strict=True))
     whole = np.hypot(speeds, 0.1)
     np.testing.assert_allclose(whole, mean_speed(windy, z=1.1, **at))
-    # Places with next to no wind have no arrow. The other arrows are evenly spaced.
+    # There are no arrows where the wind is negligible. The other arrows are evenly spaced.
     assert whole.min() > 0.03 * mesh.get_array().max()
     assert len(np.unique(arrows.X)) == pytest.approx(30, abs=1)
     assert speeds.max() / arrows.scale == pytest.approx(spacing, rel=0.15)
-    # Far from the fan the wind is the steady one.
+    # Far from the fan, only the steady wind is left.
     flat = {"Y (m)": (-0.2, 0.3), "X (m)": (0.3, -0.2)}[above.get_xlabel()]
     far = np.argmin(speeds)
     assert (arrows.U[far], arrows.V[far]) == pytest.approx(flat, abs=0.05)
@@ -349,7 +349,7 @@ def test_without_steady_wind_there_is_no_map(flight):
     (axes,) = plot_wind(still).axes
     assert axes.get_ylim() == (-1.0, 1.0)
     np.testing.assert_array_equal(curve(axes, "X")[1], 0.0)
-    # Air that only moves towards negative axes is wind, too.
+    # A wind with only negative components counts as wind.
     blown = replace(still, signals={**still.signals, "wind": np.full_like(still["wind"], -3.0)})
     (axes,) = plot_wind(blown).axes
     assert axes.get_ylim()[0] < -3.0

@@ -1,4 +1,4 @@
-"""Pictures of an identification show what it holds."""
+"""Plots of an identification show its forecasts, residuals, thrust curve, correlations and prediction errors."""
 
 from dataclasses import replace
 
@@ -51,7 +51,7 @@ def test_the_fit_has_a_row_for_each_output_and_shades_every_other_window(identif
     first = left.lines[0]
     assert first.get_xdata()[0] == 0.0
     np.testing.assert_allclose(first.get_ydata(), 100.0 * np.sin(first.get_xdata()))
-    assert "explained 92.0 %" in right.get_title(loc="right")
+    assert "explained variance 92.0 %" in right.get_title(loc="right")
 
 
 def test_white_residuals_have_no_autocorrelation_and_a_flat_spectrum(identification):
@@ -62,7 +62,7 @@ def test_white_residuals_have_no_autocorrelation_and_a_flat_spectrum(identificat
     assert np.abs(correlation[1:]).max() < 0.25
     density = right.lines[0].get_ydata()
     assert density.max() / density.min() < 30.0
-    # One-sided, of white noise: twice the sampling period.
+    # The one-sided spectral density of white noise over its variance is twice the sampling period.
     assert density.mean() == pytest.approx(2.0 * 0.04, rel=0.2)
     assert legends(figure) == [output.name for output in identification.outputs]
 
@@ -85,7 +85,7 @@ def test_the_thrust_has_a_band_of_its_covariance(identification):
     assert plots.plot_thrust(without) is None
 
 
-def test_correlations_are_written_where_there_are_some(identification):
+def test_nonzero_correlations_are_written(identification):
     covariance = identification.estimates.covariance.copy()
     covariance[0, 1] = covariance[1, 0] = -0.8 * 0.05 * 0.2
     estimates = Estimates(NAMES, identification.estimates.values, covariance, 20.0, Source("m", "a"))
@@ -100,7 +100,7 @@ def test_correlations_are_written_where_there_are_some(identification):
 
 
 def test_the_figure_of_correlations_has_room_for_every_estimate(identification):
-    """Each estimate adds a row and a column of the same size, which holds its number."""
+    """Each estimate adds a row and a column of the same size, with room for the numbers in its cells."""
     names = [
         f"{name}[{i}]" for name in ("inertia", "body_drag.linear", "motors.curve", "centre_of_mass") for i in range(3)
     ]
@@ -114,7 +114,7 @@ def test_the_figure_of_correlations_has_room_for_every_estimate(identification):
     assert (second - first > 4 * 0.3).all()
 
 
-def test_predictions_are_drawn_in_units_for_the_eye():
+def test_predictions_are_drawn_in_display_units():
     errors = RNG.uniform(0.01, 0.02, size=(2, 2, 20))
     errors[:, 1, 5:] = np.nan
     given = Predictions(("one", "other"), (0.1, 0.5), np.array(["a"] * 20), np.arange(20.0), {"position": errors})
@@ -140,8 +140,8 @@ def test_the_first_ten_windows_are_drawn(identification):
     assert left.get_xlabel() == "time in held-out windows (s)"
 
 
-@pytest.mark.parametrize(("share", "words"), [(0.5, "explained 50.0 %"), (-3.0, "nothing explained")])
-def test_the_explained_share_is_in_the_title(identification, share, words):
+@pytest.mark.parametrize(("share", "words"), [(0.5, "explained variance 50.0 %"), (-3.0, "no variance explained")])
+def test_the_explained_variance_is_in_the_title(identification, share, words):
     output = identification.outputs[0]._replace(explained=share)
     _, right = plots.plot_fit(Identification(identification.estimates, identification.vehicle, (output,))).axes
     assert right.get_title(loc="right") == words
@@ -203,7 +203,7 @@ def test_the_plot_of_thrust_shows_hover_and_the_flown_range(identification):
     assert not plots.plot_thrust(identification).axes[0].patches
 
 
-def test_correlations_are_shaded_in_their_places(identification):
+def test_each_correlation_is_shaded_in_its_cell(identification):
     covariance = identification.estimates.covariance.copy()
     covariance[0, 3] = covariance[3, 0] = 0.5 * 0.05 * 0.002
     covariance[1, 2] = covariance[2, 1] = 0.04 * 0.2 * 0.2
@@ -211,7 +211,7 @@ def test_correlations_are_shaded_in_their_places(identification):
     axes = plots.plot_correlations(estimates).axes[0]
     np.testing.assert_allclose(axes.images[0].get_array(), estimates.correlation)
     assert axes.images[0].get_clim() == (-1.0, 1.0)
-    # Correlations of less than 5 % are not written.
+    # Correlations below 0.05 are not written.
     assert {(text.get_position(), text.get_text()) for text in axes.texts} == {((3, 0), "0.5"), ((0, 3), "0.5")}
     assert {text.get_color() for text in axes.texts} == {"black"}
     assert [label.get_text() for label in axes.get_yticklabels()] == [
@@ -219,7 +219,7 @@ def test_correlations_are_shaded_in_their_places(identification):
     ]
 
 
-def test_errors_of_predictions_have_their_intervals_and_are_side_by_side():
+def test_prediction_errors_have_intervals_and_are_side_by_side():
     errors = RNG.uniform(0.01, 0.02, size=(2, 2, 20))
     given = Predictions(
         ("one", "other"), (0.1, 0.5), np.array(["a"] * 20), np.arange(20.0), {"attitude": errors, "velocity": errors}
@@ -246,7 +246,7 @@ def test_errors_of_predictions_have_their_intervals_and_are_side_by_side():
 
 @pytest.fixture(scope="module")
 def compared():
-    """Return a comparison of a second of a log with a gap and twenty predictions, one of which crashes half-way."""
+    """Return a comparison of a log of one second, with a gap, and twenty predictions, one of which crashes half-way."""
     time = np.concatenate([np.arange(40) * 0.01, 0.9 + np.arange(40) * 0.01])
     target = np.stack([time, 2.0 * time, 1.0 + 0.0 * time], axis=1)
     flown = 0.02 * np.stack([np.sin(9.0 * time), np.cos(9.0 * time), time], axis=1)

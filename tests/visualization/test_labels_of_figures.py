@@ -1,4 +1,4 @@
-"""Every axis of a figure says what it shows and in which unit, and every legend says which curve is which."""
+"""Every axis of a figure has a label with a unit, and every legend identifies the curves."""
 
 import pytest
 from figure_content import legends
@@ -16,7 +16,7 @@ from drake_quad.visualization.wind_plots import plot_wind
 ROTORS = ["rotor 1", "rotor 2", "rotor 3", "rotor 4"]
 LEGS = ["rise", "climb", "circle", "straight", "descent", "turn", "curve", "return"]
 SETS = [f"{name} at {place}" for name in ("error", "rate") for place in ("−1", "0", "+1")]
-# Function that draws each figure of a flight, labels (x, y) of its axes in their order, and entries of its legends.
+# For each figure of a flight: the function that draws it, the labels (x, y) of its axes, and its legend entries.
 OF_FLIGHTS = {
     "path": (plots.plot_path, [("X (m)", "Y (m)"), ("X (m)", "Y (m)")], ["flown", "reference", "start", *LEGS]),
     "errors": (plots.plot_errors, [("", "error (cm)"), ("time (s)", "Euclidean error (cm)")], ["X", "Y", "Z"]),
@@ -42,7 +42,7 @@ OF_FLIGHTS = {
         ["flown", "reference", "start", "X", "Y", "Z", *ROTORS],
     ),
     "memberships": (
-        learning_plots.plot_own_memberships,
+        learning_plots.plot_network_memberships,
         [("(x - c) / d", "membership"), *[("(x - c) / d", "")] * 3],
         ["upper", "lower"],
     ),
@@ -51,7 +51,7 @@ OF_FLIGHTS = {
         [
             ("", "command (m/s²)"),
             ("", ""),
-            ("", "weights F, one a rule (m/s²)"),
+            ("", "weights F of the rules (m/s²)"),
             ("", ""),
             ("time (s)", "trace of P (1/s)"),
             ("time (s)", ""),
@@ -65,14 +65,14 @@ OF_FLIGHTS = {
             ("", ""),
             ("error (m)", "error rate (m/s)"),
             ("error (m)", ""),
-            ("", "what the network adds, -τ_f (m/s²)"),
+            ("", "command of the network, -τ_f (m/s²)"),
         ],
         [],
     ),
     "secant gains": (
         learning_plots.plot_secant_gains,
         [("error (m)", "secant gain of -τ_f (1/s²)"), ("error (m)", "")],
-        ["the network", "the same with triangles"],
+        ["network of the flight", "same network with triangular sets"],
     ),
     "plan": (
         lambda flight: plot_plan(flight.plan, planned_parameters(flight.scenario)),
@@ -84,7 +84,7 @@ OF_FLIGHTS = {
             ("", "acceleration (m/s²)"),
             ("", "snap (m/s⁴)"),
             ("", "yaw (°)"),
-            ("time (s)", "rotors (rad/s)"),
+            ("time (s)", "rotor speed (rad/s)"),
         ],
         ROTORS,
     ),
@@ -93,39 +93,39 @@ TITLES = {
     "path": ["Path", "From above"],
     "errors": ["Position error, reference minus flown"],
     "attitude": ["Attitude"],
-    "rotors": ["Rotor speeds", "between the limits"],
+    "rotors": ["Rotor speeds", "with the limits"],
     "wind": ["From above: wind at Z = 1.5 m", "From the side: wind at X = −1.2 m", "At the vehicle"],
     "overview": ["From above"],
     "memberships": [f"a1 = {a1}, a2 = {a2}" for a1, a2 in ((1, 1), (1.2, 0.8), (1.4, 0.6), (1.6, 0.4))],
     "learning": ["on X", "on Y"],
     "surfaces": [f"on {axis}, {when} the flight" for axis in "XY" for when in ("before", "after")],
     "secant gains": ["on X, at rest", "on Y, at rest"],
-    "plan": ["Path, from above and from two sides", "Limits dotted; vertical lines where waypoints are passed"],
+    "plan": ["Path, from above and from two sides", "Dotted lines: limits; vertical lines: times of the waypoints"],
 }
-SHARE = "share of the samples"
-SAMPLES = "samples; bands: 95 % confidence"
+SHARE = "cumulative share of samples"
+SAMPLES = "number of samples; bands: 95 % confidence"
 OF_STUDIES = {
     "distribution": (lambda: study_plots.plot_distribution({"a": study()}), [("RMSE (cm)", SHARE)]),
     "convergence": (
         lambda: study_plots.plot_convergence({"a": study()}, "peak_error"),
-        [(SAMPLES, "peak error (cm)"), (SAMPLES, "share of the samples that crashed")],
+        [(SAMPLES, "peak error (cm)"), (SAMPLES, "crashed samples")],
     ),
     "quantile": (
         lambda: study_plots.plot_convergence({"a": no_crash()}),
         [(SAMPLES, "RMSE (cm)"), (SAMPLES, "RMSE (cm)")],
     ),
-    "influences": (lambda: study_plots.plot_influences(study(), "crashed"), [(f"{SHARE} that crashed", "")]),
+    "influences": (lambda: study_plots.plot_influences(study(), "crashed"), [("crashed samples", "")]),
     "crashes": (
         lambda: study_plots.plot_crash_probability(study(), MASS),
-        [("mass (kg)", "probability of a crash")],
+        [("mass (kg)", "crash probability")],
     ),
     "crashes by delay": (
         lambda: study_plots.plot_crash_probability(study(), DELAY),
-        [("cameras: latency frames", "probability of a crash")],
+        [("cameras: latency frames", "crash probability")],
     ),
     "overview": (
         lambda: plot_study({"a": study()})[0],
-        [("RMSE (cm)", SHARE), ("mean RMSE (cm)", ""), ("share of the samples that crashed", "")],
+        [("RMSE (cm)", SHARE), ("mean RMSE (cm)", ""), ("crashed samples", "")],
     ),
     "comparison": (
         lambda: plot_comparison({"calm": {"a": study().metrics}, "gale": {"a": study().metrics}}),
@@ -153,7 +153,7 @@ def test_axes_of_a_flight_have_labels_titles_and_legends(name, flight):
     titles = [figure.get_suptitle(), *(axes.get_title(loc) for axes in figure.axes for loc in ("center", "left"))]
     assert [title for title in titles if title] == TITLES[name]
     if name == "plan":
-        # The three views and the profiles are two columns, each as high as the figure.
+        # The three views and the profiles form two columns, each as high as the figure.
         figure.draw_without_rendering()
         for part in (figure.axes[:3], figure.axes[3:]):
             ends = [end for axes in part for end in axes.get_position().intervaly]

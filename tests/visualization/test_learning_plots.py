@@ -17,7 +17,7 @@ def flight():
 
 
 def elliptic(u, a):
-    """Return the membership of a set around 0 of width 1 (Kayacan and Maslim 2016, eq. 16)."""
+    """Return the membership function of a set with centre 0 and width 1 (Kayacan and Maslim 2016, eq. 16)."""
     return np.where(np.abs(u) < 1.0, np.maximum(1.0 - np.abs(u) ** a, 0.0) ** (1.0 / a), 0.0)
 
 
@@ -37,7 +37,7 @@ def test_memberships_match_the_formula():
 
 def test_the_exponents_of_the_network_have_a_panel(flight):
     sets = flight.scenario.control.network.antecedents()
-    titles = [axes.get_title() for axes in plots.plot_own_memberships(flight).axes]
+    titles = [axes.get_title() for axes in plots.plot_network_memberships(flight).axes]
     own = f"a1 = {sets.a1:g}, a2 = {sets.a2:g}"
     assert own in titles
     assert len(titles) == len(set(titles)) == (4 if (sets.a1, sets.a2) in plots.PAPER_EXPONENTS else 5)
@@ -59,7 +59,7 @@ def test_learning_is_shown_for_each_axis(flight):
         assert len(learned.lines) == weights.shape[2] == 9
         for line in learned.lines:
             (rule,) = [i for i in range(9) if np.array_equal(weights[:, column, i], line.get_ydata())]
-            # The set of the rate varies fastest in the order of the rules.
+            # In the order of the rules, the set of the error rate varies fastest.
             error, rate = divmod(rule, 3)
             assert line.get_label() == f"{(-1, 0, 1)[error]:g}, {(-1, 0, 1)[rate]:g}"
             assert to_hex(line.get_color()) == plots._COLORS[error].lower()
@@ -72,15 +72,15 @@ def test_learning_is_shown_for_each_axis(flight):
     assert rows[1, -1].get_legend() is not None
 
 
-def test_a_law_without_a_covariance_has_no_row_for_its_trace():
+def test_an_adaptation_law_without_a_covariance_has_no_trace_panel():
     for law, rows in (("{kind: gradient, slope: 2.1, rate: 1.0}", 2), ("{kind: covariance, slope: 2.1}", 3)):
         flight = simulate(load_scenario("paper:low_wind_pd_t2fnn", ["duration=0.1", f"control.network.learning={law}"]))
         assert len(plots.plot_learning(flight).axes) == rows * len(flight.scenario.control.network.axes)
 
 
 def network_output(sets, weights, error, rate):
-    """Return the output of a network of triangular or elliptic sets: the mean of both firings, rule by rule."""
-    found = []
+    """Return the output of a network: the mean of the outputs with the upper and with the lower memberships."""
+    strengths_by_exponent = []
     for a in (sets.a1, sets.a2):
         strengths = []
         for e, r in itertools.product(range(3), range(3)):
@@ -88,8 +88,8 @@ def network_output(sets, weights, error, rate):
             u = (first.scale * error - first.centres[e]) / first.widths[e]
             v = (second.scale * rate - second.centres[r]) / second.widths[r]
             strengths.append(elliptic(u, a) * elliptic(v, a))
-        found.append(np.array(strengths))
-    upper, lower = found
+        strengths_by_exponent.append(np.array(strengths))
+    upper, lower = strengths_by_exponent
     return 0.5 * (
         np.tensordot(weights, upper, 1) / np.maximum(upper.sum(axis=0), 1e-300)
         + np.tensordot(weights, lower, 1) / np.maximum(lower.sum(axis=0), 1e-300)
@@ -132,7 +132,10 @@ def test_a_secant_gain_is_the_change_of_the_output_over_the_error(flight):
         expected = [(network_output(each, weights, np.array([e]), np.zeros(1)) - at_rest)[0] / e for e in errors]
         np.testing.assert_allclose(found, expected, rtol=1e-6)
     figure = plots.plot_secant_gains(flight)
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["the network", "the same with triangles"]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == [
+        "network of the flight",
+        "same network with triangular sets",
+    ]
     axes = figure.axes[0]
     learned = flight["weights"][-1, :9]
     curve, counterpart = axes.lines[:2]

@@ -1,4 +1,4 @@
-"""A live flight: sliders and buttons change what flies, and nothing else."""
+"""Sliders and buttons of a live flight change the simulation, which otherwise equals that of `simulate`."""
 
 from collections import Counter
 
@@ -7,7 +7,7 @@ import pytest
 
 from drake_quad import load_scenario, simulate
 from drake_quad.command_line import live
-from drake_quad.visualization.live import LiveFlight, feels_wind
+from drake_quad.visualization.live import LiveFlight, is_affected_by_wind
 from drake_quad.visualization.replay.scene import local_meshcat
 
 FLOWN = [
@@ -20,7 +20,7 @@ FLOWN = [
 
 
 class Page:
-    """A Meshcat server whose buttons a test clicks on."""
+    """Meshcat server on whose buttons a test can click."""
 
     def __init__(self):
         self._meshcat, self.clicks = local_meshcat(), Counter()
@@ -41,7 +41,7 @@ def page(monkeypatch):
 
 
 class Unseen:
-    """A visualizer that draws nothing."""
+    """Visualizer that draws nothing."""
 
     def __init__(self, *_):
         pass
@@ -51,21 +51,21 @@ class Unseen:
 
 
 def flown(flight, seconds):
-    """Fly on for some seconds, and return the state after the update of this time."""
+    """Continue the flight for some seconds, and return the state after the update at the last time."""
     for _ in flight.fly(seconds):
         pass
     flight.simulator.AdvancePendingEvents()
     return flight.state
 
 
-def test_untouched_it_is_the_flight_that_simulate_flies(page):
+def test_an_untouched_live_flight_equals_the_simulated_flight(page):
     scenario = load_scenario("laboratory:low_wind")
     state = flown(LiveFlight(scenario, page, rate=0), 2.0)
     same = simulate(scenario, until=2.0)
     np.testing.assert_allclose(state, same.signals["state"][-1], atol=1e-9)
 
 
-def test_the_sliders_set_mass_and_gains_of_what_flies(page):
+def test_the_sliders_set_mass_and_gains(page):
     flight = LiveFlight(load_scenario("laboratory:nominal"), page, rate=0)
     page.SetSliderValue("mass (kg)", 0.8)
     page.SetSliderValue("k_p (factor)", 2.0)
@@ -75,7 +75,7 @@ def test_the_sliders_set_mass_and_gains_of_what_flies(page):
     assert flight.scenario.nominal == given.nominal
     np.testing.assert_allclose(flight.scenario.control.position.k_p, 2.0 * np.array(given.control.position.k_p))
     assert flight.scenario.control.position.k_d == given.control.position.k_d
-    # A new start keeps the numbers: it is the flight of a scenario that is written so.
+    # A restart keeps the changed numbers, so it equals the flight of a scenario with these numbers.
     page.clicks["start again"] += 1
     state = flown(flight, 1.0)
     written = load_scenario("laboratory:nominal", ["vehicle.mass=0.8", *(
@@ -84,7 +84,7 @@ def test_the_sliders_set_mass_and_gains_of_what_flies(page):
     np.testing.assert_allclose(state, simulate(written, until=1.0).signals["state"][-1], atol=1e-9)
 
 
-def test_numbers_change_while_it_flies_without_a_jump(page):
+def test_changed_numbers_do_not_make_the_state_jump(page):
     flight = LiveFlight(load_scenario("laboratory:nominal"), page, rate=0)
     before = flown(flight, 1.0)
     page.SetSliderValue("mass (kg)", 0.9)
@@ -124,7 +124,7 @@ def test_a_motor_fails_and_a_new_start_repairs_it(page):
     assert flight.time == pytest.approx(0.5)
 
 
-def test_the_error_is_shown(page):
+def test_the_error_sliders_show_the_position_error(page):
     flight = LiveFlight(load_scenario("laboratory:low_wind"), page, rate=0)
     for _ in flight.fly(3.0):
         pass
@@ -135,7 +135,7 @@ def test_the_error_is_shown(page):
     assert 0.0 < page.GetSliderValue("RMS error, 5 s (cm)") < 200.0
 
 
-def test_it_ends_at_a_click_and_begins_anew_at_the_end_of_the_flight(page):
+def test_a_live_flight_restarts_at_its_end_and_stops_at_a_click(page):
     flight = LiveFlight(load_scenario("hover", ["duration=0.5"]), page, rate=0)
     times = [*flight.fly(1.2)]
     assert max(times) == pytest.approx(0.5)
@@ -146,7 +146,7 @@ def test_it_ends_at_a_click_and_begins_anew_at_the_end_of_the_flight(page):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("scenario", "layers"), FLOWN)
-def test_whatever_can_be_flown_flies_live(page, scenario, layers):
+def test_every_scenario_can_be_flown_live(page, scenario, layers):
     loaded = load_scenario(scenario, layers=layers)
     flight = LiveFlight(loaded, page, rate=0)
     flown(flight, 0.5)
@@ -154,9 +154,9 @@ def test_whatever_can_be_flown_flies_live(page, scenario, layers):
     assert ("motor fails" in page.GetButtonNames()) == (not loaded.laboratory.autopilot.models_vehicle)
 
 
-def test_wind_is_felt_by_vehicles_with_drag_alone():
-    assert feels_wind(load_scenario("laboratory:nominal"))
-    assert not feels_wind(load_scenario("hover"))
+def test_wind_affects_only_vehicles_with_drag():
+    assert is_affected_by_wind(load_scenario("laboratory:nominal"))
+    assert not is_affected_by_wind(load_scenario("hover"))
 
 
 def test_the_command_ends_after_its_time_or_when_it_is_interrupted(monkeypatch, capsys):
@@ -172,7 +172,7 @@ def test_the_command_ends_after_its_time_or_when_it_is_interrupted(monkeypatch, 
             raise KeyboardInterrupt
 
     monkeypatch.setattr("drake_quad.visualization.live.LiveFlight", Flight)
-    monkeypatch.setattr(live, "opened_meshcat", lambda: "meshcat")
+    monkeypatch.setattr(live, "start_meshcat", lambda: "meshcat")
     live.main(live.options().parse_args(["hover", "--time", "3", "--rate", "2"]))
     assert seen == [("hover", "meshcat", 0, 2.0), 3.0]
     printed = capsys.readouterr()

@@ -1,4 +1,4 @@
-"""Short names of fields and parameters in the symbols of the field."""
+"""Short names of fields and parameters use the usual symbols."""
 
 import pytest
 

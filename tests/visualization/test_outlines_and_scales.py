@@ -1,4 +1,4 @@
-"""Numbers of waypoints and scenes have their sizes."""
+"""Waypoint numbers are limited, cameras have a uniform scale, and vehicles have sensible parts and colours."""
 
 import numpy as np
 import pytest
@@ -31,11 +31,11 @@ def test_a_camera_has_one_scale_along_all_axes():
 
 
 def test_arms_are_thicker_than_blades_and_both_are_flat():
-    (arm_width, arm_height), (blade_width, blade_height) = shapes._ARM, shapes._BLADE
-    assert shapes._PROPELLER / 4.0 > arm_width > arm_height > blade_height
+    (arm_width, arm_height), (blade_width, blade_height) = shapes._ARM_SECTION, shapes._BLADE_SECTION
+    assert shapes._MAX_PROPELLER_RADIUS / 4.0 > arm_width > arm_height > blade_height
     assert arm_width > blade_width > blade_height
 
 
 def test_no_vehicle_of_a_swarm_has_a_colour_like_that_of_a_crash():
-    assert set(page._BODIES[:2]) == {BLACK, VERMILION}
-    assert len(set(page._BODIES)) == 7
+    assert set(page._BODY_COLORS[:2]) == {BLACK, VERMILION}
+    assert len(set(page._BODY_COLORS)) == 7

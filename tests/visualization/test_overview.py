@@ -1,4 +1,4 @@
-"""Figures at a glance show the numbers of their flights and studies."""
+"""Overview figures show the signals of their flights and the statistics of their studies."""
 
 import io
 
@@ -12,7 +12,7 @@ from drake_quad.visualization.style import new_figure, styled
 
 
 @pytest.mark.slow
-def test_a_flight_at_a_glance():
+def test_the_overview_of_a_flight_shows_its_signals():
     flight = simulate(load_scenario("diagrams/figure_eight.yaml", ["duration=5"]))
     figure, axes = plot_flight(flight)
     assert set(axes) == {"path", "error", "command", "rotors"}
@@ -25,7 +25,7 @@ def test_a_flight_at_a_glance():
 
 
 @pytest.mark.slow
-def test_studies_at_a_glance():
+def test_the_overview_of_studies_shows_their_statistics():
     scenario = load_scenario("diagrams/laboratory.yaml:nominal", ["duration=1"])
     studies = {name: run_monte_carlo(scenario, 5, seed, num_workers=1) for name, seed in (("a", 0), ("b", 1))}
     figure, axes = plot_study(studies)
@@ -39,5 +39,5 @@ def test_studies_at_a_glance():
 def test_a_notebook_shows_a_figure():
     with styled():
         figure = new_figure(2.0, 1.0)
-    # The protocol by which IPython asks a value for its picture.
+    # IPython calls this method to display a value as a picture.
     assert Image.open(io.BytesIO(figure._repr_png_())).size == (220, 110)

@@ -1,4 +1,4 @@
-"""Panels of a figure share their axes, fill the page and work alone; and what lies on top of each other is dashed."""
+"""Panels of a figure share their axes and fill the figure, and overlapping curves are dashed."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from drake_quad.space.shapes import Ball
 from drake_quad.space.space import Obstacle, Space
 from drake_quad.visualization import design_plots, identification_plots, learning_plots, plots
 from drake_quad.visualization.comparison_plots import plot_comparison
-from drake_quad.visualization.curves import tell_apart
+from drake_quad.visualization.curves import dash_overlapping_curves
 from drake_quad.visualization.frames import Camera
 from drake_quad.visualization.log_comparison_plots import plot_log_comparison
 from drake_quad.visualization.overview import plot_flight
@@ -36,7 +36,7 @@ def learned():
 
 
 def shared(figure, rows, columns, *, x, y):
-    """Check whether the panels of a grid share x in columns ("col"), all ("all") or not (""), and y in rows."""
+    """Check whether panels of a grid share x in columns ("col"), in all panels ("all") or not (""), and y in rows."""
     grid = np.array(figure.axes[: rows * columns]).reshape(rows, columns)
     for i, j in np.ndindex(rows, columns):
         for k, m in np.ndindex(rows, columns):
@@ -78,7 +78,7 @@ def test_a_network_on_one_axis_has_one_column():
 
 
 def test_curves_on_top_of_each_other_are_dashed_in_all_plots_of_a_flight(hover):
-    """In hover without wind all errors and angles are almost zero, so that their curves coincide."""
+    """In hover without wind all errors and angles are almost zero, so their curves overlap."""
     upper, _ = plots.plot_errors(hover).axes
     assert [line.is_dashed() for line in upper.lines[:2]] == [False, True]
     for axes in plots.plot_attitude(hover).axes[:2]:
@@ -89,28 +89,28 @@ def test_curves_on_top_of_each_other_are_dashed_in_all_plots_of_a_flight(hover):
     assert [line.is_dashed() for line in axes["command"].lines[:2]] == [False, True]
 
 
-def test_curves_coincide_on_the_scale_that_their_axes_will_have():
+def test_overlap_is_judged_on_the_final_scale_of_the_axes():
     axes = new_figure(4.0, 3.0).subplots()
     x = np.linspace(0.0, 1.0, 50)
     curves = [axes.plot(x, 5000.0 * x + offset)[0] for offset in (0.0, 1.0, 1000.0)]
-    tell_apart(axes)
+    dash_overlapping_curves(axes)
     assert [curve.is_dashed() for curve in curves] == [False, True, False]
 
 
-def test_numbers_of_legs_are_in_the_middle_of_what_is_flown_of_them():
+def test_leg_numbers_are_in_the_middle_of_the_flown_part():
     flight = simulate(load_scenario("figure_eight", ["duration=4"]))
     last = flight.time[-1]
     ends = [*(time for time in flight.plan.leg_times if time < last), last]
     middles = 0.5 * (np.array(ends[1:]) + ends[:-1])
     for axes in plots.plot_errors(flight).axes:
-        found = [text.xy[0] for text in axes.texts if text.get_text().isdigit()]
-        np.testing.assert_allclose(found, middles, atol=1e-9)
+        drawn = [text.xy[0] for text in axes.texts if text.get_text().isdigit()]
+        np.testing.assert_allclose(drawn, middles, atol=1e-9)
         (second,) = axes.patches
         assert (second.get_x(), second.get_x() + second.get_width()) == pytest.approx(ends[1:3])
 
 
 @pytest.mark.slow
-def test_a_hover_is_seen_in_half_a_metre(hover):
+def test_the_view_of_a_hover_spans_half_a_metre(hover):
     _, plane = plots.plot_path(hover).axes
     plane.figure.draw_without_rendering()
     assert 0.5 <= min(np.ptp(plane.get_xlim()), np.ptp(plane.get_ylim())) < 0.75
@@ -118,7 +118,7 @@ def test_a_hover_is_seen_in_half_a_metre(hover):
     plan.draw_without_rendering()
     for axes in plan.axes[:3]:
         assert min(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())) < 0.75
-    # Without any speed the axis goes up to one metre a second and a little more.
+    # If the speed is always zero, the axis ends a little above 1 m/s.
     assert plan.axes[3].get_ylim() == (0.0, 1.12)
 
 
@@ -143,8 +143,8 @@ def test_a_star_marks_the_gains_of_the_scenario_if_they_are_on_the_map(panels): 
     k_p, k_d = (first[0], first[-1]), (second[0], second[-1])
     inside = [(a, b) for a in k_p for b in k_d]
     beyond = [(k_p[0] - 0.1, 2.0), (k_p[1] + 0.1, 2.0), (3.0, k_d[0] - 0.1), (3.0, k_d[1] + 0.1)]
-    for places, count in ((inside, 1), (beyond, 0)):
-        for place in places:
+    for positions, count in ((inside, 1), (beyond, 0)):
+        for place in positions:
             stars = [
                 line for line in drawn_map(found[:1], first, second, place).axes[0].lines if line.get_marker() == "*"
             ]
@@ -158,10 +158,10 @@ def test_the_edge_of_stability_is_where_a_pole_leaves_the_unit_circle(panels):  
     assert sum(len(path.vertices) for path in edge.get_paths()) > 5
 
 
-def test_scales_of_colours_have_labels():
+def test_colour_bars_have_labels():
     estimates = Estimates(("inertia[0]", "inertia[1]"), np.ones(2), np.eye(2), 9.0, Source("m", "a"))
     axes, bar = identification_plots.plot_correlations(estimates).axes
-    assert bar.get_ylabel() == "correlation of errors (1)"
+    assert bar.get_ylabel() == "correlation of estimation errors (1)"
     assert axes.images[0].get_clim() == (-1.0, 1.0)
 
 
@@ -183,7 +183,7 @@ def test_a_camera_sees_the_whole_path_from_a_flat_room():
     size = high - low + 6.0 * reach
     np.testing.assert_allclose(np.ptp(limits, axis=1), np.maximum(size, 0.3 * size.max()))
     np.testing.assert_allclose(limits.mean(axis=1), 0.5 * (low + high))
-    # Along the longest side there are at most six marks, and along shorter ones fewer.
+    # The longest side has at most six ticks, and shorter sides have fewer.
     marks = [axis.get_major_locator()._nbins for axis in (axes.xaxis, axes.yaxis, axes.zaxis)]
     assert max(marks) == 6
     assert np.argsort(marks, kind="stable").tolist() == np.argsort(np.ptp(limits, axis=1), kind="stable").tolist()

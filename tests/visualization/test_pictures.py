@@ -1,4 +1,4 @@
-"""What is drawn can be read: labels stand on plates, curves that coincide are told apart, legends say what is what."""
+"""Figures are legible: labels have a background, overlapping curves are dashed, and legends identify the curves."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from drake_quad.flight.mission import plan_route
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.planning.believed import planned_parameters
 from drake_quad.visualization.comparison_plots import plot_comparison
-from drake_quad.visualization.curves import dashes, tell_apart
+from drake_quad.visualization.curves import dash_overlapping_curves, dashes
 from drake_quad.visualization.learning_plots import plot_learning, plot_secant_gains
 from drake_quad.visualization.plan_plots import plot_plan
 from drake_quad.visualization.plots import plot_errors, plot_path, plot_rotors
@@ -28,24 +28,24 @@ def learned():
 
 
 def labels_on_plates(figure):
-    """Return the number of annotations of a figure that stand on a white plate, beside the points that they name."""
+    """Return the number of annotations in a figure that have a white background, beside the points that they name."""
     labels = [text for axes in figure.axes for text in axes.texts if isinstance(text, Annotation) and text.get_text()]
     assert all(to_hex(label.get_bbox_patch().get_facecolor()) == "#ffffff" for label in labels)
     assert all(3.0 <= np.hypot(*label.get_position()) <= 10.0 for label in labels)
     return len(labels)
 
 
-def test_numbers_of_waypoints_stand_on_plates():
+def test_waypoint_numbers_have_a_white_background():
     scenario = load_scenario("diagrams/figure_eight.yaml")
     figure = plot_plan(plan_route(scenario), planned_parameters(scenario))
     assert labels_on_plates(figure) == 15
 
 
-def test_gains_stand_on_plates(learned):
+def test_gains_have_a_white_background(learned):
     assert labels_on_plates(plot_secant_gains(learned)) == 6
 
 
-def test_means_stand_on_plates():
+def test_means_have_a_white_background():
     generator = np.random.default_rng(1)
     count = len(Metrics._fields) - 1
 
@@ -53,11 +53,11 @@ def test_means_stand_on_plates():
         rows = np.abs(mean * (1.0 + 0.02 * generator.standard_normal((count, 20))))
         return Metrics(*rows, crash_time=np.full(20, np.inf))
 
-    found = {name: {"low": metrics(0.01), "middle": metrics(0.5), "high": metrics(1.0)} for name in ("a", "b", "c")}
-    assert labels_on_plates(plot_comparison(found)) == 9
+    flights = {name: {"low": metrics(0.01), "middle": metrics(0.5), "high": metrics(1.0)} for name in ("a", "b", "c")}
+    assert labels_on_plates(plot_comparison(flights)) == 9
 
 
-def test_legs_and_legend_of_errors_stand_above_the_curves(flight):
+def test_leg_numbers_and_legend_of_errors_are_above_the_curves(flight):
     figure = plot_errors(flight)
     figure.draw_without_rendering()
     (legend,) = figure.legends
@@ -73,27 +73,27 @@ def test_legs_and_legend_of_errors_stand_above_the_curves(flight):
             assert not legend.get_window_extent(renderer).overlaps(box)
 
 
-def test_curves_that_coincide_are_dashed():
+def test_overlapping_curves_are_dashed():
     figure = new_figure(4.0, 3.0)
     axes = figure.subplots()
     time = np.linspace(0.0, 1.0, 200)
     curves = [axes.plot(time, values)[0] for values in (time, 1.0 - time, time + 1e-3, 0.5 * time, time - 1e-3)]
-    tell_apart(axes)
+    dash_overlapping_curves(axes)
     assert [curve.is_dashed() for curve in curves] == [False, False, True, False, True]
 
 
-def test_each_of_coinciding_curves_is_seen():
-    """Each has less drawn than those below it, and something."""
+def test_each_of_several_overlapping_curves_is_visible():
+    """The dashes of each curve cover less of its length than those of the curve below it, but not zero."""
     drawn = [dashes(place, 4)[1] for place in range(4)]
     shares = [on / (on + off) for on, off in drawn]
     assert shares == pytest.approx([1.0, 0.75, 0.5, 0.25])
     assert len({on + off for on, off in drawn}) == 1
-    # What is seen of each is several times as long as the curve is wide.
+    # The visible part of each curve is several times as long as the curve is wide.
     seen = -np.diff([on for on, _ in drawn] + [0.0])
     assert np.all(seen > 4.0)
 
 
-def test_rotors_that_turn_alike_are_told_apart(flight):
+def test_equal_rotor_speeds_are_distinguishable(flight):
     figure = plot_rotors(flight)
     close = figure.axes[0]
     rotors = [line for line in close.lines if line.get_label().startswith("rotor")]
@@ -106,8 +106,8 @@ def test_rotors_that_turn_alike_are_told_apart(flight):
     assert abs(box.x1 - inside.x1) < 15.0
 
 
-def test_a_legend_says_which_weight_is_which(learned):
-    """The curve of the last rule, both sets at their highest, has the colour and the style that the legend gives."""
+def test_the_legend_identifies_each_weight(learned):
+    """The curve of the last rule, with the last set of each input, has the colour and the style in the legend."""
     figure = plot_learning(learned)
     weights = figure.axes[3]
     key = {text.get_text(): line for text, line in zip(*legend_of(weights), strict=True)}
@@ -125,7 +125,7 @@ def legend_of(axes):
     return legend.get_texts(), legend.get_lines()
 
 
-def test_a_path_has_one_scale_in_space():
+def test_a_path_has_equal_scales_in_three_dimensions():
     flight = simulate(load_scenario("diagrams/slalom.yaml", ["duration=3"]))
     space = plot_path(flight).axes[0]
     lengths = np.ptp([space.get_xlim(), space.get_ylim(), space.get_zlim()], axis=1)

@@ -19,7 +19,7 @@ def test_the_outline_of_an_octahedron_is_its_square_in_the_middle():
     assert abs(area(corners) - 200.0) < 1e-5
 
 
-def test_an_unbounded_polytope_is_cut_at_the_drawing():
+def test_an_unbounded_polytope_is_clipped_to_the_drawing():
     half = Polytope([[1, 1, 0]], [0])
     assert abs(area(outline(half, DRAWING, 0, 1)) - 50.0) < 1e-5
     assert abs(area(outline(half, DRAWING, 0, 2)) - 100.0) < 1e-5

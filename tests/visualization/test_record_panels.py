@@ -11,7 +11,7 @@ from drake_quad.visualization.style import AXES, BLACK, ROTORS
 DEGREES = 180.0 / np.pi
 XYZ, ANGLES, RATES = ("x", "y", "z"), ("roll", "pitch", "yaw"), ("p", "q", "r")
 FOUR = tuple(f"rotor {i}" for i in (1, 2, 3, 4))
-# Measured signal and command, names of the columns, unit, and what it has of the SI unit.
+# Measured signal and command, names of the columns, unit, and factor from the SI unit.
 PANELS = (
     ("position", "reference_position", XYZ, "m", 1.0),
     ("velocity", "reference_velocity", XYZ, "m/s", 1.0),

@@ -1,4 +1,4 @@
-"""The plot of a flight log shows each signal once, in its unit, and its gaps."""
+"""The plot of a flight log shows each signal once, in its unit, and the gaps of the log."""
 
 import numpy as np
 import pytest
@@ -15,13 +15,13 @@ def record(*names):
 
 
 @pytest.mark.slow
-def test_each_signal_is_drawn():
+def test_each_logged_signal_is_drawn():
     figure = plot_record(record(*COLUMNS))
     assert sum(len(axes.lines) for axes in figure.axes) == sum(COLUMNS.values())
 
 
 @pytest.mark.slow
-def test_units_gaps_and_what_was_commanded():
+def test_units_gaps_and_commands_are_drawn():
     (axes,) = plot_record(record("attitude", "attitude_command")).axes
     assert axes.get_ylabel() == "attitude\n(deg)"
     measured, commanded = axes.lines[0], axes.lines[3]

@@ -1,4 +1,4 @@
-"""Replays in a real browser, if there is one."""
+"""Replays work in a real browser, if one is installed."""
 
 import itertools
 import json
@@ -15,11 +15,11 @@ from drake_quad import load_scenario, simulate
 from drake_quad.flight.simulation import simulate_samples
 from drake_quad.signals import RotorSpeed
 from drake_quad.vehicle.rotors import Rotors
-from drake_quad.visualization.places import places
+from drake_quad.visualization.positions import positions
 from drake_quad.visualization.replay.page import save_replay, save_swarm
+from drake_quad.visualization.replay.page_data import page_data
 from drake_quad.visualization.replay.scene import SceneRoom, local_meshcat, reference_points, round_spacing
-from drake_quad.visualization.replay.shapes import Frame, draw_quadrotor, quadrotor_mesh, rotor_poses, turned_by
-from drake_quad.visualization.replay.story import story
+from drake_quad.visualization.replay.shapes import Frame, draw_quadrotor, quadrotor_mesh, rotation_angles, rotor_poses
 
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on PATH; Debian's package is chromium")
 
@@ -30,33 +30,33 @@ def flight():
 
 
 def watched(page, folder, names, moments):
-    """Whether objects of a page are visible, where, and how they are turned, at moments of the flight (s).
+    """Return visibility, position and attitude of objects on a page at some times of the flight (s).
 
-    Also pictures at the first and the last of them. The page plays by itself, and goes on from where one stops it.
+    Also return pictures at the first and the last time. The page plays by itself, and continues from a stop.
     """
     rows = ", ".join(
         f"((o) => [Number(o.visible), ...o.position.toArray(), ...o.quaternion.toArray()])"
         f"(viewer.scene_tree.find('{name}'.split('/')).object)"
         for name in names
     )
-    told, pictures = [], []
+    poses, pictures = [], []
     with Browser(page, folder / "profile") as browser:
         browser.wait_for("typeof viewer !== 'undefined' && viewer.animator.playing && viewer.animator.time > 0.2")
         for moment in moments:
             browser.value(f"scrub.value = {moment}; scrub.oninput();")
             browser.wait_for(f"clock.textContent === '{moment:.1f} s'")
-            told.append(browser.value(f"[{rows}]"))
+            poses.append(browser.value(f"[{rows}]"))
             if moment in (moments[0], moments[-1]):
                 pictures.append(browser.screenshot(folder / f"{moment}.png"))
         assert browser.value("viewer.animator.playing") is False
         browser.value("play.click()")
         browser.wait_for(f"viewer.animator.time > {moments[-1]} + 0.2")
         assert browser.console == []
-    return [np.array(rows) for rows in zip(*told, strict=True)], pictures
+    return [np.array(rows) for rows in zip(*poses, strict=True)], pictures
 
 
 def at(flight, moments):
-    """Where a flight is at some moments."""
+    """Return the positions of a flight at some times."""
     return flight["state"][np.searchsorted(flight.time, np.array(moments) - 1e-9), 0:3]
 
 
@@ -71,10 +71,10 @@ def test_a_replay_plays_in_a_browser(flight, tmp_path):
     assert np.ptp(vehicle[:, 1:4], axis=0).max() > 0.8
     np.testing.assert_allclose(vehicle[:, 1:4], at(flight, moments), atol=0.01)
     assert np.linalg.norm(vehicle[:, 1:4] - reference[:, 1:4], axis=1).max() < 0.1
-    # Looks are too few to follow every turn.
+    # The times are too far apart to follow every turn of the rotors.
     assert len(np.unique(rotor[:, 6].round(3))) > 5
     assert not np.allclose(rotor[:, 6], other_rotor[:, 6])
-    # The piece from 2.5 to 2.75 s is not there at first, and then stays.
+    # The piece of the trail from 2.5 to 2.75 s is invisible at first. Once it has appeared, it stays.
     np.testing.assert_array_equal(trail[:, 0], np.array(moments) > 2.75)
     early, late = (np.asarray(Image.open(picture).convert("L"), dtype=float) for picture in pictures)
     assert 20 < (np.abs(late - early) > 30.0).sum() < 0.1 * early.size
@@ -93,14 +93,14 @@ def test_a_replay_can_be_opened_at_a_moment(flight, tmp_path):
 
 
 def opened(page, folder, fragment="#t=3.0"):
-    """A browser that shows a page at a moment."""
+    """Return a browser that shows a page at a time."""
     browser = Browser(page, folder / "profile", fragment=fragment)
     browser.wait_for(f"document.getElementById('clock')?.textContent === '{float(fragment[3:]):.1f} s'")
     return browser
 
 
 def resize(browser, width, height):
-    """Gives the window a size and waits until the scene has it."""
+    """Resize the window, and wait until the scene has its size."""
     browser.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
     browser.wait_for(
         f"viewer.renderer.domElement.clientWidth === {width} && document.getElementById('errors').clientWidth > 0"
@@ -109,7 +109,7 @@ def resize(browser, width, height):
 
 
 def on_screen(browser, points):
-    """(n, 3) where world points are in the view: -1 to 1 across, up and in depth if they are in it."""
+    """Return the coordinates (n, 3) of world points in the view; each is between -1 and 1 for a visible point."""
     rows = [[x, z, -y] for x, y, z in np.asarray(points, dtype=float).tolist()]
     return np.array(
         browser.value(
@@ -133,11 +133,11 @@ def on_screen(browser, points):
     ids=["crazyflie", "with fans", "forty metres"],
 )
 def test_the_camera_frames_everything(spec, overrides, tmp_path):
-    """The path, the vehicle and the metres are in the view, in its middle, and fill it; on a phone too."""
+    """The path, the vehicle and the axis labels are centred in the view and fill it, also on a phone."""
     flight = simulate(load_scenario(f"diagrams/{spec}", overrides), sample=0)
     page = save_replay({"one": flight}, tmp_path / "replay.html")
     text = page.read_text(encoding="utf-8")
-    path = np.vstack([reference_points(flight.plan), places(flight.record("state"))])
+    path = np.vstack([reference_points(flight.plan), positions(flight.record("state"))])
     with opened(page, tmp_path) as browser:
         for width, height in ((880, 560), (360, 640)):
             resize(browser, width, height)
@@ -146,11 +146,11 @@ def test_the_camera_frames_everything(spec, overrides, tmp_path):
             assert np.abs(across).max() < 1.0
             frame = on_screen(browser, json.loads(re.search(r'"frame":(\[\[.*?\]\])', text).group(1)))[:, :2]
             low, high = frame.min(axis=0), frame.max(axis=0)
-            # One pair of sides is touched, and leaves a margin of 6 % of the view.
+            # The points touch one pair of sides, up to a margin of 6 % of the view.
             assert high.max() < 0.881
             assert low.min() > -0.881
             assert np.max(np.minimum(high, -low)) > 0.879
-        # The metres are written where they are, and do not cover each other.
+        # The axis labels are at their positions and do not overlap.
         texts = browser.value(
             "[...labels.children].filter((l) => l.style.display !== 'none')"
             ".map((l) => [l, l.getBoundingClientRect()])"
@@ -164,7 +164,7 @@ def test_the_camera_frames_everything(spec, overrides, tmp_path):
                 left, top, right, bottom = next(box for name, *box in texts if name == mark["text"])
                 middle = (0.5 * (left + right), 0.5 * (top + bottom))
                 assert middle == pytest.approx((180.0 * (1.0 + x), 0.5 * height * (1.0 - y)), abs=1.0)
-        # Trails are seen through jets.
+        # Trails are visible through the jets of fans.
         jet = "viewer.scene_tree.find(['fan_1', 'jet', '<object>']).object.material.depthWrite"
         assert "laboratory" not in spec or browser.value(jet) is False
         assert len(texts) >= 6
@@ -180,20 +180,20 @@ def test_the_panel_follows_speeds_and_scrubs(flight, tmp_path):
     page = save_replay({"first": flight, "second": flight}, tmp_path / "replay.html")
     with opened(page, tmp_path) as browser:
         resize(browser, 880, 560)
-        # What is said is what was flown.
+        # The panel shows the values of the flight.
         tick = np.searchsorted(flight.time, 3.0 - 1e-9)
         error, speed = 100.0 * flight.euclidean_error[tick], np.linalg.norm(flight["state"][tick, 6:9])
         said = browser.value("document.querySelector('#key .now').textContent")
         found = re.fullmatch(r"error ([\d.]+) cm, ([\d.]+) m/s", said)
         assert [float(each) for each in found.groups()] == pytest.approx([error, speed], abs=0.05)
-        # A click on the plot goes to its moment: 44 px from the left is 0, 8 px from the right the end.
+        # A click on the plot goes to this time. The time axis begins 44 px from the left and ends 8 px from the right.
         box = browser.value("(({left, top, width}) => [left, top, width])(errors.getBoundingClientRect())")
         x, y = box[0] + 44 + 0.75 * (box[2] - 52), box[1] + 40
         for kind in ("mousePressed", "mouseReleased"):
             browser.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
         browser.wait_for(f"Math.abs(viewer.animator.time - {0.75 * flight.time[-1]}) < 0.02")
         place = at(flight, browser.value("viewer.animator.time"))
-        # F follows the first vehicle: it is in the middle of the view, and near.
+        # The key F makes the camera follow the first vehicle, which is then near and in the middle of the view.
         for key in ("f", "+", "+"):
             browser.call("Input.dispatchKeyEvent", type="keyDown", key=key, text=key)
         browser.wait_for("viewer.animator.mixer.timeScale === 5")
@@ -218,7 +218,7 @@ def test_a_swarm_replays_its_crashes(tmp_path):
     assert f"21 flights, {count} crashed" in page.read_text(encoding="utf-8")
     (first, last), _ = watched(page, tmp_path, ["all/0", "all/20"], [0.5, 1.5, 2.5, 4.5])
     assert np.ptp(first[:, 1:4], axis=0).max() > 0.3
-    # What has crashed stays where it is.
+    # A crashed vehicle stays where it is.
     assert last[-1, 1:4] == pytest.approx(crash["state"][-1, 0:3], abs=1e-3)
 
 
@@ -227,7 +227,7 @@ def test_a_page_needs_no_network_and_is_small(flight, tmp_path):
     page = save_replay({"one": flight, "two": flight}, tmp_path / "replay.html").read_text(encoding="utf-8")
     assert not re.search(r'<(script|link|img)[^>]* (src|href)="(?!data:)', page)
     swarm = save_swarm({"all": [flight] * 100}, tmp_path / "swarm.html")
-    # 10 frames a second for 25 s take three times as much as these 8 s do beyond Meshcat's own 2.3 MB.
+    # Meshcat itself takes 2.3 MB. Beyond that, a full flight of 25 s takes three times as much as these 8 s.
     assert 2.3e6 + 3.2 * (swarm.stat().st_size - 2.3e6) < 12e6
 
 
@@ -242,8 +242,8 @@ def test_a_flight_is_shown_as_long_as_it_is_finite(tmp_path):
     assert save_replay({"short": short}, tmp_path / "new" / "folder" / "short.html").exists()
 
 
-def test_a_story_tells_the_middle_of_many_flights(tmp_path):
-    """Of five flights, whose errors are 1 to 5 cm and of which the last crashes in the middle."""
+def test_page_data_contain_the_median_of_many_flights(tmp_path):
+    """Five flights have errors of 1 to 5 cm, and the last of them crashes in the middle."""
     flight = simulate(load_scenario("diagrams/hover.yaml", ["duration=2"]))
     group = []
     for number in range(1, 6):
@@ -255,7 +255,7 @@ def test_a_story_tells_the_middle_of_many_flights(tmp_path):
     signals = {name: values[:half] for name, values in group[-1].signals.items()}
     group[-1] = replace(group[-1], time=flight.time[:half], signals=signals, metrics=crash)
     room = SceneRoom(np.zeros(3), np.ones(3), 0.2, np.zeros((1, 3)))
-    told = json.loads(story({"</script>": group}, {"</script>": "#000000"}, dict.fromkeys("abcde", "/x"), room))
+    told = json.loads(page_data({"</script>": group}, {"</script>": "#000000"}, dict.fromkeys("abcde", "/x"), room))
     (curve,) = told["curves"]
     assert [curve[name][5] for name in ("low", "error", "high")] == pytest.approx([1.2, 3.0, 4.8])
     assert [curve[name][-2] for name in ("low", "error", "high")] == pytest.approx([1.15, 2.5, 3.85])
@@ -272,17 +272,17 @@ def test_a_grid_has_round_spacing(length, spacing):
 
 def test_rotors_1_and_3_turn_clockwise():
     plus = Rotors.plus()
-    assert list(np.sign(turned_by(plus, RotorSpeed(*[200.0] * 4), 0.01))) == [-1.0, 1.0, -1.0, 1.0]
+    assert list(np.sign(rotation_angles(plus, RotorSpeed(*[200.0] * 4), 0.01))) == [-1.0, 1.0, -1.0, 1.0]
     front, right, back, left = (pose.translation() for pose in rotor_poses(plus, np.zeros(4)))
     assert (front[0], right[1], back[0], left[1]) == pytest.approx((0.17, -0.17, -0.17, 0.17))
 
 
-def test_rotors_are_drawn_where_they_are():
-    """An x that turns the other way: two arms in front, and propellers that do not touch."""
+def test_rotors_are_drawn_at_their_positions():
+    """An X layout with reversed rotors has two arms in front, and propellers that do not touch."""
     rotors = Rotors.x(length=0.1, width=0.08, rotor_1_direction=1.0)
-    places = np.array([pose.translation() for pose in rotor_poses(rotors, np.zeros(4))])
-    np.testing.assert_allclose(places[:, :2], [[0.05, -0.04], [-0.05, -0.04], [-0.05, 0.04], [0.05, 0.04]])
-    assert list(np.sign(turned_by(rotors, RotorSpeed(*[200.0] * 4), 0.01))) == [1.0, -1.0, 1.0, -1.0]
+    positions = np.array([pose.translation() for pose in rotor_poses(rotors, np.zeros(4))])
+    np.testing.assert_allclose(positions[:, :2], [[0.05, -0.04], [-0.05, -0.04], [-0.05, 0.04], [0.05, 0.04]])
+    assert list(np.sign(rotation_angles(rotors, RotorSpeed(*[200.0] * 4), 0.01))) == [1.0, -1.0, 1.0, -1.0]
     meshcat = local_meshcat()
     frame = Frame(rotors, (np.zeros(3),) * 4)
     draw_quadrotor(meshcat, "/x", frame, "black")
@@ -291,8 +291,8 @@ def test_rotors_are_drawn_where_they_are():
     assert np.abs(corners[:, 1]).max() < 0.04 + 0.5 * 0.08
 
 
-def test_an_h_is_drawn_as_an_h():
-    """Two bars from front to back and one across; an x with the same rotors has four arms from its middle."""
+def test_an_h_frame_is_drawn_with_its_crossbar():
+    """An H frame has two side bars and a crossbar; an X with the same rotors has four arms from its middle."""
     layout = "nominal.layout={{kind: {}, length: 0.2, width: 0.3}}"
     frames = {
         kind: Frame.of(load_scenario("diagrams/hover.yaml", [layout.format(kind)]).vehicle) for kind in ("h", "x")

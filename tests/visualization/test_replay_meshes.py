@@ -15,7 +15,7 @@ from drake_quad.visualization.replay import page, scene, shapes
 
 
 def area(corners, faces):
-    """Return the area of a surface."""
+    """Return the area of a surface of triangles."""
     a, b, c = (np.asarray(corners)[[face[i] for face in faces]] for i in range(3))
     return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
 
@@ -56,7 +56,7 @@ def test_a_simple_quadrotor_is_four_bars_and_four_discs_of_ten_sides():
     corners, faces = (part.T for part in shapes.quadrotor_mesh(frame))
     radius = shapes._propeller_radius(frame.rotors)
     discs = 4.0 * 10.0 * 0.5 * radius**2 * np.sin(2.0 * np.pi / 10.0)
-    width = 2.0 * 0.009 * shapes.shrunk(frame.rotors)
+    width = 2.0 * 0.009 * shapes.part_scale(frame.rotors)
     arms = sum(4.0 * width * np.hypot(rotor.x, rotor.y) + width**2 for rotor in frame.rotors)
     assert area(corners, faces) == pytest.approx(discs + arms, rel=1e-3)
 
@@ -80,45 +80,47 @@ def test_the_page_of_a_lone_flight_has_a_bar_of_colours_up_to_its_largest_error(
     assert "<b>a &lt; b</b>" in text
     assert 'max="0.400"' in text
     assert text.endswith("</body></html>")
-    bar = text[text.index("trail: error 0") : text.index("</b>") + text[text.index("</b>") :].index("cm</span>")]
+    bar = text[
+        text.index("error along the trail: 0") : text.index("</b>") + text[text.index("</b>") :].index("cm</span>")
+    ]
     stops = re.findall("#[0-9a-f]{6}", bar)
     assert len(stops) == 9
     np.testing.assert_allclose(
-        [to_rgb(stop) for stop in stops], [shapes.ERRORS(i / 8.0)[:3] for i in range(9)], atol=3e-3
+        [to_rgb(stop) for stop in stops], [shapes.ERROR_COLORS(i / 8.0)[:3] for i in range(9)], atol=3e-3
     )
     assert bar.endswith(f"{100.0 * flight.euclidean_error.max():.3g} ")
-    story = json.loads(re.search(r"const story = (.*);", text).group(1))
-    assert [each["name"] for each in story["curves"]] == ["a < b"]
-    assert [each["path"] for each in story["vehicles"]] == ["/a___b"]
+    page_data = json.loads(re.search(r"const data = (.*);", text).group(1))
+    assert [each["name"] for each in page_data["curves"]] == ["a < b"]
+    assert [each["path"] for each in page_data["vehicles"]] == ["/a___b"]
 
 
 def test_the_page_of_several_flights_has_their_names_and_no_bar(flight, written):
     text = written({"one": flight, "other": flight})
     assert "<b>one, other</b>" in text
-    assert "trail: error" not in text
-    story = json.loads(re.search(r"const story = (.*);", text).group(1))
-    colors = [each["color"] for each in story["curves"]]
+    assert "error along the trail" not in text
+    page_data = json.loads(re.search(r"const data = (.*);", text).group(1))
+    colors = [each["color"] for each in page_data["curves"]]
     assert len(set(colors)) == 2
 
 
 def test_a_server_is_local_and_its_scene_is_empty_and_white(monkeypatch):
-    given = []
+    parameters = []
 
     class Server(Scene):
         def __init__(self, params):
             super().__init__()
-            given.append(params)
+            parameters.append(params)
 
     monkeypatch.setattr(scene, "Meshcat", Server)
     stage = scene.local_meshcat()
-    (params,) = given
+    (params,) = parameters
     assert params.host == "127.0.0.1"
     assert params.show_stats_plot is False
     assert stage.properties["/Axes", "visible"] is stage.properties["/Grid", "visible"] is False
     for end in ("top", "bottom"):
         assert stage.properties["/Background/<object>", f"{end}_color"] == [1.0, 1.0, 1.0]
     lights = {path: value for (path, name), value in stage.properties.items() if name == "intensity"}
-    # Spots would make colours differ from those of the legend.
+    # Spot lights would make colours differ from those of the legend.
     assert {path for path, value in lights.items() if value > 0.0} == {
         "/Lights/AmbientLight/<object>",
         "/Lights/FillLight/<object>",

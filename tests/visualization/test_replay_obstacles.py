@@ -1,4 +1,4 @@
-"""Obstacles in replays."""
+"""Replays show obstacles, name them, and report crashes into them."""
 
 import json
 import re
@@ -10,8 +10,8 @@ from browser import CHROMIUM, Browser
 
 from drake_quad import load_scenario, simulate
 from drake_quad.visualization.replay.page import save_replay
+from drake_quad.visualization.replay.page_data import page_data
 from drake_quad.visualization.replay.scene import SceneRoom, draw_surroundings, local_meshcat, reference_points
-from drake_quad.visualization.replay.story import story
 
 POST = "post: {kind: cylinder, centre: [1.0, 0.5, 1.5], radius: 0.2, height: 3.0}"
 WALL = "wall: {kind: box, centre: [-1.5, 0.0, 1.0], size: [0.2, 200.0, 2.0]}"
@@ -26,39 +26,39 @@ def hover():
 
 @pytest.fixture(scope="module")
 def crash():
-    """A hover that wind carries away."""
+    """Return a hover that a strong wind blows into an obstacle."""
     wind = ["vehicle.linear_drag=0.3", "laboratory.wind=[{kind: steady, velocity: [5, 0, 0]}]"]
     flight = simulate(load_scenario("hover", ["duration=4", f"space={{obstacles: {{{BALL}}}}}", *wind]))
     assert flight.touched == "ball"
     return flight
 
 
-def test_whole_obstacles_are_seen_but_of_a_long_wall_what_is_near(hover):
+def test_the_camera_shows_whole_obstacles_and_the_near_part_of_a_long_wall(hover):
     room = draw_surroundings(local_meshcat(), hover.scenario, hover.plan, reference_points(hover.plan))
     corners = np.array(np.meshgrid([0.8, 1.2], [0.3, 0.7], [0.0, 3.0])).reshape(3, 8).T
     for corner in corners:
-        assert np.linalg.norm(room.seen - corner, axis=1).min() < 1e-9
-    assert np.abs(room.seen[:, 1]).max() == pytest.approx(3.0)
+        assert np.linalg.norm(room.camera_points - corner, axis=1).min() < 1e-9
+    assert np.abs(room.camera_points[:, 1]).max() == pytest.approx(3.0)
     assert room.high[1] - room.low[1] < 10.0
     np.testing.assert_allclose(room.names["post"], [1.0, 0.5, 3.0])
 
 
-def test_a_story_tells_what_was_crashed_into(hover):
+def test_page_data_name_the_obstacle_of_a_crash(hover):
     room = SceneRoom(np.zeros(3), np.ones(3), 0.2, np.zeros((1, 3)), {"post": np.array([1.0, 0.5, 3.0])})
     group = [
         replace(hover, metrics=hover.metrics._replace(crash_time=time), touched=name)
         for time, name in ((0.8, "post"), (0.4, None), (0.2, "wall"))
     ]
-    told = json.loads(story({"all": group}, {"all": "#000000"}, dict.fromkeys("abc", "/x"), room))
+    told = json.loads(page_data({"all": group}, {"all": "#000000"}, dict.fromkeys("abc", "/x"), room))
     assert told["curves"][0]["crashes"] == [0.2, 0.4, 0.8]
     assert told["curves"][0]["into"] == ["wall", None, "post"]
     assert told["marks"][-1] == {"at": [1.0, 0.5, 3.0], "text": "post", "color": "#555555"}
 
 
-def test_a_story_has_no_numbers_that_a_page_cannot_read(hover):
+def test_page_data_contain_only_numbers_that_json_has(hover):
     room = SceneRoom(np.zeros(3), np.ones(3), 0.2, np.zeros((1, 3)), {"post": np.array([np.nan, 0.5, 3.0])})
     with pytest.raises(ValueError, match="JSON"):
-        story({"all": [hover]}, {"all": "#000000"}, {"a": "/x"}, room)
+        page_data({"all": [hover]}, {"all": "#000000"}, {"a": "/x"}, room)
 
 
 @pytest.mark.slow

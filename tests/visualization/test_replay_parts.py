@@ -1,4 +1,4 @@
-"""Parts of a replay are no larger than their vehicle, and its trails, rotors and rates are those of the flight."""
+"""Drawn parts are no larger than their vehicle, and trails, rotors and frame rates match the flight."""
 
 from dataclasses import replace
 
@@ -8,13 +8,13 @@ from pydrake.geometry import Cylinder, Sphere
 from test_scene import FRAME, X_LAYOUT, Scene, flights  # noqa: F401 - a fixture
 
 from drake_quad import load_scenario, simulate
-from drake_quad.visualization.places import places
+from drake_quad.visualization.positions import positions
 from drake_quad.visualization.replay import page
 from drake_quad.visualization.replay.shapes import Frame, draw_quadrotor
 
 
 class Recording(Scene):
-    """A scene that also keeps all poses of an object, and how it is recorded."""
+    """Scene that also keeps all poses of an object, and the settings of its recording."""
 
     def __init__(self):
         super().__init__()
@@ -32,7 +32,7 @@ class Recording(Scene):
         return "<html><body></body></html>"
 
 
-def test_no_part_of_a_vehicle_is_larger_than_it():
+def test_no_part_is_larger_than_its_vehicle():
     scene = Scene()
     draw_quadrotor(scene, "/v", FRAME, "black")
     reach, disc = FRAME.reach, scene.objects["/v/disc_1"].radius()
@@ -43,7 +43,7 @@ def test_no_part_of_a_vehicle_is_larger_than_it():
             assert part.radius() <= disc
             assert part.length() < 0.25 * reach
     assert scene.objects["/v/motor_1"].radius() < 0.25 * disc
-    # Arms begin in the middle.
+    # Arms begin in the middle of the vehicle.
     assert len([path for path in scene.objects if "arm" in path]) == len(X_LAYOUT)
 
 
@@ -59,30 +59,30 @@ def test_a_recording_shows_nothing_until_it_is_played_and_has_a_small_point(flig
     assert not scene.shows_while_recording
     # Trails of short flights have all of their points, and those of long ones a few hundred.
     for number, flight in enumerate(flights.values()):
-        np.testing.assert_array_equal(scene.lines[f"/one_trails/{number}"].T, places(flight.record("state")))
+        np.testing.assert_array_equal(scene.lines[f"/one_trails/{number}"].T, positions(flight.record("state")))
     flight = flights["other"]
     signals = {name: np.repeat(rows, 8, axis=0) for name, rows in flight.signals.items()}
     time = np.linspace(0.0, flight.time[-1], 8 * len(flight.time))
     page.save_swarm({"one": [replace(flight, time=time, signals=signals)]}, tmp_path / "swarm.html")
     shown = scene.lines["/one_trails/0"].T
     assert 150 <= len(shown) < 300
-    np.testing.assert_array_equal(shown, places(flight.record("state")).repeat(8, axis=0)[:: len(time) // 150])
+    np.testing.assert_array_equal(shown, positions(flight.record("state")).repeat(8, axis=0)[:: len(time) // 150])
 
 
-def test_a_flight_is_seen_until_any_of_its_numbers_is_not_finite(flights):  # noqa: F811
+def test_a_flight_is_shown_until_its_state_is_not_finite(flights):  # noqa: F811
     flight = flights["other"]
-    assert page._seen(flight) is flight
+    assert page._before_divergence(flight) is flight
     state = flight["state"].copy()
     state[20:, 3] = np.nan
-    seen = page._seen(replace(flight, signals={**flight.signals, "state": state}))
+    seen = page._before_divergence(replace(flight, signals={**flight.signals, "state": state}))
     np.testing.assert_array_equal(seen.time, flight.time[:20])
     assert {len(rows) for rows in seen.signals.values()} == {20}
 
 
 @pytest.mark.parametrize(("wind", "blows"), [("[]", False), ("[{kind: steady, velocity: [1, 0, 0]}]", True)])
-def test_wind_is_shown_by_an_arrow_where_it_blows(wind, blows):
+def test_wind_is_shown_by_an_arrow_unless_fans_show_it(wind, blows):
     scenario = load_scenario("hover", ["duration=0.1", f"laboratory.wind={wind}"])
     flight = simulate(scenario)
-    assert page._blows_unseen(flight) == blows
+    assert page._has_undrawn_wind(flight) == blows
     gust = np.ones_like(flight["wind"])
-    assert page._blows_unseen(replace(flight, signals={**flight.signals, "wind": gust}))
+    assert page._has_undrawn_wind(replace(flight, signals={**flight.signals, "wind": gust}))

@@ -1,4 +1,4 @@
-"""Scenes of replays, as calls of Meshcat: drawn objects, their poses and their motion."""
+"""Scenes of replays call Meshcat with the right objects, poses and motions."""
 
 import json
 from dataclasses import replace
@@ -14,32 +14,32 @@ from drake_quad.signals import RotorSpeed, State, Wind
 from drake_quad.space.shapes import Ball, Cuboid, hull_of
 from drake_quad.space.shapes import Cylinder as Pillar
 from drake_quad.vehicle.rotors import Rotors
-from drake_quad.visualization.places import places
+from drake_quad.visualization.positions import positions
 from drake_quad.visualization.replay import page
 from drake_quad.visualization.replay.page import draw_replay
+from drake_quad.visualization.replay.page_data import page_data
 from drake_quad.visualization.replay.scene import SceneRoom, draw_surroundings, look_at, reference_points
 from drake_quad.visualization.replay.shapes import (
-    ERRORS,
+    ERROR_COLORS,
     Frame,
     draw_arrow,
     draw_fan,
     draw_quadrotor,
     draw_solid,
     draw_trail_piece,
+    part_scale,
     pose_of,
     quadrotor_mesh,
+    rotation_angles,
     rotor_poses,
-    shrunk,
     tube,
-    turned_by,
     wind_arrow,
 )
-from drake_quad.visualization.replay.story import story
 from drake_quad.visualization.style import AXES, BLUE, SKY
 
 
 class Animation:
-    """An animation that keeps its keyframes, by path and by property."""
+    """Animation that keeps its keyframes by path and property."""
 
     def __init__(self, rate):
         self.rate, self.transforms, self.properties = rate, {}, {}
@@ -58,7 +58,7 @@ class Animation:
 
 
 class Scene:
-    """A stand-in for Meshcat that keeps what is drawn, by its path."""
+    """Replacement of Meshcat that keeps all drawn objects by path."""
 
     def __init__(self):
         self.objects, self.colors, self.poses, self.properties = {}, {}, {}, {}
@@ -117,15 +117,15 @@ FRAME = Frame(X_LAYOUT, (np.zeros(3),) * 4)
 
 
 def ends(box, pose):
-    """Return the middles of the two short sides of a box, m."""
+    """Return the centres of the two small faces of a box, m."""
     half = 0.5 * box.width()
     return np.array([pose @ np.array([sign * half, 0.0, 0.0]) for sign in (-1.0, 1.0)])
 
 
-def test_each_part_of_a_quadrotor_is_where_it_belongs():
+def test_the_parts_of_a_quadrotor_are_at_their_positions():
     scene = Scene()
     draw_quadrotor(scene, "/v", FRAME, "black")
-    size = shrunk(X_LAYOUT)
+    size = part_scale(X_LAYOUT)
     assert size == pytest.approx(min(np.hypot(0.1, 0.15) / 0.17, 1.0))
     for number, rotor in enumerate(X_LAYOUT, start=1):
         foot = np.array([rotor.x, rotor.y, rotor.z])
@@ -161,14 +161,14 @@ def test_poses_of_rotors_turn_about_their_axes():
         np.testing.assert_allclose(pose.translation()[:2], [rotor.x, rotor.y])
     speeds = RotorSpeed(100.0, 200.0, 300.0, 400.0)
     np.testing.assert_allclose(
-        turned_by(X_LAYOUT, speeds, 0.02), 0.1 * 0.02 * np.array(speeds) * [rotor.direction for rotor in X_LAYOUT]
+        rotation_angles(X_LAYOUT, speeds, 0.02), 0.1 * 0.02 * np.array(speeds) * [rotor.direction for rotor in X_LAYOUT]
     )
 
 
 def test_a_simple_quadrotor_has_bars_to_its_rotors_and_a_disc_on_each():
     corners, triangles = (part.T for part in quadrotor_mesh(FRAME))
     assert triangles.max() == len(corners) - 1
-    height = 0.035 * shrunk(X_LAYOUT)
+    height = 0.035 * part_scale(X_LAYOUT)
     radius = 0.48 * 0.2
     for rotor in X_LAYOUT:
         place = np.array([rotor.x, rotor.y, rotor.z + height])
@@ -186,7 +186,7 @@ def test_a_simple_quadrotor_has_bars_to_its_rotors_and_a_disc_on_each():
     bars = triangles[~discs]
     a, b, c = (corners[bars[:, i]] for i in range(3))
     enclosed = np.sum(np.cross(a, b) * c) / 6.0
-    half = 0.009 * shrunk(X_LAYOUT)
+    half = 0.009 * part_scale(X_LAYOUT)
     assert abs(enclosed) == pytest.approx(4.0 * 4.0 * half**2 * np.hypot(0.1, 0.15), rel=0.35)
 
 
@@ -207,7 +207,7 @@ def test_a_fan_blows_from_its_outlet_along_its_direction():
     assert (z.min(), z.max()) == pytest.approx((0.0, 5.0))
     np.testing.assert_allclose(np.hypot(x, y), np.maximum(0.4, 0.094 * z), atol=1e-9)
     assert not scene.properties["/fan/jet/<object>", "material.depthWrite"]
-    # The mantle is closed around the axis.
+    # The surface of the jet is closed around its axis.
     np.testing.assert_allclose([x[:, 0], y[:, 0]], [x[:, -1], y[:, -1]], atol=1e-12)
     assert np.ptp(np.unwrap(np.arctan2(y, x), axis=1), axis=1) == pytest.approx(2.0 * np.pi)
 
@@ -257,7 +257,7 @@ def test_a_tube_follows_its_points():
     area = 0.5 * np.linalg.norm(np.cross(corners[1] - corners[0], corners[2] - corners[0]), axis=1).sum()
     length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
     assert area == pytest.approx(3.0 * np.sqrt(3.0) * 0.05 * length, rel=0.02)
-    # A tube may also go straight up or stand still.
+    # The points of a tube may also go straight up, or be equal.
     up, _ = tube(np.column_stack([np.zeros(5), np.zeros(5), np.arange(5.0)]), 0.05)
     np.testing.assert_allclose(np.hypot(*up[:2]), 0.05)
     assert np.isfinite(tube(np.zeros((5, 3)), 0.05)[0]).all()
@@ -271,7 +271,9 @@ def test_a_trail_has_one_colour_or_the_colours_of_its_errors():
     np.testing.assert_allclose(np.hypot(*scene.meshes["/a"][0][1:]), 0.5 * 0.018)
     shares = np.array([0.0, 0.3, 0.6, 1.0])
     draw_trail_piece(scene, "/b", points, shares, 1.0)
-    np.testing.assert_allclose(scene.colors["/b"].T.reshape(4, 3, 3), np.repeat(ERRORS(shares)[:, None, :3], 3, axis=1))
+    np.testing.assert_allclose(
+        scene.colors["/b"].T.reshape(4, 3, 3), np.repeat(ERROR_COLORS(shares)[:, None, :3], 3, axis=1)
+    )
 
 
 def test_a_pose_is_that_of_the_state():
@@ -321,10 +323,10 @@ def test_the_room_has_a_floor_edges_and_a_grid():
     np.testing.assert_allclose(scene.lines["/reference_path"].T, path, atol=1e-12)
     # The camera looks at the scene from above and from the side.
     place, target = scene.camera
-    middle = 0.5 * (room.seen.min(axis=0) + room.seen.max(axis=0))
+    middle = 0.5 * (room.camera_points.min(axis=0) + room.camera_points.max(axis=0))
     np.testing.assert_allclose(target[:2], middle[:2])
     assert place[2] > target[2]
-    extent = np.linalg.norm(np.ptp(room.seen, axis=0))
+    extent = np.linalg.norm(np.ptp(room.camera_points, axis=0))
     np.testing.assert_allclose((place - middle) / extent, [0.54, -0.25, 0.29])
     assert middle[2] - target[2] == pytest.approx(0.1 * extent)
     look_at(scene, np.zeros((1, 3)))
@@ -361,7 +363,7 @@ def test_a_replay_moves_its_objects_thirty_times_a_second(flights):
         rotor = Frame.of(flight.scenario.vehicle).rotors[0]
         angle = 0.1 / 30.0 * rotor.direction * flight["rotor_speed"][0, 0]
         np.testing.assert_allclose(turned[1], [np.cos(angle), np.sin(angle)])
-    # Only a flight in a wind that is not of fans has an arrow.
+    # Only a flight whose wind does not come from fans has an arrow.
     arrow = moved["/first_one_wind"]
     assert "/other_wind" not in moved
     assert {"/first_one_wind/arrow", "/reference/point"} <= {*scene.objects, *scene.meshes}
@@ -370,7 +372,7 @@ def test_a_replay_moves_its_objects_thirty_times_a_second(flights):
     np.testing.assert_allclose(arrow[0].GetAsMatrix4(), pose.GetAsMatrix4())
     assert scene.animation.properties["/first_one_wind/arrow", "scale"][0] == scale
     # The point shows the reference of the longer flight.
-    reference = places(flights["first one"].record("reference"))
+    reference = positions(flights["first one"].record("reference"))
     np.testing.assert_allclose(moved["/reference"][last].translation(), reference[-1], atol=0.05)
     np.testing.assert_allclose(moved["/reference"][0].translation(), reference[0])
     assert scene.published
@@ -393,7 +395,7 @@ def test_a_trail_appears_piece_by_piece(flights):
             assert appears == pytest.approx(30.0 * end, abs=1.0)
             assert frames[39] is True
             rings = scene.meshes[piece][0].T.reshape(5, 3, 3).mean(axis=1)
-            way = places(flight.record("state"))
+            way = positions(flight.record("state"))
             np.testing.assert_allclose(rings[-1], way[np.abs(flight.time - end).argmin()], atol=2e-2)
             np.testing.assert_allclose(rings[0], way[np.abs(flight.time - 0.25 * number).argmin()], atol=2e-2)
 
@@ -405,7 +407,7 @@ def test_the_trail_of_a_lone_flight_has_the_colours_of_its_errors(flights):
     colors = scene.colors["/alone_trail/3"].T[::3]
     ticks = np.searchsorted(flight.time, np.linspace(0.75, 1.0, 5) - 1e-9)
     shares = flight.euclidean_error[ticks] / flight.euclidean_error.max()
-    np.testing.assert_allclose(colors, ERRORS(shares)[:, :3])
+    np.testing.assert_allclose(colors, ERROR_COLORS(shares)[:, :3])
 
 
 def test_a_swarm_shows_its_crashes_in_red(flights, monkeypatch, tmp_path):
@@ -429,21 +431,21 @@ def test_a_swarm_shows_its_crashes_in_red(flights, monkeypatch, tmp_path):
             assert getattr(trail, part)() == pytest.approx(0.25 * getattr(body, part)() + 0.75, abs=3e-3)
     assert sorted(scene.animation.transforms["/c/0"]) == list(range(14))
     assert sorted(scene.animation.transforms["/a_b/1"]) == [*range(9), 13]
-    np.testing.assert_allclose(scene.lines["/c_trails/0"].T[0], places(first.record("state"))[0])
-    reference = places(first.record("reference"))[-1]
+    np.testing.assert_allclose(scene.lines["/c_trails/0"].T[0], positions(first.record("state"))[0])
+    reference = positions(first.record("reference"))[-1]
     np.testing.assert_allclose(scene.animation.transforms["/reference"][13].translation(), reference, atol=0.05)
     assert "3 flights, 1 crashed" in text
     assert "crashed</div>" in text
     assert 'max="1.300"' in text
 
 
-def test_a_story_contains_errors_and_speeds_over_time(flights):
-    """Errors are in centimetres and speeds in m/s, every 50 ms and with three digits."""
+def test_page_data_contain_errors_and_speeds_over_time(flights):
+    """Errors in cm and speeds in m/s are given every 50 ms, with three digits."""
     room = SceneRoom(
         np.array([-1.0, -2.0, 0.0]), np.array([3.0, 2.0, 1.5]), 0.5, np.zeros((1, 3)), {"post": np.ones(3)}
     )
     content = json.loads(
-        story(
+        page_data(
             {name: [flight] for name, flight in flights.items()},
             {"first one": "#1", "other": "#2"},
             {"first one": "/a", "other": "/b"},

@@ -37,7 +37,7 @@ def no_crash(seed=0, count=COUNT):
 
 
 def test_a_distribution_is_the_share_of_samples_up_to_a_value():
-    """Crashed samples count as worse than any other. The bands are those of Massart's inequality."""
+    """Crashed samples count as worse than all others. The bands follow from Massart's inequality."""
     some, none = study(), no_crash(1)
     figure = plots.plot_distribution({"one": some, "other": none})
     assert legends(figure) == ["one (15.0 % crashed)", "other"]
@@ -69,7 +69,7 @@ def test_titles_count_samples():
 
 
 def test_estimates_converge_with_the_number_of_samples():
-    """They are the mean of samples that do not crash, from the tenth on, and the share of crashes."""
+    """The left panel shows the mean over samples without a crash, from the tenth on; the right one shows crashes."""
     found = study()
     figure = plots.plot_convergence({"one": found})
     assert legends(figure) == ["one"]
@@ -99,7 +99,7 @@ def test_the_convergence_of_a_quantile_is_shown_without_crashes():
     stops, values = curve(right, "one")
     expected = [quantile_interval(found.metrics.peak_error[: int(n)], 0.95) for n in stops]
     np.testing.assert_allclose(values, [each.value for each in expected])
-    # No interval holds the quantile of a few samples.
+    # Few samples give no interval for the quantile.
     known = np.isfinite([each.high for each in expected])
     corners = right.collections[0].get_paths()[-1].vertices
     assert corners[:, 1].max() == pytest.approx(max(each.high for each in expected if np.isfinite(each.high)))
@@ -118,7 +118,7 @@ def test_a_study_in_which_all_crash_is_drawn_without_a_mean():
 def test_a_tornado_has_the_means_of_the_tenths(name):
     found = study()
     figure = plots.plot_influences(found, name)
-    assert legends(figure) == ["least tenth of the number", "largest tenth"]
+    assert legends(figure) == ["lowest tenth of the parameter", "highest tenth"]
     (axes,) = figure.axes
     colors = [patch.get_facecolor() for patch in axes.get_legend().get_patches()]
     assert [bar.get_facecolor() for bar in axes.patches[:2]] == colors
@@ -137,7 +137,7 @@ def test_a_tornado_has_the_means_of_the_tenths(name):
         assert axes.texts[place].get_text().startswith(each.correlation.text(signed=True))
         assert axes.texts[place].xy == (1.01, place)
     assert axes.lines[-1].get_xdata()[0] == pytest.approx(middle)
-    # The field with the largest influence is at the top.
+    # The parameter with the largest influence is at the top.
     low, high = axes.get_ylim()
     assert (low, high) == (1.5, -0.5)
     assert [label.get_text() for label in axes.get_yticklabels()] == ["mass (kg)", "cameras: latency frames"]
@@ -168,7 +168,7 @@ def test_a_tornado_shows_sixteen_fields_at_most():
 
 
 def test_the_probability_of_a_crash_is_shown_in_bins(monkeypatch):
-    """Each point is at the median of its bin, with its interval upright and its bin across."""
+    """Each point is at the median of its bin. Vertical bars show its interval, and horizontal bars show its bin."""
     found = study()
     (axes,) = plots.plot_crash_probability(found, MASS, num_bins=8).axes
     levels = statistics.crash_levels(found, MASS, num_bins=8)
@@ -185,17 +185,17 @@ def test_the_probability_of_a_crash_is_shown_in_bins(monkeypatch):
     assert points.get_label() == f"robustness: {statistics.crash_probability(found.metrics).percent()} of 200 samples"
     assert [line for line in axes.lines if len(line.get_xdata()) == 2][-1].get_ydata()[0] == 0.15
     assert axes.get_xlabel() == "mass (kg)"
-    # The default is the field with the largest influence on crashes.
+    # The default is the parameter with the largest influence on crashes.
     assert plots.plot_crash_probability(found).axes[0].get_xlabel() == "mass (kg)"
     none = Study(found.scenario, 10.0, found.samples, {}, found.metrics)
-    with pytest.raises(InputError, match="no number is drawn"):
+    with pytest.raises(InputError, match="no random parameter"):
         plots.plot_crash_probability(none)
 
 
 def test_controllers_with_the_same_numbers_are_drawn_side_by_side():
-    """They are three points of print apart, around the number itself. Whole numbers have whole ticks."""
-    found = {name: study(seed) for seed, name in enumerate(("a", "b", "c"))}
-    figure = plots.plot_crash_probability(found, DELAY)
+    """Their points are drawn three typographic points apart, around the true value. Integers have integer ticks."""
+    studies = {name: study(seed) for seed, name in enumerate(("a", "b", "c"))}
+    figure = plots.plot_crash_probability(studies, DELAY)
     (axes,) = figure.axes
     points = [line for line in axes.lines if line.get_marker() == "o"]
     assert len(points) == 3
@@ -204,7 +204,7 @@ def test_controllers_with_the_same_numbers_are_drawn_side_by_side():
     shifts = [(line.get_transform().transform([[0.0, 0.0]])[0] - data) * 72.0 / figure.dpi for line in points]
     np.testing.assert_allclose(shifts, [[-3.0, 0.0], [0.0, 0.0], [3.0, 0.0]], atol=1e-9)
     assert axes.xaxis.get_major_locator()._integer
-    alone = plots.plot_crash_probability(found["a"], MASS).axes[0]
+    alone = plots.plot_crash_probability(studies["a"], MASS).axes[0]
     assert not getattr(alone.xaxis.get_major_locator(), "_integer", False)
 
 
@@ -216,7 +216,7 @@ def test_controllers_with_the_same_numbers_are_drawn_side_by_side():
         ("effort_x", "control effort on X (m²/s⁴)"),
         ("variation_y", "total variation of the command on Y (m/s³)"),
         ("peak_error", "peak error (cm)"),
-        ("crashed", "share of the samples that crashed"),
+        ("crashed", "crashed samples"),
     ],
 )
 def test_labels_of_metrics_have_units(name, label):
@@ -237,9 +237,9 @@ def test_axes_are_logarithmic_where_medians_differ_tenfold():
 
 
 def test_the_overview_of_studies_has_their_means_and_crashes():
-    found = {"one": study(), "other": study(3, 5, 80)}
-    _, axes = plot_study(found, "peak_error")
-    means = [mean_interval(each.metrics.peak_error[~each.metrics.crashed]) for each in found.values()]
+    studies = {"one": study(), "other": study(3, 5, 80)}
+    _, axes = plot_study(studies, "peak_error")
+    means = [mean_interval(each.metrics.peak_error[~each.metrics.crashed]) for each in studies.values()]
     crashes = [share_interval(30, 200), share_interval(5, 80)]
     for part, expected, size in (("mean", means, 1.0), ("crashes", crashes, 1.0)):
         (container,) = axes[part].containers
@@ -251,20 +251,20 @@ def test_the_overview_of_studies_has_their_means_and_crashes():
         assert axes[part].get_ylim() == (1.5, -0.5)
         assert [label.get_text() for label in axes[part].get_yticklabels()] == ["one", "other"]
     assert axes["mean"].get_xlabel() == "mean peak error (cm)"
-    expected = np.sort(found["other"].metrics.peak_error[~found["other"].metrics.crashed])
+    expected = np.sort(studies["other"].metrics.peak_error[~studies["other"].metrics.crashed])
     np.testing.assert_array_equal(axes["distribution"].lines[1].get_xdata(), expected)
-    assert [label.get_text() for label in plot_study(found["one"])[1]["mean"].get_yticklabels()] == ["robustness"]
+    assert [label.get_text() for label in plot_study(studies["one"])[1]["mean"].get_yticklabels()] == ["robustness"]
 
 
 def test_controllers_are_compared_by_all_of_their_samples():
-    """Samples that did not crash are in centimetres around the row of their controller, together with their mean."""
-    found = {"calm": {"a": study().metrics, "b": no_crash(1, 50).metrics}, "wind": {"a": study(2, COUNT).metrics}}
-    found["wind"]["b"] = study(4, 3, 40).metrics
-    first, second = plot_comparison(found).axes
+    """Errors of samples without a crash, and their mean, are drawn in cm around the row of their controller."""
+    flights = {"calm": {"a": study().metrics, "b": no_crash(1, 50).metrics}, "wind": {"a": study(2, COUNT).metrics}}
+    flights["wind"]["b"] = study(4, 3, 40).metrics
+    first, second = plot_comparison(flights).axes
     for axes, name in ((first, "calm"), (second, "wind")):
         assert axes.get_title() == name
         for place, (metrics, dots) in enumerate(
-            zip(found[name].values(), [line for line in axes.lines if line.get_marker() == "."], strict=True)
+            zip(flights[name].values(), [line for line in axes.lines if line.get_marker() == "."], strict=True)
         ):
             errors = 100.0 * metrics.rmse[~metrics.crashed]
             np.testing.assert_allclose(dots.get_xdata(), errors)
@@ -273,7 +273,7 @@ def test_controllers_are_compared_by_all_of_their_samples():
         means = [line for line in axes.lines if line.get_marker() != "."]
         expected = [
             (100.0 * metrics.rmse[~metrics.crashed].mean(), place)
-            for place, metrics in enumerate(found[name].values())
+            for place, metrics in enumerate(flights[name].values())
             if not metrics.crashed.all()
         ]
         np.testing.assert_allclose([line.get_xydata()[0] for line in means], expected)
@@ -282,7 +282,7 @@ def test_controllers_are_compared_by_all_of_their_samples():
     assert first.texts[0].get_text() == f"{mean:.1f} cm, 30 crashed"
     assert second.texts[0].get_text() == "200 crashed"
     assert second.texts[0].xy == (0.0, 0)
-    assert first.texts[1].xy == pytest.approx((100.0 * found["calm"]["b"].rmse.mean(), 1))
+    assert first.texts[1].xy == pytest.approx((100.0 * flights["calm"]["b"].rmse.mean(), 1))
     assert [label.get_text() for label in first.get_yticklabels()] == ["a", "b"]
     assert first.get_ylim() == (1.5, -0.5)
     large = plot_comparison({"gale": {"a": study().metrics._replace(rmse=np.full(COUNT, 0.126))}}).axes[0]

@@ -1,4 +1,4 @@
-"""Figures as files, and the style of all figures."""
+"""Figures have the style of the project and are written reproducibly."""
 
 from typing import get_args
 
@@ -23,7 +23,7 @@ def drawn():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("vector", get_args(Vector))
-def test_a_vector_drawing_is_there_if_asked_for_and_the_same_each_time(vector, tmp_path):
+def test_a_requested_vector_drawing_is_written_reproducibly(vector, tmp_path):
     files = save_figures({"line": drawn()}, tmp_path, vector=vector)
     assert [file.name for file in files] == ["line.png", f"line.{vector}"]
     first = files[1].read_bytes()
@@ -32,13 +32,13 @@ def test_a_vector_drawing_is_there_if_asked_for_and_the_same_each_time(vector, t
 
 
 @pytest.mark.slow
-def test_a_pdf_has_the_fonts_that_publishers_take(tmp_path):
+def test_a_pdf_has_truetype_fonts(tmp_path):
     text = save_figures({"line": drawn()}, tmp_path, vector="pdf")[1].read_bytes()
     assert b"/FontFile2" in text
     assert b"/Type3" not in text
 
 
-def test_the_style_is_left_as_it_was():
+def test_drawing_leaves_the_matplotlib_settings_unchanged():
     before = dict(matplotlib.rcParams)
     drawn()
     assert dict(matplotlib.rcParams) == before
@@ -61,7 +61,7 @@ def test_colours_are_those_that_okabe_and_ito_publish():
 
 
 def test_areas_are_shaded_from_white_to_a_blue_on_which_lines_are_seen():
-    """The lightness (CIE 1931, linear in sRGB here) falls steadily."""
+    """The lightness (CIE 1931, here linear in sRGB) decreases monotonically."""
     colors = shading()(np.linspace(0.0, 1.0, 11))[:, :3]
     lightness = colors @ [0.2126, 0.7152, 0.0722]
     assert lightness[0] > 0.95

@@ -1,4 +1,4 @@
-"""The Meshcat visualizer, in diagrams of plain Drake: poses, rotors, wind and trail are those of the simulation."""
+"""The Meshcat visualizer shows poses, rotors, wind and trail of a simulation in diagrams of plain Drake."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ PLACED = State(1.0, -2.0, 3.0, 0.1, -0.2, 0.3, *6 * [0.0])
 
 
 def shown(time, scenario=HOVER, **constants):
-    """Return a scene in which constant signals have been shown for a time (s)."""
+    """Return a scene in which the visualizer has shown constant signals for a time in s."""
     builder, scene = DiagramBuilder(), Recording()
     visualizer = QuadrotorVisualizer.add_to_builder(builder, scene, scenario, name="mine")
     for name, value in constants.items():
@@ -30,7 +30,7 @@ def shown(time, scenario=HOVER, **constants):
     return scene
 
 
-def test_with_the_state_alone_a_vehicle_is_shown_where_it_is_and_nothing_else():
+def test_with_only_the_state_connected_only_the_vehicle_is_shown():
     scene = shown(0.1, state=PLACED)
     pose = scene.poses["/mine"]
     np.testing.assert_allclose(pose.translation(), [1.0, -2.0, 3.0])
@@ -78,7 +78,7 @@ def test_a_flight_is_shown_32_times_a_second_and_leaves_its_trail():
     np.testing.assert_allclose(middles[[0, -1]], flown[[0, 64]], atol=1e-9)
     assert {"/vehicle_wind/arrow", "/vehicle_reference", "/floor"} <= {*scene.objects, *scene.meshes}
 
-    # Another simulation begins without the trail of the one before.
+    # A new simulation starts without the trail of the previous one.
     simulator.reset_context(diagram.CreateDefaultContext())
     simulator.Initialize()
     assert not scene.HasPath("/vehicle_trail")
@@ -97,7 +97,7 @@ def test_an_arrow_is_drawn_only_for_wind_that_is_not_drawn_as_jets(wind, blows):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["laboratory:low_wind", "outdoor"])
-def test_a_simulator_is_watched_from_its_beginning_whenever_it_begins_again(name):
+def test_a_watched_simulator_is_shown_from_the_start_after_each_restart(name):
     scenario, scene = load_scenario(name), Recording()
     diagram = build_tracking_diagram(scenario)
     simulator = Simulator(diagram)
@@ -107,7 +107,7 @@ def test_a_simulator_is_watched_from_its_beginning_whenever_it_begins_again(name
     simulator.reset_context(diagram.CreateDefaultContext())
     simulator.AdvanceTo(0.2)
     np.testing.assert_array_equal([pose.translation() for pose in scene.every["/vehicle"]], first)
-    assert ("/vehicle_wind/arrow" in scene.meshes) == (name == "outdoor")  # fans are drawn
+    assert ("/vehicle_wind/arrow" in scene.meshes) == (name == "outdoor")  # the scene shows the fans
 
 
 def test_without_a_state_drake_names_the_port():
@@ -126,8 +126,8 @@ def test_the_vehicle_of_the_sample_is_drawn():
 
 
 @pytest.mark.slow
-def test_a_diagram_that_is_built_already_is_shown_too():
-    """In Drake's own Meshcat; with steps of 10 ms, the nearest interval between frames is 40 ms."""
+def test_an_existing_diagram_can_be_shown():
+    """The scene is Drake's own Meshcat. With steps of 10 ms, frames are 40 ms apart, the multiple next above 1/32 s."""
     scenario = load_scenario("outdoor", ["duration=1"])
     simulator = Simulator(build_tracking_diagram(scenario))
     meshcat, times = local_meshcat(), []

@@ -12,7 +12,7 @@ from drake_quad.scenario.files.reading import read_bytes
 from drake_quad.scenario.files.robot_files import ROBOT_KINDS
 from drake_quad.scenario.limits import MAX_CORNERS
 from drake_quad.space.simplification import surrounding
-from drake_quad.written_numbers import float_in
+from drake_quad.written_numbers import parse_float
 
 _MAX_MESH_BYTES = 50_000_000
 # Header of a binary .stl file: 80 bytes and the number of triangles. Each triangle has 12 numbers and 2 further bytes.
@@ -91,7 +91,7 @@ def _other_format_flaw(beginning: bytes) -> str:
 def _obj_vertices(data: bytes) -> np.ndarray:
     """Return the vertices (n, 3) of a Wavefront .obj file, which follow the keyword `v`."""
     rows = (line.split() for line in data.decode("utf-8", "replace").splitlines())
-    return np.array([[float_in(number) for number in row[1:4]] for row in rows if row and row[0] == "v"])
+    return np.array([[parse_float(number) for number in row[1:4]] for row in rows if row and row[0] == "v"])
 
 
 def _stl_vertices(data: bytes) -> np.ndarray:
@@ -102,4 +102,4 @@ def _stl_vertices(data: bytes) -> np.ndarray:
         triangles = np.frombuffer(data, _STL_TRIANGLE, offset=_STL_HEADER_BYTES)
         return np.unique(triangles["corners"].reshape(-1, 3).astype(float), axis=0)
     rows = (line.split() for line in data.decode("utf-8", "replace").splitlines())
-    return np.array([[float_in(number) for number in row[1:4]] for row in rows if row and row[0] == "vertex"])
+    return np.array([[parse_float(number) for number in row[1:4]] for row in rows if row and row[0] == "vertex"])

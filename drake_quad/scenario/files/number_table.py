@@ -10,7 +10,7 @@ from typing import NamedTuple
 from drake_quad.errors import InputError, shown
 from drake_quad.scenario.files.marked_tree import Mark
 from drake_quad.scenario.limits import MAX_WAYPOINTS
-from drake_quad.written_numbers import float_in
+from drake_quad.written_numbers import parse_float
 
 Row = tuple[Mark, dict[str, float | None]]
 """Place of a row in its file, and its numbers by column, with None for an empty cell."""
@@ -110,7 +110,7 @@ def _numbers(names: list[str], cells: list[str], mark: Mark, table: TableFormat)
 def _number_in(cell: str) -> float | None:
     """Return the number in a cell; None if the cell does not contain a finite number."""
     try:
-        number = float_in(cell)
+        number = parse_float(cell)
     except ValueError:
         return None
     return number if math.isfinite(number) else None

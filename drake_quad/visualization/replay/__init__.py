@@ -1,1 +1,1 @@
-"""Flights in three dimensions: live in a browser, or as a page that any browser replays."""
+"""Three-dimensional views of flights: live in a browser, or as a page that any browser can replay."""

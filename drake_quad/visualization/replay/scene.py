@@ -1,4 +1,4 @@
-"""Static parts of a scene: the room, the path of the reference, obstacles, fans and the camera."""
+"""Static parts of a scene: room, path of the reference, obstacles, fans and camera."""
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
@@ -16,14 +16,15 @@ from drake_quad.scenario.winds.source import jets
 from drake_quad.visualization.replay.shapes import Frame, draw_fan, draw_solid, rgba
 from drake_quad.visualization.style import AXES
 
-# Margin of the room around the paths, relative to the reach of the vehicle; 0.7 m for the vehicle of the paper.
+# Margin of the room around the paths, relative to the distance from the vehicle's middle to its farthest rotor. The
+# margin is 0.7 m for the vehicle of the paper.
 _MARGIN_RATIO = 4.0
-# Positions farther than this from the reference (m) do not enlarge the room.
+# Positions farther from the reference than this distance, m, do not enlarge the room.
 _MAX_DISTANCE = 3.0
-_LINE = 2.0
+_LINE_WIDTH = 2.0
 # Approximate number of grid lines along the longer side of the floor.
 _NUM_GRID_LINES = 8
-_LIGHTS = {
+_LIGHT_INTENSITIES = {
     "AmbientLight": 2.2,
     "FillLight": 0.8,
     "SpotLight": 0.0,
@@ -39,31 +40,31 @@ class SceneRoom(NamedTuple):
         low: lower corner, (3,), m.
         high: upper corner, (3,), m.
         spacing: spacing of the grid, m.
-        seen: points that the camera must show, (n, 3), m.
+        camera_points: points that the camera must show, (n, 3), m.
         names: position of the name of each obstacle, (3,), m.
     """
 
     low: np.ndarray
     high: np.ndarray
     spacing: float
-    seen: np.ndarray
+    camera_points: np.ndarray
     names: Mapping[str, np.ndarray] = MappingProxyType({})
 
     def grid(self, axis: int) -> np.ndarray:
-        """Return the coordinates of grid lines or marks along an axis, m."""
+        """Return the coordinates of the grid lines along an axis, m."""
         first, last = np.ceil(self.low[axis] / self.spacing - 1e-9), np.floor(self.high[axis] / self.spacing + 1e-9)
-        places: np.ndarray = np.round(self.spacing * np.arange(first, last + 1.0), 6) + 0.0
-        return places
+        coordinates: np.ndarray = np.round(self.spacing * np.arange(first, last + 1.0), 6) + 0.0
+        return coordinates
 
 
 def local_meshcat() -> Meshcat:
     """Start a Meshcat server that only this machine can reach, with an empty scene."""
-    with without_drake_remarks():  # the address is irrelevant if the page is only written to a file
+    with without_drake_remarks():  # Drake would log the address, which is irrelevant for a page in a file
         meshcat = Meshcat(MeshcatParams(host="127.0.0.1", show_stats_plot=False))
     for name in ("/Axes", "/Grid"):
         meshcat.SetProperty(name, "visible", False)
-    # The light is diffuse, so that colours look like those of the legend.
-    for light, intensity in _LIGHTS.items():
+    # Diffuse light makes colours look like those of the legend.
+    for light, intensity in _LIGHT_INTENSITIES.items():
         meshcat.SetProperty(f"/Lights/{light}/<object>", "intensity", intensity)
     for end in ("top", "bottom"):
         meshcat.SetProperty("/Background/<object>", f"{end}_color", [1.0, 1.0, 1.0])
@@ -75,40 +76,40 @@ def draw_surroundings(meshcat: Meshcat, scenario: Scenario, plan: Plan, flown: n
 
     Args:
         meshcat: server that shows the scene.
-        scenario: scenario that is flown.
+        scenario: scenario of the flight.
         plan: plan of the reference.
-        flown: positions of vehicles, (n, 3), m.
+        flown: positions of the vehicles, (n, 3), m; empty if they are not known yet.
 
     Returns:
-        The room, whose axes a page can label.
+        The room around the flight.
     """
     path = reference_points(plan)
     margin = _MARGIN_RATIO * Frame.of(scenario.vehicle).reach
-    around = path.min(axis=0) - _MAX_DISTANCE, path.max(axis=0) + _MAX_DISTANCE
-    near = np.vstack([path, np.clip(flown, *around)])
-    low, high = near.min(axis=0) - margin, near.max(axis=0) + margin
+    limits = path.min(axis=0) - _MAX_DISTANCE, path.max(axis=0) + _MAX_DISTANCE
+    nearby = np.vstack([path, np.clip(flown, *limits)])
+    low, high = nearby.min(axis=0) - margin, nearby.max(axis=0) + margin
     fans = jets(scenario.laboratory.wind)
     outlets = [np.array(jet.outlet) for jet in fans]
     for outlet in outlets:
         low, high = np.minimum(low, outlet), np.maximum(high, outlet)
     space = space_of(scenario)
-    shown, names = [_corners(near), *outlets], {}
+    visible, names = [_corners(nearby), *outlets], {}
     for obstacle in () if space is None else space.obstacles:
         draw_solid(meshcat, f"/obstacles/{obstacle.name}", obstacle.shape)
-        # Only the part of an obstacle near the path belongs to the room, since a wall can be long.
-        extent = np.clip(obstacle.shape.extent(), *around)
+        # Only the part of an obstacle near the path enlarges the room, since a wall can be much longer than the path.
+        extent = np.clip(obstacle.shape.extent(), *limits)
         low, high = np.minimum(low, extent[0]), np.maximum(high, extent[1])
-        shown.append(_corners(extent))
+        visible.append(_corners(extent))
         names[obstacle.name] = np.array([*extent.mean(axis=0)[:2], extent[1, 2]])
     low[2] = 0.0
-    room = SceneRoom(low, high, round_spacing(float(np.max(high - low))), np.vstack(shown), names)
+    room = SceneRoom(low, high, round_spacing(float(np.max(high - low))), np.vstack(visible), names)
     _draw_room(meshcat, room)
     if len(path) > 1:
-        meshcat.SetLine("/reference_path", path.T, _LINE, rgba("0.45"))
+        meshcat.SetLine("/reference_path", path.T, _LINE_WIDTH, rgba("0.45"))
     for number, (jet, outlet) in enumerate(zip(fans, outlets, strict=True), start=1):
-        reach = float(np.max((path - outlet) @ np.asarray(jet.direction))) + margin
-        draw_fan(meshcat, f"/fan_{number}", jet, max(reach, 1.0))
-    look_at(meshcat, room.seen)
+        length = float(np.max((path - outlet) @ np.asarray(jet.direction))) + margin
+        draw_fan(meshcat, f"/fan_{number}", jet, max(length, 1.0))
+    look_at(meshcat, room.camera_points)
     return room
 
 
@@ -118,19 +119,19 @@ def _corners(points: np.ndarray) -> np.ndarray:
 
 
 def round_spacing(length: float) -> float:
-    """Return the spacing of a grid along a length (m): 1, 2 or 5 times a power of ten."""
+    """Return the spacing of a grid along a length (m), in m: 1, 2 or 5 times a power of ten."""
     power = 10.0 ** np.floor(np.log10(length / _NUM_GRID_LINES))
     return float(
         next(power * each for each in (1.0, 2.0, 5.0, 10.0) if power * each >= length / _NUM_GRID_LINES * (1.0 - 1e-9))
     )
 
 
-def look_at(meshcat: Meshcat, path: np.ndarray) -> None:
-    """Aim the camera so that points (n, 3), m, fill the view, seen obliquely from above."""
-    low, high = path.min(axis=0), path.max(axis=0)
+def look_at(meshcat: Meshcat, points: np.ndarray) -> None:
+    """Aim the camera obliquely from above, so that points (n, 3), m, fill the view."""
+    low, high = points.min(axis=0), points.max(axis=0)
     middle, size = 0.5 * (low + high), max(float(np.linalg.norm(high - low)), 1.5)
-    below = middle - [0.0, 0.0, 0.1 * size]  # leaves room for the overlay
-    meshcat.SetCameraPose(middle + size * np.array([0.54, -0.25, 0.29]), below)
+    target = middle - [0.0, 0.0, 0.1 * size]  # leaves room for the overlay
+    meshcat.SetCameraPose(middle + size * np.array([0.54, -0.25, 0.29]), target)
 
 
 def reference_points(plan: Plan) -> np.ndarray:
@@ -141,13 +142,13 @@ def reference_points(plan: Plan) -> np.ndarray:
     return points
 
 
-def wind_blows_elsewhere(scenario: Scenario) -> bool:
-    """Return whether a scenario has wind that does not come from fans, whose jets are drawn."""
+def has_wind_besides_fans(scenario: Scenario) -> bool:
+    """Return whether a scenario has wind from other sources than fans, whose jets the scene shows."""
     return len(jets(scenario.laboratory.wind)) < len(scenario.laboratory.wind)
 
 
 def _draw_room(meshcat: Meshcat, room: SceneRoom) -> None:
-    """Draw floor and grid, the edges of the room, and the axes X, Y and Z along the labelled edges."""
+    """Draw floor and grid, the edges of the room, and the axes X, Y and Z along three edges."""
     low, high = room.low, room.high
     size, middle = high - low, 0.5 * (low + high)
     meshcat.SetObject("/floor", Box(size[0], size[1], 0.01), rgba("0.93"))
@@ -160,7 +161,7 @@ def _draw_room(meshcat: Meshcat, room: SceneRoom) -> None:
     _draw_segments(
         meshcat, "/room/edges", [(low + corners[a] * size, low + corners[b] * size) for a, b in edges], "0.7"
     )
-    # The axes lie on the edges that the camera sees in front or at the side.
+    # The axes lie on edges that are in front or at the side of the room as the camera sees it.
     for axis, start in zip("xyz", ([0, 0, 0], [1, 0, 0], [0, 0, 0]), strict=True):
         begin = low + np.array(start) * size
         end = np.where([axis == each for each in "xyz"], high, begin)

@@ -1,4 +1,4 @@
-"""Shapes of a scene, in metres: quadrotors, obstacles, fans, tubes and arrows."""
+"""Shapes in a scene: quadrotors, obstacles, fans, trails and arrows."""
 
 import functools
 from itertools import combinations
@@ -15,38 +15,39 @@ from drake_quad.scenario.layouts import rotors_of
 from drake_quad.signals import RotorSpeed, State, Wind
 from drake_quad.space.shapes import Shape
 from drake_quad.vehicle.rotors import Rotors
-from drake_quad.visualization.places import places
+from drake_quad.visualization.positions import positions
 from drake_quad.visualization.style import BLUE, ORANGE, SKY, VERMILION
 
-# A vehicle with this distance from its middle to its rotors (m), such as that of the paper, is drawn with parts of full
-# size; the parts of smaller vehicles are scaled down.
-_FULL_REACH = 0.17
-# Radius of a propeller of 8 inches (m), as on the vehicle of the paper; smaller if rotors are close to each other.
-_PROPELLER = 0.1
-_ARM, _BLADE = (0.022, 0.014), (0.018, 0.004)
-# Height of the rotors above the middle of the arms, m.
+# Distance from the middle of a vehicle to its rotors, m, from which on motors and arms are drawn in full size. It is
+# that of the paper's vehicle. The parts of smaller vehicles are scaled down.
+_FULL_SIZE_REACH = 0.17
+# Radius of an 8-inch propeller, m, as on the vehicle of the paper; it is smaller if rotors are close to each other.
+_MAX_PROPELLER_RADIUS = 0.1
+_ARM_SECTION = (0.022, 0.014)  # m, width and height
+_BLADE_SECTION = (0.018, 0.004)  # m, width and height
+# Height of the rotors above the centre line of the arms, m.
 _ROTOR_HEIGHT = 0.035
 _FAN_DEPTH = 0.25
-# Rotors turn at 200 rad/s and would seem to stand still at 30 frames a second, so they are slowed by this factor.
-_SLOW_MOTION = 0.1
-# Length of the arrow for a wind of 1 m/s, m.
-_WIND_SCALE = 0.15
-# Duration of the flight along one piece of a trail, s.
-TRAIL_PIECE = 0.25
-_TRAIL = 0.018
-ERRORS = colormaps["viridis"]
-# Rotors at least this far forward, relative to the foremost rotor, have the colour of the front.
-_FRONT_SHARE = 0.5
-# Largest radius of a propeller relative to the distance of the nearest rotors, so that propellers do not touch.
+# Real rotors turn at 200 rad/s, too fast for 30 frames a second, so the drawn ones turn this much slower.
+_ROTATION_FACTOR = 0.1
+# Length of the arrow of a wind of 1 m/s, m.
+_ARROW_LENGTH_PER_SPEED = 0.15
+# Flight time along one piece of a trail, s.
+TRAIL_PIECE_DURATION = 0.25
+_TRAIL_RADIUS = 0.018
+ERROR_COLORS = colormaps["viridis"]
+# Rotors at least this far forward, relative to the foremost rotor, have arms in the colour of the front.
+_MIN_FRONT_SHARE = 0.5
+# Largest radius of a propeller relative to the smallest distance between two rotors; propellers touch at 0.5.
 _MAX_RADIUS_RATIO = 0.48
 
 
 class Frame(NamedTuple):
-    """Frame of a quadrotor, as it is drawn.
+    """Airframe of a quadrotor, as it is drawn.
 
     Attributes:
         rotors: rotors 1 to 4.
-        roots: start of the arm of each rotor in B, (3,), m: in the middle, or on the crossbar of an h.
+        roots: start of the arm of each rotor in B, (3,), m: the middle, or an end of the crossbar of an H frame.
     """
 
     rotors: Rotors
@@ -54,46 +55,50 @@ class Frame(NamedTuple):
 
     @classmethod
     def of(cls, vehicle: Any) -> "Frame":
-        """Return the frame of a vehicle: two side bars and a crossbar for an h, four arms for all other layouts."""
+        """Return the airframe of a vehicle: two side bars and a crossbar for an H frame, else four arms."""
         rotors = rotors_of(vehicle)
         sides = [rotor.y if vehicle.layout.has_sides else 0.0 for rotor in rotors]
         return cls(rotors, tuple(np.array([0.0, side, 0.0]) for side in sides))
 
     @property
     def reach(self) -> float:
-        """Distance of the farthest rotor from the middle, seen from above, m."""
+        """Horizontal distance of the farthest rotor from the middle, m."""
         return max(float(np.hypot(rotor.x, rotor.y)) for rotor in self.rotors)
 
     @property
     def crossbars(self) -> list[np.ndarray]:
-        """Ends of the bars from the middle, (3,), m."""
+        """Ends of the crossbar of an H frame, each (3,), m; empty for other layouts."""
         return [np.array(end) for end in dict.fromkeys(map(tuple, self.roots)) if any(end)]
 
 
 def rgba(color: str, opacity: float = 1.0) -> Rgba:
-    """Return a colour of Matplotlib as a colour of Drake."""
+    """Convert a Matplotlib colour to a Drake colour."""
     return Rgba(*to_rgb(color), opacity)
 
 
 def rotor_poses(rotors: Rotors, angles: np.ndarray) -> list[RigidTransform]:
-    """Return the poses of rotors 1 to 4 in B, turned by angles (rad)."""
+    """Return the poses of rotors 1 to 4 in B, rotated by angles (4,), rad."""
     return [
-        RigidTransform(RotationMatrix.MakeZRotation(angle), place)
-        for place, angle in zip(_rotor_places(rotors), angles, strict=True)
+        RigidTransform(RotationMatrix.MakeZRotation(angle), position)
+        for position, angle in zip(_rotor_positions(rotors), angles, strict=True)
     ]
 
 
-def turned_by(rotors: Rotors, rotor_speed: RotorSpeed, time: float) -> np.ndarray:
-    """Return the angles (4,), rad, by which the drawn rotors turn during a time (s)."""
-    return _SLOW_MOTION * time * np.array(rotor_speed) * [rotor.direction for rotor in rotors]
+def rotation_angles(rotors: Rotors, rotor_speed: RotorSpeed, time: float) -> np.ndarray:
+    """Return the angles (4,), rad, by which the drawn rotors turn during a time in s."""
+    return _ROTATION_FACTOR * time * np.array(rotor_speed) * [rotor.direction for rotor in rotors]
 
 
 def wind_arrow(wind: Wind, state: State) -> tuple[RigidTransform, list[float]]:
-    """Return the pose and the scale of the arrow above a vehicle that shows the wind."""
+    """Return the pose and the scale of the arrow that shows the wind above a vehicle."""
     speed = float(np.linalg.norm(wind))
-    turn = RotationMatrix.MakeFromOneVector(np.array(wind), 0) if speed > 1e-6 else RotationMatrix()
-    length = max(_WIND_SCALE * speed, 1e-3)
-    return RigidTransform(turn, places(state) + np.array([0.0, 0.0, 0.3])), [length, min(length, 1.0), min(length, 1.0)]
+    rotation = RotationMatrix.MakeFromOneVector(np.array(wind), 0) if speed > 1e-6 else RotationMatrix()
+    length = max(_ARROW_LENGTH_PER_SPEED * speed, 1e-3)
+    return RigidTransform(rotation, positions(state) + np.array([0.0, 0.0, 0.3])), [
+        length,
+        min(length, 1.0),
+        min(length, 1.0),
+    ]
 
 
 def draw_trail_piece(meshcat: Meshcat, path: str, points: np.ndarray, shades: str | np.ndarray, size: float) -> None:
@@ -103,75 +108,75 @@ def draw_trail_piece(meshcat: Meshcat, path: str, points: np.ndarray, shades: st
         meshcat: server that shows the scene.
         path: path of the piece in the scene.
         points: points along the piece, (n, 3), m.
-        shades: colour of the piece, or errors relative to the largest one, (n,).
+        shades: colour of the piece, or position errors relative to the largest one, (n,).
         size: scale of the vehicle, from `shrunk`.
     """
-    vertices, faces = tube(points, size * _TRAIL)
+    vertices, faces = tube(points, size * _TRAIL_RADIUS)
     if isinstance(shades, str):
         meshcat.SetTriangleMesh(path, vertices, faces, rgba(shades, 0.7))
     else:
-        meshcat.SetTriangleColorMesh(path, vertices, faces, np.repeat(ERRORS(shades)[:, :3], 3, axis=0).T)
+        meshcat.SetTriangleColorMesh(path, vertices, faces, np.repeat(ERROR_COLORS(shades)[:, :3], 3, axis=0).T)
 
 
-def shrunk(rotors: Rotors) -> float:
-    """Return the scale of motors, arms and trails of a vehicle, at most 1."""
-    return min(max(float(np.hypot(rotor.x, rotor.y)) for rotor in rotors) / _FULL_REACH, 1.0)
+def part_scale(rotors: Rotors) -> float:
+    """Return the scale with which motors, arms and trail of a vehicle are drawn, at most 1."""
+    return min(max(float(np.hypot(rotor.x, rotor.y)) for rotor in rotors) / _FULL_SIZE_REACH, 1.0)
 
 
 @functools.cache
-def _rotor_places(rotors: Rotors) -> tuple[np.ndarray, ...]:
-    """Return the positions of rotors 1 to 4 in B, m."""
-    height = shrunk(rotors) * _ROTOR_HEIGHT
+def _rotor_positions(rotors: Rotors) -> tuple[np.ndarray, ...]:
+    """Return the positions at which rotors 1 to 4 are drawn in B, m."""
+    height = part_scale(rotors) * _ROTOR_HEIGHT
     return tuple([np.array([rotor.x, rotor.y, rotor.z + height]) for rotor in rotors])
 
 
 def _propeller_radius(rotors: Rotors) -> float:
-    """Return the radius of the propellers as drawn, m."""
-    pairs = combinations(_rotor_places(rotors), 2)
-    return min(_PROPELLER, _MAX_RADIUS_RATIO * min(float(np.linalg.norm(a - b)) for a, b in pairs))
+    """Return the radius with which the propellers are drawn, m."""
+    pairs = combinations(_rotor_positions(rotors), 2)
+    return min(_MAX_PROPELLER_RADIUS, _MAX_RADIUS_RATIO * min(float(np.linalg.norm(a - b)) for a, b in pairs))
 
 
 def draw_quadrotor(meshcat: Meshcat, path: str, frame: Frame, color: str) -> None:
-    """Draw a quadrotor in the frame `path`; its rotors turn in the frames `path`/rotor_1 to `path`/rotor_4.
+    """Draw a quadrotor at a path of the scene, with its rotors at `path`/rotor_1 to `path`/rotor_4.
 
-    The front is orange. Clockwise blades are blue, and anticlockwise blades are light blue.
+    The front is orange. Blades that turn clockwise are blue, and the others are light blue.
     """
-    rotors, middle, size = frame.rotors, np.zeros(3), shrunk(frame.rotors)
+    rotors, middle, size = frame.rotors, np.zeros(3), part_scale(frame.rotors)
     height = size * _ROTOR_HEIGHT
     radius, foremost = _propeller_radius(rotors), max(rotor.x for rotor in rotors)
     meshcat.SetObject(f"{path}/hub", Cylinder(0.45 * radius, size * 0.04), rgba(color))
     for number, end in enumerate(frame.crossbars, start=1):
         _draw_arm(meshcat, f"{path}/crossbar_{number}", middle, end, color, size)
-    for number, (rotor, place) in enumerate(zip(rotors, _rotor_places(rotors), strict=True), start=1):
-        foot = place - [0.0, 0.0, height]
-        in_front = rotor.x > 0.0 and rotor.x >= _FRONT_SHARE * foremost
+    for number, (rotor, position) in enumerate(zip(rotors, _rotor_positions(rotors), strict=True), start=1):
+        foot = position - [0.0, 0.0, height]
+        in_front = rotor.x > 0.0 and rotor.x >= _MIN_FRONT_SHARE * foremost
         _draw_arm(meshcat, f"{path}/arm_{number}", frame.roots[number - 1], foot, ORANGE if in_front else color, size)
         if in_front:
             meshcat.SetObject(f"{path}/nose_{number}", Sphere(size * 0.022), rgba(ORANGE))
             meshcat.SetTransform(f"{path}/nose_{number}", RigidTransform(foot))
         shade = BLUE if rotor.direction < 0.0 else SKY
         meshcat.SetObject(f"{path}/motor_{number}", Cylinder(size * 0.014, height), rgba("0.25"))
-        meshcat.SetTransform(f"{path}/motor_{number}", RigidTransform(place - [0.0, 0.0, 0.5 * height]))
+        meshcat.SetTransform(f"{path}/motor_{number}", RigidTransform(position - [0.0, 0.0, 0.5 * height]))
         meshcat.SetObject(f"{path}/disc_{number}", Cylinder(radius, size * 0.002), rgba(shade, 0.2))
-        meshcat.SetTransform(f"{path}/disc_{number}", RigidTransform(place))
+        meshcat.SetTransform(f"{path}/disc_{number}", RigidTransform(position))
         meshcat.SetObject(
-            f"{path}/rotor_{number}/blades", Box(2.0 * radius, *(size * each for each in _BLADE)), rgba(shade)
+            f"{path}/rotor_{number}/blades", Box(2.0 * radius, *(size * each for each in _BLADE_SECTION)), rgba(shade)
         )
-        meshcat.SetTransform(f"{path}/rotor_{number}", RigidTransform(place))
+        meshcat.SetTransform(f"{path}/rotor_{number}", RigidTransform(position))
 
 
 def _draw_arm(meshcat: Meshcat, path: str, start: np.ndarray, end: np.ndarray, color: str, size: float) -> None:
-    """Draw an arm between two points in B, unless they coincide."""
-    along = end - start
-    length = float(np.linalg.norm(along))
+    """Draw an arm between two points in B, unless the points coincide."""
+    difference = end - start
+    length = float(np.linalg.norm(difference))
     if length > 0.0:
-        meshcat.SetObject(path, Box(length, *(size * each for each in _ARM)), rgba(color))
-        turn = RotationMatrix.MakeFromOneVector(along, 0)
-        meshcat.SetTransform(path, RigidTransform(turn, 0.5 * (start + end)))
+        meshcat.SetObject(path, Box(length, *(size * each for each in _ARM_SECTION)), rgba(color))
+        rotation = RotationMatrix.MakeFromOneVector(difference, 0)
+        meshcat.SetTransform(path, RigidTransform(rotation, 0.5 * (start + end)))
 
 
 def quadrotor_mesh(frame: Frame) -> tuple[np.ndarray, np.ndarray]:
-    """Return a quadrotor as one mesh of few triangles, for scenes with hundreds of them.
+    """Return a quadrotor as a mesh of few triangles, for scenes with hundreds of vehicles.
 
     Returns:
         The vertices (3, n), m, and the triangles (3, m).
@@ -179,27 +184,34 @@ def quadrotor_mesh(frame: Frame) -> tuple[np.ndarray, np.ndarray]:
     rotors, middle = frame.rotors, np.zeros(3)
     feet = [np.array([rotor.x, rotor.y, rotor.z]) for rotor in rotors]
     bars = [*((middle, end) for end in frame.crossbars), *zip(frame.roots, feet, strict=True)]
-    parts = [_bar(start, end, 0.009 * shrunk(rotors)) for start, end in bars if np.hypot(*(end - start)[:2]) > 0.0]
+    parts = [_bar(start, end, 0.009 * part_scale(rotors)) for start, end in bars if np.hypot(*(end - start)[:2]) > 0.0]
     angles = np.linspace(0.0, 2.0 * np.pi, 10, endpoint=False)
-    rim = _propeller_radius(rotors) * np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=1)
-    fan = [(0, i + 1, (i + 1) % len(rim) + 1) for i in range(len(rim))]
-    parts += [(place + np.vstack([np.zeros(3), rim]), fan) for place in _rotor_places(rotors)]
-    firsts = np.cumsum([0, *(len(corners) for corners, _ in parts)])
-    triangles = [first + np.array(faces) for first, (_, faces) in zip(firsts, parts, strict=False)]
+    rim_points = _propeller_radius(rotors) * np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=1)
+    fan = [(0, i + 1, (i + 1) % len(rim_points) + 1) for i in range(len(rim_points))]
+    parts += [(position + np.vstack([np.zeros(3), rim_points]), fan) for position in _rotor_positions(rotors)]
+    offsets = np.cumsum([0, *(len(corners) for corners, _ in parts)])
+    triangles = [offset + np.array(faces) for offset, (_, faces) in zip(offsets, parts, strict=False)]
     return np.vstack([corners for corners, _ in parts]).T, np.vstack(triangles).T
 
 
-def draw_fan(meshcat: Meshcat, path: str, jet: Jet, reach: float) -> None:
-    """Draw a fan and its jet, up to a reach (m) and out to the radius at which the speed is halved."""
+def draw_fan(meshcat: Meshcat, path: str, jet: Jet, length: float) -> None:
+    """Draw a fan and its jet, out to the radius at which the wind speed has halved.
+
+    Args:
+        meshcat: server that shows the scene.
+        path: path of the fan in the scene.
+        jet: jet of the fan.
+        length: length of the drawn jet, m.
+    """
     meshcat.SetTransform(
         path, RigidTransform(RotationMatrix.MakeFromOneVector(np.array(jet.direction), 2), np.array(jet.outlet))
     )
     meshcat.SetObject(f"{path}/housing", Cylinder(0.5 * jet.diameter, _FAN_DEPTH), rgba("0.35"))
     meshcat.SetTransform(f"{path}/housing", RigidTransform([0.0, 0.0, -0.5 * _FAN_DEPTH]))
-    lengths = np.linspace(0.0, reach, 9)
-    x, y, z = _revolved(lengths, np.maximum(0.5 * jet.diameter, SPREAD * lengths))
+    lengths = np.linspace(0.0, length, 9)
+    x, y, z = _surface_of_revolution(lengths, np.maximum(0.5 * jet.diameter, SPREAD * lengths))
     meshcat.PlotSurface(f"{path}/jet", x, y, z, rgba(SKY, 0.13))
-    # Without depth writing, a jet that is drawn first does not hide trails inside or behind it.
+    # With depth writing, a jet that is drawn first would hide the trails inside and behind it.
     meshcat.SetProperty(f"{path}/jet/<object>", "material.depthWrite", False)
 
 
@@ -210,19 +222,19 @@ def draw_solid(meshcat: Meshcat, path: str, shape: Shape) -> None:
 
 
 def draw_arrow(meshcat: Meshcat, path: str) -> None:
-    """Draw an arrow of 1 m along x, which can be scaled and turned."""
-    y, z, x = _revolved(np.array([0.0, 0.78, 0.78, 1.0]), np.array([0.012, 0.012, 0.045, 0.0]))
+    """Draw an arrow of 1 m along x, which an animation can scale and rotate."""
+    y, z, x = _surface_of_revolution(np.array([0.0, 0.78, 0.78, 1.0]), np.array([0.012, 0.012, 0.045, 0.0]))
     meshcat.PlotSurface(path, x, y, z, rgba(VERMILION))
 
 
 def tube(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices (3, 3 n) and triangles (3, m) of a tube of triangular section along points (n, 3)."""
-    ahead = np.gradient(points, axis=0) + 1e-12
-    ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
-    aside = np.cross(ahead, np.where(np.abs(ahead[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]]))
-    aside /= np.linalg.norm(aside, axis=1, keepdims=True)
-    up = np.cross(aside, ahead)
-    corners = [np.cos(angle) * aside + np.sin(angle) * up for angle in np.pi * np.array([0.5, 7 / 6, 11 / 6])]
+    """Return the vertices (3, 3 n) and triangles (3, m) of a tube with a triangular section along points (n, 3)."""
+    forward = np.gradient(points, axis=0) + 1e-12
+    forward /= np.linalg.norm(forward, axis=1, keepdims=True)
+    sideways = np.cross(forward, np.where(np.abs(forward[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]]))
+    sideways /= np.linalg.norm(sideways, axis=1, keepdims=True)
+    up = np.cross(sideways, forward)
+    corners = [np.cos(angle) * sideways + np.sin(angle) * up for angle in np.pi * np.array([0.5, 7 / 6, 11 / 6])]
     vertices = (points[:, None] + radius * np.stack(corners, axis=1)).reshape(-1, 3)
     faces = []
     for i in range(len(points) - 1):
@@ -234,14 +246,14 @@ def tube(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
 
 def pose_of(state: State) -> RigidTransform:
     """Return the pose of a vehicle in W."""
-    return RigidTransform(RollPitchYaw(state.roll, state.pitch, state.yaw), places(state))
+    return RigidTransform(RollPitchYaw(state.roll, state.pitch, state.yaw), positions(state))
 
 
 def _bar(start: np.ndarray, end: np.ndarray, half_width: float) -> tuple[np.ndarray, list[tuple[int, int, int]]]:
     """Return the vertices and triangles of a flat bar between two points."""
-    aside = half_width * np.cross((end - start) / np.linalg.norm(end - start), [0.0, 0.0, 1.0])
+    sideways = half_width * np.cross((end - start) / np.linalg.norm(end - start), [0.0, 0.0, 1.0])
     lift = np.array([0.0, 0.0, half_width])
-    corners = np.array([base + a + b for base in (start, end) for a in (-aside, aside) for b in (-lift, lift)])
+    corners = np.array([base + a + b for base in (start, end) for a in (-sideways, sideways) for b in (-lift, lift)])
     faces = [
         (0, 1, 5),
         (0, 5, 4),
@@ -257,8 +269,8 @@ def _bar(start: np.ndarray, end: np.ndarray, half_width: float) -> tuple[np.ndar
     return corners, faces
 
 
-def _revolved(lengths: np.ndarray, radii: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the coordinates x, y and z of a surface of revolution around z, with its radius at each length along z."""
+def _surface_of_revolution(lengths: np.ndarray, radii: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the coordinates x, y and z of a surface of revolution around the z axis, with a radius at each height."""
     angles = np.linspace(0.0, 2.0 * np.pi, 25)
     x, y = (np.outer(radii, turned(angles)) for turned in (np.cos, np.sin))
     return x, y, np.outer(lengths, np.ones_like(angles))

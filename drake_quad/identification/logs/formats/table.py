@@ -12,7 +12,7 @@ from drake_quad.identification.logs.formats.log_format import LogContent, NamedM
 from drake_quad.identification.logs.record import COLUMNS
 from drake_quad.identification.logs.source import LogFile
 from drake_quad.identification.logs.units import UNITS
-from drake_quad.written_numbers import float_in
+from drake_quad.written_numbers import parse_float
 
 # Largest size of a CSV file. Its cells take ten times as much memory.
 MOST_BYTES = 50_000_000
@@ -124,7 +124,7 @@ def _numbers(log: LogFile, name: str, cells: Sequence[str], lines: Sequence[int]
     """Return a column of numbers (rows,), or of vectors (rows, width); empty cells become NaN."""
     try:
         if width is None:
-            return np.array([float_in(cell) if cell else np.nan for cell in cells])
+            return np.array([parse_float(cell) if cell else np.nan for cell in cells])
         return np.array([_vector(cell, width) for cell in cells])
     except ValueError:
         row = next(i for i, cell in enumerate(cells) if not _readable(cell, width))
@@ -134,7 +134,7 @@ def _numbers(log: LogFile, name: str, cells: Sequence[str], lines: Sequence[int]
 
 
 def _vector(cell: str, width: int) -> list[float]:
-    parts = [float_in(part) for part in cell.translate(_BRACKETS).split()]
+    parts = [parse_float(part) for part in cell.translate(_BRACKETS).split()]
     if parts and len(parts) != width:
         raise ValueError
     return parts or [np.nan] * width
@@ -145,7 +145,7 @@ def _readable(cell: str, width: int | None) -> bool:
         if width is not None:
             _vector(cell, width)
         elif cell:
-            float_in(cell)
+            parse_float(cell)
     except ValueError:
         return False
     return True
