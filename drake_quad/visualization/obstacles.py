@@ -12,6 +12,9 @@ from drake_quad.space.space import Space
 
 # Obstacles are translucent because their projections can overlap.
 _SOLID_STYLE: dict[str, Any] = {"facecolor": (0.35, 0.35, 0.35, 0.5), "edgecolor": "0.35", "linewidth": 0.8}
+# From the side, many obstacles hide each other and the path, so they share one light silhouette without outlines.
+_SILHOUETTE_STYLE: dict[str, Any] = {"facecolor": "0.88", "linewidth": 0.0}
+_MAX_OUTLINED = 6
 _CLEARANCE_STYLE: dict[str, Any] = {"fill": False, "edgecolor": "0.55", "linewidth": 0.7, "linestyle": (0, (2, 2))}
 _NAME_STYLE: dict[str, Any] = {
     "fontsize": 6,
@@ -27,6 +30,8 @@ _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
 def draw_obstacles(axes: Axes, space: Space, i: int, j: int, *, clearance: bool = False) -> None:
     """Draw the projections of obstacles onto a plane; in a view from above, add their names unless there are too many.
 
+    In a view from the side, many obstacles are drawn as one silhouette.
+
     Args:
         axes: axes in metres.
         space: space with the obstacles.
@@ -35,10 +40,11 @@ def draw_obstacles(axes: Axes, space: Space, i: int, j: int, *, clearance: bool 
         clearance: True to draw the clearance that a planned path keeps, as a dashed outline around each obstacle.
             The path may cross this outline at another height or depth than that of the obstacle.
     """
+    is_crowded = (i, j) != (0, 1) and len(space.obstacles) > _MAX_OUTLINED
     for obstacle in space.obstacles:
         corners = convex_hull(obstacle.shape.triangles().reshape(-1, 3)[:, [i, j]])
-        axes.add_patch(Polygon(corners, **_SOLID_STYLE))
-        if clearance:
+        axes.add_patch(Polygon(corners, **(_SILHOUETTE_STYLE if is_crowded else _SOLID_STYLE)))
+        if clearance and not is_crowded:
             rounding = space.clearance * np.column_stack([np.cos(_CIRCLE), np.sin(_CIRCLE)])
             outline = convex_hull((corners[:, np.newaxis] + rounding).reshape(-1, 2))
             axes.add_patch(Polygon(outline, **_CLEARANCE_STYLE))

@@ -88,12 +88,14 @@ def _draw_view(
     low, high = position.min(axis=1), position.max(axis=1)
     margin = 0.25 + 0.1 * float((high - low).max())
     clip_box = Box(low - margin, high + margin)
-    # Several segments can share a corridor, which is drawn once.
+    # Several segments can share a corridor, which is drawn once. From the side, most corridors overlap, so they are not
+    # filled.
+    opacity = 0.05 if j == 1 else 0.0
     drawn: list[Corridor] = []
     for corridor in corridors:
         if corridor is not None and not any(_same(corridor, other) for other in drawn):
             drawn.append(corridor)
-            style: dict[str, object] = {"facecolor": (0.0, 0.0, 0.0, 0.05), "edgecolor": "0.7", "linewidth": 0.8}
+            style: dict[str, object] = {"facecolor": (0.0, 0.0, 0.0, opacity), "edgecolor": "0.7", "linewidth": 0.8}
             axes.add_patch(_patch(corridor, clip_box, i, j, **style))
     for region in regions:
         if isinstance(region, Sphere):

@@ -432,3 +432,15 @@ def test_names_of_many_obstacles_are_left_out():
         axes = new_figure(3.0, 3.0).subplots()
         draw_obstacles(axes, Space(boxes, 0.1), 0, 1)
         assert bool(axes.texts) == named
+
+
+def test_many_obstacles_are_one_silhouette_from_the_side():
+    """Their outlines and clearances would cover the path, while from above each obstacle remains visible."""
+    for count, patches_from_the_side in ((6, 12), (7, 7)):
+        boxes = tuple(Obstacle(str(i), Cuboid((2.0 * i, 0.0, 0.0))) for i in range(count))
+        side, above = new_figure(3.0, 3.0).subplots(1, 2)
+        draw_obstacles(side, Space(boxes, 0.1), 0, 2, clearance=True)
+        draw_obstacles(above, Space(boxes, 0.1), 0, 1, clearance=True)
+        assert len(side.patches) == patches_from_the_side
+        assert len(above.patches) == 2 * count
+    assert {patch.get_alpha() or patch.get_facecolor() for patch in side.patches} == {(0.88, 0.88, 0.88, 1.0)}
