@@ -14,6 +14,7 @@ from drake_quad.design.firmware.parameters import FirmwareParameters, defaults_o
 from drake_quad.files import output_folder, write_atomically, write_text
 from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.files.saving import save_scenario
+from drake_quad.scenario.paths import distributions_in
 
 
 def take_firmware(arguments: argparse.Namespace) -> None:
@@ -44,7 +45,7 @@ def take_firmware(arguments: argparse.Namespace) -> None:
         remark(f"{count} {were} of the firmware: {_some(parameters.missing)}")
     print(FIRMWARE[parameters.firmware])
     print(f"a scenario takes it by `extends: [FILE:NAME, {path}]`, in this order; or fly it as it is:")
-    print(f"  drake-quad fly {flown}")
+    print(f"  drake-quad {'study' if distributions_in(with_it) else 'fly'} {flown}")
     print_files([path, flown])
 
 
