@@ -46,10 +46,17 @@ SHORT = {
 SHORT_FOREST = ["--set", "route.waypoints=[[-1, -2.7, 1.2], [1, -1.9, 1.4]]"]
 
 
+# If the first line of a YAML block is the name of its file, the blocks of the page run in order and use this file.
+FILE_NAME = r"# \w+\.yaml\n"
+WALKTHROUGHS = [page for page in PAGES if re.search(f"```yaml\n{FILE_NAME}", page.read_text(encoding="utf-8"))]
+
+
 def blocks(language):
     found = []
     for page in PAGES:
-        texts = re.findall(rf"```{language}\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+        if page in WALKTHROUGHS and language != "yaml":
+            continue
+        texts = re.findall(rf"```{language}\n(?!{FILE_NAME})(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
         found += [pytest.param(text, id=f"{page.stem}-{i}") for i, text in enumerate(texts)]
     return found
 
@@ -113,6 +120,38 @@ def test_every_block_of_commands_runs(block, monkeypatch):
             continue
         short = [*SHORT.get(Path(arguments[0]).name, []), *(SHORT_FOREST if "forest" in arguments else [])]
         called(program, [*arguments, *short], monkeypatch)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("undrawn", "elsewhere", "shared_fits")
+@pytest.mark.parametrize("page", WALKTHROUGHS, ids=lambda page: page.stem)
+def test_every_walkthrough_prints_what_it_shows(page, monkeypatch, capsys):
+    """The blocks of the page run in order, and each line of a text block is in the output of the commands before it."""
+    printed = ""
+    for language, text in re.findall(r"```(\w+)\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL):
+        if language == "yaml":
+            if re.match(FILE_NAME, text):
+                Path(text.split()[1]).write_text(text, encoding="utf-8")
+        elif language == "sh":
+            for line in text.splitlines():
+                program, *arguments = shlex.split(line)
+                called(program, arguments, monkeypatch)
+            printed = capsys.readouterr().out
+        else:
+            assert language == "text"
+            for line in text.splitlines():
+                assert any(begins(each, line) for each in printed.splitlines()), (line, printed)
+
+
+def begins(printed, shown):
+    """Tell whether a printed line begins with a shown one: with the same words, and numbers within 1 %."""
+    number = r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?"
+    words, numbers = re.sub(number, " # ", shown).split(), re.findall(number, shown)
+    begun = re.sub(number, " # ", printed).split()[: len(words)]
+    return begun == words and all(
+        float(given) == pytest.approx(float(each), rel=0.01)
+        for given, each in zip(re.findall(number, printed), numbers, strict=False)
+    )
 
 
 def called(program, arguments, monkeypatch):

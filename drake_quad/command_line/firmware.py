@@ -14,6 +14,7 @@ from drake_quad.design.firmware.parameters import FirmwareParameters, defaults_o
 from drake_quad.files import output_folder, write_atomically, write_text
 from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.files.saving import save_scenario
+from drake_quad.scenario.paths import distributions_in
 
 
 def write_firmware_controller(arguments: argparse.Namespace) -> None:
@@ -46,8 +47,9 @@ def write_firmware_controller(arguments: argparse.Namespace) -> None:
             f" {_shortened_list(parameters.missing)}"
         )
     print(FIRMWARE[parameters.firmware])
-    print(f"to use the controller in a scenario, write `extends: [FILE:NAME, {path}]`; to fly it in this scenario:")
-    print(f"  drake-quad fly {scenario_file}")
+    command = "study" if distributions_in(designed) else "fly"
+    print(f"to use the controller in a scenario, write `extends: [FILE:NAME, {path}]`; to {command} this scenario:")
+    print(f"  drake-quad {command} {scenario_file}")
     print_files([path, scenario_file])
 
 

@@ -95,7 +95,8 @@ def logged_reference(
         worst = int(np.argmax(distance))
         raise InputError(
             f"no smooth path follows the reference of the log {shown(record.name)} to within {1e3 * tolerance:g} mm:"
-            f" at {time[worst]:.3f} s the nearest is {1e3 * distance[worst]:.2g} mm away; does it jump there?"
+            f" at {time[worst]:.3f} s the nearest is {1e3 * distance[worst]:.1f} mm away; does the reference jump,"
+            f" is it logged at less than {1.0 / _MAX_HOLD:.0f} Hz, or is the vehicle on the ground?"
         )
     knots = _knots(path)
     if rest > 0.0:
