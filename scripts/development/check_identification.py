@@ -164,7 +164,7 @@ def print_coverage(results: dict[int, list[Checked]]) -> None:
                 f"{len(results) - len(rows)}",
             )
         )
-    print(f"{len(results)} flights; how many 95 % intervals of identified parameters contain the true value")
+    print(f"{len(results)} flights; coverage by the 95 % intervals, for identified parameters only")
     header = ("parameter", "covered", "coverage", "bias/sd", "sd/RMS error", "RMS error", "not identified")
     print_columns(header, table)
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from both_ways import assert_alike, assert_flights_alike, assert_metrics_alike
+from compiled_comparison import assert_alike, assert_flights_alike, assert_metrics_alike
 from pydrake.common.value import AbstractValue
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from all_systems import DIAGRAMS
-from both_ways import assert_alike
+from compiled_comparison import assert_alike
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, EventStatus
 from pydrake.systems.primitives import Sine, VectorLogSink, ZeroOrderHold

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from both_ways import assert_flights_alike, assert_flown_alike, assert_metrics_alike
+from compiled_comparison import assert_flights_alike, assert_flown_alike, assert_metrics_alike
 
 from drake_quad import InputError, load_scenario, simulate
 from drake_quad.fleets.fleet_simulation import simulate_fleet

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from both_ways import assert_flown_alike
+from compiled_comparison import assert_flown_alike
 from covering import covering
 from random_scenarios import scenario_of, structures
 from ruamel.yaml import YAML

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from all_systems import BELIEVED, WITH_TARGETS, WITH_TORQUES
+from all_systems import NOMINAL_THRUST, TARGET_LQG, TORQUE_LQG
 
 from drake_quad.control.lqg.chains import AttitudeChain, TorqueChain, VerticalChain
 from drake_quad.control.lqg.laws import (
@@ -63,13 +63,13 @@ def rotation(state):
 
 def test_the_filter_is_a_textbook_kalman_filter_with_the_thrust_of_the_measured_attitude():
     before, sent = running(TorqueChain), under_way(2, SNAP)
-    found = estimated(MEASUREMENT, before, sent, None, WITH_TORQUES, H, True)
+    found = estimated(MEASUREMENT, before, sent, None, TORQUE_LQG, H, True)
     x_B, y_B, z_B = rotation(MEASUREMENT)[:, 2]
     thrust = UPWARD * np.array([x_B, y_B]) / z_B
     for axis, measured, s, u in zip(
         "xyz", (MEASUREMENT.x, MEASUREMENT.y, MEASUREMENT.z), [*thrust, None], sent.commands[0], strict=True
     ):
-        loop = WITH_TORQUES.vertical if axis == "z" else WITH_TORQUES.lateral
+        loop = TORQUE_LQG.vertical if axis == "z" else TORQUE_LQG.lateral
         chain_before = getattr(before.estimate, axis)
         x, A, B, L = np.array(chain_before), np.array(loop.A), np.array(loop.B), np.array(loop.L).T
         innovation = [measured - chain_before.position, *([] if s is None else [s - chain_before.thrust])]
@@ -83,18 +83,18 @@ def test_the_filter_is_a_textbook_kalman_filter_with_the_thrust_of_the_measured_
 def test_a_repeated_frame_is_ignored():
     before, sent = running(TorqueChain), under_way(2, SNAP)
     lost = before._replace(last_x=MEASUREMENT.x)
-    found = estimated(MEASUREMENT, lost, sent, None, WITH_TORQUES, H, True)
-    x = np.array(WITH_TORQUES.lateral.A) @ before.estimate.x + np.array(WITH_TORQUES.lateral.B) * sent.commands[0].x
+    found = estimated(MEASUREMENT, lost, sent, None, TORQUE_LQG, H, True)
+    x = np.array(TORQUE_LQG.lateral.A) @ before.estimate.x + np.array(TORQUE_LQG.lateral.B) * sent.commands[0].x
     np.testing.assert_allclose(found.x[2:], x[2:], rtol=1e-12)
     # Cameras that lose no frames may measure the same position twice.
-    assert estimated(MEASUREMENT, lost, sent, None, WITH_TORQUES, H, False) == estimated(
-        MEASUREMENT, before, sent, None, WITH_TORQUES, H, True
+    assert estimated(MEASUREMENT, lost, sent, None, TORQUE_LQG, H, False) == estimated(
+        MEASUREMENT, before, sent, None, TORQUE_LQG, H, True
     )
 
 
 def test_the_filter_starts_at_rest_at_the_measured_position():
     first = running(TorqueChain)._replace(has_started=0.0)
-    after = filter_after(MEASUREMENT, first, under_way(2, SNAP), None, WITH_TORQUES, H, True)
+    after = filter_after(MEASUREMENT, first, under_way(2, SNAP), None, TORQUE_LQG, H, True)
     assert (after.has_started, after.last_x) == (1.0, MEASUREMENT.x)
     assert error_of(after.estimate, REFERENCE) == pytest.approx((0.04, -0.08, 0.07))
     assert error_rate_of(after.estimate, REFERENCE) == pytest.approx((0.2, 0.3, -0.1))
@@ -104,7 +104,7 @@ def test_the_filter_starts_at_rest_at_the_measured_position():
 def test_a_known_acceleration_moves_the_chain_without_changing_the_estimated_disturbance():
     before, sent, known = running(TorqueChain), under_way(2, SNAP), Acceleration(0.7, -1.1, 1.3)
     plain, with_acceleration = (
-        estimated(MEASUREMENT, before, sent, each, WITH_TORQUES, H, True) for each in (None, known)
+        estimated(MEASUREMENT, before, sent, each, TORQUE_LQG, H, True) for each in (None, known)
     )
     for axis in "xyz":
         moved = np.subtract(getattr(with_acceleration, axis), getattr(plain, axis))
@@ -127,11 +127,11 @@ def expected_deviation(chain_now, axis, subtracted=0.0):
     return e
 
 
-FREE = BELIEVED._replace(slope=1e6, min_thrust=-1e6, max_thrust=1e6)
+FREE = NOMINAL_THRUST._replace(slope=1e6, min_thrust=-1e6, max_thrust=1e6)
 
 
 def test_the_snap_command_contains_state_feedback_and_feed_forward_with_lead():
-    numbers = WITH_TORQUES._replace(thrust=FREE, torques=WITH_TORQUES.torques._replace(max_snap=1e6))
+    numbers = TORQUE_LQG._replace(thrust=FREE, torques=TORQUE_LQG.torques._replace(max_snap=1e6))
     estimate, sent = running(TorqueChain).estimate, under_way(2, Snap(0.8, -1.0, 0.3, 0.0))
     correction = Acceleration(0.2, -0.3, 0.1)
     found = regulated(estimate, REFERENCE, JERK, SNAP, sent, correction, None, numbers, TICK)
@@ -154,7 +154,7 @@ def test_the_snap_command_contains_state_feedback_and_feed_forward_with_lead():
     assert found.acceleration.z == found.command.z
 
 
-@pytest.mark.parametrize("numbers", [WITH_TORQUES, WITH_TARGETS])
+@pytest.mark.parametrize("numbers", [TORQUE_LQG, TARGET_LQG])
 def test_outer_feedback_has_the_regulator_gains_divided_by_the_outer_gain(numbers):
     for i, loop in enumerate((numbers.lateral, numbers.lateral, numbers.vertical)):
         error, rate = np.zeros(3), np.zeros(3)
@@ -166,7 +166,7 @@ def test_outer_feedback_has_the_regulator_gains_divided_by_the_outer_gain(number
 
 
 def test_the_command_to_an_autopilot_is_an_acceleration_with_lead():
-    numbers = WITH_TARGETS._replace(thrust=FREE)
+    numbers = TARGET_LQG._replace(thrust=FREE)
     estimate, sent = running(AttitudeChain).estimate, under_way(1, None)
     found = regulated(estimate, REFERENCE, JERK, SNAP, sent, None, None, numbers, TICK)
     e = expected_deviation(estimate.y, "y")
@@ -179,19 +179,19 @@ def test_commands_stay_within_limits_of_tilt_thrust_and_snap():
     """The horizontal part is shortened without changing its direction; a deviation is that of the sent command."""
     far = REFERENCE._replace(x=40.0, y=-30.0, z=300.0)
     attitude = regulated(
-        running(AttitudeChain).estimate, far, JERK, SNAP, under_way(1, None), None, None, WITH_TARGETS, TICK
+        running(AttitudeChain).estimate, far, JERK, SNAP, under_way(1, None), None, None, TARGET_LQG, TICK
     )
     assert math.hypot(*attitude.command[:2]) == pytest.approx(0.7 * 9.81)
-    free = WITH_TARGETS._replace(thrust=FREE)
+    free = TARGET_LQG._replace(thrust=FREE)
     estimate, sent = running(AttitudeChain).estimate, under_way(1, None)
     limited, desired = (
-        regulated(estimate, far, JERK, SNAP, sent, None, None, each, TICK).command for each in (WITH_TARGETS, free)
+        regulated(estimate, far, JERK, SNAP, sent, None, None, each, TICK).command for each in (TARGET_LQG, free)
     )
     assert limited.x / limited.y == pytest.approx(desired.x / desired.y)
     assert limited.z == pytest.approx(12.0 / 0.68 - 9.81)
-    low = regulated(estimate, far._replace(z=-300.0), JERK, SNAP, sent, None, None, WITH_TARGETS, TICK)
+    low = regulated(estimate, far._replace(z=-300.0), JERK, SNAP, sent, None, None, TARGET_LQG, TICK)
     assert low.command.z == pytest.approx(2.0 / 0.68 - 9.81)
-    narrow = WITH_TORQUES._replace(torques=WITH_TORQUES.torques._replace(max_snap=3.0))
+    narrow = TORQUE_LQG._replace(torques=TORQUE_LQG.torques._replace(max_snap=3.0))
     farther = far._replace(x=400.0, y=-300.0)
     torques = regulated(
         running(TorqueChain).estimate, farther, JERK, SNAP, under_way(2, SNAP), None, None, narrow, TICK
@@ -203,7 +203,7 @@ def test_commands_stay_within_limits_of_tilt_thrust_and_snap():
 
 def test_sent_commands_advance_at_each_tick():
     sent = under_way(2, SNAP)
-    requested = regulated(running(TorqueChain).estimate, REFERENCE, JERK, SNAP, sent, None, None, WITH_TORQUES, TICK)
+    requested = regulated(running(TorqueChain).estimate, REFERENCE, JERK, SNAP, sent, None, None, TORQUE_LQG, TICK)
     after = next_sent(requested, SNAP, sent)
     assert after.upward == requested.upward
     assert after.commands == (*sent.commands[1:], requested.command)
@@ -229,14 +229,14 @@ def flown(kind):
 def asked_for(x, y, z):
     """Return the commands for a vehicle without disturbances."""
     command = ChainCommands(x, y, z)
-    return RegulatorOutput(command, command, Acceleration(x, y, z), BELIEVED.gravity + REFERENCE.a_z)
+    return RegulatorOutput(command, command, Acceleration(x, y, z), NOMINAL_THRUST.gravity + REFERENCE.a_z)
 
 
 def test_the_wrench_for_a_vehicle_on_its_path_is_that_of_flatness():
     """With equal moments of inertia there is no gyroscopic torque, which the controller neglects."""
     demand, measured, estimate = flown(TorqueChain)
-    alike = WITH_TORQUES.torques._replace(i_xx=0.01, i_yy=0.01, i_zz=0.01)
-    numbers = WITH_TORQUES._replace(torques=alike, thrust=FREE)
+    alike = TORQUE_LQG.torques._replace(i_xx=0.01, i_yy=0.01, i_zz=0.01)
+    numbers = TORQUE_LQG._replace(torques=alike, thrust=FREE)
     requested = asked_for(SNAP.x, SNAP.y, REFERENCE.a_z)
     wrench = wrench_for(requested, estimate, measured, REFERENCE, JERK, SNAP, numbers)
     assert wrench[:3] == pytest.approx(demand.wrench[:3])
@@ -251,20 +251,20 @@ def test_the_wrench_for_a_vehicle_on_its_path_is_that_of_flatness():
 def test_the_attitude_target_of_a_vehicle_on_its_path_is_its_attitude():
     demand, measured, estimate = flown(AttitudeChain)
     requested = asked_for(REFERENCE.a_x, REFERENCE.a_y, REFERENCE.a_z)
-    target = target_for(requested, estimate, measured, REFERENCE, WITH_TARGETS._replace(thrust=FREE))
+    target = target_for(requested, estimate, measured, REFERENCE, TARGET_LQG._replace(thrust=FREE))
     assert target == pytest.approx((demand.wrench.thrust, *demand.attitude, 0.0, 0.0, REFERENCE.yaw_rate))
 
 
 def test_the_thrust_that_keeps_the_height_compensates_the_disturbance():
     estimate, sent = running(AttitudeChain).estimate, under_way(1, None)
-    free = WITH_TARGETS._replace(thrust=FREE)
+    free = TARGET_LQG._replace(thrust=FREE)
     correction = Acceleration(0.2, -0.3, 0.1)
     found = regulated(estimate, REFERENCE, JERK, SNAP, sent, correction, None, free, TICK)
     against = estimate.z.first + estimate.z.second
     assert found.upward == pytest.approx(9.81 + REFERENCE.a_z - 0.1 - against)
     # The value stays within the limits of the thrust, which avoids a division by zero.
     falling = REFERENCE._replace(a_z=-50.0)
-    held = regulated(estimate, falling, JERK, SNAP, sent, None, None, WITH_TARGETS, TICK)
+    held = regulated(estimate, falling, JERK, SNAP, sent, None, None, TARGET_LQG, TICK)
     assert held.upward == pytest.approx(2.0 / 0.68)
 
 
@@ -272,7 +272,7 @@ def test_the_thrust_that_keeps_the_height_compensates_the_disturbance():
 def test_thrust_changes_do_not_affect_the_commanded_and_the_estimated_attitude(change):
     """Additional thrust accelerates a tilted vehicle sideways, which the filter does not attribute to the attitude."""
     _, measured, estimate = flown(AttitudeChain)
-    free = WITH_TARGETS._replace(thrust=FREE)
+    free = TARGET_LQG._replace(thrust=FREE)
     shaken = estimate._replace(z=estimate.z._replace(thrust=estimate.z.thrust + change))
     calm, other = asked_for(1.3, -0.7, 0.4), asked_for(1.3, -0.7, 0.4 + change)
     commanded = target_for(calm, estimate, measured, REFERENCE, free)
@@ -283,7 +283,7 @@ def test_thrust_changes_do_not_affect_the_commanded_and_the_estimated_attitude(c
     assert harder.thrust - commanded.thrust == pytest.approx(0.68 * change / up)
     _, seen_too, turning = flown(TorqueChain)
     shaken_too = turning._replace(z=turning.z._replace(thrust=turning.z.thrust + change))
-    torques = WITH_TORQUES._replace(thrust=FREE)
+    torques = TORQUE_LQG._replace(thrust=FREE)
     turned, turned_too = (
         wrench_for(requested, estimate, seen_too, REFERENCE, JERK, SNAP, torques)
         for requested, estimate in ((calm, turning), (other, shaken_too))
