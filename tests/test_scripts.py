@@ -41,10 +41,7 @@ def test_the_table_of_scripts_lists_each_with_its_purpose():
     table = dict(
         re.findall(r"^\| \[`(\w+\.py)`\]\(\1\) \| (.+) \|$", (ROOT / "scripts" / "README.md").read_text(), re.M)
     )
-    purposes = {
-        force_per_rotor.name: ast.get_docstring(ast.parse(force_per_rotor.read_text())).partition("\n")[0]
-        for force_per_rotor in SCRIPTS
-    }
+    purposes = {each.name: ast.get_docstring(ast.parse(each.read_text())).partition("\n")[0] for each in SCRIPTS}
     assert table == purposes
 
 
@@ -276,8 +273,8 @@ def test_a_program_plans_through_gates_within_its_speed_and_the_plan_is_flown(ru
 def test_a_custom_controller_is_compared_with_that_of_the_scenario(run_script):
     """Both errors are slightly more than a centimetre."""
     text, _ = run_script("sliding_mode_controller.py")
-    (pd,), (vehicle_context,) = numbers("RMSE, pd: # cm", text), numbers("RMSE, sliding mode: # cm", text)
-    assert (pd, vehicle_context) == (pytest.approx(1.33, abs=0.05), pytest.approx(1.58, abs=0.05))
+    (pd,), (custom,) = numbers("RMSE, pd: # cm", text), numbers("RMSE, sliding mode: # cm", text)
+    assert (pd, custom) == (pytest.approx(1.33, abs=0.05), pytest.approx(1.58, abs=0.05))
 
 
 @pytest.mark.slow
@@ -303,14 +300,14 @@ def test_a_drone_from_a_data_sheet_has_margins_and_flies(run_script, tmp_path):
 @pytest.mark.slow
 def test_a_custom_regulator_is_compared_with_the_built_in_controller(run_script):
     text, _ = run_script("lqr_with_kalman_filter.py")
-    vehicle_context, low, high = numbers(r"RMSE, LQR: # cm \[#, #\]", text)
-    assert 4.0 < low < vehicle_context < high < 5.0
+    custom, low, high = numbers(r"RMSE, LQR: # cm \[#, #\]", text)
+    assert 4.0 < low < custom < high < 5.0
     assert high - low < 0.1
     other, least, most = numbers(r"RMSE, indi: # cm \[#, #\]", text)
     assert 3.0 < least < other < most < 4.0
     share, least, most = numbers(r"ratio of the errors: # \[#, #\]", text)
     assert least <= share <= most
-    assert share == pytest.approx(vehicle_context / other, abs=0.02)
+    assert share == pytest.approx(custom / other, abs=0.02)
 
 
 @pytest.mark.slow
