@@ -1,4 +1,4 @@
-"""Tests of the evaluation of a network before it is saved."""
+"""Tests of the evaluation of a network's layers, which checks a policy before it is saved."""
 
 import numpy as np
 

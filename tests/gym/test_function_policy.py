@@ -1,4 +1,4 @@
-"""Tests of policies in plain Python."""
+"""Tests of policies that are functions in plain Python."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tests of the scenario of an environment."""
+"""Tests of the conversion of a scenario to the task of an environment."""
 
 import numpy as np
 import pytest
@@ -10,8 +10,8 @@ from drake_quad.scenario.files.loading import with_fields
 
 
 @pytest.mark.slow
-def test_a_missing_attitude_control_is_designed_as_the_attitude_loop_of_any_cascade():
-    """RAPTOR commands rotor speeds, so its scenario has no attitude control. The plant alone determines the gains."""
+def test_a_missing_attitude_controller_is_designed_like_the_attitude_loop_of_a_cascade():
+    """The scenario of RAPTOR has no attitude controller, because it commands rotor speeds."""
     scenario = load_scenario("figure_eight", layers=["controllers/raptor:raptor_plus"])
     assert getattr(scenario.control, "attitude", None) is None
     gains = {"k_p": [4.0, 5.0, 6.0], "k_d": [2.0, 3.0, 4.0]}

@@ -235,7 +235,7 @@ def report(results: list[tuple[str, Mutant, Outcome]]) -> int:
     late = sum("SIGKILL" in (outcome.killer or "") for *_, outcome in results)
     if late:
         print(
-            f"{late} mutants count as killed because they took more than {MAX_DURATION:.0f} s; a paused machine also causes this"
+            f"{late} mutants count as killed because they took more than {MAX_DURATION:.0f} s, as on a paused machine"
         )
     print(f"wrote\n  {OUTPUT / 'mutants.csv'}\n  {OUTPUT / 'survivors.txt'}")
     if below:
