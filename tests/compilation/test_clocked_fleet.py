@@ -29,7 +29,7 @@ def restart_vehicles(fleet, diagram, vehicles):
     fleet.restart(np.array(vehicles), type(initial)._make(rows[: len(vehicles)] for rows in initial))
 
 
-def test_vehicles_that_start_at_different_times_fly_as_alone(windy):
+def test_vehicles_that_start_at_different_times_fly_like_single_vehicles(windy):
     """The scenario has wind and noise, and some vehicles restart while others continue."""
     n, plan = LANES + 3, plan_route(windy)
     diagrams = [build_fleet_diagram(Batch.draw(windy, range(first, first + n)), plan) for first in (0, 40)]
@@ -66,7 +66,7 @@ def test_the_next_state_of_the_monitor_is_its_state_a_tick_later(windy):
     for vehicle in range(n):
         metrics = simulate(windy, sample=vehicle, until=0.5, compiled=False).metrics
         np.testing.assert_allclose(np.sqrt(sums.error.x[vehicle] / 26), metrics.rmse_x, rtol=1e-9)
-    assert sums.ticks.tolist() == [26.0] * n  # including the first and the last vehicle
+    assert sums.ticks.tolist() == [26.0] * n  # the first and the last vehicle are among them
     assert fleet.next_state("crash_time").crash_time.tolist() == [np.inf] * n
 
 
@@ -80,8 +80,8 @@ def test_a_clock_stays_at_its_last_tick(windy):
     np.testing.assert_allclose(fleet.outputs("reference")[0], plan_route(windy).reference().value(0.08).ravel()[:11])
 
 
-class Still(LeafSystem):
-    """Wind in plain Python."""
+class PythonWind(LeafSystem):
+    """Zero wind in plain Python."""
 
     def __init__(self):
         super().__init__()
@@ -93,8 +93,10 @@ def test_diagrams_whose_vehicles_cannot_have_clocks_are_refused(windy):
         diagram = build_fleet_diagram(Batch.draw(scenario, range(2)), plan_route(scenario), own=UserSystems(**own))
         return ClockedFleet(diagram, tick=0.02, num_ticks=3, outputs=OUTPUTS, monitor="monitor")
 
-    with pytest.raises(InputError, match="laboratory.wind.own.source, a Still, cannot be compiled, so vehicles of"):
-        fleet_of(windy, wind=Still())
+    with pytest.raises(
+        InputError, match="laboratory.wind.own.source, a PythonWind, cannot be compiled, so vehicles of"
+    ):
+        fleet_of(windy, wind=PythonWind())
     slow = load_scenario("figure_eight", {"laboratory.motion_capture.period": 0.04})
     with pytest.raises(InputError, match="a period of the diagram is longer than a tick of 0.02 s"):
         fleet_of(slow)

@@ -1,4 +1,4 @@
-"""Tests of the machine code of events, with listings written by hand."""
+"""Tests of the machine code of events, with handwritten listings."""
 
 import itertools
 
@@ -17,7 +17,7 @@ NUM_VEHICLES = [1, 3, LANES, LANES + 3]
 
 
 def run(listing, changes, logged, *, state, parameters=(), inputs=(), shared, width=None, single_vehicle=False):
-    """Return state and log after events, given (rows, N) groups and (events, width) shared numbers."""
+    """Return the state and the log after events, given groups (rows, N) and shared numbers (events, width)."""
     state = np.array(state, dtype=float)
     n = state.shape[1]
     parameters, inputs = (np.array(rows, dtype=float).reshape(-1, n) for rows in (parameters, inputs))
@@ -42,7 +42,7 @@ def rows_of(listing, group, count):
 
 @pytest.mark.parametrize(("n", "single_vehicle"), [(1, True), *((n, False) for n in NUM_VEHICLES)])
 def test_consecutive_events_are_simulated_for_every_vehicle(n, single_vehicle):
-    """Each event reads the state after the previous one and its own shared numbers, and logs the old state."""
+    """Each event reads the state after the previous event and its own shared numbers, and logs the previous state."""
     listing = Listing()
     x, v = rows_of(listing, STATE, 2)
     ((stiffness,), (push,), step) = rows_of(listing, PARAMETERS, 1), rows_of(listing, INPUTS, 1), listing.shared(1)
@@ -69,7 +69,7 @@ def test_consecutive_events_are_simulated_for_every_vehicle(n, single_vehicle):
 
 @pytest.mark.parametrize("n", NUM_VEHICLES)
 def test_only_rows_that_change_are_written(n):
-    """Memory beyond the fleet does not change, and without events nothing changes."""
+    """Memory outside the fleet does not change. Without events, nothing changes."""
     listing = Listing()
     (x, *_) = rows_of(listing, STATE, 3)
     loop = Loop(listing, {1: x + 1.0}, [], sizes=PartSizes(3, 0, 0), width=0, single_vehicle=False)
@@ -84,7 +84,7 @@ def test_only_rows_that_change_are_written(n):
 
 
 def test_aligned_arrays_begin_at_a_cache_line():
-    """Many arrays are tested, since some are aligned by chance."""
+    """The test checks many arrays, because some are aligned by chance."""
     for size in range(1, 40):
         array = parts.aligned(size)
         assert array.size == size
@@ -102,8 +102,8 @@ def test_a_log_has_room_for_whole_vectors():
     assert [loop.num_logged for loop in loops] == [1, 1]
 
 
-def tangled():
-    """Return a listing whose numbers, truth values, words and parameters are used again much later."""
+def listing_with_late_uses():
+    """Return a listing in which numbers, truth values, words and parameters are used again much later."""
     listing = Listing()
     state, parameters = rows_of(listing, STATE, 6), rows_of(listing, PARAMETERS, 3)
     (push,) = rows_of(listing, INPUTS, 1)
@@ -123,7 +123,7 @@ def tangled():
 
 @pytest.mark.parametrize("n", [1, LANES + 1])
 @pytest.mark.parametrize("window", [2, 7, 40, 10_000])
-def test_the_order_of_lines_does_not_change_a_bit(monkeypatch, window, n):
+def test_the_order_of_lines_does_not_change_the_results(monkeypatch, window, n):
     rng = np.random.default_rng(3)
     numbers = {
         "state": rng.uniform(-9.0, 9.0, (6, n)),
@@ -132,9 +132,9 @@ def test_the_order_of_lines_does_not_change_a_bit(monkeypatch, window, n):
         "shared": rng.normal(size=(3, 1)),
     }
     monkeypatch.setattr(scheduling, "_WINDOW", 1)
-    expected, expected_log = run(*tangled(), **numbers)
+    expected, expected_log = run(*listing_with_late_uses(), **numbers)
     monkeypatch.setattr(scheduling, "_WINDOW", window)
-    found, log = run(*tangled(), **numbers)
+    found, log = run(*listing_with_late_uses(), **numbers)
     np.testing.assert_array_equal(found, expected)
     np.testing.assert_array_equal(log, expected_log)
     assert not np.array_equal(found, numbers["state"])
@@ -142,7 +142,7 @@ def test_the_order_of_lines_does_not_change_a_bit(monkeypatch, window, n):
 
 @pytest.mark.parametrize("order", list(itertools.permutations(range(4)))[::3], ids=str)
 def test_shifted_rows_are_read_before_they_are_overwritten(order):
-    """In a delay line, the first row is computed late, and the others are shifted, in any order of the lines."""
+    """The example is a delay line. Its first row is computed late, and the other rows are shifted in any order."""
     listing = Listing()
     rows = rows_of(listing, STATE, 4)
     fresh = rows[0]
@@ -166,7 +166,7 @@ def test_shifted_rows_are_read_before_they_are_overwritten(order):
 
 @pytest.mark.parametrize("targets", list(itertools.permutations(range(3))), ids=str)
 def test_rows_can_be_exchanged(targets):
-    """Other rows are computed from them, before and after the exchange."""
+    """Other rows depend on the exchanged rows, and are computed before and after the exchange."""
     listing = Listing()
     rows = rows_of(listing, STATE, 4)
     early, late = rows[0] * 2.0, rows[1] + rows[2]
@@ -208,7 +208,7 @@ def test_unused_operations_are_omitted():
 
 
 def test_a_long_chain_of_operations_does_not_recurse():
-    """This holds for results that depend on parameters only, and for the rest."""
+    """There is such a chain in the part that depends only on parameters, and in the rest."""
     listing = Listing()
     x, k = listing.row(STATE, 0), listing.row(PARAMETERS, 0)
     for _ in range(3000):
@@ -219,7 +219,7 @@ def test_a_long_chain_of_operations_does_not_recurse():
 
 @pytest.mark.parametrize(("n", "single_vehicle"), [(1, True), *((n, False) for n in NUM_VEHICLES)])
 def test_branches_are_evaluated_at_every_event(n, single_vehicle):
-    """A branch can depend on parameters only, in which case it is evaluated in advance, and occur twice in an event."""
+    """A branch that depends only on parameters is evaluated in advance. A branch can occur twice in an event."""
 
     def root(x, y):
         return elementary.sqrt(x * x + y), y

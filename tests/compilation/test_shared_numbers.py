@@ -1,4 +1,4 @@
-"""Tests of the table of shared numbers."""
+"""Tests of the table of the numbers that all vehicles share."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tests of the execution of formulas, and of ticks among their arguments."""
+"""Tests of the execution of formulas, and of their arguments that count ticks."""
 
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ PERIODS = [0.02, 0.01, 0.1, 1.0 / 3.0, 7.0, 1e-4]
 
 @pytest.mark.parametrize("period", PERIODS)
 def test_ticks_are_counted_in_pairs(period):
-    """The times are those of Drake's events, and times slightly before and after them."""
+    """The times are those of Drake's events, and slightly earlier and later times."""
     ticks = TickOf(period)
     for number in [*range(9), 1001, 123_456]:
         for time in (number * period, (number + 0.3) * period, (number - 0.3) * period):
@@ -83,14 +83,14 @@ def test_absent_results_are_omitted():
     np.testing.assert_array_equal(found, [[1.0, 3.0], [2.0, 6.0]])
 
 
-def test_an_operation_is_written_down_for_symbols_alone():
+def test_an_operation_without_symbols_cannot_be_recorded():
     with pytest.raises(TypeError, match="none of the operands is a symbol"):
         operation("add", 1.0, 2.0)
 
 
 @pytest.mark.parametrize("n", [1, 3])
 def test_rows_are_packed_one_after_another(n):
-    """Each is a number or one of each vehicle; a row of another size is refused."""
+    """A row is one number or a number for each vehicle. Rows of other sizes are refused."""
     row = np.arange(1.0, n + 1.0)
     np.testing.assert_array_equal(
         packed([2.0, row, np.array(5.0), True], n), [*[2.0] * n, *row, *[5.0] * n, *[1.0] * n]
@@ -126,7 +126,7 @@ def test_where_keeps_parts_that_are_none():
         lambda x: True,
     ],
 )
-def test_comparisons_are_numbers_in_machine_code_as_in_python(formula, n):
+def test_comparisons_can_be_used_as_numbers_in_machine_code_and_in_python(formula, n):
     x = np.linspace(-1.0, 3.0, n) if n > 1 else np.array([0.5])
     found = np.full(n, np.nan)
     kernel(formula, (ROW,), (ROW,), single_vehicle=n == 1)(n, 0.0, found, x)
