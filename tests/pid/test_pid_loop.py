@@ -1,4 +1,4 @@
-"""PID loops and filters, compared with closed forms."""
+"""Tests of PID loops and filters by comparison with closed forms."""
 
 import math
 
@@ -13,7 +13,7 @@ PERIOD = 0.01
 
 
 def run(terms, setpoints, measurements, k_p=0.0, **options):
-    """Return the outputs of a loop over ticks."""
+    """Return the outputs of a loop at consecutive ticks."""
     memory, outputs = Memory.of(terms), []
     for setpoint, measured in zip(setpoints, measurements, strict=True):
         output, memory = pid(setpoint, measured, k_p, terms, memory, PERIOD, **options)
@@ -29,7 +29,7 @@ def test_a_filter_halves_the_power_at_its_bandwidth_and_has_unit_dc_gain(make):
     np.testing.assert_allclose(np.abs(response), [1.0, np.sqrt(0.5)], rtol=1e-2 if make is first_order else 1e-9)
 
 
-def test_the_filter_of_second_order_matches_scipy():
+def test_the_second_order_filter_agrees_with_scipy():
     b_0, b_1, b_2, a_1, a_2 = butterworth(2.0 * np.pi * 30.0, 0.002)
     b, a = scipy.signal.butter(2, 30.0, fs=500.0)
     np.testing.assert_allclose([b_0, b_1, b_2], b, rtol=1e-12)
@@ -49,11 +49,11 @@ def test_an_integral_saturates_and_leaves_its_limit_at_once(first, offset):
     growth = 3.0 * 2.0 * PERIOD
     np.testing.assert_allclose(found[:20], growth * (ticks[:20] + offset), atol=1e-12)
     assert found[35] == pytest.approx(1.5)
-    assert found[41 - offset] == pytest.approx(1.5 - growth), "no windup"
+    assert found[41 - offset] == pytest.approx(1.5 - growth), "the integral must not wind up"
     np.testing.assert_allclose(run(Terms(Integral(3.0, 1.5)), -errors, np.zeros(60), integrates_first=first), -found)
 
 
-def test_growth_of_an_integral_falls_with_the_squared_error():
+def test_the_growth_of_an_integral_decreases_with_the_squared_error():
     for error, share in [(0.5, 1.0 - 0.25**2), (1.0, 0.75), (2.0, 0.0), (3.0, 0.0)]:
         found = run(Terms(Integral(3.0, 9.0, 2.0)), [error] * 2, [0.0] * 2)
         assert found[1] == pytest.approx(3.0 * share * error * PERIOD)

@@ -1,4 +1,4 @@
-"""Tables of results come back as they were written."""
+"""Tests that tables of results are read back as they were written."""
 
 import numpy as np
 import pytest
@@ -21,8 +21,8 @@ def test_an_interval_takes_three_columns(tmp_path):
     assert read_table(write_rows(tmp_path / "rows.csv", rows, digits=3))["rmse"].tolist() == [0.333, 5.0]
 
 
-def test_groups_come_back_in_their_order_with_their_columns(tmp_path):
-    """Columns are found by name, also in a group that has them in another order, and a group may have one row."""
+def test_groups_are_read_back_in_their_order_with_their_columns(tmp_path):
+    """Columns are identified by name, even if a group has them in another order. A group may have a single row."""
     groups = {
         ("b", "x"): {"time": np.array([0.1, 1 / 3]), "error": np.array([np.nan, np.inf])},
         ("a", "x"): {"error": np.array([3.0]), "time": np.array([4.0])},
