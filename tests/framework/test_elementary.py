@@ -1,3 +1,5 @@
+"""Tests of elementary functions on numbers, arrays, AutoDiffXd and Expression, by comparison with NumPy and SciPy."""
+
 import math
 
 import numpy as np

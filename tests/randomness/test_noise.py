@@ -1,3 +1,5 @@
+"""Tests of noise sources: their numbers, periods and connections to the random ports of systems."""
+
 import numpy as np
 import oracle.randomness
 import pytest

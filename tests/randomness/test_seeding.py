@@ -1,3 +1,5 @@
+"""Comparison of the seeding of samples with the seed sequences of NumPy."""
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st

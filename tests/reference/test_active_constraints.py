@@ -1,3 +1,5 @@
+"""Tests of the report on limits and walls that are active along a path."""
+
 import numpy as np
 import pytest
 
@@ -31,7 +33,7 @@ def test_a_wall_that_is_touched_between_waypoints_is_active():
     path = minimum_snap([[0.0, 0.0], [1.0, 1.0], [2.0, 0.0]], [0.0, 1.0, 2.0])
     top = Box([-1.0, -1.0], [3.0, 1.0])
     found = active_constraints(path, PathLimits(), (top, None))
-    # The path turns back at the waypoint, which is on both segments. Only the first one has a corridor.
+    # The path turns back at the waypoint, which belongs to both segments. Only the first segment has a corridor.
     assert all((binding.what, binding.where) == ("corridor", "y max") for binding in found)
     assert active_constraints(path, PathLimits(), (Box([-1.0, -1.0], [3.0, 1.1]), None)) == []
 
@@ -41,7 +43,7 @@ def test_nothing_is_active_below_the_limits():
 
 
 def test_active_constraints_are_in_order_of_time_with_their_segments():
-    """A zigzag from 1 s on turns back at walls on its first and third segment, and is fastest on its second."""
+    """The zigzag starts at 1 s. It turns back at walls on its first and third segments, and is fastest in between."""
     times = [1.0, 2.5, 3.0, 5.0]
     path = minimum_snap([[0.0, 0.0], [0.0, 1.0], [0.0, -1.0], [1.0, 0.0]], times)
     samples = np.linspace(1.0, 5.0, 40_001)

@@ -1,3 +1,5 @@
+"""Tests of the parts of a path problem and of the checks of its input."""
+
 import math
 
 import numpy as np
@@ -62,7 +64,7 @@ def test_by_default_a_problem_has_rest_at_the_ends_and_no_limits():
     np.testing.assert_array_equal(unlimited.derivatives, PUSHED)
 
 
-def test_the_first_and_the_last_waypoint_are_in_one_corridor_only():
+def test_the_first_and_the_last_waypoint_belong_to_only_one_corridor():
     corridors = [around([-1, -1, -1], [2, 1, 1]), around([1, -1, -1], [3, 3, 1])]
     places = [Box([-5, 0, 0], [5, 0, 0]), POINTS[1], Box([0, 2, 0], [2.5, 2, 0])]
     problem = PathProblem(places, corridors=corridors)
@@ -72,7 +74,7 @@ def test_the_first_and_the_last_waypoint_are_in_one_corridor_only():
 
 
 def test_feasible_problems_are_accepted():
-    """These are a velocity along a flat corridor, one at its limit, and a region around the centre of another."""
+    """The examples are a velocity along a flat corridor, a velocity at its limit, and nested regions."""
     flat = around([2, 0, 0], [2, 2, 0])
     PathProblem(POINTS, derivatives=ALONG_Y, corridors=[None, flat], limits=PathLimits(speed=3.0))
     PathProblem([POINTS[0], Box([-1e-7, -1, 0], [1e-7, 1, 0]), POINTS[2]])

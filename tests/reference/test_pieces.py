@@ -1,4 +1,4 @@
-"""Plans are exchanged as pieces with Crazyswarm2 and minsnap-trajectories."""
+"""Tests of the exchange of plans with Crazyswarm2 and minsnap-trajectories, as polynomial pieces."""
 
 import sys
 
@@ -24,13 +24,13 @@ from drake_quad.reference.trajectory_files import save_plan
 from drake_quad.scenario.files.loading import load_mission
 
 PATH = minimum_snap([[0, 0, 1], [1, 2, 1.5], [3, 1, 2], [2, 0, 1]], [0.0, 1.7, 3.01, 5.2])
-# The knots of the yaw differ from those of the path.
+# The yaw and the path have different knots.
 YAW = hermite_path(
     np.array([0.0, 1.1, 1.7, 4.4, 5.2]), np.array([[[0.3], [0.0]], [[0.8], [0.2]], *[[[1.0], [-0.3]]] * 3])
 )
 PLAN = Plan(PATH, YAW)
 
-# As in files of uav_trajectories, with six decimals: from rest to rest over a metre, and back.
+# Pieces from rest to rest over a metre and back, with six decimals as in files of uav_trajectories.
 STILL = ",".join(["0.000000"] * 16)
 THERE_AND_BACK = f"""\
 # {",".join(COLUMNS)}
@@ -50,7 +50,7 @@ def write(tmp_path):
 
 
 def assert_alike(one, other, start=0.0, atol=1e-12):
-    """Assert that position to snap and the yaw agree, relative to the largest value of each."""
+    """Assert that position to snap and the yaw agree, with errors relative to the largest value of each."""
     times = np.linspace(start, one.path.times[-1], 2001)[1:-1]
     for part, orders in (("path", 5), ("yaw", 2)):
         for order in range(orders):
@@ -62,12 +62,12 @@ def assert_alike(one, other, start=0.0, atol=1e-12):
 def test_a_round_trip_through_a_file_keeps_the_plan(tmp_path):
     again = plan_route(load_mission(save_pieces(PLAN, tmp_path / "mine.csv")))
     assert_alike(PLAN, again)
-    # A piece ends at each knot of the path or the yaw. The yaw has the additional knots 1.1 and 4.4.
+    # A piece ends at each knot of the path or the yaw, such as 1.1 s and 4.4 s, which are only knots of the yaw.
     np.testing.assert_allclose(again.path.times, [0.0, 1.1, 1.7, 3.01, 4.4, 5.2], rtol=1e-15)
 
 
 def test_a_file_can_be_read_as_crazyswarm2_does(tmp_path):
-    """It uses `numpy.loadtxt(filename, delimiter=",", skiprows=1)` and polynomials in seconds, lowest power first."""
+    """Crazyswarm2 uses `numpy.loadtxt(filename, delimiter=",", skiprows=1)`, with the lowest power first."""
     file = save_pieces(PLAN, tmp_path / "mine.csv")
     assert file.read_text().splitlines()[0] == ",".join(COLUMNS)
     assert COLUMNS[:3] + COLUMNS[-1:] == ("duration", "x^0", "x^1", "yaw^7")
@@ -83,7 +83,7 @@ def test_a_file_can_be_read_as_crazyswarm2_does(tmp_path):
 
 @pytest.mark.parametrize("turns", [[0, 1, 1, 1, 1], [0, -1, 2, 0, -3], [1, 1, 1, 1, 1]])
 def test_pieces_whose_yaws_differ_by_whole_turns_have_one_heading(turns):
-    """Other programs write yaw angles between -π and π."""
+    """Other programs write yaw angles from -π to π."""
     rows = pieces_of(PLAN)
     rows[:, COLUMNS.index("yaw^0")] += 2.0 * np.pi * np.array(turns)
     again = plan_of_pieces(rows)
@@ -92,7 +92,7 @@ def test_pieces_whose_yaws_differ_by_whole_turns_have_one_heading(turns):
 
 
 @pytest.mark.parametrize("before", [3.14159, -3.14159, 0.4])
-def test_a_vehicle_keeps_its_heading_where_the_yaw_of_a_file_wraps(write, before):
+def test_the_yaw_is_continuous_where_the_yaw_of_a_file_wraps(write, before):
     after = before - np.copysign(6.28318, before) if abs(before) > 1.0 else before + 4.0 * np.pi
     text = f"duration,x^0,y^0,z^0,yaw^0,yaw^1\n1,0,0,1,{before - 0.1},0.1\n1,0,0,1,{after},0.1\n"
     plan = plan_route(load_mission(write(text)))
@@ -121,7 +121,7 @@ def test_a_path_of_too_high_a_degree_cannot_be_written():
 
 
 def test_a_file_of_other_programs_is_read(write):
-    """It has a # before the names, an empty line and a trailing comma. It moves 1 m in 2 s, and back in 4 s."""
+    """The file has a # before the names, an empty line and a trailing comma. It moves 1 m in 2 s, and back in 4 s."""
     plan = plan_route(load_mission(write(THERE_AND_BACK)))
     np.testing.assert_array_equal(plan.path.times, [0.0, 2.0, 6.0])
     shares = np.linspace(0.0, 1.0, 21)
@@ -145,7 +145,7 @@ there:
     flight = simulate(scenario, compiled=True)
     assert flight.metrics.rmse < 0.01
     folder = flight.save(tmp_path / "flown")[0].parent
-    assert load_scenario(folder / "scenario.yaml") == flight.scenario  # without the table
+    assert load_scenario(folder / "scenario.yaml") == flight.scenario  # needs no there.csv in its folder
 
 
 def test_a_trajectory_of_knots_also_has_an_origin_and_a_time_scale(diagrams):
@@ -162,7 +162,7 @@ def test_a_trajectory_of_knots_also_has_an_origin_and_a_time_scale(diagrams):
 
 
 def test_defaults_of_a_trajectory_are_not_written(diagrams):
-    """Studies from before these options existed can therefore be continued."""
+    """Therefore, studies from before these options existed can be continued."""
     knots = [{"time": 0.0, "position": [0, 0, 0]}, {"time": 4.0, "position": [1, 0, 0]}]
     route = load_mission(diagrams / "figure_eight.yaml", {"route": {"kind": "trajectory", "knots": knots}}).route
     assert [*route.model_dump()] == ["kind", "knots", "yaw_knots"]
@@ -262,7 +262,7 @@ def test_lines_before_the_header_are_ignored(write, before):
 
 
 def test_many_empty_lines_are_read_quickly(write):
-    """The time is proportional to their number; with a quadratic algorithm the test would take minutes."""
+    """The time is proportional to the number of lines. With a quadratic algorithm, the test would take minutes."""
     with pytest.raises(InputError, match="contains no waypoints"):
         load_mission(write("\n" * 300_000))
 

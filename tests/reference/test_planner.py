@@ -1,3 +1,5 @@
+"""Tests of the planner with all timings, on random routes and by comparison with independent searches."""
+
 import itertools
 import os
 import re
@@ -24,7 +26,7 @@ from drake_quad.reference.time_allocation import rest_to_rest_durations
 LIMITS = PathLimits(speed=2.0, acceleration=0.7)
 SQUARE = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [0, 0, 1]], dtype=float)
 HALLWAYS = [Box(np.minimum(a, b) - 0.1, np.maximum(a, b) + 0.1) for a, b in itertools.pairwise(SQUARE)]
-# A thousand of them take some minutes.
+# The variable ROUTES sets another number of random routes. A thousand routes take some minutes.
 ROUTES = int(os.environ.get("ROUTES", "15"))
 
 
@@ -37,7 +39,7 @@ def total(path):
 
 
 def shares(path, limits=LIMITS):
-    """Return dense samples of unit time that are independent of the planner."""
+    """Return the largest speed and acceleration relative to their limits, from dense samples of the path."""
     every = np.repeat(np.arange(len(path.coefficients)), 500)
     s = np.tile(np.linspace(0.0, 1.0, 500), len(path.coefficients))
     return [
@@ -47,7 +49,7 @@ def shares(path, limits=LIMITS):
 
 
 def random_points(seed):
-    """Return 2 to 60 waypoints with steps from 1 cm to 100 m, equal or not, with sharp turns and repeats."""
+    """Return 2 to 60 waypoints with equal or random steps of 1 cm to 100 m, sharp turns and repetitions."""
     rng = np.random.default_rng(seed)
     count, kind = int(rng.integers(1, 60)), int(rng.integers(4))
     steps = 10.0 ** rng.uniform(-2.0, 2.0, count) if kind < 2 else np.full(count, 10.0 ** rng.uniform(-2.0, 2.0))
@@ -96,7 +98,7 @@ def test_the_shortest_timing_is_not_slower_than_the_heuristic(seed):
 
 
 @pytest.mark.slow
-def test_any_timing_keeps_to_corridors_boxes_and_spheres():
+def test_every_timing_satisfies_corridors_boxes_and_spheres():
     places = [
         Box.point(SQUARE[0]),
         Box([1.9, -0.1, -0.1], [2.1, 0.1, 0.1]),
@@ -126,13 +128,13 @@ def test_any_timing_keeps_to_corridors_boxes_and_spheres():
 
 @pytest.mark.slow
 def test_the_shortest_time_in_a_corridor_is_near_that_of_an_independent_search():
-    """Nelder-Mead over the durations of the constrained program found 14.930 s, from two starts."""
+    """A Nelder-Mead search over the durations of the constrained program found 14.930 s from two initial points."""
     assert total(plan_path(problem(corridors=HALLWAYS), Shortest())) <= 1.002 * 14.930
 
 
 @pytest.mark.slow
 def test_the_least_snap_in_a_corridor_is_near_that_of_an_independent_search():
-    """Nelder-Mead over the durations found a cost of 13.210 m²/s⁷ in 14 s."""
+    """A Nelder-Mead search over the durations found a cost of 13.210 m²/s⁷ for 14 s."""
     path = plan_path(problem(corridors=HALLWAYS, limits=PathLimits()), LeastSnap(14.0))
     assert snap_cost(path).sum() <= 1.002 * 13.210
 
@@ -166,7 +168,7 @@ def test_a_given_velocity_is_flown():
         assert max(shares(path)) <= 1.0 + 1e-6
 
 
-def test_repeated_waypoints_are_one_unless_times_are_given():
+def test_repeated_waypoints_are_merged_unless_times_are_given():
     points = SQUARE[[0, 1, 1, 1, 2]]
     chosen = plan_path(problem(points), Shortest())
     assert len(chosen.times) == 3
@@ -202,7 +204,7 @@ def test_the_total_of_least_snap_may_be_a_millisecond_or_a_day(total):
     assert plan_path(problem(limits=PathLimits()), LeastSnap(total)).duration == pytest.approx(total, rel=1e-9)
 
 
-def test_a_flight_after_a_stay_is_that_of_a_flight_from_there():
+def test_a_flight_after_a_stay_equals_a_flight_that_starts_there():
     points = SQUARE[[0, 0, 1, 2]]
     stayed = plan_path(problem(points), GivenTimes((0.0, 3.0, 7.0, 12.0)))
     alone = MinimumSnap(SQUARE[:3], np.array([4.0, 5.0])).path()
@@ -235,7 +237,7 @@ def test_a_too_short_time_is_reported_with_a_remedy_that_works():
     )
     assert 0 <= int(words[1]) <= 3
     needed, slower = float(words[2]), float(words[3])
-    # Acceleration decreases with the square of the duration.
+    # The acceleration decreases with the square of the duration.
     assert slower == pytest.approx(np.sqrt(needed / 0.7), rel=0.01)
     path = plan_path(problem(), GivenTimes(tuple(slower * times)))
     assert max(shares(path)) <= 1.0 + 1e-6
@@ -264,7 +266,7 @@ def test_an_object_that_is_no_timing_is_rejected():
         plan_path(problem(), Shortest)
 
 
-def test_a_path_that_turns_back_is_not_slower_than_one_with_a_stop():
+def test_a_path_that_turns_back_is_not_slower_than_a_path_with_a_stop():
     points = np.array([[0.0, 0.0, 1.0], [4.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
     path = plan_path(problem(points), Shortest())
     assert total(path) <= 1.0011 * rest_to_rest_durations(points, LIMITS).sum()

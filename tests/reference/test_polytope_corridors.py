@@ -1,4 +1,4 @@
-"""Paths in corridors with faces of any direction."""
+"""Tests of paths in corridors that are polytopes with faces in any direction."""
 
 import itertools
 
@@ -24,7 +24,7 @@ def rotation(seed):
 
 
 def turned(box, matrix):
-    """Return a box as a polytope, after a rotation of space."""
+    """Return a rotated box as a polytope."""
     faces = Polytope.from_box(box)
     return Polytope(faces.normals @ matrix.T, faces.offsets)
 
@@ -38,7 +38,7 @@ def positions(path):
 
 
 def farthest_beyond(path, corridors):
-    """Return the largest violation of a corridor at samples that are independent of the planner, m."""
+    """Return the largest violation of a corridor at dense samples of a path, m."""
     s = np.linspace(0.0, 1.0, SAMPLES)
     return max(
         float((evaluate_at(path, np.full(SAMPLES, i), s) @ corridor.normals.T - corridor.offsets).max())
@@ -106,7 +106,7 @@ def test_the_distance_of_a_point_outside_is_reported():
     ("segments", "timing"), [(25, Heuristic()), (10, Shortest())], ids=["25 heuristic", "10 shortest"]
 )
 def test_a_path_stays_in_a_long_chain_of_polytopes(segments, timing):
-    """The polytopes are cells of a zigzag, with a waypoint in the intersection of each two successive ones."""
+    """The polytopes are cells of a zigzag, with a waypoint in the intersection of consecutive polytopes."""
     random = np.random.default_rng(segments)
     points = np.column_stack([np.arange(segments + 1.0), random.uniform(-0.6, 0.6, (segments + 1, 2))])
     cells = []

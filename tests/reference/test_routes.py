@@ -1,3 +1,5 @@
+"""Tests of the built-in routes, by comparison with the figures of the paper."""
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,7 @@ from drake_quad.scenario.files.loading import load_scenario
 
 
 def test_the_figure_eight_is_that_of_the_paper(diagrams):
-    """The extent is read off the paper's figures. At 2 m/s and 0.7 m/s², 20 to 31 m take 21 to 26 s."""
+    """The extent is taken from the paper's figures. At 2 m/s and 0.7 m/s², 20 to 31 m take 21 to 26 s."""
     plan = plan_route(load_scenario(diagrams / "figure_eight.yaml"))
     times = np.linspace(0.0, plan.duration, 5000)
     position = evaluate(plan.path, times)
@@ -65,7 +67,7 @@ def test_a_circle_is_flown_anticlockwise_from_the_x_axis_in_steps_of_45_degrees(
     assert route.legs == (("lap 1", 0), ("lap 2", 8), ("lap 3", 16))
 
 
-def test_by_default_it_has_the_extent_of_the_paper_s_figures():
+def test_by_default_the_figure_eight_has_the_extent_in_the_paper():
     waypoints = figure_eight().waypoints
     np.testing.assert_allclose(waypoints[1], [0.0, 0.0, 1.0])
     upper, lower = waypoints[2:9], waypoints[10:17]
@@ -77,7 +79,7 @@ def test_by_default_it_has_the_extent_of_the_paper_s_figures():
 def test_the_legs_of_the_figure_eight_begin_where_their_names_say():
     route = figure_eight(radius=1.0, offset=2.0, lower_height=1.0, upper_height=3.0)
     begins = {leg.name: route.waypoints[leg.first] for leg in route.legs}
-    x, y = np.sqrt(0.75), 1.5  # point at which a tangent from the start touches a circle
+    x, y = np.sqrt(0.75), 1.5  # point of tangency of a tangent from the start to a circle
     wanted = {
         "rise": [0.0, 0.0, 0.0], "climb": [0.0, 0.0, 1.0],
         "circle": [x, y, 3.0], "straight": [-x, y, 3.0],

@@ -1,3 +1,5 @@
+"""Tests of the files of a saved plan."""
+
 import numpy as np
 import pytest
 
@@ -16,7 +18,7 @@ def saved(plan, folder, **options):
 
 
 @pytest.mark.parametrize(("options", "period"), [({}, 0.02), ({"period": 0.1}, 0.1)])
-def test_a_plan_is_sampled_every_period_and_at_its_end(tmp_path, options, period):
+def test_a_plan_is_sampled_periodically_and_at_its_end(tmp_path, options, period):
     times = read_table(saved(PLAN, tmp_path, **options))["time (s)"]
     np.testing.assert_allclose(times[:-1], 0.5 + period * np.arange(len(times) - 1), rtol=1e-9)
     assert times[-1] == 3.01

@@ -1,4 +1,4 @@
-"""Explanations name the waypoints without a route between them, and the obstacles that block it."""
+"""Tests of the explanation why there is no route: which waypoints are not connected, and what blocks the way."""
 
 import pytest
 
@@ -8,7 +8,7 @@ from drake_quad.space.blocked import explain_blockage
 from drake_quad.space.shapes import Cuboid
 from drake_quad.space.space import Obstacle, Space
 
-# The room is 2 m by 1 m by 1 m. Its bounds exclude the clearance of 0.1 m from its walls.
+# The room is 2 m by 1 m by 1 m. Its bounds keep the clearance of 0.1 m from its walls.
 BOUNDS = Box([0.1, 0.1, 0.1], [1.9, 0.9, 0.9])
 CLEARANCE = r"with a clearance of 0\.1 m"
 LEFT = Box.point([0.3, 0.5, 0.5])
@@ -56,11 +56,11 @@ def test_the_smallest_sets_of_obstacles_that_block_all_routes_are_named(walls, e
 
 
 def test_sets_whose_removal_certainly_opens_a_route_are_preferred():
-    """Without the first wall, a gap of 5 cm is left for the centre of mass, the step of the grid: not certain."""
+    """Without the first wall, a gap of 5 cm remains, the spacing of the grid, so that a route is not certain."""
     sides = {"left": wall(1.3, high=0.375), "right": wall(1.3, low=0.625)}
     said = explained({"a": wall(0.7), **sides})
     assert said.endswith("without a and left, or without a and right, there would be one")
-    # A gap of 30 cm is certain.
+    # With a gap of 30 cm, a route is certain.
     sides = {"left": wall(1.3, high=0.25), "right": wall(1.3, low=0.75)}
     assert explained({"a": wall(0.7), **sides}).endswith("without a, there would be one")
 
@@ -79,7 +79,7 @@ def test_a_gap_too_narrow_for_any_grid_is_reported_with_its_width():
     said = explained(gap)
     assert said.startswith("no way was found with a clearance of 0.1 m (radius 0.07 + margin 0.03); there may be one")
     assert said.endswith("through gaps that are narrower than 0.035 m for the centre of mass")
-    # Gaps that are 1 mm too narrow are not always recognised as closed, but gaps that are 5 cm too narrow are.
+    # Gaps that are 1 mm too narrow are not always recognised as closed, in contrast to gaps that are 5 cm too narrow.
     assert "there is no way" in explained({"left": wall(1.0, high=0.425), "right": wall(1.0, low=0.575)})
 
 
@@ -91,7 +91,7 @@ def test_the_blocked_leg_is_named():
 
 
 def test_legs_that_are_open_separately_can_be_blocked_together():
-    """A wall divides the waypoint between them: one leg ends in one part, and the next begins in the other part."""
+    """A wall divides the waypoint between the legs. One leg ends in one part, and the next begins in the other part."""
     gate = Box([0.9, 0.2, 0.5], [1.1, 0.8, 0.5])
     across = Cuboid((1.0, 0.5, 0.5), size=(2.0, 0.06, 1.0))
     below, above = Box.point([0.3, 0.2, 0.5]), Box.point([1.7, 0.8, 0.5])
@@ -119,7 +119,7 @@ def test_a_corridor_is_named_only_for_its_own_segment():
 
 
 def test_corridors_that_are_blocked_together_are_both_named():
-    """The middle waypoint can be reached on one side of a wall only, and left on the other side only."""
+    """The middle waypoint can only be reached on one side of a wall, and only be left on the other side."""
     across = Cuboid((1.0, 0.5, 0.5), size=(1.0, 0.06, 1.0))
     gate = Box([1.0, 0.2, 0.5], [1.0, 0.8, 0.5])
     lower, upper = Box([0.0, 0.0, 0.0], [2.0, 0.5, 1.0]), Box([0.0, 0.5, 0.0], [2.0, 1.0, 1.0])
@@ -132,7 +132,7 @@ def test_corridors_that_are_blocked_together_are_both_named():
 
 
 def test_bounds_alone_can_block_all_routes():
-    """The bounds end before the second waypoint, whatever obstacles there are."""
+    """The bounds end before the second waypoint, regardless of the obstacles."""
     said = explained({"a": wall(1.0)}, (LEFT, RIGHT), bounds=Box([0.1, 0.1, 0.1], [1.2, 0.9, 0.9]))
     assert said.startswith("there is no way from waypoint 0 to waypoint 1 with a clearance of 0.1 m")
     assert said.endswith("within the bounds of the space")
@@ -140,7 +140,7 @@ def test_bounds_alone_can_block_all_routes():
 
 @pytest.mark.parametrize("backwards", [False, True])
 def test_a_leg_without_a_corridor_may_leave_the_corridor_of_its_neighbour(backwards):
-    """A wall closes the room on the left. One leg stays in a corridor on one side of it, the other leads around it."""
+    """A wall closes the room on the left. One leg stays in a corridor on one side, and the other leads around it."""
     corridor = Box([0.0, 0.0, 0.0], [0.7, 0.45, 1.0])
     places = [Box.point([0.3, 0.3, 0.5]), Box.point([0.5, 0.3, 0.5]), Box.point([1.7, 0.3, 0.5])]
     corridors = [corridor, None]
@@ -151,7 +151,7 @@ def test_a_leg_without_a_corridor_may_leave_the_corridor_of_its_neighbour(backwa
 
 
 def test_a_single_blocking_obstacle_among_many_is_named_alone():
-    """Only one of ten obstacles is in the way; pairs with this obstacle are not named."""
+    """Only one of ten obstacles blocks the way. Pairs that contain this obstacle are not named."""
     beside = {f"b{i}": Cuboid((0.5 + 0.01 * i, 0.15, 0.15), size=(0.02, 0.02, 0.02)) for i in range(9)}
     said = explained({**beside, "a": wall(1.0)})
     assert said.endswith("without a, there would be one")

@@ -1,3 +1,5 @@
+"""Tests of the smallest distance between a path and obstacles, by comparison with dense samples."""
+
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
@@ -61,7 +63,7 @@ def test_an_obstacle_at_the_end_of_a_piece_is_not_missed(share):
 
 @pytest.mark.parametrize("seed", range(20))
 def test_the_nearest_of_many_small_obstacles_is_found(seed):
-    """The 60 balls are at random places around a path with random corners and durations."""
+    """There are 60 balls at random positions around a path with random waypoints and durations."""
     random = np.random.default_rng([3, seed])
     path = minimum_snap(random.uniform(-5.0, 5.0, (4, 3)), np.cumsum([0.0, *random.uniform(0.3, 2.0, 3)]))
     places = evaluate(path, random.uniform(path.times[0], path.times[-1], 60)).T + random.normal(size=(60, 3)) * 0.3
@@ -81,7 +83,7 @@ def test_an_approach_is_printed_in_one_line():
 
 
 def test_the_distance_of_a_path_at_rest_is_that_of_its_position():
-    """Nothing moves, so no piece can contain a nearer point than its middle."""
+    """On a path at rest, the middle of a piece is its nearest point."""
     path = minimum_snap(np.array([[1.0, 2.0, 3.0]] * 2), np.array([0.0, 2.0]))
     found = nearest_approach(path, Space((Obstacle("ball", Ball((1.0, 2.0, 4.0), radius=0.25)),), radius=0.1))
     assert found.distance == pytest.approx(0.75)

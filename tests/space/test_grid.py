@@ -1,4 +1,4 @@
-"""Grids: their points, the routes over them, and their connected components."""
+"""Tests of grids: their points, routes over their points, and their connected components."""
 
 import itertools
 
@@ -15,7 +15,7 @@ from drake_quad.space.shapes import Cuboid
 from drake_quad.space.space import Obstacle, Space
 
 EMPTY = Space((), radius=0.1)
-# The steps of this grid differ from axis to axis.
+# Each axis of this grid has another spacing.
 UNEVEN = Box([0.3, -1.0, 2.0], [1.31, 0.02, 2.73])
 
 
@@ -26,7 +26,7 @@ def wall_at(x, thickness, **clearance):
 
 
 def indices(grid):
-    """Return the (n, 3) indices of the points of a grid along its axes."""
+    """Return the indices (n, 3) of the points of a grid along its axes."""
     return np.stack(np.unravel_index(np.arange(len(grid.points)), grid.shape), axis=-1)
 
 
@@ -38,7 +38,7 @@ def test_a_grid_spans_its_bounds_with_as_many_points_as_allowed(most):
     np.testing.assert_allclose(grid.points, expected, atol=1e-12)
     np.testing.assert_allclose(grid.steps, (UNEVEN.high - UNEVEN.low) / (np.array(grid.shape) - 1))
     assert grid.spacing == max(grid.steps)
-    # A grid is either as fine as allowed or uses most of its points.
+    # A grid is either as fine as allowed, or has nearly as many points as allowed.
     finest = tuple(np.ceil((UNEVEN.high - UNEVEN.low) / 0.05).astype(int) + 1)
     assert grid.shape == finest or len(grid.points) > 0.5 * most
     assert grid.spacing <= 0.05 or grid.shape != finest
@@ -75,9 +75,9 @@ def test_each_pair_of_neighbours_is_found_once():
 
 
 def over_steps(grid, start):
-    """Return the (n,) lengths of the shortest routes from one point to each over steps in 26 directions.
+    """Return the lengths (n,) of the shortest routes from one point to all points, with steps in 26 directions.
 
-    A shortest route takes as many steps as possible along three axes, then along two, then along one.
+    A shortest route has as many steps as possible along three axes, then along two axes, then along one axis.
     """
     counts = np.abs(indices(grid) - indices(grid)[start])
     order = np.argsort(-counts, axis=1)
@@ -89,7 +89,7 @@ def over_steps(grid, start):
 
 @pytest.mark.parametrize("most", [400, 3000])
 def test_without_obstacles_a_route_has_the_length_of_its_steps(most):
-    """A starting point is connected to all grid points within 1.8 spacings, and each of these to others by steps."""
+    """A starting point is connected to all grid points within 1.8 spacings, and these are connected by steps."""
     grid = Grid.of(EMPTY, UNEVEN, most=most, finest=0.02)
     place = grid.points[len(grid.points) // 3] + 0.3 * grid.steps
     lengths, before = grid.lengths_from(place[None], 0.1)
@@ -127,13 +127,13 @@ def test_the_cost_of_a_route_decreases_from_twice_its_length_with_its_clearance(
     clearance = grid.space.clearance
     assert (grid.nearest >= clearance).sum() == len(row) == 11
     lengths, _ = grid.lengths_from(grid.points[row[:1]], clearance)
-    # The first two points are connected directly to the starting point.
+    # The first two points are directly connected to the starting point.
     np.testing.assert_allclose(lengths[row[1]], 0.1)
     np.testing.assert_allclose(np.diff(lengths[row[1:]]), 0.1 * factor, rtol=1e-6)
 
 
-def test_the_cost_of_a_step_depends_on_its_end_with_less_clearance():
-    """The route leads straight away from a wall, so the clearance grows from step to step."""
+def test_the_cost_of_a_step_depends_on_the_smaller_clearance_of_its_ends():
+    """The route leads straight away from a wall, so the clearance increases with each step."""
     space = wall_at(-0.31, 0.2, radius=0.2)
     grid = Grid.of(space, Box([0.0, 0.0, 0.0], [1.0, 0.0, 0.0]), most=100, finest=0.1)
     expected = 0.1 * (1.0 + 0.1 / (0.1 + 0.01 + 0.1 * np.arange(10)))
@@ -145,9 +145,10 @@ def test_the_cost_of_a_step_depends_on_its_end_with_less_clearance():
 
 @pytest.mark.parametrize("offset", np.linspace(0.001, 0.049, 13))
 def test_no_route_leads_through_a_thin_wall_between_grid_points(offset):
-    """The wall is 1 cm thick, the points are 5 cm apart, and the clearance is 1 cm.
+    """The thickness of the wall is 1 cm, the spacing 5 cm, and the clearance 1 cm.
 
-    For some offsets, neighbours on both sides of the wall keep the clearance, and only a check between them finds it.
+    For some offsets, neighbouring points on both sides keep the clearance, so only a check between them detects the
+    wall.
     """
     x = 0.45 + offset
     space = wall_at(x, 0.01, radius=0.01)
@@ -164,7 +165,7 @@ def test_no_route_leads_through_a_thin_wall_between_grid_points(offset):
 
 
 def test_a_step_past_an_edge_is_free_if_the_clearance_is_small():
-    """A step whose ends are near a solid is free if its middle is free. Here it passes the edge of a thin wall."""
+    """A step with ends near a solid is free if its middle is free. The example passes the edge of a thin wall."""
     space = Space((Obstacle("wall", Cuboid((0.5, 0.175, 0.5), size=(0.01, 0.55, 3.0))),), radius=0.02)
     grid = Grid.of(space, Box([0.0, 0.0, 0.5], [1.0, 1.0, 0.5]), most=10_000, finest=0.05)
     places = np.array([[[0.1, 0.1, 0.5]], [[0.9, 0.1, 0.5]]])
@@ -254,7 +255,7 @@ PLACES = {
 def test_points_near_a_region_are_those_within_a_distance(place, distance):
     points = np.random.default_rng(4).uniform(-0.4, 1.0, (3000, 3))
     if isinstance(place, Polytope):
-        # Next to edges, where the shifted planes meet, some additional points are included.
+        # Near edges, where the shifted planes intersect, some additional points are included.
         region = HPolyhedron(place.normals, place.offsets)
         away = np.array([0.0 if region.PointInSet(p) else np.nan for p in points])
         beyond = (points @ place.normals.T - place.offsets).max(axis=1)

@@ -1,7 +1,7 @@
-"""The planner's selection of regions is compared with the best of random ones.
+"""Comparison of the planner's regions and passage with the best of many random ones.
 
-Here regions grow around random points instead of the points with the largest clearance, and passages are drawn with
-random factors on lengths. Each passage is flown as fast as the planner can.
+The random regions grow around random points instead of the points with the largest clearance, and the passages are
+drawn with random factors of lengths. The planner computes the fastest path through each passage.
 """
 
 import os
@@ -20,10 +20,11 @@ from drake_quad.space.grid import Grid
 from drake_quad.space.passage import other_passages
 from drake_quad.space.regions import SLACK, Regions
 
-# `make passages` tries a hundred in ten rooms. Other rooms have no route, or random regions do not connect the ends.
+# `make passages` tries a hundred restarts in ten rooms. In the other rooms there is no route, or random regions do not
+# connect the ends.
 RESTARTS = int(os.environ.get("RESTARTS", "10"))
 ROOMS = [1, 3, 7, 10, 11, 13, 14, 15, 17, 19][: 10 if RESTARTS >= 100 else 1]
-# This number of passages is drawn through the same regions.
+# Number of passages that are drawn through the same regions.
 _DRAWS = 10
 
 
@@ -50,7 +51,7 @@ def durations_of_restarts(room, problem, count):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", ROOMS)
 def test_no_restart_is_much_faster(seed):
-    """The total time is at most 15 % above the best of a hundred random restarts."""
+    """The planned duration is at most 15 % above the best of all random restarts."""
     room = random_room(seed)
     problem = PathProblem([Box.point(place) for place in room.places], limits=LIMITS)
     ours = plan_around(room.space, room.bounds, problem, Shortest())[0].duration

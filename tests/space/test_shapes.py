@@ -1,3 +1,5 @@
+"""Tests of solids: distances, sizes, surfaces and volumes, by comparison with Drake's convex sets."""
+
 import math
 
 import numpy as np
@@ -30,17 +32,17 @@ each_shape = pytest.mark.parametrize("shape", SHAPES.values(), ids=SHAPES)
 
 
 def around(shape, count, seed=0):
-    """Return random points in and around a shape."""
+    """Return random points inside and around a shape."""
     low, high = shape.extent()
     return np.random.default_rng(seed).uniform(low - 1.0, high + 1.0, (count, 3))
 
 
 def projected(shape, point):
-    """Return the distance to the nearest point of the shape's convex set in Drake."""
+    """Return the distance from a point to the shape's convex set in Drake."""
     program = MathematicalProgram()
     x = program.NewContinuousVariables(3)
     shape.convex_set().AddPointInSetConstraints(program, x)
-    # A cone constraint, |x - point| <= bound, is more accurate than a quadratic cost.
+    # The cone constraint |x - point| <= bound is more accurate than a quadratic cost.
     (bound,) = program.NewContinuousVariables(1)
     program.AddLorentzConeConstraint(np.eye(4), np.concatenate([[0.0], -point]), np.concatenate([[bound], x]))
     program.AddLinearCost(bound)
@@ -59,7 +61,7 @@ def test_the_distance_outside_is_that_to_the_projection(shape):
 
 @each_shape
 def test_inside_the_largest_ball_touches_the_surface(shape):
-    """The reference is the support function of the shape's corners along the normals of its triangles."""
+    """The expected distance follows from the support function of the corners along the normals of the triangles."""
     corners = shape.triangles().reshape(-1, 3)
     normals = np.cross(*(shape.triangles()[:, [1, 2]] - shape.triangles()[:, [0]]).transpose(1, 0, 2))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -69,7 +71,7 @@ def test_inside_the_largest_ball_touches_the_surface(shape):
     inside = distances < 0.0
     assert inside.any()
     expected = (points[inside] @ normals.T - offsets).max(axis=1)
-    # Triangles with 32 sides per turn are inside the ball by this share of the radius, in both directions.
+    # Triangles with 32 sides per turn lie inside the ball by this share of the radius, in both directions.
     slack = (1.0 - math.cos(math.pi / 32.0) ** 2) * getattr(shape, "radius", 0.0) + 1e-8
     np.testing.assert_allclose(distances[inside], expected, atol=slack)
 
@@ -101,7 +103,7 @@ def test_distances_are_not_below_their_lower_bound(shape):
     points = np.vstack([around(shape, 2000), shape.triangles().reshape(-1, 3)])
     bound = shape.distance_lower_bound(*points.T)
     assert bound is None or (shape.distances(points) >= bound).all()
-    # Half of the hull's corners are near the surface of the ball, so the bound is not trivial.
+    # Half of the hull's corners are near the surface of the ball, so that the bound is not trivial.
     assert (bound is None) == (not hasattr(shape, "corners") or isinstance(shape, Cuboid))
     if bound is not None:
         assert (shape.distances(points) - bound).min() < 1e-6
@@ -125,7 +127,7 @@ def test_triangles_close_a_surface_that_faces_outward(shape):
     np.testing.assert_allclose(np.cross(b - a, c - a).sum(axis=0), 0.0, atol=1e-8)
 
 
-def test_volumes_are_known():
+def test_volumes_agree_with_closed_forms():
     def volume(shape):
         a, b, c = shape.triangles().transpose(1, 0, 2)
         return np.sum(np.cross(b - a, c - a) * a) / 6.0
@@ -214,7 +216,7 @@ def test_every_solid_needs_a_pose_of_three_finite_numbers(make, name, place):
 @pytest.mark.parametrize("scale", [1e-6, 1e6])
 @pytest.mark.parametrize("name", ["hull", "tetrahedron", "hull of a box"])
 def test_distances_to_a_hull_are_proportional_to_its_size(name, scale):
-    """The tolerance of the test whether a projection is in a face is relative to the size of the hull."""
+    """The tolerance for a projection inside a face is relative to the size of the hull."""
     hull = SHAPES[name]
     points = around(hull, 300)
     larger = hull_of(scale * np.array(hull.corners))
@@ -223,7 +225,7 @@ def test_distances_to_a_hull_are_proportional_to_its_size(name, scale):
 
 @pytest.mark.parametrize("away", [(1e7, 0.0, 0.0), (0.0, 1e7, 0.0), (1e7, 1e7, 1e7)])
 def test_a_hull_is_the_same_far_from_the_origin(away):
-    """Ten thousand kilometres away, floating point has digits for nanometres."""
+    """At a distance of 10,000 km, floating-point numbers have a resolution of nanometres."""
     hull = SHAPES["hull"]
     points = around(hull, 300)
     far = hull_of(np.array(hull.corners) + away)

@@ -1,4 +1,4 @@
-"""Simplified convex hulls contain the original hulls, and are not much larger."""
+"""Tests that simplified convex hulls contain the original hulls and are not much larger."""
 
 import math
 
@@ -21,10 +21,10 @@ def sphere(count, seed=0):
 
 
 def drone(corners_per_disc, more=0):
-    """Return points of a frame with four rotor guards and a dome.
+    """Return the points of a frame with four rotor guards and a dome.
 
     Args:
-        corners_per_disc: number of points on the arc of each guard; each adds eight corners to the hull.
+        corners_per_disc: number of points on the arc of each guard, each of which adds eight corners to the hull.
         more: number of corners of the dome.
     """
     places = [(x, y) for x in (-0.12, 0.12) for y in (-0.12, 0.12)]
@@ -71,11 +71,11 @@ def test_a_simplified_hull_contains_all_points_and_grows_by_little(points, most_
     size = np.ptp(points, axis=0).max()
     assert (len(found.corners), found.replaced) == (MAX_CORNERS, len(original.corners))
     assert found.is_simpler
-    # No point is outside, whatever the size of the mesh.
+    # No point is outside, for any size of the mesh.
     assert simple.distances(points).max() <= 0.0
     normals, offsets = np.array(simple.normals), np.array(simple.offsets)
     assert (points @ normals.T - offsets).max() <= 0.0
-    # The growth is the largest distance of the new hull from the old one, which occurs at a corner.
+    # The growth is the largest distance of the new hull from the original hull, which occurs at a corner.
     assert found.growth == pytest.approx(original.distances(found.corners).max(), rel=1e-9)
     assert found.growth <= most_growth * size <= MAX_GROWTH * size
     weights = np.random.default_rng(0).dirichlet(np.full(MAX_CORNERS, 0.1), 200)
@@ -151,7 +151,7 @@ def test_a_hull_with_the_allowed_number_of_corners_is_unchanged(count):
 
 
 def test_directions_are_unit_vectors_that_are_spread_evenly():
-    """If n points share the sphere evenly, each has an area of 4 π / n, and none is far from its neighbours."""
+    """If n points are spread evenly, each has an area of 4 π / n, and none is far from its neighbours."""
     for count in (50, 500):
         directions = simplification._directions(count)
         np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0)
@@ -163,7 +163,7 @@ def test_directions_are_unit_vectors_that_are_spread_evenly():
 
 
 def test_the_distance_from_corners_in_a_plane_a_line_or_a_point_is_that_to_their_span():
-    """This holds for any size and position."""
+    """The distance is right for any size and position."""
     points = sphere(40, 8)
     for size in (1e-4, 1.0, 1e4):
         for count, distances in (
