@@ -36,12 +36,12 @@ def is_signal(node: ast.AST) -> bool:
 
 
 def test_formulas_and_metrics_access_rows_by_name(root):
-    found = [
+    violations = [
         f"{file}:{node.lineno}: {ast.unparse(node)}"
         for file in files(root, *FORMULA_PATHS)
         for node in integer_indices(ast.parse(file.read_text(encoding="utf-8")))
     ]
-    assert found == []
+    assert violations == []
 
 
 def numbered_states(tree: ast.AST) -> Iterator[ast.Subscript]:
@@ -56,14 +56,14 @@ def numbered_states(tree: ast.AST) -> Iterator[ast.Subscript]:
 
 
 def test_identification_accesses_rows_of_states_by_name(root):
-    found = [
+    violations = [
         f"{file}:{node.lineno}: {ast.unparse(node)}"
         for file in files(root, "identification")
         for tree in [ast.parse(file.read_text(encoding="utf-8"))]
         for node in [*numbered_states(tree), *(each for each in integer_indices(tree) if is_signal(each.value))]
         if not ast.unparse(node).endswith(("[:, ::-1]", "[::-1]", "attitude[:, 2]", "attitude[:, 1]"))
     ]
-    assert found == []
+    assert violations == []
 
 
 @pytest.mark.parametrize(
@@ -75,13 +75,13 @@ def test_an_index_of_a_state_is_found(text, counts):
 
 @pytest.mark.slow
 def test_code_that_reads_flights_accesses_rows_by_name(root):
-    found = [
+    violations = [
         f"{file}:{node.lineno}: {ast.unparse(node)}"
         for file in [*files(root, "."), *sorted((root / "scripts").rglob("*.py"))]
         for node in integer_indices(ast.parse(file.read_text(encoding="utf-8")))
         if is_signal(node.value)
     ]
-    assert found == []
+    assert violations == []
 
 
 @pytest.mark.parametrize(

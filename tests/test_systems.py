@@ -115,8 +115,8 @@ def test_systems_convert_to_autodiff_with_the_same_ports_and_defaults(documented
     for i in range(system.num_output_ports()):
         assert converted.get_output_port(i).size() == system.get_output_port(i).size()
     context, converted_context = system.CreateDefaultContext(), converted.CreateDefaultContext()
-    for found, expected in zip(elements_of(converted_context), elements_of(context), strict=True):
-        np.testing.assert_array_equal(ExtractValue(found).ravel() if len(found) else found, expected)
+    for actual, expected in zip(elements_of(converted_context), elements_of(context), strict=True):
+        np.testing.assert_array_equal(ExtractValue(actual).ravel() if len(actual) else actual, expected)
 
 
 ALL_EXAMPLES = [(example.system, example.make) for example in FLEET_SYSTEMS] + DIAGRAMS
@@ -183,13 +183,13 @@ def test_a_reset_context_equals_the_default_context_of_a_system_with_those_numbe
     overwrite(context)
     context.SetTime(3.0)
     system.reset(context, numbers)
-    for found, wanted in zip(elements_of(context), elements_of(expected), strict=True):
-        np.testing.assert_array_equal(found, wanted)
+    for actual, desired in zip(elements_of(context), elements_of(expected), strict=True):
+        np.testing.assert_array_equal(actual, desired)
     # The system itself does not change.
-    for found, wanted in zip(
+    for actual, desired in zip(
         elements_of(system.CreateDefaultContext()), elements_of(example.make().CreateDefaultContext()), strict=True
     ):
-        np.testing.assert_array_equal(found, wanted)
+        np.testing.assert_array_equal(actual, desired)
 
 
 @examples
@@ -209,8 +209,8 @@ def test_a_differentiable_context_is_reset_too(example):
     context, expected = system.CreateDefaultContext(), example.make_with(example.other_numbers).CreateDefaultContext()
     overwrite(context)
     system.reset(context, example.other_numbers)
-    for found, wanted in zip(elements_of(context), elements_of(expected), strict=True):
-        np.testing.assert_array_equal(ExtractValue(found).ravel() if len(found) else found, wanted)
+    for actual, desired in zip(elements_of(context), elements_of(expected), strict=True):
+        np.testing.assert_array_equal(ExtractValue(actual).ravel() if len(actual) else actual, desired)
 
 
 @examples
@@ -225,8 +225,8 @@ def test_parameters_and_states_are_read_back_unchanged(example):
         assert type(record) is type(system.get_parameter(context, name))
     for name in system.states:
         system.set_state(context, name, other.get_state(source, name))
-    for found, wanted in zip(elements_of(context), elements_of(source), strict=True):
-        np.testing.assert_array_equal(found, wanted)
+    for actual, desired in zip(elements_of(context), elements_of(source), strict=True):
+        np.testing.assert_array_equal(actual, desired)
 
 
 DRAKE = tuple(map(int, importlib.metadata.version("drake").split(".")[:2]))

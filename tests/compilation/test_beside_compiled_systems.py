@@ -245,8 +245,8 @@ def test_a_stateless_system_can_have_a_stand_in_in_a_built_diagram(scenario, pla
         for simulator in simulators:
             simulator.AdvanceTo(time)
         for name in ("acceleration_command", "wind", "wrench", "state"):
-            expected, found = (each.get_system().GetOutputPort(name).Eval(each.get_context()) for each in simulators)
-            assert_alike(found, expected, f"{name} at {time} s")
+            expected, actual = (each.get_system().GetOutputPort(name).Eval(each.get_context()) for each in simulators)
+            assert_alike(actual, expected, f"{name} at {time} s")
 
 
 @pytest.mark.parametrize("make", [PdWithIntegral, PdWithFilter, with_a_filter])
@@ -289,11 +289,11 @@ def test_a_stand_in_has_the_outputs_of_its_system():
             for system, context in zip((own, shown), contexts, strict=True):
                 system.GetInputPort(name).FixValue(context, time + np.arange(float(size)))
                 context.SetTime(time)
-        expected, found = (
+        expected, actual = (
             system.GetOutputPort("acceleration_command").Eval(context)
             for system, context in zip((own, shown), contexts, strict=True)
         )
-        np.testing.assert_array_equal(found, expected)
+        np.testing.assert_array_equal(actual, expected)
 
 
 class Scales(LeafSystem):
@@ -346,8 +346,8 @@ def test_uncompiled_systems_can_be_connected_to_each_other_and_to_inputs_of_the_
         for simulator in simulators:
             simulator.AdvanceTo(time)
         for name in ("first", "held", "sum"):
-            expected, found = (each.get_system().GetOutputPort(name).Eval(each.get_context()) for each in simulators)
-            assert_alike(found, expected, f"{name} at {time} s")
+            expected, actual = (each.get_system().GetOutputPort(name).Eval(each.get_context()) for each in simulators)
+            assert_alike(actual, expected, f"{name} at {time} s")
 
 
 def test_a_missing_input_is_named():

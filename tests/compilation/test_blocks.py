@@ -93,10 +93,10 @@ def assert_same_ports(wired, compiled, times=(0.0, 0.007, 0.01, 0.02, 0.033, 0.0
         for simulator in simulators:
             simulator.AdvanceTo(time)
         for number in range(wired.num_output_ports()):
-            expected, found = (
+            expected, actual = (
                 simulator.get_system().get_output_port(number).Eval(simulator.get_context()) for simulator in simulators
             )
-            assert_alike(found, expected, f"{wired.get_output_port(number).get_name()} at {time} s")
+            assert_alike(actual, expected, f"{wired.get_output_port(number).get_name()} at {time} s")
 
 
 def counters(builder, n, **structure):

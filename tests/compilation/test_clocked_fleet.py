@@ -51,8 +51,8 @@ def test_vehicles_that_start_at_different_times_fly_like_single_vehicles(windy):
     ]:
         flight = simulate(windy, sample=sample, until=2.0, compiled=False)
         for name in OUTPUTS:
-            found = np.array([rows[vehicle] for rows in shown[name][first:last]])
-            np.testing.assert_allclose(found, flight[name][1 : 1 + last - first], rtol=0.0, atol=1e-9)
+            actual = np.array([rows[vehicle] for rows in shown[name][first:last]])
+            np.testing.assert_allclose(actual, flight[name][1 : 1 + last - first], rtol=0.0, atol=1e-9)
 
 
 def test_the_next_state_of_the_monitor_is_its_state_a_tick_later(windy):

@@ -159,8 +159,8 @@ def test_state_and_parameters_are_copied_from_and_to_a_context_of_the_diagram(wi
     system.write(part, contexts[1])
     np.testing.assert_array_equal(state_of(contexts[1]), state_of(contexts[0]))
     for i in range(contexts[0].num_numeric_parameter_groups()):
-        found, expected = (context.get_numeric_parameter(i).CopyToVector() for context in reversed(contexts))
-        np.testing.assert_array_equal(found, expected)
+        actual, expected = (context.get_numeric_parameter(i).CopyToVector() for context in reversed(contexts))
+        np.testing.assert_array_equal(actual, expected)
     assert system.get_state(part, "laboratory.vehicle", "state") == vehicle.get_state(own, "state")
     own_pd = pd.GetMyContextFromRoot(contexts[0])
     assert system.get_parameter(part, "control.position.pd", "gains") == pd.get_parameter(own_pd, "gains")
@@ -189,11 +189,11 @@ def test_records_are_rows_of_vehicles_in_a_fleet(figure_eight):
     scenario, plan = figure_eight
     wired = build_tracking_diagram(scenario, 3, plan=plan)
     system = compiled_part(compile_diagram(wired, ticks=1))
-    found = system.get_state(system.CreateDefaultContext(), "laboratory.vehicle", "rotor_speed")
+    actual = system.get_state(system.CreateDefaultContext(), "laboratory.vehicle", "rotor_speed")
     vehicle = subsystem(wired, ("laboratory", "vehicle"))
     expected = vehicle.get_state(vehicle.CreateDefaultContext(), "rotor_speed")
     assert expected[0].shape == (3,)
-    np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(actual, expected)
 
 
 def test_a_record_is_a_copy(compiled):

@@ -40,8 +40,8 @@ def part(metrics, samples):
 @pytest.mark.parametrize("n", [1, 7, 8, 9, 1000])
 def test_a_fleet_of_any_size_has_the_metrics_of_the_uncompiled_diagram(study, plan, wired, n):
     samples = range(1000 - n, 1000)
-    found = StudyFleet(study, plan, n).fly(samples)
-    assert_metrics_alike(found, part(wired, samples))
+    actual = StudyFleet(study, plan, n).fly(samples)
+    assert_metrics_alike(actual, part(wired, samples))
 
 
 @pytest.mark.slow
@@ -54,10 +54,10 @@ def test_a_recorded_fleet_of_any_size_has_the_signals_of_the_uncompiled_diagram(
 def test_flights_in_a_compiled_fleet_and_alone_are_bitwise_equal(study, plan):
     fleet = simulate_samples(study, range(9), plan=plan, compiled=True)
     for sample in (0, 8):
-        alone = simulate(study, sample=sample, plan=plan, compiled=True)
-        for name, values in alone.signals.items():
+        single = simulate(study, sample=sample, plan=plan, compiled=True)
+        for name, values in single.signals.items():
             np.testing.assert_array_equal(fleet[sample][name], values, err_msg=name)
-        assert fleet[sample].metrics == alone.metrics
+        assert fleet[sample].metrics == single.metrics
 
 
 @pytest.mark.slow
@@ -70,8 +70,8 @@ def test_a_batch_does_not_affect_the_next_one(study, plan, wired):
     short = fleet.fly(range(9), duration=0.1)
     assert not np.any(short.rmse == first.rmse)
     assert_metrics_alike(fleet.fly(range(100, 109)), part(wired, range(100, 109)))
-    for found, expected in zip(fleet.fly(range(9)), first, strict=True):
-        np.testing.assert_array_equal(found, expected)
+    for actual, expected in zip(fleet.fly(range(9)), first, strict=True):
+        np.testing.assert_array_equal(actual, expected)
 
 
 @pytest.mark.slow

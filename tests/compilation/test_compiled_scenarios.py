@@ -85,8 +85,8 @@ def test_compiled_fleets_uncompiled_fleets_and_single_vehicles_hit_the_same_obst
     fleet = assert_flown_alike(Batch.draw(scenario, range(8)))
     touched = [flight.touched for flight in fleet]
     assert len({*touched}) > 2
-    alone = assert_flown_alike(Batch.draw(scenario, [5]))[0]
-    assert (alone.touched, alone.crash) == (fleet[5].touched, fleet[5].crash)
+    single = assert_flown_alike(Batch.draw(scenario, [5]))[0]
+    assert (single.touched, single.crash) == (fleet[5].touched, fleet[5].crash)
     for flight in fleet:
         if flight.touched is not None:
             state, solid = flight.record("state"), scenario.space.obstacles[flight.touched].shape()

@@ -50,7 +50,7 @@ def test_consecutive_events_are_simulated_for_every_vehicle(n, single_vehicle):
     rng = np.random.default_rng(n)
     state, parameters, inputs = rng.normal(size=(2, n)), rng.normal(size=(1, n)), rng.normal(size=(1, n))
     shared = rng.uniform(0.1, 0.2, (5, 2))
-    found, log = run(
+    actual, log = run(
         listing,
         changes,
         [x * v, 7.0, x],
@@ -64,7 +64,7 @@ def test_consecutive_events_are_simulated_for_every_vehicle(n, single_vehicle):
         a, b = state
         np.testing.assert_allclose(log[event], [a * b, np.full(n, 7.0), a], rtol=1e-13, atol=1e-15)
         state = np.array([a + h * b, b + h * (inputs[0] - np.exp(parameters[0]) * a)])
-    np.testing.assert_allclose(found, state, rtol=1e-13)
+    np.testing.assert_allclose(actual, state, rtol=1e-13)
 
 
 @pytest.mark.parametrize("n", NUM_VEHICLES)
@@ -134,10 +134,10 @@ def test_the_order_of_lines_does_not_change_the_results(monkeypatch, window, n):
     monkeypatch.setattr(scheduling, "_WINDOW", 1)
     expected, expected_log = run(*listing_with_late_uses(), **numbers)
     monkeypatch.setattr(scheduling, "_WINDOW", window)
-    found, log = run(*listing_with_late_uses(), **numbers)
-    np.testing.assert_array_equal(found, expected)
+    actual, log = run(*listing_with_late_uses(), **numbers)
+    np.testing.assert_array_equal(actual, expected)
     np.testing.assert_array_equal(log, expected_log)
-    assert not np.array_equal(found, numbers["state"])
+    assert not np.array_equal(actual, numbers["state"])
 
 
 @pytest.mark.parametrize("order", list(itertools.permutations(range(4)))[::3], ids=str)
@@ -150,7 +150,7 @@ def test_shifted_rows_are_read_before_they_are_overwritten(order):
         fresh = fresh * 0.5 + float(number)
     moves = {0: fresh, 1: rows[0], 2: rows[1], 3: rows[2]}
     logged = [rows[3], rows[order[0]] + fresh]
-    found, log = run(
+    actual, log = run(
         listing, {row: moves[row] for row in order}, logged, state=[[1.0], [2.0], [3.0], [4.0]], shared=[[0.0]] * 3
     )
     state, expected_log = [1.0, 2.0, 3.0, 4.0], []
@@ -160,7 +160,7 @@ def test_shifted_rows_are_read_before_they_are_overwritten(order):
             new = new * 0.5 + number
         expected_log.append([state[3], state[order[0]] + new])
         state = [new, *state[:3]]
-    np.testing.assert_array_equal(found[:, 0], state)
+    np.testing.assert_array_equal(actual[:, 0], state)
     np.testing.assert_array_equal(log[:, :, 0], expected_log)
 
 
@@ -173,9 +173,9 @@ def test_rows_can_be_exchanged(targets):
     for _ in range(4):
         late = late * rows[2]
     changes = {**{row: rows[target] for row, target in enumerate(targets)}, 3: early + late}
-    (found, _) = run(listing, changes, [], state=[[1.0], [2.0], [3.0], [4.0]], shared=[[0.0]])
-    np.testing.assert_array_equal(found[:3, 0], 1.0 + np.array(targets))
-    assert found[3, 0] == 2.0 + 5.0 * 3.0**4
+    (actual, _) = run(listing, changes, [], state=[[1.0], [2.0], [3.0], [4.0]], shared=[[0.0]])
+    np.testing.assert_array_equal(actual[:3, 0], 1.0 + np.array(targets))
+    assert actual[3, 0] == 2.0 + 5.0 * 3.0**4
 
 
 def names_of(listing):
@@ -233,7 +233,7 @@ def test_branches_are_evaluated_at_every_event(n, single_vehicle):
     state, parameters = rng.normal(size=(2, n)), rng.normal(size=(2, n))
     changes = {0: 0.5 * second - listing.shared(0), 1: fixed - first}
     shared = rng.uniform(0.5, 1.0, (6, 1))
-    found, log = run(
+    actual, log = run(
         listing,
         changes,
         [given, fixed],
@@ -249,4 +249,4 @@ def test_branches_are_evaluated_at_every_event(n, single_vehicle):
         np.testing.assert_array_equal(log[event], [np.where(one > 1.0, abs(v), -1.0), constant])
         two = np.where(one > 1.0, np.sqrt(one * one + abs(v)), x)
         state = np.array([0.5 * two - h, constant - one])
-    np.testing.assert_array_equal(found, state)
+    np.testing.assert_array_equal(actual, state)

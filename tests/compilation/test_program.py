@@ -161,10 +161,10 @@ def test_diagrams_with_different_computations_have_different_events(new_loops, d
     compiled_outputs(diagram_of(**before))
     count = len(new_loops)
     other = diagram_of(**difference)
-    found = compiled_outputs(other)
+    actual = compiled_outputs(other)
     assert len(new_loops) > count
-    np.testing.assert_allclose(found, wired(other), rtol=1e-12)
-    np.testing.assert_array_equal(np.signbit(found), np.signbit(wired(other)))
+    np.testing.assert_allclose(actual, wired(other), rtol=1e-12)
+    np.testing.assert_array_equal(np.signbit(actual), np.signbit(wired(other)))
 
 
 @pytest.mark.parametrize("first", [1, 2])
@@ -178,8 +178,8 @@ def test_diagrams_that_split_rows_differently_have_different_events(first):
     builder.ExportOutput(grows.GetOutputPort("x"), "x")
     builder.ExportOutput(parts.get_output_port(1), "second")
     compiled = compile_diagram(builder.Build())
-    found = compiled.GetOutputPort("second").Eval(compiled.CreateDefaultContext())
-    np.testing.assert_array_equal(found, [2.0, 3.0][first - 1 :])
+    actual = compiled.GetOutputPort("second").Eval(compiled.CreateDefaultContext())
+    np.testing.assert_array_equal(actual, [2.0, 3.0][first - 1 :])
 
 
 @fleet_system(float)
@@ -229,8 +229,8 @@ def test_each_row_has_its_own_gain():
         builder.ExportOutput(grows.GetOutputPort("x"), "x")
         builder.ExportOutput(gain.get_output_port(), "gained")
         compiled = compile_diagram(builder.Build())
-        found = compiled.GetOutputPort("gained").Eval(compiled.CreateDefaultContext())
-        np.testing.assert_array_equal(found, [3.0, 2.0 * second])
+        actual = compiled.GetOutputPort("gained").Eval(compiled.CreateDefaultContext())
+        np.testing.assert_array_equal(actual, [3.0, 2.0 * second])
 
 
 def test_diagrams_that_use_different_ports_of_the_same_kind_have_different_events():

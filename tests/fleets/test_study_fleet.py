@@ -92,10 +92,10 @@ def test_a_second_batch_flies_as_in_a_new_fleet(scenario, overrides, controller)
         assert not fleet._simulation._diagram.HasSubsystemNamed("recorder")
     for samples in ([7, 8, 9], [3, 1, 2]):
         expected = new_fleet_metrics(study, Batch.draw(study, samples))
-        for found, wanted in zip(wired.fly(samples), expected, strict=True):
-            np.testing.assert_array_equal(found, wanted)
-        for found, wanted in zip(compiled.fly(samples), expected, strict=True):
-            np.testing.assert_allclose(found, wanted, rtol=1e-12)
+        for actual, desired in zip(wired.fly(samples), expected, strict=True):
+            np.testing.assert_array_equal(actual, desired)
+        for actual, desired in zip(compiled.fly(samples), expected, strict=True):
+            np.testing.assert_allclose(actual, desired, rtol=1e-12)
 
 
 def test_vehicles_with_overridden_numbers_fly_as_in_a_new_fleet(scenario):
@@ -110,15 +110,15 @@ def test_vehicles_with_overridden_numbers_fly_as_in_a_new_fleet(scenario):
     fleet, drawn = StudyFleet(study, plan_route(study), 3), Batch.draw(study, [5, 5, 2])
     varied = drawn.with_varying(varying)
     metrics = fleet.fly_batch(varied)
-    for found, expected in zip(metrics, new_fleet_metrics(study, varied), strict=True):
-        np.testing.assert_array_equal(found, expected)
+    for actual, expected in zip(metrics, new_fleet_metrics(study, varied), strict=True):
+        np.testing.assert_array_equal(actual, expected)
     # Each vehicle flies as a single vehicle with its numbers.
     for i in range(3):
-        alone = simulate(varied.scenario_of(i), compiled=False).metrics
-        np.testing.assert_allclose([float(value[i]) for value in metrics], alone, rtol=1e-9)
+        single = simulate(varied.scenario_of(i), compiled=False).metrics
+        np.testing.assert_allclose([float(value[i]) for value in metrics], single, rtol=1e-9)
     # The next batch is not affected.
-    for found, expected in zip(fleet.fly_batch(drawn), new_fleet_metrics(study, drawn), strict=True):
-        np.testing.assert_array_equal(found, expected)
+    for actual, expected in zip(fleet.fly_batch(drawn), new_fleet_metrics(study, drawn), strict=True):
+        np.testing.assert_array_equal(actual, expected)
 
 
 OPTIONAL_PARTS = {
@@ -142,9 +142,9 @@ def test_optional_parts_can_vary_only_if_the_diagram_was_built_with_them(diagram
     ideal = load_scenario(diagrams / "figure_eight.yaml", ["duration=2", "vehicle.linear_drag=0.2", calm])
     varied = Batch.draw(ideal, [0, 0, 0]).with_varying({path: np.array(OPTIONAL_PARTS[path])})
     metrics = new_fleet_metrics(ideal, varied)
-    alone = [simulate(varied.scenario_of(i), compiled=False).metrics.rmse for i in range(3)]
-    assert len(set(alone)) == 3
-    np.testing.assert_allclose(metrics.rmse, alone, rtol=1e-9)
+    single = [simulate(varied.scenario_of(i), compiled=False).metrics.rmse for i in range(3)]
+    assert len(set(single)) == 3
+    np.testing.assert_allclose(metrics.rmse, single, rtol=1e-9)
     with pytest.raises((ValueError, RuntimeError), match="was built with|steady"):
         StudyFleet(ideal, plan_route(ideal), 3).fly_batch(varied)
 
@@ -161,11 +161,11 @@ def test_a_reset_context_equals_the_default_context_of_a_new_fleet(scenario):
     assert sizes[0] == sizes[1]
     assert sizes[0][0] > 10
     for i in range(sizes[0][0]):
-        found, expected = (context.get_numeric_parameter(i).CopyToVector() for context in contexts)
-        np.testing.assert_array_equal(found, expected)
+        actual, expected = (context.get_numeric_parameter(i).CopyToVector() for context in contexts)
+        np.testing.assert_array_equal(actual, expected)
     for i in range(sizes[0][1]):
-        found, expected = (context.get_discrete_state(i).CopyToVector() for context in contexts)
-        np.testing.assert_array_equal(found, expected)
+        actual, expected = (context.get_discrete_state(i).CopyToVector() for context in contexts)
+        np.testing.assert_array_equal(actual, expected)
 
 
 def test_a_context_is_completely_reset_after_a_flight(scenario):
@@ -184,8 +184,8 @@ def test_a_context_is_completely_reset_after_a_flight(scenario):
     fresh = diagram.CreateDefaultContext()
     assert context.get_time() == 0.0
     for i in range(fresh.num_discrete_state_groups()):
-        found, expected = (each.get_discrete_state(i).CopyToVector() for each in (context, fresh))
-        np.testing.assert_array_equal(found, expected)
+        actual, expected = (each.get_discrete_state(i).CopyToVector() for each in (context, fresh))
+        np.testing.assert_array_equal(actual, expected)
     np.testing.assert_array_equal(pd.get_parameter(of_pd, "gains").k_p.z, 6.0)
 
 
@@ -197,8 +197,8 @@ def test_metrics_do_not_depend_on_the_size_of_the_fleet(scenario):
         fleet = StudyFleet(study, plan_route(study), size)
         for first in range(0, 70, size)[:3]:
             samples = range(first, min(first + size, 70))
-            for found, expected in zip(fleet.fly(samples), whole, strict=True):
-                np.testing.assert_allclose(found, expected[first : first + len(samples)], rtol=1e-9)
+            for actual, expected in zip(fleet.fly(samples), whole, strict=True):
+                np.testing.assert_allclose(actual, expected[first : first + len(samples)], rtol=1e-9)
 
 
 @pytest.mark.slow
@@ -211,8 +211,8 @@ def test_batches_with_and_without_an_effect_fly_in_the_same_diagram(scenario):
     )
     fleet = StudyFleet(study, plan_route(study), 1)
     for sample in range(5):
-        alone = simulate(study, sample=sample, compiled=False).metrics
-        np.testing.assert_allclose([float(value[0]) for value in fleet.fly([sample])], alone, rtol=1e-9)
+        single = simulate(study, sample=sample, compiled=False).metrics
+        np.testing.assert_allclose([float(value[0]) for value in fleet.fly([sample])], single, rtol=1e-9)
 
 
 def high_gain_controller(num_vehicles):
@@ -225,8 +225,8 @@ def test_a_fleet_can_fly_with_a_user_defined_controller(scenario):
     study = scenario()
     fleet = StudyFleet(study, plan_route(study), 2, own=UserSystems(position_controller=high_gain_controller))
     for sample in (0, 5):
-        alone = simulate(study, sample=sample, position_controller=high_gain_controller(1)).metrics
-        assert fleet.fly([sample]).rmse[0] == pytest.approx(alone.rmse, rel=1e-9)
+        single = simulate(study, sample=sample, position_controller=high_gain_controller(1)).metrics
+        assert fleet.fly([sample]).rmse[0] == pytest.approx(single.rmse, rel=1e-9)
 
 
 def test_too_many_samples_or_none_are_refused(scenario):

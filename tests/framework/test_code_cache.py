@@ -108,12 +108,12 @@ def replace_with_open_fifo(file, _):
 
 @pytest.mark.parametrize("replace", [replace_with_link, replace_with_folder, replace_with_fifo, replace_with_open_fifo])
 def test_only_regular_files_are_read_and_other_files_do_not_block(file, replace, tmp_path):
-    found = []
+    actual = []
     with replace(file, tmp_path / "elsewhere") or nullcontext():
-        thread = threading.Thread(target=lambda: found.append(code_cache.read(NAME)), daemon=True)
+        thread = threading.Thread(target=lambda: actual.append(code_cache.read(NAME)), daemon=True)
         thread.start()
         thread.join(10.0)
-        assert found == [None]
+        assert actual == [None]
 
 
 def test_a_folder_that_is_a_file_is_not_used(folder):

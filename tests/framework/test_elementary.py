@@ -37,8 +37,8 @@ def test_log1p_is_accurate_and_has_derivatives():
     with_derivatives = [AutoDiffXd(x, [1.0]) for x in numbers]
     elementwise = [elementary.log1p(x) for x in with_derivatives]
     vectorised = elementary.log1p(np.array(with_derivatives))
-    for found in (elementwise, vectorised):
-        np.testing.assert_allclose([each.value() for each in found], expected, rtol=1e-15)
+    for actual in (elementwise, vectorised):
+        np.testing.assert_allclose([each.value() for each in actual], expected, rtol=1e-15)
     for one, other, x in zip(elementwise, vectorised, numbers, strict=True):
         assert one.derivatives() == other.derivatives()
         assert one.derivatives()[0] == pytest.approx(1.0 / (1.0 + x), rel=1e-6)
@@ -51,10 +51,10 @@ def test_the_error_function_has_the_right_derivatives():
     np.testing.assert_allclose(elementary.erf(np.array(numbers)), expected, rtol=1e-15)
     with_derivatives = [AutoDiffXd(x, [2.0, 0.0]) for x in numbers]
     elementwise = [elementary.erf(x) for x in with_derivatives]
-    for found in (elementwise, elementary.erf(np.array(with_derivatives))):
-        np.testing.assert_allclose([each.value() for each in found], expected, rtol=1e-15)
+    for actual in (elementwise, elementary.erf(np.array(with_derivatives))):
+        np.testing.assert_allclose([each.value() for each in actual], expected, rtol=1e-15)
         slopes = [2.0 * 2.0 / math.sqrt(math.pi) * math.exp(-x * x) for x in numbers]
-        np.testing.assert_allclose([each.derivatives() for each in found], [[slope, 0.0] for slope in slopes])
+        np.testing.assert_allclose([each.derivatives() for each in actual], [[slope, 0.0] for slope in slopes])
 
 
 @pytest.mark.parametrize(("function", "expected"), [(elementary.maximum, 2.0), (elementary.minimum, 1.0)])
@@ -140,10 +140,10 @@ def test_where_needed_evaluates_the_formula_only_for_vehicles_that_need_it():
         return 1.0 / x, x
 
     x = np.array([0.0, 2.0, 4.0, 0.0])
-    found = elementary.where_needed(x > 0.0, inverse, (x,), (math.inf, -x))
-    np.testing.assert_array_equal(found, [[math.inf, 0.5, 0.25, math.inf], [0.0, 2.0, 4.0, 0.0]])
-    found = elementary.where_needed(x > 9.0, inverse, (x,), (7.0, x))
-    np.testing.assert_array_equal(found, [[7.0] * 4, x])
+    actual = elementary.where_needed(x > 0.0, inverse, (x,), (math.inf, -x))
+    np.testing.assert_array_equal(actual, [[math.inf, 0.5, 0.25, math.inf], [0.0, 2.0, 4.0, 0.0]])
+    actual = elementary.where_needed(x > 9.0, inverse, (x,), (7.0, x))
+    np.testing.assert_array_equal(actual, [[7.0] * 4, x])
     assert elementary.where_needed(False, inverse, (0.0,), (1.0, 2.0)) == (1.0, 2.0)
     assert elementary.where_needed(True, inverse, (4.0,), (1.0, 2.0)) == (0.25, 4.0)
     assert evaluated == [2, 1]
@@ -154,7 +154,7 @@ def test_where_needed_evaluates_the_formula_only_for_vehicles_that_need_it():
 
 def test_where_needed_has_derivatives():
     x = np.array([AutoDiffXd(value, [1.0]) for value in (1.0, 3.0)])
-    found = elementary.where_needed(x > 2.0, lambda x: x * x, (x,), 5.0)
-    assert [each.value() for each in found] == [5.0, 9.0]
-    assert found[1].derivatives() == [6.0]
+    actual = elementary.where_needed(x > 2.0, lambda x: x * x, (x,), 5.0)
+    assert [each.value() for each in actual] == [5.0, 9.0]
+    assert actual[1].derivatives() == [6.0]
     assert elementary.where_needed(x[1] > 2.0, lambda x: x * x, (x[1],), 5.0).derivatives() == [6.0]

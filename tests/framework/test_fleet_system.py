@@ -111,10 +111,10 @@ def test_other_scalar_types_execute_the_formula_in_python(n):
     converted = system.ToAutoDiffXd()
     context = converted.CreateDefaultContext()
     converted.GetInputPort("error").FixValue(context, np.array([AutoDiffXd(x, [1.0]) for x in error]))
-    found = converted.GetOutputPort("pd").Eval(context)
-    np.testing.assert_allclose([x.value() for x in found], expected)
+    actual = converted.GetOutputPort("pd").Eval(context)
+    np.testing.assert_allclose([x.value() for x in actual], expected)
     np.testing.assert_allclose(
-        [x.derivatives()[0] for x in found], -np.tile(np.arange(1.0, n + 1.0) if n > 1 else 1.5, 3)
+        [x.derivatives()[0] for x in actual], -np.tile(np.arange(1.0, n + 1.0) if n > 1 else 1.5, 3)
     )
     if n == 1:
         symbolic = system.ToSymbolic()
@@ -154,11 +154,11 @@ def test_a_continuous_state_is_the_integral_of_its_derivative():
         system = Falling(num_vehicles=n, numbers=Numbers(Gains(k_p=0.5), start=3.0))
         simulator = Simulator(system)
         simulator.AdvanceTo(1.0)
-        found = system.get_state(simulator.get_context(), "continuous")
+        actual = system.get_state(simulator.get_context(), "continuous")
         np.testing.assert_allclose(
-            [found.x, found.y], np.multiply.outer([3.0, 1.0], np.squeeze([math.exp(-0.5)] * n)), rtol=1e-3
+            [actual.x, actual.y], np.multiply.outer([3.0, 1.0], np.squeeze([math.exp(-0.5)] * n)), rtol=1e-3
         )
-        np.testing.assert_array_equal(system.GetOutputPort("error").Eval(simulator.get_context())[:n], found.x)
+        np.testing.assert_array_equal(system.GetOutputPort("error").Eval(simulator.get_context())[:n], actual.x)
 
 
 def test_a_packed_output_is_split_into_its_signals():
@@ -223,8 +223,8 @@ def test_an_output_that_reads_the_time_changes_with_it(n):
     context = system.CreateDefaultContext()
     for time in (0.0, 1.5, 4.0):
         context.SetTime(time)
-        found = system.GetOutputPort("wind").Eval(context).reshape(3, n)
-        np.testing.assert_array_equal(found, np.multiply.outer([time, 2.0 * time, 0.0], np.ones(n)))
+        actual = system.GetOutputPort("wind").Eval(context).reshape(3, n)
+        np.testing.assert_array_equal(actual, np.multiply.outer([time, 2.0 * time, 0.0], np.ones(n)))
 
 
 @fleet_system(float, AutoDiffXd, Expression)
@@ -240,8 +240,8 @@ class Held(FleetSystem):
 def test_a_state_output_has_all_rows_of_the_state(n, scalar):
     system = Held(num_vehicles=n, numbers=Numbers(start=0.5))
     system = system if scalar is float else system.ToScalarType[scalar]()
-    found = system.get_output_port().Eval(system.CreateDefaultContext())
-    values = [each if scalar is float else each.value() if scalar is AutoDiffXd else each.Evaluate() for each in found]
+    actual = system.get_output_port().Eval(system.CreateDefaultContext())
+    values = [each if scalar is float else each.value() if scalar is AutoDiffXd else each.Evaluate() for each in actual]
     assert values == [0.5] * n + [1.0] * n + [-2.0] * n
 
 

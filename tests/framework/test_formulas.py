@@ -45,9 +45,9 @@ def test_machine_code_distinguishes_zero_from_minus_zero(one, other):
         return x * zero
 
     for zero in (one, other):
-        found = np.empty(9)
-        kernel(scaled, (ROW, zero), (ROW,), single_vehicle=False)(9, 0.0, found, np.ones(9))
-        np.testing.assert_array_equal(np.signbit(found), np.signbit(zero))
+        actual = np.empty(9)
+        kernel(scaled, (ROW, zero), (ROW,), single_vehicle=False)(9, 0.0, actual, np.ones(9))
+        np.testing.assert_array_equal(np.signbit(actual), np.signbit(zero))
 
 
 def counted(x, tick, by):
@@ -59,14 +59,14 @@ def test_machine_code_and_python_get_the_same_tick(n):
     arguments, x = (ROW, TickOf(0.02), 0.5), np.arange(float(n))
     run = kernel(counted, arguments, (ROW,), single_vehicle=n == 1)
     for number in (0, 1, 2, 3, 50, 51):
-        found = np.empty(n)
-        run(n, 0.02 * number, found, x)
-        np.testing.assert_array_equal(found, x + 10.0 * (number // 2) + 0.5 * (number % 2))
+        actual = np.empty(n)
+        run(n, 0.02 * number, actual, x)
+        np.testing.assert_array_equal(actual, x + 10.0 * (number // 2) + 0.5 * (number % 2))
         layout = layout_of(tuple[float])
         (interpreted,) = interpret(
             lambda x, *rest: (counted(x[0], *rest),), (layout, *arguments[1:]), [x], [layout], n, 0.02 * number
         )
-        np.testing.assert_array_equal(interpreted, found)
+        np.testing.assert_array_equal(interpreted, actual)
 
 
 class Parts(NamedTuple):
@@ -79,8 +79,8 @@ def test_absent_results_are_omitted():
     def parts(x):
         return Parts(x, None, 2.0 * x)
 
-    found = interpret(parts, (ROW,), [np.array([1.0, 3.0])], (ROW, ABSENT, ROW), 2, 0.0)
-    np.testing.assert_array_equal(found, [[1.0, 3.0], [2.0, 6.0]])
+    actual = interpret(parts, (ROW,), [np.array([1.0, 3.0])], (ROW, ABSENT, ROW), 2, 0.0)
+    np.testing.assert_array_equal(actual, [[1.0, 3.0], [2.0, 6.0]])
 
 
 def test_an_operation_without_symbols_cannot_be_recorded():
@@ -128,10 +128,10 @@ def test_where_keeps_parts_that_are_none():
 )
 def test_comparisons_can_be_used_as_numbers_in_machine_code_and_in_python(formula, n):
     x = np.linspace(-1.0, 3.0, n) if n > 1 else np.array([0.5])
-    found = np.full(n, np.nan)
-    kernel(formula, (ROW,), (ROW,), single_vehicle=n == 1)(n, 0.0, found, x)
+    actual = np.full(n, np.nan)
+    kernel(formula, (ROW,), (ROW,), single_vehicle=n == 1)(n, 0.0, actual, x)
     (expected,) = interpret(formula, (ROW,), [x], (ROW,), n, 0.0)
-    np.testing.assert_array_equal(found, np.asarray(expected, dtype=float))
+    np.testing.assert_array_equal(actual, np.asarray(expected, dtype=float))
 
 
 @pytest.mark.parametrize(

@@ -39,10 +39,12 @@ def test_machine_code_and_python_sum_in_the_same_order(outputs, inputs, n):
         return tuple(dense(matrix, rows, squared))
 
     rows = np.random.default_rng(n).normal(size=(inputs, n))
-    found = np.empty(outputs * n)
-    kernel(formula, (rows_layout(inputs),), (rows_layout(outputs),), single_vehicle=n == 1)(n, 0.0, found, rows.ravel())
+    actual = np.empty(outputs * n)
+    kernel(formula, (rows_layout(inputs),), (rows_layout(outputs),), single_vehicle=n == 1)(
+        n, 0.0, actual, rows.ravel()
+    )
     expected = np.array([formula(column.tolist()) for column in rows.T]).T
-    np.testing.assert_array_equal(found.reshape(outputs, n), expected)
+    np.testing.assert_array_equal(actual.reshape(outputs, n), expected)
     weights, biases = numbers_of(matrix)
     np.testing.assert_allclose(expected, (weights @ rows + biases[:, None]) ** 2, rtol=1e-12, atol=1e-14)
 
@@ -62,10 +64,10 @@ def test_layers_can_be_in_series_and_inside_a_branch():
         return (*out, *some)
 
     rows = np.random.default_rng(1).normal(size=(2, 21))
-    found = np.empty(6 * 21)
-    kernel(formula, (rows_layout(2),), (rows_layout(6),), single_vehicle=False)(21, 0.0, found, rows.ravel())
+    actual = np.empty(6 * 21)
+    kernel(formula, (rows_layout(2),), (rows_layout(6),), single_vehicle=False)(21, 0.0, actual, rows.ravel())
     expected = np.array([formula(column.tolist()) for column in rows.T]).T
-    np.testing.assert_allclose(found.reshape(6, 21), expected, rtol=1e-14)
+    np.testing.assert_allclose(actual.reshape(6, 21), expected, rtol=1e-14)
     assert {*(expected[4] == 7.0).tolist()} == {True, False}
 
 
@@ -73,9 +75,9 @@ def test_the_derivatives_of_a_layer_are_its_matrix():
     matrix = matrix_of(3, 2)
     weights, _ = numbers_of(matrix)
     rows = [AutoDiffXd(0.3, [1.0, 0.0]), AutoDiffXd(-0.2, [0.0, 1.0])]
-    found = dense(matrix, rows, elementary.tanh)
+    actual = dense(matrix, rows, elementary.tanh)
     values = np.array([each.value() for each in dense(matrix, rows, identity_of)])
-    slopes = np.array([each.derivatives() for each in found])
+    slopes = np.array([each.derivatives() for each in actual])
     np.testing.assert_allclose(slopes, (1.0 - np.tanh(values) ** 2)[:, None] * weights, rtol=1e-13)
 
 

@@ -32,9 +32,9 @@ def machine(formula: Callable[..., Row], *arguments: float) -> float:
     return float(run_on_arrays(formula, [np.array([argument]) for argument in arguments])[0])
 
 
-def ulps(found: float, expected: float) -> float:
+def ulps(actual: float, expected: float) -> float:
     """Return the difference of two numbers in units in the last place (ulp)."""
-    return abs(found - expected) / np.spacing(abs(expected))
+    return abs(actual - expected) / np.spacing(abs(expected))
 
 
 def sine(x):
@@ -86,9 +86,9 @@ def test_a_function_is_within_two_units_in_the_last_place(function, expected, nu
     @given(numbers)
     def check(x):
         x = smallest_normal(x)
-        wanted = expected(x)
+        desired = expected(x)
         # Near a zero of the sine, the rounding error of the angle determines the accuracy.
-        assert ulps(machine(function, x), wanted) <= 2.0 or abs(machine(function, x) - wanted) < 1e-16 * abs(x)
+        assert ulps(machine(function, x), desired) <= 2.0 or abs(machine(function, x) - desired) < 1e-16 * abs(x)
 
     check()
 
@@ -182,9 +182,9 @@ def test_random_expressions_agree_with_numpy(text, seed):
     formula = eval(f"lambda x, y: {text}", vars(elementary).copy())
     x, y = np.random.default_rng(seed).uniform(-5.0, 5.0, (2, LANES + 3))
     expected = np.broadcast_to(formula(x, y), x.shape)
-    found = run_on_arrays(formula, [x, y])
+    actual = run_on_arrays(formula, [x, y])
     # Masks may differ because of rounding errors.
-    assert np.isclose(found, expected, rtol=1e-9, atol=1e-9).sum() >= len(x) - 1
+    assert np.isclose(actual, expected, rtol=1e-9, atol=1e-9).sum() >= len(x) - 1
 
 
 class Place(NamedTuple):
@@ -211,12 +211,12 @@ def test_a_vehicle_has_bitwise_equal_results_alone_and_in_a_fleet(n):
     one = layout_of(tuple[Row])
     arguments = (layout_of(Place), one, one, TIME, 0.25)
     fleet = kernel(turned, arguments, (layout_of(Place), one), single_vehicle=n == 1)
-    alone = kernel(turned, arguments, (layout_of(Place), one), single_vehicle=True)
+    single = kernel(turned, arguments, (layout_of(Place), one), single_vehicle=True)
     moved, later = np.empty(2 * n), np.empty(n)
     fleet(n, 3.0, moved, later, place, angle, scale)
     for i in range(n):
         own, own_later = np.empty(2), np.empty(1)
-        alone(1, 3.0, own, own_later, place[i::n].copy(), angle[i::n].copy(), scale[i::n].copy())
+        single(1, 3.0, own, own_later, place[i::n].copy(), angle[i::n].copy(), scale[i::n].copy())
         np.testing.assert_array_equal(own, moved[i::n])
         np.testing.assert_array_equal(own_later, later[i::n])
     expected = turned(Place(*place.reshape(2, n)), (angle,), (scale,), 3.0, 0.25)
@@ -330,13 +330,13 @@ def test_where_needed_and_where_are_bitwise_equal(needed, n, single_vehicle):
     np.testing.assert_array_equal(seldom_polar(x, y, bound), expected)
     run = kernel(seldom_polar, (ROW, ROW, ROW), (layout_of(Polar),), single_vehicle=single_vehicle)
     if not single_vehicle:
-        found = np.full((2, n), np.nan)
-        run(n, 0.0, found, x, y, bound)
-        np.testing.assert_array_equal(found, expected)
+        actual = np.full((2, n), np.nan)
+        run(n, 0.0, actual, x, y, bound)
+        np.testing.assert_array_equal(actual, expected)
     for i in range(n):
-        alone, one = np.full(2, np.nan), [np.array([row[i]]) for row in (x, y, bound)]
-        run(1, 0.0, alone, *one)
-        np.testing.assert_array_equal(alone, np.array(expected)[:, i])
+        single, one = np.full(2, np.nan), [np.array([row[i]]) for row in (x, y, bound)]
+        run(1, 0.0, single, *one)
+        np.testing.assert_array_equal(single, np.array(expected)[:, i])
         assert seldom_polar(*(float(row[0]) for row in one)) == tuple(np.array(expected)[:, i].tolist())
 
 

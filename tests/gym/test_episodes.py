@@ -29,8 +29,8 @@ def test_a_vehicle_with_more_resets_than_others_gets_its_own_next_episode(monkey
     def parameters(*vehicles):
         episodes = Episodes(scenario, plan, 2, outputs=("state",))
         for each in vehicles:
-            found = episodes.begin(np.array(each)).parameters
-        return found
+            actual = episodes.begin(np.array(each)).parameters
+        return actual
 
     # All of them are computed at the start.
     expected = parameters([0, 1], [0], [0, 1])

@@ -17,15 +17,15 @@ def test_the_last_episode_is_replayed_with_all_signals(tmp_path):
     env = QuadrotorEnv("laboratory:low_wind", {"crash.position_error": 0.3}, action="attitude")
     for seed in (4, 5):
         env.reset(seed=seed)
-        terminated, seen, random = False, [], np.random.default_rng(seed)
+        terminated, observations, random = False, [], np.random.default_rng(seed)
         while not terminated:
             observation, _, terminated, _, info = env.step(random.uniform(-0.3, 0.3, 4))
-            seen.append(observation)
+            observations.append(observation)
     flight = env.flight()
     assert env.episode() == (5, 0)
     assert flight.metrics.rmse == info["flight"]["rmse"]
-    assert flight.metrics.crash_time == info["flight"]["crash_time"] == pytest.approx(0.02 * len(seen))
-    np.testing.assert_allclose(flight["observation"][1:], seen, rtol=1e-6, atol=1e-6)
+    assert flight.metrics.crash_time == info["flight"]["crash_time"] == pytest.approx(0.02 * len(observations))
+    np.testing.assert_allclose(flight["observation"][1:], observations, rtol=1e-6, atol=1e-6)
     page = save_replay({"a rollout": flight}, tmp_path / "replay.html")
     assert "a rollout" in page.read_text(encoding="utf-8")
     # After the first tick of the current episode, this episode is returned.

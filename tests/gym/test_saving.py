@@ -22,9 +22,9 @@ def test_a_saved_network_gives_the_same_flight_as_a_controller(tmp_path):
     path = save_policy(
         envs, [Layer(gains / scale, gains @ offset)], tmp_path / "mine" / "linear.yaml", offset=offset, scale=scale
     )
-    seen, _ = envs.reset(seed=0)
+    observations, _ = envs.reset(seed=0)
     for _ in range(150):
-        seen, *_, infos = envs.step(np.clip(seen.astype(float) @ gains.T, -1.0, 1.0))
+        observations, *_, infos = envs.step(np.clip(observations.astype(float) @ gains.T, -1.0, 1.0))
     flight = simulate(load_scenario("figure_eight", {"duration": 3.0}, layers=[path]), compiled=True)
     np.testing.assert_allclose(flight.metrics.rmse, infos["flight"]["rmse"][0], rtol=1e-4)
     assert flight.metrics.rmse < 0.3
@@ -116,12 +116,12 @@ def test_layers_of_pytorch_are_read_by_their_names():
         module("Tanh"),
     ]
     layers = torch_layers(given)
-    seen = rng.normal(size=(7, 4))
+    observations = rng.normal(size=(7, 4))
     offset, scale = rng.normal(size=4), rng.uniform(0.5, 2.0, 4)
-    x = np.clip((seen - offset) * scale, -1.2, 1.2) @ w.T + b
+    x = np.clip((observations - offset) * scale, -1.2, 1.2) @ w.T + b
     expected = np.tanh(np.where(x > 0.0, x, np.expm1(np.minimum(x, 0.0))) @ v.T)
     np.testing.assert_allclose(
-        evaluate_layers(layers, seen, offset=offset, scale=scale, limit=1.2), expected, rtol=1e-12
+        evaluate_layers(layers, observations, offset=offset, scale=scale, limit=1.2), expected, rtol=1e-12
     )
     for wrong, words in [
         (

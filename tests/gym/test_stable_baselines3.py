@@ -31,20 +31,20 @@ def envs_of(n=6, **options):
 def test_the_adapter_gives_the_same_flights_as_the_environment():
     adapter_envs, vector_envs = envs_of(), StableVectorEnv(envs_of())
     vector_envs.seed(4)
-    seen, _ = adapter_envs.reset(seed=4)
-    np.testing.assert_array_equal(vector_envs.reset(), seen)
+    observed, _ = adapter_envs.reset(seed=4)
+    np.testing.assert_array_equal(vector_envs.reset(), observed)
     ended = 0
     for k in range(80):
         actions = np.random.default_rng(k).uniform(-0.5, 0.5, (6, 4)).astype(np.float32)
-        seen, rewards, terminations, truncations, infos = adapter_envs.step(actions)
-        found = vector_envs.step(actions)
-        np.testing.assert_array_equal(found[0], seen)
-        np.testing.assert_array_equal(found[1], rewards.astype(np.float32))
-        np.testing.assert_array_equal(found[2], terminations | truncations)
-        for i in np.flatnonzero(found[2]):
-            np.testing.assert_array_equal(found[3][i]["terminal_observation"], infos["final_obs"][i])
-            assert found[3][i]["TimeLimit.truncated"] == truncations[i]
-            assert found[3][i]["flight"]["rmse"] == infos["flight"]["rmse"][i]
+        observed, rewards, terminations, truncations, infos = adapter_envs.step(actions)
+        actual = vector_envs.step(actions)
+        np.testing.assert_array_equal(actual[0], observed)
+        np.testing.assert_array_equal(actual[1], rewards.astype(np.float32))
+        np.testing.assert_array_equal(actual[2], terminations | truncations)
+        for i in np.flatnonzero(actual[2]):
+            np.testing.assert_array_equal(actual[3][i]["terminal_observation"], infos["final_obs"][i])
+            assert actual[3][i]["TimeLimit.truncated"] == truncations[i]
+            assert actual[3][i]["flight"]["rmse"] == infos["flight"]["rmse"][i]
             ended += 1
     assert ended >= 6
     with pytest.raises(InputError, match="autoreset_mode must be AutoresetMode.SAME_STEP"):
@@ -82,8 +82,8 @@ def flown_with(policy):
 
 def agrees(model, flight):
     """Return whether a controller commanded the actions of its model for the same observations."""
-    seen, normal = flight["observation"].astype(np.float32), model.get_vec_normalize_env()
-    expected, _ = model.predict(seen if normal is None else normal.normalize_obs(seen), deterministic=True)
+    observed, normal = flight["observation"].astype(np.float32), model.get_vec_normalize_env()
+    expected, _ = model.predict(observed if normal is None else normal.normalize_obs(observed), deterministic=True)
     return np.allclose(flight["action"].clip(-1.0, 1.0), expected, atol=1e-4)
 
 

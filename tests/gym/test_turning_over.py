@@ -83,5 +83,5 @@ def test_the_environment_and_the_diagram_give_the_same_flip(flips):
     for vehicle in (0, 4):
         source = action_source(actions()[:, vehicle], 0.02)
         flight = simulate(envs.scenario, seed=vehicle, sample=0, policy=source, plan=envs.plan)
-        found = states(steps)[: len(flight.time) - 1, vehicle]
-        np.testing.assert_allclose(found, flight["state"][1:], rtol=0.0, atol=1e-9)
+        actual = states(steps)[: len(flight.time) - 1, vehicle]
+        np.testing.assert_allclose(actual, flight["state"][1:], rtol=0.0, atol=1e-9)

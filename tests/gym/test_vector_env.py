@@ -40,8 +40,8 @@ def random_actions(envs, seed, steps, size=0.5):
 
 def rollout(envs, actions, seed):
     """Return the results of the reset and of all steps."""
-    seen, infos = envs.reset(seed=seed)
-    steps = [(seen, infos)]
+    observed, infos = envs.reset(seed=seed)
+    steps = [(observed, infos)]
     for action in actions:
         steps.append(envs.step(action))
     return steps
@@ -84,13 +84,13 @@ def test_each_vehicle_flies_as_in_drakes_simulator(action):
                 until=0.02 * len(flown),
             )
             for name in ("state", "reference", "rotor_speed"):
-                found = [
+                actual = [
                     np.array(getattr(step, name, None) or step.signals[name])[:, vehicle]
                     for step in transitions[first : last + 1]
                 ]
-                np.testing.assert_allclose(found[: len(flight.time) - 1], flight[name][1:], rtol=0.0, atol=1e-9)
-            found = [step[0][vehicle] for step in steps[first + 1 : last + 2]]
-            np.testing.assert_allclose(found[: len(flight.time) - 1], flight["observation"][1:], rtol=1e-6, atol=1e-6)
+                np.testing.assert_allclose(actual[: len(flight.time) - 1], flight[name][1:], rtol=0.0, atol=1e-9)
+            actual = [step[0][vehicle] for step in steps[first + 1 : last + 2]]
+            np.testing.assert_allclose(actual[: len(flight.time) - 1], flight["observation"][1:], rtol=1e-6, atol=1e-6)
             initial = steps[first][0][vehicle]
             np.testing.assert_allclose(initial, flight["observation"][0], rtol=1e-6, atol=1e-6)
             if last < len(actions) - 1 or ended[last, vehicle]:
@@ -129,13 +129,13 @@ def test_vehicles_can_have_individual_seeds_and_resets():
     for action in random_actions(envs, 0, 3):
         before, *_ = envs.step(action)
     mask = np.array([False, True, False, True])
-    seen, infos = envs.reset(options={"reset_mask": mask}, seed=[None, 8, None, None])
+    observed, infos = envs.reset(options={"reset_mask": mask}, seed=[None, 8, None, None])
     assert infos == {}
-    np.testing.assert_array_equal(seen[~mask], before[~mask])
-    np.testing.assert_array_equal(seen[1], whole[1])
+    np.testing.assert_array_equal(observed[~mask], before[~mask])
+    np.testing.assert_array_equal(observed[1], whole[1])
     assert [envs.episode(i) for i in range(4)] == [(7, 0), (8, 0), (20, 0), (21, 1)]
     after, *_ = envs.step(np.zeros((4, 4)))
-    assert (after != seen).any(axis=1).all()
+    assert (after != observed).any(axis=1).all()
     # A reset without a seed starts the next episode of all vehicles.
     envs.reset()
     assert [envs.episode(i).sample for i in range(4)] == [1, 1, 1, 2]
@@ -144,8 +144,8 @@ def test_vehicles_can_have_individual_seeds_and_resets():
 def test_episodes_without_a_seed_get_a_random_one():
     one, other = (envs_of(2).reset()[0] for _ in range(2))
     assert not np.array_equal(one, other)
-    alone, beside = (QuadrotorEnv("robustness") for _ in range(2))
-    assert not np.array_equal(alone.reset()[0], beside.reset()[0])
+    first, second = (QuadrotorEnv("robustness") for _ in range(2))
+    assert not np.array_equal(first.reset()[0], second.reset()[0])
     envs = envs_of(3)
     envs.reset(seed=[None, 5, None])
     seeds = [envs.episode(i).seed for i in range(3)]
@@ -176,22 +176,22 @@ def test_vehicles_are_reset_according_to_the_autoreset_mode(mode):
     )
     actions = random_actions(envs, 2, 160)
     assert envs.metadata["autoreset_mode"] is mode
-    seen, _ = envs.reset(seed=3)
+    observed, _ = envs.reset(seed=3)
     initial_observations = [each.reset(seed=3 + i)[0][0] for i, each in enumerate(single_envs)]
-    np.testing.assert_array_equal(seen, initial_observations)
+    np.testing.assert_array_equal(observed, initial_observations)
     over, crashes, cuts = np.zeros(n, dtype=bool), 0, 0
     for action in actions:
-        seen, rewards, terminations, truncations, infos = envs.step(action)
+        observed, rewards, terminations, truncations, infos = envs.step(action)
         for i, each in enumerate(single_envs):
             if mode is AutoresetMode.NEXT_STEP and over[i]:
                 expected, _ = each.reset()
-                np.testing.assert_array_equal(seen[i], expected[0])
+                np.testing.assert_array_equal(observed[i], expected[0])
                 assert (rewards[i], terminations[i], truncations[i]) == (0.0, False, False)
                 continue
             last, reward, terminated, truncated, info = each.step(action[i : i + 1])
             assert (rewards[i], terminations[i], truncations[i]) == (reward[0], terminated[0], truncated[0])
             if not (terminated[0] or truncated[0]):
-                np.testing.assert_array_equal(seen[i], last[0])
+                np.testing.assert_array_equal(observed[i], last[0])
                 continue
             crashes, cuts = crashes + terminated[0], cuts + truncated[0]
             assert infos["_flight"][i]
@@ -200,7 +200,7 @@ def test_vehicles_are_reset_according_to_the_autoreset_mode(mode):
                 np.testing.assert_array_equal(infos["final_obs"][i], last[0])
                 assert infos["final_info"]["flight"]["rmse"][i] == info["flight"]["rmse"][0]
                 last, _ = each.reset()
-            np.testing.assert_array_equal(seen[i], last[0])
+            np.testing.assert_array_equal(observed[i], last[0])
         over = terminations | truncations
         assert ("flight" in infos) == over.any()
         if over.any():
@@ -218,16 +218,16 @@ def test_the_number_of_episodes_is_unlimited():
     """The test flies many more episodes than are computed in advance."""
     scenario = load_scenario("robustness", {"duration": 0.04})
     envs = QuadrotorVectorEnv(scenario, num_envs=2, autoreset_mode=AutoresetMode.SAME_STEP)
-    seen = [envs.reset(seed=3)[0]]
+    observed = [envs.reset(seed=3)[0]]
     for _ in range(200):
-        found, _, terminations, truncations, _ = envs.step(np.zeros((2, 3)))
+        actual, _, terminations, truncations, _ = envs.step(np.zeros((2, 3)))
         if truncations.all():
-            seen.append(found)
+            observed.append(actual)
         assert not terminations.any()
-    assert len(seen) == 101
+    assert len(observed) == 101
     for vehicle, sample in ((0, 0), (1, 31), (0, 32), (1, 33), (0, 64), (1, 100)):
         flight = simulate(envs.scenario, seed=3 + vehicle, sample=sample, policy=action_source(np.zeros((2, 3)), 0.02))
-        np.testing.assert_allclose(seen[sample][vehicle], flight["observation"][0], rtol=1e-6, atol=1e-6)
+        np.testing.assert_allclose(observed[sample][vehicle], flight["observation"][0], rtol=1e-6, atol=1e-6)
         assert envs.episode(vehicle) == (3 + vehicle, 100)
 
 
@@ -282,9 +282,9 @@ def test_environments_are_registered_and_wrapped():
     envs = wrappers.RecordEpisodeStatistics(wrappers.NormalizeObservation(envs))
     envs.reset(seed=0)
     for _ in range(10):
-        seen, _, _, truncations, infos = envs.step(np.zeros(envs.action_space.shape, dtype=np.float32))
+        observed, _, _, truncations, infos = envs.step(np.zeros(envs.action_space.shape, dtype=np.float32))
     assert truncations.all()
-    assert envs.observation_space.contains(seen.astype(np.float32))
+    assert envs.observation_space.contains(observed.astype(np.float32))
     np.testing.assert_array_equal(infos["episode"]["l"], 10)
     assert (infos["flight"]["rmse"] < 0.01).all()
 
@@ -315,9 +315,9 @@ def test_spaces_have_the_sizes_of_the_scenario():
     assert envs.single_observation_space.shape == (4 * (3 + 3 + 9 + 3 + 3 + 3),)
     assert envs.action_space.shape == (3, 3)
     assert envs.metadata["render_fps"] == 50
-    seen, *_ = rollout(envs, random_actions(envs, 0, 1), 0)[1]
-    assert seen.dtype == np.float32
-    assert envs.observation_space.contains(seen)
+    observed, *_ = rollout(envs, random_actions(envs, 0, 1), 0)[1]
+    assert observed.dtype == np.float32
+    assert envs.observation_space.contains(observed)
     # If a scenario has a policy, its environment has the observations and actions of the policy.
     raptor = load_scenario("figure_eight", layers=["controllers/raptor:raptor_plus"])
     assert QuadrotorVectorEnv(raptor).single_observation_space.shape == (22,)
@@ -386,12 +386,12 @@ def test_a_reset_clears_the_ended_episodes(mask):
     initial = [envs.episode(i).sample for i in range(3)]
     envs.reset(seed=9, options=options)
     action = np.full((3, 4), 0.1)
-    seen, rewards, *_ = envs.step(action)
+    observed, rewards, *_ = envs.step(action)
     second = envs_of(3, action="rotor_speeds")
     second.reset(seed=9)
     expected, expected_rewards, *_ = second.step(action)
     new = np.ones(3, dtype=bool) if mask is None else np.array(mask)
-    np.testing.assert_array_equal(seen[new], expected[new])
+    np.testing.assert_array_equal(observed[new], expected[new])
     np.testing.assert_array_equal(rewards[new], expected_rewards[new])
     assert (rewards[~new] == 0.0).all()
     assert [envs.episode(i).sample for i in range(3)] == [0 if new[i] else initial[i] + 1 for i in range(3)]

@@ -182,19 +182,19 @@ class Integral:
     def __init__(self, numbers, h):
         self.numbers, self.h, self.i = numbers, h, np.zeros(3)
 
-    def output(self, seen):
-        return -self.i if self.numbers.integration == "forward_euler" else -self.after(seen)
+    def output(self, inputs):
+        return -self.i if self.numbers.integration == "forward_euler" else -self.after(inputs)
 
     def signals(self):
         """Return the output signals by name."""
         return {}
 
-    def after(self, seen):
+    def after(self, inputs):
         limit = self.numbers.integral_limit
-        return np.clip(self.i + self.h * np.array(self.numbers.k_i) * seen["error"], -limit, limit)
+        return np.clip(self.i + self.h * np.array(self.numbers.k_i) * inputs["error"], -limit, limit)
 
-    def learn(self, tick, seen):
-        self.i = self.after(seen)
+    def learn(self, tick, inputs):
+        self.i = self.after(inputs)
 
 
 class Network:
@@ -224,7 +224,7 @@ class Network:
             return learning.initial_covariance * np.eye(self.R)
         return learning.initial_slope if learning.kind == "sign" else None
 
-    def firing(self, axis, seen):
+    def firing(self, axis, inputs):
         """Return the normalised firing strengths W, eq (10)."""
         network = self.numbers
         given = [(name, sets) for name, sets in network.inputs if sets is not None]
@@ -232,7 +232,7 @@ class Network:
         def strengths(exponent):
             w = np.ones(1)
             for name, sets in given:
-                value = seen[name][axis] if name.startswith("error") else seen[name]
+                value = inputs[name][axis] if name.startswith("error") else inputs[name]
                 w = np.outer(w, self.memberships(value, sets, exponent, circular=name == "phase")).ravel()
             return w / w.sum()
 
@@ -253,11 +253,11 @@ class Network:
         u = [abs(gap / d) for gap, d in zip(gaps, sets.widths, strict=True)]
         return [(1.0 - distance**a) ** (1.0 / a) if distance < 1.0 else 0.0 for distance in u]
 
-    def output(self, seen):
+    def output(self, inputs):
         """Return Fᵀ W on each axis."""
         tau = np.zeros(3)
         for axis in self.axes:
-            tau[axis] = self.F[axis] @ self.firing(axis, seen)
+            tau[axis] = self.F[axis] @ self.firing(axis, inputs)
         return tau
 
     def signals(self):
@@ -267,17 +267,17 @@ class Network:
             return weights
         return weights | {"covariance_trace": np.array([np.trace(self.memory[axis]) for axis in self.axes])}
 
-    def learn(self, tick, seen):
+    def learn(self, tick, inputs):
         learning, h = self.numbers.learning, self.h
         limit = math.inf if learning.weight_limit is None else learning.weight_limit
         for axis in self.axes:
             if tick in self.resets:
                 self.memory[axis] = self._fresh()
-            W = self.firing(axis, seen)
+            W = self.firing(axis, inputs)
             if learning.kind == "sign" or learning.signal == "feedback":
-                signal = seen["pd"][axis] - seen["disturbance"][axis]
+                signal = inputs["pd"][axis] - inputs["disturbance"][axis]
             else:  # eq (15)
-                signal = seen["error_rate"][axis] + learning.slope * seen["error"][axis]
+                signal = inputs["error_rate"][axis] + learning.slope * inputs["error"][axis]
             if abs(signal) < learning.deadzone:
                 signal = 0.0
             F = self.F[axis] * math.exp(-learning.leakage * h)

@@ -67,9 +67,9 @@ def test_a_stream_equals_an_independent_implementation(kind):
     name = "motion_capture.camera_noise"
     expected = oracle.randomness.Stream(5, 12, int(kind), name, 3)
     for distribution, numbers in ((GAUSSIAN, expected.normal), (UNIFORM, expected.uniform)):
-        found = SourceOfOneStream(Stream(name, kind, 3, distribution, 0.01), Samples(5, [12]))
+        actual = SourceOfOneStream(Stream(name, kind, 3, distribution, 0.01), Samples(5, [12]))
         for tick in (0, 1, 2, 3, 682, 683, 5001):
-            np.testing.assert_allclose(found.at(0.01 * tick), numbers(tick), rtol=1e-14)
+            np.testing.assert_allclose(actual.at(0.01 * tick), numbers(tick), rtol=1e-14)
 
 
 def test_a_stream_does_not_depend_on_others_in_the_same_source():
@@ -101,11 +101,11 @@ def test_a_source_has_streams_of_several_periods():
     log = LogVectorOutput(source.get_output_port(), builder, publish_period=0.01)
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(1.0)
-    found = log.FindLog(simulator.get_context()).data()
+    actual = log.FindLog(simulator.get_context()).data()
     for tick in range(100):
-        np.testing.assert_array_equal(found[:2, tick], fast.at(0.01 * tick))
+        np.testing.assert_array_equal(actual[:2, tick], fast.at(0.01 * tick))
     # Between two ticks of the slower stream, its output is that of the nearest tick.
-    np.testing.assert_array_equal(found[2, 0:100:4], [slow.at(0.04 * i)[0] for i in range(25)])
+    np.testing.assert_array_equal(actual[2, 0:100:4], [slow.at(0.04 * i)[0] for i in range(25)])
 
 
 def test_a_context_that_is_reset_to_other_samples_has_their_numbers():
@@ -155,8 +155,8 @@ def test_a_single_vehicle_has_one_source_and_a_fleet_one_for_each_port(samples, 
     context = diagram.CreateDefaultContext()
     context.SetTime(0.08)
     for stream, port in ports.items():
-        found = port.Eval(port.get_system().GetMyContextFromRoot(context))
-        np.testing.assert_array_equal(found, SourceOfOneStream(stream, Samples(7, samples)).at(0.08))
+        actual = port.Eval(port.get_system().GetMyContextFromRoot(context))
+        np.testing.assert_array_equal(actual, SourceOfOneStream(stream, Samples(7, samples)).at(0.08))
 
 
 def test_drakes_random_sources_can_replace_the_streams():
@@ -185,5 +185,5 @@ def test_exported_numbers_of_a_period_are_those_of_its_ticks_in_order(num_vehicl
     for tick in range(9):
         context.SetTime(0.02 * tick)
         for port, numbers in zip(ports.values(), given, strict=True):
-            found = port.Eval(port.get_system().GetMyContextFromRoot(context))
-            np.testing.assert_array_equal(found, numbers[tick % 3])
+            actual = port.Eval(port.get_system().GetMyContextFromRoot(context))
+            np.testing.assert_array_equal(actual, numbers[tick % 3])

@@ -346,10 +346,10 @@ def test_another_planner_agrees_at_the_same_times_and_optimised_times_cost_less(
         path = minimum_snap(waypoints, times)
         assert snap_cost(path).sum() == pytest.approx(cost, rel=1e-9)
         samples = np.linspace(0.0, times[-1], 50)
-        wanted = other.compute_trajectory_derivatives(theirs, samples, 5)
+        desired = other.compute_trajectory_derivatives(theirs, samples, 5)
         for order in range(5):
-            scale = np.abs(wanted[order]).max()
-            np.testing.assert_allclose(evaluate(path, samples, order).T, wanted[order], atol=1e-7 * scale)
+            scale = np.abs(desired[order]).max()
+            np.testing.assert_allclose(evaluate(path, samples, order).T, desired[order], atol=1e-7 * scale)
         better = least_snap_durations(waypoints, durations)
         assert better.sum() == pytest.approx(durations.sum(), rel=1e-12)
         assert MinimumSnap(waypoints, better).cost <= cost * (1.0 + 1e-9)

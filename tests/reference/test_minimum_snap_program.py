@@ -88,17 +88,17 @@ def test_an_independent_optimiser_finds_the_same_constrained_path():
 
     start = np.array([evaluate(free, [1.0], order)[0, 0] for order in (1, 2, 3)])
     cost = snap_cost(free)[0]
-    found = scipy.optimize.minimize(
+    actual = scipy.optimize.minimize(
         lambda x: snap_cost(path_of(x))[0] / cost,
         start,
         method="SLSQP",
         constraints={"type": "ineq", "fun": room},
         options={"ftol": 1e-10, "maxiter": 300},
     )
-    assert found.success
+    assert actual.success
     path = path_within(PathProblem(points(waypoints), limits=PathLimits(acceleration=limit)), durations)
     # The tested path keeps a margin of 1e-4 below the limit, and the reference has no margin.
-    assert snap_cost(path)[0] / cost == pytest.approx(found.fun, rel=1e-3)
+    assert snap_cost(path)[0] / cost == pytest.approx(actual.fun, rel=1e-3)
 
 
 @pytest.mark.slow
@@ -252,9 +252,9 @@ def test_the_scale_of_corridors_does_not_matter():
         corridors = [Box(scale * a, scale * b) for a, b in zip(low, high, strict=True)]
         return path_within(PathProblem(points(scale * waypoints), corridors=corridors), durations)
 
-    wanted = within(1.0).coefficients
+    expected = within(1.0).coefficients
     for scale in (1e-3, 1e3):
-        np.testing.assert_allclose(within(scale).coefficients / scale, wanted, atol=2e-5 * np.abs(wanted).max())
+        np.testing.assert_allclose(within(scale).coefficients / scale, expected, atol=2e-5 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("slack", list(RelaxedBounds))

@@ -54,9 +54,9 @@ def assert_alike(one, other, start=0.0, atol=1e-12):
     times = np.linspace(start, one.path.times[-1], 2001)[1:-1]
     for part, orders in (("path", 5), ("yaw", 2)):
         for order in range(orders):
-            expected, found = (evaluate(getattr(plan, part), times, order) for plan in (one, other))
+            expected, actual = (evaluate(getattr(plan, part), times, order) for plan in (one, other))
             scale = max(1.0, np.abs(expected).max())
-            np.testing.assert_allclose(found / scale, expected / scale, rtol=0.0, atol=atol, err_msg=f"{part} {order}")
+            np.testing.assert_allclose(actual / scale, expected / scale, rtol=0.0, atol=atol, err_msg=f"{part} {order}")
 
 
 def test_a_round_trip_through_a_file_keeps_the_plan(tmp_path):
@@ -278,9 +278,9 @@ def test_the_trajectory_for_minsnap_trajectories_has_the_same_values():
     sampled = minsnap_trajectories.compute_trajectory_derivatives(minsnap_trajectory(PLAN), times, 5)
     for order in range(5):
         np.testing.assert_allclose(sampled[order].T, evaluate(PATH, times, order), rtol=1e-11, atol=1e-10)
-    found = plan_of_minsnap(minsnap_trajectory(PLAN), 0.4)
-    assert_alike(Plan.facing(PATH, 0.4), found)
-    np.testing.assert_array_equal(found.yaw.times, PATH.times[[0, -1]])
+    actual = plan_of_minsnap(minsnap_trajectory(PLAN), 0.4)
+    assert_alike(Plan.facing(PATH, 0.4), actual)
+    np.testing.assert_array_equal(actual.yaw.times, PATH.times[[0, -1]])
 
 
 def test_minsnap_trajectories_plans_the_same_path_from_our_waypoints():

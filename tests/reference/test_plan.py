@@ -72,8 +72,8 @@ def test_derivatives_of_a_plan_are_those_of_its_path():
     for order in range(5):
         trajectory = PLAN.derivative(order)
         for time in (0.5, 0.9, 2.2):
-            wanted = evaluate(PLAN.path, [time], order)
-            np.testing.assert_allclose(trajectory.value(time), wanted, atol=1e-10 * max(1.0, np.abs(wanted).max()))
+            expected = evaluate(PLAN.path, [time], order)
+            np.testing.assert_allclose(trajectory.value(time), expected, atol=1e-10 * max(1.0, np.abs(expected).max()))
 
 
 @pytest.mark.parametrize(("speed", "yaw_rate"), [(0.0, 4.0), (4.0, 0.0)])

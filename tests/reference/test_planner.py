@@ -193,10 +193,12 @@ def test_repeated_waypoints_keep_their_given_derivatives():
 
 def test_times_may_begin_at_any_instant_and_span_a_day():
     times = np.array([0.0, 20.0, 50.0, 80.0, 86_400.0])
-    wanted = plan_path(problem(), GivenTimes(tuple(times)))
+    expected = plan_path(problem(), GivenTimes(tuple(times)))
     later = plan_path(problem(), GivenTimes(tuple(1e5 + times)))
     np.testing.assert_array_equal(later.times, 1e5 + times)
-    np.testing.assert_allclose(later.coefficients, wanted.coefficients, atol=1e-9 * np.abs(wanted.coefficients).max())
+    np.testing.assert_allclose(
+        later.coefficients, expected.coefficients, atol=1e-9 * np.abs(expected.coefficients).max()
+    )
 
 
 @pytest.mark.parametrize("total", [1e-3, 86_400.0])

@@ -83,8 +83,8 @@ def test_a_refined_path_is_the_same_path(seed, times):
     assert set(path.times) <= set(finer.times)
     samples = np.linspace(path.times[0], path.times[-1], 400)
     for order in range(5):
-        wanted = evaluate(path, samples, order)
-        np.testing.assert_allclose(evaluate(finer, samples, order), wanted, atol=1e-7 * np.abs(wanted).max())
+        expected = evaluate(path, samples, order)
+        np.testing.assert_allclose(evaluate(finer, samples, order), expected, atol=1e-7 * np.abs(expected).max())
 
 
 def test_refining_a_path_at_its_own_times_changes_nothing():

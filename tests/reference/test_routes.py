@@ -62,8 +62,8 @@ def test_a_minimum_snap_circle_is_round(diagrams):
 def test_a_circle_is_flown_anticlockwise_from_the_x_axis_in_steps_of_45_degrees():
     route = circle(radius=2.0, height=1.5, laps=3)
     angle = np.radians(45.0 * np.arange(25))
-    wanted = np.column_stack([2.0 * np.cos(angle), 2.0 * np.sin(angle), np.full(25, 1.5)])
-    np.testing.assert_allclose(route.waypoints, wanted, atol=1e-12)
+    expected = np.column_stack([2.0 * np.cos(angle), 2.0 * np.sin(angle), np.full(25, 1.5)])
+    np.testing.assert_allclose(route.waypoints, expected, atol=1e-12)
     assert route.legs == (("lap 1", 0), ("lap 2", 8), ("lap 3", 16))
 
 
@@ -80,14 +80,14 @@ def test_the_legs_of_the_figure_eight_begin_where_their_names_say():
     route = figure_eight(radius=1.0, offset=2.0, lower_height=1.0, upper_height=3.0)
     begins = {leg.name: route.waypoints[leg.first] for leg in route.legs}
     x, y = np.sqrt(0.75), 1.5  # point of tangency of a tangent from the start to a circle
-    wanted = {
+    expected = {
         "rise": [0.0, 0.0, 0.0], "climb": [0.0, 0.0, 1.0],
         "circle": [x, y, 3.0], "straight": [-x, y, 3.0],
         "descent": [0.0, 0.0, 3.0], "turn": [x, -y, 1.0],
         "curve": [0.0, -3.0, 1.0], "return": [-x, -y, 1.0],
     }  # fmt: skip
-    assert list(begins) == list(wanted)
-    np.testing.assert_allclose(list(begins.values()), list(wanted.values()), atol=1e-12)
+    assert list(begins) == list(expected)
+    np.testing.assert_allclose(list(begins.values()), list(expected.values()), atol=1e-12)
     np.testing.assert_array_equal(route.waypoints[-1], [0.0, 0.0, 1.0])
 
 

@@ -68,8 +68,8 @@ def test_a_search_without_gradients_finds_no_shorter_path(seed):
         return np.log(total_within_limits(points, np.exp(logarithms)))
 
     options = {"maxfev": 800, "xatol": 1e-5, "fatol": 1e-7}
-    found = scipy.optimize.minimize(logarithm_of_total, np.log(durations), method="Nelder-Mead", options=options)
-    assert durations.sum() <= np.exp(found.fun) * (1.0 + 1e-3)
+    actual = scipy.optimize.minimize(logarithm_of_total, np.log(durations), method="Nelder-Mead", options=options)
+    assert durations.sum() <= np.exp(actual.fun) * (1.0 + 1e-3)
 
 
 @pytest.mark.parametrize("limits", [PathLimits(speed=1.0), PathLimits(speed=0.5, acceleration=0.3)])
@@ -90,11 +90,11 @@ def test_no_change_of_a_duration_shortens_the_path(limits):
 def test_durations_change_by_no_more_than_the_reach():
     """The durations are 0.1 s and 2.9 s. The optimum has a much longer first duration."""
     points, start = np.array([[0.0], [1.0], [3.0]]), np.array([0.1, 2.9])
-    for found in (
+    for actual in (
         least_snap_durations(points, start, reach=0.1),
         shortest_durations(points, start, LIMITS, reach=0.1),
     ):
-        moved = np.log(found / start)
+        moved = np.log(actual / start)
         assert moved[0] - moved[1] == pytest.approx(0.2, abs=1e-9)
 
 

@@ -44,15 +44,15 @@ def test_the_heuristic_is_the_faster_of_a_trapezoidal_profile_and_a_flight_with_
     ride = stretched(points, np.diff(trapezoid_times(points, speed=2.0, acceleration=1.0)))
     stopping = stretched(points, rest_to_rest_durations(points, LIMITS))
     assert (stopping.sum() < ride.sum()) == stops
-    found = heuristic_path(problem(points))
-    np.testing.assert_allclose(found.durations, stopping if stops else ride, rtol=1e-12)
+    actual = heuristic_path(problem(points))
+    np.testing.assert_allclose(actual.durations, stopping if stops else ride, rtol=1e-12)
 
 
 def test_the_heuristic_uses_the_points_at_which_the_path_passes_regions():
     """The path passes a box at its edge. The second time allocation uses the point where the first path passes it."""
     places = [Box.point([0.0, 0.0]), Box([1.0, 2.0], [5.0, 6.0]), Box.point([4.0, 0.0])]
     asked = PathProblem(places, limits=LIMITS)
-    found = heuristic_path(asked)
+    actual = heuristic_path(asked)
 
     def by_rule(points):
         ride = np.diff(trapezoid_times(points, speed=2.0, acceleration=1.0))
@@ -61,8 +61,8 @@ def test_the_heuristic_uses_the_points_at_which_the_path_passes_regions():
     again = [by_rule(path.waypoints)[i] for i, path in enumerate(by_rule(asked.representatives()))]
     totals = [path.duration * stretch_factor(path, LIMITS) for path in again]
     best = again[int(np.argmin(totals))]
-    assert found.duration == pytest.approx(min(totals), rel=1e-6)
-    np.testing.assert_allclose(found.durations / found.duration, best.durations / best.duration, rtol=1e-6)
+    assert actual.duration == pytest.approx(min(totals), rel=1e-6)
+    np.testing.assert_allclose(actual.durations / actual.duration, best.durations / best.duration, rtol=1e-6)
     assert abs(by_rule(asked.representatives())[0].waypoints[1, 1] - 4.0) > 1.0
 
 
@@ -98,9 +98,9 @@ def test_in_corridors_two_searches_are_better_than_one(points, room, duration):
     """
     points = np.array(points)
     halls = [Box(np.minimum(a, b) - room, np.maximum(a, b) + room) for a, b in itertools.pairwise(points)]
-    found = shortest_path(problem(points, corridors=halls))
-    assert found.duration <= 1.002 * duration
-    assert stretch_factor(found, LIMITS) <= 1.0 + 1e-6
+    actual = shortest_path(problem(points, corridors=halls))
+    assert actual.duration <= 1.002 * duration
+    assert stretch_factor(actual, LIMITS) <= 1.0 + 1e-6
 
 
 @pytest.mark.slow
@@ -108,9 +108,9 @@ def test_in_corridors_the_times_are_optimised_again_for_the_new_path():
     """A Nelder-Mead search found 14.175 s from three initial points. Without a second round, the result is 14.308 s."""
     points = np.array([[-1.1, 1.2], [-1.0, -2.0], [1.0, -2.2], [2.2, 1.5], [2.7, -0.6]])
     halls = [Box(np.minimum(a, b) - 0.3, np.maximum(a, b) + 0.3) for a, b in itertools.pairwise(points)]
-    found = shortest_path(problem(points, corridors=halls))
-    assert found.duration <= 1.002 * 14.175
-    assert stretch_factor(found, LIMITS) <= 1.0 + 1e-6
+    actual = shortest_path(problem(points, corridors=halls))
+    assert actual.duration <= 1.002 * 14.175
+    assert stretch_factor(actual, LIMITS) <= 1.0 + 1e-6
 
 
 def test_a_second_search_is_made_if_the_path_is_hardly_faster_than_one_with_stops():
@@ -139,25 +139,25 @@ def test_a_given_velocity_is_passed_in_the_first_feasible_total_time():
     ):
         asked = problem(step * np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]), [velocity, 0.0])
         stops = rest_to_rest_durations(asked.representatives(), LIMITS)
-        found = path_through_given_motion(asked, shorten=False)
-        assert found.duration == pytest.approx(factor * stops.sum(), rel=1e-9)
+        actual = path_through_given_motion(asked, shorten=False)
+        assert actual.duration == pytest.approx(factor * stops.sum(), rel=1e-9)
         smoothest = least_snap_durations(asked.representatives(), factor * stops, asked.derivatives)
-        np.testing.assert_allclose(found.durations, smoothest, rtol=1e-9)
+        np.testing.assert_allclose(actual.durations, smoothest, rtol=1e-9)
 
 
 @pytest.mark.slow
 def test_no_times_on_a_grid_are_better_for_a_given_velocity():
     asked = problem(np.array([[0.0, 0.0], [4.0, 0.0], [8.0, 1.0]]), [1.5, 0.0])
-    found = path_through_given_motion(asked, shorten=True)
-    assert found.duration < 0.97 * path_through_given_motion(asked, shorten=False).duration
-    assert stretch_factor(found, LIMITS) <= 1.0 + 1e-6
+    actual = path_through_given_motion(asked, shorten=True)
+    assert actual.duration < 0.97 * path_through_given_motion(asked, shorten=False).duration
+    assert stretch_factor(actual, LIMITS) <= 1.0 + 1e-6
     totals = []
     for first in np.linspace(3.5, 4.5, 16):
         for second in np.linspace(3.5, 4.5, 16):
             path = MinimumSnap(asked.representatives(), np.array([first, second]), asked.derivatives).path()
             if stretch_factor(path, LIMITS) <= 1.0:
                 totals.append(first + second)
-    assert found.duration <= 1.01 * min(totals)
+    assert actual.duration <= 1.01 * min(totals)
 
 
 def test_a_given_velocity_that_is_infeasible_at_any_time_is_reported():
@@ -180,15 +180,15 @@ def test_least_snap_within_limits_is_the_first_feasible_path_towards_the_shortes
     smoothest = least_snap_path(asked.without_limits(), total).durations
     with pytest.raises(InfeasibleError):
         path_within(asked, smoothest)
-    found = least_snap_path(asked, total)
-    assert found.duration == pytest.approx(total, rel=1e-12)
+    actual = least_snap_path(asked, total)
+    assert actual.duration == pytest.approx(total, rel=1e-12)
 
     def between(share):
         durations = smoothest ** (1.0 - share) * shortest.durations**share
         return durations * (total / durations.sum())
 
     shares = np.linspace(0.0, 1.0, 65)
-    distances = [np.abs(found.durations - between(share)).max() for share in shares]
+    distances = [np.abs(actual.durations - between(share)).max() for share in shares]
     nearest = int(np.argmin(distances))
     assert distances[nearest] <= 1e-6 * total
     path_within(asked, between(shares[nearest]))

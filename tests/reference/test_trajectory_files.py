@@ -31,8 +31,8 @@ def test_the_table_has_position_to_snap_and_the_yaw_to_nine_digits(tmp_path):
     times = table["time (s)"]
     columns = [*(row for order in range(5) for row in evaluate(PLAN.path, times, order))]
     columns += [evaluate(PLAN.yaw, times, order)[0] for order in range(2)]
-    for (heading, values), wanted in zip([*table.items()][1:], columns, strict=True):
-        np.testing.assert_allclose(values, wanted, rtol=5e-9, atol=1e-12, err_msg=heading)
+    for (heading, values), expected in zip([*table.items()][1:], columns, strict=True):
+        np.testing.assert_allclose(values, expected, rtol=5e-9, atol=1e-12, err_msg=heading)
     first, last = (heading for heading in (*table,)[1::16])
     assert (first, last) == ("x (m)", "yaw_rate (rad/s)")
     digits = [cell.split("e")[0].strip("-0.").replace(".", "") for cell in file.read_text().split()[-1].split(",")]

@@ -141,10 +141,10 @@ def test_the_sideways_drift_of_a_climb_is_ignored():
 @pytest.mark.parametrize("scale", [1e-3, 1e3])
 def test_the_size_of_a_path_does_not_change_the_yaw(scale):
     waypoints, times = np.array([[0.0, 0.0, 0.0], [0.1, 0.3, 2.0], [0.5, 0.4, 1.0]]), [1.0, 3.0, 6.0]
-    wanted, found = (yaw_along(minimum_snap(size * waypoints, times)) for size in (1.0, scale))
-    np.testing.assert_allclose(found.times, wanted.times)
-    np.testing.assert_allclose(found.coefficients, wanted.coefficients, atol=1e-9)
-    assert np.ptp(evaluate(wanted, wanted.times)[0]) > 0.3
+    expected, actual = (yaw_along(minimum_snap(size * waypoints, times)) for size in (1.0, scale))
+    np.testing.assert_allclose(actual.times, expected.times)
+    np.testing.assert_allclose(actual.coefficients, expected.coefficients, atol=1e-9)
+    assert np.ptp(evaluate(expected, expected.times)[0]) > 0.3
 
 
 def test_slow_horizontal_flight_next_to_a_climb_has_little_weight():

@@ -41,12 +41,12 @@ def test_bounds_restrict_every_corridor_and_change_nothing_else():
     corridor = Box([-1.0, 0.5, 0.0], [5.0, 1.5, 3.0])
     derivatives = np.zeros((3, 3, 3))
     problem = PathProblem([BEGIN, END, BEGIN], derivatives=derivatives, corridors=[None, corridor], limits=LIMITS)
-    found = with_bounds(problem, BOUNDS)
-    assert found.corridors[0].equals(BOUNDS)
-    assert found.corridors[1].equals(Box([0.0, 0.5, 0.0], [4.0, 1.5, 2.0]))
-    assert found.waypoints == problem.waypoints
-    assert found.limits == LIMITS
-    np.testing.assert_array_equal(found.derivatives, derivatives)
+    actual = with_bounds(problem, BOUNDS)
+    assert actual.corridors[0].equals(BOUNDS)
+    assert actual.corridors[1].equals(Box([0.0, 0.5, 0.0], [4.0, 1.5, 2.0]))
+    assert actual.waypoints == problem.waypoints
+    assert actual.limits == LIMITS
+    np.testing.assert_array_equal(actual.derivatives, derivatives)
     assert with_bounds(problem, None) is problem
     assert direct_route(problem).waypoints.tolist() == [0, 1, 2]
 
@@ -88,12 +88,12 @@ def test_a_passage_becomes_corridors_and_the_given_waypoints_keep_their_derivati
     # Each corridor and each transition is a box, given by two of its corners.
     boxes = ([0, 0, 0], [2, 1, 1]), ([1.5, 0, 0], [4, 1, 1]), ([2.5, 0, 0], [4, 1, 0.8]), ([3, 0, 0], [4, 3, 0.8])
     handovers = ([1.5, 0, 0], [2, 1, 1]), ([3, 0, 0], [4, 1, 0.8])
-    for found, (low, high) in zip(
+    for actual, (low, high) in zip(
         (*way.problem.corridors, *way.problem.waypoints[1::2]), (*boxes, *handovers), strict=True
     ):
         axes = np.eye(3)
-        np.testing.assert_allclose([-found.support(-axis) for axis in axes], low, atol=1e-9)
-        np.testing.assert_allclose([found.support(axis) for axis in axes], high, atol=1e-9)
+        np.testing.assert_allclose([-actual.support(-axis) for axis in axes], low, atol=1e-9)
+        np.testing.assert_allclose([actual.support(axis) for axis in axes], high, atol=1e-9)
 
 
 def detour(*corners):
@@ -143,8 +143,8 @@ def test_waypoints_between_given_times_are_timed_by_length():
     """The times are those of a polyline at constant speed, whose segments are lengthened by one millimetre."""
     corners = [[0.5, 1.0, 1.0], [1.0, 1.0, 1.0], [1.0, 1.5, 1.0], [3.0, 1.5, 1.0], [3.5, 1.5, 1.0], [3.5, 1.0, 1.0]]
     way = RouteAround(PathProblem([Box.point(corner) for corner in corners]), np.array([0, 2, 5]))
-    found = around._timing_for(way, GivenTimes((1.0, 3.0, 6.0)))
-    np.testing.assert_allclose(found.times, [1.0, 2.0, 3.0, 3.0 + 3.0 * 2.001 / 3.003, 6.0 - 3.0 * 0.501 / 3.003, 6.0])
+    actual = around._timing_for(way, GivenTimes((1.0, 3.0, 6.0)))
+    np.testing.assert_allclose(actual.times, [1.0, 2.0, 3.0, 3.0 + 3.0 * 2.001 / 3.003, 6.0 - 3.0 * 0.501 / 3.003, 6.0])
     # Two waypoints at the same point are passed in succession.
     twice = RouteAround(PathProblem([BEGIN, END, END]), np.array([0, 2]))
     times = around._timing_for(twice, GivenTimes((0.0, 1.0))).times

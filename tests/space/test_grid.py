@@ -65,13 +65,13 @@ def test_distances_of_a_grid_are_those_to_its_obstacles():
 
 def test_each_pair_of_neighbours_is_found_once():
     grid = Grid.of(EMPTY, Box([0.0, 0.0, 0.0], [0.3, 0.2, 0.4]), most=1000, finest=0.1)
-    found = [frozenset(pair) for one, other in grid.neighbours() for pair in zip(one.tolist(), other.tolist())]
+    actual = [frozenset(pair) for one, other in grid.neighbours() for pair in zip(one.tolist(), other.tolist())]
     at = indices(grid)
     expected = {
         frozenset((i, j)) for i, j in itertools.combinations(range(len(at)), 2) if np.abs(at[i] - at[j]).max() == 1
     }
-    assert len(found) == len(expected)
-    assert set(found) == expected
+    assert len(actual) == len(expected)
+    assert set(actual) == expected
 
 
 def over_steps(grid, start):

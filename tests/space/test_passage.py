@@ -125,9 +125,9 @@ MAZES = {
 @pytest.mark.parametrize(("boxes", "places", "corridors"), MAZES.values(), ids=MAZES)
 def test_the_selected_passage_has_the_lowest_cost_of_all(boxes, places, corridors):
     regions = Boxes(*boxes)
-    found = find_passage(regions, [range(len(regions))] * len(corridors), places, corridors)
+    actual = find_passage(regions, [range(len(regions))] * len(corridors), places, corridors)
     costs = costs_of_all(regions, places, corridors)
-    assert costs[found] == pytest.approx(min(costs.values()), abs=1e-5)
+    assert costs[actual] == pytest.approx(min(costs.values()), abs=1e-5)
 
 
 def test_a_passage_uses_only_candidates():
@@ -161,9 +161,9 @@ def test_regions_that_hardly_overlap_are_not_connected():
 def test_random_passages_are_feasible(places):
     regions = Boxes(*AROUND)
     corridors = [None] * (len(places) - 1)
-    found = other_passages(regions, [place.centre[None] for place in places], corridors, count=30)
-    assert len(found) == len(set(found)) > 1
-    assert set(found) <= set(costs_of_all(regions, places, corridors))
+    actual = other_passages(regions, [place.centre[None] for place in places], corridors, count=30)
+    assert len(actual) == len(set(actual)) > 1
+    assert set(actual) <= set(costs_of_all(regions, places, corridors))
 
 
 def test_random_passages_differ_only_if_their_lengths_are_similar():
@@ -204,13 +204,13 @@ def test_a_chain_grows_regions_in_gaps():
     way = np.array(
         [[0.5, 0.5, 0.5], [0.9, 0.5, 0.5], [1.3, 0.5, 0.5], [1.7, 0.5, 0.5], [1.9, 0.5, 0.5], [2.5, 0.5, 0.5]]
     )
-    found = region_chain(regions, way)
-    assert (found[0], found[-1]) == (0, 1)
+    actual = region_chain(regions, way)
+    assert (actual[0], actual[-1]) == (0, 1)
     assert len(regions) > 2
-    for one, other in itertools.pairwise(found):
+    for one, other in itertools.pairwise(actual):
         assert one != other
         assert regions.intersection(one, other) is not None
-    assert regions.containing(way, found).any(axis=0).all()
+    assert regions.containing(way, actual).any(axis=0).all()
 
 
 def test_candidates_are_the_chain_and_then_regions_on_the_shortest_routes():

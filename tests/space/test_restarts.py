@@ -32,7 +32,7 @@ def durations_of_restarts(room, problem, count):
     """Return the durations of the paths through random passages, s."""
     grid = Grid.of(room.space, room.bounds, most=30_000, finest=0.05)
     free = grid.nearest >= room.space.clearance + SLACK
-    found = []
+    actual = []
     for start in range(0, count, _DRAWS):
         random = np.random.default_rng([start, 27])
         regions = Regions(room.space, room.bounds)
@@ -42,10 +42,10 @@ def durations_of_restarts(room, problem, count):
         ends = [place[None] for place in room.places]
         for passage in other_passages(regions, ends, problem.corridors, count=_DRAWS, seed=start):
             try:
-                found.append(plan_path(with_corridors(problem, regions, passage).problem, Shortest()).duration)
+                actual.append(plan_path(with_corridors(problem, regions, passage).problem, Shortest()).duration)
             except InputError:
                 continue
-    return found
+    return actual
 
 
 @pytest.mark.slow

@@ -132,7 +132,7 @@ def test_faces_of_a_region_keep_clearance_and_slack_from_a_wall_and_lie_on_the_b
 
 
 def test_a_free_seed_is_always_in_its_region():
-    """Later iterations of IRIS can lose a seed in a corner between obstacles. In this case only one iteration is used."""
+    """Later iterations of IRIS can lose a seed in a corner between obstacles. Then only one iteration is used."""
     room = random_room(1)
     grid = grid_of(room)
     free = np.flatnonzero(grid.nearest >= room.space.clearance + SLACK)

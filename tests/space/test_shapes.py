@@ -93,9 +93,9 @@ def test_floats_and_machine_code_agree_with_arrays(shape):
     expected = shape.distances(points)
     np.testing.assert_allclose([shape.distance(*p) for p in points.tolist()], expected, rtol=1e-12, atol=1e-9)
     for lone, one in ((False, points), *((True, point[None]) for point in points[:20])):
-        found = np.full(len(one), np.nan)
-        kernel(shape.distance, (ROW, ROW, ROW), (ROW,), single_vehicle=lone)(len(one), 0.0, found, *one.T.copy())
-        np.testing.assert_allclose(found, shape.distances(one), rtol=1e-12, atol=1e-9)
+        actual = np.full(len(one), np.nan)
+        kernel(shape.distance, (ROW, ROW, ROW), (ROW,), single_vehicle=lone)(len(one), 0.0, actual, *one.T.copy())
+        np.testing.assert_allclose(actual, shape.distances(one), rtol=1e-12, atol=1e-9)
 
 
 @each_shape

@@ -21,18 +21,18 @@ def test_the_interval_contains_the_ratios_that_a_t_test_does_not_reject(confiden
     rng = np.random.default_rng(0)
     baseline = rng.lognormal(0.0, 0.5, 12)
     values = 0.8 * baseline * rng.lognormal(0.0, 0.3, 12)
-    found = ratio_of_means(values, baseline, confidence)
-    assert found.value == pytest.approx(values.mean() / baseline.mean(), rel=1e-14)
-    for end, inside in ((found.low, 1.0), (found.high, -1.0)):
+    actual = ratio_of_means(values, baseline, confidence)
+    assert actual.value == pytest.approx(values.mean() / baseline.mean(), rel=1e-14)
+    for end, inside in ((actual.low, 1.0), (actual.high, -1.0)):
         assert holds(end + 1e-6 * inside, values, baseline, confidence)
         assert not holds(end - 1e-6 * inside, values, baseline, confidence)
 
 
 def test_with_a_constant_baseline_the_interval_is_that_of_student():
     values = np.random.default_rng(1).gamma(3.0, 1.0, 15)
-    found = ratio_of_means(values, np.full(15, 2.0))
+    actual = ratio_of_means(values, np.full(15, 2.0))
     expected = scipy.stats.ttest_1samp(0.5 * values, 0.0).confidence_interval(0.95)
-    assert found[1:] == pytest.approx((expected.low, expected.high), rel=1e-12)
+    assert actual[1:] == pytest.approx((expected.low, expected.high), rel=1e-12)
 
 
 def lognormal_pairs(rng, shape):
@@ -51,18 +51,18 @@ def test_the_interval_covers_the_ratio_of_means_of_skewed_metrics(count, allowed
     """
     rng = np.random.default_rng(2)
     values, baseline, truth = lognormal_pairs(rng, (4000, count))
-    found = np.array([ratio_of_means(*pair) for pair in zip(values, baseline, strict=True)])
-    covered = (found[:, 1] <= truth) & (truth <= found[:, 2])
+    actual = np.array([ratio_of_means(*pair) for pair in zip(values, baseline, strict=True)])
+    covered = (actual[:, 1] <= truth) & (truth <= actual[:, 2])
     assert np.mean(covered) == pytest.approx(0.95, abs=allowed)
 
 
 def test_the_interval_does_not_depend_on_the_unit_or_on_the_order():
     values, baseline, _ = lognormal_pairs(np.random.default_rng(3), 30)
-    found = ratio_of_means(values, baseline)
-    assert ratio_of_means(1e-3 * values[::-1], 1e-3 * baseline[::-1]) == pytest.approx(found, rel=1e-12)
+    actual = ratio_of_means(values, baseline)
+    assert ratio_of_means(1e-3 * values[::-1], 1e-3 * baseline[::-1]) == pytest.approx(actual, rel=1e-12)
     # The interval of the inverse ratio consists of the inverse values.
     inverse = ratio_of_means(baseline, values)
-    assert inverse == pytest.approx((1.0 / found.value, 1.0 / found.high, 1.0 / found.low), rel=1e-12)
+    assert inverse == pytest.approx((1.0 / actual.value, 1.0 / actual.high, 1.0 / actual.low), rel=1e-12)
 
 
 def test_the_ratio_of_a_metric_to_itself_is_exactly_one():
@@ -86,9 +86,9 @@ def test_a_ratio_is_unbounded_if_the_baseline_may_be_zero():
 
 def test_no_ratio_is_negative():
     """Fieller's set contains negative ratios if the metric is mostly zero. They are removed."""
-    found = ratio_of_means(np.array([0.0, 0.0, 0.0, 1.0]), np.ones(4))
-    assert (found.value, found.low) == (0.25, 0.0)
-    assert math.isfinite(found.high)
+    actual = ratio_of_means(np.array([0.0, 0.0, 0.0, 1.0]), np.ones(4))
+    assert (actual.value, actual.low) == (0.25, 0.0)
+    assert math.isfinite(actual.high)
 
 
 @pytest.mark.parametrize(("values", "baseline"), [([], []), ([1.0], [0.0]), ([0.0, 1.0], [0.0, 0.0])])
@@ -97,9 +97,9 @@ def test_without_a_baseline_there_is_no_ratio(values, baseline):
 
 
 def test_one_pair_has_a_ratio_and_no_interval():
-    found = ratio_of_means(np.array([3.0]), np.array([2.0]))
-    assert found.value == 1.5
-    assert np.isnan(found[1:]).all()
+    actual = ratio_of_means(np.array([3.0]), np.array([2.0]))
+    assert actual.value == 1.5
+    assert np.isnan(actual[1:]).all()
 
 
 def test_linearized_ratios_have_the_mean_and_the_standard_error_of_the_ratio():
@@ -124,7 +124,7 @@ def test_the_share_and_the_difference_of_a_comparison_agree():
     metrics, other = (
         Metrics(*[each] * (len(Metrics._fields) - 1), np.full(60, math.inf)) for each in (value, baseline)
     )
-    found = compare(metrics, other)
-    assert found.share == ratio_of_means(value, baseline)
-    assert (found.share.value < 1.0) == (found.difference.value < 0.0)
-    assert (found.share.high < 1.0) == (found.difference.high < 0.0)
+    actual = compare(metrics, other)
+    assert actual.share == ratio_of_means(value, baseline)
+    assert (actual.share.value < 1.0) == (actual.difference.value < 0.0)
+    assert (actual.share.high < 1.0) == (actual.difference.high < 0.0)
