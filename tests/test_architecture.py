@@ -11,8 +11,8 @@ from drake_quad.command_line.main import COMMANDS
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "drake_quad"
 # Rows of the table: | level | `folder/` | contents |
-ROW = re.compile(r"^\| (\d+) \| `(\w+)/` \| (.+) \|$", re.MULTILINE)
-LEVELS = {folder: int(level) for level, folder, _ in ROW.findall((ROOT / "CONTRIBUTING.md").read_text())}
+ROW_PATTERN = re.compile(r"^\| (\d+) \| `(\w+)/` \| (.+) \|$", re.MULTILINE)
+LEVELS = {folder: int(level) for level, folder, _ in ROW_PATTERN.findall((ROOT / "CONTRIBUTING.md").read_text())}
 # Modules outside the folders are at level 0, except for these modules, which are above all folders.
 TOP_MODULES = ("__init__", "__main__", "testing")
 
@@ -55,7 +55,7 @@ def imports():
 
 
 def test_the_table_lists_each_folder_with_its_docstring():
-    rows = {folder: contents for _, folder, contents in ROW.findall((ROOT / "CONTRIBUTING.md").read_text())}
+    rows = {folder: contents for _, folder, contents in ROW_PATTERN.findall((ROOT / "CONTRIBUTING.md").read_text())}
     docstrings = {
         path.parent.name: ast.get_docstring(ast.parse(path.read_text())).partition("\n")[0].rstrip(".")
         for path in PACKAGE.glob("*/__init__.py")

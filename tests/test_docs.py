@@ -197,7 +197,7 @@ def test_the_markdown_and_html_reports_agree(folder):
     assert (folder / "report.html").read_text(encoding="utf-8") == as_html(text, folder)
 
 
-# The index is not linked, and neither are the pages of the API, to which their own first page links.
+# Pages to which the README and the index must link: all except the index itself and the pages of the API.
 LISTED = [page.relative_to(ROOT / "docs") for page in DOCS if page.parent.name not in ("docs", "api")]
 
 

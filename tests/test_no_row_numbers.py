@@ -45,7 +45,7 @@ def test_formulas_and_metrics_access_rows_by_name(root):
 
 
 def numbered_states(tree: ast.AST) -> Iterator[ast.Subscript]:
-    """Return the subscripts that access rows of a variable with the name of a state by number."""
+    """Return the subscripts that access rows of a state by number, such as `state[3]`."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name):
             first = node.slice.elts[0] if isinstance(node.slice, ast.Tuple) else node.slice

@@ -202,7 +202,7 @@ def test_an_object_file_without_the_function_is_not_called(folder, monkeypatch):
     text = module(4_711)
     code_cache.write(machine_code._name(text), machine_code._compile(module(1).replace("@kernel(", "@another(")))
     assert run_module(text) == 4_711
-    # The recompiled module replaces it in the cache.
+    # The recompiled module replaces the faulty file in the cache.
     monkeypatch.setattr(machine_code, "_addresses", ThreadSafeCache())
     monkeypatch.setattr(machine_code, "_compile", None)
     assert run_module(text) == 4_711

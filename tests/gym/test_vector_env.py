@@ -71,7 +71,7 @@ def test_each_vehicle_flies_as_in_drakes_simulator(action):
     over = [columns(steps[1:], place) for place in (2, 3)]
     ended = over[0] | over[1]
     episodes = 0
-    for vehicle in (0, 4, 8):  # the first and the last vector register
+    for vehicle in (0, 4, 8):  # these vehicles are in the first and in the last vector register
         first, sample = 0, 0
         for last in [*np.flatnonzero(ended[:, vehicle]), len(actions) - 1]:
             flown = actions[first : last + 1, vehicle]
@@ -310,7 +310,7 @@ def test_with_observations_along_the_heading_the_task_does_not_depend_on_the_hea
         np.testing.assert_allclose(other, one, rtol=0.0, atol=1e-6)
 
 
-def test_spaces_have_the_sizes_of_the_scenario():
+def test_the_observation_and_action_spaces_match_the_scenario():
     envs = envs_of(3, action={"kind": "acceleration", "most": [3, 3, 3]}, observation={"history": 4})
     assert envs.single_observation_space.shape == (4 * (3 + 3 + 9 + 3 + 3 + 3),)
     assert envs.action_space.shape == (3, 3)

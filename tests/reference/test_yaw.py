@@ -31,7 +31,7 @@ def test_a_constant_yaw_has_the_given_value_and_times():
     np.testing.assert_array_equal(evaluate(profile, [1.0, 2.0, 4.0], 1)[0], 0.0)
 
 
-def test_a_rotation_between_two_yaws_is_the_known_cubic():
+def test_a_rotation_between_two_yaws_is_a_cubic_with_the_known_cost():
     """From rest to rest, 3s² - 2s³ has the smallest integral of the squared acceleration, 12 Δψ² / T³."""
     profile = yaw_through([0.0, 2.0], [0.0, 1.0])
     s = np.linspace(0.0, 1.0, 9)

@@ -357,7 +357,7 @@ def test_a_route_that_a_coarse_grid_misses_is_found_on_a_finer_one():
     assert space.nearest(points)[0].min() >= space.clearance
 
 
-def test_regions_are_selected_by_routes_that_keep_the_slack(monkeypatch):
+def test_routes_that_select_regions_keep_the_clearance_with_its_slack(monkeypatch):
     """The length of a route over a point is at least that of the straight lines between the point and both ends."""
     recorded = []
     lengths_from = around.Grid.lengths_from

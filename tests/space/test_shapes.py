@@ -191,7 +191,7 @@ def test_a_failure_of_qhull_is_reported(monkeypatch):
         hull_of(POINTS)
 
 
-def test_a_space_knows_the_nearest_obstacle():
+def test_a_space_finds_the_nearest_obstacle():
     near, far = Ball((0.0, 0.0, 1.0), radius=0.5), Cuboid((3.0, 0.0, 1.0))
     space = Space((Obstacle("near", near), Obstacle("far", far)), radius=0.2, margin=0.1, tracking=0.05)
     distance, number = space.nearest([[1.0, 0.0, 1.0], [2.0, 0.0, 1.0]])
@@ -233,7 +233,7 @@ def test_a_hull_is_the_same_far_from_the_origin(away):
     np.testing.assert_allclose(far.distances(points + away), hull.distances(points), atol=1e-6)
 
 
-def test_points_of_any_plane_have_no_hull():
+def test_points_in_a_plane_have_no_hull():
     flat = POINTS * [1.0, 1.0, 0.0]
     for points in (flat + np.array([0.0, 0.0, 1.0]), transformed_points(flat, centre=CENTRE, rotation=ROTATION)):
         with pytest.raises(InputError, match="the 30 points of a hull are in a plane"):

@@ -22,7 +22,7 @@ def test_negation_and_shifts_change_the_value_and_both_ends():
 
 
 @pytest.mark.parametrize(("level", "expected"), [(0.05, True), (0.1, None), (0.3, None), (0.4, None), (0.5, False)])
-def test_a_level_within_the_interval_leaves_the_question_open(level, expected):
+def test_a_comparison_with_a_level_within_the_interval_is_undecided(level, expected):
     assert EXAMPLE.is_above(level) is expected
 
 
