@@ -16,10 +16,12 @@ from drake_quad import load_scenario, simulate
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import hermite_path
 
-DURATION, MAX_SPEED, NUM_POINTS = 10.0, 1.2, 24  # s, m/s, number of control points
+DURATION = 10.0  # s
+MAX_SPEED = 1.2  # m/s, along each axis
+NUM_POINTS = 24  # control points
 START, END = np.array([0.0, 0.0, 1.0]), np.array([5.0, 0.0, 1.0])
-# Centre of each gate (m), with the time at which the path passes it (s) as key, and tolerance along x, y and z (m).
-GATES, TOLERANCE = {2.5: [1.0, 1.5, 1.5], 5.0: [2.5, -1.0, 2.0], 7.5: [4.0, 1.0, 1.2]}, np.array([0.02, 0.3, 0.3])
+GATES = {2.5: [1.0, 1.5, 1.5], 5.0: [2.5, -1.0, 2.0], 7.5: [4.0, 1.0, 1.2]}  # centre (m) by time of passage (s)
+TOLERANCE = np.array([0.02, 0.3, 0.3])  # m, of the passage along x, y and z
 
 basis = BsplineBasis(8, NUM_POINTS, KnotVectorType.kClampedUniform, 0.0, DURATION)
 spline = BsplineTrajectory(basis, np.zeros((NUM_POINTS, 3, 1)))

@@ -24,8 +24,8 @@ from drake_quad.scenario.sensors.sensor import SENSORS
 from drake_quad.signals import SIGNALS
 
 ROOT = Path(__file__).parent.parent
-GENERATED = (ROOT / "docs" / "controllers", ROOT / "docs" / "replication")
-DOCS = [page for page in sorted((ROOT / "docs").rglob("*.md")) if page.parent not in GENERATED]
+GENERATED_FOLDERS = (ROOT / "docs" / "controllers", ROOT / "docs" / "replication")
+DOCS = [page for page in sorted((ROOT / "docs").rglob("*.md")) if page.parent not in GENERATED_FOLDERS]
 PAGES = [ROOT / "README.md", *DOCS]
 # The links and names of these pages are checked, but not their commands, which are not for users.
 OTHER_PAGES = [ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]
@@ -191,24 +191,24 @@ def test_every_environment_variable_is_read():
     assert set(re.findall(r"DRAKE_QUAD_\w+", ALL_TEXT)) == {name for name in read if name.startswith("DRAKE_QUAD")}
 
 
-@pytest.mark.parametrize("folder", GENERATED, ids=lambda folder: folder.name)
+@pytest.mark.parametrize("folder", GENERATED_FOLDERS, ids=lambda folder: folder.name)
 def test_the_markdown_and_html_reports_agree(folder):
     text = (folder / "report.md").read_text(encoding="utf-8")
     assert (folder / "report.html").read_text(encoding="utf-8") == as_html(text, folder)
 
 
 # Pages to which the README and the index must link: all except the index itself and the pages of the API.
-LISTED = [page.relative_to(ROOT / "docs") for page in DOCS if page.parent.name not in ("docs", "api")]
+LINKED_PAGES = [page.relative_to(ROOT / "docs") for page in DOCS if page.parent.name not in ("docs", "api")]
 
 
 def test_every_page_is_linked_from_the_readme():
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert {str(page) for page in LISTED} <= set(re.findall(r"\(docs/([^)#]+)\)", readme))
+    assert {str(page) for page in LINKED_PAGES} <= set(re.findall(r"\(docs/([^)#]+)\)", readme))
 
 
 def test_every_page_is_linked_from_the_index():
     index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
-    assert {str(page.with_suffix("")) for page in LISTED} <= set(index.split())
+    assert {str(page.with_suffix("")) for page in LINKED_PAGES} <= set(index.split())
 
 
 def row_of(system):

@@ -229,7 +229,7 @@ def test_parameters_and_states_are_read_back_unchanged(example):
         np.testing.assert_array_equal(actual, desired)
 
 
-DRAKE = tuple(map(int, importlib.metadata.version("drake").split(".")[:2]))
+DRAKE_VERSION = tuple(map(int, importlib.metadata.version("drake").split(".")[:2]))
 
 
 def parts_of(system):
@@ -256,7 +256,7 @@ def frozen_objects():
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("frozen_objects")
-@pytest.mark.skipif(DRAKE < (1, 56), reason="in earlier versions of Drake, callbacks keep their systems alive")
+@pytest.mark.skipif(DRAKE_VERSION < (1, 56), reason="in earlier versions of Drake, callbacks keep their systems alive")
 @systems
 def test_a_deleted_system_leaves_no_garbage(documented, make):
     """Its context, cached values, AutoDiffXd copy and subsystems are deleted as well."""

@@ -24,7 +24,8 @@ from drake_quad.signals import Reference, State
 
 NUM_LANDING_SAMPLES = 300  # at 100 Hz
 MAX_COMMAND = 65535.0  # largest thrust in units of the firmware
-DEGREE, UNIT = math.pi / 180.0, MAX_THRUST / MAX_COMMAND
+DEGREE = math.pi / 180.0
+UNIT = MAX_THRUST / MAX_COMMAND  # N
 OUTPUTS = {"roll": "degrees", "pitch": "degrees", "cmd_thrust": "units of 16 bits"}
 
 

@@ -27,8 +27,8 @@ from drake_quad.studies.crew import outcomes_of
 from drake_quad.studies.processes import Workers
 
 _DIAGRAMS = Path(__file__).parents[2] / "diagrams"
-# The first line of a file describes the flights, and the second one has the names of the columns.
-_COMMENT, _HEADER = "# ", ("sample", *Checked._fields)
+_COMMENT = "# "  # start of the first line of a file, which describes the flights
+_HEADER = ("sample", *Checked._fields)  # columns, whose names are in the second line
 _BATCH_SIZE = 5
 _RANGES = {"samples": (1, 10_000), "processes": (1, 256), "seed": (0, 2**31)}
 

@@ -81,7 +81,7 @@ def memory_growth(num_vehicles: int, steps: int) -> str:
 
 
 def _peak_sizes(num_vehicles: int, steps: int) -> Sequence[float]:
-    step, sizes = crashing(num_vehicles), []
+    step, sizes = crashing_fleet(num_vehicles), []
     for k in range(rounds := max(10, steps // num_vehicles)):
         step()
         if k + 1 in (rounds // 10, rounds):
@@ -100,7 +100,7 @@ def figure_eight(num_vehicles: int, *, everything: bool) -> Step:
     return lambda: envs.step(actions)
 
 
-def crashing(num_vehicles: int) -> Step:
+def crashing_fleet(num_vehicles: int) -> Step:
     """Return a function that steps an environment of this library with 31 distributions and frequent crashes."""
     from drake_quad.gym import QuadrotorVectorEnv
 
@@ -122,7 +122,7 @@ def crazyflow_figure_eight(num_vehicles: int, *, frequency: int) -> Step:
 CONTENDERS = [
     Contender("drake_quad", "drake_quad, ideal", partial(figure_eight, everything=False)),
     Contender("drake_quad", "drake_quad, everything", partial(figure_eight, everything=True)),
-    Contender("drake_quad", "drake_quad, robustness, crashing", crashing),
+    Contender("drake_quad", "drake_quad, robustness, crashing", crashing_fleet),
     Contender("crazyflow", "crazyflow 0.4, 100 Hz", partial(crazyflow_figure_eight, frequency=100)),
     Contender("crazyflow", "crazyflow 0.4, 500 Hz", partial(crazyflow_figure_eight, frequency=500)),
 ]

@@ -23,7 +23,7 @@ from drake_quad.scenario.paths import replaced
 
 _CONTROLLERS = Path(__file__).parents[2] / "diagrams" / "controllers"
 _DESIGNED = _CONTROLLERS / "designed" / "laboratory.yaml"
-_LQG = ("lqg_low_wind", "lqg_robustness")
+_LQG_CONTROLLERS = ("lqg_low_wind", "lqg_robustness")
 _LOSSLESS = "laboratory.command_link.loss_rate=0"
 _OTHER_SEED = 1
 _NOISE_FIELDS = ("laboratory.motion_capture.position_noise", "laboratory.motion_capture.attitude_noise")
@@ -48,7 +48,7 @@ def shipped() -> Iterator[tuple[str, str]]:
     """Yield the name and the layer of each controller that was tuned for the laboratory."""
     for name in re.findall(r"^(\w+):", _DESIGNED.read_text(encoding="utf-8"), re.MULTILINE):
         yield name, f"{_DESIGNED}:{name}"
-    for name in _LQG:
+    for name in _LQG_CONTROLLERS:
         yield f"{name} of `controllers/lqg.yaml`", f"{_CONTROLLERS / 'lqg.yaml'}:{name}"
 
 

@@ -43,7 +43,7 @@ _INITIAL_LAG = ("vehicle.rotor_time_constant=0.072", "vehicle.rotor_time_constan
 # which corresponds to a misalignment of 3 to 15 mrad.
 _MISALIGNMENT = 0.008
 _MIN_SWING_FREQUENCY = 3.0  # rad/s; slower modes are not swings
-_PRESSURE = "body_drag.centre_of_pressure[2]"
+_CENTRE_OF_PRESSURE = "body_drag.centre_of_pressure[2]"
 _WRITTEN_PARAMETERS = (
     "thrust_factor",
     "rotor_time_constant",
@@ -51,7 +51,7 @@ _WRITTEN_PARAMETERS = (
     "inertia[1]",
     "centre_of_mass[0]",
     "centre_of_mass[1]",
-    _PRESSURE,
+    _CENTRE_OF_PRESSURE,
 )
 _VEHICLES_COMMENT = """ by `python scripts/development/identify_crazyswarm2.py`. The standard
 # deviations are those of the estimates.
@@ -118,7 +118,7 @@ def vehicle(
     torque_ratio = base.vehicle.drag_factor / base.vehicle.thrust_factor
     yaw_inertia = base.vehicle.inertia[2] * values["inertia[0]"] / base.vehicle.inertia[0]
     believed = number_of(base, "body_drag.linear[0]")
-    arm = values[_PRESSURE] * 2.0 * believed / (drag[0].value + drag[1].value)
+    arm = values[_CENTRE_OF_PRESSURE] * 2.0 * believed / (drag[0].value + drag[1].value)
     lines = [
         f"log{log}:",
         f"  extends: sheet_{log}",

@@ -35,7 +35,9 @@ _FILE = Path(__file__).parents[2] / "diagrams" / "nanobench.yaml"
 _THRUST_OF_VOLTAGE = (-0.02476538, 0.06523794, -0.02679250, 0.006776789)
 # Throttle 1 of the scenario, relative to the firmware's full collective command. Single rotors may exceed the latter.
 _FULL_THROTTLE = 1.28
-_MASS, _ARM, _GRAVITY = 0.027, 0.03253, 9.81  # kg, m, m/s²; only ratios to the mass matter
+_MASS = 0.027  # kg; only ratios to the mass matter
+_ARM = 0.03253  # m
+_GRAVITY = 9.81  # m/s²
 _NUM_AVERAGED = 3  # log samples per averaged sample of 30 ms, because radio packets arrive at 75 to 84 Hz
 _SMOOTHING_SAMPLES = 8  # samples
 _CLIMB_SAMPLES = 400  # samples after lift-off that determine the slope of the thrust

@@ -26,7 +26,7 @@ _DIAGRAMS = Path(__file__).parents[2] / "diagrams"
 _VEHICLE = _DIAGRAMS / "vehicles" / "neural_fly.yaml"
 _LABORATORY = _DIAGRAMS / "neural_fly.yaml"
 # RMS error (m) of the baseline controller over the last six laps (O'Connell et al., 2022), by name of the scenario.
-FLOWN = {"still": 0.119, "wind_4": 0.107, "wind_8": 0.163, "wind_12": 0.239, "wind_8_sine": 0.312}
+PUBLISHED_ERRORS = {"still": 0.119, "wind_4": 0.107, "wind_8": 0.163, "wind_12": 0.239, "wind_8_sine": 0.312}
 _NUM_SAMPLES = 16
 _NUM_PHASES = 16
 _NOMINAL_THRUST_CURVE = "vehicle.motors={kind: throttle, curve: [0.0, 14.27, 0.0]}"
@@ -59,7 +59,7 @@ def main() -> None:
     arguments = options.parse_args()
     print("| RMSE, cm | 0 m/s | 4.2 m/s | 8.5 m/s | 12.1 m/s | 8.5 m/s and a sine |")
     print("|---|---|---|---|---|---|")
-    print_row("flown", list(FLOWN.values()))
+    print_row("flown", list(PUBLISHED_ERRORS.values()))
     for name, overrides in VARIANTS.items():
         errors = predicted(overrides)
         print_row(name, errors)
@@ -80,13 +80,13 @@ def predicted(overrides: tuple[str, ...] = (), *, measured: bool = True) -> list
         overrides: overrides of the vehicle.
         measured: whether the errors are those of the positions that the cameras measure, or of the true positions.
     """
-    flights = [simulate(load_scenario(f"{_VEHICLE}:{name}", overrides)) for name in FLOWN]
+    flights = [simulate(load_scenario(f"{_VEHICLE}:{name}", overrides)) for name in PUBLISHED_ERRORS]
     return [measured_rmse(flight) if measured else float(flight.metrics.rmse) for flight in flights]
 
 
 def predicted_in_laboratory() -> list[float]:
     """Return the mean predicted RMS errors of the five flights with noise and turbulence, m."""
-    scenarios = (load_scenario(f"{_LABORATORY}:{name}") for name in FLOWN)
+    scenarios = (load_scenario(f"{_LABORATORY}:{name}") for name in PUBLISHED_ERRORS)
     fleets = (simulate_samples(scenario, range(_NUM_SAMPLES)) for scenario in scenarios)
     return [float(np.mean([measured_rmse(flight) for flight in flights])) for flights in fleets]
 
@@ -109,7 +109,7 @@ def print_row(name: str, errors: list[float]) -> None:
 
 def print_differences(errors: list[float]) -> None:
     """Print the predicted errors relative to those of the flights, as differences in %."""
-    shares = [100.0 * (error / flown - 1.0) for error, flown in zip(errors, FLOWN.values(), strict=True)]
+    shares = [100.0 * (error / flown - 1.0) for error, flown in zip(errors, PUBLISHED_ERRORS.values(), strict=True)]
     print(f"| difference from the flights | {' | '.join(f'{share:+.0f} %' for share in shares)} |")
 
 

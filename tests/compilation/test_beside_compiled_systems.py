@@ -106,11 +106,11 @@ class PdWithCounter(UserPd):
         output.SetFromVector(self.pd(context) + total / (1 + count))
 
 
-def every_30_ms(num_vehicles=1):
+def integral_every_30_ms(num_vehicles=1):
     return PdWithIntegral(num_vehicles, period=0.03)
 
 
-def every_5_ms(num_vehicles=1):
+def integral_every_5_ms(num_vehicles=1):
     return PdWithIntegral(num_vehicles, period=0.005)
 
 
@@ -167,7 +167,7 @@ def integrating_cascade(num_vehicles=1):
     return Cascade(num_vehicles, integrates=True)
 
 
-class Breeze(LeafSystem):
+class VaryingWind(LeafSystem):
     """Wind for N vehicles that depends on time and position, and on a state if a period (s) is given."""
 
     def __init__(self, num_vehicles=1, period=None):
@@ -189,16 +189,16 @@ class Breeze(LeafSystem):
         output.SetFromVector(wind + (context.get_discrete_state(self._memory).value() if self._remembers else 0.0))
 
 
-def breeze_with_state(num_vehicles=1):
-    return Breeze(num_vehicles, 0.02)
+def varying_wind_with_state(num_vehicles=1):
+    return VaryingWind(num_vehicles, 0.02)
 
 
-OWN = {
+USER_SYSTEMS = {
     "position_controller": [
         UserPd,
         PdWithIntegral,
-        every_30_ms,
-        every_5_ms,
+        integral_every_30_ms,
+        integral_every_5_ms,
         PdWithFilter,
         PdWithCounter,
         with_a_filter,
@@ -206,11 +206,11 @@ OWN = {
         with_a_delay,
     ],
     "control": [Cascade, integrating_cascade],
-    "wind": [Breeze, breeze_with_state],
+    "wind": [VaryingWind, varying_wind_with_state],
 }
 each = pytest.mark.parametrize(
     ("place", "make"),
-    [(place, make) for place, makes in OWN.items() for make in makes],
+    [(place, make) for place, makes in USER_SYSTEMS.items() for make in makes],
     ids=lambda value: getattr(value, "__name__", value),
 )
 
@@ -236,7 +236,7 @@ def test_a_fleet_with_a_users_system_flies_the_same_compiled_and_uncompiled(scen
 @pytest.mark.slow
 def test_a_stateless_system_can_have_a_stand_in_in_a_built_diagram(scenario, plan):
     """The system stays in the built diagram, and both diagrams can be simulated."""
-    wired = build_tracking_diagram(scenario, position_controller=UserPd(), wind=Breeze(), plan=plan)
+    wired = build_tracking_diagram(scenario, position_controller=UserPd(), wind=VaryingWind(), plan=plan)
     compiled = compile_diagram(wired)
     shown = [system for system in compiled.GetSystems() if isinstance(system, StandIn)]
     assert len(shown) == 2
@@ -296,7 +296,7 @@ def test_a_stand_in_has_the_outputs_of_its_system():
         np.testing.assert_array_equal(actual, expected)
 
 
-class Scales(LeafSystem):
+class TimeScaling(LeafSystem):
     """System with two rows of output, the product of input and time."""
 
     def __init__(self, size):
@@ -315,7 +315,7 @@ def mixed_diagram():
     n = 2
     hold = builder.AddNamedSystem("hold", ZeroOrderHold(0.02, 3 * n))
     wind = builder.AddNamedSystem("steady", SteadyWind(num_vehicles=n, numbers=Wind(1.0, 2.0, 3.0)))
-    first, second = (builder.AddNamedSystem(name, Scales(3 * n)) for name in ("first", "second"))
+    first, second = (builder.AddNamedSystem(name, TimeScaling(3 * n)) for name in ("first", "second"))
     builder.ExportInput(second.GetInputPort("second"), "v")
     builder.ExportInput(first.GetInputPort("first"), "u")
     builder.Connect(wind.get_output_port(), first.GetInputPort("second"))

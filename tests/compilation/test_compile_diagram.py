@@ -69,14 +69,14 @@ def assert_equal_at(wired, compiled, context):
         assert_alike(compiled.get_system().GetOutputPort(name).Eval(compiled.get_context()), expected, name)
 
 
-ENTIRE = [
+COMPLETE_SCENARIOS = [
     ("pid", 1, ()),
     ("pd_t1fnn", 2, ("laboratory.motion_capture.period=0.02", "vehicle.time_step=0.005")),
 ]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "n", "overrides"), ENTIRE)
+@pytest.mark.parametrize(("name", "n", "overrides"), COMPLETE_SCENARIOS)
 def test_state_and_ports_are_those_of_the_diagram_at_and_between_all_instants(asymmetric, name, n, overrides):
     wired = build_tracking_diagram(asymmetric(name, *overrides), n)
     compiled = compile_diagram(wired)

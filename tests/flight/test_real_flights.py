@@ -41,7 +41,7 @@ def test_simulated_errors_of_neural_fly_agree_with_the_flown_ones(diagrams, root
     assert row_of_page(root, "flown") == [*FLOWN.values()]
     assert row_of_page(root, "as identified") == pytest.approx(list(found.values()), abs=0.051)
     differences = [100.0 * (found[name] / flown - 1.0) for name, flown in FLOWN.items()]
-    assert row_of_page(root, "less what was flown") == pytest.approx(differences, abs=0.51)
+    assert row_of_page(root, "difference from the flights") == pytest.approx(differences, abs=0.51)
 
 
 @pytest.mark.slow

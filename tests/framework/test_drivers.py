@@ -9,7 +9,7 @@ from drake_quad.framework.drivers import Driver, copy_functions
 from drake_quad.framework.machine_code import LANES, kernel_address
 
 
-def called(text, *arguments):
+def run_function(text, *arguments):
     types = [ctypes.py_object if isinstance(each, np.ndarray) else ctypes.c_int64 for each in arguments]
     ctypes.PYFUNCTYPE(None, *types)(kernel_address(text))(*arguments)
 
@@ -30,7 +30,7 @@ def test_nested_loops_and_conditions_count_as_in_python(begin, end, step):
         driver.let("more", "add i64 %seen, 1")
         driver.do("store i64 %more, ptr %count")
     count, total = np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64)
-    called(driver.text(), begin, end, count, total)
+    run_function(driver.text(), begin, end, count, total)
     assert count[0] == len(range(begin, end, step))
     assert total[0] == sum(i * j for i in range(begin, end, step) for j in range(i) if 2 * j != i)
 
@@ -50,7 +50,7 @@ def test_gather_and_scatter_copy_the_rows_of_a_fleet(vehicles, rows):
     other = np.zeros_like(fleet)
     for first in range(0, vehicles, LANES):
         copy = np.full((rows, LANES), np.nan)
-        called(text, vehicles, first, fleet, copy, other)
+        run_function(text, vehicles, first, fleet, copy, other)
         np.testing.assert_array_equal(copy, fleet[:, np.minimum(first + np.arange(LANES), vehicles - 1)])
         np.testing.assert_array_equal(other[:, : first + LANES], fleet[:, : first + LANES])
         assert not other[:, first + LANES :].any()

@@ -316,10 +316,10 @@ def nested(x: Row, y: Row, bound: Row) -> Row:
     return first / (3.0 + abs(elementary.where_needed(first < y, inside, (y, first), 0.25)))
 
 
-MASKED = [np.zeros(3 * LANES + 5, bool), np.ones(3 * LANES + 5, bool), np.arange(3 * LANES + 5) % 7 == 3]
+MASKS = [np.zeros(3 * LANES + 5, bool), np.ones(3 * LANES + 5, bool), np.arange(3 * LANES + 5) % 7 == 3]
 
 
-@pytest.mark.parametrize("needed", MASKED, ids=("none", "all", "some"))
+@pytest.mark.parametrize("needed", MASKS, ids=("none", "all", "some"))
 @pytest.mark.parametrize("n", [1, LANES - 1, LANES, 3 * LANES + 5])
 @pytest.mark.parametrize("single_vehicle", [True, False])
 def test_where_needed_and_where_are_bitwise_equal(needed, n, single_vehicle):

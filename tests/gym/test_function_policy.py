@@ -6,12 +6,12 @@ import pytest
 from drake_quad import InputError, load_scenario, run_monte_carlo, simulate
 from drake_quad.gym import FunctionPolicy, QuadrotorVectorEnv
 
-SEEN = {"signals": ["position_error", "velocity_error"]}
+OBSERVATION = {"signals": ["position_error", "velocity_error"]}
 GAINS = np.hstack([np.diag([0.3, 0.25, 0.4]), np.diag([0.4, 0.35, 0.5])])
 
 
 def task():
-    return QuadrotorVectorEnv("laboratory:low_wind", {"duration": 1.0}, observation=SEEN).scenario
+    return QuadrotorVectorEnv("laboratory:low_wind", {"duration": 1.0}, observation=OBSERVATION).scenario
 
 
 def act(observation):
@@ -62,7 +62,7 @@ def test_wrong_actions_are_refused(action):
 @pytest.mark.parametrize(("value", "word"), [(np.nan, "nan"), (-np.inf, "infinite")])
 @pytest.mark.parametrize(("kind", "rows"), [("acceleration", 3), ("attitude", 4), ("rates", 4), ("rotor_speeds", 4)])
 def test_an_action_that_is_not_finite_ends_the_flight_at_its_tick(kind, rows, value, word):
-    scenario = QuadrotorVectorEnv("figure_eight", {"duration": 0.4}, action=kind, observation=SEEN).scenario
+    scenario = QuadrotorVectorEnv("figure_eight", {"duration": 0.4}, action=kind, observation=OBSERVATION).scenario
     for compiled in (False, True):
         num_calls = 0
 

@@ -92,8 +92,8 @@ _STYLING = {
 
 _SKIPPED_FIELDS = {"annotation", "returns", "decorator_list", "bases", "type_params", "type"}
 _SKIPPED = (ast.Import, ast.ImportFrom, ast.JoinedStr, ast.Raise, ast.Assert)
-_OPEN = (ast.BinOp, ast.UnaryOp, ast.BoolOp, ast.Compare, ast.IfExp, ast.Lambda)
-_TIGHT = (*_OPEN, ast.Attribute, ast.Subscript, ast.Starred)
+_COMPOUND_EXPRESSIONS = (ast.BinOp, ast.UnaryOp, ast.BoolOp, ast.Compare, ast.IfExp, ast.Lambda)
+_BINDING_EXPRESSIONS = (*_COMPOUND_EXPRESSIONS, ast.Attribute, ast.Subscript, ast.Starred)
 
 
 def mutants_of(text: str) -> list[Mutant]:
@@ -107,7 +107,7 @@ def mutants_of(text: str) -> list[Mutant]:
             begin, end = first + node.col_offset, starts[node.end_lineno - 1] + node.end_col_offset
             code = ast.unparse(new)
             enclosed = (source[begin - 1 : begin], source[end : end + 1]) == (b"(", b")")
-            if isinstance(new, _OPEN) and isinstance(parent, _TIGHT) and not enclosed:
+            if isinstance(new, _COMPOUND_EXPRESSIONS) and isinstance(parent, _BINDING_EXPRESSIONS) and not enclosed:
                 code = f"({code})"
             if isinstance(new, ast.Tuple) and isinstance(parent, ast.Subscript):
                 code = code[1:-1]

@@ -5,8 +5,11 @@ import math
 
 import numpy as np
 
-PARAMETERS, WIND, NOISE = 0, 1, 2
-_MASK = 2**64 - 1
+# Kinds of streams.
+PARAMETERS = 0
+WIND = 1
+NOISE = 2
+_MASK = 2**64 - 1  # 64-bit words
 
 
 def mixed(word):

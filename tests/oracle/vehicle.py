@@ -42,7 +42,7 @@ def cross(a, b):
     return np.array([a_y * b_z - a_z * b_y, a_z * b_x - a_x * b_z, a_x * b_y - a_y * b_x])
 
 
-def about(axis, angle):
+def axis_rotation(axis, angle):
     """Return the matrix (3, 3) of a rotation about a coordinate axis."""
     s, c = math.sin(angle), math.cos(angle)
     i, j = (axis + 1) % 3, (axis + 2) % 3
@@ -53,7 +53,7 @@ def about(axis, angle):
 
 def rotation(roll, pitch, yaw):
     """Return the matrix R_WB of eq (1)."""
-    return about(2, yaw) @ about(1, pitch) @ about(0, roll)
+    return axis_rotation(2, yaw) @ axis_rotation(1, pitch) @ axis_rotation(0, roll)
 
 
 def euler_to_body(roll, pitch):

@@ -7,7 +7,8 @@ import scipy
 
 from oracle.randomness import WIND, Stream
 
-FOOT, KNOT = 0.3048, 1852.0 / 3600.0
+FOOT = 0.3048  # m
+KNOT = 1852.0 / 3600.0  # m/s
 
 
 def velocity_of(source):

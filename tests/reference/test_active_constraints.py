@@ -9,12 +9,12 @@ from drake_quad.reference.path_problem import Box, PathLimits
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.reference.time_allocation import stretch_factor
 
-RISE = minimum_snap([[0.0, 0.0, 0.0], [0.0, 0.0, 2.0]], [1.0, 3.0])
+RISING_PATH = minimum_snap([[0.0, 0.0, 0.0], [0.0, 0.0, 2.0]], [1.0, 3.0])
 
 
 def test_the_speed_limit_is_active_in_the_middle_of_a_single_segment():
     limits = PathLimits(speed=2.1875)
-    path = RISE.stretched(stretch_factor(RISE, limits))
+    path = RISING_PATH.stretched(stretch_factor(RISING_PATH, limits))
     (binding,) = active_constraints(path, limits)
     assert (binding.what, binding.where, binding.segment) == ("speed", "", 0)
     assert binding.time == pytest.approx(2.0, abs=1e-6)
@@ -22,7 +22,7 @@ def test_the_speed_limit_is_active_in_the_middle_of_a_single_segment():
 
 def test_the_acceleration_limit_is_active_when_speeding_up_and_braking():
     limits = PathLimits(speed=100.0, acceleration=1.0)
-    path = RISE.stretched(stretch_factor(RISE, limits))
+    path = RISING_PATH.stretched(stretch_factor(RISING_PATH, limits))
     actual = active_constraints(path, limits)
     assert [binding.what for binding in actual] == ["acceleration"] * 2
     middle = path.times.mean()
@@ -39,7 +39,7 @@ def test_a_wall_that_is_touched_between_waypoints_is_active():
 
 
 def test_nothing_is_active_below_the_limits():
-    assert active_constraints(RISE, PathLimits(10.0, 10.0), (None,)) == []
+    assert active_constraints(RISING_PATH, PathLimits(10.0, 10.0), (None,)) == []
 
 
 def test_active_constraints_are_in_order_of_time_with_their_segments():
@@ -61,7 +61,7 @@ def test_active_constraints_are_in_order_of_time_with_their_segments():
 
 @pytest.mark.parametrize(("share", "count"), [(0.9995, 1), (1.0008, 1), (1.0015, 0)])
 def test_a_margin_below_a_thousandth_counts_as_active(share, count):
-    assert len(active_constraints(RISE, PathLimits(speed=2.1875 * share))) == count
+    assert len(active_constraints(RISING_PATH, PathLimits(speed=2.1875 * share))) == count
     top = minimum_snap([[0.0, 0.0], [0.2, 1.0], [0.3, 0.0]], [0.0, 1.0, 2.2])
     highest = evaluate(top, np.linspace(0.0, 2.2, 22_001))[1].max()
     roof = highest + 2.0 * (share - 1.0)

@@ -12,10 +12,10 @@ from drake_quad.reference.time_allocation import trapezoid_times
 
 POINTS = np.array([[0.0, 0.0, 1.0], [1.0, 0.2, 1.2], [1.1, 1.5, 1.0], [-0.3, 0.9, 0.8], [0.0, 0.0, 1.0]])
 DURATIONS = np.array([1.1, 1.6, 2.0, 1.3])
-FREE = np.full((5, 3, 3), np.nan)
+FREE_DERIVATIVES = np.full((5, 3, 3), np.nan)
 
 
-def closed(seam, derivatives=FREE):
+def closed_path(seam, derivatives=FREE_DERIVATIVES):
     given = derivatives.copy()
     given[[0, -1]] = seam
     return MinimumSnap(POINTS, DURATIONS, given).path()
@@ -27,26 +27,26 @@ def test_the_motion_between_laps_is_that_in_the_middle_of_many_laps():
     path = MinimumSnap(points, durations, rest_at_ends(len(points), 3)).path()
     middle = [12 * DURATIONS.sum()]
     expected = np.array([evaluate(path, middle, order)[:, 0] for order in (1, 2, 3)])
-    np.testing.assert_allclose(periodic_seam(POINTS, DURATIONS, FREE), expected, atol=1e-6)
+    np.testing.assert_allclose(periodic_seam(POINTS, DURATIONS, FREE_DERIVATIVES), expected, atol=1e-6)
 
 
 def test_the_motion_between_laps_has_the_least_snap():
-    seam = periodic_seam(POINTS, DURATIONS, FREE)
-    least = snap_cost(closed(seam))
+    seam = periodic_seam(POINTS, DURATIONS, FREE_DERIVATIVES)
+    least = snap_cost(closed_path(seam))
     for change in 1e-2 * np.eye(3):
         for side in (1.0, -1.0):
-            assert (snap_cost(closed(seam + side * change[:, np.newaxis])) > least).all()
+            assert (snap_cost(closed_path(seam + side * change[:, np.newaxis])) > least).all()
 
 
 def test_given_derivatives_between_laps_are_kept():
-    stop = FREE.copy()
+    stop = FREE_DERIVATIVES.copy()
     stop[[0, -1]] = 0.0
     np.testing.assert_array_equal(periodic_seam(POINTS, DURATIONS, stop), 0.0)
-    still = FREE.copy()
+    still = FREE_DERIVATIVES.copy()
     still[-1, 0] = 0.25
     seam = periodic_seam(POINTS, DURATIONS, still)
     np.testing.assert_array_equal(seam[0], 0.25)
-    path = closed(seam)
+    path = closed_path(seam)
     for order in (4, 5):
         np.testing.assert_allclose(
             evaluate(path, [0.0], order), evaluate(path, [DURATIONS.sum() - 1e-9], order), atol=1e-4

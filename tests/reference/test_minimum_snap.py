@@ -313,7 +313,7 @@ def test_a_derivative_must_be_given_on_all_axes_or_on_none():
         minimum_snap(np.eye(3), [0.0, 1.0, 2.0], derivatives)
 
 
-def their_plan(waypoints, times):
+def other_plan(waypoints, times):
     """Return the plan of minsnap_trajectories with zero jerk at the ends, as in this library."""
     rest = {"velocity": np.zeros(3), "acceleration": np.zeros(3), "jerk": np.zeros(3)}
     last = len(times) - 1
@@ -324,7 +324,7 @@ def their_plan(waypoints, times):
     return other.generate_trajectory(references, degree=7, idx_minimized_orders=4, num_continuous_orders=4)
 
 
-def their_cost(trajectory, times):
+def other_cost(trajectory, times):
     """Return the cost by Gauss-Legendre quadrature, which is exact for the square of a cubic."""
     nodes, weights = np.polynomial.legendre.leggauss(4)
     half = 0.5 * np.diff(times)
@@ -341,8 +341,8 @@ def test_another_planner_agrees_at_the_same_times_and_optimised_times_cost_less(
         waypoints = rng.normal(size=(segments + 1, 3))
         durations = rng.uniform(0.5, 2.0, segments)
         times = np.concatenate([[0.0], np.cumsum(durations)])
-        theirs = their_plan(waypoints, times)
-        cost = their_cost(theirs, times)
+        theirs = other_plan(waypoints, times)
+        cost = other_cost(theirs, times)
         path = minimum_snap(waypoints, times)
         assert snap_cost(path).sum() == pytest.approx(cost, rel=1e-9)
         samples = np.linspace(0.0, times[-1], 50)

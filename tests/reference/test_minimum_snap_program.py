@@ -26,7 +26,7 @@ def points(array):
     return [Box.point(point) for point in array]
 
 
-def dense(path, order=0, count=400):
+def dense_samples(path, order=0, count=400):
     """Return samples (segments, count, axes) of a derivative."""
     s = np.linspace(0.0, 1.0, count)
     every = np.repeat(np.arange(len(path.coefficients)), count)
@@ -59,7 +59,9 @@ def test_limits_are_kept_everywhere_and_attained(seed, segments, share):
         path = path_within(PathProblem(points(waypoints), limits=limits), durations)
     except InfeasibleError:
         assume(False)
-    shares = [np.linalg.norm(dense(path, order), axis=2).max() / limit for order, limit in limits.by_order.items()]
+    shares = [
+        np.linalg.norm(dense_samples(path, order), axis=2).max() / limit for order, limit in limits.by_order.items()
+    ]
     assert max(shares) <= 1.0 + 1e-6
     assert max(shares) >= 0.999
     assert snap_cost(path).sum() >= snap_cost(free).sum()
@@ -83,7 +85,7 @@ def test_an_independent_optimiser_finds_the_same_constrained_path():
         return MinimumSnap(waypoints, durations, derivatives).path()
 
     def room(x):
-        acceleration = dense(path_of(x), 2, 600).ravel()
+        acceleration = dense_samples(path_of(x), 2, 600).ravel()
         return np.concatenate([limit - acceleration, limit + acceleration])
 
     start = np.array([evaluate(free, [1.0], order)[0, 0] for order in (1, 2, 3)])
@@ -110,11 +112,11 @@ def test_corridors_are_kept_everywhere(seed, segments, margin):
     high = np.maximum(waypoints[:-1], waypoints[1:]) + margin
     corridors = [Box(a, b) for a, b in zip(low, high, strict=True)]
     path = path_within(PathProblem(points(waypoints), corridors=corridors), durations)
-    positions = dense(path)
+    positions = dense_samples(path)
     beyond = np.maximum(low[:, np.newaxis] - positions, positions - high[:, np.newaxis]).max(axis=(1, 2))
     assert (beyond <= 1e-6 * (high - low).max(axis=1)).all()
     free = MinimumSnap(waypoints, durations).path()
-    positions = dense(free)
+    positions = dense_samples(free)
     breach = np.maximum(low[:, np.newaxis] - positions, positions - high[:, np.newaxis]).max()
     if breach > 0.0:
         assert snap_cost(path).sum() >= snap_cost(free).sum()
@@ -126,14 +128,14 @@ def test_a_path_in_a_corridor_without_height_is_level():
     waypoints = np.array([[0.0, 0.0, 1.0], [2.0, 0.0, 1.0], [2.0, 2.0, 1.0], [0.0, 3.0, 2.0]])
     corridors = [Box([-1, -1, 1], [4, 4, 1]), Box([-1, -1, 1], [4, 4, 1]), None]
     path = path_within(PathProblem(points(waypoints), corridors=corridors), np.ones(3))
-    np.testing.assert_allclose(dense(path)[:2, :, 2], 1.0, atol=1e-12)
+    np.testing.assert_allclose(dense_samples(path)[:2, :, 2], 1.0, atol=1e-12)
 
 
 def test_a_path_passes_a_waypoint_on_a_wall_parallel_to_the_wall():
     waypoints = np.array([[0.0, 0.5], [1.0, 0.0], [2.0, 0.5]])
     corridor = Box([-1.0, 0.0], [3.0, 1.0])
     path = path_within(PathProblem(points(waypoints), corridors=[corridor] * 2), np.array([1.0, 0.8]))
-    assert dense(path)[:, :, 1].min() >= -1e-6
+    assert dense_samples(path)[:, :, 1].min() >= -1e-6
     # The remaining depth v² / 2a beyond the wall is within the tolerance of the corridor.
     assert evaluate(path, [1.0], 1)[1, 0] == pytest.approx(0.0, abs=5e-3)
 

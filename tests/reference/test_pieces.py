@@ -31,12 +31,12 @@ YAW = hermite_path(
 PLAN = Plan(PATH, YAW)
 
 # Pieces from rest to rest over a metre and back, with six decimals as in files of uav_trajectories.
-STILL = ",".join(["0.000000"] * 16)
-THERE_AND_BACK = f"""\
+ZEROS = ",".join(["0.000000"] * 16)
+ROUND_TRIP = f"""\
 # {",".join(COLUMNS)}
-2.000000,0.000000,0.000000,0.000000,0.000000,2.187500,-2.625000,1.093750,-0.156250,{STILL},{",".join(["0.000000"] * 8)}
+2.000000,0.000000,0.000000,0.000000,0.000000,2.187500,-2.625000,1.093750,-0.156250,{ZEROS},{",".join(["0.000000"] * 8)}
 
-4.000000,1.000000,0.000000,0.000000,0.000000,-0.136719,0.082031,-0.017090,0.001221,{STILL},0.000000,0.100000,0,0,0,0,0,0,
+4.000000,1.000000,0.000000,0.000000,0.000000,-0.136719,0.082031,-0.017090,0.001221,{ZEROS},0.000000,0.100000,0,0,0,0,0,0,
 """
 
 
@@ -122,7 +122,7 @@ def test_a_path_of_too_high_a_degree_cannot_be_written():
 
 def test_a_file_of_other_programs_is_read(write):
     """The file has a # before the names, an empty line and a trailing comma. It moves 1 m in 2 s, and back in 4 s."""
-    plan = plan_route(load_mission(write(THERE_AND_BACK)))
+    plan = plan_route(load_mission(write(ROUND_TRIP)))
     np.testing.assert_array_equal(plan.path.times, [0.0, 2.0, 6.0])
     shares = np.linspace(0.0, 1.0, 21)
     blend = 35 * shares**4 - 84 * shares**5 + 70 * shares**6 - 20 * shares**7
@@ -132,7 +132,7 @@ def test_a_file_of_other_programs_is_read(write):
 
 
 def test_a_route_can_refer_to_a_file_in_its_own_folder(write, diagrams, tmp_path):
-    write(THERE_AND_BACK, "there.csv")
+    write(ROUND_TRIP, "there.csv")
     loop = f"""\
 there:
   extends: {diagrams / "figure_eight.yaml"}
@@ -169,7 +169,7 @@ def test_defaults_of_a_trajectory_are_not_written(diagrams):
 
 
 def test_a_plan_that_knots_do_not_determine_is_saved_with_its_pieces(write, tmp_path, diagrams):
-    plan = plan_route(load_mission(write(THERE_AND_BACK)))
+    plan = plan_route(load_mission(write(ROUND_TRIP)))
     assert "knots" not in save_plan(plan, tmp_path, name="there")[1].read_text()
     again = load_scenario(diagrams / "figure_eight.yaml", layers=[tmp_path / "trajectory.yaml"])
     assert_alike(plan, plan_route(again))
@@ -255,10 +255,10 @@ def test_errors_in_a_route_are_reported(write, route, words):
 
 @pytest.mark.parametrize("before", ["# a course\n\n", "# two lines, of\n# duration\n"])
 def test_lines_before_the_header_are_ignored(write, before):
-    write(before + THERE_AND_BACK, "noted.csv")
+    write(before + ROUND_TRIP, "noted.csv")
     loop = write("a:\n  route: {kind: trajectory, pieces: noted.csv}\n", "loop.yaml")
-    for file in (write(before + THERE_AND_BACK), loop):
-        assert_alike(plan_route(load_mission(write(THERE_AND_BACK, "bare.csv"))), plan_route(load_mission(file)))
+    for file in (write(before + ROUND_TRIP), loop):
+        assert_alike(plan_route(load_mission(write(ROUND_TRIP, "bare.csv"))), plan_route(load_mission(file)))
 
 
 def test_many_empty_lines_are_read_quickly(write):
@@ -268,9 +268,9 @@ def test_many_empty_lines_are_read_quickly(write):
 
 
 def test_a_table_without_a_header_has_all_columns(write):
-    write("\n".join(THERE_AND_BACK.splitlines()[1:]), "bare.csv")
+    write("\n".join(ROUND_TRIP.splitlines()[1:]), "bare.csv")
     loop = write("a:\n  route: {kind: trajectory, pieces: bare.csv}\n", "loop.yaml")
-    assert_alike(plan_route(load_mission(write(THERE_AND_BACK))), plan_route(load_mission(loop)))
+    assert_alike(plan_route(load_mission(write(ROUND_TRIP))), plan_route(load_mission(loop)))
 
 
 def test_the_trajectory_for_minsnap_trajectories_has_the_same_values():

@@ -25,9 +25,9 @@ from drake_quad.reference.time_allocation import rest_to_rest_durations
 
 LIMITS = PathLimits(speed=2.0, acceleration=0.7)
 SQUARE = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [0, 0, 1]], dtype=float)
-HALLWAYS = [Box(np.minimum(a, b) - 0.1, np.maximum(a, b) + 0.1) for a, b in itertools.pairwise(SQUARE)]
+CORRIDORS = [Box(np.minimum(a, b) - 0.1, np.maximum(a, b) + 0.1) for a, b in itertools.pairwise(SQUARE)]
 # The variable ROUTES sets another number of random routes. A thousand routes take some minutes.
-ROUTES = int(os.environ.get("ROUTES", "15"))
+NUM_ROUTES = int(os.environ.get("ROUTES", "15"))
 
 
 def problem(points=SQUARE, **more):
@@ -68,7 +68,7 @@ def random_points(seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(ROUTES))
+@pytest.mark.parametrize("seed", range(NUM_ROUTES))
 def test_random_routes_are_planned_within_the_limits(seed):
     points = random_points(seed)
     asked = problem(points)
@@ -106,7 +106,7 @@ def test_every_timing_satisfies_corridors_boxes_and_spheres():
         Box.point(SQUARE[3]),
         Box.point(SQUARE[4]),
     ]
-    asked = PathProblem(places, corridors=HALLWAYS, limits=LIMITS)
+    asked = PathProblem(places, corridors=CORRIDORS, limits=LIMITS)
     totals = {}
     for timing in (GivenTimes((0.0, 5.0, 9.0, 13.0, 18.0)), Heuristic(), LeastSnap(17.0), Shortest()):
         path = plan_path(asked, timing)
@@ -114,7 +114,7 @@ def test_every_timing_satisfies_corridors_boxes_and_spheres():
         passed = evaluate(path, path.times).T
         for place, position in zip(places, passed, strict=True):
             assert np.linalg.norm(place.nearest(position) - position) <= 1e-7
-        for i, corridor in enumerate(HALLWAYS):
+        for i, corridor in enumerate(CORRIDORS):
             positions = evaluate(path, np.linspace(path.times[i], path.times[i + 1], 500)).T
             assert (positions >= corridor.low - 1e-6).all()
             assert (positions <= corridor.high + 1e-6).all()
@@ -129,13 +129,13 @@ def test_every_timing_satisfies_corridors_boxes_and_spheres():
 @pytest.mark.slow
 def test_the_shortest_time_in_a_corridor_is_near_that_of_an_independent_search():
     """A Nelder-Mead search over the durations of the constrained program found 14.930 s from two initial points."""
-    assert total(plan_path(problem(corridors=HALLWAYS), Shortest())) <= 1.002 * 14.930
+    assert total(plan_path(problem(corridors=CORRIDORS), Shortest())) <= 1.002 * 14.930
 
 
 @pytest.mark.slow
 def test_the_least_snap_in_a_corridor_is_near_that_of_an_independent_search():
     """A Nelder-Mead search over the durations found a cost of 13.210 m²/s⁷ for 14 s."""
-    path = plan_path(problem(corridors=HALLWAYS, limits=PathLimits()), LeastSnap(14.0))
+    path = plan_path(problem(corridors=CORRIDORS, limits=PathLimits()), LeastSnap(14.0))
     assert snap_cost(path).sum() <= 1.002 * 13.210
 
 
@@ -278,7 +278,7 @@ def test_a_velocity_that_leads_out_of_its_corridor_is_reported():
     derivatives = rest_at_ends(5, 3)
     derivatives[2, 0] = [1.5, 0.0, 0.0]
     with pytest.raises(InputError, match=r"the corridor of segment \d cannot be kept .* [\d.]+ m wider"):
-        plan_path(problem(derivatives=derivatives, corridors=HALLWAYS), GivenTimes((0.0, 4.0, 8.0, 12.0, 16.0)))
+        plan_path(problem(derivatives=derivatives, corridors=CORRIDORS), GivenTimes((0.0, 4.0, 8.0, 12.0, 16.0)))
 
 
 @pytest.mark.parametrize(

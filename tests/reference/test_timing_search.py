@@ -21,10 +21,10 @@ from drake_quad.reference.timing_search import (
 )
 
 LIMITS = PathLimits(speed=2.0, acceleration=1.0)
-ALONG = np.array([[0.0, 0.0], [1.0, 0.0], [5.0, 0.2], [9.0, 0.0]])
-THERE_AND_BACK = np.array([[0.0, 0.0], [2.0, 0.0], [0.0, 0.1], [2.0, 0.0]])
+STRAIGHT_ROUTE = np.array([[0.0, 0.0], [1.0, 0.0], [5.0, 0.2], [9.0, 0.0]])
+REVERSING_ROUTE = np.array([[0.0, 0.0], [2.0, 0.0], [0.0, 0.1], [2.0, 0.0]])
 # The route has one long step, and two short steps in other directions.
-UNEVEN = np.array([[0.0, 0.0, 0.0], [-24.41, -6.75, 12.05], [-24.29, -6.47, 12.26], [-24.34, -6.44, 12.24]])
+UNEVEN_ROUTE = np.array([[0.0, 0.0, 0.0], [-24.41, -6.75, 12.05], [-24.29, -6.47, 12.26], [-24.34, -6.44, 12.24]])
 
 
 def problem(points, velocity=None, **more):
@@ -39,7 +39,7 @@ def stretched(points, durations, limits=LIMITS):
     return durations * stretch_factor(MinimumSnap(points, durations).path(), limits)
 
 
-@pytest.mark.parametrize(("points", "stops"), [(ALONG, False), (THERE_AND_BACK, True)])
+@pytest.mark.parametrize(("points", "stops"), [(STRAIGHT_ROUTE, False), (REVERSING_ROUTE, True)])
 def test_the_heuristic_is_the_faster_of_a_trapezoidal_profile_and_a_flight_with_stops(points, stops):
     ride = stretched(points, np.diff(trapezoid_times(points, speed=2.0, acceleration=1.0)))
     stopping = stretched(points, rest_to_rest_durations(points, LIMITS))
@@ -77,9 +77,9 @@ def test_no_segment_has_a_very_short_initial_duration(corridor, share):
 
 
 def test_a_route_with_very_unequal_steps_is_flown_with_stops():
-    stops = rest_to_rest_durations(UNEVEN, LIMITS)
-    assert stretched(UNEVEN, stops).sum() > 1.2 * stops.sum()
-    np.testing.assert_allclose(shortest_path(problem(UNEVEN)).durations, 1.001 * stops, rtol=1e-12)
+    stops = rest_to_rest_durations(UNEVEN_ROUTE, LIMITS)
+    assert stretched(UNEVEN_ROUTE, stops).sum() > 1.2 * stops.sum()
+    np.testing.assert_allclose(shortest_path(problem(UNEVEN_ROUTE)).durations, 1.001 * stops, rtol=1e-12)
 
 
 @pytest.mark.slow
@@ -120,7 +120,7 @@ def test_a_second_search_is_made_if_the_path_is_hardly_faster_than_one_with_stop
     assert shortest_path(problem(points)).duration <= 1.001 * 10.291
 
 
-@pytest.mark.parametrize("points", [ALONG, THERE_AND_BACK])
+@pytest.mark.parametrize("points", [STRAIGHT_ROUTE, REVERSING_ROUTE])
 def test_the_shortest_path_attains_a_limit_and_is_faster_than_the_heuristic(points):
     best = shortest_path(problem(points))
     assert best.duration < 0.999 * heuristic_path(problem(points)).duration
@@ -174,7 +174,7 @@ def test_a_given_velocity_that_is_infeasible_at_any_time_is_reported():
 @pytest.mark.slow
 @pytest.mark.parametrize("longer", [1.0, 1.02, 1.05, 1.1])
 def test_least_snap_within_limits_is_the_first_feasible_path_towards_the_shortest(longer):
-    asked = problem(ALONG)
+    asked = problem(STRAIGHT_ROUTE)
     shortest = shortest_path(asked)
     total = longer * shortest.duration
     smoothest = least_snap_path(asked.without_limits(), total).durations
@@ -197,8 +197,8 @@ def test_least_snap_within_limits_is_the_first_feasible_path_towards_the_shortes
 
 
 def test_least_snap_needs_no_limits_and_does_not_depend_on_units():
-    free = least_snap_path(problem(ALONG, limits=PathLimits()), 9.0)
-    limited = least_snap_path(problem(ALONG, limits=PathLimits(speed=50.0)), 9.0)
+    free = least_snap_path(problem(STRAIGHT_ROUTE, limits=PathLimits()), 9.0)
+    limited = least_snap_path(problem(STRAIGHT_ROUTE, limits=PathLimits(speed=50.0)), 9.0)
     np.testing.assert_allclose(free.durations, limited.durations, rtol=1e-3)
     assert snap_cost(free).sum() == pytest.approx(snap_cost(limited).sum(), rel=1e-6)
 

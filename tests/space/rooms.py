@@ -68,11 +68,11 @@ def _distances(shape, points):
         case Ball():
             return np.linalg.norm(points - shape.centre, axis=1) - shape.radius
         case Cylinder():
-            own = _own(shape.centre, shape.rotation, points)
+            own = _in_own_frame(shape.centre, shape.rotation, points)
             aside = np.maximum(np.hypot(own[:, 0], own[:, 1]) - shape.radius, 0.0)
             return np.hypot(aside, np.maximum(abs(own[:, 2]) - 0.5 * shape.height, 0.0))
         case Cuboid():
-            own = _own(shape.centre, shape.rotation, points)
+            own = _in_own_frame(shape.centre, shape.rotation, points)
             half = 0.5 * np.array(shape.size)
             return np.linalg.norm(own - np.clip(own, -half, half), axis=1)
     # The three edges at a corner of a box are its axes.
@@ -97,7 +97,7 @@ def _edges(corners, lengths):
     raise AssertionError("no box")
 
 
-def _own(centre, rotation, points):
+def _in_own_frame(centre, rotation, points):
     return (points - np.array(centre)) @ RollPitchYaw(np.array(rotation)).ToRotationMatrix().matrix()
 
 

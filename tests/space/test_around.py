@@ -28,7 +28,7 @@ from drake_quad.space.shapes import Ball, Cuboid
 from drake_quad.space.space import Obstacle, Space
 
 LIMITS = PathLimits(speed=2.0, acceleration=2.0)
-BEGIN = Box.point([0.5, 1.0, 1.0])
+START = Box.point([0.5, 1.0, 1.0])
 END = Box.point([3.5, 1.0, 1.0])
 BOUNDS = Box([0.0, 0.0, 0.0], [4.0, 2.0, 2.0])
 
@@ -40,7 +40,7 @@ def space_of(*shapes, radius=0.2):
 def test_bounds_restrict_every_corridor_and_change_nothing_else():
     corridor = Box([-1.0, 0.5, 0.0], [5.0, 1.5, 3.0])
     derivatives = np.zeros((3, 3, 3))
-    problem = PathProblem([BEGIN, END, BEGIN], derivatives=derivatives, corridors=[None, corridor], limits=LIMITS)
+    problem = PathProblem([START, END, START], derivatives=derivatives, corridors=[None, corridor], limits=LIMITS)
     actual = with_bounds(problem, BOUNDS)
     assert actual.corridors[0].equals(BOUNDS)
     assert actual.corridors[1].equals(Box([0.0, 0.5, 0.0], [4.0, 1.5, 2.0]))
@@ -55,21 +55,21 @@ def test_corridors_and_waypoints_outside_the_bounds_are_rejected():
     outside = Box([0.0, 2.5, 0.0], [4.0, 3.0, 2.0])
     beside = Box.point([3.5, 2.6, 1.0])
     with pytest.raises(InputError, match="corridor of segment 1 lies outside the bounds of the space, the box from"):
-        with_bounds(PathProblem([BEGIN, Box([0, 0, 0], [4, 3, 2]), beside], corridors=[None, outside]), BOUNDS)
+        with_bounds(PathProblem([START, Box([0, 0, 0], [4, 3, 2]), beside], corridors=[None, outside]), BOUNDS)
     with pytest.raises(InputError, match=r"waypoint 1, \(3.5, 2.6, 1\) m, lies outside the bounds of the space"):
-        with_bounds(PathProblem([BEGIN, beside]), BOUNDS)
+        with_bounds(PathProblem([START, beside]), BOUNDS)
 
 
 def test_a_waypoint_must_keep_the_clearance():
     space = space_of(Ball((3.5, 1.0, 1.5), radius=0.3), Ball((0.0, 0.0, 9.0)), radius=0.19)
-    check_waypoint_clearance(space, PathProblem([BEGIN, END]))
+    check_waypoint_clearance(space, PathProblem([START, END]))
     # A waypoint region is passed where it is free.
-    check_waypoint_clearance(space, PathProblem([BEGIN, Box([3.4, 1.0, 1.3], [3.6, 1.0, 1.7])]))
+    check_waypoint_clearance(space, PathProblem([START, Box([3.4, 1.0, 1.3], [3.6, 1.0, 1.7])]))
     near = space_of(Ball((0.0, 0.0, 9.0)), Ball((3.5, 1.0, 1.5), radius=0.3), radius=0.21)
     with pytest.raises(
         InputError, match=r"waypoint 1, \(3.5, 1, 1\) m, is 0.2 m from solid_1, but the clearance is 0.21 m"
     ):
-        check_waypoint_clearance(near, PathProblem([BEGIN, END]))
+        check_waypoint_clearance(near, PathProblem([START, END]))
 
 
 def test_a_passage_becomes_corridors_and_the_given_waypoints_keep_their_derivatives():
@@ -98,7 +98,7 @@ def test_a_passage_becomes_corridors_and_the_given_waypoints_keep_their_derivati
 
 def detour(*corners):
     """Return a route through some points between the first and the last waypoint."""
-    places = [BEGIN, *map(Box.point, corners), END]
+    places = [START, *map(Box.point, corners), END]
     return RouteAround(PathProblem(places, limits=LIMITS), np.array([0, len(places) - 1]))
 
 
@@ -118,20 +118,20 @@ TIMINGS = {
 def test_the_best_of_all_routes_is_selected(monkeypatch, timing, limits):
     ways = [RouteAround(PathProblem(way.problem.waypoints, limits=limits), way.waypoints) for way in DETOURS]
     monkeypatch.setattr(around, "_routes_around", lambda *_: ways)
-    path, way = plan_around(space_of(), BOUNDS, PathProblem([BEGIN, END], limits=limits), timing)
+    path, way = plan_around(space_of(), BOUNDS, PathProblem([START, END], limits=limits), timing)
     assert way is ways[-1]
     assert path.duration == plan_path(way.problem, timing).duration
     # Without the best route, the next best is selected, regardless of its position in the list.
     for order in ([3, 1, 2, 4, 0], [2, 0, 1, 4], [1, 4, 2], [0, 2]):
         some = [ways[i] for i in order]
         monkeypatch.setattr(around, "_routes_around", lambda *_, some=some: some)
-        assert plan_around(space_of(), BOUNDS, PathProblem([BEGIN, END], limits=limits), timing)[1] is ways[2]
+        assert plan_around(space_of(), BOUNDS, PathProblem([START, END], limits=limits), timing)[1] is ways[2]
 
 
 def test_routes_that_cannot_be_planned_are_skipped(monkeypatch):
     """A flight of three metres in four seconds needs more than 0.1 m/s²."""
     straight, aside = DETOURS[-1], DETOURS[0]
-    slow = RouteAround(PathProblem([BEGIN, END], limits=PathLimits(acceleration=0.1)), np.array([0, 1]))
+    slow = RouteAround(PathProblem([START, END], limits=PathLimits(acceleration=0.1)), np.array([0, 1]))
     monkeypatch.setattr(around, "_routes_around", lambda *_: [slow, aside, straight])
     assert plan_around(space_of(), BOUNDS, straight.problem, LeastSnap(4.0))[1] is straight
     monkeypatch.setattr(around, "_routes_around", lambda *_: [slow])
@@ -146,7 +146,7 @@ def test_waypoints_between_given_times_are_timed_by_length():
     actual = around._timing_for(way, GivenTimes((1.0, 3.0, 6.0)))
     np.testing.assert_allclose(actual.times, [1.0, 2.0, 3.0, 3.0 + 3.0 * 2.001 / 3.003, 6.0 - 3.0 * 0.501 / 3.003, 6.0])
     # Two waypoints at the same point are passed in succession.
-    twice = RouteAround(PathProblem([BEGIN, END, END]), np.array([0, 2]))
+    twice = RouteAround(PathProblem([START, END, END]), np.array([0, 2]))
     times = around._timing_for(twice, GivenTimes((0.0, 1.0))).times
     assert times[1] < times[2] == 1.0
 
@@ -163,7 +163,7 @@ GATES = {
 def test_a_gate_is_passed_where_it_is_free(gate):
     """A wall closes the gate except for a gap on the left, in which the centre of mass has 20 cm."""
     space = space_of(Cuboid((2.0, 0.65, 1.0), size=(0.2, 1.4, 3.0)))
-    problem = PathProblem([BEGIN, gate, END], limits=LIMITS)
+    problem = PathProblem([START, gate, END], limits=LIMITS)
     path, way = plan_around(space, BOUNDS, problem, Heuristic())
     passed = evaluate(path, [path.times[way.waypoints[1]]])[:, 0]
     np.testing.assert_allclose(passed, gate.nearest(passed) if not isinstance(gate, Polytope) else passed, atol=1e-6)
@@ -179,7 +179,7 @@ def test_a_gate_without_a_free_point_is_rejected(gate):
         InputError, match=r"waypoint 1, .* has no point with a clearance of 0.2 m .*: solid_1 is too near"
     ):
         plan_around(
-            space_of(Ball((0.1, 0.1, 0.1), radius=0.01), wall), BOUNDS, PathProblem([BEGIN, gate, END]), Heuristic()
+            space_of(Ball((0.1, 0.1, 0.1), radius=0.01), wall), BOUNDS, PathProblem([START, gate, END]), Heuristic()
         )
 
 
@@ -189,7 +189,7 @@ def test_gates_that_a_wall_divides_are_passed_on_one_side_of_it():
     space = space_of(Cuboid((2.0, 0.9, 1.0), size=(0.1, 2.6, 4.0)), radius=0.1)
     bounds = Box([0.0, 0.0, 0.3], [4.0, 3.0, 1.7])
     gates = [Sphere(np.array([2.0, centre, 1.0]), 0.75) for centre in (1.0, 0.8)]
-    path, way = plan_around(space, bounds, PathProblem([BEGIN, *gates, END], limits=LIMITS), Heuristic())
+    path, way = plan_around(space, bounds, PathProblem([START, *gates, END], limits=LIMITS), Heuristic())
     points = evaluate(path, np.linspace(path.times[0], path.times[-1], 5000)).T
     assert space.nearest(points)[0].min() >= 0.1
     for gate, passed in zip(gates, path.waypoints[way.waypoints[1:-1]], strict=True):
@@ -203,7 +203,7 @@ def test_a_gate_with_almost_no_free_point_is_rejected_with_this_reason():
     gate = Box([2.0, 0.5, 1.0], [2.0, 1.5, 1.0])
     balls = [Ball((2.0, 1.025 + side * (0.201 + 2.0), 1.0), radius=2.0) for side in (-1.0, 1.0)]
     with pytest.raises(InputError, match="has almost no point with a clearance of 0.2 m"):
-        plan_around(space_of(*balls), BOUNDS, PathProblem([BEGIN, gate, END]), Heuristic())
+        plan_around(space_of(*balls), BOUNDS, PathProblem([START, gate, END]), Heuristic())
 
 
 class RecordingRegions(Regions):
@@ -265,8 +265,8 @@ def test_routes_of_a_leg_stay_in_its_corridor_and_those_of_other_legs_do_not(mon
 
 def test_snap_grows_with_the_seventh_power_of_the_speed():
     """Therefore, routes are compared by their snap for the same duration."""
-    path = plan_path(PathProblem([BEGIN, END], limits=LIMITS), Heuristic())
-    slower = plan_path(PathProblem([BEGIN, END]), GivenTimes((0.0, 2.0 * path.duration)))
+    path = plan_path(PathProblem([START, END], limits=LIMITS), Heuristic())
+    slower = plan_path(PathProblem([START, END]), GivenTimes((0.0, 2.0 * path.duration)))
     assert math.isclose(snap_cost(path).sum(), 2.0**7 * snap_cost(slower).sum(), rel_tol=1e-6)
 
 
@@ -275,10 +275,10 @@ def test_a_waypoint_keeps_the_slack_of_regions_beyond_the_clearance():
     for beyond, fits in ((2e-5, True), (5e-6, False)):
         space = space_of(Ball((3.5, 1.0, 1.7 + beyond), radius=0.5))
         if fits:
-            check_waypoint_clearance(space, PathProblem([BEGIN, END]))
+            check_waypoint_clearance(space, PathProblem([START, END]))
         else:
             with pytest.raises(InputError, match="waypoint 1"):
-                check_waypoint_clearance(space, PathProblem([BEGIN, END]))
+                check_waypoint_clearance(space, PathProblem([START, END]))
 
 
 def test_points_of_a_waypoint_region_are_a_grid_that_spans_it():
@@ -303,8 +303,8 @@ def test_free_points_of_a_waypoint_are_sorted_by_distance_from_its_middle():
     sphere = Sphere([3.5, 1.0, 1.0], 0.4)
     space = space_of(Ball((3.5, 1.0, 0.4), radius=0.3))
     bounds = Box([0.0, 0.0, 0.0], [4.0, 1.2, 2.0])
-    alone, some = around._free_points(PathProblem([BEGIN, sphere]), space, bounds)
-    np.testing.assert_array_equal(alone, np.atleast_2d(BEGIN.centre).repeat(len(alone), axis=0))
+    alone, some = around._free_points(PathProblem([START, sphere]), space, bounds)
+    np.testing.assert_array_equal(alone, np.atleast_2d(START.centre).repeat(len(alone), axis=0))
     away = np.linalg.norm(some - sphere.centre, axis=1)
     assert (np.diff(away) >= 0.0).all()
     assert 0.35 < away.max() <= 0.4
@@ -326,7 +326,7 @@ def test_the_estimated_cost_of_a_straight_route_is_exact():
 
 def test_routes_around_a_pillar_lead_past_both_of_its_sides():
     space = space_of(Cuboid((2.0, 1.1, 1.0), size=(0.4, 0.4, 3.0)))
-    ways = around._routes_around(space, BOUNDS, PathProblem([BEGIN, END], limits=LIMITS))
+    ways = around._routes_around(space, BOUNDS, PathProblem([START, END], limits=LIMITS))
     corridors = {tuple((*region.offsets, *region.normals.ravel()) for region in way.problem.corridors) for way in ways}
     assert len(corridors) == len(ways) > 1
     sides = [np.mean([place.centre[1] for place in way.problem.waypoints[1:-1]]) > 1.1 for way in ways]
@@ -374,11 +374,11 @@ def test_routes_that_select_regions_keep_the_clearance_with_its_slack(monkeypatc
     monkeypatch.setattr(around, "candidate_regions", recording_candidate_regions)
     space = space_of(Ball((2.0, 1.0, 1.0), radius=0.3))
     with pytest.raises(StopIteration):
-        plan_around(space, BOUNDS, PathProblem([BEGIN, END], limits=LIMITS), Heuristic())
+        plan_around(space, BOUNDS, PathProblem([START, END], limits=LIMITS), Heuristic())
     *clearances, (points, lengths) = recorded
     assert clearances == [space.clearance + 1e-5] * 2
     assert space.nearest(points)[0].min() >= space.clearance + 1e-5
-    straight = sum(np.linalg.norm(points - place.centre, axis=1) for place in (BEGIN, END))
+    straight = sum(np.linalg.norm(points - place.centre, axis=1) for place in (START, END))
     assert (lengths >= straight - 1e-9).all()
     assert (lengths <= 2.5 * straight).all()
 
@@ -389,13 +389,13 @@ def test_a_blocked_waypoint_is_distinguished_from_one_with_free_space_between_it
     for short, words in ((0.024, "almost no point"), (0.026, "no point")):
         wall = Cuboid((2.2 - short + 0.1, 1.0, 1.0), size=(0.2, 4.0, 4.0))
         with pytest.raises(InputError, match=f"waypoint 1, .* has {words} with a clearance of 0.2 m"):
-            around._free_points(PathProblem([BEGIN, gate, END]), space_of(wall), BOUNDS)
+            around._free_points(PathProblem([START, gate, END]), space_of(wall), BOUNDS)
 
 
 def test_free_points_keep_the_slack_beyond_the_clearance():
     for beyond, fits in ((2e-5, True), (5e-6, False)):
         space = space_of(Ball((3.5, 1.0, 1.7 + beyond), radius=0.5))
-        problem = PathProblem([BEGIN, END])
+        problem = PathProblem([START, END])
         if fits:
             assert len(around._free_points(problem, space, BOUNDS)) == 2
         else:

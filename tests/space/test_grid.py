@@ -14,9 +14,9 @@ from drake_quad.space.grid import Grid, is_near
 from drake_quad.space.shapes import Cuboid
 from drake_quad.space.space import Obstacle, Space
 
-EMPTY = Space((), radius=0.1)
+EMPTY_SPACE = Space((), radius=0.1)
 # Each axis of this grid has another spacing.
-UNEVEN = Box([0.3, -1.0, 2.0], [1.31, 0.02, 2.73])
+UNEVEN_BOUNDS = Box([0.3, -1.0, 2.0], [1.31, 0.02, 2.73])
 
 
 def wall_at(x, thickness, **clearance):
@@ -32,20 +32,20 @@ def indices(grid):
 
 @pytest.mark.parametrize("most", [60, 1000, 2000, 5000, 100_000])
 def test_a_grid_spans_its_bounds_with_as_many_points_as_allowed(most):
-    grid = Grid.of(EMPTY, UNEVEN, most=most, finest=0.05)
+    grid = Grid.of(EMPTY_SPACE, UNEVEN_BOUNDS, most=most, finest=0.05)
     assert len(grid.points) == np.prod(grid.shape) <= most
-    expected = UNEVEN.low + indices(grid) * (UNEVEN.high - UNEVEN.low) / (np.array(grid.shape) - 1)
+    expected = UNEVEN_BOUNDS.low + indices(grid) * (UNEVEN_BOUNDS.high - UNEVEN_BOUNDS.low) / (np.array(grid.shape) - 1)
     np.testing.assert_allclose(grid.points, expected, atol=1e-12)
-    np.testing.assert_allclose(grid.steps, (UNEVEN.high - UNEVEN.low) / (np.array(grid.shape) - 1))
+    np.testing.assert_allclose(grid.steps, (UNEVEN_BOUNDS.high - UNEVEN_BOUNDS.low) / (np.array(grid.shape) - 1))
     assert grid.spacing == max(grid.steps)
     # A grid is either as fine as allowed, or has nearly as many points as allowed.
-    finest = tuple(np.ceil((UNEVEN.high - UNEVEN.low) / 0.05).astype(int) + 1)
+    finest = tuple(np.ceil((UNEVEN_BOUNDS.high - UNEVEN_BOUNDS.low) / 0.05).astype(int) + 1)
     assert grid.shape == finest or len(grid.points) > 0.5 * most
     assert grid.spacing <= 0.05 or grid.shape != finest
 
 
 def test_a_grid_of_a_flat_space_has_one_layer():
-    grid = Grid.of(EMPTY, Box([0.0, 0.0, 1.0], [1.0, 0.5, 1.0]), most=1000, finest=0.1)
+    grid = Grid.of(EMPTY_SPACE, Box([0.0, 0.0, 1.0], [1.0, 0.5, 1.0]), most=1000, finest=0.1)
     assert grid.shape == (11, 6, 1)
     np.testing.assert_allclose(grid.steps, [0.1, 0.1, 0.0])
     np.testing.assert_array_equal(grid.points[:, 2], 1.0)
@@ -58,13 +58,13 @@ def test_distances_of_a_grid_are_those_to_its_obstacles():
     np.testing.assert_allclose(grid.nearest[outside], least_distances(room.space, grid.points)[outside], atol=1e-9)
     assert grid.distances.shape == (len(grid.points), len(room.space.obstacles))
     np.testing.assert_array_equal(grid.distances.min(axis=1), grid.nearest)
-    empty = Grid.of(EMPTY, room.bounds, most=3000, finest=0.05)
+    empty = Grid.of(EMPTY_SPACE, room.bounds, most=3000, finest=0.05)
     assert (empty.nearest == np.inf).all()
     assert empty.distances.shape == (len(empty.points), 0)
 
 
 def test_each_pair_of_neighbours_is_found_once():
-    grid = Grid.of(EMPTY, Box([0.0, 0.0, 0.0], [0.3, 0.2, 0.4]), most=1000, finest=0.1)
+    grid = Grid.of(EMPTY_SPACE, Box([0.0, 0.0, 0.0], [0.3, 0.2, 0.4]), most=1000, finest=0.1)
     actual = [frozenset(pair) for one, other in grid.neighbours() for pair in zip(one.tolist(), other.tolist())]
     at = indices(grid)
     expected = {
@@ -74,7 +74,7 @@ def test_each_pair_of_neighbours_is_found_once():
     assert set(actual) == expected
 
 
-def over_steps(grid, start):
+def step_lengths(grid, start):
     """Return the lengths (n,) of the shortest routes from one point to all points, with steps in 26 directions.
 
     A shortest route has as many steps as possible along three axes, then along two axes, then along one axis.
@@ -90,12 +90,12 @@ def over_steps(grid, start):
 @pytest.mark.parametrize("most", [400, 3000])
 def test_without_obstacles_a_route_has_the_length_of_its_steps(most):
     """A starting point is connected to all grid points within 1.8 spacings, and these are connected by steps."""
-    grid = Grid.of(EMPTY, UNEVEN, most=most, finest=0.02)
+    grid = Grid.of(EMPTY_SPACE, UNEVEN_BOUNDS, most=most, finest=0.02)
     place = grid.points[len(grid.points) // 3] + 0.3 * grid.steps
     lengths, before = grid.lengths_from(place[None], 0.1)
     away = np.linalg.norm(grid.points - place, axis=1)
     near = np.flatnonzero(away <= 1.8 * grid.spacing)
-    expected = np.min([away[point] + over_steps(grid, point) for point in near], axis=0)
+    expected = np.min([away[point] + step_lengths(grid, point) for point in near], axis=0)
     np.testing.assert_allclose(lengths, expected)
     direct = before == -1
     np.testing.assert_array_equal(np.flatnonzero(direct), near)
@@ -177,7 +177,7 @@ def test_a_step_past_an_edge_is_free_if_the_clearance_is_small():
 
 
 def test_a_route_uses_the_start_and_the_end_that_make_it_shortest():
-    grid = Grid.of(EMPTY, Box([0.0, 0.0, 0.0], [1.0, 1.0, 1.0]), most=10_000, finest=0.1)
+    grid = Grid.of(EMPTY_SPACE, Box([0.0, 0.0, 0.0], [1.0, 1.0, 1.0]), most=10_000, finest=0.1)
     begins = np.array([[0.0, 0.0, 0.0], [0.33, 0.5, 0.5], [0.0, 1.0, 1.0]])
     ends = np.array([[1.0, 1.0, 0.0], [0.72, 0.5, 0.5], [1.0, 0.0, 1.0]])
     lengths, before = grid.lengths_from(begins, 0.1)
@@ -224,7 +224,7 @@ def test_a_starting_point_is_connected_only_to_near_free_grid_points():
 
 def test_components_are_those_of_the_graph_of_free_points():
     random = np.random.default_rng(3)
-    grid = Grid.of(EMPTY, Box([0.0, 0.0, 0.0], [0.7, 0.5, 0.6]), most=1000, finest=0.1)
+    grid = Grid.of(EMPTY_SPACE, Box([0.0, 0.0, 0.0], [0.7, 0.5, 0.6]), most=1000, finest=0.1)
     free = random.uniform(size=len(grid.points)) < 0.12
     pairs = np.concatenate([np.stack(pair) for pair in grid.neighbours()], axis=1)
     pairs = pairs[:, free[pairs].all(axis=0)]
@@ -241,7 +241,7 @@ def test_components_are_those_of_the_graph_of_free_points():
 
 
 BOX = Box([0.1, 0.2, 0.3], [0.6, 0.5, 0.4])
-PLACES = {
+REGIONS = {
     "box": BOX,
     "point": Box.point([0.4, 0.3, 0.2]),
     "sphere": Sphere([0.4, 0.3, 0.2], 0.25),
@@ -250,7 +250,7 @@ PLACES = {
 }
 
 
-@pytest.mark.parametrize("place", PLACES.values(), ids=PLACES)
+@pytest.mark.parametrize("place", REGIONS.values(), ids=REGIONS)
 @pytest.mark.parametrize("distance", [0.0, 0.17])
 def test_points_near_a_region_are_those_within_a_distance(place, distance):
     points = np.random.default_rng(4).uniform(-0.4, 1.0, (3000, 3))

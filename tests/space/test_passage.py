@@ -77,22 +77,26 @@ def costs_of_all(regions, places, corridors, longest=4):
 
 
 # Four boxes, one on each side of a pillar, overlap at the corners.
-AROUND = (
+BOXES_AROUND_PILLAR = (
     ([0, 0, 0], [4, 1, 1]),
     ([0, 3, 0], [4, 4, 1]),
     ([0, 0, 0], [1, 4, 1]),
     ([3, 0, 0], [4, 4, 1]),
 )
-BEGIN = Box.point([0.5, 2.1, 0.5])
+START = Box.point([0.5, 2.1, 0.5])
 END = Box.point([3.5, 2.3, 0.5])
 MAZES = {
-    "around a pillar": (AROUND, [BEGIN, END], [None]),
-    "the other way around it": (AROUND, [Box.point([0.5, 1.8, 0.5]), Box.point([3.5, 1.9, 0.5])], [None]),
-    "to a box": (AROUND, [BEGIN, Box([3.2, 0.2, 0.5], [3.6, 0.2, 0.5])], [None]),
-    "to a sphere": (AROUND, [BEGIN, Sphere([3.5, 0.4, 0.5], 0.3)], [None]),
-    "in a corridor": (AROUND, [BEGIN, END], [Box([0, 0, 0], [4, 2.6, 1])]),
-    "there and back": (AROUND, [BEGIN, END, Box.point([2.0, 0.5, 0.5])], [None, None]),
-    "back in a corridor": (AROUND, [BEGIN, END, Box.point([2.0, 0.5, 0.5])], [None, Box([0, 0, 0], [4, 2.5, 1])]),
+    "around a pillar": (BOXES_AROUND_PILLAR, [START, END], [None]),
+    "the other way around it": (BOXES_AROUND_PILLAR, [Box.point([0.5, 1.8, 0.5]), Box.point([3.5, 1.9, 0.5])], [None]),
+    "to a box": (BOXES_AROUND_PILLAR, [START, Box([3.2, 0.2, 0.5], [3.6, 0.2, 0.5])], [None]),
+    "to a sphere": (BOXES_AROUND_PILLAR, [START, Sphere([3.5, 0.4, 0.5], 0.3)], [None]),
+    "in a corridor": (BOXES_AROUND_PILLAR, [START, END], [Box([0, 0, 0], [4, 2.6, 1])]),
+    "there and back": (BOXES_AROUND_PILLAR, [START, END, Box.point([2.0, 0.5, 0.5])], [None, None]),
+    "back in a corridor": (
+        BOXES_AROUND_PILLAR,
+        [START, END, Box.point([2.0, 0.5, 0.5])],
+        [None, Box([0, 0, 0], [4, 2.5, 1])],
+    ),
     "a short cut of many boxes": (
         (
             ([0, 0, 0], [1, 1, 1]),
@@ -132,10 +136,10 @@ def test_the_selected_passage_has_the_lowest_cost_of_all(boxes, places, corridor
 
 def test_a_passage_uses_only_candidates():
     """Without the bottom box, the route leads along the top, which is longer. Without both boxes there is no route."""
-    regions = Boxes(*AROUND)
-    assert find_passage(regions, [[0, 1, 2, 3]], [BEGIN, Box.point([3.5, 1.3, 0.5])], [None]) == ((2, 0, 3),)
-    assert find_passage(regions, [[3, 1, 2]], [BEGIN, Box.point([3.5, 1.3, 0.5])], [None]) == ((2, 1, 3),)
-    assert find_passage(regions, [[3, 2]], [BEGIN, END], [None]) is None
+    regions = Boxes(*BOXES_AROUND_PILLAR)
+    assert find_passage(regions, [[0, 1, 2, 3]], [START, Box.point([3.5, 1.3, 0.5])], [None]) == ((2, 0, 3),)
+    assert find_passage(regions, [[3, 1, 2]], [START, Box.point([3.5, 1.3, 0.5])], [None]) == ((2, 1, 3),)
+    assert find_passage(regions, [[3, 2]], [START, END], [None]) is None
 
 
 def test_regions_that_hardly_overlap_are_not_connected():
@@ -157,9 +161,9 @@ def test_regions_that_hardly_overlap_are_not_connected():
         assert other_passages(regions, ends, [corridor], count=3) == ([((0, 1),)] if leads else [])
 
 
-@pytest.mark.parametrize("places", [[BEGIN, END], [BEGIN, END, Box.point([2.0, 0.5, 0.5])]])
+@pytest.mark.parametrize("places", [[START, END], [START, END, Box.point([2.0, 0.5, 0.5])]])
 def test_random_passages_are_feasible(places):
-    regions = Boxes(*AROUND)
+    regions = Boxes(*BOXES_AROUND_PILLAR)
     corridors = [None] * (len(places) - 1)
     actual = other_passages(regions, [place.centre[None] for place in places], corridors, count=30)
     assert len(actual) == len(set(actual)) > 1
@@ -168,11 +172,11 @@ def test_random_passages_are_feasible(places):
 
 def test_random_passages_differ_only_if_their_lengths_are_similar():
     """Both routes around a square have the same length. If one becomes longer, only the other one is drawn."""
-    regions = Boxes(*AROUND)
+    regions = Boxes(*BOXES_AROUND_PILLAR)
     middle = [np.array([[0.5, 2.0, 0.5]]), np.array([[3.5, 2.0, 0.5]])]
     assert set(other_passages(regions, middle, [None], count=12)) == {((2, 0, 3),), ((2, 1, 3),)}
     # The centre of the bottom box is so far away that the route through it has 40 m. The route along the top has 5 m.
-    far = Boxes(([0, -40, 0], [4, 1, 1]), *AROUND[1:])
+    far = Boxes(([0, -40, 0], [4, 1, 1]), *BOXES_AROUND_PILLAR[1:])
     assert other_passages(far, middle, [None], count=12) == [((2, 1, 3),)]
     assert other_passages(far, middle, [Box([0, 0, 0], [4, 2.5, 1])], count=12) == [((2, 0, 3),)]
     assert other_passages(far, middle, [Box([0, 1.5, 0], [4, 2.5, 1])], count=12) == []

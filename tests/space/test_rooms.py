@@ -19,7 +19,7 @@ from drake_quad.space.shapes import Cuboid
 from drake_quad.space.space import Obstacle, Space
 
 # `make rooms` plans a hundred rooms. Among these rooms, room 4 is blocked, and room 1 is planned with the least snap.
-ROOMS = range(int(os.environ["ROOMS"])) if "ROOMS" in os.environ else (1, 2, 4)
+ROOM_SEEDS = range(int(os.environ["ROOMS"])) if "ROOMS" in os.environ else (1, 2, 4)
 LIMITS = PathLimits(speed=2.0, acceleration=2.0)
 
 
@@ -36,7 +36,7 @@ def keeps_clear(room, path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", ROOMS)
+@pytest.mark.parametrize("seed", ROOM_SEEDS)
 def test_a_room_is_planned_or_blocked(seed):
     room = random_room(seed)
     timing = (Heuristic(), LeastSnap(12.0), *[Heuristic()] * 7, Shortest())[seed % 10]
@@ -77,7 +77,7 @@ PASSAGES = {
 
 
 # All passages are planned with the fastest timing, and one of them also with each of the other timings.
-PASSED = [
+PASSAGE_TIMINGS = [
     *((name, Heuristic()) for name in PASSAGES),
     ("over a beam", Shortest()),
     ("a door on the left", LeastSnap(8.0)),
@@ -86,7 +86,7 @@ PASSED = [
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "timing"), PASSED, ids=lambda each: each if isinstance(each, str) else type(each).__name__
+    ("name", "timing"), PASSAGE_TIMINGS, ids=lambda each: each if isinstance(each, str) else type(each).__name__
 )
 def test_the_only_best_passage_is_selected(name, timing):
     room = walled(*PASSAGES[name])

@@ -31,13 +31,13 @@ SHAPES = {
 each_shape = pytest.mark.parametrize("shape", SHAPES.values(), ids=SHAPES)
 
 
-def around(shape, count, seed=0):
+def points_around(shape, count, seed=0):
     """Return random points inside and around a shape."""
     low, high = shape.extent()
     return np.random.default_rng(seed).uniform(low - 1.0, high + 1.0, (count, 3))
 
 
-def projected(shape, point):
+def distance_by_drake(shape, point):
     """Return the distance from a point to the shape's convex set in Drake."""
     program = MathematicalProgram()
     x = program.NewContinuousVariables(3)
@@ -53,9 +53,9 @@ def projected(shape, point):
 
 @each_shape
 def test_the_distance_outside_is_that_to_the_projection(shape):
-    points = around(shape, 60)
+    points = points_around(shape, 60)
     for point, distance in zip(points, shape.distances(points), strict=True):
-        assert max(0.0, distance) == pytest.approx(projected(shape, point), abs=2e-6)
+        assert max(0.0, distance) == pytest.approx(distance_by_drake(shape, point), abs=2e-6)
         assert (distance <= 0.0) == shape.convex_set().PointInSet(point, 1e-9)
 
 
@@ -66,7 +66,7 @@ def test_inside_the_largest_ball_touches_the_surface(shape):
     normals = np.cross(*(shape.triangles()[:, [1, 2]] - shape.triangles()[:, [0]]).transpose(1, 0, 2))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     offsets = (corners @ normals.T).max(axis=0)
-    points = np.vstack([around(shape, 2000), np.tile(shape.centre, (1, 1))])
+    points = np.vstack([points_around(shape, 2000), np.tile(shape.centre, (1, 1))])
     distances = shape.distances(points)
     inside = distances < 0.0
     assert inside.any()
@@ -78,7 +78,7 @@ def test_inside_the_largest_ball_touches_the_surface(shape):
 
 @each_shape
 def test_a_distance_changes_no_faster_than_the_point_moves(shape):
-    a, b = around(shape, 3000, seed=1), around(shape, 3000, seed=2)
+    a, b = points_around(shape, 3000, seed=1), points_around(shape, 3000, seed=2)
     assert (np.abs(shape.distances(a) - shape.distances(b)) <= np.linalg.norm(a - b, axis=1) + 1e-9).all()
 
 
@@ -89,7 +89,7 @@ def test_the_distance_at_a_corner_is_zero(shape):
 
 @each_shape
 def test_floats_and_machine_code_agree_with_arrays(shape):
-    points = np.vstack([around(shape, 300), shape.triangles().reshape(-1, 3)[:20]])
+    points = np.vstack([points_around(shape, 300), shape.triangles().reshape(-1, 3)[:20]])
     expected = shape.distances(points)
     np.testing.assert_allclose([shape.distance(*p) for p in points.tolist()], expected, rtol=1e-12, atol=1e-9)
     for lone, one in ((False, points), *((True, point[None]) for point in points[:20])):
@@ -100,7 +100,7 @@ def test_floats_and_machine_code_agree_with_arrays(shape):
 
 @each_shape
 def test_distances_are_not_below_their_lower_bound(shape):
-    points = np.vstack([around(shape, 2000), shape.triangles().reshape(-1, 3)])
+    points = np.vstack([points_around(shape, 2000), shape.triangles().reshape(-1, 3)])
     bound = shape.distance_lower_bound(*points.T)
     assert bound is None or (shape.distances(points) >= bound).all()
     # Half of the hull's corners are near the surface of the ball, so that the bound is not trivial.
@@ -140,7 +140,7 @@ def test_volumes_agree_with_closed_forms():
 def test_a_hull_of_a_box_has_its_faces_and_edges():
     hull = SHAPES["hull of a box"]
     assert (len(hull.corners), len(hull.normals), len(hull.edges), len(hull.facets)) == (8, 6, 12, 12)
-    points = around(hull, 2000)
+    points = points_around(hull, 2000)
     np.testing.assert_allclose(hull.distances(points), SHAPES["cuboid"].distances(points), atol=1e-8)
 
 
@@ -218,7 +218,7 @@ def test_every_solid_needs_a_pose_of_three_finite_numbers(make, name, place):
 def test_distances_to_a_hull_are_proportional_to_its_size(name, scale):
     """The tolerance for a projection inside a face is relative to the size of the hull."""
     hull = SHAPES[name]
-    points = around(hull, 300)
+    points = points_around(hull, 300)
     larger = hull_of(scale * np.array(hull.corners))
     np.testing.assert_allclose(larger.distances(scale * points), scale * hull.distances(points), atol=1e-9 * scale)
 
@@ -227,7 +227,7 @@ def test_distances_to_a_hull_are_proportional_to_its_size(name, scale):
 def test_a_hull_is_the_same_far_from_the_origin(away):
     """At a distance of 10,000 km, floating-point numbers have a resolution of nanometres."""
     hull = SHAPES["hull"]
-    points = around(hull, 300)
+    points = points_around(hull, 300)
     far = hull_of(np.array(hull.corners) + away)
     assert len(far.corners) == len(hull.corners)
     np.testing.assert_allclose(far.distances(points + away), hull.distances(points), atol=1e-6)
