@@ -306,7 +306,7 @@ def seldom_polar(x: Row, y: Row, bound: Row) -> Polar:
 
 
 def nested(x: Row, y: Row, bound: Row) -> Row:
-    """Use a branch twice with different rows, once of them inside another branch, and compute with the results."""
+    """Use a branch twice with different rows, once inside another branch, and compute with the results."""
 
     def inside(x: Row, y: Row) -> Row:
         length, slope = elementary.where_needed(y > 0.0, polar, (x, y), (x, 0.5))
