@@ -1,3 +1,5 @@
+"""Tests that tables in CSV files are read back unchanged."""
+
 import numpy as np
 import pytest
 

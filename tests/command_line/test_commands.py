@@ -746,7 +746,7 @@ def test_installed_environments_are_compared(run):
     assert re.search(r"^\| drake_quad, everything \| [\d,]+ \|$", result.stdout, re.M)
     reports_missing = "crazyflow is not installed, so it is not measured" in result.stderr
     assert reports_missing != bool(re.search(r"^\| crazyflow ", result.stdout, re.MULTILINE))
-    first, last = map(float, re.search(r"time: ([\d.]+) MB .*, ([\d.]+) MB in all", result.stdout).groups())
+    first, last = map(float, re.search(r"peak ([\d.]+) MB .*, ([\d.]+) MB in total", result.stdout).groups())
     assert last - first < 12.0
 
 
@@ -791,7 +791,7 @@ def test_the_shipped_crazyswarm2_vehicle_can_be_identified_again(run, tmp_path):
 def test_a_partial_identification_does_not_overwrite_the_shipped_crazyflies(run):
     shipped = (ROOT / "diagrams" / "crazyswarm2.yaml").read_bytes()
     result = run("identify_crazyswarm2.py", "--log", "180")
-    sentence = "error: --log: the shipped file has all four; --output says where to write some\n"
+    sentence = "error: --log: the shipped file contains all four logs; use --output to write fewer to another file\n"
     assert (result.returncode, result.stderr) == (2, sentence)
     assert (ROOT / "diagrams" / "crazyswarm2.yaml").read_bytes() == shipped
 
@@ -871,13 +871,16 @@ def test_a_known_vehicle_is_identified_and_the_next_run_continues(run, tmp_path,
     ("arguments", "words"),
     [
         (["wind", "--samples", "0"], "--samples is 0, but must be between 1"),
-        (["wind", "--output", "mine.txt"], "--output mine.txt: must end in .csv"),
+        (["wind", "--output", "mine.txt"], "--output mine.txt: the name must end in .csv"),
         (["wind", "--set", "vehicle.mas=1"], "vehicle.mas"),
-        (["wind", "--output", "other.csv"], "is not of this script, or was cut off"),
-        (["wind", "--output", "cut.csv"], "is not of this script, or was cut off"),
-        (["wind", "--output", "row.csv"], "is not of this script, or was cut off"),
-        (["wind", "--output", "binary.csv"], "is not of this script, or was cut off"),
-        (["wind", "--seed", "12", "--output", "before.csv"], "is of 'wind seed=11', not of 'wind seed=12'"),
+        (["wind", "--output", "other.csv"], "the file is truncated or was not written by this script"),
+        (["wind", "--output", "cut.csv"], "the file is truncated or was not written by this script"),
+        (["wind", "--output", "row.csv"], "the file is truncated or was not written by this script"),
+        (["wind", "--output", "binary.csv"], "the file is truncated or was not written by this script"),
+        (
+            ["wind", "--seed", "12", "--output", "before.csv"],
+            "contains flights of 'wind seed=11', not of 'wind seed=12'",
+        ),
     ],
 )
 def test_an_impossible_check_gets_one_sentence_and_status_2(run, tmp_path, arguments, words):

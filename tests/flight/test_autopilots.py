@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from both_ways import assert_flights_alike, assert_flown_alike, assert_metrics_alike
+from compiled_comparison import assert_flights_alike, assert_flown_alike, assert_metrics_alike
 from pydrake.systems.framework import BasicVector, LeafSystem
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate

@@ -4,7 +4,7 @@ import csv
 
 import numpy as np
 import pytest
-from both_ways import assert_flights_alike, assert_flown_alike
+from compiled_comparison import assert_flights_alike, assert_flown_alike
 from pydrake.systems.framework import LeafSystem
 
 from drake_quad import InputError, load_scenario, run_monte_carlo, save_scenario, simulate

@@ -1,3 +1,5 @@
+"""Tests of the explanation why limits or corridors cannot be kept, and of the proposed remedy."""
+
 import re
 
 import numpy as np
@@ -52,7 +54,7 @@ def test_the_smallest_feasible_factor_is_found_to_three_digits():
 
 
 def test_a_velocity_that_no_slower_flight_can_have_is_reported():
-    """At 0.05 m/s², braking from 1.9 m/s takes 36 m."""
+    """At 0.05 m/s², braking from 1.9 m/s needs 36 m."""
     asked = problem([[0.0], [0.2], [0.4]], [1.9], limits=PathLimits(acceleration=0.05))
     assert re.fullmatch(
         r"the acceleration limit of 0.05 m/s² cannot be kept on segment \d: at these times at least [\d.]+ m/s² is "
@@ -61,7 +63,7 @@ def test_a_velocity_that_no_slower_flight_can_have_is_reported():
     )
 
 
-def test_if_the_solver_fails_the_smoothest_path_gives_the_necessary_value():
+def test_if_the_solver_fails_the_necessary_value_is_that_of_the_smoothest_path():
     asked = problem([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]], limits=PathLimits(acceleration=1.0))
     asked = PathProblem(asked.waypoints, limits=asked.limits)
     said = explain_infeasibility(asked, np.array([1e-9, 1e-9]))
@@ -69,7 +71,7 @@ def test_if_the_solver_fails_the_smoothest_path_gives_the_necessary_value():
 
 
 def test_the_necessary_width_of_a_corridor_is_reported():
-    """If the route is flown backwards, the path leaves the second corridor by at least the same distance."""
+    """The reversed route must leave its second corridor by at least the same distance."""
     points, durations = [[0.0], [4.0], [8.0]], np.array([4.0, 4.0])
 
     def within(wider):
@@ -88,7 +90,7 @@ def test_the_necessary_width_of_a_corridor_is_reported():
 
 @pytest.mark.parametrize("after", [[], [[9.0, 1.0]]])
 def test_a_corridor_that_given_derivatives_leave_is_reported_with_the_distance(after):
-    """This also holds for a segment on which nothing is free, whatever follows."""
+    """This also holds for a segment without free derivatives, whatever follows it."""
     points, durations = [[0.0, 0.0], [4.0, 0.0], *after], np.ones(1 + len(after))
     motion = np.full((len(points), 3, 2), np.nan)
     motion[:2] = 0.0

@@ -5,7 +5,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 import pytest
-from both_ways import assert_flown_alike
+from compiled_comparison import assert_flown_alike
 from pydrake.systems.framework import BasicVector, LeafSystem
 
 from drake_quad import InputError, closed_loop, load_scenario, read_flight, simulate, simulate_samples
