@@ -165,4 +165,4 @@ def _predicted(comparison: LogComparison, figure: str, axis: int, *, unit: str =
     """Return the median of a statistic of the predicted flights in cm, with its interval unless all are equal."""
     median, low, high = (float(end[axis]) for end in comparison.interval(figure))
     found = Interval(median, low, high)
-    return (found if comparison.varies else found.alone()).text(unit=unit, size=0.01, infinite="crash")
+    return (found if comparison.varies else found.without_interval()).text(unit=unit, size=0.01, infinite="crash")

@@ -28,7 +28,7 @@ from drake_quad.identification.results.vehicle_file import write_vehicle
 from drake_quad.scenario.files.loading import Override, load_undesigned
 from drake_quad.scenario.models import NAME
 from drake_quad.scenario.paths import distributions_in
-from drake_quad.statistics.interval import plus_minus, spread_alone
+from drake_quad.statistics.interval import plus_minus, spread_text
 from drake_quad.visualization import identification_plots as plots
 from drake_quad.visualization.style import save_figures
 from drake_quad.written_numbers import float_in
@@ -219,7 +219,7 @@ def print_estimates(found: Identification) -> None:
             if explained is None or explained.share < 5e-4
             else f"{100.0 * explained.share:.1f} % of {explained.output}"
         )
-        another = spread_alone(far) if varies else "–"
+        another = spread_text(far) if varies else "–"
         rows.append((name, plus_minus(value, reach), "" if unit == "1" else unit, another, covered(found, name), share))
     print("identified parameters with 95 % intervals, those for another stretch, and held-out stretches inside them")
     print_columns(("parameter", "value", "unit", "another stretch", "inside", "explained, held out"), rows)

@@ -24,7 +24,7 @@ from drake_quad.files import output_folder
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario.files.shipped import shipped_folder
 from drake_quad.statistics.estimates import mean_interval
-from drake_quad.studies.statistics import crash_probability, of_survivors
+from drake_quad.studies.statistics import crash_probability, values_without_crashes
 
 _RANGES = {"samples": (2, 10_000), "rounds": (1, 1000)}
 
@@ -127,5 +127,5 @@ def error_in(metrics: Metrics | None) -> str:
     """Return the mean error as text."""
     if metrics is None:
         return "–"
-    error = mean_interval(of_survivors(metrics, "rmse")).alone().text(size=0.01)
-    return f"{error} {crash_probability(metrics).alone().percent()}" if metrics.crashed.any() else error
+    error = mean_interval(values_without_crashes(metrics, "rmse")).without_interval().text(size=0.01)
+    return f"{error} {crash_probability(metrics).without_interval().percent()}" if metrics.crashed.any() else error

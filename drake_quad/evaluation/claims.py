@@ -19,7 +19,7 @@ from drake_quad.evaluation.results import (
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.reports.claims import Claim, judge, reduction
 from drake_quad.statistics.interval import Interval
-from drake_quad.studies.statistics import Comparison, compare, of_survivors
+from drake_quad.studies.statistics import Comparison, compare, values_without_crashes
 
 
 class _Words(dict[str, str]):
@@ -195,7 +195,7 @@ def best_in(found: Evaluation, place: str) -> list[str]:
     safe = {name: each for name, each in flown.items() if np.mean(each.crashed) <= 0.05} or flown
     most = max(len(each.rmse) for each in safe.values())
     whole = [name for name, each in safe.items() if len(each.rmse) == most]
-    best = min(whole, key=lambda name: float(of_survivors(safe[name], "rmse").mean()))
+    best = min(whole, key=lambda name: float(values_without_crashes(safe[name], "rmse").mean()))
     others = [
         name for name in safe if name != best and reduction(beside(safe[name], safe[best]).share).is_above(0.0) is None
     ]

@@ -17,7 +17,7 @@ from drake_quad.laboratory.metrics import Metrics
 from drake_quad.reports.claims import reduction
 from drake_quad.reports.figures import COLUMN, print_panels
 from drake_quad.statistics.estimates import mean_interval
-from drake_quad.studies.statistics import Interval, of_survivors
+from drake_quad.studies.statistics import Interval, values_without_crashes
 from drake_quad.visualization.panels import legend_above, name_rows, plot_intervals
 from drake_quad.visualization.style import BLACK, BLUE, GREEN, LIMIT, ORANGE, PURPLE, SKY, VERMILION
 
@@ -83,7 +83,7 @@ def errors_figure(found: Evaluation) -> Figure:
 
 def _mark(axes: Axes, metrics: Metrics, row: int, name: str) -> None:
     base, kind = parts_of(name)
-    mean = mean_interval(100.0 * of_survivors(metrics, "rmse"))
+    mean = mean_interval(100.0 * values_without_crashes(metrics, "rmse"))
     if np.isfinite(mean.value):
         axes.plot([max(mean.low, 1e-3), mean.high], [row, row], color=_COLORS.get(base, _OWN_COLOR), linewidth=1.6)
         fill = "none" if np.mean(metrics.crashed) > _MAX_CRASH_SHARE else "full"
@@ -187,7 +187,7 @@ _MEASURES: Any = (
 
 def _point(traits: Traits, metrics: Metrics, measure: str, unit: float) -> tuple[float, float]:
     number = float(getattr(traits, measure))
-    error = 100.0 * float(np.mean(of_survivors(metrics, "rmse")))
+    error = 100.0 * float(np.mean(values_without_crashes(metrics, "rmse")))
     return (number / unit if np.isfinite(number) else np.nan), error
 
 
@@ -198,7 +198,7 @@ def laps_figure(found: Evaluation, controllers: Sequence[str]) -> Figure:
             for controller, style in ((name, ":"), (f"{name}_t2fnn_map", "-")):
                 counts = laps_flown(found, controller)
                 flown = [found.flights[in_laps(count)][controller] for count in counts]
-                means = [mean_interval(100.0 * of_survivors(metrics, "rmse")) for metrics in flown]
+                means = [mean_interval(100.0 * values_without_crashes(metrics, "rmse")) for metrics in flown]
                 own: dict[str, Any] = {"color": _COLORS[name], "linestyle": style, "markersize": 3.0, "capsize": 2.0}
                 marker = _MARKS[parts_of(controller)[1]]
                 plot_intervals(axes, counts, means, label=WORDS[controller], marker=marker, **own)

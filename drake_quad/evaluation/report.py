@@ -18,7 +18,7 @@ from drake_quad.reports.claims import Claim, verdict_counts, verdict_table, writ
 from drake_quad.reports.page import filled_template, image, table, write_figures, write_page
 from drake_quad.reports.results import write_rows
 from drake_quad.statistics.estimates import mean_interval
-from drake_quad.studies.statistics import crash_probability, of_survivors
+from drake_quad.studies.statistics import crash_probability, values_without_crashes
 
 FIGURES = {
     "errors": "Mean RMSE of every controller in every laboratory, with 95 % intervals, most of which are narrower than"
@@ -89,7 +89,7 @@ def write_summary(path: Path, found: Evaluation) -> Path:
             "laboratory": place,
             "controller": name,
             "samples": len(metrics.rmse),
-            **{column: mean_interval(of_survivors(metrics, metric)) for column, metric in _MEANS.items()},
+            **{column: mean_interval(values_without_crashes(metrics, metric)) for column, metric in _MEANS.items()},
             "crashes": crash_probability(metrics),
             **found.traits[family][name]._asdict(),
         }
@@ -120,7 +120,7 @@ def _best(found: Evaluation) -> str:
     lines = []
     for place in dict.fromkeys(place for _, place, *_ in _flown(found)):
         best, *equals = best_in(found, place)
-        mean = mean_interval(of_survivors(found.flights[place][best], "rmse"))
+        mean = mean_interval(values_without_crashes(found.flights[place][best], "rmse"))
         words = f"- {place}: {WORDS[best]}, {mean.text(unit='cm', size=0.01)}"
         if "pd" in found.flights[place] and best != "pd":
             share = beside(found.flights[place]["pd"], found.flights[place][best]).share
@@ -140,13 +140,13 @@ def _family(found: Evaluation, name: str, family: LaboratoryFamily) -> str:
         flown = [found.flights[place][controller] for place in family.laboratories]
         windy = found.flights[family.windiest][controller]
         crashed = [int(metrics.crashed.sum()) for metrics in flown]
-        effort = [of_survivors(windy, f"effort_{axis}") for axis in "xyz"]
+        effort = [values_without_crashes(windy, f"effort_{axis}") for axis in "xyz"]
         rows.append(
             (
                 WORDS[controller] + ("" if len(windy.rmse) == _most(found) else f" ({len(windy.rmse)} samples)"),
-                *(mean_interval(of_survivors(metrics, "rmse")).text(size=0.01) for metrics in flown),
+                *(mean_interval(values_without_crashes(metrics, "rmse")).text(size=0.01) for metrics in flown),
                 ", ".join(map(str, crashed)) if any(crashed) else "0",
-                mean_interval(of_survivors(windy, "peak_error")).text(size=0.01),
+                mean_interval(values_without_crashes(windy, "peak_error")).text(size=0.01),
                 f"{sum(float(values.mean()) for values in effort):.2f}" if len(effort[0]) else "–",
                 *_of_traits(each),
             )
@@ -186,7 +186,7 @@ def _priced(found: Evaluation) -> str:
     for name, each in found.traits.get(PRICED, {}).items():
         controller, _, limit = name.partition("@")
         metrics = found.flights["high wind"][name]
-        mean = mean_interval(of_survivors(metrics, "rmse")).text(size=0.01)
+        mean = mean_interval(values_without_crashes(metrics, "rmse")).text(size=0.01)
         rows.append((WORDS[controller], limit, mean, str(int(metrics.crashed.sum())), *_of_traits(each)))
     return table(("", "limit", "high wind (cm)", "crashes", *_TRAITS), rows) if rows else "None were flown."
 

@@ -17,7 +17,7 @@ from drake_quad.replication.printed import Cell, printed_table
 from drake_quad.scenario.models import Scenario
 from drake_quad.statistics.estimates import mean_interval
 from drake_quad.studies.comparison import fly_samples
-from drake_quad.studies.statistics import Interval, with_crashes
+from drake_quad.studies.statistics import Interval, values_with_crashes
 
 PD_CELL, NETWORK_CELL = Cell("no_wind", "pd"), Cell("no_wind", "pd_t2fnn")
 _DAMPING = 0.7
@@ -179,4 +179,4 @@ def _fitted(number: FreeNumber, errors: Callable[[list[str]], np.ndarray], targe
 
 def _errors(scenario: Scenario, num_samples: int, *, compiled: bool = True) -> np.ndarray:
     """Return the RMSE (n,) of the first n samples, m; infinite for those that crashed."""
-    return with_crashes(fly_samples(scenario, range(num_samples), compiled=compiled), "rmse")
+    return values_with_crashes(fly_samples(scenario, range(num_samples), compiled=compiled), "rmse")

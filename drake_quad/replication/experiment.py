@@ -31,8 +31,8 @@ from drake_quad.replication.sweeps import (
 )
 from drake_quad.reports.jobs import Job, run_jobs
 from drake_quad.scenario.models import Scenario
-from drake_quad.studies.crew import Crew
 from drake_quad.studies.monte_carlo import run_monte_carlo
+from drake_quad.studies.worker_pool import WorkerPool
 
 # Largest number of vehicles in a fleet. Recording all signals takes more memory, so that recorded fleets are smaller.
 _MAX_VEHICLES = 1024
@@ -119,7 +119,7 @@ def fly_experiment(
     load: Callable[[Cell], Scenario],
     sizes: ExperimentSizes,
     folder: Path,
-    workers: Crew | None = None,
+    workers: WorkerPool | None = None,
     *,
     resume: bool = False,
     compiled: bool = True,

@@ -8,7 +8,7 @@ from drake_quad.replication.printed import CONTROLLERS, Cell
 from drake_quad.replication.results import FAIR, Experiment, cells_of
 from drake_quad.reports.results import write_rows
 from drake_quad.statistics.estimates import mean_interval
-from drake_quad.studies.statistics import Interval, of_survivors
+from drake_quad.studies.statistics import Interval, values_without_crashes
 
 COMPARED = {"pd": CONTROLLERS["pd"], "pd_t2fnn": CONTROLLERS["pd_t2fnn"], **FAIR}
 
@@ -40,7 +40,7 @@ def fair_entries(found: Experiment) -> list[FairEntry]:
     entries = []
     for cell in cells_of(COMPARED):
         means = [
-            mean_interval(of_survivors(found.cells[cell].metrics, name))
+            mean_interval(values_without_crashes(found.cells[cell].metrics, name))
             for name in ("rmse", "peak_error", "effort_x", "effort_y")
         ]
         beside = [found.comparison(cell, Cell(cell.wind, name)).share for name in ("pd", "pd_t2fnn")]

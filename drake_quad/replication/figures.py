@@ -21,7 +21,7 @@ from drake_quad.replication.results import MAPPED, Experiment
 from drake_quad.replication.sweeps import NOISE, Q_VALUES, Sweep
 from drake_quad.reports.figures import print_panels
 from drake_quad.statistics.estimates import mean_interval
-from drake_quad.studies.statistics import of_survivors
+from drake_quad.studies.statistics import values_without_crashes
 from drake_quad.visualization.learning_plots import PAPER_EXPONENTS
 from drake_quad.visualization.leg_marks import leg_marks, number_legs, shade_legs
 from drake_quad.visualization.panels import legend_above, name_rows, plot_intervals
@@ -217,7 +217,7 @@ def table_figure(found: Experiment) -> Figure:
         for (axes,), (wind, words) in zip(column, WINDS.items(), strict=True):
             for place, name in enumerate(CONTROLLERS):
                 cell = Cell(wind, name)
-                errors = of_survivors(found.cells[cell].metrics, "rmse")
+                errors = values_without_crashes(found.cells[cell].metrics, "rmse")
                 axes.plot(np.quantile(errors, [0.025, 0.975]), [place + 0.17] * 2, zorder=2, **spread)
                 axes.plot(errors.mean(), place + 0.17, zorder=3, **ours)
                 if cell in printed_table():
@@ -239,7 +239,8 @@ def fair_figure(found: Experiment) -> Figure:
         styles = zip(WINDS.items(), (BLUE, ORANGE, VERMILION), (-0.24, 0.0, 0.24), strict=True)
         for (wind, words), color, offset in styles:
             means = [
-                mean_interval(of_survivors(found.cells[Cell(wind, name)].metrics, "rmse")).value for name in COMPARED
+                mean_interval(values_without_crashes(found.cells[Cell(wind, name)].metrics, "rmse")).value
+                for name in COMPARED
             ]
             axes.barh(np.arange(len(COMPARED)) + offset, means, 0.22, color=color, label=words)
             for place, mean in enumerate(means):

@@ -16,7 +16,7 @@ from drake_quad.replication.results import cells_of
 from drake_quad.reports.page import row
 from drake_quad.reports.results import write_rows
 from drake_quad.statistics.estimates import mean_interval
-from drake_quad.studies.statistics import Interval, of_survivors
+from drake_quad.studies.statistics import Interval, values_without_crashes
 from drake_quad.studies.study import Study
 
 # Headings of the quantities of Table II in a report, by the name of the metric.
@@ -69,7 +69,7 @@ def table_entries(cells: Mapping[Cell, Study]) -> list[TableEntry]:
                     quantity,
                     getattr(printed[cell], quantity) if cell in printed else gap,
                     Runs((first, second, third), float(np.mean([first, second, third]))),
-                    mean_interval(of_survivors(metrics, quantity)),
+                    mean_interval(values_without_crashes(metrics, quantity)),
                     int(metrics.crashed.sum()),
                 )
             )

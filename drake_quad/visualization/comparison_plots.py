@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.studies.statistics import of_survivors
+from drake_quad.studies.statistics import values_without_crashes
 from drake_quad.visualization.panels import name_rows, new_panels
 from drake_quad.visualization.style import PLATE
 
@@ -25,7 +25,7 @@ def plot_comparison(flights: Mapping[str, Mapping[str, Metrics]]) -> Figure:
         for axes, (scenario, found) in zip(row, flights.items(), strict=True):
             for place, name in enumerate(controllers):
                 metrics = found[name]
-                errors = 100.0 * of_survivors(metrics, "rmse")
+                errors = 100.0 * values_without_crashes(metrics, "rmse")
                 spread = np.linspace(-0.22, 0.22, len(errors)) if len(errors) > 1 else np.zeros(len(errors))
                 axes.plot(errors, place + spread, ".", color="0.6", markersize=3.0, zorder=2)
                 label = ""

@@ -16,12 +16,12 @@ from drake_quad.laboratory.metrics import METRICS, UNITS
 from drake_quad.scenario.description import unit_at
 from drake_quad.statistics.estimates import quantile_interval, running_mean, share_interval
 from drake_quad.studies.statistics import (
-    crash_levels,
+    crash_bins,
     crash_probability,
     influences,
-    most_influential,
-    of_survivors,
-    with_crashes,
+    most_influential_path,
+    values_with_crashes,
+    values_without_crashes,
 )
 from drake_quad.studies.study import Study
 from drake_quad.visualization.names import short_name
@@ -82,14 +82,14 @@ def draw_distribution(axes: Axes, studies: Mapping[str, Study], name: str) -> No
         name: name of the metric.
     """
     for (controller, study), (color, style) in zip(studies.items(), cycle(_LINES), strict=False):
-        values = np.sort(with_crashes(study.metrics, name))
+        values = np.sort(values_with_crashes(study.metrics, name))
         n = len(values)
         finite = values[np.isfinite(values)]
         share = np.arange(1, len(finite) + 1) / n
         reach = np.sqrt(np.log(2.0 / 0.05) / (2.0 * n))
         label = controller
         if study.metrics.crashed.any():
-            label += f" ({crash_probability(study.metrics).alone().percent()} crashed)"
+            label += f" ({crash_probability(study.metrics).without_interval().percent()} crashed)"
         axes.step(finite, share, where="post", color=color, linestyle=style, label=label)
         axes.fill_between(
             finite,
@@ -101,7 +101,7 @@ def draw_distribution(axes: Axes, studies: Mapping[str, Study], name: str) -> No
             linewidth=0.0,
         )
     axes.set(ylabel="share of the samples", ylim=(0.0, 1.02))
-    survivors = [of_survivors(study.metrics, name) for study in studies.values()]
+    survivors = [values_without_crashes(study.metrics, name) for study in studies.values()]
     known = [median for values in survivors if len(values) and (median := np.median(values)) > 0.0]
     if known and max(known) > _LOG_AXIS_RATIO * min(known):
         axes.set_xscale("log")
@@ -152,7 +152,7 @@ def plot_convergence(studies: Mapping[str, Study], name: str = "rmse") -> Figure
 
 def _running(study: Study, name: str) -> tuple[np.ndarray, ...]:
     """Return numbers n of completed flights, the mean over the first n, and the ends of its interval."""
-    values = of_survivors(study.metrics, name)
+    values = values_without_crashes(study.metrics, name)
     # The first few points are left out, because their wide intervals would dominate the axis.
     first = max(min(10, len(values)) - 1, 0)
     return np.arange(1, len(values) + 1)[first:], *(each[first:] for each in running_mean(values))
@@ -167,15 +167,17 @@ def plot_influences(study: Study, name: str = "rmse") -> Figure:
     """
     found = influences(study, name)
     with new_panels(8.6, 1.4 + 0.34 * max(min(len(found), _MAX_FIELDS), 1)) as (figure, axes):
-        mean = float(np.mean(study.metrics.crashed if name == "crashed" else of_survivors(study.metrics, name)))
+        mean = float(
+            np.mean(study.metrics.crashed if name == "crashed" else values_without_crashes(study.metrics, name))
+        )
         for place, each in enumerate(found[:_MAX_FIELDS]):
             for end, color, offset in ((each.low, SKY, -0.18), (each.high, ORANGE, 0.18)):
                 axes.barh(place + offset, end.value - mean, 0.36, left=mean, color=color)
                 axes.plot([end.low, end.high], [place + offset] * 2, color="0.25", linewidth=1.0)
             rho = each.correlation
             text = rho.text(signed=True)
-            if each.alone != rho and np.isfinite(each.alone.value):
-                text += f"; alone {each.alone.value:+.2f}"
+            if each.partial != rho and np.isfinite(each.partial.value):
+                text += f"; partial {each.partial.value:+.2f}"
             axes.annotate(text, (1.01, place), xycoords=("axes fraction", "data"), va="center", fontsize=8.5)
         labels = [_field_label(study, each.path) for each in found[:_MAX_FIELDS]]
         name_rows(axes, labels)
@@ -208,25 +210,25 @@ def plot_crash_probability(
     """Plot the probability of a crash over a random parameter, with 95 % intervals.
 
     Each point is at the median of a bin of equally many samples, and its horizontal line spans the bin; see
-    `crash_levels`. Thin lines are the probabilities over all samples.
+    `crash_bins`. Thin lines are the probabilities over all samples.
 
     Args:
         studies: a study, or several by controller; the parameter is random in all of them.
         path: path of the parameter; by default the one with the largest influence on crashes.
-        num_bins: as for `crash_levels`.
+        num_bins: as for `crash_bins`.
 
     Raises:
         InputError: no parameter is random, or not the one at this path.
     """
     studies = {studies.scenario.name: studies} if isinstance(studies, Study) else studies
-    path = path or most_influential(studies.values())
+    path = path or most_influential_path(studies.values())
     if path is None:
         raise InputError("no number is drawn in this study, over which the probability of a crash could be plotted")
     with new_panels(7.0, 4.2) as (figure, axes):
         for place, ((controller, study), (color, style)) in enumerate(
             zip(studies.items(), cycle(_LINES), strict=False)
         ):
-            levels = crash_levels(study, path, num_bins=num_bins)
+            levels = crash_bins(study, path, num_bins=num_bins)
             if not levels:
                 continue
             middle = np.array([level.middle for level in levels])

@@ -23,8 +23,8 @@ from drake_quad.files import output_folder
 from drake_quad.identification.known_flights import KNOWN, Checked, Task, check_batch
 from drake_quad.identification.results.estimates import quantile
 from drake_quad.statistics.estimates import share_interval
-from drake_quad.studies.crew import outcomes_of
 from drake_quad.studies.processes import Workers
+from drake_quad.studies.worker_pool import run_tasks
 
 _DIAGRAMS = Path(__file__).parents[2] / "diagrams"
 # The first line of the file names the flights, and the second one the columns.
@@ -80,7 +80,7 @@ def in_processes(tasks: Sequence[Task], processes: int) -> Iterator[dict[int, li
     """Yield the results of each batch when it is complete."""
     waiting = iter(tasks)
     with Workers(processes) as workers:
-        for outcome in outcomes_of(workers, check_batch, lambda: next(waiting, None)):
+        for outcome in run_tasks(workers, check_batch, lambda: next(waiting, None)):
             if outcome.result is None:
                 raise RuntimeError(outcome.reason)
             yield outcome.result

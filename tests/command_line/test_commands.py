@@ -593,7 +593,7 @@ def test_monte_carlo_compares_controllers_on_the_same_samples(run, tmp_path):
     [
         (["--samples", 0], "samples is 0"),
         (["--workers", -2], "workers is -2"),
-        (["--batch", 0], "batch is 0"),
+        (["--batch", 0], "batch_size is 0"),
         (["--seed", -1], "seed"),
         (["--output", "/proc/nowhere"], "cannot be written"),
         (["--set", "route.radius={uniform: {min: 1.2, max: 1.4}}"], "route.radius is a distribution"),
@@ -646,7 +646,7 @@ def test_monte_carlo_remarks_on_a_scenario_without_distributions(run, tmp_path):
 def test_a_study_that_is_there_is_neither_overwritten_nor_mixed_with_another(run, tmp_path):
     assert monte_carlo(run, tmp_path).returncode == 0
     before = (tmp_path / "results.csv").read_bytes()
-    for arguments, words in (([], "holds a study already"), (["--resume", "--seed", 9], "its seed is 0, not 9")):
+    for arguments, words in (([], "already contains a study"), (["--resume", "--seed", 9], "its seed is 0, not 9")):
         result = monte_carlo(run, tmp_path, *arguments)
         assert result.returncode == 2
         assert words in result.stderr

@@ -173,7 +173,9 @@ def test_correlations_and_obstacles_of_a_study_are_told(capsys, tmp_path):
     obstacle = "space={obstacles: {post: {kind: cylinder, centre: [3, 0, 1], radius: 0.1, height: 2}}}"
     scenario = load_scenario("hover", [shared.format(*each) for each in numbers] + [obstacle])
     found = studied(scenario, 4, crashed=[1, 2])
-    found = type(found)(scenario, 10.0, found.samples, found.parameters, found.metrics, touched=np.array([0, 1, 0, 0]))
+    found = type(found)(
+        scenario, 10.0, found.samples, found.parameters, found.metrics, obstacle_hit=np.array([0, 1, 0, 0])
+    )
     study.print_study("mine", found, tmp_path, "compiled")
     text = capsys.readouterr().out
     assert "(vehicle.mass and vehicle.linear_drag by +0.45 and 2 pairs more)" in text

@@ -299,21 +299,21 @@ def test_a_study_flies_each_controller_into_a_folder_of_its_own(run, replaced, t
 
 
 def test_a_study_tells_what_was_altered_and_fails_if_a_sample_was_not_flown(run, replaced, tmp_path):
-    rows = SimpleNamespace(misfits=(3, 4, 5, 6, 7, 8), failures={})
+    rows = SimpleNamespace(invalid_lines=(3, 4, 5, 6, 7, 8), failures={})
     replaced(
         "study",
         run_monte_carlo=lambda scenario, samples, **_: studied(
-            scenario, samples, misfits=rows.misfits, failures=rows.failures
+            scenario, samples, invalid_lines=rows.invalid_lines, failures=rows.failures
         ),
         save_plots=[],
     )
     given = ["study", "robustness", "--samples", 4, "--workers", 1, "--output", tmp_path]
     for lines, words in (((3, 4, 5, 6, 7, 8), "3, 4, 5, 6, 7, ..."), ((3, 4, 5, 6, 7), "3, 4, 5, 6, 7")):
-        rows.misfits = lines
+        rows.invalid_lines = lines
         result = run(*given)
         told = f"remark: {tmp_path / 'results.csv'} was altered in lines {words}; these samples were flown again\n"
         assert (result.returncode, result.stderr) == (0, told)
-    rows.misfits, rows.failures = (), {2: "too slow"}
+    rows.invalid_lines, rows.failures = (), {2: "too slow"}
     result = run(*given)
     assert result.returncode == 1
     assert "failed: 1 samples could not be flown (sample 2 of robustness: too slow)" in result.stderr
@@ -374,7 +374,7 @@ def test_a_crew_is_of_this_machine_or_of_a_cluster(monkeypatch):
         yield "a crew"
 
     monkeypatch.setattr(study, "Workers", crew)
-    monkeypatch.setattr(study, "dask_crew", crew)
+    monkeypatch.setattr(study, "dask_pool", crew)
     for cluster, limit in ((None, 5.0), ("tcp://there", None)):
         with study.crew_of(SimpleNamespace(cluster=cluster, workers=3, time_limit=limit)) as found:
             assert found == "a crew"

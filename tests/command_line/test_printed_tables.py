@@ -48,7 +48,7 @@ from drake_quad.reference.path_problem import PathLimits
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.replication.printed import Cell, Runs
 from drake_quad.replication.table_ii import TableEntry
-from drake_quad.statistics.interval import Interval, plus_minus, spread_alone
+from drake_quad.statistics.interval import Interval, plus_minus, spread_text
 from drake_quad.studies.study import Study
 
 RNG = np.random.default_rng(8)
@@ -360,7 +360,7 @@ def test_estimates_have_their_intervals_and_what_they_explain(capsys):
     mass, damping, drag = cells("\n".join(lines[2:5]))
     # The mean is off by 0.02 kg, and a stretch by 0.04 kg beside that, which have 6.25 degrees of freedom together.
     far = scipy.stats.t.ppf(0.975, 6.25) * math.sqrt(0.002)
-    assert mass == ["mass", plus_minus(0.5, 1.96 * 0.02), "kg", spread_alone(far), "9 of 10", "12.3 % of climb"]
+    assert mass == ["mass", plus_minus(0.5, 1.96 * 0.02), "kg", spread_text(far), "9 of 10", "12.3 % of climb"]
     assert damping == ["autopilot.damping[0]", plus_minus(0.7, 1.96 * 0.05), "–"]
     assert drag == ["linear_drag", plus_minus(0.1, 1.96 * 0.01), "N s/m", "–"]
     assert lines[5:] == [

@@ -18,13 +18,13 @@ from drake_quad.evaluation.figures import (
 from drake_quad.evaluation.results import Evaluation
 from drake_quad.reports.claims import reduction
 from drake_quad.statistics.estimates import mean_interval
-from drake_quad.studies.statistics import of_survivors
+from drake_quad.studies.statistics import values_without_crashes
 
 PLACES = ("no wind", "low wind", "high wind", "outdoor")
 
 
 def centimetres(metrics):
-    return mean_interval(100.0 * of_survivors(metrics, "rmse"))
+    return mean_interval(100.0 * values_without_crashes(metrics, "rmse"))
 
 
 def ticks(axis):

@@ -24,7 +24,7 @@ from drake_quad.evaluation.results import SENSITIVITIES, Traits, in_laps
 from drake_quad.files import read_table
 from drake_quad.reports.claims import reduction, verdict_counts
 from drake_quad.statistics.estimates import mean_interval, share_interval
-from drake_quad.studies.statistics import of_survivors
+from drake_quad.studies.statistics import values_without_crashes
 
 
 def rows_of(text):
@@ -33,7 +33,7 @@ def rows_of(text):
 
 
 def centimetres(metrics, name="rmse"):
-    return mean_interval(of_survivors(metrics, name)).text(size=0.01)
+    return mean_interval(values_without_crashes(metrics, name)).text(size=0.01)
 
 
 @pytest.fixture(scope="module")
@@ -258,7 +258,7 @@ def test_the_summary_has_intervals_and_traits(found, tmp_path):
     summary = read_table(write_summary(tmp_path / "summary.csv", found))
     row = np.flatnonzero((summary["laboratory"] == "outdoor") & (summary["controller"] == "pd_t2fnn"))[0]
     metrics = found.flights["outdoor"]["pd_t2fnn"]
-    mean, crashes = mean_interval(of_survivors(metrics, "rmse")), share_interval(8, COUNT)
+    mean, crashes = mean_interval(values_without_crashes(metrics, "rmse")), share_interval(8, COUNT)
     for name, expected in (("rmse", mean), ("crashes", crashes)):
         ends = [summary[f"{name}{end}"][row] for end in ("", "_low", "_high")]
         np.testing.assert_allclose(ends, [expected.value, expected.low, expected.high], rtol=1e-5)

@@ -17,7 +17,7 @@ from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_tab
 from drake_quad.replication.report import FIGURES
 from drake_quad.replication.sweeps import NOISE, Q_VALUES
 from drake_quad.statistics.estimates import mean_interval
-from drake_quad.studies.statistics import of_survivors
+from drake_quad.studies.statistics import values_without_crashes
 from drake_quad.visualization.leg_marks import leg_marks
 from drake_quad.visualization.places import places
 
@@ -99,7 +99,7 @@ def test_the_table_figure_has_printed_runs_means_and_ours(found):
         ours, bars = marked(axes, "D"), [line for line in axes.lines if line.get_alpha()]
         runs, means = iter(marked(axes, "o")), iter(marked(axes, "s"))
         for row, name in enumerate(CONTROLLERS):
-            errors = of_survivors(found.cells[Cell(wind, name)].metrics, "rmse")
+            errors = values_without_crashes(found.cells[Cell(wind, name)].metrics, "rmse")
             np.testing.assert_allclose(ours[row], [[errors.mean(), row + 0.17]])
             low, high = np.sort(errors)[0], np.sort(errors)[-1]
             (x_low, y), (x_high, _) = bars[row].get_xydata()
@@ -260,7 +260,7 @@ def test_bars_of_the_fair_comparison_are_mean_errors(found):
     for container, (wind, words) in zip(axes.containers, WINDS.items(), strict=True):
         assert container.get_label() == words
         for row, (name, bar) in enumerate(zip(COMPARED, container, strict=True)):
-            mean = mean_interval(of_survivors(found.cells[Cell(wind, name)].metrics, "rmse")).value
+            mean = mean_interval(values_without_crashes(found.cells[Cell(wind, name)].metrics, "rmse")).value
             assert bar.get_width() == pytest.approx(mean)
             heights.append((bar.get_y() + 0.5 * bar.get_height() - row, bar.get_height()))
             (text,) = (

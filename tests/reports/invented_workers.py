@@ -1,6 +1,6 @@
 """Workers that do tasks in this process."""
 
-from drake_quad.studies.crew import attempt
+from drake_quad.studies.worker_pool import run_task
 
 
 class InventedWorkers:
@@ -13,9 +13,9 @@ class InventedWorkers:
     def __init__(self, capacity):
         self.capacity, self.under_way, self.most = capacity, [], 0
 
-    def begin(self, function, given):
+    def submit(self, function, given):
         self.under_way.append((function, given))
         self.most = max(self.most, len(self.under_way))
 
-    def finished(self):
-        return [attempt(*self.under_way.pop())]
+    def next_outcomes(self):
+        return [run_task(*self.under_way.pop())]

@@ -20,8 +20,8 @@ import pytest
 
 from drake_quad import load_scenario, read_study, run_monte_carlo
 from drake_quad.studies import cluster as cluster_module
-from drake_quad.studies.cluster import DaskCrew
-from drake_quad.studies.crew import Outcome
+from drake_quad.studies.cluster import DaskPool
+from drake_quad.studies.worker_pool import Outcome
 
 # Found and not imported: that takes a second in every process of pytest.
 pytestmark = pytest.mark.skipif(
@@ -198,7 +198,7 @@ def test_a_worker_with_other_code_is_refused(tmp_path):
         cluster.end()
     assert study.returncode == 2
     assert stderr.startswith("error: the worker at tcp://127.0.0.1:")
-    assert stderr.endswith(" has other sources of drake_quad\n")
+    assert stderr.endswith(" has a different version of drake_quad's source files\n")
     assert not (tmp_path / "study").exists()
 
 
@@ -248,14 +248,14 @@ class Client:
 
 
 def crew_with(future, workers):
-    crew = DaskCrew(Client(future, workers), "tcp://somewhere:1", 1)
-    crew.begin(len, "given")
+    crew = DaskPool(Client(future, workers), "tcp://somewhere:1", 1)
+    crew.submit(len, "given")
     return crew
 
 
 def test_a_result_that_is_lost_with_its_worker_is_awaited_again():
     crew = crew_with(Future("pending", "lost", "lost", "pending", "finished"), {"worker": 1})
-    (outcome,) = crew.finished()
+    (outcome,) = crew.next_outcomes()
     assert outcome.result == "rows"
 
 
@@ -266,12 +266,12 @@ def test_a_scheduler_that_has_lost_all_workers_is_reported(monkeypatch):
     with pytest.raises(
         ConnectionError, match="^the Dask scheduler at tcp://somewhere:1 has had no workers for a minute$"
     ):
-        crew.finished()
+        crew.next_outcomes()
 
 
 def test_cancelled_futures_mean_that_the_scheduler_is_gone():
     with pytest.raises(ConnectionError, match="^the Dask scheduler at tcp://somewhere:1 is gone$"):
-        crew_with(Future("pending", "cancelled"), {"worker": 1}).finished()
+        crew_with(Future("pending", "cancelled"), {"worker": 1}).next_outcomes()
 
 
 @pytest.mark.slow

@@ -21,8 +21,8 @@ def test_a_share_is_the_ratio_of_means_over_samples_in_which_neither_crashed():
     ours = metrics([1.0, 3.0, 5.0, 7.0, 9.0], [math.inf, 2.0, math.inf, 2.0, math.inf])
     baseline = metrics([2.0, 2.0, 2.0, 2.0, 0.0], [math.inf, math.inf, 3.0, 3.0, math.inf])
     found, reverse = compare(ours, baseline), compare(baseline, ours)
-    assert (found.num_pairs, found.share.value) == (2, 5.0)
-    assert (reverse.num_pairs, reverse.share.value) == (2, 0.2)
+    assert (found.num_pairs, found.ratio.value) == (2, 5.0)
+    assert (reverse.num_pairs, reverse.ratio.value) == (2, 0.2)
 
 
 @pytest.mark.parametrize(("ours", "theirs", "significance"), [(0, 5, 0.0625), (5, 0, 0.0625), (1, 1, 1.0), (0, 0, 1.0)])

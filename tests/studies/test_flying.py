@@ -7,14 +7,14 @@ from drake_quad import InputError, load_scenario, simulate
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.flight.mission import plan_route
 from drake_quad.studies import flying
-from drake_quad.studies.flying import BatchJob, code_of, fly_batch, fly_trial, forget, prepare
+from drake_quad.studies.flying import BatchJob, build_fleet, code_versions, delete_fleets, fly_batch, fly_trial
 
 
 @pytest.fixture
 def job():
     scenario = load_scenario("diagrams/robustness.yaml", ["duration=0.1"])
-    yield BatchJob("a study", code_of(UserSystems()), scenario, plan_route(scenario), 10, UserSystems(), True)
-    forget()
+    yield BatchJob("a study", code_versions(UserSystems()), scenario, plan_route(scenario), 10, UserSystems(), True)
+    delete_fleets()
 
 
 class Fleet:
@@ -53,7 +53,7 @@ def test_another_study_has_other_fleets(job, fleet):
     flying._fleet(job._replace(key="another study"), 10)
     flying._fleet(job._replace(key="another study"), 10)
     assert len(fleet.built) == 2
-    forget()
+    delete_fleets()
     flying._fleet(job._replace(key="another study"), 10)
     assert len(fleet.built) == 3
 
@@ -61,7 +61,7 @@ def test_another_study_has_other_fleets(job, fleet):
 def test_systems_of_ones_own_go_into_the_fleets(job, fleet):
     for name in UserSystems._fields:
         own = UserSystems(**{name: Fleet})
-        other = job._replace(key=name, code=code_of(own), own=own)
+        other = job._replace(key=name, code=code_versions(own), user_systems=own)
         flying._fleet(other, 10)
         assert fleet.built[-1][3] == {"own": own, "compiled": True}
 
@@ -79,11 +79,11 @@ def test_a_worker_that_refuses_a_study_has_let_go_of_the_fleets_of_the_last(job,
     flying._fleet(job, 10)
     with pytest.raises(InputError, match="has numpy"):
         flying._fleet(job._replace(key="wrong", code={**job.code, "numpy": "0.1"}), 10)
-    assert vars(flying._own) == {}
+    assert vars(flying._thread_data) == {}
 
 
 def test_what_is_forked_has_flown_for_two_ticks(job, fleet):
-    prepare(job)
+    build_fleet(job)
     assert fleet.flown == [(10, list(range(10)), {"duration": 0.04})]
 
 

@@ -18,13 +18,13 @@ from drake_quad import InputError, load_scenario, simulate
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.studies import flying
 from drake_quad.studies import monte_carlo as run_module
-from drake_quad.studies.crew import Crew, Outcome
-from drake_quad.studies.flying import BatchJob, fly_batch, fly_trial, prepare
+from drake_quad.studies.flying import BatchJob, build_fleet, fly_batch, fly_trial
 from drake_quad.studies.monte_carlo import StudyInterrupted, run_monte_carlo
 from drake_quad.studies.processes import Workers
 from drake_quad.studies.results_file import read_results, write_results
 from drake_quad.studies.study import columns_of, format_of, read_record, read_study
 from drake_quad.studies.study_folder import open_study
+from drake_quad.studies.worker_pool import Outcome, WorkerPool
 
 
 class Draught(LeafSystem):
@@ -73,7 +73,7 @@ def whole(tmp_path_factory):
 
 def test_some_samples_crash_and_others_do_not(whole):
     assert 3 < whole[1].metrics.crashed.sum() < N - 3
-    told = f"<Study of robustness: {N} samples, {whole[1].metrics.crashed.sum()} crashed; drawn are vehicle.mass, "
+    told = f"<Study of robustness: {N} samples, {whole[1].metrics.crashed.sum()} crashed; drawn fields: vehicle.mass, "
     assert repr(whole[1]).startswith(told)
 
 
@@ -231,7 +231,7 @@ def test_a_batch_that_fails_once_is_flown_again(whole, how, tmp_path, monkeypatc
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("how", "reason"),
-    [("raises", "ArithmeticError: sample 7 is cursed"), ("dies", "its worker process was ended by SIGKILL")],
+    [("raises", "ArithmeticError: sample 7 is cursed"), ("dies", "the worker process ended due to the signal SIGKILL")],
 )
 def test_a_sample_that_always_fails_costs_itself_and_the_study_goes_on(whole, how, reason, tmp_path, monkeypatch):
     """Its batch of 5 is flown in halves, 2 and 3, and those 3 again; a later run mends it."""
@@ -256,7 +256,7 @@ def never(job, samples):
 def test_a_study_of_which_nothing_can_be_flown_ends(tmp_path, monkeypatch):
     monkeypatch.setattr(run_module, "fly_batch", never)
     words = (
-        r"the first 8 samples that were flown alone all failed: ArithmeticError: all 1 are cursed, and for long: x+"
+        r"each of the first 8 samples failed on its own: ArithmeticError: all 1 are cursed, and for long: x+"
         r"\.\.\.; 0 of 24 samples are in .*results\.csv"
     )
     with pytest.raises(RuntimeError, match=words):
@@ -286,13 +286,13 @@ def test_altered_rows_are_known_and_flown_again(whole, alter, tmp_path):
     lines = path.read_text().splitlines()
     lines[3] = ",".join(alter(lines[3].split(",")))
     path.write_text("\n".join(lines) + "\n")
-    with pytest.raises(InputError, match=r"results\.csv, line 4: is not as it was written"):
+    with pytest.raises(InputError, match=r"results\.csv:4: the row was altered"):
         read_study(tmp_path)
     found = run(tmp_path, resume=True)
-    assert list(found.misfits) == [4]
+    assert list(found.invalid_lines) == [4]
     assert found.flown_time == pytest.approx(whole[1].flight_time[2])
     assert path.read_bytes() == (whole[0] / "results.csv").read_bytes()
-    assert not read_study(tmp_path).misfits
+    assert not read_study(tmp_path).invalid_lines
 
 
 def test_rows_with_numbers_that_the_seed_does_not_give_are_flown_again(whole, tmp_path):
@@ -304,7 +304,7 @@ def test_rows_with_numbers_that_the_seed_does_not_give_are_flown_again(whole, tm
     write_results(tmp_path / "results.csv", form, rows)
     with pytest.raises(InputError, match="line 4"):
         read_study(tmp_path)
-    assert list(run(tmp_path, resume=True).misfits) == [4]
+    assert list(run(tmp_path, resume=True).invalid_lines) == [4]
     assert (tmp_path / "results.csv").read_bytes() == (whole[0] / "results.csv").read_bytes()
 
 
@@ -321,7 +321,7 @@ def test_a_record_that_is_none_is_refused(whole, old, new, place, tmp_path):
     record = (tmp_path / "study.yaml").read_text()
     assert old in record
     (tmp_path / "study.yaml").write_text(record.replace(old, new))
-    words = rf"study\.yaml is not the record of a study: see its {place}" if place else "is not YAML"
+    words = rf"study\.yaml is not the record of a study: {place} is missing or invalid" if place else "cannot be read as YAML"
     for attempt in (lambda: read_study(tmp_path), lambda: run(tmp_path, resume=True)):
         with pytest.raises(InputError, match=words):
             attempt()
@@ -330,7 +330,7 @@ def test_a_record_that_is_none_is_refused(whole, old, new, place, tmp_path):
 @pytest.mark.parametrize("name", ["scenario.yaml", "study.yaml"])
 def test_what_is_not_the_study_s_own_is_not_overwritten(name, tmp_path):
     (tmp_path / name).write_text("notes: of somebody\n")
-    with pytest.raises(InputError, match=rf"{name} would be overwritten"):
+    with pytest.raises(InputError, match=rf"{name} .* is not overwritten"):
         run(tmp_path)
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [(name, "notes: of somebody\n")]
 
@@ -352,7 +352,7 @@ def test_a_study_that_ended_before_its_first_row_is_begun_again(whole, tmp_path)
         ({"num_samples": 0}, "samples is 0"),
         ({"num_samples": -3}, "samples is -3"),
         ({"num_workers": 0}, "workers is 0"),
-        ({"batch_size": 0}, "batch is 0"),
+        ({"batch_size": 0}, "batch_size is 0"),
     ],
 )
 def test_numbers_that_are_none_are_refused(options, words, tmp_path):
@@ -363,7 +363,7 @@ def test_numbers_that_are_none_are_refused(options, words, tmp_path):
 
 def test_a_study_is_not_overwritten(whole):
     before = (whole[0] / "results.csv").read_bytes()
-    with pytest.raises(InputError, match="holds a study already"):
+    with pytest.raises(InputError, match="already contains a study"):
         run(whole[0])
     assert (whole[0] / "results.csv").read_bytes() == before
 
@@ -389,7 +389,7 @@ def test_another_study_is_not_gone_on_with(whole, overrides, seed, words):
 
 
 def test_fewer_samples_than_there_are_are_refused(whole):
-    with pytest.raises(InputError, match="holds sample 23 already"):
+    with pytest.raises(InputError, match="already contains sample 23"):
         run(whole[0], num_samples=10, resume=True)
 
 
@@ -428,11 +428,11 @@ def test_workers_begin_anew_where_a_fork_would_not_be_safe():
     thread = threading.Thread(target=done.wait)
     thread.start()
     try:
-        assert not Workers(1).inherit
+        assert not Workers(1).forks_workers
     finally:
         done.set()
         thread.join()
-    assert Workers(1).inherit
+    assert Workers(1).forks_workers
 
 
 def test_a_scenario_without_distributions_flies_too(tmp_path):
@@ -512,11 +512,11 @@ def test_a_study_that_runs_out_of_memory_reports_what_is_saved(monkeypatch, tmp_
         raise MemoryError
 
     monkeypatch.setattr(run_module.StudyRows, "add", full)
-    with pytest.raises(MemoryError, match=r"^the memory does not suffice; 0 of 2 samples are in .*results.csv$"):
+    with pytest.raises(MemoryError, match=r"^there is not enough memory; 0 of 2 samples are in .*results.csv$"):
         run_monte_carlo(load_scenario("hover", ["duration=0.05"]), 2, folder=tmp_path, num_workers=1)
 
 
-class Known(Crew):
+class Known(WorkerPool):
     """A crew with a known answer to a trial."""
 
     num_workers = capacity = 1
@@ -524,25 +524,25 @@ class Known(Crew):
     def __init__(self, outcome):
         self.outcome, self.asked = outcome, []
 
-    def begin(self, function, given):
+    def submit(self, function, given):
         self.asked.append((function.func, function.args[0], [*given]))
 
-    def finished(self):
+    def next_outcomes(self):
         return [self.outcome]
 
-    def give_up(self):
+    def abandon(self):
         pass
 
 
-def trial(num_vehicles, rmse, reason="", refused=False):
+def trial(num_vehicles, rmse, reason="", invalid_input=False):
     """What a trial makes of three flights with these errors; the crew that was asked."""
     rows = np.ones((3, len(columns_of(study()))))
     rows[:, columns_of(study()).index("rmse")] = rmse
     rows[:, 1] = np.nan
     rows[:, columns_of(study()).index("crashed")] = 0.0
-    crew = Known(Outcome([0], rows, reason, refused))
+    crew = Known(Outcome([0], rows, reason, invalid_input))
     own = UserSystems(position_controller=Draught, wind=Draught)
-    run_module._check_alike(crew, BatchJob("key", {}, study(), None, num_vehicles, own, True))
+    run_module._check_repeatability(crew, BatchJob("key", {}, study(), None, num_vehicles, own, True))
     return crew
 
 
@@ -559,16 +559,16 @@ def test_a_trial_flies_sample_0_beside_two_others_if_there_are_so_many(num_vehic
     [
         (
             [0.25, 0.25001, 0.25],
-            r"^sample 0 flies otherwise a second time in the same diagram \(RMSE 0\.25 m, then 0\.25001 m\):"
-            " position_controller and wind must keep nothing in Python objects, but in Drake's state$",
+            r"^sample 0 has an RMSE of 0\.25 m alone, but 0\.25001 m when it is flown again in the same diagram;"
+            " position_controller and wind must store all state in Drake's context, not in Python objects$",
         ),
         (
             [0.25, 0.25, 0.24999],
-            r"^sample 0 flies otherwise beside other samples \(RMSE 0\.25 m, then 0\.24999 m\): position_controller and"
-            r" wind must not mix the vehicles of a fleet, whose rows are \(k, N\)$",
+            r"^sample 0 has an RMSE of 0\.25 m alone, but 0\.24999 m when it is flown together with other samples;"
+            r" position_controller and wind must not mix the columns of \(k, N\) arrays, one per vehicle$",
         ),
-        ([1e-5, 1.4e-5, 1e-5], "a second time"),
-        ([0.25, 0.26, 0.24], "a second time"),
+        ([1e-5, 1.4e-5, 1e-5], "flown again in the same diagram"),
+        ([0.25, 0.26, 0.24], "flown again in the same diagram"),
     ],
 )
 def test_a_trial_that_differs_says_how(rmse, words):
@@ -579,20 +579,20 @@ def test_a_trial_that_differs_says_how(rmse, words):
 def test_a_trial_that_fails_says_nothing_but_what_is_refused():
     trial(3, [1.0, 2.0, 3.0], reason="ArithmeticError: cursed")
     with pytest.raises(InputError, match="^the wings are missing$"):
-        trial(3, [1.0, 1.0, 1.0], reason="the wings are missing", refused=True)
+        trial(3, [1.0, 1.0, 1.0], reason="the wings are missing", invalid_input=True)
 
 
 @pytest.mark.slow
 def test_fleets_are_built_before_the_fork_where_there_is_one_and_let_go_of_at_the_end(whole, tmp_path, monkeypatch):
     """Not for others than processes of this study, systems of one's own, or a study that is all there."""
-    prepared, fleets = [], vars(flying._own)
+    prepared, fleets = [], vars(flying._thread_data)
 
     def prepare_and_tell(job):
         prepared.append(job.num_vehicles)
-        prepare(job)
+        build_fleet(job)
         assert list(fleets["fleets"]) == [5]
 
-    monkeypatch.setattr(run_module, "prepare", prepare_and_tell)
+    monkeypatch.setattr(run_module, "build_fleet", prepare_and_tell)
     run(tmp_path, num_samples=7)
     assert prepared == [5]
     assert fleets == {}
@@ -600,7 +600,7 @@ def test_fleets_are_built_before_the_fork_where_there_is_one_and_let_go_of_at_th
     run_monte_carlo(simple(), 2, 5, num_workers=2, batch_size=5, wind=Draught)
     with ThreadPoolExecutor(1) as executor:
         run(num_samples=2, executor=executor)
-    monkeypatch.setattr(Workers, "inherit", False)
+    monkeypatch.setattr(Workers, "forks_workers", False)
     run(num_samples=2)
     assert prepared == [5]
 
@@ -628,10 +628,10 @@ def test_what_is_under_way_at_the_end_is_given_up(fails, monkeypatch):
     given_up = []
 
     class Here(Known):
-        def begin(self, function, given):
+        def submit(self, function, given):
             self.outcome = Outcome(given, None if fails else function(given), "cursed" if fails else "")
 
-        def give_up(self):
+        def abandon(self):
             given_up.append(True)
 
     if fails:

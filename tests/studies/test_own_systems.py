@@ -15,7 +15,7 @@ from pydrake.systems.framework import BasicVector, LeafSystem
 from drake_quad import InputError, load_scenario, read_study, run_monte_carlo, simulate
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.studies import processes as workers_module
-from drake_quad.studies.flying import BatchJob, code_of, fly_batch
+from drake_quad.studies.flying import BatchJob, code_versions, fly_batch
 from drake_quad.studies.processes import Workers
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="worker processes find these classes by a fork")
@@ -111,10 +111,10 @@ def test_a_controller_of_ones_own_flies_each_sample_as_alone():
     [
         (
             Remembers,
-            r"sample 0 flies otherwise a second time .*position_controller must keep nothing in Python objects",
+            r"sample 0 .* flown again in the same diagram; position_controller must store all state in Drake's context",
         ),
-        (Gambles, r"sample 0 flies otherwise a second time"),
-        (Mixes, r"sample 0 flies otherwise beside other samples .*position_controller must not mix the vehicles"),
+        (Gambles, r"sample 0 .* flown again in the same diagram"),
+        (Mixes, r"sample 0 .* flown together with other samples; position_controller must not mix the columns"),
     ],
 )
 def test_what_would_not_fly_samples_alike_is_refused_before_anything_is_written(controller, words, tmp_path):
@@ -183,7 +183,7 @@ def test_a_time_limit_ends_a_batch_that_hangs(tmp_path, monkeypatch):
         late = 0.0
 
     monkeypatch.setattr(workers_module, "time", Clock)
-    monkeypatch.setattr(workers_module, "wait", lambda signs, _: connection.wait(signs, 0.05))
+    monkeypatch.setattr(workers_module, "wait", lambda waitables, _: connection.wait(waitables, 0.05))
     maker = functools.partial(Hangs, file=file)
     found = run(position_controller=maker, num_workers=1, time_limit=500.0)
     assert not found.failures
@@ -193,19 +193,19 @@ def test_a_time_limit_ends_a_batch_that_hangs(tmp_path, monkeypatch):
 def test_a_time_limit_is_for_processes_that_are_not_given():
     with Workers(1) as workers, pytest.raises(InputError, match="a time limit"):
         run(executor=workers, time_limit=5.0)
-    with pytest.raises(InputError, match="the time limit is 0 s, but must be larger than 0"):
+    with pytest.raises(InputError, match="the time limit is 0 s; it must be positive"):
         run(time_limit=0.0)
 
 
 @pytest.mark.parametrize(
     ("code", "words"),
     [
-        ("sources", "other sources of drake_quad"),
+        ("sources", "a different version of drake_quad's source files"),
         ("numpy", r"numpy [\d.]+, not 1\.2\.3"),
-        ("own", "another controller or wind"),
+        ("user_systems", "different source files of the user's systems"),
     ],
 )
 def test_a_worker_with_other_code_refuses_to_fly(code, words):
-    job = BatchJob("key", {**code_of(UserSystems()), code: "1.2.3"}, study(), None, 1, UserSystems(), True)
+    job = BatchJob("key", {**code_versions(UserSystems()), code: "1.2.3"}, study(), None, 1, UserSystems(), True)
     with pytest.raises(InputError, match=f"a worker on .* has {words}"):
         fly_batch(job, [0])

@@ -15,8 +15,8 @@ import pytest
 
 from drake_quad import InputError
 from drake_quad.studies import processes
-from drake_quad.studies.crew import Outcome
-from drake_quad.studies.processes import Workers, _Worker, check_counts, check_makers, num_cores
+from drake_quad.studies.processes import Workers, _Worker, check_counts, check_importable, num_cores
+from drake_quad.studies.worker_pool import Outcome
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="worker processes find these functions by a fork")
 
@@ -40,8 +40,8 @@ def clock(monkeypatch):
 
 def done_by(workers, function, given):
     """What becomes of a task, or of the first that is done."""
-    workers.begin(function, given)
-    return workers.finished()
+    workers.submit(function, given)
+    return workers.next_outcomes()
 
 
 def process_number(_):
@@ -87,7 +87,7 @@ def test_a_study_may_have_so_many(number):
 
 @pytest.mark.parametrize("number", [-1, 0, 2147483648])
 def test_a_study_may_not_have_so_many(number):
-    with pytest.raises(InputError, match=f"batch is {number}, but must be between 1 and 2147483647"):
+    with pytest.raises(InputError, match=f"batch_size is {number}; it must be between 1 and 2147483647"):
         check_counts(samples=3, batch=number)
 
 
@@ -113,18 +113,18 @@ def test_what_only_a_session_knows_needs_a_fork(monkeypatch):
             session.__file__ = file
         elif hasattr(session, "__file__"):
             del session.__file__
-        check_makers({"wind": None, "control": process_number})
+        check_importable({"wind": None, "control": process_number})
         if known:
-            check_makers({"wind": session.maker})
+            check_importable({"wind": session.maker})
         else:
-            with pytest.raises(InputError, match="wind is known to this session only, but worker processes need it"):
-                check_makers({"control": process_number, "wind": session.maker})
+            with pytest.raises(InputError, match="wind is defined in an interactive session"):
+                check_importable({"control": process_number, "wind": session.maker})
 
 
 def test_processes_are_forked_on_linux_only(monkeypatch):
-    assert Workers(1).inherit
+    assert Workers(1).forks_workers
     monkeypatch.setattr(sys, "platform", "darwin")
-    assert not Workers(1).inherit
+    assert not Workers(1).forks_workers
 
 
 @pytest.mark.parametrize(("fork", "how"), [(True, "fork"), (False, "spawn")])
@@ -139,21 +139,21 @@ def test_a_process_begins_anew_where_it_must_not_be_forked(monkeypatch, fork, ho
 
 @pytest.mark.parametrize("limit", [0.0, -2.0, math.nan])
 def test_a_time_limit_is_a_time(limit):
-    with pytest.raises(InputError, match=f"the time limit is {limit:g} s, but must be larger than 0"):
+    with pytest.raises(InputError, match=f"the time limit is {limit:g} s; it must be positive"):
         Workers(1, time_limit=limit)
 
 
 def test_a_process_that_is_done_does_the_next_task_and_two_work_at_a_time(tmp_path):
     with Workers(2, time_limit=20.0) as workers:
         ((_, first, *_),) = done_by(workers, process_number, None)
-        assert not workers.inherit
+        assert not workers.forks_workers
         ((_, again, *_),) = done_by(workers, process_number, None)
         assert first == again != os.getpid()
         for _ in range(2):
-            workers.begin(meet, tmp_path)
-        outcomes = workers.finished()
+            workers.submit(meet, tmp_path)
+        outcomes = workers.next_outcomes()
         while len(outcomes) < 2:
-            outcomes += workers.finished()
+            outcomes += workers.next_outcomes()
         pids = {outcome.result for outcome in outcomes}
         assert len(pids) == 2
         assert first in pids
@@ -168,7 +168,7 @@ class Fake:
 
     def __init__(self, time_left, outcome, *, busy=True, ended=False):
         self.time_left, self.busy, self.ended, self._outcome = time_left, busy, ended, outcome
-        self.signs = [self, "sentinel"]
+        self.waitables = [self, "sentinel"]
 
     def outcome(self):
         return self._outcome
@@ -176,26 +176,26 @@ class Fake:
 
 def test_busy_processes_are_waited_for_until_the_first_time_is_over(monkeypatch):
     waits = []
-    monkeypatch.setattr(processes, "wait", lambda signs, timeout: waits.append((signs, timeout)))
+    monkeypatch.setattr(processes, "wait", lambda waitables, timeout: waits.append((waitables, timeout)))
     workers = Workers(4)
     late, early = Fake(7.0, Outcome(1)), Fake(2.5, Outcome(2), ended=True)
     idle, working = Fake(0.5, Outcome(3), busy=False), Fake(9.0, None)
     workers._workers = [late, early, idle, working]
-    assert workers.finished() == [Outcome(1), Outcome(2)]
+    assert workers.next_outcomes() == [Outcome(1), Outcome(2)]
     assert waits == [([late, "sentinel", early, "sentinel", working, "sentinel"], 2.5)]
     assert workers._workers == [late, idle, working]
     workers._workers = [Fake(math.inf, Outcome(4))]
-    workers.finished()
+    workers.next_outcomes()
     assert waits[-1][1] is None
 
 
 def test_given_up_is_what_is_under_way_and_the_others_stay():
     with Workers(2) as workers:
-        workers.begin(hang, 1)
+        workers.submit(hang, 1)
         ((given, *_),) = done_by(workers, process_number, 2)
         assert given == 2
         busy, idle = (worker.process for worker in workers._workers)
-        workers.give_up()
+        workers.abandon()
         assert not busy.is_alive()
         assert [worker.process for worker in workers._workers] == [idle]
         assert idle.is_alive()
@@ -205,7 +205,7 @@ def test_the_time_of_a_task_is_counted_from_when_its_process_has_begun(clock):
     worker = _Worker(10.0)
     try:
         assert worker.time_left == math.inf
-        worker.begin(hang, "given")
+        worker.submit(hang, "given")
         assert worker.time_left == 10.0
         clock.now = 54.0
         assert worker.time_left == 6.0
@@ -216,7 +216,7 @@ def test_the_time_of_a_task_is_counted_from_when_its_process_has_begun(clock):
         assert (worker.time_left, worker.outcome()) == (0.25, None)
         clock.now = 70.0
         assert worker.time_left == 0.0
-        assert worker.outcome() == Outcome("given", reason="took longer than the time limit of 10 s")
+        assert worker.outcome() == Outcome("given", reason="exceeded the time limit of 10 s")
         assert worker.ended
         assert worker._pipe.closed
         assert worker.process.exitcode == -signal.SIGKILL
@@ -227,7 +227,7 @@ def test_the_time_of_a_task_is_counted_from_when_its_process_has_begun(clock):
 def test_without_a_limit_a_task_has_all_the_time(clock):
     worker = _Worker(None)
     try:
-        worker.begin(hang, None)
+        worker.submit(hang, None)
         clock.now = 1e9
         assert (worker.time_left, worker.outcome()) == (math.inf, None)
     finally:
@@ -236,7 +236,7 @@ def test_without_a_limit_a_task_has_all_the_time(clock):
 
 def test_a_process_that_ends_in_its_first_task_fails_the_task_alone():
     with Workers(1, time_limit=20.0) as workers:
-        assert done_by(workers, leave, 7) == [Outcome(7, reason="its worker process was ended with exit status 7")]
+        assert done_by(workers, leave, 7) == [Outcome(7, reason="the worker process ended with exit status 7")]
         (outcome,) = done_by(workers, process_number, None)
         assert outcome.reason == ""
 
@@ -247,15 +247,15 @@ def test_a_process_that_ended_while_it_had_nothing_to_do_fails_the_next_task():
         process = workers._workers[0].process
         os.kill(number, signal.SIGKILL)
         process.join()
-        assert done_by(workers, process_number, 3) == [Outcome(3, reason="its worker process was ended by SIGKILL")]
+        assert done_by(workers, process_number, 3) == [Outcome(3, reason="the worker process ended due to the signal SIGKILL")]
 
 
 def test_processes_that_end_as_soon_as_they_begin_are_not_begun_for_ever(monkeypatch):
     monkeypatch.setattr(processes, "_serve", lambda pipe: None)
     with Workers(1, time_limit=20.0) as workers:
-        workers.begin(process_number, None)
-        with pytest.raises(RuntimeError, match="the worker processes end as soon as they begin"):
-            workers.finished()
+        workers.submit(process_number, None)
+        with pytest.raises(RuntimeError, match="a worker process ended before it was ready"):
+            workers.next_outcomes()
 
 
 def test_a_task_that_its_process_cannot_read_is_an_outcome_and_the_process_goes_on():
@@ -278,7 +278,7 @@ def test_ctrl_c_is_left_to_the_parent_and_what_came_with_the_fork_is_frozen():
 
 def test_ctrl_c_waits_while_a_process_begins():
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
-    with processes._interrupts_held_back():
+    with processes._interrupts_blocked():
         assert signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ())
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
 
@@ -312,11 +312,11 @@ def test_a_process_ends_when_nothing_more_can_come(monkeypatch):
 def begin_and_tell(file):
     """A parent that gives a process a task without an end, and says which it is."""
     with Workers(1) as workers:
-        workers.begin(hang, None)
+        workers.submit(hang, None)
         assert workers._workers[0]._pipe.poll(20.0)
         file.with_suffix(".part").write_text(str(workers._workers[0].process.pid))
         file.with_suffix(".part").rename(file)
-        workers.finished()
+        workers.next_outcomes()
 
 
 def ends(pid):

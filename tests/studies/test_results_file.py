@@ -9,9 +9,9 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from drake_quad import InputError
-from drake_quad.studies.results_file import Format, ResultsFile, open_results, read_results, write_results
+from drake_quad.studies.results_file import ResultsFile, RowFormat, open_results, read_results, write_results
 
-FORM = Format(["sample", "vehicle.mass", "rmse", "crash_time", "crashed"], "this study")
+FORM = RowFormat(["sample", "vehicle.mass", "rmse", "crash_time", "crashed"], "this study")
 ROWS = np.array(
     [[3.0, 0.681234567890123, 0.5, np.inf, 0.0], [1.0, 0.7, np.nan, 4.02, 1.0], [0.0, 0.69, 1e-7, np.inf, 0.0]]
 )
@@ -29,7 +29,7 @@ def test_rows_come_back_as_they_were(tmp_path):
     found = read_results(path, FORM)
     np.testing.assert_allclose(found.rows, ROWS, rtol=1e-11)
     np.testing.assert_array_equal(found.lines, [2, 3, 4])
-    assert found.misfits == []
+    assert found.invalid_lines == []
     lines = path.read_text().splitlines()
     assert lines[0] == "sample,vehicle.mass,rmse,crash_time,crashed,checksum"
     assert lines[2].startswith("1,0.7,,4.02,1,")
@@ -67,7 +67,7 @@ def test_whatever_is_altered_in_a_row_it_is_known(tmp_path, data):
     assume(lines[row] != line)
     path.write_bytes(b"\n".join(lines))
     found = read_results(path, FORM)
-    assert found.misfits == [row + 1]
+    assert found.invalid_lines == [row + 1]
     np.testing.assert_array_equal(found.rows[:, 0], np.delete(ROWS[:, 0], row - 1))
 
 
@@ -80,7 +80,7 @@ def test_rows_of_another_study_and_rows_that_are_there_twice_do_not_count(tmp_pa
     path.write_bytes(path.read_bytes() + others + own)
     found = read_results(path, FORM)
     np.testing.assert_array_equal(found.rows[:, 0], ROWS[:, 0])
-    assert found.misfits == [5]
+    assert found.invalid_lines == [5]
 
 
 def test_what_is_read_and_written_again_is_the_same_to_the_byte(tmp_path):
@@ -97,7 +97,7 @@ def test_what_is_read_and_written_again_is_the_same_to_the_byte(tmp_path):
 def test_what_is_not_ours_is_refused_and_left_alone(tmp_path, content):
     path = tmp_path / "results.csv"
     path.write_text(content)
-    with pytest.raises(InputError, match="its columns are others"), open_results(path, FORM):
+    with pytest.raises(InputError, match="it has other columns"), open_results(path, FORM):
         pass
     assert path.read_text() == content
 
@@ -159,5 +159,5 @@ def test_a_header_alone_holds_no_rows(tmp_path):
     for content in (b"", FORM.header[:9], FORM.header):
         path.write_bytes(content)
         with open_results(path, FORM) as (_, found):
-            assert (found.rows.shape, found.lines.tolist(), found.misfits) == ((0, 5), [], [])
+            assert (found.rows.shape, found.lines.tolist(), found.invalid_lines) == ((0, 5), [], [])
         assert path.read_bytes() == FORM.header

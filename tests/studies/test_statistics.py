@@ -19,8 +19,8 @@ from drake_quad.studies.statistics import (
     compare_studies,
     crash_probability,
     influences,
-    of_survivors,
-    with_crashes,
+    values_with_crashes,
+    values_without_crashes,
     worst,
 )
 from drake_quad.studies.study import Study
@@ -70,9 +70,9 @@ def test_too_few_values_do_not_bound_a_quantile():
 def test_a_crash_is_worse_than_any_error():
     crashed = [math.inf] * 95 + [3.0] * 5
     metrics = study(np.arange(100.0), crashed).metrics
-    assert quantile_interval(with_crashes(metrics, "rmse"), 0.9).value == 89.0
-    assert quantile_interval(with_crashes(metrics, "rmse"), 0.99).value == math.inf
-    np.testing.assert_array_equal(of_survivors(metrics, "rmse"), np.arange(95.0))
+    assert quantile_interval(values_with_crashes(metrics, "rmse"), 0.9).value == 89.0
+    assert quantile_interval(values_with_crashes(metrics, "rmse"), 0.99).value == math.inf
+    np.testing.assert_array_equal(values_without_crashes(metrics, "rmse"), np.arange(95.0))
     assert crash_probability(metrics).value == 0.05
 
 
@@ -151,7 +151,7 @@ def test_a_comparison_pairs_samples():
     found = compare_studies(better, baseline)
     assert found.difference.low < -0.3 < found.difference.high
     assert found.difference.high - found.difference.low < 0.04
-    assert found.share.value == pytest.approx(0.97, abs=0.005)
+    assert found.ratio.value == pytest.approx(0.97, abs=0.005)
     assert found.better.value > 0.98
     assert found.num_pairs == 200
 
@@ -221,7 +221,7 @@ def test_influences_are_of_flights_that_went_to_the_end():
 
 def test_a_share_is_the_ratio_of_means_even_if_a_baseline_is_zero():
     found = compare_studies(study([1.0, 1.0, 3.0, 2.0]), study([0.0, 2.0, 2.0, 2.0]))
-    assert found.share.value == pytest.approx(7.0 / 6.0)
+    assert found.ratio.value == pytest.approx(7.0 / 6.0)
     assert (found.num_pairs, found.difference.value, found.better.value) == (4, 0.25, 0.25)
     assert found.crash_significance == 1.0
 

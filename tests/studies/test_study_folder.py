@@ -11,11 +11,11 @@ from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.studies import study_folder
-from drake_quad.studies.crew import Outcome
-from drake_quad.studies.results_file import Found
+from drake_quad.studies.results_file import StoredRows
 from drake_quad.studies.study import columns_of, read_record, read_study, rows_of
 from drake_quad.studies.study_folder import StudyRows, _difference
 from drake_quad.studies.study_folder import open_study as open_any
+from drake_quad.studies.worker_pool import Outcome
 
 
 def open_study(*study, resume):
@@ -47,18 +47,18 @@ def test_a_sample_is_there_whatever_its_numbers_are(hover):
     study = rows.study()
     assert study.samples.tolist() == [0, 1, 3]
     assert list(study.failures.items()) == [(2, "late"), (4, "cursed")]
-    assert (study.scenario, study.duration, study.misfits) == (hover, 2.0, ())
+    assert (study.scenario, study.duration, study.invalid_lines) == (hover, 2.0, ())
     np.testing.assert_array_equal(study.metrics.rmse, [0.5, np.nan, np.nan])
 
 
 def test_time_is_flown_until_the_end_or_the_crash_by_what_is_new(hover):
-    found = Found(table([1], crash_time=0.25), np.array([2]), [5, 3], 0)
-    rows = StudyRows(hover, 5, 2.0, found=found)
+    found = StoredRows(table([1], crash_time=0.25), np.array([2]), [5, 3], 0)
+    rows = StudyRows(hover, 5, 2.0, stored=found)
     assert (len(rows), [*rows.missing], rows.study().flown_time) == (1, [0, 2, 3, 4], 0.0)
     rows.add(Outcome([0, 4], table([0, 4], crash_time=0.75)))
     rows.add(Outcome([2], table([2])))
     assert rows.study().flown_time == 3.5
-    assert rows.study().misfits == (3, 5)
+    assert rows.study().invalid_lines == (3, 5)
 
 
 def test_without_a_folder_nothing_is_written(hover):
@@ -100,7 +100,7 @@ def test_a_study_may_grow_and_not_shrink(hover, tmp_path):
         rows.add(Outcome([2], table([2])))
     with open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=True) as rows:
         assert [*rows.missing] == [0, 1]
-    words = r"results\.csv holds sample 2 already, but the study is to have only 2 samples"
+    words = r"results\.csv already contains sample 2, so the study cannot be resumed with only 2 samples"
     with (
         pytest.raises(InputError, match=words),
         open_study(tmp_path, hover, 2, 2.0, UserSystems(), resume=True),
@@ -116,7 +116,7 @@ def test_a_study_may_grow_and_not_shrink(hover, tmp_path):
 def test_a_study_with_another_system_is_another_study(hover, tmp_path, name):
     with open_study(tmp_path, hover, 3, 2.0, UserSystems(**{name: table}), resume=False):
         pass
-    words = rf"is of another study: its {name} is {__name__}:table, not None"
+    words = rf"contains a different study: its {name} is {__name__}:table, not None"
     with (
         pytest.raises(InputError, match=words),
         open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=True),
@@ -129,7 +129,7 @@ def test_a_study_with_another_system_is_another_study(hover, tmp_path, name):
 def test_a_folder_with_a_scenario_is_written_to_if_it_is_the_study_s(hover, tmp_path):
     other = hover.model_copy(update={"seed": 3})
     save_scenario(other, tmp_path / "scenario.yaml")
-    words = r"scenario\.yaml would be overwritten, and is no study's; choose another folder"
+    words = r"scenario\.yaml is a different scenario and is not overwritten; choose another folder"
     with (
         pytest.raises(InputError, match=words),
         open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=False),
@@ -162,7 +162,7 @@ def test_a_study_without_its_record_cannot_be_gone_on_with(hover, tmp_path):
     for name in ("study.yaml", "scenario.yaml"):
         text = (tmp_path / name).read_text()
         (tmp_path / name).unlink()
-        words = rf"results\.csv cannot be gone on with: .*{name}"
+        words = rf"cannot be resumed: .*{name}"
         with (
             pytest.raises(InputError, match=words),
             open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=True),

@@ -12,7 +12,7 @@ from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario.batch import Batch
 from drake_quad.statistics.estimates import share_interval
 from drake_quad.studies.study import Study, columns_of, rows_of
-from drake_quad.studies.summary import crashes_of, touches_of
+from drake_quad.studies.summary import crash_text, obstacle_table
 
 DRAWN = {
     "duration": 0.1,
@@ -56,15 +56,15 @@ def test_a_study_with_obstacles_says_into_which_samples_crashed():
     scenario = load_scenario("hover", {"space.obstacles": {"near": ball, "far": ball}})
     metrics = Metrics(*np.ones((len(Metrics._fields) - 1, 4)), np.array([math.inf, 0.04, 0.06, 0.08]))
     study = Study.of_rows(scenario, 0.1, rows_of(Batch.draw(scenario, range(4)), metrics, np.array([0, 2, 0, 2])))
-    assert study.touches == {"near": 0, "far": 2}
+    assert study.crashes_by_obstacle == {"near": 0, "far": 2}
     assert [study.obstacle_of(place) for place in range(4)] == [None, "far", None, "far"]
     frame = study.to_frame()
     assert ["sample", *frame.columns] == columns_of(scenario)
     assert frame["obstacle"].isna().tolist() == [True, False, True, False]
     assert frame["obstacle"].dropna().tolist() == ["far", "far"]
     crashed, touched = (share_interval(count, 4).percent() for count in (3, 2))
-    assert crashes_of(study) == f"3 crashed, {crashed}; 2 of them into obstacles, {touched}"
-    ((name, count, share),) = touches_of(study).rows
+    assert crash_text(study) == f"3 crashed, {crashed}; 2 of them into obstacles, {touched}"
+    ((name, count, share),) = obstacle_table(study).rows
     assert (name, count) == ("far", "2")
     assert share == touched
 
@@ -74,10 +74,10 @@ def test_a_study_on_disk_keeps_what_samples_crashed_into(tmp_path):
     changed = {"space": space, "duration": 0.4, "laboratory.wind": [{"kind": "steady", "velocity": [3.0, 0.0, 0.0]}]}
     scenario = load_scenario("hover", {**changed, "vehicle.linear_drag": {"uniform": {"min": 0.0, "max": 1.0}}})
     study = run_monte_carlo(scenario, 6, folder=tmp_path / "study", num_workers=1)
-    assert 0 < study.touches["pillar"] < 6
+    assert 0 < study.crashes_by_obstacle["pillar"] < 6
     again = read_study(tmp_path / "study")
-    np.testing.assert_array_equal(again.touched, study.touched)
-    np.testing.assert_array_equal(again.touched > 0, again.metrics.crashed)
+    np.testing.assert_array_equal(again.obstacle_hit, study.obstacle_hit)
+    np.testing.assert_array_equal(again.obstacle_hit > 0, again.metrics.crashed)
 
 
 def test_a_frame_says_what_its_columns_and_its_study_are(study):
@@ -149,19 +149,19 @@ def test_several_studies_are_read_by_the_names_of_their_folders(folders):
     assert {name: study.scenario.seed for name, study in found.items()} == {"indi": 1, "pd": 0}
     assert [*read_studies(folders / "pd")] == ["pd"]
     with pytest.raises(
-        InputError, match="holds 2 studies, indi, pd; read one of these folders, or all .* read_studies"
+        InputError, match="contains 2 studies, indi, pd; read one of these folders, or read all .* read_studies"
     ):
         read_study(folders)
 
 
 def test_what_is_no_study_says_what_it_is(tmp_path):
     (tmp_path / "empty").mkdir()
-    with pytest.raises(InputError, match="empty is no study, which has results.csv, .*; it is empty"):
+    with pytest.raises(InputError, match="empty is not the folder of a study, which contains results.csv, .*; it is empty"):
         read_study(tmp_path / "empty")
     (tmp_path / "comparison.csv").write_text("a\n1\n")
-    with pytest.raises(InputError, match="is no study, .*; it holds comparison.csv, empty"):
+    with pytest.raises(InputError, match="is not the folder of a study, .*; it contains comparison.csv, empty"):
         read_studies(tmp_path)
-    with pytest.raises(InputError, match=r"comparison.csv is no study, .*; it is another file"):
+    with pytest.raises(InputError, match=r"comparison.csv is not the folder of a study, .*; it is another file"):
         read_study(tmp_path / "comparison.csv")
     with pytest.raises(InputError, match="nowhere does not exist"):
         read_study(tmp_path / "nowhere")
