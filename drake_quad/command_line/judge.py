@@ -13,13 +13,13 @@ from drake_quad.command_line.options import add_controller, bare_parser, check_r
 from drake_quad.command_line.output import print_columns, print_files, remark
 from drake_quad.command_line.progress import progress_bar
 from drake_quad.design.tuning import Budget
-from drake_quad.evaluation.claims import WORDS
+from drake_quad.evaluation.claims import CONTROLLER_NAMES
 from drake_quad.evaluation.designs import design_file
-from drake_quad.evaluation.experiment import QUICK, EvaluationSizes, OwnController, fly_evaluation, missing_designs
+from drake_quad.evaluation.experiment import QUICK, EvaluationSizes, UserController, fly_evaluation, missing_designs
 from drake_quad.evaluation.families import FAMILIES, FAMILY_OF
-from drake_quad.evaluation.protocol import design_family, design_prices, tunable
+from drake_quad.evaluation.protocol import design_family, design_priced, tunable_entries
 from drake_quad.evaluation.report import write_report
-from drake_quad.evaluation.results import PRICED, Evaluation
+from drake_quad.evaluation.results import PRICED_DESIGNS, Evaluation
 from drake_quad.files import output_folder
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario.files.shipped import shipped_folder
@@ -42,8 +42,9 @@ def options() -> argparse.ArgumentParser:
     result.add_argument(
         "--tune",
         nargs="*",
-        choices=[*FAMILIES, PRICED],
-        help=f"design the controllers of these families anew, all if none is named; {PRICED}: those with other limits",
+        choices=[*FAMILIES, PRICED_DESIGNS],
+        help=f"design the controllers of these families anew, all if none is named; {PRICED_DESIGNS}: those with other"
+        " limits",
     )
     result.add_argument("--rounds", type=int, default=Budget().rounds, help="of each search (%(default)s)")
     result.add_argument("--output", type=Path, help="folder (default: out/controllers, or out/controllers_quick)")
@@ -60,7 +61,7 @@ def main(arguments: argparse.Namespace) -> None:
     families = arguments.family or [*FAMILIES]
     folder = output_folder(arguments.output or Path("out/controllers_quick" if arguments.quick else "out/controllers"))
     own = own_controllers(arguments.controller)
-    begun = time.monotonic()
+    start = time.monotonic()
     for name in families:
         absent = missing_designs(shipped_folder(), name)
         if absent:
@@ -71,24 +72,24 @@ def main(arguments: argparse.Namespace) -> None:
         )
     files = [folder / "flights.csv", folder / "traits.csv", *write_report(folder, found)]
     print_errors(found)
-    print(f"flown in {time.monotonic() - begun:.0f} s")
+    print(f"flown in {time.monotonic() - start:.0f} s")
     print_files(files)
 
 
-def own_controllers(specs: list[str]) -> list[OwnController]:
+def own_controllers(specs: list[str]) -> list[UserController]:
     """Return the controllers of `--controller`. A controller with the short name of a designed one keeps its full name.
 
     Raises:
         InputError: if one of them cannot be loaded, or is given twice.
     """
     laboratory = str(shipped_folder() / "laboratory.yaml:nominal")
-    found: list[OwnController] = []
+    found: list[UserController] = []
     for spec in specs:
         name, layers, overrides = controller_of(spec, laboratory)
-        name = spec if name in WORDS else name
+        name = spec if name in CONTROLLER_NAMES else name
         if name in (each.name for each in found):
             raise InputError(f"--controller {spec}: another controller is called {name}; rename it")
-        found.append(OwnController(name, layers, overrides))
+        found.append(UserController(name, layers, overrides))
     return found
 
 
@@ -97,19 +98,23 @@ def tune(arguments: argparse.Namespace) -> None:
     if not (shipped_folder().parent / "pyproject.toml").exists():
         raise InputError("--tune writes into diagrams/ of a checkout, and this is an installed package")
     budget = Budget(rounds=arguments.rounds)
-    for name in arguments.tune or [*FAMILIES, PRICED]:
+    for name in arguments.tune or [*FAMILIES, PRICED_DESIGNS]:
         path = design_file(shipped_folder(), name)
-        if name == PRICED:
-            designs = design_prices(shipped_folder(), budget=budget)
+        if name == PRICED_DESIGNS:
+            designs = design_priced(shipped_folder(), budget=budget)
         else:
             designs = design_family(
-                shipped_folder(), name, FAMILIES[name], tunable(FAMILIES[name], path, arguments.only), budget=budget
+                shipped_folder(),
+                name,
+                FAMILIES[name],
+                tunable_entries(FAMILIES[name], path, arguments.only),
+                budget=budget,
             )
-        begun = time.monotonic()
+        start = time.monotonic()
         for design in designs:
-            spent = time.monotonic() - begun
-            print(f"{name}: {design.name}, {design.words}, {spent:.0f} s", flush=True)
-            begun = time.monotonic()
+            spent = time.monotonic() - start
+            print(f"{name}: {design.name}, {design.description}, {spent:.0f} s", flush=True)
+            start = time.monotonic()
         print_files([path])
 
 
@@ -117,7 +122,8 @@ def print_errors(found: Evaluation) -> None:
     """Print the mean errors of all controllers."""
     places = [place for place in FAMILY_OF if place in found.flights]
     rows = [
-        (WORDS[name], *(error_in(found.flights[place].get(name)) for place in places)) for name in found.controllers
+        (CONTROLLER_NAMES[name], *(error_in(found.flights[place].get(name)) for place in places))
+        for name in found.controllers
     ]
     print("mean RMSE (cm), and the share of crashes where there are any")
     print_columns(("", *places), rows)

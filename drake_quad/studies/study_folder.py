@@ -92,7 +92,7 @@ class StudyRows:
             OSError: the rows could not be written.
         """
         if outcome.reason:
-            self.failures |= dict.fromkeys(outcome.given, outcome.reason)
+            self.failures |= dict.fromkeys(outcome.argument, outcome.reason)
             return
         rows = outcome.result
         if self._file is not None:

@@ -32,7 +32,7 @@ from drake_quad.design.gains import PolePair, RegulatorRequirements
 from drake_quad.design.tuning import Budget, Knob
 from drake_quad.evaluation.experiment import QUICK, EvaluationSizes
 from drake_quad.evaluation.families import FAMILIES
-from drake_quad.evaluation.results import PRICED
+from drake_quad.evaluation.results import PRICED_DESIGNS
 from drake_quad.flight.formats.flight_format import FORMATS
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.laboratory.metrics import Metrics
@@ -643,22 +643,22 @@ def test_controllers_are_judged_in_all_families_unless_some_are_named(run, repla
 
 
 def test_controllers_are_tuned_family_by_family(run, replaced):
-    design_of = SimpleNamespace(name="pd", words="6 numbers")
-    calls = replaced("judge", design_family=[design_of], design_prices=[design_of] * 2, tunable="entries")
-    result = run("judge", "--tune", "outdoor", PRICED, "--rounds", 3, "--only", "pd")
+    design_of = SimpleNamespace(name="pd", description="6 numbers")
+    calls = replaced("judge", design_family=[design_of], design_priced=[design_of] * 2, tunable_entries="entries")
+    result = run("judge", "--tune", "outdoor", PRICED_DESIGNS, "--rounds", 3, "--only", "pd")
     assert result.returncode == 0
     (((_, name, family, entries), named),) = calls["design_family"]
     assert (name, family, entries, named) == ("outdoor", FAMILIES["outdoor"], "entries", {"budget": Budget(rounds=3)})
-    assert calls["tunable"][0][0][0] == FAMILIES["outdoor"]
-    assert calls["tunable"][0][0][2] == ["pd"]
-    assert calls["design_prices"][0][1] == {"budget": Budget(rounds=3)}
+    assert calls["tunable_entries"][0][0][0] == FAMILIES["outdoor"]
+    assert calls["tunable_entries"][0][0][2] == ["pd"]
+    assert calls["design_priced"][0][1] == {"budget": Budget(rounds=3)}
     assert result.stdout.count("outdoor: pd, 6 numbers, 0 s\n") == 1
-    assert result.stdout.count(f"{PRICED}: pd, 6 numbers, 0 s\n") == 2
+    assert result.stdout.count(f"{PRICED_DESIGNS}: pd, 6 numbers, 0 s\n") == 2
     assert run("judge", "--tune").returncode == 0
     assert [arguments[1] for arguments, _ in calls["design_family"][1:]] == [*FAMILIES]
-    assert len(calls["design_prices"]) == 2
+    assert len(calls["design_priced"]) == 2
     for rounds, status in ((0, 2), (1, 0), (1000, 0), (1001, 2)):
-        assert run("judge", "--tune", PRICED, "--rounds", rounds).returncode == status
+        assert run("judge", "--tune", PRICED_DESIGNS, "--rounds", rounds).returncode == status
 
 
 def test_the_experiment_is_flown_in_the_size_that_is_asked_for(run, replaced, tmp_path, monkeypatch):

@@ -40,7 +40,7 @@ def test_a_reduction_is_what_a_ratio_lacks_of_one():
 
 
 def test_a_table_of_verdicts_has_the_chosen_fields_and_the_verdict_in_bold():
-    header, line, first, *others = verdict_table(CLAIMS, {"claim": "words", "theirs": "printed"}).split("\n")
+    header, line, first, *others = verdict_table(CLAIMS, {"claim": "statement", "theirs": "printed"}).split("\n")
     assert (header, line) == ("| claim | theirs | verdict |", "| --- | --- | --- |")
     assert first == "| a is less than b | 2 | **holds** |"
     assert len(others) == 2
@@ -51,10 +51,10 @@ def test_verdicts_are_counted_the_most_frequent_first():
 
 
 def test_claims_are_written_under_the_headings_of_their_report(tmp_path):
-    path = write_claims(tmp_path / "claims.csv", CLAIMS, {"statement": "words", "rule": "rule"})
+    path = write_claims(tmp_path / "claims.csv", CLAIMS, {"statement": "statement", "rule": "rule"})
     with path.open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    assert rows == [{"statement": claim.words, "rule": claim.rule} for claim in CLAIMS]
+    assert rows == [{"statement": claim.statement, "rule": claim.rule} for claim in CLAIMS]
 
 
 @pytest.mark.parametrize(

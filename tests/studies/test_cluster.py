@@ -152,9 +152,9 @@ def test_the_loop_of_a_client_logs_nothing(cluster):
     """Ctrl-C between two lines of Dask's `sync` is an exception in its loop; a person is told a sentence only."""
     script = f"""
 import threading
-from drake_quad.studies.cluster import dask_crew
-with dask_crew("{cluster.address}") as crew:
-    loop, told = crew._client.loop, threading.Event()
+from drake_quad.studies.cluster import dask_pool
+with dask_pool("{cluster.address}") as pool:
+    loop, told = pool._client.loop, threading.Event()
     loop.add_callback(lambda: 1 / 0)
     loop.add_callback(told.set)
     assert told.wait(30)
@@ -260,27 +260,27 @@ def test_a_result_that_is_lost_with_its_worker_is_awaited_again():
 
 
 def test_a_scheduler_that_has_lost_all_workers_is_reported(monkeypatch):
-    for name in ("_BETWEEN_QUESTIONS", "_LONGEST_WITHOUT_WORKERS"):
+    for name in ("_REQUEST_PERIOD", "_MAX_TIME_WITHOUT_WORKERS"):
         monkeypatch.setattr(cluster_module, name, 0.0)
     crew = crew_with(Future("pending", "lost"), {})
     with pytest.raises(
-        ConnectionError, match="^the Dask scheduler at tcp://somewhere:1 has had no workers for a minute$"
+        ConnectionError, match="^the Dask scheduler at tcp://somewhere:1 has had no workers for a minute; start workers and resume the study$"
     ):
         crew.next_outcomes()
 
 
 def test_cancelled_futures_mean_that_the_scheduler_is_gone():
-    with pytest.raises(ConnectionError, match="^the Dask scheduler at tcp://somewhere:1 is gone$"):
+    with pytest.raises(ConnectionError, match="^the Dask scheduler at tcp://somewhere:1 has closed the connection$"):
         crew_with(Future("pending", "cancelled"), {"worker": 1}).next_outcomes()
 
 
 @pytest.mark.slow
 def test_a_scheduler_that_freezes_ends_a_study(frozen):
-    check_end(*frozen, "does not answer")
+    check_end(*frozen, "does not reply")
 
 
 @pytest.mark.slow
 def test_a_scheduler_that_dies_ends_a_study(cluster, tmp_path):
     """The last test, since the others need it alive."""
     folder = tmp_path / "study"
-    check_end(signalled(cluster, folder, signal.SIGKILL), cluster, folder, "is gone")
+    check_end(signalled(cluster, folder, signal.SIGKILL), cluster, folder, "has closed the connection")

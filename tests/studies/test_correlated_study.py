@@ -75,17 +75,17 @@ def test_what_is_correlated_with_a_cause_has_no_influence_alone(scenario):
         each.path: each for each in influences(study_of(scenario, 2000, lambda mass, drag, step: 50.0 * mass + step))
     }
     assert found[DRAG].correlation.low > 0.7
-    assert abs(found[DRAG].alone.value) < 0.06
-    assert found[MASS].alone.low > 0.9
+    assert abs(found[DRAG].partial.value) < 0.06
+    assert found[MASS].partial.low > 0.9
     # Drawn independently: there is nobody to take off.
-    assert found[STEP].alone == found[STEP].correlation
+    assert found[STEP].partial == found[STEP].correlation
 
 
 def test_the_plot_says_what_an_influence_is_alone(scenario):
     figure = plot_influences(study_of(scenario, 400, lambda mass, drag, step: 50.0 * mass + step))
     (axes,) = figure.axes
     texts = [text.get_text() for text in axes.texts]
-    assert sum("; alone " in text for text in texts) == 2
+    assert sum("; partial " in text for text in texts) == 2
 
 
 def test_the_partial_rank_correlation_is_that_of_three_variables():

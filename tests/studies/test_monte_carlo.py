@@ -302,7 +302,7 @@ def test_rows_with_numbers_that_the_seed_does_not_give_are_flown_again(whole, tm
     rows = read_results(tmp_path / "results.csv", form).rows
     rows[2, 1] *= 1.0 + 1e-9
     write_results(tmp_path / "results.csv", form, rows)
-    with pytest.raises(InputError, match="line 4"):
+    with pytest.raises(InputError, match=r"csv:4:"):
         read_study(tmp_path)
     assert list(run(tmp_path, resume=True).invalid_lines) == [4]
     assert (tmp_path / "results.csv").read_bytes() == (whole[0] / "results.csv").read_bytes()

@@ -88,7 +88,7 @@ def test_a_study_may_have_so_many(number):
 @pytest.mark.parametrize("number", [-1, 0, 2147483648])
 def test_a_study_may_not_have_so_many(number):
     with pytest.raises(InputError, match=f"batch_size is {number}; it must be between 1 and 2147483647"):
-        check_counts(samples=3, batch=number)
+        check_counts(num_samples=3, batch_size=number)
 
 
 def test_cores_are_those_that_this_process_may_use(monkeypatch):

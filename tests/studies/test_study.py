@@ -113,7 +113,7 @@ def test_a_record_cannot_be_changed(tmp_path):
 
 
 def test_a_record_that_is_not_there_is_told(tmp_path):
-    with pytest.raises(InputError, match=r"study\.yaml cannot be read, or is not YAML"):
+    with pytest.raises(InputError, match=r"study\.yaml cannot be read as YAML"):
         read_record(tmp_path)
 
 
