@@ -44,7 +44,7 @@ def load(cell: Cell, overrides: list[str]) -> Scenario:
 def print_calibration(found: Calibration) -> None:
     """Print the fitted numbers, and the error of every cell next to that of the paper."""
     hypothesis = found.hypothesis
-    print(f"{hypothesis.words}: {hypothesis.pd.words} {found.pd:.4g}, {hypothesis.network.words} {found.network:.4g}")
+    print(f"{hypothesis.label}: {hypothesis.pd.label} {found.pd:.4g}, {hypothesis.network.label} {found.network:.4g}")
     rows = []
     for cell, line in printed_table().items():
         ours, printed = found.errors[cell], line.rmse.mean

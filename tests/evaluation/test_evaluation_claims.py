@@ -7,7 +7,7 @@ import pytest
 from invented_flights import COUNT, evaluation, flights
 
 from drake_quad.errors import InputError
-from drake_quad.evaluation.claims import all_claims, best_in, effects, price_of_margin
+from drake_quad.evaluation.claims import all_claims, best_controllers, comparisons_by_laboratory, judge_price_of_margin
 from drake_quad.evaluation.families import FAMILIES
 from drake_quad.evaluation.report import report_markdown, write_summary
 from drake_quad.evaluation.results import read_evaluation, write_evaluation
@@ -17,7 +17,7 @@ from drake_quad.statistics.estimates import share_interval
 
 
 def verdicts(found):
-    return {each.words: each.verdict for each in all_claims(found)}
+    return {each.statement: each.verdict for each in all_claims(found)}
 
 
 AROUND_PD = "a network of type 2 around PD makes its error smaller"
@@ -38,45 +38,45 @@ def test_a_network_that_harms_does_not_hold():
 def test_a_network_that_crashes_where_nothing_else_does_holds_in_part():
     found = verdicts(evaluation(crashed=range(8)))
     assert found[AROUND_PD] == "holds in part"
-    (text,) = (each.evidence for each in all_claims(evaluation(crashed=range(8))) if each.words == AROUND_PD)
+    (text,) = (each.evidence for each in all_claims(evaluation(crashed=range(8))) if each.statement == AROUND_PD)
     assert "outdoor: 8 samples crash with it alone, 0 with the other alone (p = 0.0078)" in text
     assert verdicts(evaluation(crashed=range(2)))[AROUND_PD] == "holds"
 
 
 def test_shares_are_those_of_the_same_samples():
-    compared = effects(evaluation(network=0.9, other=0.8), "pd_t2fnn", "pd")
+    compared = comparisons_by_laboratory(evaluation(network=0.9, other=0.8), "pd_t2fnn", "pd")
     assert list(compared) == [*FAMILIES["laboratory"].laboratories, "outdoor"]
     for each in compared.values():
-        assert reduction(each.share).value == pytest.approx(0.28, abs=0.002)
+        assert reduction(each.ratio).value == pytest.approx(0.28, abs=0.002)
         # Paired, ten per cent of scatter are no part of the interval.
-        assert reduction(each.share).high - reduction(each.share).low < 0.002
+        assert reduction(each.ratio).high - reduction(each.ratio).low < 0.002
 
 
 def test_a_map_serves_if_the_last_lap_is_better_than_the_first_and_than_no_map():
-    (claim,) = (each for each in all_claims(evaluation()) if each.words.startswith("in laps"))
+    (claim,) = (each for each in all_claims(evaluation()) if each.statement.startswith("in laps"))
     assert claim.verdict == "holds"
     assert claim.evidence.startswith("in lap 3 its RMSE is less by 75.")
 
 
 def test_margin_is_paid_for_where_every_step_errs_less():
     found = evaluation()
-    claim = price_of_margin(found)
+    claim = judge_price_of_margin(found)
     assert claim.verdict == "holds"
     assert "with a peak sensitivity of 3.00 in place of 1.60 the RMSE of INDI is less by 50." in claim.evidence
     assert "from 62 ms to 33 ms" in claim.evidence
     found.flights["high wind"]["indi@3"] = flights(0.05, own=6)
-    assert price_of_margin(found).verdict == "holds in part"
+    assert judge_price_of_margin(found).verdict == "holds in part"
 
 
 def test_the_best_is_that_of_least_error_which_hardly_crashes():
     found = evaluation()
-    assert sorted(best_in(found, "low wind")) == ["indi", "indi_t2fnn"]
+    assert sorted(best_controllers(found, "low wind")) == ["indi", "indi_t2fnn"]
     found.flights["low wind"]["pd"] = flights(0.03)
-    assert best_in(found, "low wind") == ["pd"]
+    assert best_controllers(found, "low wind") == ["pd"]
     found.flights["low wind"]["pd"] = flights(0.2, crashed=[1])
-    assert sorted(best_in(found, "low wind")) == ["indi", "indi_t2fnn"]
+    assert sorted(best_controllers(found, "low wind")) == ["indi", "indi_t2fnn"]
     found.flights["low wind"]["pd"] = flights(0.03, crashed=range(4))
-    assert sorted(best_in(found, "low wind")) == ["indi", "indi_t2fnn"]
+    assert sorted(best_controllers(found, "low wind")) == ["indi", "indi_t2fnn"]
 
 
 def test_what_is_written_is_read_again(tmp_path):

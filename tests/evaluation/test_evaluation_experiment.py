@@ -21,17 +21,17 @@ from drake_quad.evaluation.experiment import (
     fly_priced,
     missing_designs,
 )
-from drake_quad.evaluation.families import FAMILIES, FIRST_JUDGED, LaboratoryFamily, laps_of
+from drake_quad.evaluation.families import FAMILIES, FIRST_EVALUATION_SAMPLE, LaboratoryFamily, overrides_for_laps
 from drake_quad.evaluation.results import (
-    PRICED,
     PRICED_CONTROLLERS,
-    SENSITIVITIES,
+    PRICED_DESIGNS,
+    SENSITIVITY_LIMITS,
     Traits,
-    in_laps,
+    laboratory_with_laps,
     priced_name,
 )
 
-SIZES = EvaluationSizes(samples=7, slow=3, laps=5, most_laps=3, delayed=4, most_frames=6)
+SIZES = EvaluationSizes(samples=7, uncompiled=3, laps=5, max_laps=3, delayed=4, max_delay_frames=6)
 
 
 @pytest.fixture
@@ -47,27 +47,27 @@ def told(monkeypatch):
     )
     monkeypatch.setattr(experiment, "worst_margins", lambda of: (f"peak {of}", f"delay {of}"))
     monkeypatch.setattr(experiment, "delay_flown", lambda of, sizes: f"stood {of} {sizes.delayed}")
-    monkeypatch.setattr(experiment, "lone_time", lambda of, compiled=True: f"lone {of} {compiled}")
+    monkeypatch.setattr(experiment, "single_vehicle_time", lambda of, compiled=True: f"lone {of} {compiled}")
 
 
 def test_a_family_is_judged_in_each_of_its_laboratories(told, diagrams):
     family = LaboratoryFamily({"gale": "a", "calm": "b"}, ("calm",), "gale", on_board=False, maps=True)
     for name in ("pd", "pd_t2fnn_map", "mpc"):
         *found, last = fly_family(diagrams, "mine", family, name, SIZES)
-        slow = name == "mpc"
-        count = 3 if slow else 7
+        uncompiled = name == "mpc"
+        count = 3 if uncompiled else 7
         for place, flown in zip(("gale", "calm"), found, strict=True):
-            assert flown == (place, name, ("flown", (place, name), count, not slow))
+            assert flown == (place, name, ("flown", (place, name), count, not uncompiled))
         # The margin of a network is that of the controller that it stands around.
-        base = ("calm", "mpc" if slow else "pd")
+        base = ("calm", "mpc" if uncompiled else "pd")
         windy = ("gale", name)
         stood = last[2].delay_flown
         assert last == (
             "mine",
             name,
-            Traits(f"peak {base}", f"delay {base}", stood, f"lone {windy} {not slow}", "time gale"),
+            Traits(f"peak {base}", f"delay {base}", stood, f"lone {windy} {not uncompiled}", "time gale"),
         )
-        assert math.isnan(stood) if slow else stood == f"stood {windy} 4"
+        assert math.isnan(stood) if uncompiled else stood == f"stood {windy} 4"
 
 
 def test_shorter_flights_are_those_of_all_laboratories_but_not_of_the_margins(told, diagrams):
@@ -85,17 +85,17 @@ def test_maps_and_what_they_stand_around_fly_all_numbers_of_laps(told, diagrams)
     entries = ["pd", "pd_t2fnn", "indi", "indi_t2fnn_map", "lqg"]
     found = list(fly_laps(diagrams, "laboratory", FAMILIES["laboratory"], entries, SIZES))
     assert [each[:2] for each in found] == [
-        (in_laps(n), name) for name in ("indi", "indi_t2fnn_map") for n in (1, 2, 3)
+        (laboratory_with_laps(n), name) for name in ("indi", "indi_t2fnn_map") for n in (1, 2, 3)
     ]
     for place, name, metrics in found:
         laps = int(place[-1])
-        assert metrics == ("flown", ("high wind", name, *laps_of(laps)), 5, True)
-    assert laps_of(3) == ("route.laps=3", "metrics.first_lap=3")
+        assert metrics == ("flown", ("high wind", name, *overrides_for_laps(laps)), 5, True)
+    assert overrides_for_laps(3) == ("route.laps=3", "metrics.first_lap=3")
 
 
 def test_designs_with_other_limits_fly_in_high_wind(told, diagrams):
     found = list(fly_priced(diagrams, FAMILIES["laboratory"], ["pd", "lqg"], SIZES._replace(duration=2.0)))
-    names = [priced_name("lqg", limit) for limit in SENSITIVITIES]
+    names = [priced_name("lqg", limit) for limit in SENSITIVITY_LIMITS]
     assert [each[:2] for each in found] == [(place, name) for name in names for place in ("high wind", "priced")]
     short = ("high wind", names[0], "duration=2.0")
     assert found[0][2] == ("flown", short, 7, True)
@@ -117,19 +117,22 @@ def test_times_are_cpu_times_of_a_vehicle_a_tick(monkeypatch, diagrams):
 
         def fly(self, samples):
             flown.append([*samples])
-            return SimpleNamespace(crash_time=np.array([1.0 if samples[0] == FIRST_JUDGED + 2 else np.inf]))
+            return SimpleNamespace(crash_time=np.array([1.0 if samples[0] == FIRST_EVALUATION_SAMPLE + 2 else np.inf]))
 
     monkeypatch.setattr(experiment, "StudyFleet", Fleet)
     monkeypatch.setattr(experiment.time, "process_time", lambda: next(clock))
     assert scenario.laboratory.command_link.period == 0.02
     _, spent = experiment.timed_flights(scenario, 7)
     assert spent == pytest.approx(14.0 / 7.0 / 200.0)
-    assert experiment.lone_time(scenario) == pytest.approx(1.0 / 200.0)
+    assert experiment.single_vehicle_time(scenario) == pytest.approx(1.0 / 200.0)
     assert made == [(7, True), (1, True)]
-    assert flown == [[*range(FIRST_JUDGED, FIRST_JUDGED + 7)], *([FIRST_JUDGED + i] for i in range(3))]
+    assert flown == [
+        [*range(FIRST_EVALUATION_SAMPLE, FIRST_EVALUATION_SAMPLE + 7)],
+        *([FIRST_EVALUATION_SAMPLE + i] for i in range(3)),
+    ]
     clock = iter(range(20))
     experiment.timed_flights(scenario, 3, compiled=False)
-    experiment.lone_time(scenario, compiled=False)
+    experiment.single_vehicle_time(scenario, compiled=False)
     assert made[2:] == [(3, False), (1, False)]
 
 
@@ -146,14 +149,14 @@ def test_the_delay_that_is_flown_is_one_frame_less_than_the_first_that_crashes(
         late = batch.varying[experiment.LATENCY] - own
         seen.append((late.tolist(), batch.samples))
         # Only one of the samples crashes.
-        crashed = (late >= crashes_from) & (np.array(batch.samples) == FIRST_JUDGED + 2)
+        crashed = (late >= crashes_from) & (np.array(batch.samples) == FIRST_EVALUATION_SAMPLE + 2)
         return SimpleNamespace(fly=seen.append, metrics=lambda: SimpleNamespace(crashed=crashed))
 
     monkeypatch.setattr(experiment, "simulate_fleet", simulate)
     assert experiment.delay_flown(scenario, SIZES) == pytest.approx(expected)
     (late, samples), duration = seen
     assert late == [float(frames) for frames in range(7) for _ in range(4)]
-    assert samples == (*range(FIRST_JUDGED, FIRST_JUDGED + 4),) * 7
+    assert samples == (*range(FIRST_EVALUATION_SAMPLE, FIRST_EVALUATION_SAMPLE + 4),) * 7
     assert duration > 10.0
 
 
@@ -183,7 +186,7 @@ def write_all_designs_but(folder, family, names):
     path = design_file(folder, family)
     path.parent.mkdir(parents=True, exist_ok=True)
     designs = {name: {"control": {}} for name in FAMILIES[family].entries if name not in names}
-    write_designs(path, designs, said={})
+    write_designs(path, designs, comments={})
 
 
 def test_an_experiment_is_flown_job_by_job(monkeypatch, tmp_path):
@@ -197,11 +200,11 @@ def test_an_experiment_is_flown_job_by_job(monkeypatch, tmp_path):
 
     def of_laps(folder, name, family, entries, sizes):
         asked.append(("laps", name, family, entries, sizes))
-        yield in_laps(1), "pd", flights(0.2)
+        yield laboratory_with_laps(1), "pd", flights(0.2)
 
     def of_prices(folder, family, entries, sizes):
         asked.append(("priced", family, entries, sizes))
-        yield PRICED, "indi@3", traits
+        yield PRICED_DESIGNS, "indi@3", traits
 
     for name, function in {"fly_family": of_family, "fly_laps": of_laps, "fly_priced": of_prices}.items():
         monkeypatch.setattr(experiment, name, function)
@@ -222,7 +225,7 @@ def test_an_experiment_is_flown_job_by_job(monkeypatch, tmp_path):
         ("laps", "laboratory", laboratory, ["pd", "mpc"], QUICK),
         ("priced", laboratory, ["pd", "mpc"], QUICK),
     ]
-    names = ["outdoor pd", "laboratory pd", "laboratory mpc", "laps", PRICED]
+    names = ["outdoor pd", "laboratory pd", "laboratory mpc", "laps", PRICED_DESIGNS]
     assert told == [(done, 5, name) for done, name in enumerate(names, start=1)]
     # What is done is written after each job.
     assert rows == [COUNT, 2 * COUNT, 3 * COUNT, 4 * COUNT, 4 * COUNT]
@@ -230,7 +233,7 @@ def test_an_experiment_is_flown_job_by_job(monkeypatch, tmp_path):
         "outdoor": ["pd"], "no wind": ["pd", "mpc"], "high wind, lap 1": ["pd"],
     }  # fmt: skip
     assert {name: [*each] for name, each in found.traits.items()} == {
-        "outdoor": ["pd"], "laboratory": ["pd", "mpc"], PRICED: ["indi@3"],
+        "outdoor": ["pd"], "laboratory": ["pd", "mpc"], PRICED_DESIGNS: ["indi@3"],
     }  # fmt: skip
     for name in ("mpc", "moon"):
         with pytest.raises(InputError, match="there is no design of what shall be flown"):
@@ -264,9 +267,9 @@ def test_designs_for_other_limits_are_written_beside_those_that_are_there(tuned,
     monkeypatch.setattr(protocol, "design_lqg", lambda place, wanted: limits.append((place, wanted)) or lqg)
     monkeypatch.setattr(LoopLimit, "shares_met", lambda limit, scenario: limit.sensitivity)
     budget = Budget(rounds=2, candidates=4)
-    made = list(protocol.design_prices(folder, budget=budget))
+    made = list(protocol.design_priced(folder, budget=budget))
     path = design_file(folder, "priced")
-    names = [priced_name(name, limit) for name in PRICED_CONTROLLERS for limit in SENSITIVITIES]
+    names = [priced_name(name, limit) for name in PRICED_CONTROLLERS for limit in SENSITIVITY_LIMITS]
     assert [each.name for each in made] == [*designs_in(path)] == names
     assert list(path.parent.iterdir()) == [path]
     assert path.read_text(encoding="utf-8").startswith(
@@ -274,15 +277,15 @@ def test_designs_for_other_limits_are_written_beside_those_that_are_there(tuned,
     )
     entry = entries_of(on_board=False, maps=False)["indi"]
     assert designs_in(path)["indi@1.6"] == entry.middle()
-    for (scenarios, shares, given, later, _), limit in zip(tuned, SENSITIVITIES, strict=True):
+    for (scenarios, shares, given, later, _), limit in zip(tuned, SENSITIVITY_LIMITS, strict=True):
         assert [each.name for each in scenarios] == ["low_wind", "high_wind"]
         assert shares(scenarios[0]) == limit
         assert (given, later) == (budget, 0.0)
-    assert made[0].words == f"{len(entry.knobs)} numbers tuned in 2 rounds, 12.34 cm in training"
-    assert [wanted.sensitivity for _, wanted in limits] == [*SENSITIVITIES]
+    assert made[0].description == f"{len(entry.knobs)} numbers tuned in 2 rounds, 12.34 cm in training"
+    assert [wanted.sensitivity for _, wanted in limits] == [*SENSITIVITY_LIMITS]
     assert {(place.name, wanted.delay) for place, wanted in limits} == {("high_wind", 0.05)}
     assert designs_in(path)["lqg@3"]["control"] == lqg.control.model_dump(mode="json", exclude_none=True)
-    assert made[-1].words == "by its designer"
+    assert made[-1].description == "designed from Riccati equations"
 
 
 @pytest.mark.slow
@@ -291,7 +294,9 @@ def test_a_network_is_tuned_without_a_linear_limit_but_with_late_frames(tuned, m
     folder = tmp_path / "diagrams"
     (folder / "controllers" / "designed").mkdir(parents=True)
     (folder / "mine.yaml").write_text(f"mine: {{extends: '{diagrams}/laboratory.yaml:low_wind'}}\n", encoding="utf-8")
-    family = LaboratoryFamily({"low wind": "mine.yaml"}, ("low wind",), "low wind", laps=laps_of(2), maps=True)
+    family = LaboratoryFamily(
+        {"low wind": "mine.yaml"}, ("low wind",), "low wind", laps=overrides_for_laps(2), maps=True
+    )
     asked = []
 
     def stood(scenarios, most, *, budget):
@@ -303,7 +308,7 @@ def test_a_network_is_tuned_without_a_linear_limit_but_with_late_frames(tuned, m
     budget = Budget(rounds=3)
     made = list(protocol.design_family(folder, "mine", family, entries, budget=budget))
     late = "numbers tuned in 3 rounds, 12.34 cm in training, also 30 ms late, with 88 % of the limit"
-    assert [each.words for each in made] == [
+    assert [each.description for each in made] == [
         "6 numbers tuned in 3 rounds, 12.34 cm in training",
         *(f"{len(entries[name].knobs)} {late}" for name in ("pd_t2fnn", "pd_t2fnn_map")),
     ]

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 from invented_flights import evaluation, flights
 
-from drake_quad.evaluation.claims import WORDS, effects
+from drake_quad.evaluation.claims import CONTROLLER_NAMES, comparisons_by_laboratory
 from drake_quad.evaluation.families import FAMILIES
 from drake_quad.evaluation.figures import (
+    base_and_network,
     errors_figure,
     evaluation_figures,
     laps_figure,
     margins_figure,
     networks_figure,
-    networks_of,
-    parts_of,
+    reductions_by_network,
 )
 from drake_quad.evaluation.results import Evaluation
 from drake_quad.reports.claims import reduction
@@ -51,9 +51,9 @@ def test_only_figures_that_have_flights_are_drawn():
 
 
 def test_parts_of_a_name_are_a_controller_and_the_kind_of_its_network():
-    assert parts_of("pid_t2fnn") == ("pid", "t2fnn")
-    assert parts_of("pd_t2fnn_map") == ("pd", "t2fnn_map")
-    assert parts_of("disturbance_observer") == ("disturbance_observer", "")
+    assert base_and_network("pid_t2fnn") == ("pid", "t2fnn")
+    assert base_and_network("pd_t2fnn_map") == ("pd", "t2fnn_map")
+    assert base_and_network("disturbance_observer") == ("disturbance_observer", "")
 
 
 def test_the_errors_figure_has_a_mark_and_an_interval_for_each_controller_and_laboratory():
@@ -67,7 +67,7 @@ def test_the_errors_figure_has_a_mark_and_an_interval_for_each_controller_and_la
     assert [axes.get_title().split("\n")[-1] for axes in shown] == titles
     assert shown[0].get_title() == "laboratory\nno wind"
     assert shown[3].get_title() == "outdoor"
-    assert ticks(shown[0].yaxis) == ([*range(5)], [WORDS[name] for name in names])
+    assert ticks(shown[0].yaxis) == ([*range(5)], [CONTROLLER_NAMES[name] for name in names])
     looks = {}
     for axes, place in zip(shown, titles, strict=True):
         flown = [name for name in names if name in found.flights[place]]
@@ -107,10 +107,10 @@ def test_errors_without_a_survivor_are_not_drawn():
 def test_the_networks_figure_has_a_row_for_each_network_and_a_mark_for_each_laboratory():
     found = evaluation(network=0.9, other=0.8)
     found.flights["high wind"]["pd_t2fnn_map"] = flights(0.5, own=1)
-    cuts = networks_of(found)
+    cuts = reductions_by_network(found)
     assert list(cuts) == ["pd_t1fnn", "pd_t2fnn", "pd_t2fnn_map", "indi_t2fnn"]
     assert [*cuts["pd_t1fnn"]] == [*PLACES]
-    assert cuts["pd_t2fnn"]["outdoor"] == reduction(effects(found, "pd_t2fnn", "pd")["outdoor"].share)
+    assert cuts["pd_t2fnn"]["outdoor"] == reduction(comparisons_by_laboratory(found, "pd_t2fnn", "pd")["outdoor"].ratio)
     figure = networks_figure(found)
     (axes,) = figure.axes
     zero, *lines = axes.lines
@@ -138,7 +138,7 @@ def test_the_networks_figure_has_a_row_for_each_network_and_a_mark_for_each_labo
         assert len(set(heights)) == len(by_place)
     assert next(shown, None) is None
     at, written = ticks(axes.yaxis)
-    assert (at, written) == ([*range(4)], [WORDS[name] for name in cuts])
+    assert (at, written) == ([*range(4)], [CONTROLLER_NAMES[name] for name in cuts])
     bottom, top = axes.get_ylim()
     assert (bottom, top) == (3.5, -0.5)
     at, written = ticks(axes.xaxis)
@@ -169,13 +169,13 @@ def test_the_margins_figure_shows_errors_over_the_peak_sensitivity_and_over_the_
     errors = {name: centimetres(each).value for name, each in found.flights["high wind"].items()}
     expected = [errors["indi@1.6"], errors["indi"], errors["indi@3"]]
     for axes, line, plain in zip(figure.axes, ([1.6, 2.2, 3.0], [62.5, 90.0, 100.0 / 3.0]), (2.2, 90.0), strict=True):
-        priced, *others = axes.lines
-        np.testing.assert_allclose(priced.get_xydata(), np.transpose([line, expected]))
+        designs_by_sensitivity, *others = axes.lines
+        np.testing.assert_allclose(designs_by_sensitivity.get_xydata(), np.transpose([line, expected]))
         assert [other.get_label() for other in others] == ["PD", "INDI"]
         np.testing.assert_allclose(
             [other.get_xydata()[0] for other in others], [[plain, errors["pd"]], [plain, errors["indi"]]]
         )
-        assert priced.get_color() == others[1].get_color() != others[0].get_color()
+        assert designs_by_sensitivity.get_color() == others[1].get_color() != others[0].get_color()
         low, high = axes.get_xlim()
         assert low <= min(line)
         assert high >= max(line)
@@ -210,7 +210,7 @@ def test_the_laps_figure_shows_errors_lap_by_lap():
     for container, controller in zip(axes.containers, ("pd", "pd_t2fnn_map"), strict=True):
         means = [centimetres(found.flights[f"high wind, lap {lap}"][controller]) for lap in (1, 2, 3)]
         curve, _, (bars,) = container
-        assert container.get_label() == WORDS[controller]
+        assert container.get_label() == CONTROLLER_NAMES[controller]
         np.testing.assert_allclose(curve.get_xydata(), [[i, mean.value] for i, mean in enumerate(means, start=1)])
         for i, (bar, mean) in enumerate(zip(bars.get_segments(), means, strict=True), start=1):
             np.testing.assert_allclose(bar, [[i, mean.low], [i, mean.high]])

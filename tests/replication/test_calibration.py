@@ -135,7 +135,7 @@ def test_limits_that_do_not_hold_the_target_are_refused_with_what_they_leave(low
         f"gain (1/s) from {low:g} to {high:g} leaves the error {low - 1.75:+.3g} to {high - 1.75:+.3g} m from 1.75 m;"
     )
     with pytest.raises(InputError, match=re.escape(words)):
-        calibration._fitted(free, lambda value: np.full(3, value), 1.75)
+        calibration._fit(free, lambda value: np.full(3, value), 1.75)
 
 
 def test_a_crash_is_an_error_without_bound():

@@ -10,14 +10,14 @@ import scipy
 from invented_experiment import invented_experiment, metrics_of
 
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.replication.claims import all_claims, as_good, typical_over_best
+from drake_quad.replication.claims import all_claims, median_to_best_ratio, near_best_share
 from drake_quad.replication.effort import effort_matches, printed_ratios, printed_scatter, write_efforts
 from drake_quad.replication.fair import fair_entries, write_fair
 from drake_quad.replication.measures import EFFORTS, LegMetrics
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
-from drake_quad.replication.results import FAIR, Experiment, cells_of
+from drake_quad.replication.results import FAIR_CONTROLLERS, Experiment, cells_of
 from drake_quad.replication.sweeps import (
-    NOISE,
+    NOISE_LEVELS,
     NOISE_SETTINGS,
     Q_SETTINGS,
     Q_VALUES,
@@ -112,7 +112,7 @@ def test_what_is_printed_of_claims_is_what_the_committed_report_says(found):
     with (DOCS / "claims.csv").open(encoding="utf-8") as file:
         committed = list(csv.DictReader(file))
     claims = all_claims(found)
-    assert [claim.words for claim in claims] == [row["claim"] for row in committed]
+    assert [claim.statement for claim in claims] == [row["claim"] for row in committed]
     for name in ("printed", "rule", "figure"):
         assert [getattr(claim, name) for claim in claims] == [row[name] for row in committed]
 
@@ -154,7 +154,7 @@ def test_type_2_beside_type_1(found):
         for name in ("pd_t2fnn", "pd_t2fnn_wide")
     }
     better = {}
-    for number, sweep, count in (("noise", found.noise, len(NOISE)), ("q", found.q, len(Q_VALUES))):
+    for number, sweep, count in (("noise", found.noise, len(NOISE_LEVELS)), ("q", found.q, len(Q_VALUES))):
         first = rows_at(sweep, number, "pd_t1fnn", count)
         both = (
             [less(row, of_1) for row, of_1 in zip(rows_at(sweep, number, name, count), first, strict=True)]
@@ -169,7 +169,7 @@ def test_type_2_beside_type_1(found):
     )
     assert against.details == "; ".join(f"{named(*cell)} {per_cent(gain)}" for cell, gain in gains.items())
     assert against.verdict == "holds"
-    narrow, wide = (rows_at(found.noise, "noise", name, len(NOISE)) for name in ("pd_t2fnn", "pd_t2fnn_wide"))
+    narrow, wide = (rows_at(found.noise, "noise", name, len(NOISE_LEVELS)) for name in ("pd_t2fnn", "pd_t2fnn_wide"))
     larger = [opposite(less(*pair)) for pair in zip(wide, narrow, strict=True)]
     # To first order, the change of w₀ / n₀ - w / n is the sum of the changes of the four means with these weights.
     four = np.stack([wide[0], narrow[0], wide[-1], narrow[-1]])
@@ -283,13 +283,13 @@ def test_gains_on_straight_lines_on_curves_and_on_a_map(found):
         f" with {crashing[0]} of them, and with {crashing[1]} with the network; the share is"
         f" {per_cent(interval(share[1] - share[0]))} larger with it"
     )
-    np.testing.assert_allclose(as_good(found.maps["pd"]), share[0])
-    np.testing.assert_allclose(interval(typical_over_best(found.maps["pd"])), typical[0])
+    np.testing.assert_allclose(near_best_share(found.maps["pd"]), share[0])
+    np.testing.assert_allclose(interval(median_to_best_ratio(found.maps["pd"])), typical[0])
 
 
 def test_controllers_are_compared_with_both_baselines_in_the_same_wind(found):
     entries = fair_entries(found)
-    compared = ["pd", "pd_t2fnn", *FAIR]
+    compared = ["pd", "pd_t2fnn", *FAIR_CONTROLLERS]
     assert [entry.cell for entry in entries] == [Cell(wind, name) for wind in NAMES for name in compared]
     for entry in entries:
         wind, name = entry.cell
@@ -364,10 +364,12 @@ def test_table_ii_beside_the_print(found, tmp_path):
         np.testing.assert_allclose(entry.mean, interval(values))
         printed = printed_table().get(entry.cell)
         if printed is None:
-            assert np.isnan([*entry.printed.runs, entry.printed.mean, entry.off]).all()
+            assert np.isnan([*entry.printed.runs, entry.printed.mean, entry.deviation]).all()
         else:
             np.testing.assert_array_equal(entry.printed.runs, getattr(printed, entry.quantity).runs)
-            np.testing.assert_allclose(entry.off, interval(values)[0] / getattr(printed, entry.quantity).mean - 1.0)
+            np.testing.assert_allclose(
+                entry.deviation, interval(values)[0] / getattr(printed, entry.quantity).mean - 1.0
+            )
 
     with write_entries(tmp_path / "table_ii.csv", entries).open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
@@ -388,7 +390,7 @@ def test_table_ii_beside_the_print(found, tmp_path):
     runs = ", ".join(f"{run:.3f}" for run in entry.printed.runs)
     assert lines[6] == (
         f"| low wind | PD | {runs} | {entry.printed.mean:.3f} | {first:.3f}, –, {third:.3f} | –"
-        f" | {entry.mean.text()} | {100.0 * entry.off:+.1f} % |"
+        f" | {entry.mean.text()} | {100.0 * entry.deviation:+.1f} % |"
     )
 
 
@@ -402,7 +404,7 @@ def test_files_of_the_fair_comparison_and_of_efforts_hold_what_is_found(found, t
                 np.testing.assert_allclose(written, getattr(entry, name), rtol=1e-8)
     with write_efforts(tmp_path / "effort.csv", matches).open(encoding="utf-8") as file:
         for row, match in zip(csv.DictReader(file), matches, strict=True):
-            assert row["definition"] == EFFORTS[match.name].words
+            assert row["definition"] == EFFORTS[match.name].definition
             written = [float(row[name]) for name in ("ratio_x", "ratio_y", "off_by_factor", "low", "high")]
             np.testing.assert_allclose(written, [match.ratio_x, match.ratio_y, *match.distance], rtol=1e-8)
 
@@ -423,7 +425,7 @@ def even(cells=(), recorded=(), noise=(), shares=(), slope=1.0):
         return Metrics(**(ones | numbers))
 
     studies = {}
-    for cell in cells_of((*CONTROLLERS, *FAIR)):
+    for cell in cells_of((*CONTROLLERS, *FAIR_CONTROLLERS)):
         numbers = {
             metric: np.full(3, value)
             for (wind, controller, metric), value in dict(cells).items()
@@ -497,7 +499,7 @@ def in_wind(rmse):
     ],
 )  # fmt: skip
 def test_a_verdict_turns_at_the_level_that_its_rule_says(claim, numbers, verdict):
-    (found,) = (each for each in all_claims(even(**numbers)) if claim in each.words)
+    (found,) = (each for each in all_claims(even(**numbers)) if claim in each.statement)
     assert found.verdict == verdict
 
 

@@ -19,11 +19,11 @@ from drake_quad.replication.experiment import (
     fly_experiment,
     sweep_plans,
 )
-from drake_quad.replication.measures import CURVED, STRAIGHT, LegMetrics
+from drake_quad.replication.measures import CURVED_LEGS, STRAIGHT_LEGS, LegMetrics
 from drake_quad.replication.printed import CONTROLLERS, WINDS
-from drake_quad.replication.results import FAIR, cells_of
+from drake_quad.replication.results import FAIR_CONTROLLERS, cells_of
 from drake_quad.replication.sweeps import (
-    BEST_GAINS,
+    BEST_GAIN_RANGES,
     NOISE_SETTINGS,
     Q_SETTINGS,
     SLOPE_SETTINGS,
@@ -86,7 +86,7 @@ def test_gains_are_those_of_both_horizontal_axes():
 
 def test_legs_are_straight_or_curved_but_for_the_rise():
     names = {leg.name for leg in plan_route(scenario("no_wind_pd")).legs}
-    assert names == {"rise", *STRAIGHT, *CURVED}
+    assert names == {"rise", *STRAIGHT_LEGS, *CURVED_LEGS}
 
 
 @pytest.mark.slow
@@ -212,13 +212,15 @@ def test_an_experiment_leaves_every_number_where_it_is_read(tmp_path, monkeypatc
     )
     assert found == {cell: f"flight of {cell.scenario}" for cell in cells_of(CONTROLLERS)}
     assert cells == {
-        f"{wind}_{name}": (6, tmp_path / "cells" / f"{wind}_{name}") for wind in WINDS for name in (*CONTROLLERS, *FAIR)
+        f"{wind}_{name}": (6, tmp_path / "cells" / f"{wind}_{name}")
+        for wind in WINDS
+        for name in (*CONTROLLERS, *FAIR_CONTROLLERS)
     }
     steps = {name: 0 for *_, name in told}
     for (done, _, name), before in zip(told, [0, *(done for done, *_ in told)]):
         steps[name] += done - before
     assert steps == {
-        **{f"{wind}_{name}": 6 for wind in WINDS for name in (*CONTROLLERS, *FAIR)},
+        **{f"{wind}_{name}": 6 for wind in WINDS for name in (*CONTROLLERS, *FAIR_CONTROLLERS)},
         **{f"recorded {wind}_{name}": 3 for wind in WINDS for name in CONTROLLERS},
         "noise": 60,
         "q": 60,
@@ -248,9 +250,9 @@ def test_an_experiment_leaves_every_number_where_it_is_read(tmp_path, monkeypatc
         np.testing.assert_array_equal(sweep.metrics, fly_settings(flown, settings, range(count), compiled=False))
     legs = load_sweep(tmp_path / "legs.csv", LegMetrics)
     np.testing.assert_array_equal(
-        legs.metrics, fly_legs("no_wind_pd", gain_settings(2, BEST_GAINS), [0, 1], compiled=False)
+        legs.metrics, fly_legs("no_wind_pd", gain_settings(2, BEST_GAIN_RANGES), [0, 1], compiled=False)
     )
-    np.testing.assert_array_equal(legs.settings["k_p"], gain_settings(2, BEST_GAINS)["k_p"])
+    np.testing.assert_array_equal(legs.settings["k_p"], gain_settings(2, BEST_GAIN_RANGES)["k_p"])
     assert (legs.samples.tolist(), len(SLOPES)) == ([0, 1], 7)
 
     stale.parent.mkdir(parents=True)

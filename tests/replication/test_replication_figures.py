@@ -12,10 +12,10 @@ from drake_quad import load_scenario, simulate
 from drake_quad.control.fuzzy.inference import elliptic_membership
 from drake_quad.replication import figures
 from drake_quad.replication.claims import advantage
-from drake_quad.replication.fair import COMPARED
+from drake_quad.replication.fair import COMPARED_CONTROLLERS
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
-from drake_quad.replication.report import FIGURES
-from drake_quad.replication.sweeps import NOISE, Q_VALUES
+from drake_quad.replication.report import CAPTIONS
+from drake_quad.replication.sweeps import NOISE_LEVELS, Q_VALUES
 from drake_quad.statistics.estimates import mean_interval
 from drake_quad.studies.statistics import values_without_crashes
 from drake_quad.visualization.leg_marks import leg_marks
@@ -65,7 +65,7 @@ def legend_of(figure):
 def test_figures_stand_in_the_order_of_the_report(found, flights):
     every = flights | {Cell("low_wind", name): flights[Cell("high_wind", name)] for name in CONTROLLERS}
     drawn = dict(figures.paper_figures(found, every))
-    assert list(drawn) == [*FIGURES]
+    assert list(drawn) == [*CAPTIONS]
     for number, wind in ((9, "no_wind"), (10, "low_wind"), (11, "high_wind")):
         error = drawn[f"figure_{number}"].axes[0].lines[0].get_ydata()
         np.testing.assert_array_equal(error, every[Cell(wind, "pd")].euclidean_error)
@@ -259,7 +259,7 @@ def test_bars_of_the_fair_comparison_are_mean_errors(found):
     heights = []
     for container, (wind, words) in zip(axes.containers, WINDS.items(), strict=True):
         assert container.get_label() == words
-        for row, (name, bar) in enumerate(zip(COMPARED, container, strict=True)):
+        for row, (name, bar) in enumerate(zip(COMPARED_CONTROLLERS, container, strict=True)):
             mean = mean_interval(values_without_crashes(found.cells[Cell(wind, name)].metrics, "rmse")).value
             assert bar.get_width() == pytest.approx(mean)
             heights.append((bar.get_y() + 0.5 * bar.get_height() - row, bar.get_height()))
@@ -268,7 +268,7 @@ def test_bars_of_the_fair_comparison_are_mean_errors(found):
             )
             assert text.get_text() == f"{mean:.2f}"
             assert mean < axes.get_xlim()[1]
-    assert [text.get_text() for text in axes.get_yticklabels()] == list(COMPARED.values())
+    assert [text.get_text() for text in axes.get_yticklabels()] == list(COMPARED_CONTROLLERS.values())
     # The bars of a controller stand in the order of the winds and do not overlap those of the next one.
     offsets = sorted({round(offset, 9) for offset, _ in heights})
     assert len(offsets) == 3
@@ -276,14 +276,14 @@ def test_bars_of_the_fair_comparison_are_mean_errors(found):
     assert min(np.diff(offsets)) > height
     assert offsets[-1] - offsets[0] + height < 1.0
     assert axes.get_xlim()[0] == 0.0
-    assert axes.get_ylim() == (len(COMPARED) - 0.5, -0.5)
+    assert axes.get_ylim() == (len(COMPARED_CONTROLLERS) - 0.5, -0.5)
     colors = [container[0].get_facecolor() for container in axes.containers]
     assert len({to_hex(color) for color in colors}) == 3
 
 
 def test_advantages_of_type_2_are_shown_with_their_intervals(found):
     figure = figures.advantage_figure(found)
-    sweeps = (("noise", found.noise, NOISE, 1000.0), ("q", found.q, Q_VALUES, 1.0))
+    sweeps = (("noise", found.noise, NOISE_LEVELS, 1000.0), ("q", found.q, Q_VALUES, 1.0))
     for axes, (number, sweep, values, size) in zip(figure.axes, sweeps, strict=True):
         for container, name in zip(axes.containers, ("pd_t2fnn", "pd_t2fnn_wide"), strict=True):
             gains = [advantage(sweep, number, value, name) for value in values]

@@ -11,7 +11,7 @@ from invented_experiment import invented_experiment
 from drake_quad import load_scenario
 from drake_quad.replication import report as report_module
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
-from drake_quad.replication.report import FIGURES, findings_of, write_report
+from drake_quad.replication.report import CAPTIONS, findings_of, write_report
 from drake_quad.statistics.interval import Interval
 
 ROOT = Path(__file__).parent.parent.parent
@@ -26,7 +26,7 @@ def written(tmp_path_factory):
     (folder / "figures").mkdir()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(report_module, "paper_figures", lambda found, flights: ())
-        for name in FIGURES:
+        for name in CAPTIONS:
             (folder / "figures" / f"{name}.png").write_bytes(name.encode())
         found = invented_experiment()
         return folder, write_report(folder, found, findings_of(found), {})
@@ -75,7 +75,7 @@ def test_a_report_has_a_file_for_each_table(written):
         "figure",
     ]
     page = (folder / "report.html").read_text(encoding="utf-8")
-    assert page.count("data:image/png;base64,") == len(FIGURES)
+    assert page.count("data:image/png;base64,") == len(CAPTIONS)
 
 
 @pytest.mark.slow

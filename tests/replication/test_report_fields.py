@@ -10,7 +10,7 @@ from drake_quad.laboratory.metrics import Metrics
 from drake_quad.replication import report
 from drake_quad.replication.calibration import HYPOTHESES, NETWORK_CELL, PD_CELL
 from drake_quad.replication.effort import EffortMatch, printed_ratios, printed_scatter
-from drake_quad.replication.fair import COMPARED, FairEntry
+from drake_quad.replication.fair import COMPARED_CONTROLLERS, FairEntry
 from drake_quad.replication.measures import EFFORTS, OUR_EFFORT
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, Runs, printed_table
 from drake_quad.replication.results import Experiment, cells_of
@@ -57,7 +57,7 @@ def test_predictions_of_table_ii_are_counted_without_the_fitted_cells():
     assert fields["crashes"] == "21 samples crashed; means are those of the others."
     for name in QUANTITIES:
         assert fields[f"table_{name}"] == table_markdown(entries, name)
-    kept = [each for each in entries_of_table() if abs(each.off) < 0.1]
+    kept = [each for each in entries_of_table() if abs(each.deviation) < 0.1]
     fields = report._of_table(kept)
     assert fields["beyond"] == ""
     assert fields["within"] == fields["predicted"] == 2
@@ -73,7 +73,7 @@ def test_a_claim_has_a_section_with_its_rule_and_its_evidence():
     first, *_ = fields["claims"].split("### 2. C\n\n")
     assert first == (
         "### 1. A is less than b\n\nThe paper: print. Here: ours.\n\nVerdict: **holds**. Rule: a rule.\n\n"
-        f"Cell by cell: cells.\n\n{image('gains', report.FIGURES['gains'])}\n\n"
+        f"Cell by cell: cells.\n\n{image('gains', report.CAPTIONS['gains'])}\n\n"
     )
     assert fields["claims"].count("Cell by cell") == 1
     assert fields["claims"].count("<img") == 1
@@ -89,7 +89,7 @@ def test_the_fair_comparison_has_a_row_for_each_controller_and_wind():
             None, 27.0, np.arange(9), {},
             Metrics(*((1.0 + 0.1 * i) * rng.uniform(0.9, 1.1, 9) for _ in Metrics._fields[1:]), np.full(9, np.inf)),
         )
-        for i, cell in enumerate(cells_of(COMPARED))
+        for i, cell in enumerate(cells_of(COMPARED_CONTROLLERS))
     }  # fmt: skip
     numbers = {
         cell: FairEntry(cell, *(Interval(0.1 * i + j, 0.1 * i + j - 0.01, 0.1 * i + j + 0.01) for j in range(1, 7)))
@@ -102,7 +102,7 @@ def test_the_fair_comparison_has_a_row_for_each_controller_and_wind():
         over_pd, over_network = (share.ratio() for share in (each.over_pd, each.over_network))
         assert row == [
             WINDS[cell.wind],
-            COMPARED[cell.controller],
+            COMPARED_CONTROLLERS[cell.controller],
             *(mean.text() for mean in (each.rmse, each.peak_error, each.effort_x, each.effort_y)),
             "1" if cell.controller == "pd" else over_pd,
             "1" if cell.controller == "pd_t2fnn" else over_network,
@@ -111,7 +111,7 @@ def test_the_fair_comparison_has_a_row_for_each_controller_and_wind():
         shares = (f"{numbers[Cell(wind, name)].over_network.percent()} ({words})" for wind, words in WINDS.items())
         assert fields[f"{name}_over_network"] == ", ".join(shares)
     helped = (
-        compare_studies(cells[Cell(wind, "pd_feed_forward_t2fnn")], cells[Cell(wind, "pd_feed_forward")]).share
+        compare_studies(cells[Cell(wind, "pd_feed_forward_t2fnn")], cells[Cell(wind, "pd_feed_forward")]).ratio
         for wind in WINDS
     )
     expected = (f"{share.percent()} ({words})" for share, words in zip(helped, WINDS.values(), strict=True))
@@ -128,7 +128,7 @@ def test_definitions_of_effort_stand_below_the_printed_ratios():
     x, y = printed_ratios()
     assert rows[0][:3] == ["*printed*", f"{x:.2f}", f"{y:.2f}"]
     assert rows[1] == ["largest command", "1.23", "2.35", matches[0].distance.ratio()]
-    assert rows[2][0] == f"{EFFORTS[OUR_EFFORT].words} (ours)"
+    assert rows[2][0] == f"{EFFORTS[OUR_EFFORT].definition} (ours)"
     assert fields["closest"] == "the largest command"
     assert fields["scatter"] == printed_scatter()
 
@@ -137,7 +137,7 @@ def test_the_calibration_is_shown_beside_the_print():
     calibration = read_table(Path(report.__file__).parent / "calibration.csv")
     fields = report._of_calibration()
     rows = [line.strip("| ").split(" | ") for line in fields["calibration"].split("\n")]
-    assert rows[0] == ["printed", *(each.words for each in HYPOTHESES.values())]
+    assert rows[0] == ["printed", *(each.label for each in HYPOTHESES.values())]
     table = printed_table()
     keys = zip(calibration["hypothesis"], calibration["wind"], calibration["controller"], strict=True)
     errors = dict(zip(keys, calibration["rmse_m"], strict=True))

@@ -6,14 +6,20 @@ from drake_quad.laboratory.metrics import Metrics
 from drake_quad.replication import results
 from drake_quad.replication.measures import LegMetrics
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell
-from drake_quad.replication.results import FAIR, MAPPED, cells_of, read_experiment, write_recorded
+from drake_quad.replication.results import (
+    FAIR_CONTROLLERS,
+    MAPPED_CONTROLLERS,
+    cells_of,
+    read_experiment,
+    write_recorded,
+)
 
 
 def test_cells_are_told_wind_by_wind():
     assert cells_of(("a", "b")) == [(wind, name) for wind in WINDS for name in ("a", "b")]
     assert cells_of(CONTROLLERS)[1] == Cell("no_wind", "pd_t1fnn")
-    assert not set(FAIR) & set(CONTROLLERS)
-    assert set(MAPPED) < set(CONTROLLERS)
+    assert not set(FAIR_CONTROLLERS) & set(CONTROLLERS)
+    assert set(MAPPED_CONTROLLERS) < set(CONTROLLERS)
 
 
 def test_what_was_recorded_is_read_as_it_was_written(tmp_path, monkeypatch):
@@ -33,5 +39,5 @@ def test_what_was_recorded_is_read_as_it_was_written(tmp_path, monkeypatch):
         assert found.cells[cell] == f"cells/{cell.scenario}"
     assert (found.noise, found.q) == (("noise.csv", Metrics), ("q.csv", Metrics))
     assert found.slopes == {wind: (f"slope_{wind}.csv", Metrics) for wind in WINDS}
-    assert found.maps == {name: (f"map_{name}.csv", Metrics) for name in MAPPED}
+    assert found.maps == {name: (f"map_{name}.csv", Metrics) for name in MAPPED_CONTROLLERS}
     assert found.legs == ("legs.csv", LegMetrics)

@@ -8,9 +8,9 @@ import pytest
 from drake_quad import load_scenario, simulate
 from drake_quad.replication.printed import CONTROLLERS
 from drake_quad.replication.sweeps import (
-    BEST_GAINS,
+    BEST_GAIN_RANGES,
     EXPONENTS,
-    NOISE,
+    NOISE_LEVELS,
     NOISE_SETTINGS,
     Q_SETTINGS,
     Q_VALUES,
@@ -36,10 +36,10 @@ def test_exponents_are_those_of_the_table_and_of_triangles():
 
 def test_what_is_varied():
     """Noise to twice the paper's 10 mm; shares from none to all in quarters; slopes around the calibrated 1.975 1/s."""
-    assert NOISE == (0.0, 0.001, 0.005, 0.01, 0.02)
+    assert NOISE_LEVELS == (0.0, 0.001, 0.005, 0.01, 0.02)
     assert Q_VALUES == (0.0, 0.25, 0.5, 0.75, 1.0)
     assert SLOPES == (1.0, 1.5, 1.75, 2.0, 2.25, 2.5, 3.0)
-    for settings, name, values in ((NOISE_SETTINGS, "noise", NOISE), (Q_SETTINGS, "q", Q_VALUES)):
+    for settings, name, values in ((NOISE_SETTINGS, "noise", NOISE_LEVELS), (Q_SETTINGS, "q", Q_VALUES)):
         assert list(settings) == [name, "a1", "a2"]
         rows = list(zip(*settings.values(), strict=True))
         assert rows == [(value, *exponents) for value in values for exponents in EXPONENTS.values()]
@@ -47,7 +47,7 @@ def test_what_is_varied():
 
 
 @pytest.mark.parametrize(
-    ("ranges", "k_p", "k_d"), [((), (0.3, 20.0), (0.3, 12.0)), ((BEST_GAINS,), (2.5, 9.0), (1.0, 4.5))]
+    ("ranges", "k_p", "k_d"), [((), (0.3, 20.0), (0.3, 12.0)), ((BEST_GAIN_RANGES,), (2.5, 9.0), (1.0, 4.5))]
 )
 def test_gains_stand_in_equal_ratios(ranges, k_p, k_d):
     found = gain_settings(3, *ranges)

@@ -68,13 +68,13 @@ def test_a_committed_page_is_not_stale(root, report, folder, file, width, max_by
     """It shows the claims of the committed file as they would be shown today, and all figures with their captions."""
     text = (root / "docs" / folder / "report.md").read_text(encoding="utf-8")
     with (root / "docs" / folder / f"{file}.csv").open(encoding="utf-8") as committed:
-        rows = [{report._COLUMNS[name]: cell for name, cell in row.items()} for row in csv.DictReader(committed)]
+        rows = [{report._FILE_COLUMNS[name]: cell for name, cell in row.items()} for row in csv.DictReader(committed)]
     claims = [Claim(**row) for row in rows]
-    assert f"{verdict_table(claims, report._SHOWN_COLUMNS)}\n" in text
-    assert f"The verdicts are {verdict_counts(claims)}." in text
-    for name, caption in report.FIGURES.items():
+    assert f"{verdict_table(claims, report._REPORT_COLUMNS)}\n" in text
+    assert f"The verdicts are: {verdict_counts(claims)}." in text
+    for name, caption in report.CAPTIONS.items():
         assert image(name, caption, width=width) in text
     figures = re.findall(r'src="figures/(\w+)\.png"', text)
-    assert set(figures) == set(report.FIGURES)
+    assert set(figures) == set(report.CAPTIONS)
     for name in figures:
         assert (root / "docs" / folder / "figures" / f"{name}.png").stat().st_size < max_bytes
