@@ -85,11 +85,11 @@ def design_family(
     path, limit = design_file(diagrams, name), LoopLimit()
     for controller, entry in entries.items():
         scenarios = _scenarios_before_tuning(diagrams, family, path, controller, entry)
-        shares = None if entry.around else _limit_shares(limit)
+        shares = None if entry.base else _limit_shares(limit)
         before = previous_numbers(diagrams, family, path, controller, entry)
         extra_latency = 0.0
-        if entry.around:
-            alone = training_scenarios(diagrams, family, f"{path}:{entry.around}", entry)
+        if entry.base:
+            alone = training_scenarios(diagrams, family, f"{path}:{entry.base}", entry)
             extra_latency = tolerated_delay(alone, limit.delay, budget=budget)
         result = tune(scenarios, entry.knobs, shares, budget=budget, extra_latency=extra_latency, before=before)
         description = _description(entry, result, budget, extra_latency)

@@ -20,27 +20,27 @@ def verdicts(found):
     return {each.statement: each.verdict for each in all_claims(found)}
 
 
-AROUND_PD = "a network of type 2 around PD makes its error smaller"
-OVER_TYPE_1 = "type 2 is better than type 1 around the PD"
+ADDED_TO_PD = "adding a type-2 network to PD reduces the error"
+OVER_TYPE_1 = "with the PD, a type-2 network has a smaller error than a type-1 network"
 
 
 def test_a_network_that_helps_everywhere_holds_and_one_that_changes_nothing_cannot_be_decided():
     found = verdicts(evaluation())
-    assert found[AROUND_PD] == found[OVER_TYPE_1] == "holds"
-    assert found["a network of type 2 around INDI makes its error smaller"] == "cannot be decided"
+    assert found[ADDED_TO_PD] == found[OVER_TYPE_1] == "holds"
+    assert found["adding a type-2 network to INDI reduces the error"] == "cannot be decided"
 
 
 def test_a_network_that_harms_does_not_hold():
     found = verdicts(evaluation(network=1.1, other=1.05))
-    assert found[AROUND_PD] == found[OVER_TYPE_1] == "does not hold"
+    assert found[ADDED_TO_PD] == found[OVER_TYPE_1] == "does not hold"
 
 
 def test_a_network_that_crashes_where_nothing_else_does_holds_in_part():
     found = verdicts(evaluation(crashed=range(8)))
-    assert found[AROUND_PD] == "holds in part"
-    (text,) = (each.evidence for each in all_claims(evaluation(crashed=range(8))) if each.statement == AROUND_PD)
-    assert "outdoor: 8 samples crash with it alone, 0 with the other alone (p = 0.0078)" in text
-    assert verdicts(evaluation(crashed=range(2)))[AROUND_PD] == "holds"
+    assert found[ADDED_TO_PD] == "holds in part"
+    (text,) = (each.evidence for each in all_claims(evaluation(crashed=range(8))) if each.statement == ADDED_TO_PD)
+    assert "outdoor: it alone crashes on 8 samples, the other alone on 0 (p = 0.0078)" in text
+    assert verdicts(evaluation(crashed=range(2)))[ADDED_TO_PD] == "holds"
 
 
 def test_shares_are_those_of_the_same_samples():
@@ -53,16 +53,16 @@ def test_shares_are_those_of_the_same_samples():
 
 
 def test_a_map_serves_if_the_last_lap_is_better_than_the_first_and_than_no_map():
-    (claim,) = (each for each in all_claims(evaluation()) if each.statement.startswith("in laps"))
+    (claim,) = (each for each in all_claims(evaluation()) if each.statement.startswith("over several laps"))
     assert claim.verdict == "holds"
-    assert claim.evidence.startswith("in lap 3 its RMSE is less by 75.")
+    assert claim.evidence.startswith("in lap 3 its RMSE is smaller by 75.")
 
 
 def test_margin_is_paid_for_where_every_step_errs_less():
     found = evaluation()
     claim = judge_price_of_margin(found)
     assert claim.verdict == "holds"
-    assert "with a peak sensitivity of 3.00 in place of 1.60 the RMSE of INDI is less by 50." in claim.evidence
+    assert "with a peak sensitivity of 3.00 instead of 1.60, the RMSE of INDI is smaller by 50." in claim.evidence
     assert "from 62 ms to 33 ms" in claim.evidence
     found.flights["high wind"]["indi@3"] = flights(0.05, own=6)
     assert judge_price_of_margin(found).verdict == "holds in part"

@@ -236,9 +236,9 @@ def test_an_experiment_is_flown_job_by_job(monkeypatch, tmp_path):
         "outdoor": ["pd"], "laboratory": ["pd", "mpc"], PRICED_DESIGNS: ["indi@3"],
     }  # fmt: skip
     for name in ("mpc", "moon"):
-        with pytest.raises(InputError, match="there is no design of what shall be flown"):
+        with pytest.raises(InputError, match="none of the chosen controllers has a design"):
             fly_evaluation(tmp_path, ["outdoor"], QUICK, tmp_path, only=[name])
-    with pytest.raises(InputError, match="there is no design of what shall be flown"):
+    with pytest.raises(InputError, match="none of the chosen controllers has a design"):
         fly_evaluation(tmp_path, ["laboratory"], QUICK, tmp_path, only=["moon"])
 
 
@@ -273,7 +273,7 @@ def test_designs_for_other_limits_are_written_beside_those_that_are_there(tuned,
     assert [each.name for each in made] == [*designs_in(path)] == names
     assert list(path.parent.iterdir()) == [path]
     assert path.read_text(encoding="utf-8").startswith(
-        "# Controllers for laboratory.yaml with other limits on the peak sensitivity"
+        "# Controllers for laboratory.yaml that were designed with other limits on the peak sensitivity"
     )
     entry = entries_of(on_board=False, maps=False)["indi"]
     assert designs_in(path)["indi@1.6"] == entry.middle()
@@ -295,7 +295,7 @@ def test_a_network_is_tuned_without_a_linear_limit_but_with_late_frames(tuned, m
     (folder / "controllers" / "designed").mkdir(parents=True)
     (folder / "mine.yaml").write_text(f"mine: {{extends: '{diagrams}/laboratory.yaml:low_wind'}}\n", encoding="utf-8")
     family = LaboratoryFamily(
-        {"low wind": "mine.yaml"}, ("low wind",), "low wind", laps=overrides_for_laps(2), maps=True
+        {"low wind": "mine.yaml"}, ("low wind",), "low wind", lap_overrides=overrides_for_laps(2), maps=True
     )
     asked = []
 
@@ -307,7 +307,7 @@ def test_a_network_is_tuned_without_a_linear_limit_but_with_late_frames(tuned, m
     entries = {name: entries_of(on_board=False, maps=True)[name] for name in ("pd", "pd_t2fnn", "pd_t2fnn_map")}
     budget = Budget(rounds=3)
     made = list(protocol.design_family(folder, "mine", family, entries, budget=budget))
-    late = "numbers tuned in 3 rounds, 12.34 cm in training, also 30 ms late, with 88 % of the limit"
+    late = "numbers tuned in 3 rounds, 12.34 cm in training, also with 30 ms of extra delay, meets 88 % of the limit"
     assert [each.description for each in made] == [
         "6 numbers tuned in 3 rounds, 12.34 cm in training",
         *(f"{len(entries[name].knobs)} {late}" for name in ("pd_t2fnn", "pd_t2fnn_map")),

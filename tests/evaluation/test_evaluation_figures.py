@@ -38,8 +38,8 @@ def test_only_figures_that_have_flights_are_drawn():
     assert list(drawn) == ["errors", "networks", "margins", "laps"]
     labels = {name: [(axes.get_xlabel(), axes.get_ylabel()) for axes in figure.axes] for name, figure in drawn.items()}
     assert drawn["errors"].get_supxlabel() == "RMSE (cm)"
-    assert labels["networks"] == [("RMSE less than without the network (%)", "")]
-    sensitivity, delay = "peak sensitivity", "further delay without a crash (ms)"
+    assert labels["networks"] == [("reduction of the RMSE by the network (%)", "")]
+    sensitivity, delay = "peak sensitivity", "tolerated additional delay (ms)"
     assert labels["margins"] == [(sensitivity, "RMSE in high wind (cm)"), (delay, "")]
     assert labels["laps"] == [("lap", "RMSE (cm)")]
     for name in ("margins", "laps"):

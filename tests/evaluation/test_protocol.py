@@ -60,9 +60,9 @@ def test_other_designs_of_a_file_stay_as_they_are(tmp_path):
 def test_what_is_no_file_of_designs_is_told(tmp_path):
     path = tmp_path / "designs.yaml"
     path.write_text("- pd\n", encoding="utf-8")
-    with pytest.raises(InputError, match="must be a mapping of controllers by their names"):
+    with pytest.raises(InputError, match="must contain a mapping from names to controllers"):
         designs_in(path)
-    with pytest.raises(InputError, match="lqg is no controller that is tuned here"):
+    with pytest.raises(InputError, match="there is no tunable controller lqg"):
         tunable_entries(FAMILIES["outdoor"], tmp_path / "none.yaml", ["lqg"])
 
 

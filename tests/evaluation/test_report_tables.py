@@ -53,7 +53,7 @@ def test_the_report_that_is_shipped_is_that_of_the_default_sizes(root):
     for words in (
         f" laboratories with {whole.samples} samples each",
         f"| MPC ({whole.uncompiled} samples) |",
-        f"in lap {whole.max_laps} its RMSE is less by",
+        f"in lap {whole.max_laps} its RMSE is smaller by",
         f"none of {whole.delayed} samples crashes",
     ):
         assert words in text
@@ -108,9 +108,9 @@ def test_a_network_with_more_crashes_does_not_hold_even_if_its_error_is_smaller(
     found = evaluation(crashed=range(8))
     for place in FAMILIES["laboratory"].laboratories:
         del found.flights[place]["pd_t2fnn"]
-    (claim,) = (each for each in all_claims(found) if each.statement.endswith("around PD makes its error smaller"))
+    (claim,) = (each for each in all_claims(found) if each.statement.endswith("to PD reduces the error"))
     assert claim.verdict == "does not hold"
-    assert "RMSE is less by 28." in claim.evidence
+    assert "reduction of the RMSE: 28." in claim.evidence
     # A baseline that crashes more often is no reason against it.
     found.flights["outdoor"]["pd"] = flights(0.2, crashed=range(20, 40))
     found.flights["outdoor"]["pd_t2fnn"] = flights(0.1, own=2)
@@ -122,7 +122,7 @@ def test_a_network_is_said_to_keep_the_delay_of_each_family():
     found.traits["outdoor"] = {**found.traits["outdoor"], "pd_t2fnn": Traits(2.2, 0.06, 0.04, 1e-4, 1e-6)}
     claim = all_claims(found)[0]
     assert claim.evidence.endswith(
-        "; the delay that it stands goes from 90 ms to 90 ms (laboratory), 90 ms to 40 ms (outdoor)"
+        "; the tolerated delay changes from 90 ms to 90 ms (laboratory), 90 ms to 40 ms (outdoor)"
     )
 
 
@@ -133,11 +133,11 @@ def test_a_comparison_needs_both_controllers():
     assert "no wind" not in comparisons_by_laboratory(found, "pd_t1fnn", "pd")
     assert comparisons_by_laboratory(found, "l1", "pd") == {}
     statements = [each.statement for each in all_claims(found)]
-    assert not any("L1" in each or "over the position are better" in each for each in statements)
+    assert not any("L1" in each or "over the position has a smaller error" in each for each in statements)
     assert lap_counts(found, "pd_t2fnn_map") == [1, 2, 3]
     del found.flights[laboratory_with_laps(2)]["pd_t2fnn_map"]
     assert lap_counts(found, "pd_t2fnn_map") == [1]
-    assert not any(each.statement.startswith("in laps") for each in all_claims(found))
+    assert not any(each.statement.startswith("over several laps") for each in all_claims(found))
 
 
 def test_designs_are_ordered_by_their_peak_sensitivity():
@@ -189,7 +189,7 @@ def test_designs_with_other_limits_have_rows(found):
     ]
     without = evaluation()
     del without.traits["priced"]
-    assert "None were flown." in report_markdown(without, all_claims(without), [])
+    assert "No design was flown." in report_markdown(without, all_claims(without), [])
 
 
 def test_the_report_names_the_protocol_that_is_used(found):
@@ -212,7 +212,7 @@ def test_the_report_names_the_protocol_that_is_used(found):
     entries = entries_of(on_board=False, maps=True)
     rows = rows_of(report_markdown(found, claims, []))
     for each in entries.values():
-        tuned = f"the search, {len(each.knobs)} numbers" if each.knobs else "the designer of LQG"
+        tuned = f"search over {len(each.knobs)} numbers" if each.knobs else "Riccati equations"
         assert [each.label, each.plant_knowledge, tuned] in rows
 
 
@@ -239,7 +239,7 @@ def test_entries_without_a_design_are_listed(found):
         whole.traits[name] = dict.fromkeys(names, Traits(2.0, 0.1, 0.1, 1e-4, 1e-6))
         for place in family.laboratories:
             whole.flights[place] = {**whole.flights.get(place, {}), **dict.fromkeys(names, flights(0.1))}
-    assert "All controllers have a design for every family." in report_markdown(whole, all_claims(whole), [])
+    assert "All controllers have a design for each family." in report_markdown(whole, all_claims(whole), [])
 
 
 def test_the_best_controller_of_each_laboratory_is_named_with_its_equals():

@@ -130,7 +130,8 @@ def test_errors_beside_those_of_the_pd(found):
         over_slope[wind] = [less(row, baseline) for row in found.slopes[wind].metrics.rmse]
     best = max((each for cuts in over_slope.values() for each in cuts), key=lambda each: each[0])
     assert half.evidence == (
-        f"{least_to_most(cuts.values())} over winds and widths; λ, which is fitted, makes it {per_cent(best)} at best"
+        f"reductions of {least_to_most(cuts.values())} over winds and widths; at most {per_cent(best)} with another λ,"
+        " which is a fitted number"
     )
     listed = "; ".join(f"{named(*cell)} {per_cent(each)}" for cell, each in cuts.items())
     slopes = "; ".join(f"{NAMES[wind]} {least_to_most(each)}" for wind, each in over_slope.items())
@@ -141,7 +142,8 @@ def test_errors_beside_those_of_the_pd(found):
         opposite(over(found, "no_wind", name, "pd"), 1.0) for name in ("pd_t2fnn", "pd_t1fnn", "pd_t2fnn_wide")
     )
     assert without_wind.evidence == (
-        f"{per_cent(cut)}, fitted; not fitted: {named('no_wind', 'pd_t1fnn')} {per_cent(others[0])};"
+        f"{per_cent(cut)}, which was fitted; other networks, not fitted: {named('no_wind', 'pd_t1fnn')}"
+        f" {per_cent(others[0])};"
         f" {named('no_wind', 'pd_t2fnn_wide')} {per_cent(others[1])}"
     )
 
@@ -163,9 +165,9 @@ def test_type_2_beside_type_1(found):
         better[number] = [max(pair, key=lambda each: each[0]) for pair in zip(*both, strict=True)]
     windy = [gain for (wind, _), gain in gains.items() if wind != "no_wind"]
     assert against.evidence == (
-        f"in wind {least_to_most(windy)}; the better width, without wind, with noise from 0 to 20 mm"
-        f" {least_to_most(better['noise'])}, with q from 0.25 to 0.75 {least_to_most(better['q'][1:-1])};"
-        f" {per_cent(better['q'][0])} with q = 0, where only the upper memberships are left"
+        f"reductions of {least_to_most(windy)} in wind; without wind, with the better width,"
+        f" {least_to_most(better['noise'])} with noise from 0 to 20 mm, {least_to_most(better['q'][1:-1])} with q from"
+        f" 0.25 to 0.75, and {per_cent(better['q'][0])} with q = 0, where only the upper memberships count"
     )
     assert against.details == "; ".join(f"{named(*cell)} {per_cent(gain)}" for cell, gain in gains.items())
     assert against.verdict == "holds"
@@ -180,13 +182,13 @@ def test_type_2_beside_type_1(found):
     half = scipy.stats.t.ppf(0.975, count - 1) * np.sqrt(weights @ np.cov(four) @ weights / count)
     trend = (w_0 / n_0 - w / n) + half * np.array([0.0, -1.0, 1.0])
     assert wider.evidence == (
-        f"the error with wider sets is larger by {per_cent(larger[0])} without position noise and by"
-        f" {per_cent(larger[-1])} with 20 mm: they gain {per_cent(trend)}"
+        f"wider sets have an error that is larger by {per_cent(larger[0])} without position noise and by"
+        f" {per_cent(larger[-1])} with 20 mm, so noise reduces their disadvantage by {per_cent(trend)} of the error"
     )
-    text = ", ".join(f"{mm} mm {per_cent(each)}" for mm, each in zip((0, 1, 5, 10, 20), larger, strict=True))
-    assert (
-        wider.details
-        == f"larger by, at {text}; noise that adds the same to both errors makes a difference smaller, too"
+    text = ", ".join(f"{per_cent(each)} at {mm} mm" for mm, each in zip((0, 1, 5, 10, 20), larger, strict=True))
+    assert wider.details == (
+        f"the error with wider sets is larger by {text}; noise that adds equally to both errors would also make the"
+        " relative difference smaller"
     )
 
 
@@ -194,7 +196,7 @@ def test_peaks_the_part_of_the_pd_and_effort(found):
     _, _, _, _, peak, peaks, fading, effort, windy, *_ = all_claims(found)
     pd, network = (interval(found.cells[Cell("no_wind", name)].metrics.peak_error) for name in ("pd", "pd_t2fnn"))
     cut = opposite(over(found, "no_wind", "pd_t2fnn", "pd", "peak_error"), 1.0)
-    assert peak.evidence == f"{metres(pd)} and {metres(network)}, {per_cent(cut)} less"
+    assert peak.evidence == f"{metres(pd)} and {metres(network)}, a reduction of {per_cent(cut)}"
     assert peak.verdict == "holds"
     differences = {}
     for wind in ("low_wind", "high_wind"):
@@ -205,7 +207,9 @@ def test_peaks_the_part_of_the_pd_and_effort(found):
     def millimetres(length):
         return Interval(*length).text(unit="mm", size=1e-3, signed=True)
 
-    assert peaks.evidence == f"peaks beside those of type 1: {least_to_most(differences.values(), millimetres)}"
+    assert peaks.evidence == (
+        f"peaks of type 2 minus those of type 1: {least_to_most(differences.values(), millimetres)}"
+    )
     assert peaks.details == "; ".join(f"{named(*cell)} {millimetres(each)}" for cell, each in differences.items())
     assert peaks.verdict == "holds"
 
@@ -218,15 +222,14 @@ def test_peaks_the_part_of_the_pd_and_effort(found):
         for measure in ("pd_fade", "pd_return")
     )
     assert fading.evidence == (
-        "without wind the PD's output in the last quarter of a flight is on average"
-        f" {per_cent(left['no_wind', 'pd_t2fnn'])} of that in the quarter after the rise, and in the 1 s after a change"
-        " of segment"
-        f" {per_cent(returned['no_wind', 'pd_t2fnn'])} of that in the 1 s before"
+        "without wind, the RMS of the PD's output in the last quarter of a flight is"
+        f" {per_cent(left['no_wind', 'pd_t2fnn'])} of that in the quarter after the rise; in the 1 s after a change of"
+        f" segment, it is {per_cent(returned['no_wind', 'pd_t2fnn'])} of that in the 1 s before"
     )
     listed = [
         "; ".join(f"{named(*cell)} {per_cent(each)}" for cell, each in shares.items()) for shares in (left, returned)
     ]
-    assert fading.details == f"left is, {listed[0]}; after a change, {listed[1]}"
+    assert fading.details == (f"ratio of the last quarter: {listed[0]}; ratio after a change of segment: {listed[1]}")
 
     shares = {
         (wind, name, axis): over(found, wind, name, "pd", f"effort_{axis}")
@@ -234,7 +237,7 @@ def test_peaks_the_part_of_the_pd_and_effort(found):
         for name in NETWORKS
         for axis in "xy"
     }
-    assert effort.evidence == f"{least_to_most(shares.values(), plain)} times the PD's effort"
+    assert effort.evidence == f"the networks need {least_to_most(shares.values(), plain)} times the PD's effort"
     assert effort.details == "; ".join(
         f"{named(wind, name)} on {axis.upper()} {plain(each)}" for (wind, name, axis), each in shares.items()
     )
@@ -245,7 +248,7 @@ def test_peaks_the_part_of_the_pd_and_effort(found):
         for name in CONTROLLERS
         for wind in ("low_wind", "high_wind")
     }
-    assert windy.evidence == f"errors rise by {least_to_most(rises.values())}"
+    assert windy.evidence == f"errors increase by {least_to_most(rises.values())}"
     assert windy.details == "; ".join(f"{named(*cell)} {per_cent(each)}" for cell, each in rises.items())
     assert windy.verdict == "holds in part"
 
@@ -261,8 +264,9 @@ def test_gains_on_straight_lines_on_curves_and_on_a_map(found):
     pairs = [(1.0, 0.5), (1.0, 1.0), (2.0, 0.5), (2.0, 1.0), (4.0, 0.5), (4.0, 1.0)]
     texts = ["k_P = {:.2f} and k_D = {:.2f}".format(*pairs[place]) for place in (on_straight, on_curved)]
     assert legs.evidence == (
-        f"best on straight lines are {texts[0]}, on curves {texts[1]}; on other samples the first are {per_cent(worse)}"
-        f" worse on curves, and on straight lines the command of the second moves {plain(livelier)} times as much"
+        f"the best gains are {texts[0]} on straight lines, and {texts[1]} on curves; on other samples, the former have"
+        f" a {per_cent(worse)} larger error on curves, and with the latter the command varies {plain(livelier)} times"
+        " as much on straight lines"
     )
     kept = [[column[np.isfinite(column)] for column in errors(found.maps[name]).T] for name in ("pd", "pd_t2fnn")]
     share = [np.array([np.mean(column <= 1.2 * column.min()) for column in columns]) for columns in kept]
@@ -273,15 +277,15 @@ def test_gains_on_straight_lines_on_curves_and_on_a_map(found):
     ]
     assert crashing[0] != crashing[1]
     assert circle.evidence == (
-        f"on average over samples, within 20 % of the best error are {per_cent(interval(share[0]))} of the gains that"
-        f" stabilise the PD, and {per_cent(interval(share[1]))} of those that stabilise it with the network; half of"
-        f" these gains have more than {plain(typical[0])} times the best error, and {plain(typical[1])} times with the"
-        f" network; the best errors are {metres(best[0])} and {metres(best[1])}"
+        f"of the gains that stabilise the loop, {per_cent(interval(share[0]))} have an error within 20 % of the best"
+        f" with the PD, and {per_cent(interval(share[1]))} with PD+T2FNN; the median error is {plain(typical[0])} times"
+        f" the best one with the PD, and {plain(typical[1])} times with PD+T2FNN; the best errors are"
+        f" {metres(best[0])} and {metres(best[1])}"
     )
     assert circle.details == (
-        "3 × 2 gains, k_P from 1 to 4 1/s² and k_D from 0.5 to 1 1/s, in equal ratios, 4 samples each; a sample crashes"
-        f" with {crashing[0]} of them, and with {crashing[1]} with the network; the share is"
-        f" {per_cent(interval(share[1] - share[0]))} larger with it"
+        "3 × 2 gains, k_P from 1 to 4 1/s² and k_D from 0.5 to 1 1/s in geometric steps, 4 samples each; a sample"
+        f" crashes with {crashing[0]} of these gains for the PD, and with {crashing[1]} for PD+T2FNN; the network"
+        f" increases the share by {per_cent(interval(share[1] - share[0]))} of the gains"
     )
     np.testing.assert_allclose(near_best_share(found.maps["pd"]), share[0])
     np.testing.assert_allclose(interval(median_to_best_ratio(found.maps["pd"])), typical[0])

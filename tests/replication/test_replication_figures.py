@@ -70,7 +70,7 @@ def test_figures_stand_in_the_order_of_the_report(found, flights):
         error = drawn[f"figure_{number}"].axes[0].lines[0].get_ydata()
         np.testing.assert_array_equal(error, every[Cell(wind, "pd")].euclidean_error)
     labels = {name: [(axes.get_xlabel(), axes.get_ylabel()) for axes in figure.axes] for name, figure in drawn.items()}
-    errors = [("", "Euclidean error (m)"), ("time (s)", "minus that of\ntype 1 (mm)")]
+    errors = [("", "Euclidean error (m)"), ("time (s)", "difference from\ntype 1 (mm)")]
     assert labels == {
         "table_ii": [("", ""), ("", ""), ("RMSE (m)", "")],
         "figure_4": [("", "membership"), ("", ""), ("(x - c) / d", "membership"), ("(x - c) / d", "")],
@@ -81,7 +81,7 @@ def test_figures_stand_in_the_order_of_the_report(found, flights):
         "figure_11": errors,
         "figure_12": [("time (s)", "command on X (m/s²)")],
         "figure_13": [("time (s)", "command on Y (m/s²)")],
-        "advantage": [("noise of the cameras (mm)", "RMSE less than type 1's"), ("q", "")],
+        "advantage": [("noise of the cameras (mm)", "reduction of the RMSE"), ("q", "")],
         "gains": [("$k_D$ (1/s)", "$k_P$ (1/s²)"), ("$k_D$ (1/s)", ""), ("", "RMSE (m)")],
         "fair": [("mean RMSE (m)", "")],
     }
