@@ -112,8 +112,8 @@ def tune(arguments: argparse.Namespace) -> None:
             )
         start = time.monotonic()
         for design in designs:
-            spent = time.monotonic() - start
-            print(f"{name}: {design.name}, {design.description}, {spent:.0f} s", flush=True)
+            duration = time.monotonic() - start
+            print(f"{name}: {design.name}, {design.description}, {duration:.0f} s", flush=True)
             start = time.monotonic()
         print_files([path])
 

@@ -294,13 +294,13 @@ def _ticks(fleet: StudyFleet) -> float:
 
 def single_vehicle_time(scenario: Scenario, *, compiled: bool = True) -> float:
     """Return the CPU time per tick of the whole loop with a single vehicle, the shortest of several flights, s."""
-    fleet, cpu_time = StudyFleet(scenario, plan_route(scenario), 1, compiled=compiled), []
+    fleet, cpu_times = StudyFleet(scenario, plan_route(scenario), 1, compiled=compiled), []
     for sample in range(FIRST_EVALUATION_SAMPLE, FIRST_EVALUATION_SAMPLE + _NUM_TIMED_FLIGHTS):
         start = time.process_time()
         metrics = fleet.fly([sample])
         flown = min(fleet.duration, float(metrics.crash_time.min()))
-        cpu_time.append((time.process_time() - start) * fleet.duration / flown)
-    return min(cpu_time) / _ticks(fleet)
+        cpu_times.append((time.process_time() - start) * fleet.duration / flown)
+    return min(cpu_times) / _ticks(fleet)
 
 
 def delay_flown(scenario: Scenario, sizes: EvaluationSizes) -> float:

@@ -462,7 +462,7 @@ def test_sensitivities_are_sorted_by_effect(run, tmp_path):
         ),
         ("tune", ["--tune", "control.position.k_p.0=3"], "the range 3, but must have LOW:HIGH"),
         ("judge", ["--samples", "1"], "--samples is 1, but must be between 2 and 10000"),
-        ("judge", ["--tune", "outdoor", "--only", "lqg"], "lqg is no controller that is tuned here"),
+        ("judge", ["--tune", "outdoor", "--only", "lqg"], "there is no tunable controller lqg"),
         ("design-lqg", ["--sensitivity", "1"], "--sensitivity is 1, but must be between 1.2 and 10"),
         ("design-lqg", ["--delay-margin", "-1"], "--delay-margin is -1, but must be between 0 and 10"),
         ("design-lqg", ["--snap", "0"], "--snap is 0, but must be between 0.1 and 10000"),
