@@ -68,7 +68,7 @@ def comparisons_by_laboratory(evaluation: Evaluation, controller: str, other: st
     Args:
         evaluation: flights and traits of all controllers.
         controller: name of the controller.
-        other: name of the baseline.
+        other: name of the controller to compare with.
 
     Returns:
         Comparisons by laboratory.
@@ -112,8 +112,8 @@ def judge_smaller_error(evaluation: Evaluation, controller: str, other: str, sta
     Args:
         evaluation: flights and traits of all controllers.
         controller: name of the controller.
-        other: name of the baseline.
-        statement: statement of the claim.
+        other: name of the controller to compare with.
+        statement: text of the claim.
 
     Returns:
         The claim; None if there is no laboratory in which both controllers were flown.

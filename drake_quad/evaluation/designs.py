@@ -35,8 +35,8 @@ def write_designs(path: Path, designs: Mapping[str, Tree], *, comments: Mapping[
     """Write designs into a file atomically, without changing its other designs, and return the path.
 
     Args:
-        path: path of the file.
-        designs: designs by name.
+        path: path of the YAML file with the designs of a family.
+        designs: fields of each design, by its name.
         comments: comments that are written next to the names of the designs, by name.
         header: new comment at the top of the file; the present comment is kept if it is empty.
     """

@@ -41,7 +41,7 @@ class ControllerEntry(NamedTuple):
         """Return the controller as part of a scenario.
 
         Args:
-            numbers: values of the knobs.
+            numbers: value of each knob.
         """
         tree = {"control": deepcopy(self.control)}
         for knob, number in zip(self.knobs, numbers, strict=True):
@@ -223,11 +223,11 @@ def _network(base: ControllerEntry, name: str, kind: str, inputs: Tree, law: Tre
     """Return a controller with a network.
 
     Args:
-        base: controller without a network.
-        name: name of this controller.
+        base: controller to which the network is added.
+        name: name of the base controller in files.
         kind: kind of the network, a key of `NETWORKS`.
-        inputs: inputs of the network.
-        law: learning law.
+        inputs: fields of the inputs of the network.
+        law: fields of the learning law.
     """
     adaptive = kind == "t2fnn_adaptive"
     network: Tree = {"kind": "type_1" if kind == "t1fnn" else "type_2", "axes": ["x", "y"]}

@@ -161,7 +161,7 @@ def fly_family(
     Args:
         diagrams: folder of the shipped scenarios.
         name: name of the family.
-        family: family of laboratories.
+        family: laboratories of this family.
         controller: name of the controller in the family's file.
         sizes: sizes of the evaluation.
 
@@ -189,8 +189,8 @@ def fly_controller(
     Args:
         diagrams: folder of the shipped scenarios.
         name: name of the family.
-        family: family of laboratories.
-        controller: controller that is flown.
+        family: laboratories of this family.
+        controller: controller to fly.
         sizes: sizes of the evaluation.
         base: controller without the network, whose margins are returned; by default, the controller itself.
         uncompiled: True to fly fewer samples, in an uncompiled diagram.
@@ -229,7 +229,7 @@ def fly_laps(
     Args:
         diagrams: folder of the shipped scenarios.
         name: name of the family.
-        family: family of laboratories.
+        family: laboratories of this family.
         entries: names of the controllers that may be flown.
         sizes: sizes of the evaluation.
     """
@@ -253,7 +253,7 @@ def fly_priced(
 
     Args:
         diagrams: folder of the shipped scenarios.
-        family: family of laboratories.
+        family: laboratories of this family.
         entries: names of the controllers that may be flown.
         sizes: sizes of the evaluation.
     """
@@ -279,7 +279,7 @@ def timed_flights(scenario: Scenario, count: int, *, compiled: bool = True) -> t
 
     Args:
         scenario: scenario to fly.
-        count: number of samples.
+        count: number of samples, from `FIRST_EVALUATION_SAMPLE` on.
         compiled: True to compile the diagram to machine code; False to simulate the uncompiled diagram.
     """
     fleet = StudyFleet(scenario, plan_route(scenario), count, compiled=compiled)

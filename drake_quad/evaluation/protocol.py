@@ -49,7 +49,7 @@ def tunable_entries(
     A network is omitted if its base controller is neither in the file nor among the chosen entries.
 
     Args:
-        family: family of laboratories.
+        family: laboratories of this family.
         path: path of the file with the family's designs.
         names: names of the chosen entries; all by default.
 
@@ -78,7 +78,7 @@ def design_family(
     Args:
         diagrams: folder of the shipped scenarios.
         name: name of the family.
-        family: family of laboratories.
+        family: laboratories of this family.
         entries: entries from `tunable_entries`.
         budget: budget of each search.
     """
@@ -134,7 +134,7 @@ def training_scenarios(diagrams: Path, family: LaboratoryFamily, layer: str, ent
 
     Args:
         diagrams: folder of the shipped scenarios.
-        family: family of laboratories.
+        family: laboratories of this family.
         layer: FILE:NAME of the controller.
         entry: entry of the controller.
     """

@@ -273,17 +273,17 @@ def median_to_best_ratio(sweep: Sweep) -> np.ndarray:
     return np.asarray(np.nanmedian(rmse, axis=0) / np.nanmin(rmse, axis=0))
 
 
-def advantage(sweep: Sweep, number: str, value: float, controller: str) -> Interval:
+def advantage(sweep: Sweep, setting: str, value: float, controller: str) -> Interval:
     """Return the relative reduction of the mean error by a type-2 controller, compared with type 1.
 
     Args:
-        sweep: sweep over a setting.
-        number: name of the setting.
+        sweep: sweep over a setting, such as the noise.
+        setting: name of the setting.
         value: value of the setting.
         controller: name of the type-2 controller.
     """
     return _error_reduction(
-        _errors_at_setting(sweep, number, value, controller), _errors_at_setting(sweep, number, value, "pd_t1fnn")
+        _errors_at_setting(sweep, setting, value, controller), _errors_at_setting(sweep, setting, value, "pd_t1fnn")
     )
 
 
@@ -314,31 +314,31 @@ def _printed_reductions(cells: Iterable[Cell], baseline: str) -> list[float]:
     return [1.0 - means[cell] / means[Cell(cell.wind, baseline)] for cell in cells if cell in means]
 
 
-def _errors_at_setting(sweep: Sweep, number: str, value: float, controller: str) -> np.ndarray:
+def _errors_at_setting(sweep: Sweep, setting: str, value: float, controller: str) -> np.ndarray:
     """Return the RMSE (samples,) for one value of a setting and the exponents of a controller.
 
     Args:
         sweep: sweep over the setting.
-        number: name of the setting.
+        setting: name of the setting.
         value: value of the setting.
         controller: name of a controller with a network.
     """
     a1, a2 = EXPONENTS[controller]
-    chosen = (sweep.settings[number] == value) & (sweep.settings["a1"] == a1) & (sweep.settings["a2"] == a2)
+    chosen = (sweep.settings[setting] == value) & (sweep.settings["a1"] == a1) & (sweep.settings["a2"] == a2)
     (place,) = np.flatnonzero(chosen)
     errors: np.ndarray = _errors(sweep)[place]
     return errors
 
 
-def _best_advantage(sweep: Sweep, number: str, value: float) -> Interval:
+def _best_advantage(sweep: Sweep, setting: str, value: float) -> Interval:
     """Return the relative reduction of the mean error by the better type-2 controller, compared with type 1.
 
     Args:
         sweep: sweep over the setting.
-        number: name of the setting.
+        setting: name of the setting.
         value: value of the setting.
     """
-    return max((advantage(sweep, number, value, name) for name in _TYPE_2_CONTROLLERS), key=lambda gain: gain.value)
+    return max((advantage(sweep, setting, value, name) for name in _TYPE_2_CONTROLLERS), key=lambda gain: gain.value)
 
 
 def _errors(sweep: Sweep) -> np.ndarray:
@@ -407,9 +407,9 @@ def _span_text(values: Sequence[float] | np.ndarray, size: float, form: str) -> 
     """Return the smallest and the largest value as text.
 
     Args:
-        values: values.
+        values: numbers, such as shares.
         size: factor by which the values are multiplied.
-        form: format of a number.
+        form: format specification of a number, such as ".2f".
     """
     return f"{size * min(values):{form}} to {size * max(values):{form}}"
 

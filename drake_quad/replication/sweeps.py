@@ -56,8 +56,8 @@ def load_sweep(path: Path, kind: type[MetricsType]) -> Sweep[MetricsType]:
     """Read a sweep.
 
     Args:
-        path: path of the file.
-        kind: class of the metrics.
+        path: path of the CSV file.
+        kind: class of the metrics in the file, `Metrics` or `LegMetrics`.
 
     Raises:
         InputError: the file cannot be read.

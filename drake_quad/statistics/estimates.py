@@ -84,7 +84,7 @@ def share_interval(count: int, total: int, confidence: float = CONFIDENCE) -> In
     Args:
         count: number of samples in which the event occurred.
         total: number of all samples.
-        confidence: confidence of the interval.
+        confidence: probability that the interval contains the true value.
 
     Returns:
         The share of samples with the event. It is NaN with the interval [0, 1] if there are no samples.
@@ -107,7 +107,7 @@ def rank_correlation(x: np.ndarray, y: np.ndarray, confidence: float = CONFIDENC
     Args:
         x: (n,) values of the first variable.
         y: (n,) values of the second variable.
-        confidence: confidence of the interval.
+        confidence: probability that the interval contains the true value.
     """
     if len(x) < 4 or np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
         return Interval(math.nan, math.nan, math.nan)
@@ -125,7 +125,7 @@ def partial_rank_correlation(
         x: (n,) values of the first variable.
         y: (n,) values of the second variable.
         given: (k, n) values of the other variables.
-        confidence: confidence of the interval.
+        confidence: probability that the interval contains the true value.
     """
     if not len(given):
         return rank_correlation(x, y, confidence)
@@ -173,7 +173,7 @@ def _correlation_interval(rho: float, count: int, confidence: float) -> Interval
     Args:
         rho: rank correlation.
         count: number of pairs.
-        confidence: confidence of the interval.
+        confidence: probability that the interval contains the true value.
     """
     half_width = scipy.special.ndtri(0.5 * (1.0 + confidence)) * math.sqrt((1.0 + 0.5 * rho * rho) / (count - 3))
     centre = math.atanh(max(min(rho, 1.0 - 1e-15), -1.0 + 1e-15))
@@ -199,6 +199,6 @@ def _half_width(deviation: Any, count: Any, confidence: float) -> Any:
     Args:
         deviation: standard deviation of the values.
         count: number of values.
-        confidence: confidence of the interval.
+        confidence: probability that the interval contains the true value.
     """
     return scipy.special.stdtrit(count - 1, 0.5 * (1.0 + confidence)) * deviation / np.sqrt(count)

@@ -30,7 +30,7 @@ class Interval(NamedTuple):
     as for the mean of a single sample.
 
     Attributes:
-        value: estimate.
+        value: estimated value.
         low: lower end of the interval.
         high: upper end of the interval.
     """
@@ -187,7 +187,7 @@ def _is_close(end: float, value: float, largest: float) -> bool:
 
     Args:
         end: end of the interval.
-        value: estimate.
+        value: estimated value.
         largest: largest absolute value of the numbers of the interval.
     """
     return end == value or abs(end - value) <= _ROUNDING_TOLERANCE * largest

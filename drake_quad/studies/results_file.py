@@ -81,7 +81,7 @@ class ResultsFile:
     """Results file that is open for appending rows.
 
     Args:
-        path: path of the file.
+        path: path of the CSV file.
         row_format: format of the rows.
         file: unbuffered file object that is open for reading and writing.
     """

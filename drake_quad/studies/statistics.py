@@ -74,7 +74,7 @@ class Influence(NamedTuple):
     """Influence of a drawn number on a metric.
 
     Attributes:
-        path: path of the field.
+        path: path of the drawn field, such as vehicle.mass.
         correlation: rank correlation of the number and the metric. If the number is correlated with others, it includes
             their influence.
         partial: partial rank correlation, given the numbers that are correlated with this one; equal to `correlation`
@@ -94,7 +94,7 @@ def influences(study: Study, name: str = "rmse") -> list[Influence]:
     """Return the influence of each drawn number on a metric of the flights without a crash, the largest one first.
 
     Args:
-        study: study with the samples.
+        study: study of a scenario with distributions.
         name: name of the metric, or "crashed" for the influence on crashes, where all flights count.
     """
     values = np.asarray(getattr(study.metrics, name), dtype=float)
@@ -142,8 +142,8 @@ def crash_bins(study: Study, path: str, *, num_bins: int | None = None) -> list[
     each value.
 
     Args:
-        study: study with the samples.
-        path: path of the field.
+        study: study of a scenario with distributions.
+        path: path of the drawn field, such as vehicle.mass.
         num_bins: number of bins, unless there are fewer different numbers. The default is the cube root of the number
             of samples, limited to 2 to 20. More samples then make the bins narrower and their intervals shorter.
 
@@ -220,7 +220,7 @@ def compare(metrics: Metrics, baseline: Metrics, name: str = "rmse") -> Comparis
     Args:
         metrics: (n,) metrics of one controller.
         baseline: (n,) metrics of the baseline on the same samples.
-        name: name of the metric.
+        name: name of the compared metric.
     """
     value, reference = getattr(metrics, name), getattr(baseline, name)
     valid = ~(metrics.crashed | baseline.crashed | np.isnan(value) | np.isnan(reference))

@@ -192,7 +192,7 @@ def rows_of(batch: Batch, metrics: Metrics, obstacle_hit: np.ndarray | None = No
     """Return the rows (n, columns) of a batch.
 
     Args:
-        batch: batch of n samples.
+        batch: batch of n samples that were flown.
         metrics: (n,) values of each metric.
         obstacle_hit: (n,) number of the obstacle that each sample crashed into, or 0; not used without obstacles.
     """

@@ -15,7 +15,7 @@ from drake_quad.command_line import map as stability_map
 from drake_quad.command_line.main import COMMANDS, module_of
 from drake_quad.command_line.options import overrides_of, scenario_of
 from drake_quad.identification.logs.record import FlightRecord
-from drake_quad.replication.report import FIGURES
+from drake_quad.replication.report import CAPTIONS
 from drake_quad.scenario.batch import draw_sample
 
 # Commands of a scenario that write nothing, and those that have no scenario.
@@ -157,14 +157,14 @@ def test_the_bar_of_a_report_counts_its_figures(run, replaced, monkeypatch, tmp_
     monkeypatch.setattr(replicate, "new_bar", lambda *items, **options: bars.append(Bar(*items, **options)) or bars[-1])
 
     def write_report(*_, progress, **__):
-        for _ in FIGURES:
+        for _ in CAPTIONS:
             progress()
         return []
 
     findings = SimpleNamespace(entries=[], claims=[])
     replaced("replicate", fly_experiment=None, read_experiment=None, findings_of=findings, write_report=write_report)
     assert run("replicate", "--quick", "--workers", 1, "--output", tmp_path).returncode == 0
-    assert bars[-1].n == bars[-1].total == len(FIGURES)
+    assert bars[-1].n == bars[-1].total == len(CAPTIONS)
 
 
 def test_correlations_and_obstacles_of_a_study_are_told(capsys, tmp_path):
@@ -179,7 +179,7 @@ def test_correlations_and_obstacles_of_a_study_are_told(capsys, tmp_path):
     study.print_study("mine", found, tmp_path, "compiled")
     text = capsys.readouterr().out
     assert "(vehicle.mass and vehicle.linear_drag by +0.45 and 2 pairs more)" in text
-    assert "means and deviations are of the 2 samples that flew to the end" in text
+    assert "means and standard deviations are those of the 2 samples without a crash" in text
     (post,) = (line.split() for line in text.splitlines() if line.startswith("post"))
     assert post[1] == "1"
     assert "crashed into post at 3.00 s" in text
