@@ -17,7 +17,7 @@ from drake_quad.reports.results import read_columns
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.models import Scenario
 
-MetricsType = TypeVar("SomeMetrics", Metrics, LegMetrics)
+MetricsType = TypeVar("MetricsType", Metrics, LegMetrics)
 
 
 @dataclass(frozen=True)

@@ -53,7 +53,7 @@ def test_a_shipped_design_differs_from_its_entry_only_in_its_tuned_numbers(name,
                 assert entries[key].tree([numbers_in(design, knob.paths)[0] for knob in knobs]) == design
 
 
-def test_an_entry_says_how_a_controller_is_flown_and_trained():
+def test_entries_have_consistent_attributes():
     entries = entries_of(on_board=False, maps=True)
     assert [name for name, each in entries.items() if each.uncompiled] == ["mpc"]
     in_laps = [name for name, each in entries.items() if each.trained_in_laps]
@@ -68,7 +68,7 @@ def test_an_entry_says_how_a_controller_is_flown_and_trained():
     assert entries.keys() - entries_of(on_board=True, maps=True).keys() == {"geometric"}
 
 
-def test_the_middle_of_the_ranges_is_that_of_their_logarithms():
+def test_the_middle_of_a_range_is_its_geometric_mean():
     entry = entries_of(on_board=True, maps=False)["pd"]
     tree = entry.middle()
     for knob in entry.knobs:
@@ -109,7 +109,7 @@ def plain(tree):
 
 
 @pytest.mark.slow
-def test_designs_that_are_written_again_leave_the_text_of_their_file_as_it_is(diagrams, tmp_path):
+def test_rewriting_designs_does_not_change_their_file(diagrams, tmp_path):
     path = design_file(diagrams, "neural_fly")
     copy = tmp_path / "designs.yaml"
     copy.write_bytes(path.read_bytes())

@@ -24,18 +24,18 @@ ADDED_TO_PD = "adding a type-2 network to PD reduces the error"
 OVER_TYPE_1 = "with the PD, a type-2 network has a smaller error than a type-1 network"
 
 
-def test_a_network_that_helps_everywhere_holds_and_one_that_changes_nothing_cannot_be_decided():
+def test_claims_about_effective_networks_hold_and_about_neutral_ones_are_undecided():
     found = verdicts(evaluation())
     assert found[ADDED_TO_PD] == found[OVER_TYPE_1] == "holds"
     assert found["adding a type-2 network to INDI reduces the error"] == "cannot be decided"
 
 
-def test_a_network_that_harms_does_not_hold():
+def test_a_claim_about_a_harmful_network_does_not_hold():
     found = verdicts(evaluation(network=1.1, other=1.05))
     assert found[ADDED_TO_PD] == found[OVER_TYPE_1] == "does not hold"
 
 
-def test_a_network_that_crashes_where_nothing_else_does_holds_in_part():
+def test_crashes_by_a_network_make_its_claim_hold_in_part():
     found = verdicts(evaluation(crashed=range(8)))
     assert found[ADDED_TO_PD] == "holds in part"
     (text,) = (each.evidence for each in all_claims(evaluation(crashed=range(8))) if each.statement == ADDED_TO_PD)
@@ -43,7 +43,7 @@ def test_a_network_that_crashes_where_nothing_else_does_holds_in_part():
     assert verdicts(evaluation(crashed=range(2)))[ADDED_TO_PD] == "holds"
 
 
-def test_shares_are_those_of_the_same_samples():
+def test_reductions_are_paired_by_sample():
     compared = comparisons_by_laboratory(evaluation(network=0.9, other=0.8), "pd_t2fnn", "pd")
     assert list(compared) == [*FAMILIES["laboratory"].laboratories, "outdoor"]
     for each in compared.values():
@@ -52,13 +52,13 @@ def test_shares_are_those_of_the_same_samples():
         assert reduction(each.ratio).high - reduction(each.ratio).low < 0.002
 
 
-def test_a_map_serves_if_the_last_lap_is_better_than_the_first_and_than_no_map():
+def test_learning_in_laps_must_improve_on_the_first_lap_and_on_no_network():
     (claim,) = (each for each in all_claims(evaluation()) if each.statement.startswith("over several laps"))
     assert claim.verdict == "holds"
     assert claim.evidence.startswith("in lap 3 its RMSE is smaller by 75.")
 
 
-def test_margin_is_paid_for_where_every_step_errs_less():
+def test_margin_costs_accuracy_if_every_step_reduces_the_error():
     found = evaluation()
     claim = judge_price_of_margin(found)
     assert claim.verdict == "holds"
@@ -68,7 +68,7 @@ def test_margin_is_paid_for_where_every_step_errs_less():
     assert judge_price_of_margin(found).verdict == "holds in part"
 
 
-def test_the_best_is_that_of_least_error_which_hardly_crashes():
+def test_the_best_controller_has_the_smallest_error_and_hardly_crashes():
     found = evaluation()
     assert sorted(best_controllers(found, "low wind")) == ["indi", "indi_t2fnn"]
     found.flights["low wind"]["pd"] = flights(0.03)
@@ -79,7 +79,7 @@ def test_the_best_is_that_of_least_error_which_hardly_crashes():
     assert sorted(best_controllers(found, "low wind")) == ["indi", "indi_t2fnn"]
 
 
-def test_what_is_written_is_read_again(tmp_path):
+def test_an_evaluation_is_read_as_it_was_written(tmp_path):
     found = evaluation(crashed=[1])
     flights_file, traits_file = write_evaluation(tmp_path, found)
     assert (flights_file.name, traits_file.name) == ("flights.csv", "traits.csv")
@@ -99,7 +99,7 @@ def test_what_is_written_is_read_again(tmp_path):
         read_evaluation(tmp_path)
 
 
-def test_the_report_says_what_the_numbers_say(tmp_path):
+def test_the_report_agrees_with_the_numbers(tmp_path):
     found = evaluation(crashed=range(8))
     found.flights["low wind"]["indi_t2fnn"] = flights(0.05)
     text = report_markdown(found, all_claims(found), ["errors"])

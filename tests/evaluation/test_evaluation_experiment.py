@@ -50,7 +50,7 @@ def told(monkeypatch):
     monkeypatch.setattr(experiment, "single_vehicle_time", lambda of, compiled=True: f"lone {of} {compiled}")
 
 
-def test_a_family_is_judged_in_each_of_its_laboratories(told, diagrams):
+def test_a_controller_flies_in_each_laboratory_of_its_family(told, diagrams):
     family = LaboratoryFamily({"gale": "a", "calm": "b"}, ("calm",), "gale", on_board=False, maps=True)
     for name in ("pd", "pd_t2fnn_map", "mpc"):
         *found, last = fly_family(diagrams, "mine", family, name, SIZES)
@@ -70,7 +70,7 @@ def test_a_family_is_judged_in_each_of_its_laboratories(told, diagrams):
         assert math.isnan(stood) if uncompiled else stood == f"stood {windy} 4"
 
 
-def test_shorter_flights_are_those_of_all_laboratories_but_not_of_the_margins(told, diagrams):
+def test_margins_do_not_depend_on_the_flight_duration(told, diagrams):
     family = FAMILIES["neural_fly"]
     found = list(fly_family(diagrams, "neural_fly", family, "indi_t2fnn_map", SIZES._replace(duration=2.5)))
     assert [place for place, *_ in found] == [*family.laboratories, "neural_fly"]
@@ -81,7 +81,7 @@ def test_shorter_flights_are_those_of_all_laboratories_but_not_of_the_margins(to
     assert SIZES.overrides == ()
 
 
-def test_maps_and_what_they_stand_around_fly_all_numbers_of_laps(told, diagrams):
+def test_position_networks_and_their_bases_fly_all_numbers_of_laps(told, diagrams):
     entries = ["pd", "pd_t2fnn", "indi", "indi_t2fnn_map", "lqg"]
     found = list(fly_laps(diagrams, "laboratory", FAMILIES["laboratory"], entries, SIZES))
     assert [each[:2] for each in found] == [
@@ -105,7 +105,7 @@ def test_designs_with_other_limits_fly_in_high_wind(told, diagrams):
     )
 
 
-def test_times_are_cpu_times_of_a_vehicle_a_tick(monkeypatch, diagrams):
+def test_times_are_cpu_times_per_vehicle_and_tick(monkeypatch, diagrams):
     """A flight of 4 s has 200 ticks of 20 ms. Three lone flights take 3 s, 1 s and, up to a crash after 1 s, 0.5 s."""
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal")
     clock, made, flown = iter([0.0, 14.0, 20.0, 23.0, 30.0, 31.0, 40.0, 40.5]), [], []
@@ -139,7 +139,7 @@ def test_times_are_cpu_times_of_a_vehicle_a_tick(monkeypatch, diagrams):
 @pytest.mark.parametrize(
     ("crashes_from", "expected"), [(0.0, -0.01), (1.0, 0.0), (4.0, 0.03), (6.0, 0.05), (7.0, math.inf)]
 )
-def test_the_delay_that_is_flown_is_one_frame_less_than_the_first_that_crashes(
+def test_the_tolerated_delay_is_one_frame_less_than_the_first_with_a_crash(
     monkeypatch, diagrams, crashes_from, expected
 ):
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal")
@@ -177,7 +177,7 @@ def test_margins_are_those_of_the_worst_loop(monkeypatch, diagrams):
     assert all(map(math.isnan, experiment.worst_margins(scenario)))
 
 
-def test_designs_that_a_family_lacks_are_named(tmp_path):
+def test_missing_designs_of_a_family_are_named(tmp_path):
     write_all_designs_but(tmp_path, "outdoor", ("pid", "lqg"))
     assert missing_designs(tmp_path, "outdoor") == ["pid", "lqg"]
 
@@ -257,7 +257,7 @@ def tuned(monkeypatch):
 
 
 @pytest.mark.slow
-def test_designs_for_other_limits_are_written_beside_those_that_are_there(tuned, monkeypatch, diagrams, tmp_path):
+def test_designs_with_other_limits_are_added_to_their_file(tuned, monkeypatch, diagrams, tmp_path):
     """INDI is tuned by the search and LQG by its designer, each under four limits."""
     lqg, limits = load_scenario(diagrams / "laboratory.yaml:nominal"), []
     folder = tmp_path / "diagrams"
@@ -289,7 +289,7 @@ def test_designs_for_other_limits_are_written_beside_those_that_are_there(tuned,
 
 
 @pytest.mark.slow
-def test_a_network_is_tuned_without_a_linear_limit_but_with_late_frames(tuned, monkeypatch, diagrams, tmp_path):
+def test_a_network_is_tuned_with_late_frames_instead_of_a_linear_limit(tuned, monkeypatch, diagrams, tmp_path):
     """The frames are as late as the controller alone tolerates, which keeps the file's earlier numbers."""
     folder = tmp_path / "diagrams"
     (folder / "controllers" / "designed").mkdir(parents=True)

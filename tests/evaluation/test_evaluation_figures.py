@@ -32,7 +32,7 @@ def ticks(axis):
     return axis.get_ticklocs().tolist(), [text.get_text() for text in axis.get_ticklabels()]
 
 
-def test_only_figures_that_have_flights_are_drawn():
+def test_only_figures_with_flights_are_drawn():
     found = evaluation()
     drawn = dict(evaluation_figures(found))
     assert list(drawn) == ["errors", "networks", "margins", "laps"]
@@ -50,13 +50,13 @@ def test_only_figures_that_have_flights_are_drawn():
     assert [name for name, _ in evaluation_figures(few)] == ["errors"]
 
 
-def test_parts_of_a_name_are_a_controller_and_the_kind_of_its_network():
+def test_a_name_is_split_into_controller_and_network():
     assert base_and_network("pid_t2fnn") == ("pid", "t2fnn")
     assert base_and_network("pd_t2fnn_map") == ("pd", "t2fnn_map")
     assert base_and_network("disturbance_observer") == ("disturbance_observer", "")
 
 
-def test_the_errors_figure_has_a_mark_and_an_interval_for_each_controller_and_laboratory():
+def test_the_errors_figure_has_markers_with_intervals():
     found = evaluation(crashed=range(8))
     for place in ("robustness", "still air"):
         found.flights[place] = {"pd": flights(0.9), "indi": flights(0.01, own=1)}
@@ -104,7 +104,7 @@ def test_errors_without_a_survivor_are_not_drawn():
     assert [line.get_ydata()[0] for line in axes.lines] == [1, 1]
 
 
-def test_the_networks_figure_has_a_row_for_each_network_and_a_mark_for_each_laboratory():
+def test_the_networks_figure_has_a_row_per_network():
     found = evaluation(network=0.9, other=0.8)
     found.flights["high wind"]["pd_t2fnn_map"] = flights(0.5, own=1)
     cuts = reductions_by_network(found)

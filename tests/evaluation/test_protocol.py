@@ -23,7 +23,7 @@ from drake_quad.scenario.paths import value_at
 from drake_quad.studies.comparison import fly_samples
 
 
-def test_what_is_trained_on_is_never_judged():
+def test_training_and_evaluation_samples_are_disjoint():
     assert Budget().samples <= FIRST_EVALUATION_SAMPLE
     for family in FAMILIES.values():
         assert set(family.training_laboratories) <= family.laboratories.keys()
@@ -31,7 +31,7 @@ def test_what_is_trained_on_is_never_judged():
 
 
 @pytest.mark.parametrize("name", FAMILIES)
-def test_every_knob_turns_a_number_of_its_entry_in_its_family(name, diagrams, tmp_path):
+def test_every_knob_sets_a_number_of_its_entry(name, diagrams, tmp_path):
     family = FAMILIES[name]
     entries = {key: each for key, each in entries_of(on_board=family.on_board, maps=family.maps).items() if each.knobs}
     own = {key: each for key, each in entries.items() if each.base != "lqg"}
@@ -44,7 +44,7 @@ def test_every_knob_turns_a_number_of_its_entry_in_its_family(name, diagrams, tm
         assert scenario.control.network is None or own[key].base
 
 
-def test_other_designs_of_a_file_stay_as_they_are(tmp_path):
+def test_other_designs_in_a_file_are_not_changed(tmp_path):
     path = tmp_path / "designs.yaml"
     path.write_text("# By somebody.\nmine:\n  control: {kind: lqg}    # as it was\n", encoding="utf-8")
     write_designs(path, {"pd": {"control": {"gains": [1.5, 2.0], "kind": "pd"}}}, comments={"pd": "2 numbers"})
@@ -57,7 +57,7 @@ def test_other_designs_of_a_file_stay_as_they_are(tmp_path):
     assert tuple(designs_in(path)) == ("mine", "pd")
 
 
-def test_what_is_no_file_of_designs_is_told(tmp_path):
+def test_an_invalid_design_file_is_refused(tmp_path):
     path = tmp_path / "designs.yaml"
     path.write_text("- pd\n", encoding="utf-8")
     with pytest.raises(InputError, match="must contain a mapping from names to controllers"):
@@ -66,7 +66,7 @@ def test_what_is_no_file_of_designs_is_told(tmp_path):
         tunable_entries(FAMILIES["outdoor"], tmp_path / "none.yaml", ["lqg"])
 
 
-def test_a_network_waits_for_what_it_stands_around(tmp_path):
+def test_a_network_requires_a_design_of_its_base(tmp_path):
     path = write_designs(tmp_path / "designs.yaml", {"indi": {"control": {}}}, comments={})
     assert list(tunable_entries(FAMILIES["outdoor"], path, ["indi_t2fnn", "lqg_t2fnn"])) == ["indi_t2fnn"]
 
@@ -82,7 +82,7 @@ def copied(diagrams, tmp_path):
 
 
 @pytest.mark.slow
-def test_designs_are_made_flown_and_better_than_the_middle_of_their_ranges(copied, monkeypatch):
+def test_tuned_designs_are_better_than_the_middle_of_their_ranges(copied, monkeypatch):
     """The search and the flights are real; the linear models, which take most of the time, have tests of their own."""
     monkeypatch.setattr(LoopLimit, "shares_met", lambda limit, scenario: np.ones(1))
     monkeypatch.setattr(experiment, "worst_margins", lambda scenario: (2.0, 0.05))
@@ -107,7 +107,7 @@ def test_designs_are_made_flown_and_better_than_the_middle_of_their_ranges(copie
 
 
 @pytest.mark.slow
-def test_the_delay_that_is_flown_is_one_frame_less_than_what_crashes(diagrams):
+def test_one_frame_more_than_the_tolerated_delay_crashes(diagrams):
     stiff = ["control.attitude.k_p=[16, 16, 5.356]", "control.attitude.k_d=[6, 6, 3.5]", "duration=6"]
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal", stiff)
     found = delay_flown(scenario, EvaluationSizes(delayed=2, max_delay_frames=25))
@@ -121,7 +121,7 @@ def test_the_delay_that_is_flown_is_one_frame_less_than_what_crashes(diagrams):
 
 
 @pytest.mark.slow
-def test_laps_are_flown_with_and_without_a_map(diagrams, tmp_path):
+def test_laps_are_flown_with_and_without_a_position_network(diagrams, tmp_path):
     family = FAMILIES["laboratory"]
     entries = entries_of(on_board=False, maps=True)
     (tmp_path / "controllers" / "designed").mkdir(parents=True)

@@ -45,7 +45,7 @@ def found():
     return found
 
 
-def test_the_report_that_is_shipped_is_that_of_the_default_sizes(root):
+def test_the_committed_report_has_the_default_sizes(root):
     """Its statements are in the order in which all are asked."""
     text = (root / "docs" / "controllers" / "report.md").read_text(encoding="utf-8")
     whole = EvaluationSizes()
@@ -80,7 +80,7 @@ def test_the_report_that_is_shipped_is_that_of_the_default_sizes(root):
     assert len(asked) >= 9
 
 
-def test_a_delay_in_words():
+def test_delays_as_text():
     delays = (np.nan, -0.01, 0.0, 0.0624, np.inf)
     assert [delay_text(delay) for delay in delays] == ["–", "none", "0 ms", "62 ms", "all tried"]
 
@@ -93,7 +93,7 @@ def test_a_controller_with_fewer_samples_is_compared_on_the_first_ones():
         )
 
 
-def test_a_controller_with_fewer_samples_is_best_only_as_an_equal():
+def test_a_controller_with_fewer_samples_cannot_be_the_best():
     found = evaluation()
     found.flights["outdoor"] = {"pd": flights(0.2), "indi": flights(0.2001, own=9).take(slice(10))}
     assert best_controllers(found, "outdoor") == ["pd", "indi"]
@@ -104,7 +104,7 @@ def test_a_controller_with_fewer_samples_is_best_only_as_an_equal():
     assert best_controllers(found, "outdoor") == ["pd"]
 
 
-def test_a_network_with_more_crashes_does_not_hold_even_if_its_error_is_smaller():
+def test_a_claim_does_not_hold_with_more_crashes_despite_a_smaller_error():
     found = evaluation(crashed=range(8))
     for place in FAMILIES["laboratory"].laboratories:
         del found.flights[place]["pd_t2fnn"]
@@ -117,7 +117,7 @@ def test_a_network_with_more_crashes_does_not_hold_even_if_its_error_is_smaller(
     assert verdicts(found)[claim.statement] == "holds"
 
 
-def test_a_network_is_said_to_keep_the_delay_of_each_family():
+def test_the_tolerated_delay_is_reported_for_each_family():
     found = evaluation()
     found.traits["outdoor"] = {**found.traits["outdoor"], "pd_t2fnn": Traits(2.2, 0.06, 0.04, 1e-4, 1e-6)}
     claim = all_claims(found)[0]
@@ -216,7 +216,7 @@ def test_the_report_names_the_protocol_that_is_used(found):
         assert [each.label, each.plant_knowledge, tuned] in rows
 
 
-def test_claims_are_in_the_table_of_verdicts_and_rules_name_theirs(found):
+def test_rules_list_the_numbers_of_their_claims(found):
     claims = all_claims(found)
     text = report_markdown(found, claims, [])
     for each in claims:
@@ -242,7 +242,7 @@ def test_entries_without_a_design_are_listed(found):
     assert "All controllers have a design for each family." in report_markdown(whole, all_claims(whole), [])
 
 
-def test_the_best_controller_of_each_laboratory_is_named_with_its_equals():
+def test_the_best_controllers_of_each_laboratory_are_named():
     found = evaluation()
     outdoor = found.flights["outdoor"]
     best, equal = best_controllers(found, "outdoor")
@@ -278,7 +278,7 @@ def test_the_summary_has_intervals_and_traits(found, tmp_path):
     assert list(zip(summary["laboratory"], summary["controller"], strict=True)) == flown
 
 
-def test_shares_that_are_cut_have_the_sign_of_the_change():
+def test_reductions_have_the_sign_of_the_change():
     compared = comparisons_by_laboratory(evaluation(network=1.1), "pd_t1fnn", "pd")["outdoor"]
     assert reduction(compared.ratio).value == pytest.approx(-0.1, abs=0.002)
     assert reduction(compared.ratio).low < reduction(compared.ratio).value < reduction(compared.ratio).high < 0.0

@@ -19,7 +19,7 @@ def load(cell, overrides=()):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("cell", [calibration.PD_CELL, calibration.NETWORK_CELL])
-def test_the_calibrated_cells_are_met(cell):
+def test_the_calibrated_cells_are_reproduced(cell):
     """Within 2 %, and by far: the error without wind hardly differs between samples."""
     assert fly_samples(load(cell), range(6)).rmse.mean() == pytest.approx(printed_table()[cell].rmse.mean, rel=0.003)
 
@@ -50,7 +50,7 @@ def test_gains_have_the_declared_damping():
 
 
 @pytest.mark.slow
-def test_what_cannot_be_fitted_is_said():
+def test_an_impossible_fit_is_refused():
     stiff = FreeNumber("bandwidth of the PD (rad/s)", 1.8, 1.9, pd_gains)
     with pytest.raises(InputError, match="reproduces the mean error of 0.972 m"):
         calibrate(HYPOTHESES["measurement"]._replace(pd=stiff), load, 2)
@@ -83,7 +83,7 @@ def gains(k_p, k_d):
         ),
     ],
 )
-def test_what_a_hypothesis_fixes_and_what_it_frees(name, fixed, first, second):
+def test_fixed_and_free_numbers_of_hypotheses(name, fixed, first, second):
     """The limits of both numbers, and what sets them to 2."""
     hypothesis = HYPOTHESES[name]
     assert hypothesis.overrides == fixed
@@ -109,7 +109,7 @@ def errors_of(levels):
     return fly
 
 
-def test_the_second_number_is_fitted_beside_the_first_and_both_predict_the_others(monkeypatch):
+def test_two_numbers_are_fitted_in_turn_and_predict_the_other_cells(monkeypatch):
     """With errors in proportion to cubes of both: the PD's, without wind, has only the first."""
     assert (calibration.PD_CELL, calibration.NETWORK_CELL) == (("no_wind", "pd"), ("no_wind", "pd_t2fnn"))
     levels = {cell: 0.1 * (2.0 + place) for place, cell in enumerate(printed_table())}
@@ -129,7 +129,7 @@ def test_the_second_number_is_fitted_beside_the_first_and_both_predict_the_other
 
 
 @pytest.mark.parametrize(("low", "high"), [(2.0, 5.0), (0.1, 1.5)])
-def test_limits_that_do_not_hold_the_target_are_refused_with_what_they_leave(low, high):
+def test_a_range_without_the_target_is_refused(low, high):
     free = FreeNumber("gain (1/s)", low, high, lambda value: value)
     words = (
         f"no gain (1/s) between {low:g} and {high:g} reproduces the mean error of 1.75 m: the error differs from it by"
@@ -139,6 +139,6 @@ def test_limits_that_do_not_hold_the_target_are_refused_with_what_they_leave(low
         calibration._fit(free, lambda value: np.full(3, value), 1.75)
 
 
-def test_a_crash_is_an_error_without_bound():
+def test_a_crash_counts_as_an_infinite_error():
     wild = ["duration=1", "crash.position_error=0.001"]
     assert calibration._errors(load(Cell("low_wind", "pd"), wild), 2).tolist() == [math.inf] * 2

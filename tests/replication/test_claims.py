@@ -108,7 +108,7 @@ def rows_at(sweep, number, exponents, rows):
     return errors(sweep)[places]
 
 
-def test_what_is_printed_of_claims_is_what_the_committed_report_says(found):
+def test_the_committed_claims_are_current(found):
     with (DOCS / "claims.csv").open(encoding="utf-8") as file:
         committed = list(csv.DictReader(file))
     claims = all_claims(found)
@@ -117,7 +117,7 @@ def test_what_is_printed_of_claims_is_what_the_committed_report_says(found):
         assert [getattr(claim, name) for claim in claims] == [row[name] for row in committed]
 
 
-def test_errors_beside_those_of_the_pd(found):
+def test_reductions_compared_with_the_pd(found):
     half, without_wind, *_ = all_claims(found)
     cuts = {
         (wind, name): opposite(over(found, wind, name, "pd"), 1.0)
@@ -148,7 +148,7 @@ def test_errors_beside_those_of_the_pd(found):
     )
 
 
-def test_type_2_beside_type_1(found):
+def test_type_2_compared_with_type_1(found):
     _, _, against, wider, *_ = all_claims(found)
     gains = {
         (wind, name): opposite(over(found, wind, name, "pd_t1fnn"), 1.0)
@@ -192,7 +192,7 @@ def test_type_2_beside_type_1(found):
     )
 
 
-def test_peaks_the_part_of_the_pd_and_effort(found):
+def test_claims_about_peaks_pd_output_and_effort(found):
     _, _, _, _, peak, peaks, fading, effort, windy, *_ = all_claims(found)
     pd, network = (interval(found.cells[Cell("no_wind", name)].metrics.peak_error) for name in ("pd", "pd_t2fnn"))
     cut = opposite(over(found, "no_wind", "pd_t2fnn", "pd", "peak_error"), 1.0)
@@ -253,7 +253,7 @@ def test_peaks_the_part_of_the_pd_and_effort(found):
     assert windy.verdict == "holds in part"
 
 
-def test_gains_on_straight_lines_on_curves_and_on_a_map(found):
+def test_claims_about_gains(found):
     *_, legs, circle = all_claims(found)
     straight, curved, swing = found.legs.metrics
     # The third pair crashed on a straight line.
@@ -305,7 +305,7 @@ def test_controllers_are_compared_with_both_baselines_in_the_same_wind(found):
         np.testing.assert_allclose(entry.over_network, over(found, wind, name, "pd_t2fnn"), atol=1e-12)
 
 
-def test_definitions_of_effort_beside_the_printed_ratios(found):
+def test_effort_ratios_compared_with_the_printed_ones(found):
     with (DOCS.parent.parent / "drake_quad/replication/table_ii.csv").open(encoding="utf-8") as file:
         printed = list(csv.DictReader(file))
     names = {"PD": "pd", "PD+T1FNN": "pd_t1fnn", "PD+T2FNN": "pd_t2fnn"}
@@ -348,7 +348,7 @@ def test_definitions_of_effort_beside_the_printed_ratios(found):
         np.testing.assert_allclose((matches[name].ratio_x, matches[name].ratio_y), means)
 
 
-def test_table_ii_beside_the_print(found, tmp_path):
+def test_table_ii_compared_with_the_printed_one(found, tmp_path):
     cells = dict(found.cells)
     crashed = cells[Cell("low_wind", "pd")]
     crash_time = np.where(np.arange(SAMPLES) == 1, 2.0, np.inf)
@@ -398,7 +398,7 @@ def test_table_ii_beside_the_print(found, tmp_path):
     )
 
 
-def test_files_of_the_fair_comparison_and_of_efforts_hold_what_is_found(found, tmp_path):
+def test_files_contain_the_fair_comparison_and_the_efforts(found, tmp_path):
     entries, matches = fair_entries(found), effort_matches(found)
     with write_fair(tmp_path / "fair.csv", entries).open(encoding="utf-8") as file:
         for row, entry in zip(csv.DictReader(file), entries, strict=True):
@@ -502,7 +502,7 @@ def in_wind(rmse):
         ("insensitive", {"cells": in_wind(1.101)}, "does not hold"),
     ],
 )  # fmt: skip
-def test_a_verdict_turns_at_the_level_that_its_rule_says(claim, numbers, verdict):
+def test_a_verdict_changes_at_the_level_of_its_rule(claim, numbers, verdict):
     (found,) = (each for each in all_claims(even(**numbers)) if claim in each.statement)
     assert found.verdict == verdict
 
@@ -517,7 +517,7 @@ def test_a_verdict_turns_at_the_level_that_its_rule_says(claim, numbers, verdict
         ((0.99, 1.0), (1.01, 1.0), "does not hold"),
     ],
 )
-def test_what_is_tuned_on_one_kind_of_leg_is_judged_on_other_samples(curved, swing, verdict):
+def test_gains_are_chosen_and_compared_on_different_samples(curved, swing, verdict):
     """On the first two samples the first gains are better on straight legs and the second on curved ones."""
     rows = np.ones((3, 2, 4))
     rows[0, 0, :2] = rows[1, 1, :2] = 0.5
@@ -531,7 +531,7 @@ def test_what_is_tuned_on_one_kind_of_leg_is_judged_on_other_samples(curved, swi
     ("pd", "network", "verdict"),
     [(1, 3, "holds"), (1, 2, "holds in part"), (3, 3, "holds in part"), (2, 1, "does not hold")],
 )
-def test_a_circle_of_gains_is_a_share_that_grows_beyond_half(pd, network, verdict):
+def test_the_circle_of_gains_requires_a_share_above_half(pd, network, verdict):
     """Of four gains, so many are as good as the best."""
     experiment = even()
     gains = {"k_p": np.array([1.0, 2.0, 1.0, 2.0]), "k_d": np.array([1.0, 1.0, 2.0, 2.0])}
@@ -544,7 +544,7 @@ def test_a_circle_of_gains_is_a_share_that_grows_beyond_half(pd, network, verdic
     assert circle.verdict == verdict
 
 
-def test_a_sweep_comes_back_as_it_was(tmp_path):
+def test_a_sweep_is_read_as_it_was_written(tmp_path):
     rng = np.random.default_rng(2)
     sweep = Sweep({"q": np.array([0.1, 0.2, 0.3])}, np.array([0, 1]), metrics_of(rng, (3, 2)))
     read = load_sweep(sweep.save(tmp_path / "q.csv"), Metrics)

@@ -34,13 +34,13 @@ def pulses(*heights):
     return flight(pd=pd)
 
 
-def test_the_pd_fades_from_the_quarter_after_the_rise_to_the_last():
+def test_pd_fade_compares_the_last_quarter_with_the_one_after_the_rise():
     found = measures(pulses(*[9.0] * 4, *[2.0] * 4, *[7.0] * 4, *[0.5] * 4))
     # The quarters are 200 ticks long, from 4.00 s to 7.98 s and from 12.02 s to 16.00 s.
     assert found["pd_fade"] == pytest.approx(0.25)
 
 
-def test_the_pd_returns_after_changes_of_segment():
+def test_pd_return_compares_output_after_and_before_segment_changes():
     """Those at 8 and 12 s: the first leg begins the flight, and before the second the vehicle only rises."""
     heights = [1.0] * 16
     heights[3], heights[4] = 50.0, 70.0
@@ -49,14 +49,14 @@ def test_the_pd_returns_after_changes_of_segment():
     assert measures(pulses(*heights))["pd_return"] == pytest.approx(math.sqrt((36.0 + 64.0) / (4.0 + 16.0)))
 
 
-def test_the_error_of_the_path_is_the_distance_to_it_wherever_the_reference_is():
+def test_the_path_error_is_the_distance_to_the_path():
     state = np.zeros((len(TIME), 12))
     state[:, 0] = np.linspace(0.0, 2.0, len(TIME))
     state[:, 1], state[:, 2] = 0.3, 1.4
     assert measures(flight(state=state))["path_error"] == pytest.approx(0.5, abs=1e-5)
 
 
-def test_efforts_are_what_their_words_say():
+def test_efforts_agree_with_their_definitions():
     rng = np.random.default_rng(0)
     command, pd, wrench = (rng.normal(loc=0.3, size=(len(TIME), rows)) for rows in (3, 3, 4))
     found = measures(flight(acceleration_command=command, pd=pd, wrench=wrench))
@@ -82,12 +82,12 @@ def test_efforts_are_what_their_words_say():
             assert found[f"{name}_{axis}"] == pytest.approx(value), name
 
 
-def test_a_crash_leaves_no_numbers():
+def test_measures_of_a_crash_are_nan():
     assert all(math.isnan(value) for value in measures(flight(crash_time=3.0)).values())
     assert np.isnan(leg_metrics([flight(crash_time=3.0)])).all()
 
 
-def test_errors_and_swings_leg_by_leg():
+def test_leg_metrics():
     """The legs from 4 and from 12 s are straight, that from 8 s is curved, and the rise is neither."""
     state, command = np.zeros((len(TIME), 12)), np.zeros((len(TIME), 3))
     leg = np.minimum(TIME // 4.0 + (TIME % 4.0 > 3.99), 3).astype(int)

@@ -62,7 +62,7 @@ def legend_of(figure):
 
 
 @pytest.mark.slow
-def test_figures_stand_in_the_order_of_the_report(found, flights):
+def test_figures_are_in_the_order_of_the_report(found, flights):
     every = flights | {Cell("low_wind", name): flights[Cell("high_wind", name)] for name in CONTROLLERS}
     drawn = dict(figures.paper_figures(found, every))
     assert list(drawn) == [*CAPTIONS]
@@ -335,7 +335,7 @@ def test_the_map_of_gains_is_grey_where_a_sample_crashes(found):
     assert handles["crash"].get_facecolor() == maps[0].get_facecolor()
 
 
-def test_panels_of_a_figure_share_their_axes(found, flights):
+def test_panels_share_their_axes(found, flights):
     grid = figures.figure_4().axes
     for drawn, x, y in (
         (grid, True, True),
@@ -355,7 +355,7 @@ def test_bars_end_within_their_axis(found):
     assert 1.05 * longest < axes.get_xlim()[1] < 1.4 * longest
 
 
-def test_numbers_of_legs_stand_at_the_top_in_the_middle_of_what_is_flown(flights):
+def test_leg_numbers_are_centred_at_the_top(flights):
     flight = flights[Cell("no_wind", "pd_t2fnn")]
     last = flight.time[-1]
     ends = [*(time for time in flight.plan.leg_times if time < last), last]

@@ -120,12 +120,12 @@ def check_table(text, written):
 
 
 @pytest.mark.slow
-def test_all_fields_of_the_template_are_numbers_or_words(report):
+def test_all_fields_of_the_template_are_filled(report):
     assert not re.search(r"[{}]", report)
     assert "nan" not in report
 
 
-def test_the_committed_report_is_that_of_its_tables():
+def test_the_committed_report_agrees_with_its_tables():
     text = (DOCS / "report.md").read_text(encoding="utf-8")
     check_table(
         text, {(row["wind"], row["controller"], row["quantity"]): row for row in rows_of(DOCS / "table_ii.csv")}
@@ -142,7 +142,7 @@ def test_the_committed_table_is_calibrated_and_prints_what_the_paper_prints():
         assert rows[cell]["printed_mean"] == ("" if np.isnan(line.rmse.mean) else repr(line.rmse.mean))
 
 
-def test_the_calibration_is_that_of_the_scenarios():
+def test_the_scenarios_have_the_calibrated_numbers():
     row = next(row for row in rows_of(CALIBRATION) if row["hypothesis"] == "measurement")
     control = load_scenario(f"{ROOT}/diagrams/paper.yaml:low_wind_pd_t2fnn").control
     position = control.position

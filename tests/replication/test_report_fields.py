@@ -118,7 +118,7 @@ def test_the_fair_comparison_has_a_row_for_each_controller_and_wind():
     assert fields["network_over_feed_forward"] == ", ".join(expected)
 
 
-def test_definitions_of_effort_stand_below_the_printed_ratios():
+def test_effort_definitions_follow_the_printed_ratios():
     matches = [
         EffortMatch("command_peak", 1.234, 2.345, Interval(1.1, 1.0, 1.2)),
         EffortMatch(OUR_EFFORT, 3.0, 4.0, Interval(1.5, 1.4, 1.6)),
@@ -133,7 +133,7 @@ def test_definitions_of_effort_stand_below_the_printed_ratios():
     assert fields["scatter"] == printed_scatter()
 
 
-def test_the_calibration_is_shown_beside_the_print():
+def test_the_calibration_is_shown_with_the_printed_errors():
     calibration = read_table(Path(report.__file__).parent / "calibration.csv")
     fields = report._calibration_fields()
     rows = [line.strip("| ").split(" | ") for line in fields["calibration"].split("\n")]
@@ -162,7 +162,7 @@ def test_the_calibration_is_shown_beside_the_print():
         assert fields[f"spread_{name}"] == f"{min(off):+.1f} to {max(off):+.1f} %"
 
 
-def test_the_committed_report_has_the_assumptions_and_the_calibration_of_today(root):
+def test_the_committed_report_has_the_current_assumptions_and_calibration(root):
     """The assumptions are the rows of a table of the template, with numbers of the scenarios."""
     text = (root / "docs" / "replication" / "report.md").read_text(encoding="utf-8")
     template = Path(report.__file__).with_name("report_template.md").read_text(encoding="utf-8")

@@ -15,14 +15,14 @@ from drake_quad.replication.results import (
 )
 
 
-def test_cells_are_told_wind_by_wind():
+def test_cells_are_sorted_by_wind():
     assert cells_of(("a", "b")) == [(wind, name) for wind in WINDS for name in ("a", "b")]
     assert cells_of(CONTROLLERS)[1] == Cell("no_wind", "pd_t1fnn")
     assert not set(FAIR_CONTROLLERS) & set(CONTROLLERS)
     assert set(MAPPED_CONTROLLERS) < set(CONTROLLERS)
 
 
-def test_what_was_recorded_is_read_as_it_was_written(tmp_path, monkeypatch):
+def test_recorded_measures_are_read_as_they_were_written(tmp_path, monkeypatch):
     """Each cell has its own rows, and each file the name of what it holds."""
     monkeypatch.setattr(results, "read_study", lambda folder: folder.relative_to(tmp_path).as_posix())
     monkeypatch.setattr(results, "load_sweep", lambda path, metrics: (path.relative_to(tmp_path).name, metrics))

@@ -13,7 +13,7 @@ SOME = Interval(0.2, 0.1, 0.4)
 NUMBER_PATTERN = r"[+-]?[\d.]+(?:e[+-]\d+)?"
 
 
-def test_arithmetic_turns_and_moves_the_ends_with_the_value():
+def test_arithmetic_applies_to_value_and_ends():
     assert -SOME == (-0.2, -0.4, -0.1)
     assert SOME.plus(-1.0) == pytest.approx((-0.8, -0.9, -0.6))
     # By what share something shrinks to a ratio.
@@ -22,11 +22,11 @@ def test_arithmetic_turns_and_moves_the_ends_with_the_value():
 
 
 @pytest.mark.parametrize(("level", "expected"), [(0.05, True), (0.1, None), (0.3, None), (0.4, None), (0.5, False)])
-def test_a_level_within_the_interval_leaves_the_question_open(level, expected):
+def test_a_level_inside_the_interval_is_neither_above_nor_below(level, expected):
     assert SOME.is_above(level) is expected
 
 
-def test_nothing_is_above_or_below_what_is_not_bounded():
+def test_an_unbounded_interval_is_neither_above_nor_below():
     assert Interval(1.0, math.nan, math.nan).is_above(0.0) is None
     assert Interval(1.0, 0.5, math.inf).is_above(0.0) is True
     assert Interval(1.0, -math.inf, 2.0).is_above(0.0) is None
@@ -81,7 +81,7 @@ def test_nothing_is_above_or_below_what_is_not_bounded():
         (spread_text(math.inf), "± ∞"),
     ],
 )
-def test_words(text, expected):
+def test_estimates_as_text(text, expected):
     assert text == expected
 
 
@@ -94,7 +94,7 @@ gaps = st.one_of(st.just(0.0), st.floats(1.0, 10.0).flatmap(lambda f: st.integer
 @given(sizes, st.sampled_from((-1.0, 0.0, 1.0)), gaps, gaps, st.sampled_from((1.0, 0.01, 1e-3)))
 @example(1e-3, 0.0, 0.0, 1e-3, 0.01)
 @example(0.95163, -1.0, 1.7e-3, 1.6e-3, 1.0)
-def test_the_printed_interval_holds_the_exact_one_and_tells_its_ends_from_the_estimate(size, sign, below, above, unit):
+def test_the_printed_interval_contains_the_exact_one(size, sign, below, above, unit):
     """The size and the width of the interval are arbitrary."""
     value = sign * size
     exact = Interval(value, value - below * size, value + above * size)

@@ -17,7 +17,7 @@ def holds(ratio, values, baseline, confidence=0.95):
 
 
 @pytest.mark.parametrize("confidence", [0.5, 0.95])
-def test_the_interval_holds_the_ratios_that_a_t_test_does_not_reject(confidence):
+def test_the_interval_contains_the_ratios_that_a_t_test_does_not_reject(confidence):
     rng = np.random.default_rng(0)
     baseline = rng.lognormal(0.0, 0.5, 12)
     values = 0.8 * baseline * rng.lognormal(0.0, 0.3, 12)
@@ -70,7 +70,7 @@ def test_the_ratio_of_a_metric_to_itself_is_exactly_one():
     assert ratio_of_means(values, values) == (1.0, 1.0, 1.0)
 
 
-def test_a_baseline_that_may_be_zero_bounds_no_ratio():
+def test_a_baseline_near_zero_leaves_the_ratio_unbounded():
     """Student's interval of the baseline holds zero. A ratio that is surely large has a lower end and no upper end."""
     baseline = np.array([0.0, 0.0, 0.0, 1.0])
     assert scipy.stats.ttest_1samp(baseline, 0.0).confidence_interval(0.95).low < 0.0
@@ -84,7 +84,7 @@ def test_a_baseline_that_may_be_zero_bounds_no_ratio():
     assert large.text().endswith(", ∞]")
 
 
-def test_no_ratio_is_negative():
+def test_ratios_are_not_negative():
     """Fieller's set has negative ratios if the metric is mostly zero, and these are cut off."""
     found = ratio_of_means(np.array([0.0, 0.0, 0.0, 1.0]), np.ones(4))
     assert (found.value, found.low) == (0.25, 0.0)
@@ -115,7 +115,7 @@ def test_linearized_ratios_have_the_mean_and_the_error_of_the_ratio():
     assert np.mean(errors) == pytest.approx(ratios.std(), rel=0.05)
 
 
-def test_the_share_and_the_difference_of_a_comparison_agree():
+def test_ratio_and_difference_of_a_comparison_agree():
     """The mean of the ratios of single samples is above 1 here, although the metric has the smaller mean."""
     rng = np.random.default_rng(6)
     baseline = rng.lognormal(0.0, 1.0, 60)

@@ -148,7 +148,7 @@ def test_a_cluster_flies_the_same_study(cluster, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_loop_of_a_client_logs_nothing(cluster):
+def test_errors_in_the_client_loop_are_not_logged(cluster):
     """Ctrl-C between two lines of Dask's `sync` is an exception in its loop; a person is told a sentence only."""
     script = f"""
 import threading
@@ -181,7 +181,7 @@ def check_end(study, cluster, folder, words):
 
 
 @pytest.mark.slow
-def test_a_worker_with_other_code_is_refused(tmp_path):
+def test_a_worker_with_different_code_is_refused(tmp_path):
     """A copy of this package in which one number is another."""
     copy = tmp_path / "copy" / "drake_quad"
     shutil.copytree(ROOT / "drake_quad", copy, ignore=shutil.ignore_patterns("__pycache__"))
@@ -203,7 +203,7 @@ def test_a_worker_with_other_code_is_refused(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_cluster_that_is_not_there_is_named(unreachable):
+def test_an_unreachable_cluster_is_named_in_the_error(unreachable):
     folder, addresses, process = unreachable
     _, stderr = process.communicate()
     assert process.returncode == 0
@@ -253,7 +253,7 @@ def crew_with(future, workers):
     return crew
 
 
-def test_a_result_that_is_lost_with_its_worker_is_awaited_again():
+def test_a_result_lost_with_its_worker_is_computed_again():
     crew = crew_with(Future("pending", "lost", "lost", "pending", "finished"), {"worker": 1})
     (outcome,) = crew.next_outcomes()
     assert outcome.result == "rows"
@@ -269,7 +269,7 @@ def test_a_scheduler_that_has_lost_all_workers_is_reported(monkeypatch):
         crew.next_outcomes()
 
 
-def test_cancelled_futures_mean_that_the_scheduler_is_gone():
+def test_cancelled_futures_mean_that_the_connection_is_lost():
     with pytest.raises(ConnectionError, match="^the Dask scheduler at tcp://somewhere:1 has closed the connection$"):
         crew_with(Future("pending", "cancelled"), {"worker": 1}).next_outcomes()
 

@@ -14,7 +14,7 @@ OVERRIDES = ["duration=0.5", "crash.position_error=0.05"]
 
 @pytest.mark.slow
 @pytest.mark.parametrize("path", ["diagrams/robustness.yaml", "diagrams/laboratory.yaml:low_wind"])
-def test_the_two_agree(path):
+def test_drake_and_our_monte_carlo_studies_agree(path):
     """In distribution, by the tests of Kolmogorov and Smirnov and, for crashes, of Fisher."""
     scenario = load_scenario(path, OVERRIDES)
     theirs, ours = drake_monte_carlo(scenario, 50, seed=3), run_monte_carlo(scenario, 800, seed=3).metrics
@@ -34,14 +34,14 @@ def test_a_seed_gives_the_same_flights_again():
     assert not np.isin(other, first).any()
 
 
-def test_all_ticks_count():
+def test_all_ticks_count_for_the_metrics():
     """What is left pending at the end is done: as many ticks as in a flight of ours."""
     scenario = load_scenario("diagrams/laboratory.yaml:nominal", ["duration=0.2", "metrics.start=0.199"])
     assert np.isfinite(drake_monte_carlo(scenario, 1).rmse[0])
     assert np.isfinite(run_monte_carlo(scenario, 1).metrics.rmse[0])
 
 
-def test_samples_are_numbered_by_31_bits_of_drake_s_generator(monkeypatch):
+def test_sample_indices_are_31_bits_of_drake_s_generator(monkeypatch):
     """As many as a sample may have, and all of them: under the seed that is given, else under the scenario's."""
     drawn = []
 

@@ -99,7 +99,7 @@ def run(**options):
 
 
 @pytest.mark.slow
-def test_a_controller_of_ones_own_flies_each_sample_as_alone():
+def test_a_user_s_controller_flies_each_sample_as_if_alone():
     found = run(position_controller=Own)
     alone = simulate(study(), seed=5, sample=6, position_controller=Own(1)).metrics
     np.testing.assert_allclose([values[6] for values in found.metrics], alone, rtol=1e-9)
@@ -117,18 +117,18 @@ def test_a_controller_of_ones_own_flies_each_sample_as_alone():
         (Mixes, r"sample 0 .* flown together with other samples; position_controller must not mix the columns"),
     ],
 )
-def test_what_would_not_fly_samples_alike_is_refused_before_anything_is_written(controller, words, tmp_path):
+def test_a_system_with_inconsistent_results_is_refused_before_anything_is_written(controller, words, tmp_path):
     with pytest.raises(InputError, match=words):
         run(position_controller=controller, folder=tmp_path / "study")
     assert not (tmp_path / "study").exists()
 
 
 @pytest.mark.slow
-def test_one_that_mixes_vehicles_may_fly_where_there_is_one():
+def test_a_system_that_mixes_vehicles_may_fly_one_vehicle():
     assert not run(position_controller=Mixes, batch_size=1).failures
 
 
-def test_one_that_does_not_fit_is_refused():
+def test_a_system_that_cannot_be_connected_is_refused():
     with pytest.raises(InputError, match="position_controller has no output port|position_controller needs"):
         run(position_controller=LeafSystemOf)
 
@@ -138,7 +138,7 @@ def LeafSystemOf(num_vehicles):
 
 
 @pytest.mark.slow
-def test_leaving_the_program_fails_a_batch_and_not_the_study():
+def test_system_exit_fails_a_batch_but_not_the_study():
     """The batches of four fail, their halves fly."""
     found, expected = run(position_controller=Ends), run(position_controller=Own)
     assert not found.failures
@@ -190,7 +190,7 @@ def test_a_time_limit_ends_a_batch_that_hangs(tmp_path, monkeypatch):
     np.testing.assert_allclose(found.metrics.rmse, run(position_controller=Own).metrics.rmse, rtol=1e-12)
 
 
-def test_a_time_limit_is_for_processes_that_are_not_given():
+def test_a_time_limit_cannot_be_combined_with_an_executor():
     with Workers(1) as workers, pytest.raises(InputError, match="a time limit"):
         run(executor=workers, time_limit=5.0)
     with pytest.raises(InputError, match="the time limit is 0 s; it must be positive"):
@@ -205,7 +205,7 @@ def test_a_time_limit_is_for_processes_that_are_not_given():
         ("user_systems", "different source files of the user's systems"),
     ],
 )
-def test_a_worker_with_other_code_refuses_to_fly(code, words):
+def test_a_worker_with_different_code_refuses_to_fly(code, words):
     job = BatchJob("key", {**code_versions(UserSystems()), code: "1.2.3"}, study(), None, 1, UserSystems(), True)
     with pytest.raises(InputError, match=f"a worker on .* has {words}"):
         fly_batch(job, [0])

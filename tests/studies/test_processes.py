@@ -81,17 +81,17 @@ def leave_unread(words):
 
 
 @pytest.mark.parametrize("number", [1, 7, 2147483647])
-def test_a_study_may_have_so_many(number):
+def test_counts_in_range_are_accepted(number):
     check_counts(samples=number)
 
 
 @pytest.mark.parametrize("number", [-1, 0, 2147483648])
-def test_a_study_may_not_have_so_many(number):
+def test_counts_out_of_range_are_named(number):
     with pytest.raises(InputError, match=f"batch_size is {number}; it must be between 1 and 2147483647"):
         check_counts(num_samples=3, batch_size=number)
 
 
-def test_cores_are_those_that_this_process_may_use(monkeypatch):
+def test_only_available_cores_are_counted(monkeypatch):
     assert num_cores() == len(os.sched_getaffinity(0))
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 3, 5})
     assert (num_cores(), Workers().num_workers, Workers().capacity, Workers(5).capacity) == (3, 3, 3, 5)
@@ -102,7 +102,7 @@ def test_cores_are_those_that_this_process_may_use(monkeypatch):
     assert num_cores() == 1
 
 
-def test_what_only_a_session_knows_needs_a_fork(monkeypatch):
+def test_functions_of_an_interactive_session_require_a_fork(monkeypatch):
     """A function of a notebook: a process that begins anew does not find it, and one of a script's file does."""
     session = types.ModuleType("__main__")
     exec("def maker(num_vehicles): return None", session.__dict__)
@@ -128,7 +128,7 @@ def test_processes_are_forked_on_linux_only(monkeypatch):
 
 
 @pytest.mark.parametrize(("fork", "how"), [(True, "fork"), (False, "spawn")])
-def test_a_process_begins_anew_where_it_must_not_be_forked(monkeypatch, fork, how):
+def test_workers_are_spawned_where_they_cannot_be_forked(monkeypatch, fork, how):
     asked, context = [], multiprocessing.get_context("fork")
     monkeypatch.setattr(processes, "_can_fork", lambda: fork)
     monkeypatch.setattr(multiprocessing, "get_context", lambda name: asked.append(name) or context)
@@ -138,12 +138,12 @@ def test_a_process_begins_anew_where_it_must_not_be_forked(monkeypatch, fork, ho
 
 
 @pytest.mark.parametrize("limit", [0.0, -2.0, math.nan])
-def test_a_time_limit_is_a_time(limit):
+def test_a_time_limit_must_be_positive(limit):
     with pytest.raises(InputError, match=f"the time limit is {limit:g} s; it must be positive"):
         Workers(1, time_limit=limit)
 
 
-def test_a_process_that_is_done_does_the_next_task_and_two_work_at_a_time(tmp_path):
+def test_idle_processes_are_reused_and_two_run_at_a_time(tmp_path):
     with Workers(2, time_limit=20.0) as workers:
         ((_, first, *_),) = done_by(workers, process_number, None)
         assert not workers.forks_workers
@@ -174,7 +174,7 @@ class Fake:
         return self._outcome
 
 
-def test_busy_processes_are_waited_for_until_the_first_time_is_over(monkeypatch):
+def test_the_wait_ends_at_the_first_deadline(monkeypatch):
     waits = []
     monkeypatch.setattr(processes, "wait", lambda waitables, timeout: waits.append((waitables, timeout)))
     workers = Workers(4)
@@ -189,7 +189,7 @@ def test_busy_processes_are_waited_for_until_the_first_time_is_over(monkeypatch)
     assert waits[-1][1] is None
 
 
-def test_given_up_is_what_is_under_way_and_the_others_stay():
+def test_abandoning_tasks_keeps_idle_processes():
     with Workers(2) as workers:
         workers.submit(hang, 1)
         ((given, *_),) = done_by(workers, process_number, 2)
@@ -201,7 +201,7 @@ def test_given_up_is_what_is_under_way_and_the_others_stay():
         assert idle.is_alive()
 
 
-def test_the_time_of_a_task_is_counted_from_when_its_process_has_begun(clock):
+def test_the_time_limit_starts_when_the_process_is_ready(clock):
     worker = _Worker(10.0)
     try:
         assert worker.time_left == math.inf
@@ -224,7 +224,7 @@ def test_the_time_of_a_task_is_counted_from_when_its_process_has_begun(clock):
         worker.process.kill()
 
 
-def test_without_a_limit_a_task_has_all_the_time(clock):
+def test_without_a_time_limit_a_task_never_times_out(clock):
     worker = _Worker(None)
     try:
         worker.submit(hang, None)
@@ -234,14 +234,14 @@ def test_without_a_limit_a_task_has_all_the_time(clock):
         worker.end()
 
 
-def test_a_process_that_ends_in_its_first_task_fails_the_task_alone():
+def test_a_process_that_ends_fails_only_its_task():
     with Workers(1, time_limit=20.0) as workers:
         assert done_by(workers, leave, 7) == [Outcome(7, reason="the worker process ended with exit status 7")]
         (outcome,) = done_by(workers, process_number, None)
         assert outcome.reason == ""
 
 
-def test_a_process_that_ended_while_it_had_nothing_to_do_fails_the_next_task():
+def test_a_process_that_ended_while_idle_fails_the_next_task():
     with Workers(1, time_limit=20.0) as workers:
         ((_, number, *_),) = done_by(workers, process_number, None)
         process = workers._workers[0].process
@@ -250,7 +250,7 @@ def test_a_process_that_ended_while_it_had_nothing_to_do_fails_the_next_task():
         assert done_by(workers, process_number, 3) == [Outcome(3, reason="the worker process ended due to the signal SIGKILL")]
 
 
-def test_processes_that_end_as_soon_as_they_begin_are_not_begun_for_ever(monkeypatch):
+def test_processes_that_end_at_once_are_not_restarted_forever(monkeypatch):
     monkeypatch.setattr(processes, "_serve", lambda pipe: None)
     with Workers(1, time_limit=20.0) as workers:
         workers.submit(process_number, None)
@@ -258,7 +258,7 @@ def test_processes_that_end_as_soon_as_they_begin_are_not_begun_for_ever(monkeyp
             workers.next_outcomes()
 
 
-def test_a_task_that_its_process_cannot_read_is_an_outcome_and_the_process_goes_on():
+def test_a_task_that_cannot_be_unpickled_fails_and_the_process_continues():
     with Workers(1, time_limit=20.0) as workers:
         unreadable = Unreadable()
         assert done_by(workers, process_number, unreadable) == [
@@ -268,7 +268,7 @@ def test_a_task_that_its_process_cannot_read_is_an_outcome_and_the_process_goes_
         assert number == workers._workers[0].process.pid
 
 
-def test_ctrl_c_is_left_to_the_parent_and_what_came_with_the_fork_is_frozen():
+def test_a_worker_ignores_ctrl_c_and_freezes_inherited_objects():
     with Workers(1, time_limit=20.0) as workers:
         ((_, (handler, frozen), *_),) = done_by(workers, settings, None)
     assert handler == signal.SIG_IGN
@@ -276,7 +276,7 @@ def test_ctrl_c_is_left_to_the_parent_and_what_came_with_the_fork_is_frozen():
     assert signal.getsignal(signal.SIGINT) == signal.default_int_handler
 
 
-def test_ctrl_c_waits_while_a_process_begins():
+def test_ctrl_c_is_blocked_while_a_process_starts():
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
     with processes._interrupts_blocked():
         assert signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ())
@@ -298,7 +298,7 @@ class Pipe:
         self.sent.append(what)
 
 
-def test_a_process_ends_when_nothing_more_can_come(monkeypatch):
+def test_a_process_ends_when_its_pipe_is_closed(monkeypatch):
     """What is given back does not go back and forth: the parent has it."""
     monkeypatch.setattr(processes, "_end_with_parent", lambda: None)
     pipe, before = Pipe((abs, -3)), signal.getsignal(signal.SIGINT)
@@ -331,7 +331,7 @@ def ends(pid):
     return False
 
 
-def test_a_process_ends_with_its_parent_whatever_it_does(tmp_path):
+def test_a_busy_process_ends_with_its_parent(tmp_path):
     file = tmp_path / "worker"
     parent = multiprocessing.get_context("fork").Process(target=functools.partial(begin_and_tell, file))
     parent.start()

@@ -30,7 +30,7 @@ def module(tmp_path, monkeypatch):
         sys.modules.pop(name, None)
 
 
-def test_versions_and_sources_are_told():
+def test_provenance_has_versions_and_a_digest():
     found = provenance()
     assert list(found) == ["python", "drake_quad", "drake", "numpy", "scipy", "llvmlite", "sources"]
     assert found["python"] == ".".join(map(str, sys.version_info[:3]))
@@ -39,7 +39,7 @@ def test_versions_and_sources_are_told():
     assert int(found["sources"], 16) >= 0
 
 
-def test_a_digest_is_of_the_text_and_of_the_name_of_each_file_once(module):
+def test_a_digest_depends_on_names_and_contents_of_files(module):
     one = source_digest([module("ours")])
     two = source_digest([module("theirs", TEXT + "# more\n")])
     same = source_digest([module("another")])
@@ -51,7 +51,7 @@ def test_a_digest_is_of_the_text_and_of_the_name_of_each_file_once(module):
     assert source_digest([functools.partial(ours, 1), None]) == one
 
 
-def test_a_digest_tells_where_a_name_ends_and_where_a_text_does(tmp_path):
+def test_a_digest_separates_names_from_contents(tmp_path):
     digests = set()
     for number, texts in enumerate(({"a": "bc", "d": ""}, {"a": "b", "cd": ""}, {"ab": "c", "d": ""})):
         folder = tmp_path / str(number)
@@ -62,7 +62,7 @@ def test_a_digest_tells_where_a_name_ends_and_where_a_text_does(tmp_path):
     assert len(digests) == 3
 
 
-def test_a_digest_changes_with_the_text_of_a_file_and_back_with_it(module):
+def test_a_digest_follows_the_contents_of_a_file(module):
     make = module("ours")
     before = source_digest([make])
     module("ours", TEXT.replace("num_vehicles", "vehicles"))
@@ -71,7 +71,7 @@ def test_a_digest_changes_with_the_text_of_a_file_and_back_with_it(module):
     assert source_digest([make]) == before
 
 
-def test_a_function_of_a_module_that_is_not_loaded_is_found(module):
+def test_a_module_that_is_not_loaded_is_imported_for_its_digest(module):
     """As in a worker that has only read where it is to be found."""
     make = module("ours")
     found = source_digest([make])
@@ -79,7 +79,7 @@ def test_a_function_of_a_module_that_is_not_loaded_is_found(module):
     assert source_digest([make]) == found
 
 
-def test_what_has_no_file_or_is_in_the_main_script_does_not_count(module, monkeypatch):
+def test_functions_without_a_file_or_of_the_main_script_are_ignored(module, monkeypatch):
     make = module("ours")
     assert source_digest([sys.getsizeof, None]) == source_digest([])
     for name in ("__main__", "__mp_main__"):
@@ -90,7 +90,7 @@ def test_what_has_no_file_or_is_in_the_main_script_does_not_count(module, monkey
         assert source_digest([make]) == source_digest([])
 
 
-def test_what_differs_is_said_in_words():
+def test_the_first_code_difference_is_described():
     here = {"python": "3.12.1", "numpy": "2.0", "sources": "a", "user_systems": "b"}
     assert code_difference(here, dict(here)) is None
     assert code_difference(here, {**here, "numpy": "1.0"}) == "numpy 1.0, not 2.0"

@@ -21,13 +21,13 @@ REST = "seed: 1\nduration: 2.0\nversions: []\ncolumns: {}\n"
 @pytest.mark.parametrize(
     "text", ["- samples\n", "samples: 3\nseed: 1\nduration: 2.0\n", "seed\n", f"samples: '3'\n{REST}"]
 )
-def test_what_is_no_record_of_a_study_is_refused(tmp_path, text):
+def test_a_file_that_is_not_a_record_is_refused(tmp_path, text):
     (tmp_path / "study.yaml").write_text(text)
     with pytest.raises(InputError, match="is not the record of a study"):
         read_record(tmp_path)
 
 
-def test_what_is_read_was_not_flown_just_now(tmp_path):
+def test_a_study_that_is_read_has_no_flown_time(tmp_path):
     scenario = load_scenario("diagrams/hover.yaml", ["duration=0.1"])
     assert run_monte_carlo(scenario, 2, folder=tmp_path, num_workers=1).flown_time > 0.0
     assert read_study(tmp_path).flown_time == 0.0
@@ -45,7 +45,7 @@ def metrics_of(crash_time):
     return Metrics(*numbers, np.array(crash_time))
 
 
-def test_a_table_holds_the_sample_what_was_drawn_and_the_metrics(two_masses):
+def test_a_study_has_sample_drawn_numbers_and_metrics(two_masses):
     metrics, batch = metrics_of([math.inf, 0.04]), Batch.draw(two_masses, [3, 1])
     rows = rows_of(batch, metrics)
     columns = columns_of(two_masses)
@@ -69,7 +69,7 @@ def test_a_table_holds_the_sample_what_was_drawn_and_the_metrics(two_masses):
     )
 
 
-def test_rows_fit_to_the_digits_that_are_written(two_masses):
+def test_drawn_numbers_are_compared_to_the_written_digits(two_masses):
     """Twelve; a number that differs in the eleventh was not drawn."""
     samples = [4, 0, 2]
     rows = rows_of(Batch.draw(two_masses, samples), metrics_of([math.inf] * 3))
@@ -82,7 +82,7 @@ def test_rows_fit_to_the_digits_that_are_written(two_masses):
     assert check_draws(two_masses, nothing) is nothing
 
 
-def test_columns_mean_what_they_say(two_masses):
+def test_columns_have_meanings(two_masses):
     assert column_meaning(two_masses, "sample") == "number of the sample"
     assert column_meaning(two_masses, "crashed") == "1 if the vehicle crashed, else 0"
     assert column_meaning(two_masses, "checksum").startswith("CRC-32 of the row and its study")
@@ -112,17 +112,17 @@ def test_a_record_cannot_be_changed(tmp_path):
     assert record.samples == 3
 
 
-def test_a_record_that_is_not_there_is_told(tmp_path):
+def test_a_missing_record_is_named(tmp_path):
     with pytest.raises(InputError, match=r"study\.yaml cannot be read as YAML"):
         read_record(tmp_path)
 
 
-def test_a_study_that_says_no_more_has_no_failures_and_was_not_flown_now(two_masses):
+def test_optional_fields_of_a_study_are_empty_by_default(two_masses):
     study = Study(two_masses, 0.1, np.array([0]), {}, metrics_of([math.inf]))
     assert (study.failures, study.flown_time, study.invalid_lines) == ({}, 0.0, ())
 
 
-def test_a_study_has_the_remark_on_its_vehicle():
+def test_a_study_has_the_remarks_on_its_scenario():
     scenario = load_scenario("hover", {"vehicle.mass": {"uniform": {"min": 1.0, "max": 1.2}}})
     study = Study(scenario, 1.0, np.arange(2), {}, metrics_of([math.inf, 0.5]))
     (remark,) = study.remarks

@@ -34,7 +34,7 @@ def table(samples, crash_time=math.inf, value=0.5):
     return rows_of(batch, Metrics(*columns, np.full(len(samples), crash_time)))
 
 
-def test_a_sample_is_there_whatever_its_numbers_are(hover):
+def test_a_sample_counts_as_present_whatever_its_numbers(hover):
     """Also where no tick counted, so that there is no error."""
     rows = StudyRows(hover, 5, 2.0)
     assert (len(rows), [*rows.missing], rows.saved) == (0, [0, 1, 2, 3, 4], "nothing was written")
@@ -51,7 +51,7 @@ def test_a_sample_is_there_whatever_its_numbers_are(hover):
     np.testing.assert_array_equal(study.metrics.rmse, [0.5, np.nan, np.nan])
 
 
-def test_time_is_flown_until_the_end_or_the_crash_by_what_is_new(hover):
+def test_flown_time_counts_new_samples_until_end_or_crash(hover):
     found = StoredRows(table([1], crash_time=0.25), np.array([2]), [5, 3], 0)
     rows = StudyRows(hover, 5, 2.0, stored=found)
     assert (len(rows), [*rows.missing], rows.study().flown_time) == (1, [0, 2, 3, 4], 0.0)
@@ -67,7 +67,7 @@ def test_without_a_folder_nothing_is_written(hover):
     assert (rows.num_samples, len(rows), rows.saved) == (3, 1, "nothing was written")
 
 
-def test_a_folder_holds_the_study_in_order_at_the_end(hover, tmp_path):
+def test_the_rows_in_a_folder_are_sorted_at_the_end(hover, tmp_path):
     folder = tmp_path / "a" / "study"
     with open_study(folder, hover, 3, 2.0, UserSystems(wind=table), resume=False) as rows:
         assert read_record(folder).wind == f"{__name__}:table"
@@ -85,7 +85,7 @@ def test_a_folder_holds_the_study_in_order_at_the_end(hover, tmp_path):
     assert len(columns_of(hover)) == study.metrics.rmse.size + len(lines[0].split(",")) - 3
 
 
-def test_failures_are_told_until_all_is_flown(hover, tmp_path):
+def test_failures_are_recorded_until_all_samples_have_flown(hover, tmp_path):
     with open_study(tmp_path, hover, 2, 2.0, UserSystems(), resume=False) as rows:
         rows.add(Outcome([1], reason="cursed"))
     assert (tmp_path / "failed.csv").read_text() == "sample,reason\n1,cursed\n"
@@ -95,7 +95,7 @@ def test_failures_are_told_until_all_is_flown(hover, tmp_path):
     assert not (tmp_path / "failed.csv").exists()
 
 
-def test_a_study_may_grow_and_not_shrink(hover, tmp_path):
+def test_a_study_can_be_enlarged_but_not_reduced(hover, tmp_path):
     with open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=True) as rows:
         rows.add(Outcome([2], table([2])))
     with open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=True) as rows:
@@ -113,7 +113,7 @@ def test_a_study_may_grow_and_not_shrink(hover, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["position_controller", "control", "wind"])
-def test_a_study_with_another_system_is_another_study(hover, tmp_path, name):
+def test_a_study_with_a_different_system_is_a_different_study(hover, tmp_path, name):
     with open_study(tmp_path, hover, 3, 2.0, UserSystems(**{name: table}), resume=False):
         pass
     words = rf"contains a different study: its {name} is {__name__}:table, not None"
@@ -126,7 +126,7 @@ def test_a_study_with_another_system_is_another_study(hover, tmp_path, name):
         pass
 
 
-def test_a_folder_with_a_scenario_is_written_to_if_it_is_the_study_s(hover, tmp_path):
+def test_a_folder_with_another_scenario_is_refused(hover, tmp_path):
     other = hover.model_copy(update={"seed": 3})
     save_scenario(other, tmp_path / "scenario.yaml")
     words = r"scenario\.yaml is a different scenario and is not overwritten; choose another folder"
@@ -140,7 +140,7 @@ def test_a_folder_with_a_scenario_is_written_to_if_it_is_the_study_s(hover, tmp_
     assert read_study(tmp_path).scenario == other
 
 
-def test_what_a_study_is_stands_there_before_its_first_row(hover, tmp_path, monkeypatch):
+def test_scenario_and_record_are_written_before_the_first_row(hover, tmp_path, monkeypatch):
     """So that it can be gone on with, whenever it is ended."""
 
     def ended(path, form):
@@ -156,7 +156,7 @@ def test_what_a_study_is_stands_there_before_its_first_row(hover, tmp_path, monk
     assert load_scenario(tmp_path / "scenario.yaml") == hover
 
 
-def test_a_study_without_its_record_cannot_be_gone_on_with(hover, tmp_path):
+def test_a_study_without_its_record_cannot_be_resumed(hover, tmp_path):
     with open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=False):
         pass
     for name in ("study.yaml", "scenario.yaml"):
@@ -192,7 +192,7 @@ def test_the_first_difference_is_named_by_its_path(before, now, words):
     assert _difference(before, now) == words
 
 
-def test_a_record_tells_each_way_in_which_samples_were_flown_once(hover, tmp_path):
+def test_a_record_lists_each_kind_of_diagram_once(hover, tmp_path):
     told = []
     for compiled in (True, False, True):
         with open_any(tmp_path, hover, 3, 2.0, UserSystems(), compiled=compiled, resume=True):

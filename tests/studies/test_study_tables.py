@@ -37,7 +37,7 @@ def study(scenario):
     return Study.of_rows(scenario, 0.1, rows, failures={2: "too fast"})
 
 
-def test_a_frame_has_a_row_for_each_sample_and_a_column_for_each_path_and_metric(study, scenario):
+def test_a_frame_has_rows_for_samples_and_columns_for_paths_and_metrics(study, scenario):
     frame = study.to_frame()
     assert frame.index.name == "sample"
     assert frame.index.tolist() == [1, 3, 4]
@@ -51,7 +51,7 @@ def test_a_frame_has_a_row_for_each_sample_and_a_column_for_each_path_and_metric
     assert frame[~frame.crashed]["rmse"].mean() == pytest.approx(np.mean(study.metrics.rmse[[0, 2]]))
 
 
-def test_a_study_with_obstacles_says_into_which_samples_crashed():
+def test_a_study_counts_crashes_into_each_obstacle():
     ball = {"kind": "sphere", "centre": [0.0, 0.0, 5.0], "radius": 0.1}
     scenario = load_scenario("hover", {"space.obstacles": {"near": ball, "far": ball}})
     metrics = Metrics(*np.ones((len(Metrics._fields) - 1, 4)), np.array([math.inf, 0.04, 0.06, 0.08]))
@@ -69,7 +69,7 @@ def test_a_study_with_obstacles_says_into_which_samples_crashed():
     assert share == touched
 
 
-def test_a_study_on_disk_keeps_what_samples_crashed_into(tmp_path):
+def test_the_obstacles_of_crashes_are_saved(tmp_path):
     space = {"obstacles": {"pillar": {"kind": "cylinder", "centre": [0.4, 0.0, 1.0], "radius": 0.13, "height": 1.0}}}
     changed = {"space": space, "duration": 0.4, "laboratory.wind": [{"kind": "steady", "velocity": [3.0, 0.0, 0.0]}]}
     scenario = load_scenario("hover", {**changed, "vehicle.linear_drag": {"uniform": {"min": 0.0, "max": 1.0}}})
@@ -80,7 +80,7 @@ def test_a_study_on_disk_keeps_what_samples_crashed_into(tmp_path):
     np.testing.assert_array_equal(again.obstacle_hit > 0, again.metrics.crashed)
 
 
-def test_a_frame_says_what_its_columns_and_its_study_are(study):
+def test_a_frame_has_units_and_attributes(study):
     attributes = study.to_frame().attrs
     units = attributes["units"]
     assert units["vehicle.mass"] == "kg"
@@ -91,7 +91,7 @@ def test_a_frame_says_what_its_columns_and_its_study_are(study):
     assert (attributes["scenario"], attributes["duration"]) == ("hover", 0.1)
 
 
-def test_parquet_gives_the_frame_back(study, tmp_path):
+def test_a_frame_read_from_parquet_is_unchanged(study, tmp_path):
     path = study.to_parquet(tmp_path / "results.parquet")
     frame, again = study.to_frame(), pd.read_parquet(path)
     pd.testing.assert_frame_equal(again, frame)
@@ -99,7 +99,7 @@ def test_parquet_gives_the_frame_back(study, tmp_path):
     assert [each.name for each in tmp_path.iterdir()] == ["results.parquet"]
 
 
-def test_parquet_that_cannot_be_written_leaves_nothing(study, tmp_path):
+def test_a_failed_parquet_write_leaves_no_file(study, tmp_path):
     (tmp_path / "results.parquet").mkdir()
     with pytest.raises(OSError, match="results.parquet"):
         study.to_parquet(tmp_path / "results.parquet")

@@ -91,14 +91,14 @@ def test_a_sample_that_the_scenario_may_not_say_ends_all(make):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("make", [lambda: Here(2), lambda: ExecutorPool(ThreadPoolExecutor(1), 1), lambda: Workers(1)])
-def test_what_leaves_the_program_is_an_outcome(make):
+def test_system_exit_becomes_an_outcome(make):
     crew = make()
     (outcome,) = fly_batches(crew, leaving, [[4]])
     assert (outcome.argument, outcome.result, outcome.reason) == ([4], None, "SystemExit: 3")
     crew.abandon()
 
 
-def test_an_executor_that_is_given_flies_everything():
+def test_a_given_executor_flies_all_batches():
     submitted = []
 
     class Executor(ThreadPoolExecutor):
@@ -123,7 +123,7 @@ def test_a_reason_is_one_short_line():
 
 
 @pytest.mark.parametrize(("length", "shown"), [(288, 300), (289, 303)])
-def test_a_reason_of_three_hundred_characters_is_whole(length, shown):
+def test_a_reason_of_three_hundred_characters_is_not_shortened(length, shown):
     def complain(samples):
         raise ValueError("x" * length)
 
@@ -132,14 +132,14 @@ def test_a_reason_of_three_hundred_characters_is_whole(length, shown):
     assert outcome.reason.removesuffix("...") == ("ValueError: " + "x" * length)[:300]
 
 
-def test_an_error_without_words_is_its_name():
+def test_an_error_without_a_message_is_described_by_its_name():
     def complain(samples):
         raise ArithmeticError
 
     assert run_task(complain, [4]) == Outcome([4], reason="ArithmeticError")
 
 
-def test_ctrl_c_is_no_outcome():
+def test_ctrl_c_is_not_an_outcome():
     def interrupt(samples):
         raise KeyboardInterrupt
 
@@ -147,12 +147,12 @@ def test_ctrl_c_is_no_outcome():
         run_task(interrupt, [0])
 
 
-def test_an_executor_has_one_task_more_for_each_worker():
+def test_an_executor_has_one_queued_task_per_worker():
     crew = ExecutorPool(ThreadPoolExecutor(3), 3)
     assert (crew.num_workers, crew.capacity) == (3, 6)
 
 
-def test_a_worker_of_an_executor_that_dies_fails_its_task():
+def test_a_dying_worker_of_an_executor_fails_its_task():
     class Dying(Executor):
         def submit(self, function, /, *arguments):
             future = Future()
@@ -169,7 +169,7 @@ def test_a_worker_of_an_executor_that_dies_fails_its_task():
     assert sorted(outcome.argument for outcome in outcomes if not outcome.reason) == [[1], [3]]
 
 
-def test_what_an_executor_has_not_begun_when_it_is_given_up_is_never_done():
+def test_abandoned_tasks_of_an_executor_are_cancelled():
     done, go, begun = [], threading.Event(), threading.Event()
 
     def wait_and_tell(given):
@@ -191,7 +191,7 @@ def test_what_an_executor_has_not_begun_when_it_is_given_up_is_never_done():
     assert done == [1, 3]
 
 
-def test_what_is_given_up_is_not_there_for_the_next():
+def test_abandoned_tasks_have_no_outcome():
     """A study that ends early leaves nothing to the next one with the same processes."""
     with Workers(2) as workers:
         for _ in range(2):
