@@ -1,4 +1,4 @@
-"""The shipped designs are the entries of the evaluation with tuned numbers."""
+"""Tests of the shipped designs, which must be the entries of the evaluation with tuned numbers."""
 
 import pytest
 
@@ -11,7 +11,7 @@ from drake_quad.scenario.paths import steps_of
 
 
 def numbers_in(design, paths):
-    """Return the numbers that a design has at some paths."""
+    """Return the numbers at some paths of a design."""
     found = []
     for path in paths:
         part = design
@@ -32,7 +32,7 @@ def designs(diagrams):
 def test_a_shipped_design_differs_from_its_entry_only_in_its_tuned_numbers(name, designs):
     family = FAMILIES[name]
     entries = entries_of(on_board=family.on_board, maps=family.maps)
-    # The file of the laboratory has a design with less margin as well.
+    # The file of the laboratory also has a design with a smaller margin.
     assert designs[name].keys() - {"indi_fast"} == entries.keys()
     for key, entry in entries.items():
         design = designs[name][key]
@@ -40,7 +40,7 @@ def test_a_shipped_design_differs_from_its_entry_only_in_its_tuned_numbers(name,
         for knob, found in zip(entry.knobs, numbers, strict=True):
             assert len(set(found)) == 1
             assert knob.low <= found[0] <= knob.high
-            # The report says that all ranges are a factor of ten or more wide.
+            # The report states that each range covers a factor of ten or more.
             assert knob.high >= 9.99 * knob.low
         if entry.knobs:
             assert entry.tree([found[0] for found in numbers]) == design
@@ -102,7 +102,7 @@ def test_the_numbers_of_an_earlier_design_are_read_from_its_file(diagrams, desig
 
 
 def plain(tree):
-    """Return a tree without what YAML keeps of its style."""
+    """Return a tree of plain lists and dictionaries, without the style of the YAML file."""
     if isinstance(tree, dict):
         return {key: plain(part) for key, part in tree.items()}
     return [plain(part) for part in tree] if isinstance(tree, list) else tree

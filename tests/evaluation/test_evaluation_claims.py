@@ -1,4 +1,4 @@
-"""Answers about invented flights, whose numbers are worked out here."""
+"""Verdicts on invented flights, compared with independent computations."""
 
 import re
 
@@ -48,7 +48,7 @@ def test_reductions_are_paired_by_sample():
     assert list(compared) == [*FAMILIES["laboratory"].laboratories, "outdoor"]
     for each in compared.values():
         assert reduction(each.ratio).value == pytest.approx(0.28, abs=0.002)
-        # Paired, ten per cent of scatter are no part of the interval.
+        # The scatter of 10 % between samples cancels in a paired comparison.
         assert reduction(each.ratio).high - reduction(each.ratio).low < 0.002
 
 

@@ -1,4 +1,4 @@
-"""Choice of the flights that judge controllers; flights are replaced by a record of their requests."""
+"""Selection of the flights of the evaluation; flights are replaced by a record of the requests."""
 
 import math
 from types import SimpleNamespace
@@ -35,8 +35,8 @@ SIZES = EvaluationSizes(samples=7, uncompiled=3, laps=5, max_laps=3, delayed=4, 
 
 
 @pytest.fixture
-def told(monkeypatch):
-    """Replace flights and linear models by texts that say of what they are, and scenarios by their layers."""
+def replaced_flights(monkeypatch):
+    """Replace flights and linear models by texts that describe them, and scenarios by their layers."""
 
     def scenario(family, diagrams, place, layers=(), overrides=()):
         return (place, *(layer.rpartition(":")[2] for layer in layers), *overrides)
@@ -50,7 +50,7 @@ def told(monkeypatch):
     monkeypatch.setattr(experiment, "single_vehicle_time", lambda of, compiled=True: f"lone {of} {compiled}")
 
 
-def test_a_controller_flies_in_each_laboratory_of_its_family(told, diagrams):
+def test_a_controller_flies_in_each_laboratory_of_its_family(replaced_flights, diagrams):
     family = LaboratoryFamily({"gale": "a", "calm": "b"}, ("calm",), "gale", on_board=False, maps=True)
     for name in ("pd", "pd_t2fnn_map", "mpc"):
         *found, last = fly_family(diagrams, "mine", family, name, SIZES)
@@ -58,19 +58,19 @@ def test_a_controller_flies_in_each_laboratory_of_its_family(told, diagrams):
         count = 3 if uncompiled else 7
         for place, flown in zip(("gale", "calm"), found, strict=True):
             assert flown == (place, name, ("flown", (place, name), count, not uncompiled))
-        # The margin of a network is that of the controller that it stands around.
+        # The margin of a network is that of the controller to which it is added.
         base = ("calm", "mpc" if uncompiled else "pd")
         windy = ("gale", name)
-        stood = last[2].delay_flown
+        tolerated = last[2].delay_flown
         assert last == (
             "mine",
             name,
-            Traits(f"peak {base}", f"delay {base}", stood, f"lone {windy} {not uncompiled}", "time gale"),
+            Traits(f"peak {base}", f"delay {base}", tolerated, f"lone {windy} {not uncompiled}", "time gale"),
         )
-        assert math.isnan(stood) if uncompiled else stood == f"stood {windy} 4"
+        assert math.isnan(tolerated) if uncompiled else tolerated == f"stood {windy} 4"
 
 
-def test_margins_do_not_depend_on_the_flight_duration(told, diagrams):
+def test_margins_do_not_depend_on_the_flight_duration(replaced_flights, diagrams):
     family = FAMILIES["neural_fly"]
     found = list(fly_family(diagrams, "neural_fly", family, "indi_t2fnn_map", SIZES._replace(duration=2.5)))
     assert [place for place, *_ in found] == [*family.laboratories, "neural_fly"]
@@ -81,7 +81,7 @@ def test_margins_do_not_depend_on_the_flight_duration(told, diagrams):
     assert SIZES.overrides == ()
 
 
-def test_position_networks_and_their_bases_fly_all_numbers_of_laps(told, diagrams):
+def test_position_networks_and_their_bases_fly_all_numbers_of_laps(replaced_flights, diagrams):
     entries = ["pd", "pd_t2fnn", "indi", "indi_t2fnn_map", "lqg"]
     found = list(fly_laps(diagrams, "laboratory", FAMILIES["laboratory"], entries, SIZES))
     assert [each[:2] for each in found] == [
@@ -93,7 +93,7 @@ def test_position_networks_and_their_bases_fly_all_numbers_of_laps(told, diagram
     assert overrides_for_laps(3) == ("route.laps=3", "metrics.first_lap=3")
 
 
-def test_designs_with_other_limits_fly_in_high_wind(told, diagrams):
+def test_designs_with_other_limits_fly_in_high_wind(replaced_flights, diagrams):
     found = list(fly_priced(diagrams, FAMILIES["laboratory"], ["pd", "lqg"], SIZES._replace(duration=2.0)))
     names = [priced_name("lqg", limit) for limit in SENSITIVITY_LIMITS]
     assert [each[:2] for each in found] == [(place, name) for name in names for place in ("high wind", "priced")]
@@ -106,7 +106,7 @@ def test_designs_with_other_limits_fly_in_high_wind(told, diagrams):
 
 
 def test_times_are_cpu_times_per_vehicle_and_tick(monkeypatch, diagrams):
-    """A flight of 4 s has 200 ticks of 20 ms. Three lone flights take 3 s, 1 s and, up to a crash after 1 s, 0.5 s."""
+    """A flight of 4 s has 200 ticks. Three single flights take 3 s, 1 s and, until a crash after 1 s, 0.5 s."""
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal")
     clock, made, flown = iter([0.0, 14.0, 20.0, 23.0, 30.0, 31.0, 40.0, 40.5]), [], []
 
@@ -190,8 +190,8 @@ def write_all_designs_but(folder, family, names):
 
 
 def test_an_experiment_is_flown_job_by_job(monkeypatch, tmp_path):
-    """Laps and designs with other limits are flown where the family has the laboratory for them."""
-    traits, asked, told, rows = Traits(1.0, 2.0, 3.0, 4.0, 5.0), [], [], []
+    """Laps and designs with other limits are flown if the family has the laboratory for them."""
+    traits, asked, reports, rows = Traits(1.0, 2.0, 3.0, 4.0, 5.0), [], [], []
 
     def of_family(folder, name, family, entry, sizes):
         asked.append((name, entry, sizes))
@@ -212,7 +212,7 @@ def test_an_experiment_is_flown_job_by_job(monkeypatch, tmp_path):
     write_all_designs_but(tmp_path, "laboratory", [])
 
     def progress(*each):
-        told.append(each)
+        reports.append(each)
         rows.append(len((tmp_path / "flights.csv").read_text(encoding="utf-8").splitlines()) - 1)
 
     families = ["outdoor", "laboratory"]
@@ -226,8 +226,8 @@ def test_an_experiment_is_flown_job_by_job(monkeypatch, tmp_path):
         ("priced", laboratory, ["pd", "mpc"], QUICK),
     ]
     names = ["outdoor pd", "laboratory pd", "laboratory mpc", "laps", PRICED_DESIGNS]
-    assert told == [(done, 5, name) for done, name in enumerate(names, start=1)]
-    # What is done is written after each job.
+    assert reports == [(done, 5, name) for done, name in enumerate(names, start=1)]
+    # The results are written after each job.
     assert rows == [COUNT, 2 * COUNT, 3 * COUNT, 4 * COUNT, 4 * COUNT]
     assert {place: [*each] for place, each in found.flights.items()} == {
         "outdoor": ["pd"], "no wind": ["pd", "mpc"], "high wind, lap 1": ["pd"],
@@ -244,7 +244,7 @@ def test_an_experiment_is_flown_job_by_job(monkeypatch, tmp_path):
 
 @pytest.fixture
 def tuned(monkeypatch):
-    """Replace searches by the middle of the ranges, and keep what they are asked for."""
+    """Replace searches by the middle of the ranges, and record their arguments."""
     kept = []
 
     def tune(scenarios, knobs, shares, *, budget, extra_latency=0.0, before=None, progress=None):
@@ -258,7 +258,7 @@ def tuned(monkeypatch):
 
 @pytest.mark.slow
 def test_designs_with_other_limits_are_added_to_their_file(tuned, monkeypatch, diagrams, tmp_path):
-    """INDI is tuned by the search and LQG by its designer, each under four limits."""
+    """INDI is tuned by the search and LQG from Riccati equations, each with four limits."""
     lqg, limits = load_scenario(diagrams / "laboratory.yaml:nominal"), []
     folder = tmp_path / "diagrams"
     (folder / "controllers" / "designed").mkdir(parents=True)
@@ -290,7 +290,7 @@ def test_designs_with_other_limits_are_added_to_their_file(tuned, monkeypatch, d
 
 @pytest.mark.slow
 def test_a_network_is_tuned_with_late_frames_instead_of_a_linear_limit(tuned, monkeypatch, diagrams, tmp_path):
-    """The frames are as late as the controller alone tolerates, which keeps the file's earlier numbers."""
+    """The additional delay is the one that the controller alone tolerates; the earlier design is a candidate."""
     folder = tmp_path / "diagrams"
     (folder / "controllers" / "designed").mkdir(parents=True)
     (folder / "mine.yaml").write_text(f"mine: {{extends: '{diagrams}/laboratory.yaml:low_wind'}}\n", encoding="utf-8")
@@ -299,11 +299,11 @@ def test_a_network_is_tuned_with_late_frames_instead_of_a_linear_limit(tuned, mo
     )
     asked = []
 
-    def stood(scenarios, most, *, budget):
+    def tolerated(scenarios, most, *, budget):
         asked.append((scenarios, most, budget))
         return 0.03
 
-    monkeypatch.setattr(protocol, "tolerated_delay", stood)
+    monkeypatch.setattr(protocol, "tolerated_delay", tolerated)
     entries = {name: entries_of(on_board=False, maps=True)[name] for name in ("pd", "pd_t2fnn", "pd_t2fnn_map")}
     budget = Budget(rounds=3)
     made = list(protocol.design_family(folder, "mine", family, entries, budget=budget))

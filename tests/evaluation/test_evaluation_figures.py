@@ -1,4 +1,4 @@
-"""The figures of the evaluation show the numbers of invented flights."""
+"""Tests that the figures of the evaluation show the numbers of invented flights."""
 
 import numpy as np
 import pytest
@@ -85,12 +85,12 @@ def test_the_errors_figure_has_markers_with_intervals():
         assert len(at) >= 3
         assert low <= min(at) < max(at) <= high
         assert written == [f"{each:g}" for each in at]
-        # Numbers are round and have room.
+        # Tick labels are round numbers and do not overlap.
         assert {f"{each:e}".partition("e")[0].rstrip(".0") for each in at} <= {"1", "2", "3", "5"}
         assert min(np.diff(np.log10(at))) > 0.06 * np.log10(high / low)
         assert not len(axes.xaxis.get_minorticklocs())
         assert axes.get_xscale() == "log"
-    # A controller has one colour with and without a network, and a kind of network has one mark.
+    # A controller has the same colour with and without a network, and each kind of network has one marker.
     ((color, mark),) = looks["pd"]
     assert looks["pd_t2fnn"] == {(color, looks["indi_t2fnn"].copy().pop()[1])}
     assert looks["pd_t1fnn"] != looks["pd_t2fnn"]
@@ -132,7 +132,7 @@ def test_the_networks_figure_has_a_row_per_network():
             np.testing.assert_allclose(interval.get_ydata(), mark.get_ydata()[0])
             heights.append(float(mark.get_ydata()[0]) - row)
             assert low < 100.0 * each.low < 100.0 * each.high < high
-        # Marks of one row stand apart, in order, and nearer to their row than to the next one.
+        # The markers of a row are separate, in order, and nearer to their row than to the next one.
         assert sorted(heights) == heights
         assert max(np.abs(heights)) < 0.5
         assert len(set(heights)) == len(by_place)
@@ -156,7 +156,7 @@ def test_small_changes_by_networks_are_shown_within_six_per_cent():
 
 
 def test_large_changes_by_networks_do_not_hide_small_ones():
-    """The scale is logarithmic beyond 10 %, and a network that makes the error thirty times as large is cut off."""
+    """The scale is logarithmic beyond 10 %, and a network with thirty times the error is cut off."""
     axes = networks_figure(evaluation(network=30.0, other=0.0001)).axes[0]
     assert axes.get_xscale() == "symlog"
     assert axes.xaxis.get_transform().linthresh == 10.0
@@ -199,7 +199,7 @@ def test_the_margins_figure_shows_all_designs_beyond_its_usual_limits():
     assert left.get_xlim()[0] < 1.2
     assert left.get_xlim()[1] > 4.0
     assert right.get_xlim()[1] > 250.0
-    # A delay that no flight limits has no place on the axis.
+    # An infinite tolerated delay is not drawn.
     assert np.isnan(right.lines[-1].get_xdata()[0])
 
 

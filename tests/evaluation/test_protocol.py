@@ -1,4 +1,4 @@
-"""Designs are trained on what is never judged, and written so that nothing else in a file changes."""
+"""Tests of the tuning protocol and of the files of designs."""
 
 import numpy as np
 import pytest
@@ -73,7 +73,7 @@ def test_a_network_requires_a_design_of_its_base(tmp_path):
 
 @pytest.fixture
 def copied(diagrams, tmp_path):
-    """A folder of diagrams in which designs can be written, and a small family in it."""
+    """Folder of diagrams to which designs can be written, with a small family."""
     folder = tmp_path / "diagrams"
     (folder / "controllers" / "designed").mkdir(parents=True)
     spec = f"{diagrams}/laboratory.yaml:low_wind"
@@ -83,7 +83,7 @@ def copied(diagrams, tmp_path):
 
 @pytest.mark.slow
 def test_tuned_designs_are_better_than_the_middle_of_their_ranges(copied, monkeypatch):
-    """The search and the flights are real; the linear models, which take most of the time, have tests of their own."""
+    """The search and the flights are real; the linear models, which take most of the time, are replaced."""
     monkeypatch.setattr(LoopLimit, "shares_met", lambda limit, scenario: np.ones(1))
     monkeypatch.setattr(experiment, "worst_margins", lambda scenario: (2.0, 0.05))
     folder, family = copied

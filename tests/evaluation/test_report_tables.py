@@ -1,4 +1,4 @@
-"""The tables and sentences of the report, about invented flights."""
+"""Tables and sentences of the report of the evaluation, for invented flights."""
 
 import numpy as np
 import pytest
@@ -46,7 +46,7 @@ def found():
 
 
 def test_the_committed_report_has_the_default_sizes(root):
-    """Its statements are in the order in which all are asked."""
+    """Its claims are in the order of `all_claims`."""
     text = (root / "docs" / "controllers" / "report.md").read_text(encoding="utf-8")
     whole = EvaluationSizes()
     assert text.startswith("#")
@@ -68,7 +68,7 @@ def test_the_committed_report_has_the_default_sizes(root):
     ):
         assert words in flowing
     assert list(SENSITIVITY_LIMITS) == sorted(SENSITIVITY_LIMITS)
-    # A quick run flies less of everything.
+    # All sizes of a quick run are smaller.
     assert all(few < many for few, many in zip(QUICK[:-1], whole[:-1], strict=True))
     found = evaluation()
     for place in FAMILIES["laboratory"].laboratories:
@@ -99,7 +99,7 @@ def test_a_controller_with_fewer_samples_cannot_be_the_best():
     assert best_controllers(found, "outdoor") == ["pd", "indi"]
     found.flights["outdoor"]["indi"] = flights(0.1).take(slice(10))
     assert best_controllers(found, "outdoor") == ["pd"]
-    # If all crash often, the best of them is still named. Designs with other limits are no candidates.
+    # If all controllers crash often, the best is still named. Designs with other limits are not considered.
     found.flights["outdoor"] = {"pd": flights(0.2, crashed=range(9)), "indi@3": flights(0.1)}
     assert best_controllers(found, "outdoor") == ["pd"]
 
@@ -111,7 +111,7 @@ def test_a_claim_does_not_hold_with_more_crashes_despite_a_smaller_error():
     (claim,) = (each for each in all_claims(found) if each.statement.endswith("to PD reduces the error"))
     assert claim.verdict == "does not hold"
     assert "reduction of the RMSE: 28." in claim.evidence
-    # A baseline that crashes more often is no reason against it.
+    # The claim may hold if the baseline crashes more often.
     found.flights["outdoor"]["pd"] = flights(0.2, crashed=range(20, 40))
     found.flights["outdoor"]["pd_t2fnn"] = flights(0.1, own=2)
     assert verdicts(found)[claim.statement] == "holds"
@@ -176,7 +176,7 @@ def test_crashes_are_listed_laboratory_by_laboratory():
     rows = rows_of(report_markdown(found, all_claims(found), []))
     (pd,) = (row for row in rows if row[0] == "PD" and len(row) == 12)
     assert pd[4] == "0, 0, 40"
-    # Nobody is left, so there is no effort.
+    # All vehicles crash, so there is no effort.
     assert pd[6] == "–"
 
 

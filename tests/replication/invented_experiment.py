@@ -1,4 +1,4 @@
-"""An experiment that was never flown, whose numbers scatter about known levels."""
+"""Invented experiment whose numbers scatter around known levels."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from drake_quad.studies.study import Study
 
 
 def metrics_of(rng, shape, level=1.0, crashes=0.0):
-    """Numbers about a level, those of crashed samples far from it."""
+    """Metrics that scatter around a level; those of crashed samples are far from it."""
     values = {name: level * rng.uniform(0.9, 1.1, shape) for name in Metrics._fields}
     crashed = rng.uniform(size=shape) < crashes
     values["rmse"] = np.where(crashed, 0.01, values["rmse"])
@@ -20,7 +20,7 @@ def metrics_of(rng, shape, level=1.0, crashes=0.0):
 
 
 def invented_experiment(num_samples=6, *, crashes=0.0, seed=4):
-    """Return an experiment.
+    """Return an invented experiment.
 
     Args:
         num_samples: number of samples of each cell.

@@ -1,4 +1,4 @@
-"""Claims about an invented experiment, whose answers are worked out here."""
+"""Claims about an invented experiment, compared with independent computations."""
 
 import csv
 from dataclasses import replace
@@ -41,14 +41,14 @@ def found():
 
 
 def interval(values):
-    """Mean and 95 % interval of what is finite."""
+    """Return the mean of the finite values with its 95 % interval."""
     values = np.asarray(values)[np.isfinite(values)]
     mean, half = values.mean(), scipy.stats.t.ppf(0.975, len(values) - 1) * scipy.stats.sem(values)
     return np.array([mean, mean - half, mean + half])
 
 
 def opposite(estimate, start=0.0):
-    """Of what is left of a start."""
+    """Return start - x for an estimate x with its interval."""
     value, low, high = start - np.asarray(estimate)
     return np.array([value, high, low])
 
@@ -103,7 +103,7 @@ def errors(sweep):
 
 
 def rows_at(sweep, number, exponents, rows):
-    """The errors of a sweep of three exponents at each of some values."""
+    """Return the errors of a sweep with one of three pairs of exponents, at each of some values."""
     places = [3 * row + ("pd_t1fnn", "pd_t2fnn", "pd_t2fnn_wide").index(exponents) for row in range(rows)]
     return errors(sweep)[places]
 
@@ -136,7 +136,7 @@ def test_reductions_compared_with_the_pd(found):
     listed = "; ".join(f"{named(*cell)} {per_cent(each)}" for cell, each in cuts.items())
     slopes = "; ".join(f"{NAMES[wind]} {least_to_most(each)}" for wind, each in over_slope.items())
     assert half.details == f"{listed}; over λ from 1 to 3 1/s, {slopes}"
-    # About 0.55 with the narrow sets and 0.45 with the wide ones, and with some λ more.
+    # The reductions are about 0.55 with narrow sets and 0.45 with wide ones, and larger with another λ.
     assert half.verdict == "holds in part"
     cut, *others = (
         opposite(over(found, "no_wind", name, "pd"), 1.0) for name in ("pd_t2fnn", "pd_t1fnn", "pd_t2fnn_wide")
@@ -256,7 +256,7 @@ def test_claims_about_peaks_pd_output_and_effort(found):
 def test_claims_about_gains(found):
     *_, legs, circle = all_claims(found)
     straight, curved, swing = found.legs.metrics
-    # The third pair crashed on a straight line.
+    # A sample crashed with the third pair of gains on a straight line.
     on_straight = min((0, 1, 3, 4, 5), key=lambda place: sum(straight[place, :8]))
     on_curved = min(range(6), key=lambda place: sum(curved[place, :8]))
     worse = fieller(curved[on_straight, 8:], curved[on_curved, 8:]) - 1.0
@@ -414,7 +414,7 @@ def test_files_contain_the_fair_comparison_and_the_efforts(found, tmp_path):
 
 
 def even(cells=(), recorded=(), noise=(), shares=(), slope=1.0):
-    """An experiment in which all is one, but for what is given, and no two samples differ.
+    """Return an experiment without scatter, in which all numbers are 1 unless they are given.
 
     Args:
         cells: numbers by (wind or None for all, controller, metric).
@@ -518,7 +518,7 @@ def test_a_verdict_changes_at_the_level_of_its_rule(claim, numbers, verdict):
     ],
 )
 def test_gains_are_chosen_and_compared_on_different_samples(curved, swing, verdict):
-    """On the first two samples the first gains are better on straight legs and the second on curved ones."""
+    """On the first two samples, the first gains are better on straight legs and the second on curved legs."""
     rows = np.ones((3, 2, 4))
     rows[0, 0, :2] = rows[1, 1, :2] = 0.5
     rows[1, :, 2:], rows[2, :, 2:] = np.transpose([curved]), np.transpose([swing])
@@ -532,7 +532,7 @@ def test_gains_are_chosen_and_compared_on_different_samples(curved, swing, verdi
     [(1, 3, "holds"), (1, 2, "holds in part"), (3, 3, "holds in part"), (2, 1, "does not hold")],
 )
 def test_the_circle_of_gains_requires_a_share_above_half(pd, network, verdict):
-    """Of four gains, so many are as good as the best."""
+    """The number of gains that are nearly as good as the best varies."""
     experiment = even()
     gains = {"k_p": np.array([1.0, 2.0, 1.0, 2.0]), "k_d": np.array([1.0, 1.0, 2.0, 2.0])}
     maps = {}

@@ -1,4 +1,4 @@
-"""What beyond the cells is flown: settings side by side fly as they would alone."""
+"""Tests of sweeps and of the experiment: settings in one fleet fly as they would alone."""
 
 import numpy as np
 import pytest
@@ -132,7 +132,7 @@ def test_a_cell_with_a_failed_sample_is_refused(tmp_path, monkeypatch):
     ("count", "sizes"), [(64, [15]), (100, [10, 5]), (300, [3] * 5), (1024, [1] * 15), (3000, [1] * 15)]
 )
 def test_fleets_are_filled_with_settings(count, sizes):
-    """At least one; as many vehicles as 1,024 otherwise, each on the same samples."""
+    """A fleet has at least one setting and otherwise at most 1,024 vehicles."""
     settings = Q_SETTINGS
     jobs = SweepPlan(None, settings, count, fly=kept).jobs("q", "a scenario", compiled=False)
     assert [job.size for job in jobs] == [size * count for size in sizes]
@@ -175,7 +175,7 @@ def test_a_resumed_cell_is_identical(tmp_path):
 
 
 def test_a_written_experiment_can_be_read(tmp_path, monkeypatch):
-    """With flights in whose place stands what was asked for."""
+    """The flights are replaced by their arguments."""
     sizes = ExperimentSizes(cells=6, recorded=3, sweep=4, grid=2, map=3, legs=2)
     cells, told = {}, []
 
@@ -263,7 +263,7 @@ def test_a_written_experiment_can_be_read(tmp_path, monkeypatch):
 
 
 def test_a_cell_is_flown_in_one_fleet(tmp_path, monkeypatch):
-    """What is there already stays."""
+    """Existing rows are kept."""
     sizes = []
 
     def fly_and_tell(job, samples):

@@ -1,4 +1,4 @@
-"""Numbers of flights, from signals that are made by hand."""
+"""Measures of flights with artificial signals."""
 
 import math
 
@@ -13,14 +13,14 @@ from drake_quad.reference.plan import Plan
 from drake_quad.reference.routes import Leg
 from drake_quad.replication.measures import EFFORTS, leg_metrics, measures
 
-# A straight line along X and back, at 1 m; the legs begin at 0, 4, 8 and 12 s of 16.
+# The path is a straight line along X and back, at a height of 1 m; its legs begin at 0, 4, 8 and 12 s of 16.
 PATH = minimum_snap([[0.0, 0, 1], [1, 0, 1], [2, 0, 1], [1, 0, 1], [0, 0, 1]], [0.0, 4.0, 8.0, 12.0, 16.0])
 PLAN = Plan.facing(PATH, legs=(Leg("rise", 0), Leg("climb", 1), Leg("circle", 2), Leg("straight", 3)))
 TIME = 0.02 * np.arange(801)
 
 
 def flight(crash_time=math.inf, **signals):
-    """A flight with these signals; the others are those of a vehicle that stays where it is."""
+    """Return a flight with the given signals; the others are those of a vehicle at rest."""
     sizes = {"acceleration_command": 3, "wrench": 4, "state": 12, "reference": 11}
     others = {name: np.zeros((len(TIME), size)) for name, size in sizes.items()} | {"pd": np.ones((len(TIME), 3))}
     metrics = Metrics(*[0.0] * (len(Metrics._fields) - 1), crash_time)
@@ -28,7 +28,7 @@ def flight(crash_time=math.inf, **signals):
 
 
 def pulses(*heights):
-    """The PD's output on X and Y, constant from one whole second to the next."""
+    """Return PD outputs on X and Y that are constant within each second."""
     pd = np.ones((len(TIME), 3))
     pd[:, 0:2] = np.array([(0.6 * height, -0.8 * height) for height in heights])[np.minimum(TIME.astype(int), 15)]
     return flight(pd=pd)
@@ -41,7 +41,7 @@ def test_pd_fade_compares_the_last_quarter_with_the_one_after_the_rise():
 
 
 def test_pd_return_compares_output_after_and_before_segment_changes():
-    """Those at 8 and 12 s: the first leg begins the flight, and before the second the vehicle only rises."""
+    """Only the changes at 8 and 12 s count: before the first two legs, there is no flight or only a climb."""
     heights = [1.0] * 16
     heights[3], heights[4] = 50.0, 70.0
     heights[7], heights[11] = 2.0, 4.0
@@ -88,7 +88,7 @@ def test_measures_of_a_crash_are_nan():
 
 
 def test_leg_metrics():
-    """The legs from 4 and from 12 s are straight, that from 8 s is curved, and the rise is neither."""
+    """The legs from 4 s and 12 s are straight, the leg from 8 s is curved, and the rise is neither."""
     state, command = np.zeros((len(TIME), 12)), np.zeros((len(TIME), 3))
     leg = np.minimum(TIME // 4.0 + (TIME % 4.0 > 3.99), 3).astype(int)
     state[:, 0:3] = np.array([9.0, 0.3, 0.2, 0.4])[leg, np.newaxis] * [1.0, -2.0, 2.0]

@@ -1,4 +1,4 @@
-"""The printed table, as the sheet has it."""
+"""Tests of the printed Table II."""
 
 import math
 
@@ -16,7 +16,7 @@ def test_the_table_has_ten_cells_of_known_names():
 
 
 def test_printed_means_are_those_of_the_runs_where_all_are_printed():
-    """To the last printed digit, but for two that the paper has otherwise."""
+    """Two printed means of the paper do not agree with their runs."""
     for cell, line in printed_table().items():
         for runs in line:
             if not any(map(math.isnan, (*runs.runs, runs.mean))):

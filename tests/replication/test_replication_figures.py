@@ -1,4 +1,4 @@
-"""The figures of the replication show the numbers of invented experiments and of short flights."""
+"""Tests that the figures of the replication show the numbers of invented experiments and short flights."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -41,7 +41,7 @@ def found():
 
 @pytest.fixture(scope="module")
 def flights():
-    """Six seconds of flights, of which one in high wind crashes after four."""
+    """Flights of six seconds, one of which crashes in high wind after four."""
     cells = [Cell("no_wind", name) for name in ("pd", "pd_t2fnn")] + [Cell("high_wind", name) for name in CONTROLLERS]
     flown = {cell: simulate(load(cell, ["duration=6"])) for cell in cells}
     crashed = Cell("high_wind", "pd_t2fnn_wide")
@@ -56,7 +56,7 @@ def marked(axes, marker):
 
 
 def legend_of(figure):
-    """Return the handles of a figure's legend by their texts."""
+    """Return the handles of a figure's legend by their labels."""
     (legend,) = figure.legends
     return dict(zip((text.get_text() for text in legend.texts), legend.legend_handles, strict=True))
 
@@ -165,7 +165,7 @@ def test_paths_without_wind_are_shown_in_space_and_from_above(flights):
             np.testing.assert_allclose(shown, path.T[:count])
         assert list(legend_of(figure)) == names == [line.get_label() for line in axes.lines]
     assert above.axes[0].get_aspect() == 1.0
-    # From above, legs that go straight up have no number.
+    # Vertical legs have no number in the view from above.
     seen = [str(mark.number) for mark in leg_marks(whole.plan) if np.any(mark.beside)]
     assert [text.get_text() for text in above.axes[0].texts] == seen
     numbers = {text.get_text(): text.get_position_3d() for text in space.axes[0].texts}
@@ -176,7 +176,7 @@ def test_paths_without_wind_are_shown_in_space_and_from_above(flights):
         away = np.subtract(numbers[str(i)], path.value(0.5 * (start + end))[:, 0])
         assert away[2] == 0.0
         assert np.linalg.norm(away) == pytest.approx(0.35) or not away.any()
-    # A box has the proportions of the route, whose lowest side is drawn with at least 1.5 m.
+    # The box has the proportions of the route, with at least 1.5 m on each side.
     aspect = space.axes[0]._box_aspect
     extent = np.maximum(np.ptp(expected[0], axis=0), 1.5)
     np.testing.assert_allclose(aspect / aspect[0], extent / extent[0])
@@ -208,7 +208,7 @@ def test_errors_in_wind_are_shown_until_the_crash_and_beside_those_of_type_1(fli
         assert line.get_color() == curves[CONTROLLERS[name]].get_color()
         assert line.get_xdata()[0] > 1.0
         assert level < upper.get_ylim()[1]
-    # Lines of nearly equal levels are drawn side by side.
+    # Markers of similar levels are drawn side by side.
     assert len({line.get_xdata()[0] for line in levels[1:]}) == len(printed) - 1 >= 2
     assert list(legend_of(figure)) == [*CONTROLLERS.values(), "mean RMSE in Table II"]
 
@@ -269,7 +269,7 @@ def test_bars_of_the_fair_comparison_are_mean_errors(found):
             assert text.get_text() == f"{mean:.2f}"
             assert mean < axes.get_xlim()[1]
     assert [text.get_text() for text in axes.get_yticklabels()] == list(COMPARED_CONTROLLERS.values())
-    # The bars of a controller stand in the order of the winds and do not overlap those of the next one.
+    # The bars of a controller are in the order of the winds and do not overlap those of the next controller.
     offsets = sorted({round(offset, 9) for offset, _ in heights})
     assert len(offsets) == 3
     height = heights[0][1]
@@ -312,7 +312,7 @@ def test_the_map_of_gains_is_grey_where_a_sample_crashes(found):
         if name == "pd":
             np.testing.assert_allclose(np.ma.filled(shades.get_array(), np.nan).reshape(3, 2), rmse)
             least = np.nanmin(rmse)
-            # Colours end at sixteen times the least error.
+            # The colour scale ends at sixteen times the smallest error.
             assert (shades.norm.vmin, shades.norm.vmax) == pytest.approx((least, 16.0 * least))
             contour = axes.collections[1]
             assert contour.levels == pytest.approx([1.2 * least])
@@ -365,7 +365,7 @@ def test_leg_numbers_are_centred_at_the_top(flights):
         np.testing.assert_allclose([text.xy[0] for text in numbers], [0.5 * sum(pair) for pair in pairwise(ends)])
         assert all(0.88 < text.xy[1] < 1.0 for text in numbers)
         assert axes.get_xlim() == (0.0, last)
-    # They have a tenth of the height above all curves, beside the margin that the curves have anyway.
+    # The numbers have a tenth of the height above all curves, in addition to the margin of the curves.
     bottom, top = axes.get_ylim()
     highest = max(line.get_ydata().max() for line in axes.lines if len(line.get_ydata()) == len(flight.time))
     assert 0.82 < (highest - bottom) / (top - bottom) < 0.92

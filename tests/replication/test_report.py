@@ -1,4 +1,4 @@
-"""The report of an invented experiment says what its tables say, and so does the committed one."""
+"""Tests that the reports of an invented experiment and of the committed one agree with their tables."""
 
 import csv
 import re
@@ -21,7 +21,7 @@ CALIBRATION = ROOT / "drake_quad" / "replication" / "calibration.csv"
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
-    """The folder of a report, whose figures are not drawn, and the files that it consists of."""
+    """Folder and files of a report without figures."""
     folder = tmp_path_factory.mktemp("paper")
     (folder / "figures").mkdir()
     with pytest.MonkeyPatch.context() as patch:
@@ -44,7 +44,7 @@ def rows_of(path):
 
 
 def sections(text):
-    """The lines of each section of a report, by its heading."""
+    """Return the text of each section of a report, by its heading."""
     parts = re.split(r"^#+ (.*)$", text, flags=re.MULTILINE)
     return dict(zip(parts[1::2], parts[2::2], strict=True))
 
@@ -92,7 +92,7 @@ def test_table_ii_of_the_report_is_that_of_its_file(written, report):
 
 
 def check_table(text, written):
-    """Every number of the CSV stands where it belongs in the report."""
+    """Check that every number of the CSV file is in its cell of the report."""
     titles = {
         "rmse": "RMSE (m)",
         "effort_x": "Control effort on X (m²/s⁴)",

@@ -1,4 +1,4 @@
-"""Intervals: their arithmetic, and printed forms that hold the interval and tell its ends from the estimate."""
+"""Arithmetic and printed forms of intervals."""
 
 import math
 import re
@@ -16,7 +16,7 @@ NUMBER_PATTERN = r"[+-]?[\d.]+(?:e[+-]\d+)?"
 def test_arithmetic_applies_to_value_and_ends():
     assert -SOME == (-0.2, -0.4, -0.1)
     assert SOME.plus(-1.0) == pytest.approx((-0.8, -0.9, -0.6))
-    # By what share something shrinks to a ratio.
+    # Relative reduction that belongs to a ratio.
     assert -SOME.plus(-1.0) == pytest.approx((0.8, 0.6, 0.9))
     assert SOME.without_interval().percent() == "20.0 %"
 
@@ -40,12 +40,12 @@ def test_an_unbounded_interval_is_neither_above_nor_below():
         (SOME.metres(), "0.20 m [0.10, 0.40]"),
         ((-SOME).millimetres(), "-200 mm [-400, -100]"),
         (Interval(0.0035, -0.001, 0.008).millimetres(), "+3.5 mm [-1.0, +8.0]"),
-        # None, one or all of 100,000 flights crash.
+        # No flight, one flight or all of 100,000 flights crash.
         (Interval(0.0, 0.0, 3.689e-5).percent(), "0 % [0, 0.0037]"),
         (Interval(1e-5, 2.53e-7, 5.57e-5).percent(), "0.00100 % [0.00002, 0.00557]"),
         (Interval(1.0, 0.9999631, 1.0).percent(), "100.0000 % [99.9963, 100.0000]"),
         (Interval(0.97, 0.93, 0.99).percent(), "97.0 % [93.0, 99.0]"),
-        # Three of four flights crash, and an error is surely smaller than another one: neither end is 100 %.
+        # Neither end is 100 %, although the estimates are close to it.
         (Interval(0.75, 0.19412, 0.99369).percent(), "75.0 % [19.4, 99.4]"),
         (Interval(0.96, 0.923, 0.9981).percent(), "96.0 % [92.3, 99.9]"),
         (Interval(1.06, 1.0003, 1.13).ratio(), "1.0600 [1.0003, 1.1300]"),
@@ -53,7 +53,7 @@ def test_an_unbounded_interval_is_neither_above_nor_below():
         (Interval(3.47131e-5, 3.469e-5, 3.4733e-5).text(unit="N s²"), "3.4713e-05 N s² [3.4690e-05, 3.4733e-05]"),
         (Interval(1.002e9, 0.99e9, 1.1e9).text(), "1.002e+09 [0.990e+09, 1.100e+09]"),
         (Interval(1234567.0, 1234000.0, 1235000.0).text(), "1234567 [1234000, 1235000]"),
-        # An estimate that rounds to zero has no sign of its own.
+        # An estimate that is rounded to zero has no sign.
         (Interval(-0.001, -1.2, 1.3).text(), "0.0 [-1.2, 1.3]"),
         # The mean of equal flights differs from each of them by a rounding error.
         (Interval(0.1, 0.1 - 1e-17, 0.1 + 2e-17).text(), "0.100 [0.100, 0.100]"),
@@ -66,7 +66,7 @@ def test_an_unbounded_interval_is_neither_above_nor_below():
         (Interval(0.5, -math.inf, math.inf).text(), "0.500 [-∞, ∞]"),
         (Interval(0.5, -math.inf, 0.7).text(), "0.50 [-∞, 0.70]"),
         (Interval(math.nan, 0.0, 1.0).text(), "–"),
-        # A crash is the worst error.
+        # Infinite quantiles are printed as crashes.
         (Interval(math.inf, math.inf, math.inf).text(infinite="crash"), "crash"),
         (Interval(math.inf, -math.inf, math.inf).text(infinite="crash"), "crash"),
         (Interval(math.inf, 0.5, math.inf).text(infinite="crash"), "crash [0.500, crash]"),

@@ -1,4 +1,4 @@
-"""The distributions that estimates use, written with `scipy.special`, are those of `scipy.stats`."""
+"""Tests that the distributions from `scipy.special` agree with those of `scipy.stats`."""
 
 import math
 
@@ -12,7 +12,7 @@ from drake_quad.statistics.estimates import _binomial_quantile, _ranks, two_side
 @pytest.mark.parametrize("total", [1, 2, 3, 32, 1000, 20_000])
 @pytest.mark.parametrize("probability", [0.01, 0.5, 0.95])
 def test_quantiles_of_binomial_distributions_are_scipy_s(total, probability):
-    # Shares in the middle of steps of the distribution function: at the steps themselves rounding decides.
+    # The shares are between the steps of the distribution function; at the steps, rounding errors would decide.
     middle = round(total * probability)
     steps = scipy.stats.binom.cdf(np.arange(max(middle - 20, 0), min(middle + 20, total)), total, probability)
     for share in (0.005, 0.025, 0.5, 0.975, 0.995, *0.5 * (steps[1:] + steps[:-1])):
@@ -21,7 +21,7 @@ def test_quantiles_of_binomial_distributions_are_scipy_s(total, probability):
 
 @pytest.mark.parametrize("total", [1, 2, 3, 10])
 def test_a_count_is_a_quantile_of_its_own_share(total):
-    """With even odds these shares are exact numbers."""
+    """With a probability of 0.5, these shares have exact binary representations."""
     shares = np.cumsum([math.comb(total, count) for count in range(total)]) / 2.0**total
     assert [_binomial_quantile(share, total, 0.5) for share in shares] == [*range(total)]
 

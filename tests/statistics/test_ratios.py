@@ -1,4 +1,4 @@
-"""Ratios of means: Fieller's definition, the coverage of intervals, and intervals without a bound."""
+"""Tests of ratios of means: Fieller's definition, coverage, and unbounded intervals."""
 
 import math
 
@@ -12,7 +12,7 @@ from drake_quad.studies.statistics import compare
 
 
 def holds(ratio, values, baseline, confidence=0.95):
-    """Return True if Student's interval of the mean of a - R b holds zero, by SciPy."""
+    """Return True if Student's interval (by SciPy) of the mean of a - R b contains zero."""
     return scipy.stats.ttest_1samp(values - ratio * baseline, 0.0).pvalue >= 1.0 - confidence
 
 
@@ -71,7 +71,7 @@ def test_the_ratio_of_a_metric_to_itself_is_exactly_one():
 
 
 def test_a_baseline_near_zero_leaves_the_ratio_unbounded():
-    """Student's interval of the baseline holds zero. A ratio that is surely large has a lower end and no upper end."""
+    """Student's interval of the baseline contains zero. A large ratio has a lower end but no upper end."""
     baseline = np.array([0.0, 0.0, 0.0, 1.0])
     assert scipy.stats.ttest_1samp(baseline, 0.0).confidence_interval(0.95).low < 0.0
     spread = ratio_of_means(np.array([0.0, 1.0, 0.0, 1.0]), baseline)

@@ -1,4 +1,4 @@
-"""Controllers side by side, on the same samples."""
+"""Comparisons of controllers on the same samples."""
 
 import math
 from types import SimpleNamespace
@@ -27,7 +27,7 @@ def test_the_ratio_is_that_of_means_over_samples_without_a_crash():
 
 @pytest.mark.parametrize(("ours", "theirs", "significance"), [(0, 5, 0.0625), (5, 0, 0.0625), (1, 1, 1.0), (0, 0, 1.0)])
 def test_the_significance_of_crashes_is_that_of_the_sign_test(ours, theirs, significance):
-    """McNemar's exact test: five heads of five, or five tails, have the probability 2 / 2⁵."""
+    """By McNemar's exact test, five crashes of only one controller have the p-value 2 / 2⁵."""
     times = np.full((2, 8), math.inf)
     times[0, :ours] = times[1, 8 - theirs :] = 1.0
     found = compare(*(metrics(np.ones(8), each) for each in times))

@@ -1,4 +1,4 @@
-"""Fleets of a worker: which it builds, which it keeps, and what it flies in them."""
+"""Tests of the fleets of a worker."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def job():
 
 
 class Fleet:
-    """A fleet that flies nothing, and tells what was asked of it."""
+    """Fleet that records its arguments instead of flying."""
 
     built: list
     flown: list
@@ -67,7 +67,7 @@ def test_user_systems_are_passed_to_the_fleets(job, fleet):
 
 
 def test_a_worker_with_different_code_refuses_every_batch(job, fleet):
-    """The fleets that are there are those of code that fits."""
+    """Existing fleets are those of matching code."""
     wrong = job._replace(key="wrong", code={**job.code, "numpy": "0.1"})
     for _ in range(2):
         with pytest.raises(InputError, match="has numpy"):

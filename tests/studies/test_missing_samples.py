@@ -1,4 +1,4 @@
-"""The set of missing samples, in order."""
+"""Tests of the sorted indices of missing samples."""
 
 import numpy as np
 import pytest

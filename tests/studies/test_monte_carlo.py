@@ -1,4 +1,4 @@
-"""A study is the same however it is flown, and survives whatever happens to it."""
+"""Tests that studies are reproducible and survive failures."""
 
 import multiprocessing
 import os
@@ -28,7 +28,7 @@ from drake_quad.studies.worker_pool import Outcome, WorkerPool
 
 
 class Draught(LeafSystem):
-    """A wind that comes and goes, the same for all."""
+    """Wind that varies with time and is equal for all vehicles."""
 
     def __init__(self, num_vehicles):
         super().__init__()
@@ -48,7 +48,7 @@ def study(*overrides):
 
 
 def simple():
-    """A scenario of few systems, for studies that are not compiled."""
+    """Return a scenario with few systems, for uncompiled studies."""
     return load_scenario("figure_eight", ["duration=0.4", "vehicle.linear_drag={uniform: {min: 0.1, max: 0.2}}"])
 
 
@@ -111,7 +111,7 @@ def test_results_do_not_depend_on_the_executor(whole):
 
 
 def test_a_sample_flown_alone_has_the_metrics_of_its_row(whole):
-    """To 1e-9, and the first to crash."""
+    """The metrics agree within 1e-9, also for the first sample that crashes."""
     for sample in {0, int(np.argmin(whole[1].metrics.crash_time))}:
         alone = simulate(study(), seed=5, sample=sample, compiled=False)
         row = [values[sample] for values in whole[1].metrics]
@@ -149,7 +149,7 @@ def runs(pid):
 
 
 def dies_at(folder, count):
-    """A report of progress that kills its process when so many samples are done, and tells of its workers before."""
+    """Return a progress function that kills its process after some samples and prints the workers before."""
 
     def progress(done, _):
         if done >= count:
@@ -162,7 +162,7 @@ def dies_at(folder, count):
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs Linux's /proc")
 def test_a_killed_study_can_be_resumed_at_any_row(whole, tmp_path):
-    """Nothing is flown twice, no worker is left behind, and the file is the one of an undisturbed study."""
+    """No sample is flown twice, no worker remains, and the file is that of an undisturbed study."""
     context, folder = multiprocessing.get_context("fork"), tmp_path / "study"
     path, flown = folder / "results.csv", set()
     for count in (0, 1, 8, 24):
@@ -203,7 +203,7 @@ def test_ctrl_c_keeps_completed_rows(whole, tmp_path):
 
 
 class Failing:
-    """Flies batches, but for those with a sample, which it fails for some times."""
+    """Function that flies batches, but fails several times for those with a certain sample."""
 
     def __init__(self, folder, how, times):
         self.folder, self.how, self.times = folder, how, times
@@ -234,7 +234,7 @@ def test_a_batch_that_fails_once_is_flown_again(whole, how, tmp_path, monkeypatc
     [("raises", "ArithmeticError: sample 7 is cursed"), ("dies", "the worker process ended due to the signal SIGKILL")],
 )
 def test_a_sample_that_always_fails_does_not_affect_the_others(whole, how, reason, tmp_path, monkeypatch):
-    """Its batch of 5 is flown in halves, 2 and 3, and those 3 again; a later run mends it."""
+    """Its batch of 5 is split into 2 and 3, and the 3 again; a later run flies the sample."""
     attempts, folder = tmp_path / "attempts", tmp_path / "study"
     attempts.mkdir()
     with monkeypatch.context() as patch:
@@ -280,7 +280,7 @@ def test_a_study_in_which_every_sample_fails_is_aborted(tmp_path, monkeypatch):
     ],
 )
 def test_altered_rows_are_detected_and_flown_again(whole, alter, tmp_path):
-    """A file whose third row was altered is no study that can be read; when it is gone on with, it is whole again."""
+    """A file whose third row was altered cannot be read; after it has been resumed, it is complete."""
     shutil.copytree(whole[0], tmp_path, dirs_exist_ok=True)
     path = tmp_path / "results.csv"
     lines = path.read_text().splitlines()
@@ -296,7 +296,7 @@ def test_altered_rows_are_detected_and_flown_again(whole, alter, tmp_path):
 
 
 def test_rows_whose_numbers_do_not_follow_from_the_seed_are_flown_again(whole, tmp_path):
-    """As of a version that drew otherwise: the checksum fits."""
+    """The rows could be those of a version with other draws, since their checksums are valid."""
     shutil.copytree(whole[0], tmp_path, dirs_exist_ok=True)
     form = format_of(study("seed=5"))
     rows = read_results(tmp_path / "results.csv", form).rows
@@ -321,7 +321,7 @@ def test_an_invalid_record_is_refused(whole, old, new, place, tmp_path):
     record = (tmp_path / "study.yaml").read_text()
     assert old in record
     (tmp_path / "study.yaml").write_text(record.replace(old, new))
-    words = rf"study\.yaml is not the record of a study: {place} is missing or invalid" if place else "cannot be read as YAML"
+    words = rf"is not the record of a study: {place} is missing or invalid" if place else "cannot be read as YAML"
     for attempt in (lambda: read_study(tmp_path), lambda: run(tmp_path, resume=True)):
         with pytest.raises(InputError, match=words):
             attempt()
@@ -404,7 +404,7 @@ def test_a_table_of_another_origin_is_not_resumed(tmp_path):
 
 @pytest.mark.slow
 def test_a_write_error_ends_the_study_and_keeps_earlier_rows(whole, tmp_path, monkeypatch):
-    """What a full disk does in the middle of a study."""
+    """The disk is full in the middle of a study."""
     from drake_quad.studies.results_file import ResultsFile
 
     append, count = ResultsFile.append, iter(range(N))
@@ -423,7 +423,7 @@ def test_a_write_error_ends_the_study_and_keeps_earlier_rows(whole, tmp_path, mo
 
 
 def test_workers_are_spawned_where_a_fork_is_not_safe():
-    """While there is another thread, which a forked process would find half-way through something."""
+    """Another thread is running, whose state would be inconsistent in a forked process."""
     done = threading.Event()
     thread = threading.Thread(target=done.wait)
     thread.start()
@@ -452,7 +452,7 @@ def test_all_versions_that_flew_a_study_are_recorded(whole, tmp_path):
 
 
 def test_a_difference_inside_a_list_is_named(whole):
-    """First what was written, then what is asked for."""
+    """The message names the old value first, then the new one."""
     other = study("vehicle.inertia.1={normal: {mean: 0.0071, standard_deviation: 0.00035, min: 0.0056, max: 0.0084}}")
     with pytest.raises(InputError, match=r"its vehicle.inertia.1.normal.mean is 0\.007, not 0\.0071$"):
         run_monte_carlo(other, N, 5, folder=whole[0], resume=True)
@@ -485,7 +485,7 @@ def test_all_workers_get_equally_many_batches_of_at_most_1024(count, num_workers
 
 
 def test_memory_is_used_only_for_flown_samples(tmp_path):
-    """Rows for two thousand million samples would take 250 GB."""
+    """Rows for two billion samples would take 250 GB."""
     count = 2_000_000_000
     seen = []
 
@@ -517,7 +517,7 @@ def test_a_study_that_runs_out_of_memory_reports_what_is_saved(monkeypatch, tmp_
 
 
 class Known(WorkerPool):
-    """A crew with a known answer to a trial."""
+    """Pool with a known outcome of a trial."""
 
     num_workers = capacity = 1
 
@@ -535,20 +535,20 @@ class Known(WorkerPool):
 
 
 def trial(num_vehicles, rmse, reason="", invalid_input=False):
-    """What a trial makes of three flights with these errors; the crew that was asked."""
+    """Check a system in a trial whose three flights have the given errors, and return the pool."""
     rows = np.ones((3, len(columns_of(study()))))
     rows[:, columns_of(study()).index("rmse")] = rmse
     rows[:, 1] = np.nan
     rows[:, columns_of(study()).index("crashed")] = 0.0
-    crew = Known(Outcome([0], rows, reason, invalid_input))
+    pool = Known(Outcome([0], rows, reason, invalid_input))
     own = UserSystems(position_controller=Draught, wind=Draught)
-    run_module._check_repeatability(crew, BatchJob("key", {}, study(), None, num_vehicles, own, True))
-    return crew
+    run_module._check_repeatability(pool, BatchJob("key", {}, study(), None, num_vehicles, own, True))
+    return pool
 
 
 @pytest.mark.parametrize(("num_vehicles", "size"), [(1, 1), (2, 2), (3, 3), (1024, 3)])
 def test_a_trial_flies_sample_0_with_at_most_two_others(num_vehicles, size):
-    """With two metrics that are as near as 1e-6."""
+    """The metrics differ by less than 1e-6."""
     ((function, job, samples),) = trial(num_vehicles, [0.25, 0.2500005, 0.2499995]).asked
     assert (function, samples) == (fly_trial, [2, 1, 0][3 - size :])
     assert (job.num_vehicles, job.key) == (size, "key, trial")
@@ -584,7 +584,7 @@ def test_a_trial_reports_invalid_input_but_not_other_failures():
 
 @pytest.mark.slow
 def test_fleets_are_built_before_a_fork_and_deleted_at_the_end(whole, tmp_path, monkeypatch):
-    """Not for others than processes of this study, systems of one's own, or a study that is all there."""
+    """They are not built for other executors, for user systems, or for a complete study."""
     prepared, fleets = [], vars(flying._thread_data)
 
     def prepare_and_tell(job):

@@ -1,4 +1,4 @@
-"""Systems of one's own in studies: those that would fly samples otherwise are refused, those that hang are ended."""
+"""User systems in studies: inconsistent ones are refused, and those that hang are ended."""
 
 import functools
 import multiprocessing
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="worker processe
 
 
 class Own(LeafSystem):
-    """A PD for N vehicles, as a user writes it."""
+    """User's PD controller for N vehicles."""
 
     def __init__(self, num_vehicles):
         super().__init__()
@@ -41,7 +41,7 @@ class Own(LeafSystem):
 
 
 class Remembers(Own):
-    """With an integral that is in the Python object, and that nobody puts back."""
+    """Controller with an integral in the Python object, which is not reset between flights."""
 
     def __init__(self, num_vehicles):
         super().__init__(num_vehicles)
@@ -53,21 +53,21 @@ class Remembers(Own):
 
 
 class Mixes(Own):
-    """With the rows of vehicles where the rows of signals belong: right for one vehicle."""
+    """Controller that confuses rows and columns, which is correct only for one vehicle."""
 
     def command(self, time, error, rate):
         return super().command(time, error, rate).T.reshape(3, -1)
 
 
 class Gambles(Own):
-    """With noise that comes from nowhere."""
+    """Controller with noise that does not depend on the seed."""
 
     def command(self, time, error, rate):
         return super().command(time, error, rate) + np.random.default_rng().normal(scale=1e-3, size=error.shape)
 
 
 class Ends(Own):
-    """That leaves the program, as a script does, but for a small fleet."""
+    """Controller that exits the program, except in a small fleet."""
 
     def command(self, time, error, rate):
         if self.num_vehicles > 3 and time > 0.1:
@@ -76,7 +76,7 @@ class Ends(Own):
 
 
 class Hangs(Own):
-    """That does nothing any more in a large fleet, and says so in a file."""
+    """Controller that hangs in a large fleet and leaves a file."""
 
     def __init__(self, num_vehicles, file):
         super().__init__(num_vehicles)
@@ -139,14 +139,14 @@ def LeafSystemOf(num_vehicles):
 
 @pytest.mark.slow
 def test_system_exit_fails_a_batch_but_not_the_study():
-    """The batches of four fail, their halves fly."""
+    """The batches of four fail, but their halves fly."""
     found, expected = run(position_controller=Ends), run(position_controller=Own)
     assert not found.failures
     np.testing.assert_allclose(found.metrics.rmse, expected.metrics.rmse, rtol=1e-12)
 
 
 def run_interruptible(**options):
-    # In the background of a shell interrupts are ignored.
+    # Background processes of a shell ignore interrupts.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     run(**options)
 
@@ -162,14 +162,14 @@ def test_ctrl_c_ends_a_study_whose_controller_hangs(tmp_path):
     while not file.exists():
         time.sleep(0.02)
     os.kill(process.pid, signal.SIGINT)
-    process.join()  # for ever, if it does not end
+    process.join()  # without the interrupt, the process would run forever
     assert process.exitcode == 1
     assert len(read_study(folder).samples) == 0
 
 
 @pytest.mark.slow
 def test_a_time_limit_ends_a_batch_that_hangs(tmp_path, monkeypatch):
-    """Its halves fly. The clock is such that time is up as soon as something hangs, however fast the machine is."""
+    """Its halves fly. The fake clock reaches the limit as soon as a task hangs, on any machine."""
     file = tmp_path / "hangs"
 
     class Clock:

@@ -1,4 +1,4 @@
-"""Processes that do tasks: what they are given, what becomes of it, and how they end."""
+"""Tests of worker processes."""
 
 import functools
 import gc
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="worker processe
 
 
 class Clock:
-    """A clock that stands."""
+    """Clock that does not advance by itself."""
 
     def __init__(self):
         self.now = 50.0
@@ -39,7 +39,7 @@ def clock(monkeypatch):
 
 
 def done_by(workers, function, given):
-    """What becomes of a task, or of the first that is done."""
+    """Submit a task and return the outcomes of the tasks that are done."""
     workers.submit(function, given)
     return workers.next_outcomes()
 
@@ -49,7 +49,7 @@ def process_number(_):
 
 
 def meet(folder):
-    """Leaves a file, and waits for that of another process."""
+    """Create a file, and wait for that of another process."""
     (folder / str(os.getpid())).touch()
     while len(list(folder.iterdir())) < 2:
         time.sleep(0.005)
@@ -70,7 +70,7 @@ def settings(_):
 
 
 class Unreadable:
-    """What cannot be made from what is sent."""
+    """Object that can be pickled but not unpickled."""
 
     def __reduce__(self):
         return leave_unread, ("the sheet is torn",)
@@ -103,7 +103,7 @@ def test_only_available_cores_are_counted(monkeypatch):
 
 
 def test_functions_of_an_interactive_session_require_a_fork(monkeypatch):
-    """A function of a notebook: a process that begins anew does not find it, and one of a script's file does."""
+    """A spawned process cannot import a function of a notebook, but that of a script."""
     session = types.ModuleType("__main__")
     exec("def maker(num_vehicles): return None", session.__dict__)
     monkeypatch.setitem(sys.modules, "__main__", session)
@@ -164,7 +164,7 @@ def test_idle_processes_are_reused_and_two_run_at_a_time(tmp_path):
 
 
 class Fake:
-    """A worker whose outcome is known."""
+    """Worker with a known outcome."""
 
     def __init__(self, time_left, outcome, *, busy=True, ended=False):
         self.time_left, self.busy, self.ended, self._outcome = time_left, busy, ended, outcome
@@ -247,7 +247,8 @@ def test_a_process_that_ended_while_idle_fails_the_next_task():
         process = workers._workers[0].process
         os.kill(number, signal.SIGKILL)
         process.join()
-        assert done_by(workers, process_number, 3) == [Outcome(3, reason="the worker process ended due to the signal SIGKILL")]
+        reason = "the worker process ended due to the signal SIGKILL"
+        assert done_by(workers, process_number, 3) == [Outcome(3, reason=reason)]
 
 
 def test_processes_that_end_at_once_are_not_restarted_forever(monkeypatch):
@@ -284,7 +285,7 @@ def test_ctrl_c_is_blocked_while_a_process_starts():
 
 
 class Pipe:
-    """One end of a pipe through which something comes, and then nothing more."""
+    """End of a pipe that receives one message and is then closed."""
 
     def __init__(self, *what):
         self.waiting, self.sent = [*what], []
@@ -299,7 +300,7 @@ class Pipe:
 
 
 def test_a_process_ends_when_its_pipe_is_closed(monkeypatch):
-    """What is given back does not go back and forth: the parent has it."""
+    """The argument is not sent back, since the parent has it."""
     monkeypatch.setattr(processes, "_end_with_parent", lambda: None)
     pipe, before = Pipe((abs, -3)), signal.getsignal(signal.SIGINT)
     try:
@@ -310,7 +311,7 @@ def test_a_process_ends_when_its_pipe_is_closed(monkeypatch):
 
 
 def begin_and_tell(file):
-    """A parent that gives a process a task without an end, and says which it is."""
+    """Start a parent process that gives a worker an endless task and prints the worker's number."""
     with Workers(1) as workers:
         workers.submit(hang, None)
         assert workers._workers[0]._pipe.poll(20.0)
@@ -320,7 +321,7 @@ def begin_and_tell(file):
 
 
 def ends(pid):
-    """Does a process end within ten seconds?"""
+    """Return True if a process ends within ten seconds."""
     for _ in range(1000):
         try:
             if Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] in "ZX":

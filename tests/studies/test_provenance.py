@@ -1,4 +1,4 @@
-"""Digests tell one code from another, and from nothing else."""
+"""Tests of digests of source files."""
 
 import functools
 import importlib
@@ -15,7 +15,7 @@ TEXT = "def make(num_vehicles):\n    return num_vehicles\n"
 
 @pytest.fixture
 def module(tmp_path, monkeypatch):
-    """Makes a module of a name with a text, and gives its function."""
+    """Create a module with a name and a text, and return its function."""
     monkeypatch.syspath_prepend(tmp_path)
     made = []
 
@@ -72,7 +72,7 @@ def test_a_digest_follows_the_contents_of_a_file(module):
 
 
 def test_a_module_that_is_not_loaded_is_imported_for_its_digest(module):
-    """As in a worker that has only read where it is to be found."""
+    """This is the situation in a worker that knows only the name of the module."""
     make = module("ours")
     found = source_digest([make])
     del sys.modules["ours"]

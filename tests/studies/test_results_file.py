@@ -1,4 +1,4 @@
-"""A results file loses nothing that was written, and takes nothing that is not its own."""
+"""Tests that results files keep all written rows and reject foreign ones."""
 
 import resource
 import signal
@@ -55,7 +55,7 @@ def test_truncation_loses_only_the_incomplete_row(tmp_path, data):
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=200)
 @given(data=st.data())
 def test_any_alteration_of_a_row_is_detected(tmp_path, data):
-    """A character in place of another, one more, one less: of the numbers, of the sample, of the checksum."""
+    """A character of the numbers, the sample or the checksum is replaced, added or removed."""
     path = tmp_path / "results.csv"
     write_results(path, FORM, ROWS)
     lines = path.read_bytes().split(b"\n")
@@ -114,7 +114,7 @@ def test_two_runs_cannot_write_to_the_same_file(tmp_path):
 
 
 def test_a_full_disk_leaves_only_complete_rows(tmp_path):
-    """A limit on the size of files, which fails a write in its middle as a full disk does."""
+    """A limit on the file size interrupts a write, like a full disk."""
     path = tmp_path / "results.csv"
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
@@ -135,7 +135,7 @@ def test_a_full_disk_leaves_only_complete_rows(tmp_path):
 
 
 def test_partial_writes_are_completed(tmp_path):
-    """A write may take less than it is given, as to a network's disk."""
+    """A write may accept only a part of the data, as on a network drive."""
     path = tmp_path / "results.csv"
 
     class Slow:

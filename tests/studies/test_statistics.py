@@ -1,4 +1,4 @@
-"""Intervals hold what they promise, and say what other programs say."""
+"""Tests of the coverage of intervals, and comparisons with other programs."""
 
 import math
 
@@ -77,7 +77,7 @@ def test_a_crash_is_worse_than_any_error():
 
 
 def test_the_interval_of_a_share_is_exact():
-    """Nothing in n trials: 1 - (α / 2)^(1 / n)."""
+    """Without an event in n trials, the upper end is 1 - (α / 2)^(1 / n)."""
     assert share_interval(0, 100) == pytest.approx((0.0, 0.0, 1.0 - 0.025**0.01))
     found = share_interval(7, 50)
     assert scipy.stats.binom.sf(6, 50, found.low) == pytest.approx(0.025)
@@ -88,14 +88,14 @@ def test_the_interval_of_a_share_is_exact():
 @pytest.mark.slow
 @pytest.mark.parametrize("r", [-0.6, 0.0, 0.95])
 def test_the_interval_of_a_rank_correlation_has_its_coverage(r):
-    """Of normal numbers with correlation r it is 6 / π asin(r / 2); the more there is, the wider it must be."""
+    """The rank correlation of normal numbers with correlation r is 6 / π asin(r / 2)."""
     draw = lambda rng: rng.multivariate_normal([0.0, 0.0], [[1.0, r], [r, 1.0]], 60)  # noqa: E731
     share = coverage(lambda xy: rank_correlation(*xy.T), 6.0 / math.pi * math.asin(0.5 * r), draw)
     assert share == pytest.approx(0.95, abs=0.03)
 
 
 def test_the_interval_of_a_rank_correlation_is_that_of_bonett_and_wright():
-    """Of ten ranks whose differences have the squares' sum 20, ρ = 1 - 6 · 20 / 990 = 0.8788."""
+    """The squared differences of ten ranks add up to 20, so that ρ = 1 - 6 · 20 / 990 = 0.8788."""
     y = np.array([2.0, 1.0, 5.0, 4.0, 3.0, 8.0, 6.0, 7.0, 9.0, 10.0])
     x = np.arange(1.0, 11.0)
     rho = 1.0 - 6.0 * np.sum((x - y) ** 2) / 990.0
@@ -134,7 +134,7 @@ def test_the_most_influential_number_comes_first():
 
 
 def test_negative_and_positive_influences_count_equally():
-    """And what never changes, which has no correlation, the least."""
+    """A number that never changes has no correlation and comes last."""
     rng = np.random.default_rng(6)
     gain, mass, lag = rng.uniform(size=(3, 400))
     found = influences(study(2.0 - gain + 0.3 * mass - 0.1 * lag, lag=lag, fixed=np.ones(400), mass=mass, gain=gain))
@@ -143,7 +143,7 @@ def test_negative_and_positive_influences_count_equally():
 
 
 def test_a_comparison_pairs_samples():
-    """The spread between samples, ten times that of the difference, drops out."""
+    """The spread between samples, which is ten times that of the difference, cancels."""
     rng = np.random.default_rng(4)
     common = rng.normal(10.0, 1.0, 200)
     baseline = study(common)
@@ -204,7 +204,7 @@ def test_intervals_have_the_given_confidence():
 
 
 def test_influences_exclude_crashed_flights():
-    """A crash, and a flight in which no tick counted, hide what matters: without them it is the mass."""
+    """Without the crash and the flight in which no tick counts, the mass is the most influential."""
     mass = np.arange(20.0)
     rmse = 1.0 + mass
     rmse[[4, 7]] = -50.0, math.nan

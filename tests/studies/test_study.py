@@ -1,4 +1,4 @@
-"""A study in memory, and its files."""
+"""Tests of studies in memory and of their files."""
 
 import functools
 import math
@@ -40,7 +40,7 @@ def two_masses():
 
 
 def metrics_of(crash_time):
-    """Every metric of every sample a number of its own."""
+    """Return metrics whose values are all different."""
     numbers = np.arange((len(Metrics._fields) - 1) * len(crash_time), dtype=float).reshape(-1, len(crash_time))
     return Metrics(*numbers, np.array(crash_time))
 
@@ -70,7 +70,7 @@ def test_a_study_has_sample_drawn_numbers_and_metrics(two_masses):
 
 
 def test_drawn_numbers_are_compared_to_the_written_digits(two_masses):
-    """Twelve; a number that differs in the eleventh was not drawn."""
+    """There are twelve digits; a number that differs in the eleventh was not drawn."""
     samples = [4, 0, 2]
     rows = rows_of(Batch.draw(two_masses, samples), metrics_of([math.inf] * 3))
     rows[0, 1] *= 1.0 + 5e-12
@@ -91,7 +91,7 @@ def test_columns_have_meanings(two_masses):
 
 
 def test_a_record_is_read_as_it_was_written(two_masses, tmp_path):
-    """Also with words that an older YAML takes for a truth."""
+    """The record includes words that YAML 1.1 reads as booleans."""
     own = UserSystems(wind=functools.partial(metrics_of), position_controller=SimpleNamespace)
     record = Record.of(two_masses.model_copy(update={"seed": 3}), 12, 0.1, own, compiled=True)
     assert (record.samples, record.seed, record.duration, record.control) == (12, 3, 0.1, None)

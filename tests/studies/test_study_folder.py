@@ -1,4 +1,4 @@
-"""The rows of a study as they come in, and what its folder holds before and after."""
+"""Tests of the rows of a running study and of its folder."""
 
 import math
 
@@ -28,14 +28,14 @@ def hover():
 
 
 def table(samples, crash_time=math.inf, value=0.5):
-    """Rows of a scenario that draws nothing."""
+    """Return rows of a scenario without distributions."""
     columns = [np.full(len(samples), value)] * (len(Metrics._fields) - 1)
     batch = Batch.draw(load_scenario("diagrams/hover.yaml", ["duration=2"]), samples)
     return rows_of(batch, Metrics(*columns, np.full(len(samples), crash_time)))
 
 
 def test_a_sample_counts_as_present_whatever_its_numbers(hover):
-    """Also where no tick counted, so that there is no error."""
+    """This includes samples in which no tick counts, so that there is no error."""
     rows = StudyRows(hover, 5, 2.0)
     assert (len(rows), [*rows.missing], rows.saved) == (0, [0, 1, 2, 3, 4], "nothing was written")
     rows.add(Outcome([3, 1], table([3, 1], value=np.nan)))
@@ -141,7 +141,7 @@ def test_a_folder_with_another_scenario_is_refused(hover, tmp_path):
 
 
 def test_scenario_and_record_are_written_before_the_first_row(hover, tmp_path, monkeypatch):
-    """So that it can be gone on with, whenever it is ended."""
+    """The study can therefore be resumed whenever it ends."""
 
     def ended(path, form):
         raise KeyboardInterrupt
@@ -171,7 +171,7 @@ def test_a_study_without_its_record_cannot_be_resumed(hover, tmp_path):
         (tmp_path / name).write_text(text)
     with open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=True):
         pass
-    # The versions stand there once, however often it is gone on with.
+    # Each version is listed once, however often the study is resumed.
     assert len(read_record(tmp_path).versions) == 1
 
 

@@ -1,4 +1,4 @@
-"""Studies as tables of pandas and Parquet, and folders of studies."""
+"""Tests of studies as tables of pandas and Parquet, and of folders of studies."""
 
 import math
 import sys
@@ -29,7 +29,7 @@ def scenario(diagrams):
 
 @pytest.fixture(scope="module")
 def study(scenario):
-    """Three samples, of which the second crashed."""
+    """Study of three samples, of which the second crashed."""
     batch = Batch.draw(scenario, [1, 3, 4])
     numbers = np.arange(3.0 * (len(Metrics._fields) - 1)).reshape(-1, 3)
     numbers[2, 2] = math.nan
@@ -117,7 +117,7 @@ def test_a_library_that_is_missing_is_named_with_its_extra(study, tmp_path, monk
 
 @pytest.fixture(scope="module")
 def folders(scenario, tmp_path_factory):
-    """A folder of two studies, one of them with samples that failed, and a file beside them."""
+    """Folder of two studies, one of them with failed samples, and another file."""
     parent = tmp_path_factory.mktemp("controllers")
     for name, seed in (("pd", 0), ("indi", 1)):
         run_monte_carlo(scenario, 2, seed, folder=parent / name, num_workers=1)
@@ -154,9 +154,9 @@ def test_several_studies_are_read_by_the_names_of_their_folders(folders):
         read_study(folders)
 
 
-def test_what_is_no_study_says_what_it_is(tmp_path):
+def test_a_path_that_is_not_a_study_is_described(tmp_path):
     (tmp_path / "empty").mkdir()
-    with pytest.raises(InputError, match="empty is not the folder of a study, which contains results.csv, .*; it is empty"):
+    with pytest.raises(InputError, match="empty is not the folder of a study, .* results.csv, .*; it is empty"):
         read_study(tmp_path / "empty")
     (tmp_path / "comparison.csv").write_text("a\n1\n")
     with pytest.raises(InputError, match="is not the folder of a study, .*; it contains comparison.csv, empty"):

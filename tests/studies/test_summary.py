@@ -1,4 +1,4 @@
-"""What is said of a study in a few lines, with many, few, no and only crashes."""
+"""Tests of summaries of studies with many, few, no and only crashes."""
 
 import math
 import re
@@ -22,7 +22,7 @@ from drake_quad.visualization.study_plots import plot_crash_probability
 
 
 def study(count, crashed, seed=0, scenario="diagrams/robustness.yaml", **parameters):
-    """Samples of which the first have crashed; a fifth of them has saturated rotors now and then."""
+    """Return a study whose first samples crash; a fifth of the samples have saturated rotors."""
     rng = np.random.default_rng(seed)
     errors = rng.gamma(3.0, 0.02, count)
     crash_time = np.where(np.arange(count) < crashed, 3.0, math.inf)
@@ -60,7 +60,7 @@ def test_no_interval_is_of_crashes_only_and_none_leaves_what_can_be(count, crash
 @pytest.mark.parametrize(
     ("count", "crashed", "words"),
     [
-        (300, 3, "means and standard deviations are those of the 297 samples without a crash; quantiles are those of all"),
+        (300, 3, "means and standard deviations are those of the 297 samples without a crash; quantiles are those of"),
         (2, 1, "means and standard deviations are those of the one sample without a crash;"),
         (3, 1, "means and standard deviations are those of the 2 samples without a crash;"),
         (3, 2, "means and standard deviations are those of the one sample without a crash;"),
@@ -137,14 +137,14 @@ def test_a_mean_share_of_nothing_or_all_is_bounded_by_how_often_it_is_otherwise(
     assert share_mean_interval(np.zeros(100)) == share_interval(0, 100)
     assert share_mean_interval(np.ones(100)) == share_interval(100, 100)
     assert math.isnan(share_mean_interval(np.zeros(1)).high)
-    # Where the mean is known well it is Student's.
+    # For a precise mean, the interval is close to Student's.
     values = np.random.default_rng(0).uniform(0.45, 0.55, 4000)
     half = 1.9605 * values.std(ddof=1) / math.sqrt(4000)
     assert share_mean_interval(values) == pytest.approx((values.mean(), values.mean() - half, values.mean() + half))
 
 
 def test_an_interval_of_a_share_that_could_hardly_be_wider_is_all_shares():
-    """Two values, of which nearly certainty is asked: the odds of its ends are beyond what a float can be."""
+    """With two values and a confidence close to 1, the odds of the ends would overflow."""
     assert share_mean_interval(np.array([0.0, 0.1]), 0.9999) == pytest.approx((0.05, 0.0, 1.0), abs=1e-12)
 
 
@@ -194,14 +194,14 @@ def test_a_choice_has_a_bin_for_each_number_and_few_samples_few_bins():
     assert [level.probability.value for level in levels] == [0.0, 0.5, pytest.approx(2.0 / 3.0)]
     assert [level.num_samples for level in crash_bins(crashing([3.0], [True]), "vehicle.mass")] == [1]
     assert crash_bins(crashing([], []), "vehicle.mass") == []
-    # Many samples with one number are not torn apart.
+    # Samples with the same number are in the same bin.
     skewed = crash_bins(crashing([1.0] * 500 + [*np.linspace(2.0, 3.0, 500)], [False] * 1000), "vehicle.mass")
     assert skewed[0].num_samples == 500
     assert sum(level.num_samples for level in skewed) == 1000
 
 
 def test_a_number_that_is_not_drawn_has_no_levels():
-    with pytest.raises(InputError, match="vehicle.gravity is not a drawn field of this study; the drawn fields are: vehicle.mass"):
+    with pytest.raises(InputError, match="vehicle.gravity is not a drawn field .* drawn fields are: vehicle.mass"):
         crash_bins(crashing([1.0], [True]), "vehicle.gravity")
     with pytest.raises(InputError, match="the number of bins is 0; it must be at least 1"):
         crash_bins(crashing([1.0], [True]), "vehicle.mass", num_bins=0)
@@ -231,7 +231,7 @@ def test_the_plot_is_over_the_number_that_matters_most_and_has_the_levels_and_in
     levels = crash_bins(studies["pd"], "vehicle.linear_drag")
     line = next(each for each in axes.lines if str(each.get_label()).startswith("pd: "))
     np.testing.assert_allclose(line.get_xydata(), [(level.middle, level.probability.value) for level in levels])
-    # The axes are as wide as the numbers, and the points of two controllers stand beside each other.
+    # The axes have the range of the numbers, and the points of two controllers are next to each other.
     least, most = min(level.low for level in levels), max(level.high for level in levels)
     assert axes.get_xlim() == pytest.approx((least, most), abs=0.1 * (most - least))
     axes.get_figure().draw_without_rendering()

@@ -1,4 +1,4 @@
-"""Who flies batches, and what becomes of those that fail."""
+"""Tests of worker pools and of the handling of failed batches."""
 
 import threading
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
@@ -14,7 +14,7 @@ from drake_quad.studies.worker_pool import ExecutorPool, Outcome, WorkerPool, fl
 
 
 class Here(WorkerPool):
-    """Does what it is given in this process, in the order given, as many at a time as may be."""
+    """Pool that runs tasks in this process, in their order, as many at a time as its capacity."""
 
     num_workers = 2
 
@@ -45,29 +45,27 @@ def fly(cursed):
 
 @given(st.sets(st.integers(0, 39), max_size=7), st.integers(1, 40), st.integers(1, 5))
 def test_exactly_the_samples_that_fail_alone_are_failures(cursed, size, capacity):
-    crew = Here(capacity)
+    pool = Here(capacity)
     batches = [range(first, min(first + size, 40)) for first in range(0, 40, size)]
-    outcomes = list(fly_batches(crew, fly(cursed), batches))
+    outcomes = list(fly_batches(pool, fly(cursed), batches))
     assert sorted(sample for outcome in outcomes if outcome.reason for sample in outcome.argument) == sorted(cursed)
     flown = [sample for outcome in outcomes if not outcome.reason for sample in outcome.result[:, 0]]
     assert sorted(flown) == sorted(set(range(40)) - cursed)
-    # Each failure costs no more flights than there are halves down to it, and their other halves.
-    assert len(crew.done) <= len(batches) + 2 * len(cursed) * int(np.ceil(np.log2(max(size, 2))) + 1)
+    # The number of flights per failure is limited by the number of halvings.
+    assert len(pool.done) <= len(batches) + 2 * len(cursed) * int(np.ceil(np.log2(max(size, 2))) + 1)
 
 
 def test_halves_are_flown_until_the_sample_is_alone():
-    crew = Here(1)
-    list(fly_batches(crew, fly({5}), [range(8)]))
-    assert crew.done == [[*range(8)], [0, 1, 2, 3], [4, 5, 6, 7], [4, 5], [4], [5], [6, 7]]
+    pool = Here(1)
+    list(fly_batches(pool, fly({5}), [range(8)]))
+    assert pool.done == [[*range(8)], [0, 1, 2, 3], [4, 5, 6, 7], [4, 5], [4], [5], [6, 7]]
 
 
 def test_a_study_ends_when_eight_samples_have_failed_alone_and_none_has_flown():
-    crew = Here(3)
-    with pytest.raises(
-        RuntimeError, match="each of the first 8 samples failed on its own: ArithmeticError: cursed"
-    ):
-        list(fly_batches(crew, fly(set(range(40))), [range(40)]))
-    assert sum(len(samples) == 1 for samples in crew.done) == 8
+    pool = Here(3)
+    with pytest.raises(RuntimeError, match="each of the first 8 samples failed on its own: ArithmeticError: cursed"):
+        list(fly_batches(pool, fly(set(range(40))), [range(40)]))
+    assert sum(len(samples) == 1 for samples in pool.done) == 8
     failures = [outcome for outcome in fly_batches(Here(3), fly(set(range(39))), [[39], range(39)]) if outcome.reason]
     assert len(failures) == 39
 
@@ -83,19 +81,19 @@ def leaving(samples):
 @pytest.mark.slow
 @pytest.mark.parametrize("make", [lambda: Here(2), lambda: ExecutorPool(ThreadPoolExecutor(1), 1), lambda: Workers(1)])
 def test_a_sample_that_the_scenario_may_not_say_ends_all(make):
-    crew = make()
+    pool = make()
     with pytest.raises(InputError, match=r"samples \[0\] may not be said"):
-        list(fly_batches(crew, invalid_input, [[0], [1]]))
-    crew.abandon()
+        list(fly_batches(pool, invalid_input, [[0], [1]]))
+    pool.abandon()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("make", [lambda: Here(2), lambda: ExecutorPool(ThreadPoolExecutor(1), 1), lambda: Workers(1)])
 def test_system_exit_becomes_an_outcome(make):
-    crew = make()
-    (outcome,) = fly_batches(crew, leaving, [[4]])
+    pool = make()
+    (outcome,) = fly_batches(pool, leaving, [[4]])
     assert (outcome.argument, outcome.result, outcome.reason) == ([4], None, "SystemExit: 3")
-    crew.abandon()
+    pool.abandon()
 
 
 def test_a_given_executor_flies_all_batches():
@@ -148,8 +146,8 @@ def test_ctrl_c_is_not_an_outcome():
 
 
 def test_an_executor_has_one_queued_task_per_worker():
-    crew = ExecutorPool(ThreadPoolExecutor(3), 3)
-    assert (crew.num_workers, crew.capacity) == (3, 6)
+    pool = ExecutorPool(ThreadPoolExecutor(3), 3)
+    assert (pool.num_workers, pool.capacity) == (3, 6)
 
 
 def test_a_dying_worker_of_an_executor_fails_its_task():
@@ -162,8 +160,8 @@ def test_a_dying_worker_of_an_executor_fails_its_task():
                 future.set_result(function(*arguments))
             return future
 
-    crew = ExecutorPool(Dying(), 1)
-    outcomes = list(fly_batches(crew, len, [[1], [2], [3]]))
+    pool = ExecutorPool(Dying(), 1)
+    outcomes = list(fly_batches(pool, len, [[1], [2], [3]]))
     reasons = sorted((outcome.argument, outcome.result, outcome.reason) for outcome in outcomes if outcome.reason)
     assert reasons == [([2], None, "OSError: its worker is gone")]
     assert sorted(outcome.argument for outcome in outcomes if not outcome.reason) == [[1], [3]]
@@ -179,20 +177,20 @@ def test_abandoned_tasks_of_an_executor_are_cancelled():
         return given
 
     with ThreadPoolExecutor(1) as executor:
-        crew = ExecutorPool(executor, 1)
-        crew.submit(wait_and_tell, 1)
+        pool = ExecutorPool(executor, 1)
+        pool.submit(wait_and_tell, 1)
         assert begun.wait(20.0)
-        crew.submit(wait_and_tell, 2)
-        crew.abandon()
-        crew.submit(wait_and_tell, 3)
+        pool.submit(wait_and_tell, 2)
+        pool.abandon()
+        pool.submit(wait_and_tell, 3)
         go.set()
-        (outcome,) = crew.next_outcomes()
+        (outcome,) = pool.next_outcomes()
         assert (outcome.argument, outcome.result) == (3, 3)
     assert done == [1, 3]
 
 
 def test_abandoned_tasks_have_no_outcome():
-    """A study that ends early leaves nothing to the next one with the same processes."""
+    """A study that ends early leaves no outcomes for the next study with the same processes."""
     with Workers(2) as workers:
         for _ in range(2):
             workers.submit(sleep_for_ever, [1])
