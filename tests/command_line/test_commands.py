@@ -289,7 +289,7 @@ def test_judge_controllers_flies_designs_and_writes_what_follows(run, tmp_path):
     assert (result.returncode, result.stderr) == (0, "")
     assert re.search(r"^PD( +\d+\.\d+){3}$", result.stdout, re.MULTILINE)
     report = (tmp_path / "report.md").read_text(encoding="utf-8")
-    assert "a network of type 2 around PD makes its error smaller" in report
+    assert "adding a type-2 network to PD reduces the error" in report
     assert (tmp_path / "figures" / "errors.png").exists()
     rows = csv.DictReader((tmp_path / "summary.csv").read_text(encoding="utf-8").splitlines())
     assert {row["controller"] for row in rows} == {"pd", "pd_t2fnn"}
