@@ -55,4 +55,4 @@ if __name__ == "__main__":  # worker processes import this file
     mine, built_in = run_monte_carlo(uncertain, 200, seed=1, control=Lqr), run_monte_carlo(uncertain, 200, seed=1)
     for name, study in {"LQR": mine, NOMINAL.cascade.position.kind: built_in}.items():
         print(f"RMSE, {name}: {mean_interval(study.metrics.rmse).text(unit='cm', size=0.01)}")
-    print(f"ratio of the errors: {compare_studies(mine, built_in).share.ratio()}")
+    print(f"ratio of the errors: {compare_studies(mine, built_in).ratio.ratio()}")

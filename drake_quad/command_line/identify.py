@@ -28,7 +28,7 @@ from drake_quad.identification.results.vehicle_file import write_vehicle
 from drake_quad.scenario.files.loading import Override, load_undesigned
 from drake_quad.scenario.models import NAME
 from drake_quad.scenario.paths import distributions_in
-from drake_quad.statistics.interval import plus_minus, spread_alone
+from drake_quad.statistics.interval import plus_minus, spread_text
 from drake_quad.visualization import identification_plots as plots
 from drake_quad.visualization.style import save_figures
 from drake_quad.written_numbers import parse_float
@@ -235,7 +235,7 @@ def print_estimates(identification: Identification) -> None:
             if explained is None or explained.share < 5e-4
             else f"{100.0 * explained.share:.1f} % of {explained.output}"
         )
-        new_flight_text = spread_alone(new_flight_half_width) if varies else "–"
+        new_flight_text = spread_text(new_flight_half_width) if varies else "–"
         rows.append(
             (
                 name,

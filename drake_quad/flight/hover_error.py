@@ -20,7 +20,7 @@ from drake_quad.scenario.hovering import in_hover, with_believed_vehicle
 from drake_quad.scenario.models import MetricWindow, Scenario
 from drake_quad.scenario.paths import updated
 from drake_quad.scenario.routes.hover import HoverRoute
-from drake_quad.statistics.estimates import mean_interval, positive
+from drake_quad.statistics.estimates import mean_interval, without_negative_part
 from drake_quad.statistics.interval import Interval
 
 SETTLING_TIME = 20.0
@@ -133,7 +133,7 @@ def _refuse_crashes(scenario: Scenario, metrics: Metrics) -> None:
 
 def _root_of_mean(squares: np.ndarray) -> Interval:
     """Return the RMS error from the mean squared errors (n,) of independent hovers, with its interval."""
-    return Interval(*(math.sqrt(end) for end in positive(mean_interval(squares))))
+    return Interval(*(math.sqrt(end) for end in without_negative_part(mean_interval(squares))))
 
 
 def _is_precise(error: Interval) -> bool:

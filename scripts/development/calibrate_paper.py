@@ -43,8 +43,8 @@ def load(cell: Cell, overrides: list[str]) -> Scenario:
 
 def print_calibration(calibration: Calibration) -> None:
     """Print the fitted parameters, and for each cell the simulated RMSE beside that of the paper."""
-    words, _, pd, network = calibration.hypothesis
-    print(f"{words}: {pd.words} {calibration.pd:.4g}, {network.words} {calibration.network:.4g}")
+    label, _, pd, network = calibration.hypothesis
+    print(f"{label}: {pd.label} {calibration.pd:.4g}, {network.label} {calibration.network:.4g}")
     rows = []
     for cell, line in printed_table().items():
         simulated, printed = calibration.errors[cell], line.rmse.mean

@@ -23,8 +23,8 @@ from drake_quad.files import output_folder
 from drake_quad.identification.known_flights import KNOWN, Checked, Task, check_batch
 from drake_quad.identification.results.estimates import quantile
 from drake_quad.statistics.estimates import share_interval
-from drake_quad.studies.crew import outcomes_of
 from drake_quad.studies.processes import Workers
+from drake_quad.studies.worker_pool import run_tasks
 
 _DIAGRAMS = Path(__file__).parents[2] / "diagrams"
 _COMMENT = "# "  # start of the first line of a file, which describes the flights
@@ -65,7 +65,7 @@ def main() -> None:
     tasks = [Task(arguments.flights, _DIAGRAMS, overrides, batch) for batch in batches]
     try:
         with new_bar(total=len(missing), desc="flights") as bar:
-            for results in run_tasks(tasks, arguments.processes):
+            for results in check_batches(tasks, arguments.processes):
                 write_rows(path, description, results)
                 done |= results
                 bar.update(len(results))
@@ -76,11 +76,11 @@ def main() -> None:
     print_files([path])
 
 
-def run_tasks(tasks: Sequence[Task], processes: int) -> Iterator[dict[int, list[Checked]]]:
+def check_batches(tasks: Sequence[Task], processes: int) -> Iterator[dict[int, list[Checked]]]:
     """Yield the results of each batch as soon as it is complete."""
     waiting = iter(tasks)
     with Workers(processes) as workers:
-        for outcome in outcomes_of(workers, check_batch, lambda: next(waiting, None)):
+        for outcome in run_tasks(workers, check_batch, lambda: next(waiting, None)):
             if outcome.result is None:
                 raise RuntimeError(outcome.reason)
             yield outcome.result

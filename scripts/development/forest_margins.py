@@ -81,7 +81,9 @@ def fly(controller: str, margin: float, samples: int) -> Point:
     scenario = load_scenario(_DIAGRAMS / "forest.yaml", [f"space.margin={margin}"], layers=[layer])
     study = run_monte_carlo(scenario, samples)
     duration = planned(scenario).plan.duration
-    return Point(controller, margin, duration, samples, sum(study.touches.values()), int(study.metrics.crashed.sum()))
+    return Point(
+        controller, margin, duration, samples, sum(study.crashes_by_obstacle.values()), int(study.metrics.crashed.sum())
+    )
 
 
 def draw(points: list[Point]) -> "Figure":

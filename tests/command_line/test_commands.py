@@ -291,7 +291,7 @@ def test_judge_flies_the_designs_and_writes_a_report(run, tmp_path):
     assert (result.returncode, result.stderr) == (0, "")
     assert re.search(r"^PD( +\d+\.\d+){3}$", result.stdout, re.MULTILINE)
     report = (tmp_path / "report.md").read_text(encoding="utf-8")
-    assert "a network of type 2 around PD makes its error smaller" in report
+    assert "adding a type-2 network to PD reduces the error" in report
     assert (tmp_path / "figures" / "errors.png").exists()
     rows = csv.DictReader((tmp_path / "summary.csv").read_text(encoding="utf-8").splitlines())
     assert {row["controller"] for row in rows} == {"pd", "pd_t2fnn"}
@@ -467,7 +467,7 @@ def test_sensitivities_are_sorted_by_effect(run, tmp_path):
         ),
         ("tune", ["--tune", "control.position.k_p.0=3"], "the range 3; write it as LOW:HIGH with two numbers"),
         ("judge", ["--samples", "1"], "--samples is 1, but must be between 2 and 10000"),
-        ("judge", ["--tune", "outdoor", "--only", "lqg"], "lqg is no controller that is tuned here"),
+        ("judge", ["--tune", "outdoor", "--only", "lqg"], "there is no tunable controller lqg"),
         ("design-lqg", ["--sensitivity", "1"], "--sensitivity is 1, but must be between 1.2 and 10"),
         ("design-lqg", ["--delay-margin", "-1"], "--delay-margin is -1, but must be between 0 and 10"),
         ("design-lqg", ["--snap", "0"], "--snap is 0, but must be between 0.1 and 10000"),
@@ -598,7 +598,7 @@ def test_study_compares_controllers_on_the_same_samples(run, tmp_path):
     [
         (["--samples", 0], "samples is 0"),
         (["--workers", -2], "workers is -2"),
-        (["--batch", 0], "batch is 0"),
+        (["--batch", 0], "batch_size is 0"),
         (["--seed", -1], "seed"),
         (["--output", "/proc/nowhere"], "cannot write to the output folder"),
         (["--set", "route.radius={uniform: {min: 1.2, max: 1.4}}"], "route.radius is a distribution"),
@@ -651,7 +651,7 @@ def test_study_remarks_on_a_scenario_without_distributions(run, tmp_path):
 def test_an_existing_study_is_neither_overwritten_nor_mixed_with_another(run, tmp_path):
     assert monte_carlo(run, tmp_path).returncode == 0
     before = (tmp_path / "results.csv").read_bytes()
-    for arguments, words in (([], "holds a study already"), (["--resume", "--seed", 9], "its seed is 0, not 9")):
+    for arguments, words in (([], "already contains a study"), (["--resume", "--seed", 9], "its seed is 0, not 9")):
         result = monte_carlo(run, tmp_path, *arguments)
         assert result.returncode == 2
         assert words in result.stderr

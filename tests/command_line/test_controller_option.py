@@ -8,7 +8,7 @@ import pytest
 from drake_quad import InputError, load_scenario
 from drake_quad.command_line.main import COMMANDS
 from drake_quad.command_line.options import controller_of, scenario_of
-from drake_quad.evaluation.claims import WORDS
+from drake_quad.evaluation.claims import CONTROLLER_NAMES
 
 MINE = """
 from typing import NamedTuple
@@ -122,8 +122,8 @@ def test_judged_controllers_need_different_names(mine) -> None:
 
     found = own_controllers([f"{mine}:Mine", "controllers/lqg:lqg"])
     assert [each.name for each in found] == ["Mine", "controllers/lqg:lqg"]
-    assert "lqg" in WORDS
-    assert WORDS["Mine"] == "Mine"
+    assert "lqg" in CONTROLLER_NAMES
+    assert CONTROLLER_NAMES["Mine"] == "Mine"
     with pytest.raises(InputError, match="another controller is also called Mine"):
         own_controllers([f"{mine}:Mine", f"{mine}:Mine"])
 

@@ -15,7 +15,7 @@ from drake_quad.command_line import map as stability_map
 from drake_quad.command_line.main import COMMANDS, module_of
 from drake_quad.command_line.options import overrides_of, scenario_of
 from drake_quad.identification.logs.record import FlightRecord
-from drake_quad.replication.report import FIGURES
+from drake_quad.replication.report import CAPTIONS
 from drake_quad.scenario.batch import draw_sample
 
 # Commands for a scenario that write no files, and commands without a scenario.
@@ -157,14 +157,14 @@ def test_the_progress_bar_of_a_report_counts_its_figures(run, replaced, monkeypa
     monkeypatch.setattr(replicate, "new_bar", lambda *items, **options: bars.append(Bar(*items, **options)) or bars[-1])
 
     def write_report(*_, progress, **__):
-        for _ in FIGURES:
+        for _ in CAPTIONS:
             progress()
         return []
 
     findings = SimpleNamespace(entries=[], claims=[])
     replaced("replicate", fly_experiment=None, read_experiment=None, findings_of=findings, write_report=write_report)
     assert run("replicate", "--quick", "--workers", 1, "--output", tmp_path).returncode == 0
-    assert bars[-1].n == bars[-1].total == len(FIGURES)
+    assert bars[-1].n == bars[-1].total == len(CAPTIONS)
 
 
 def test_correlations_and_obstacles_of_a_study_are_printed(capsys, tmp_path):
@@ -173,7 +173,9 @@ def test_correlations_and_obstacles_of_a_study_are_printed(capsys, tmp_path):
     obstacle = "space={obstacles: {post: {kind: cylinder, centre: [3, 0, 1], radius: 0.1, height: 2}}}"
     scenario = load_scenario("hover", [shared.format(*each) for each in numbers] + [obstacle])
     found = studied(scenario, 4, crashed=[1, 2])
-    found = type(found)(scenario, 10.0, found.samples, found.parameters, found.metrics, touched=np.array([0, 1, 0, 0]))
+    found = type(found)(
+        scenario, 10.0, found.samples, found.parameters, found.metrics, obstacle_hit=np.array([0, 1, 0, 0])
+    )
     study.print_study("mine", found, tmp_path, "compiled")
     text = capsys.readouterr().out
     assert "(vehicle.mass and vehicle.linear_drag: +0.45; 2 more pairs)" in text

@@ -32,7 +32,7 @@ from drake_quad.design.gains import PolePair, RegulatorRequirements
 from drake_quad.design.tuning import Budget, Knob
 from drake_quad.evaluation.experiment import QUICK, EvaluationSizes
 from drake_quad.evaluation.families import FAMILIES
-from drake_quad.evaluation.results import PRICED
+from drake_quad.evaluation.results import PRICED_DESIGNS
 from drake_quad.flight.formats.flight_format import FORMATS
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.laboratory.metrics import Metrics
@@ -299,23 +299,23 @@ def test_a_study_flies_each_controller_into_a_folder_of_its_own(run, replaced, t
 
 
 def test_a_study_reports_altered_rows_and_fails_if_a_sample_fails(run, replaced, tmp_path):
-    rows = SimpleNamespace(misfits=(3, 4, 5, 6, 7, 8), failures={})
+    rows = SimpleNamespace(invalid_lines=(3, 4, 5, 6, 7, 8), failures={})
     replaced(
         "study",
         run_monte_carlo=lambda scenario, samples, **_: studied(
-            scenario, samples, misfits=rows.misfits, failures=rows.failures
+            scenario, samples, invalid_lines=rows.invalid_lines, failures=rows.failures
         ),
         save_plots=[],
     )
     command_line = ["study", "robustness", "--samples", 4, "--workers", 1, "--output", tmp_path]
     for lines, words in (((3, 4, 5, 6, 7, 8), "3, 4, 5, 6, 7, ..."), ((3, 4, 5, 6, 7), "3, 4, 5, 6, 7")):
-        rows.misfits = lines
+        rows.invalid_lines = lines
         result = run(*command_line)
         message = (
             f"remark: {tmp_path / 'results.csv'}: lines {words} had been altered, so their samples were flown again\n"
         )
         assert (result.returncode, result.stderr) == (0, message)
-    rows.misfits, rows.failures = (), {2: "too slow"}
+    rows.invalid_lines, rows.failures = (), {2: "too slow"}
     result = run(*command_line)
     assert result.returncode == 1
     assert "failed: 1 samples could not be simulated (sample 2 of robustness: too slow)" in result.stderr
@@ -376,7 +376,7 @@ def test_batches_fly_on_this_machine_or_on_a_cluster(monkeypatch):
         yield "a crew"
 
     monkeypatch.setattr(study, "Workers", crew)
-    monkeypatch.setattr(study, "dask_crew", crew)
+    monkeypatch.setattr(study, "dask_pool", crew)
     for cluster, limit in ((None, 5.0), ("tcp://there", None)):
         with study.open_executor(SimpleNamespace(cluster=cluster, workers=3, time_limit=limit)) as found:
             assert found == "a crew"
@@ -647,22 +647,22 @@ def test_controllers_are_judged_in_all_families_unless_some_are_named(run, repla
 
 
 def test_controllers_are_tuned_family_by_family(run, replaced):
-    design_of = SimpleNamespace(name="pd", words="6 numbers")
-    calls = replaced("judge", design_family=[design_of], design_prices=[design_of] * 2, tunable="entries")
-    result = run("judge", "--tune", "outdoor", PRICED, "--rounds", 3, "--only", "pd")
+    design_of = SimpleNamespace(name="pd", description="6 numbers")
+    calls = replaced("judge", design_family=[design_of], design_priced=[design_of] * 2, tunable_entries="entries")
+    result = run("judge", "--tune", "outdoor", PRICED_DESIGNS, "--rounds", 3, "--only", "pd")
     assert result.returncode == 0
     (((_, name, family, entries), named),) = calls["design_family"]
     assert (name, family, entries, named) == ("outdoor", FAMILIES["outdoor"], "entries", {"budget": Budget(rounds=3)})
-    assert calls["tunable"][0][0][0] == FAMILIES["outdoor"]
-    assert calls["tunable"][0][0][2] == ["pd"]
-    assert calls["design_prices"][0][1] == {"budget": Budget(rounds=3)}
+    assert calls["tunable_entries"][0][0][0] == FAMILIES["outdoor"]
+    assert calls["tunable_entries"][0][0][2] == ["pd"]
+    assert calls["design_priced"][0][1] == {"budget": Budget(rounds=3)}
     assert result.stdout.count("outdoor: pd, 6 numbers, 0 s\n") == 1
-    assert result.stdout.count(f"{PRICED}: pd, 6 numbers, 0 s\n") == 2
+    assert result.stdout.count(f"{PRICED_DESIGNS}: pd, 6 numbers, 0 s\n") == 2
     assert run("judge", "--tune").returncode == 0
     assert [arguments[1] for arguments, _ in calls["design_family"][1:]] == [*FAMILIES]
-    assert len(calls["design_prices"]) == 2
+    assert len(calls["design_priced"]) == 2
     for rounds, status in ((0, 2), (1, 0), (1000, 0), (1001, 2)):
-        assert run("judge", "--tune", PRICED, "--rounds", rounds).returncode == status
+        assert run("judge", "--tune", PRICED_DESIGNS, "--rounds", rounds).returncode == status
 
 
 def test_the_experiment_is_flown_in_the_requested_size(run, replaced, tmp_path, monkeypatch):

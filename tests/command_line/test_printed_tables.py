@@ -48,7 +48,7 @@ from drake_quad.reference.path_problem import PathLimits
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.replication.printed import Cell, Runs
 from drake_quad.replication.table_ii import TableEntry
-from drake_quad.statistics.interval import Interval, plus_minus, spread_alone
+from drake_quad.statistics.interval import Interval, plus_minus, spread_text
 from drake_quad.studies.study import Study
 
 RNG = np.random.default_rng(8)
@@ -365,7 +365,7 @@ def test_estimates_are_printed_with_intervals_and_explained_variance(capsys):
     # The standard deviation of the mean is 0.02 kg, and that of a new flight is 0.04 kg more, in quadrature. Together
     # they have 6.25 degrees of freedom.
     far = scipy.stats.t.ppf(0.975, 6.25) * math.sqrt(0.002)
-    assert mass == ["mass", plus_minus(0.5, 1.96 * 0.02), "kg", spread_alone(far), "9 of 10", "12.3 % of climb"]
+    assert mass == ["mass", plus_minus(0.5, 1.96 * 0.02), "kg", spread_text(far), "9 of 10", "12.3 % of climb"]
     assert damping == ["autopilot.damping[0]", plus_minus(0.7, 1.96 * 0.05), "–"]
     assert drag == ["linear_drag", plus_minus(0.1, 1.96 * 0.01), "N s/m", "–"]
     assert lines[5:] == [

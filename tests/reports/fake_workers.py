@@ -1,6 +1,6 @@
 """Stand-in for worker processes that runs tasks in this process."""
 
-from drake_quad.studies.crew import attempt
+from drake_quad.studies.worker_pool import run_task
 
 
 class FakeWorkers:
@@ -13,9 +13,9 @@ class FakeWorkers:
     def __init__(self, capacity):
         self.capacity, self.pending, self.max_pending = capacity, [], 0
 
-    def begin(self, function, given):
+    def submit(self, function, given):
         self.pending.append((function, given))
         self.max_pending = max(self.max_pending, len(self.pending))
 
-    def finished(self):
-        return [attempt(*self.pending.pop())]
+    def next_outcomes(self):
+        return [run_task(*self.pending.pop())]

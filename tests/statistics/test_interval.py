@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from drake_quad.statistics.interval import Interval, plus_minus, spread_alone
+from drake_quad.statistics.interval import Interval, plus_minus, spread_text
 
 EXAMPLE = Interval(0.2, 0.1, 0.4)
 NUMBER_PATTERN = r"[+-]?[\d.]+(?:e[+-]\d+)?"
@@ -18,7 +18,7 @@ def test_negation_and_shifts_change_the_value_and_both_ends():
     assert EXAMPLE.plus(-1.0) == pytest.approx((-0.8, -0.9, -0.6))
     # Reduction that corresponds to a ratio.
     assert -EXAMPLE.plus(-1.0) == pytest.approx((0.8, 0.6, 0.9))
-    assert EXAMPLE.alone().percent() == "20.0 %"
+    assert EXAMPLE.without_interval().percent() == "20.0 %"
 
 
 @pytest.mark.parametrize(("level", "expected"), [(0.05, True), (0.1, None), (0.3, None), (0.4, None), (0.5, False)])
@@ -76,9 +76,9 @@ def test_an_unbounded_interval_decides_no_comparison_on_its_open_side():
         (plus_minus(123.4, 31.2), "123 ± 32"),
         (plus_minus(5.4321, 0.0), "5.43 ± 0"),
         (plus_minus(5.4321, math.inf), "5.43 ± ∞"),
-        (spread_alone(0.00441), "± 0.0045"),
-        (spread_alone(441.0), "± 441"),
-        (spread_alone(math.inf), "± ∞"),
+        (spread_text(0.00441), "± 0.0045"),
+        (spread_text(441.0), "± 441"),
+        (spread_text(math.inf), "± ∞"),
     ],
 )
 def test_intervals_are_printed_with_the_right_digits(text, expected):
@@ -118,7 +118,7 @@ def test_the_printed_interval_contains_the_exact_one_and_its_ends_differ_from_th
 @settings(max_examples=200, deadline=None)
 @given(sizes, sizes)
 def test_a_spread_is_rounded_up_by_less_than_a_tenth(value, spread):
-    texts = [plus_minus(value, spread), spread_alone(spread)]
+    texts = [plus_minus(value, spread), spread_text(spread)]
     for text in texts if spread > 1e-8 * value else texts[1:]:
         *_, shown = map(float, re.findall(NUMBER_PATTERN, text))
         assert spread * (1.0 - 1e-10) <= shown < 1.1 * spread * (1.0 + 1e-10)

@@ -1,4 +1,4 @@
-"""Who flies batches, and what becomes of those that fail."""
+"""Tests of worker pools and of the handling of failed batches."""
 
 import threading
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
@@ -9,28 +9,28 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drake_quad import InputError, load_scenario, run_monte_carlo
-from drake_quad.studies.crew import Crew, ExecutorCrew, Outcome, attempt, fly_batches
 from drake_quad.studies.processes import Workers
+from drake_quad.studies.worker_pool import ExecutorPool, Outcome, WorkerPool, fly_batches, run_task
 
 
-class Here(Crew):
-    """Does what it is given in this process, in the order given, as many at a time as may be."""
+class Here(WorkerPool):
+    """Pool that runs tasks in this process, in their order, as many at a time as its capacity."""
 
     num_workers = 2
 
     def __init__(self, capacity):
         self.capacity, self.under_way, self.done = capacity, [], []
 
-    def begin(self, function, given):
+    def submit(self, function, given):
         assert len(self.under_way) < self.capacity
         self.under_way.append((function, given))
 
-    def finished(self):
+    def next_outcomes(self):
         function, samples = self.under_way.pop(0)
         self.done.append(list(samples))
-        return [attempt(function, samples)]
+        return [run_task(function, samples)]
 
-    def give_up(self):
+    def abandon(self):
         self.under_way.clear()
 
 
@@ -45,34 +45,32 @@ def fly(cursed):
 
 @given(st.sets(st.integers(0, 39), max_size=7), st.integers(1, 40), st.integers(1, 5))
 def test_exactly_the_samples_that_fail_alone_are_failures(cursed, size, capacity):
-    crew = Here(capacity)
+    pool = Here(capacity)
     batches = [range(first, min(first + size, 40)) for first in range(0, 40, size)]
-    outcomes = list(fly_batches(crew, fly(cursed), batches))
-    assert sorted(sample for outcome in outcomes if outcome.reason for sample in outcome.given) == sorted(cursed)
+    outcomes = list(fly_batches(pool, fly(cursed), batches))
+    assert sorted(sample for outcome in outcomes if outcome.reason for sample in outcome.argument) == sorted(cursed)
     flown = [sample for outcome in outcomes if not outcome.reason for sample in outcome.result[:, 0]]
     assert sorted(flown) == sorted(set(range(40)) - cursed)
-    # Each failure costs no more flights than there are halves down to it, and their other halves.
-    assert len(crew.done) <= len(batches) + 2 * len(cursed) * int(np.ceil(np.log2(max(size, 2))) + 1)
+    # The number of flights per failure is limited by the number of halvings.
+    assert len(pool.done) <= len(batches) + 2 * len(cursed) * int(np.ceil(np.log2(max(size, 2))) + 1)
 
 
 def test_halves_are_flown_until_the_sample_is_alone():
-    crew = Here(1)
-    list(fly_batches(crew, fly({5}), [range(8)]))
-    assert crew.done == [[*range(8)], [0, 1, 2, 3], [4, 5, 6, 7], [4, 5], [4], [5], [6, 7]]
+    pool = Here(1)
+    list(fly_batches(pool, fly({5}), [range(8)]))
+    assert pool.done == [[*range(8)], [0, 1, 2, 3], [4, 5, 6, 7], [4, 5], [4], [5], [6, 7]]
 
 
 def test_a_study_ends_when_eight_samples_have_failed_alone_and_none_has_flown():
-    crew = Here(3)
-    with pytest.raises(
-        RuntimeError, match="the first 8 samples that were flown alone all failed: ArithmeticError: cursed"
-    ):
-        list(fly_batches(crew, fly(set(range(40))), [range(40)]))
-    assert sum(len(samples) == 1 for samples in crew.done) == 8
+    pool = Here(3)
+    with pytest.raises(RuntimeError, match="each of the first 8 samples failed on its own: ArithmeticError: cursed"):
+        list(fly_batches(pool, fly(set(range(40))), [range(40)]))
+    assert sum(len(samples) == 1 for samples in pool.done) == 8
     failures = [outcome for outcome in fly_batches(Here(3), fly(set(range(39))), [[39], range(39)]) if outcome.reason]
     assert len(failures) == 39
 
 
-def refused(samples):
+def invalid_input(samples):
     raise InputError(f"samples {[*samples]} may not be said")
 
 
@@ -81,24 +79,24 @@ def leaving(samples):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("make", [lambda: Here(2), lambda: ExecutorCrew(ThreadPoolExecutor(1), 1), lambda: Workers(1)])
+@pytest.mark.parametrize("make", [lambda: Here(2), lambda: ExecutorPool(ThreadPoolExecutor(1), 1), lambda: Workers(1)])
 def test_a_sample_that_the_scenario_may_not_say_ends_all(make):
-    crew = make()
+    pool = make()
     with pytest.raises(InputError, match=r"samples \[0\] may not be said"):
-        list(fly_batches(crew, refused, [[0], [1]]))
-    crew.give_up()
+        list(fly_batches(pool, invalid_input, [[0], [1]]))
+    pool.abandon()
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("make", [lambda: Here(2), lambda: ExecutorCrew(ThreadPoolExecutor(1), 1), lambda: Workers(1)])
-def test_what_leaves_the_program_is_an_outcome(make):
-    crew = make()
-    (outcome,) = fly_batches(crew, leaving, [[4]])
-    assert (outcome.given, outcome.result, outcome.reason) == ([4], None, "SystemExit: 3")
-    crew.give_up()
+@pytest.mark.parametrize("make", [lambda: Here(2), lambda: ExecutorPool(ThreadPoolExecutor(1), 1), lambda: Workers(1)])
+def test_system_exit_becomes_an_outcome(make):
+    pool = make()
+    (outcome,) = fly_batches(pool, leaving, [[4]])
+    assert (outcome.argument, outcome.result, outcome.reason) == ([4], None, "SystemExit: 3")
+    pool.abandon()
 
 
-def test_an_executor_that_is_given_flies_everything():
+def test_a_given_executor_flies_all_batches():
     submitted = []
 
     class Executor(ThreadPoolExecutor):
@@ -116,43 +114,43 @@ def test_a_reason_is_one_short_line():
     def complain(samples):
         raise ValueError("many\nlines " + "and words " * 100)
 
-    outcome = attempt(complain, [0])
+    outcome = run_task(complain, [0])
     assert outcome.reason.startswith("ValueError: many lines and words and words")
     assert len(outcome.reason) <= 303
     assert outcome.reason.endswith("...")
 
 
 @pytest.mark.parametrize(("length", "shown"), [(288, 300), (289, 303)])
-def test_a_reason_of_three_hundred_characters_is_whole(length, shown):
+def test_a_reason_of_three_hundred_characters_is_not_shortened(length, shown):
     def complain(samples):
         raise ValueError("x" * length)
 
-    outcome = attempt(complain, [0])
+    outcome = run_task(complain, [0])
     assert len(outcome.reason) == shown
     assert outcome.reason.removesuffix("...") == ("ValueError: " + "x" * length)[:300]
 
 
-def test_an_error_without_words_is_its_name():
+def test_an_error_without_a_message_is_described_by_its_name():
     def complain(samples):
         raise ArithmeticError
 
-    assert attempt(complain, [4]) == Outcome([4], reason="ArithmeticError")
+    assert run_task(complain, [4]) == Outcome([4], reason="ArithmeticError")
 
 
-def test_ctrl_c_is_no_outcome():
+def test_ctrl_c_is_not_an_outcome():
     def interrupt(samples):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        attempt(interrupt, [0])
+        run_task(interrupt, [0])
 
 
-def test_an_executor_has_one_task_more_for_each_worker():
-    crew = ExecutorCrew(ThreadPoolExecutor(3), 3)
-    assert (crew.num_workers, crew.capacity) == (3, 6)
+def test_an_executor_has_one_queued_task_per_worker():
+    pool = ExecutorPool(ThreadPoolExecutor(3), 3)
+    assert (pool.num_workers, pool.capacity) == (3, 6)
 
 
-def test_a_worker_of_an_executor_that_dies_fails_its_task():
+def test_a_dying_worker_of_an_executor_fails_its_task():
     class Dying(Executor):
         def submit(self, function, /, *arguments):
             future = Future()
@@ -162,14 +160,14 @@ def test_a_worker_of_an_executor_that_dies_fails_its_task():
                 future.set_result(function(*arguments))
             return future
 
-    crew = ExecutorCrew(Dying(), 1)
-    outcomes = list(fly_batches(crew, len, [[1], [2], [3]]))
-    reasons = sorted((outcome.given, outcome.result, outcome.reason) for outcome in outcomes if outcome.reason)
+    pool = ExecutorPool(Dying(), 1)
+    outcomes = list(fly_batches(pool, len, [[1], [2], [3]]))
+    reasons = sorted((outcome.argument, outcome.result, outcome.reason) for outcome in outcomes if outcome.reason)
     assert reasons == [([2], None, "OSError: its worker is gone")]
-    assert sorted(outcome.given for outcome in outcomes if not outcome.reason) == [[1], [3]]
+    assert sorted(outcome.argument for outcome in outcomes if not outcome.reason) == [[1], [3]]
 
 
-def test_what_an_executor_has_not_begun_when_it_is_given_up_is_never_done():
+def test_abandoned_tasks_of_an_executor_are_cancelled():
     done, go, begun = [], threading.Event(), threading.Event()
 
     def wait_and_tell(given):
@@ -179,25 +177,25 @@ def test_what_an_executor_has_not_begun_when_it_is_given_up_is_never_done():
         return given
 
     with ThreadPoolExecutor(1) as executor:
-        crew = ExecutorCrew(executor, 1)
-        crew.begin(wait_and_tell, 1)
+        pool = ExecutorPool(executor, 1)
+        pool.submit(wait_and_tell, 1)
         assert begun.wait(20.0)
-        crew.begin(wait_and_tell, 2)
-        crew.give_up()
-        crew.begin(wait_and_tell, 3)
+        pool.submit(wait_and_tell, 2)
+        pool.abandon()
+        pool.submit(wait_and_tell, 3)
         go.set()
-        (outcome,) = crew.finished()
-        assert (outcome.given, outcome.result) == (3, 3)
+        (outcome,) = pool.next_outcomes()
+        assert (outcome.argument, outcome.result) == (3, 3)
     assert done == [1, 3]
 
 
-def test_what_is_given_up_is_not_there_for_the_next():
-    """A study that ends early leaves nothing to the next one with the same processes."""
+def test_abandoned_tasks_have_no_outcome():
+    """A study that ends early leaves no outcomes for the next study with the same processes."""
     with Workers(2) as workers:
         for _ in range(2):
-            workers.begin(sleep_for_ever, [1])
-        workers.give_up()
-        assert [outcome.given for outcome in fly_batches(workers, np.array, [[7]])] == [[7]]
+            workers.submit(sleep_for_ever, [1])
+        workers.abandon()
+        assert [outcome.argument for outcome in fly_batches(workers, np.array, [[7]])] == [[7]]
 
 
 def sleep_for_ever(samples):
