@@ -43,13 +43,10 @@ from drake_quad.identification.results.estimates import Estimates, Explained, So
 from drake_quad.identification.results.held_out import hold_out
 from drake_quad.identification.results.vehicle_numbers import with_numbers
 from drake_quad.identification.sampling import (
-    SlowFit,
     Synchronised,
     attenuated,
     fast_command_remarks,
-    slow_fit,
     synchronised,
-    with_bandwidth,
 )
 from drake_quad.identification.windows import held_out, steep_remarks
 from drake_quad.scenario.models import Scenario
@@ -121,8 +118,7 @@ def _identified(given: Synchronised, scenario: Scenario, share: float) -> Identi
         parameters = [parameters[i] for i in kept]
         predictor = logs.predictor(names_of(parameters), logs.flying)
         fitted = fit(predictor, parameters, fitted.noise, fitted.values[kept])
-    slow = slow_fit(logs, parameters, fitted)
-    found = _result(logs, scenario, predictor, parameters, fitted, shown, held, slow)
+    found = _result(logs, scenario, predictor, parameters, fitted, shown, held)
     return replace(found, training_vehicle=early)
 
 
@@ -147,7 +143,6 @@ def _result(
     fitted: PredictionFit,
     shown: Sequence[ForecastOutput],
     held: dict[str, str],
-    slow: SlowFit | None,
 ) -> Identification:
     """Return the result of a fit.
 
@@ -159,7 +154,6 @@ def _result(
         fitted: result of the fit.
         shown: forecast of held-out flight; empty if nothing was held out.
         held: parameters that were held at their initial values, with the reason.
-        slow: fit to the same logs at a longer period, if there is one.
     """
     names = names_of(parameters)
     blocks = window_blocks(predictor)
@@ -168,8 +162,6 @@ def _result(
     variation = variation_of(within_flights(evidence, predictor, differences))
     uncertainty = uncertainty_of_mean(fitted.uncertainty(blocks), evidence, variation)
     remarks = [*_remarks(predictor, fitted, names), *steep_remarks(logs.records)]
-    if slow is not None:
-        uncertainty = with_bandwidth(uncertainty, fitted.values, slow, logs.period)
     weak = not_identified(parameters, fitted.values, uncertainty)
     weak |= attenuated(logs.records, parameters, fitted.noise)
     if {*names} <= {*weak, DELAY}:

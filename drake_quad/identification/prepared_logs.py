@@ -26,7 +26,6 @@ from drake_quad.vehicle.motors import thrust_of
 
 # Shortest period, s, a tenth of the time constant of a small motor. Faster logs are averaged to this period.
 _PERIOD = 0.008
-SLOW_PERIOD = 0.03  # s, half of the time constant of a small motor
 _MAX_STEP = 0.01  # s, longest step of the model
 # Length of a window, and time before it in which the filter settles, s. Without poses, attitude and velocity drift, so
 # windows are shorter.
@@ -92,14 +91,6 @@ class PreparedLogs(NamedTuple):
     def poses(self) -> bool:
         """True if positions, attitudes or velocities are predicted."""
         return bool({"position", "attitude", "velocity"} & self.signals)
-
-    def coarser(self) -> "PreparedLogs | None":
-        """Return the logs at the period of `SLOW_PERIOD`; None if their own is not much shorter."""
-        step = int(SLOW_PERIOD / self.period + 0.05)
-        if step < 2:
-            return None
-        records = [coarser(record, step) for record in self.records]
-        return self._replace(records=records, flying=[airborne(record) for record in records])
 
     def predictor(
         self, names: Sequence[str], flying: Sequence[np.ndarray], *, horizon: bool = False, delay: float = 0.0

@@ -12,14 +12,11 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from drake_quad.errors import InputError
-from drake_quad.identification.evidence import Uncertainty
-from drake_quad.identification.fit import NEGLIGIBLE_DISTURBANCE, PredictionFit, fit
+from drake_quad.identification.fit import NEGLIGIBLE_DISTURBANCE
 from drake_quad.identification.logs.consistency import clock_shifts
 from drake_quad.identification.logs.record import FlightRecord
-from drake_quad.identification.parameters import Parameter, names_of
+from drake_quad.identification.parameters import Parameter
 from drake_quad.identification.prediction_errors import PredictionNoise
-from drake_quad.identification.prepared_logs import SLOW_PERIOD, PreparedLogs
 from drake_quad.identification.windows import airborne, coarser
 
 _SPECTRUM_LENGTH = 256  # samples in each segment of a spectral estimate
@@ -30,19 +27,8 @@ _FAST_PARAMETERS = ("inertia[", "rotor_time_constant")
 # and 12 to 26 ms in radio logs.
 _MAX_CLOCK_SCATTER = 8e-3
 _MIN_CLOCK_PARTS = 4
+_AVERAGING_PERIOD = 0.03  # s, half of the time constant of a small motor, and longer than the scatter of two clocks
 _MIN_LEAD = 2e-3  # s
-
-
-class SlowFit(NamedTuple):
-    """Fit to the same logs at a longer period.
-
-    Attributes:
-        values: (p,) estimates of the parameters.
-        period: period of the samples, s.
-    """
-
-    values: np.ndarray
-    period: float
 
 
 class Synchronised(NamedTuple):
@@ -96,11 +82,14 @@ def _on_board(records: Sequence[FlightRecord], scatter: float) -> Synchronised:
         return Synchronised(records, False, [doubt])
     kept = [
         coarser(
-            replace(record, position=None, velocity=None, attitude=None), max(1, round(SLOW_PERIOD / record.period))
+            replace(record, position=None, velocity=None, attitude=None),
+            max(1, round(_AVERAGING_PERIOD / record.period)),
         )
         for record in records
     ]
-    what = f"position, velocity and attitude are left out, and the rest is averaged over {1e3 * SLOW_PERIOD:.0f} ms"
+    what = (
+        f"position, velocity and attitude are left out, and the rest is averaged over {1e3 * _AVERAGING_PERIOD:.0f} ms"
+    )
     return Synchronised(kept, False, [f"{doubt}; {what}"])
 
 
@@ -151,34 +140,3 @@ def fast_command_share(record: FlightRecord) -> float:
     frequency, power = scipy.signal.welch(differences, nperseg=_SPECTRUM_LENGTH, axis=0, detrend="linear")
     total = float(power.sum())
     return float(power[frequency > 0.25].sum()) / total if total > 0.0 else 0.0
-
-
-def slow_fit(logs: PreparedLogs, parameters: Sequence[Parameter], fitted: PredictionFit) -> SlowFit | None:
-    """Fit the logs at a longer period; return None if they are already slow, or too short."""
-    slow = logs.coarser()
-    if slow is None:
-        return None
-    try:
-        predictor = slow.predictor(names_of(parameters), slow.flying)
-        found = fit(predictor, parameters, fitted.noise, fitted.values)
-    except InputError:
-        return None
-    return SlowFit(found.values, slow.period)
-
-
-def with_bandwidth(uncertainty: Uncertainty, values: np.ndarray, slow: SlowFit, period: float) -> Uncertainty:
-    """Return the uncertainty including the dependence of the parameters on the bandwidth of the logs.
-
-    Averaging over a period h distorts an estimate in proportion to h². The variance of the estimate is therefore
-    increased by the square of h² / (H² - h²) times the difference from the estimate at a period H (Richardson's
-    extrapolation).
-
-    Args:
-        uncertainty: uncertainty of p parameters.
-        values: (p,) estimates.
-        slow: fit to the same logs at a longer period.
-        period: period of the logs, s.
-    """
-    distortion = (values - slow.values) ** 2 * (period**2 / (slow.period**2 - period**2)) ** 2
-    wider = np.sqrt(1.0 + distortion / np.diag(uncertainty.covariance))
-    return uncertainty._replace(covariance=uncertainty.covariance * np.outer(wider, wider))

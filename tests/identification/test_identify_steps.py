@@ -83,7 +83,6 @@ class Recorded:
         self.fits, self.forecasts, self.noise = [], [], noise
         monkeypatch.setattr(module, "fit", self.fit)
         monkeypatch.setattr(module, "forecast", self.forecast)
-        monkeypatch.setattr(module, "slow_fit", lambda *_: None)
         monkeypatch.setattr(module, "noise_covariance", lambda predictor, fitted: 1e-4 * np.eye(18))
 
     def fit(self, predictor, parameters, noise, start=None):
@@ -190,7 +189,7 @@ def test_a_vehicle_has_its_values_and_the_delay_in_ticks_of_its_link(rotors):
     assert module._vehicle(logs, scenario, {"motors.curve[1]": 2.0}).vehicle.motors.voltage == pytest.approx(11.4)
 
 
-def result_of(rotors, monkeypatch, *, change=lambda fitted, names: fitted, shown=(), held=None, slow=None):
+def result_of(rotors, monkeypatch, *, change=lambda fitted, names: fitted, shown=(), held=None):
     """Return the result of a fit, with the fit and its predictor."""
     monkeypatch.setattr(module, "noise_covariance", lambda predictor, fitted: np.diag(np.linspace(1e-4, 2e-4, 18)))
     logs, scenario = prepare([log_of(30.0)], rotors)
@@ -198,7 +197,7 @@ def result_of(rotors, monkeypatch, *, change=lambda fitted, names: fitted, shown
     names = names_of(parameters)
     predictor = logs.predictor(names, logs.flying)
     fitted = change(fitted_to(predictor, parameters), names)
-    found = module._result(logs, scenario, predictor, parameters, fitted, shown, held or {}, slow)
+    found = module._result(logs, scenario, predictor, parameters, fitted, shown, held or {})
     return found, fitted, predictor, parameters
 
 
@@ -292,18 +291,6 @@ def test_reasons_of_all_steps_are_kept(monkeypatch, rotors):
     assert found.estimates.value(NOISES[1]) == 4e-3
     assert found.estimates.explained["thrust_factor"].share == 0.7
     assert len(found.outputs) == 6
-
-
-def test_estimates_that_depend_on_the_bandwidth_have_wider_intervals(monkeypatch, rotors):
-    plain, fitted, _, parameters = result_of(rotors, monkeypatch)
-    place = names_of(parameters).index("inertia[0]")
-    deviations = np.sqrt(np.diag(plain.estimates.covariance))
-    values = fitted.values.copy()
-    values[place] += 20.0 * deviations[place]
-    found, *_ = result_of(rotors, monkeypatch, slow=module.SlowFit(values, 0.03))
-    wider = np.sqrt(np.diag(found.estimates.covariance)) / deviations
-    assert wider[place] > 2.0
-    np.testing.assert_allclose(np.delete(wider, place), 1.0, rtol=1e-6)
 
 
 def test_parameters_that_missing_commands_distort_are_not_identified(monkeypatch, rotors):

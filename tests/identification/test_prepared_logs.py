@@ -45,21 +45,6 @@ def test_logs_faster_than_125_hertz_are_averaged(rotors: Scenario, period: float
     assert len(flying) == len(logs.records[0].time)
 
 
-@pytest.mark.parametrize(("period", "slower"), [(0.008, 3), (0.01, 3), (0.015, 2), (0.016, None), (0.03, None)])
-def test_the_slower_logs_have_at_least_twice_the_period_and_at_most_30_milliseconds(
-    rotors: Scenario, period: float, slower: int | None
-) -> None:
-    logs, _ = prepare([log_of(3.0, *POSE, period=period)], rotors)
-    coarse = logs.coarser()
-    if slower is None:
-        assert coarse is None
-    else:
-        assert coarse is not None
-        assert coarse.period == pytest.approx(slower * period)
-        assert [len(usable) for usable in coarse.flying] == [len(record.time) for record in coarse.records]
-        assert (coarse.outputs, coarse.scenario) == (logs.outputs, logs.scenario)
-
-
 def sizes_in_seconds(logs: PreparedLogs, *, horizon: bool = False) -> tuple[float, float, float]:
     sizes = logs.predictor((), logs.flying, horizon=horizon).sizes
     return tuple(logs.period * samples for samples in sizes)  # type: ignore[return-value]

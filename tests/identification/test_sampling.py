@@ -1,27 +1,21 @@
 """Commands between samples, clocks that drift, and estimates that depend on the bandwidth of a log."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from drake_quad.errors import InputError
 from drake_quad.identification import sampling
-from drake_quad.identification.evidence import Uncertainty
 from drake_quad.identification.logs.consistency import clock_shifts
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.parameters import Parameter
 from drake_quad.identification.prediction_errors import PredictionNoise
 from drake_quad.identification.sampling import (
-    SlowFit,
     attenuated,
     fast_command_remarks,
     fast_command_share,
-    slow_fit,
     synchronised,
-    with_bandwidth,
 )
 
 PERIOD = 0.01
@@ -208,42 +202,3 @@ def test_the_share_of_fast_commands_is_that_of_white_and_of_smooth_commands():
     assert attenuated([smooth, white], parameters, noise_with(disturbance=[0.2, 0.2, 0.2, 1e-3, 1e-3, 1e-3])) == {}
     (remark,) = fast_command_remarks([smooth, white])
     assert remark.startswith(("rolling: 50% of the power", "rolling: 49% of the power"))
-
-
-def test_a_slow_fit_starts_from_the_fast_one_and_is_left_out_if_the_logs_are_too_short(monkeypatch):
-    parameters = [Parameter("mass", 1.0, 0.5), Parameter("linear_drag", 0.1, 0.1)]
-    fast = SimpleNamespace(noise="noise", values=np.array([1.1, 0.2]))
-    asked = []
-
-    class Logs:
-        period, flying = 0.03, ["flying"]
-
-        def predictor(self, names, flying):
-            asked.append((names, flying))
-            return "predictor"
-
-    def fit(*given):
-        asked.append(given)
-        return SimpleNamespace(values=np.array([1.2, 0.3]))
-
-    def refuse(*_):
-        raise InputError("only 3 windows")
-
-    monkeypatch.setattr(sampling, "fit", fit)
-    found = slow_fit(SimpleNamespace(coarser=Logs), parameters, fast)
-    assert asked == [(["mass", "linear_drag"], ["flying"]), ("predictor", parameters, "noise", fast.values)]
-    np.testing.assert_array_equal(found.values, [1.2, 0.3])
-    assert found.period == 0.03
-    assert slow_fit(SimpleNamespace(coarser=lambda: None), parameters, fast) is None
-    monkeypatch.setattr(sampling, "fit", refuse)
-    assert slow_fit(SimpleNamespace(coarser=Logs), parameters, fast) is None
-
-
-def test_the_dependence_on_the_bandwidth_widens_an_interval():
-    """A third of the period distorts by an eighth of the difference. Correlations do not change."""
-    own = np.array([[1.0, 0.5], [0.5, 1.0]])
-    uncertainty = Uncertainty(own, np.full(2, np.inf), own)
-    found = with_bandwidth(uncertainty, np.array([0.5, 1.0]), SlowFit(np.array([4.0, 2.0]), 0.03), 0.01)
-    variances = 1.0 + np.array([3.5 / 8.0, 1.0 / 8.0]) ** 2
-    np.testing.assert_allclose(np.diag(found.covariance), variances)
-    assert found.covariance[0, 1] == pytest.approx(0.5 * np.sqrt(np.prod(variances)))
