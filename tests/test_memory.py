@@ -20,7 +20,7 @@ FLEETS = [
 
 @pytest.mark.parametrize(("name", "fly"), FLEETS)
 def test_a_fleet_that_does_not_fit_into_memory_is_refused(name, fly):
-    words = r" is 1,000,000,000, but a fleet of this size needs at least 8,000 GB of memory, and [\d.,]+ GB are"
+    words = r" is 1,000,000,000, but a fleet of this size needs at least 8,000 GB of memory, and only [\d.,]+ GB are"
     with pytest.raises(InputError, match=name + words):
         fly(load_scenario("figure_eight"))
 

@@ -77,6 +77,12 @@ class PredictionNoise(NamedTuple):
         force, _ = np.split(self.disturbance, 2)
         return force
 
+    @property
+    def torque(self) -> np.ndarray:
+        """Standard deviations (3,) of the disturbing torque over inertia, rad/s²."""
+        _, torque = np.split(self.disturbance, 2)
+        return torque
+
     def mean_force(self, duration: float) -> np.ndarray:
         """Return the standard deviations (3,) of means of the disturbing force over mass, m/s².
 

@@ -120,7 +120,7 @@ def attenuated(
         noise: estimated noise.
     """
     lacking = [record.name for record in records if fast_command_share(record) > _MIN_FAST_SHARE]
-    if not lacking or np.all(noise.disturbance[3:] < NEGLIGIBLE_DISTURBANCE):
+    if not lacking or np.all(noise.torque < NEGLIGIBLE_DISTURBANCE):
         return {}
     reason = f"the log may lack commands between its samples ({', '.join(lacking)}), which distorts the response"
     return {parameter.name: reason for parameter in parameters if parameter.name.startswith(_FAST_PARAMETERS)}

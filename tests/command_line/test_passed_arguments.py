@@ -666,7 +666,7 @@ def test_controllers_are_tuned_family_by_family(run, replaced):
 
 
 def test_the_experiment_is_flown_in_the_requested_size(run, replaced, tmp_path, monkeypatch):
-    findings = SimpleNamespace(entries=[], claims=[SimpleNamespace(words="a claim", verdict="holds")])
+    findings = SimpleNamespace(entries=[], claims=[SimpleNamespace(statement="a claim", verdict="holds")])
     calls = replaced(
         "replicate",
         fly_experiment="flights",

@@ -166,7 +166,7 @@ def test_paths_without_wind_are_shown_in_space_and_from_above(flights):
         assert list(legend_of(figure)) == names == [line.get_label() for line in axes.lines]
     assert above.axes[0].get_aspect() == 1.0
     # Vertical legs have no number in the view from above.
-    seen = [str(mark.number) for mark in leg_marks(whole.plan) if np.any(mark.beside)]
+    seen = [str(mark.number) for mark in leg_marks(whole.plan) if np.any(mark.right)]
     assert [text.get_text() for text in above.axes[0].texts] == seen
     numbers = {text.get_text(): text.get_position_3d() for text in space.axes[0].texts}
     path = whole.plan.derivative(0)

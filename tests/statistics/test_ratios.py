@@ -115,7 +115,7 @@ def test_linearized_ratios_have_the_mean_and_the_standard_error_of_the_ratio():
     assert np.mean(errors) == pytest.approx(ratios.std(), rel=0.05)
 
 
-def test_the_share_and_the_difference_of_a_comparison_agree():
+def test_the_ratio_and_the_difference_of_a_comparison_agree():
     """In this example the mean of the single ratios is above 1, although the metric has the smaller mean."""
     rng = np.random.default_rng(6)
     baseline = rng.lognormal(0.0, 1.0, 60)
@@ -125,6 +125,6 @@ def test_the_share_and_the_difference_of_a_comparison_agree():
         Metrics(*[each] * (len(Metrics._fields) - 1), np.full(60, math.inf)) for each in (value, baseline)
     )
     actual = compare(metrics, other)
-    assert actual.share == ratio_of_means(value, baseline)
-    assert (actual.share.value < 1.0) == (actual.difference.value < 0.0)
-    assert (actual.share.high < 1.0) == (actual.difference.high < 0.0)
+    assert actual.ratio == ratio_of_means(value, baseline)
+    assert (actual.ratio.value < 1.0) == (actual.difference.value < 0.0)
+    assert (actual.ratio.high < 1.0) == (actual.difference.high < 0.0)
