@@ -188,7 +188,7 @@ def test_a_binary_file_of_another_kind_is_refused(read, data):
 )
 def test_zeros_and_bytes_of_255_at_the_end_of_a_file_were_not_written(data, written):
     """Any other byte that is repeated there is part of the log."""
-    assert LogFile(Path("log"), data, ()).written == written
+    assert LogFile(Path("log"), data, ()).written_size == written
 
 
 @pytest.mark.parametrize(
@@ -201,4 +201,4 @@ def test_zeros_and_bytes_of_255_at_the_end_of_a_file_were_not_written(data, writ
     ],
 )
 def test_bytes_that_are_not_read_are_counted_and_explained(rest, sentence):
-    assert LogFile(Path("log"), b"log" + rest, ()).unread(3, "no message") == sentence
+    assert LogFile(Path("log"), b"log" + rest, ()).unread_remark(3, "no message") == sentence

@@ -335,10 +335,10 @@ def test_stamps_of_headers_are_used_if_their_clock_is_that_of_the_recording(behi
     table, remarks = rows.table("/topic", start, of_its_type=False)
     np.testing.assert_allclose(table.time, 0.1 * np.arange(5))
     if used:
-        np.testing.assert_allclose(table.sampled, 0.1 * np.arange(5) - 1e-9 * behind, atol=1e-9)
+        np.testing.assert_allclose(table.sample_time, 0.1 * np.arange(5) - 1e-9 * behind, atol=1e-9)
         assert remarks == []
     else:
-        assert table.sampled is None
+        assert table.sample_time is None
         assert remarks == [
             f"/topic: the stamps of the headers are {1e-9 * each:g} s before the times of recording, which are used"
             " instead"

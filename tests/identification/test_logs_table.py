@@ -299,12 +299,12 @@ def test_a_path_that_is_no_log(tmp_path, write):
 
 
 def test_a_log_that_is_too_large_is_not_read(write, monkeypatch):
-    monkeypatch.setattr("drake_quad.identification.logs.source.MOST_BYTES", 1000)
+    monkeypatch.setattr("drake_quad.identification.logs.source.MAX_BYTES", 1000)
     for data in (b"x" * 1001, lzma.compress(b"x" * 100_000)):
         with pytest.raises(InputError, match="is too large: a log may have 1,000 bytes, unpacked"):
             read_log(write("log", data))
     monkeypatch.undo()
-    monkeypatch.setattr("drake_quad.identification.logs.formats.table.MOST_BYTES", 10)
+    monkeypatch.setattr("drake_quad.identification.logs.formats.table.MAX_BYTES", 10)
     with pytest.raises(InputError, match="is too large: a CSV file may have 10 bytes"):
         read_log(write("log", TABLE))
 

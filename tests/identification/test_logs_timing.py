@@ -9,7 +9,7 @@ from written_logs import DATA
 
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
-from drake_quad.identification.logs.timing import gaps, rising, timing_remarks
+from drake_quad.identification.logs.timing import gaps, rising_samples, timing_remarks
 from drake_quad.identification.windows import pieces
 
 
@@ -31,7 +31,7 @@ def record(time):
     ],
 )
 def test_samples_out_of_order_are_left_out(time, kept, words):
-    chosen, remarks = rising(np.array(time, dtype=float))
+    chosen, remarks = rising_samples(np.array(time, dtype=float))
     assert np.array(time)[chosen].tolist() == kept
     assert len(remarks) == len(words)
     for remark, each in zip(remarks, words, strict=True):
@@ -40,11 +40,11 @@ def test_samples_out_of_order_are_left_out(time, kept, words):
 
 @given(arrays(float, st.integers(0, 30), elements=st.floats(-5.0, 5.0).map(lambda t: round(t, 1)) | st.just(np.nan)))
 def test_what_stays_rises_and_what_rises_stays(time):
-    chosen, remarks = rising(time)
+    chosen, remarks = rising_samples(time)
     assert np.all(np.diff(time[chosen]) > 0.0)
     assert bool(remarks) == (not chosen.all())
     in_order = np.unique(time[np.isfinite(time)])
-    assert rising(in_order)[0].all()
+    assert rising_samples(in_order)[0].all()
 
 
 def test_gaps_and_the_parts_between_them():

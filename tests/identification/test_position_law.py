@@ -19,11 +19,11 @@ from drake_quad.identification.known_flights import wandering
 from drake_quad.identification.logs.attitudes import rotations
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import STATE_ROWS
-from drake_quad.identification.position_law.commands import FORMS, at_limit, commanded, in_heading, unproduced
+from drake_quad.identification.position_law.commands import FORMS, at_limit, in_heading, law_output, unproduced_output
 from drake_quad.identification.position_law.control import control_layer
 from drake_quad.identification.position_law.law import AxisLaw, PositionLaw, identify_position_law
 from drake_quad.identification.position_law.pieces import prepared_pieces
-from drake_quad.identification.position_law.regression import Shape, _bias_of_rules, excited_terms, searched
+from drake_quad.identification.position_law.regression import Shape, _bias_of_rules, excited_terms, search_fit
 from drake_quad.identification.result import Spread
 
 PERIOD, SAMPLES, GRAVITY = 0.02, 750, 9.81
@@ -144,7 +144,7 @@ def test_each_form_gives_back_the_output_of_the_law(vehicle):
     for form, (command, thrust) in made.items():
         record = FlightRecord("made", np.arange(2.0), attitude=measured, attitude_command=command)
         expected = in_heading(record, output) if form == "tilt" else output
-        np.testing.assert_allclose(commanded(record, thrust, form, GRAVITY), expected, atol=1e-12, err_msg=form)
+        np.testing.assert_allclose(law_output(record, thrust, form, GRAVITY), expected, atol=1e-12, err_msg=form)
 
 
 def test_axes_of_the_heading_are_forward_left_and_up():
@@ -163,14 +163,14 @@ def test_the_output_that_is_not_produced_is_what_px4_takes_from_its_integral(cli
     output, error = np.array([[1.5, -0.8, climb]]), np.array([0.2, -0.1, 0.3])
     _, integrated = _limited_force(Vector(*output[0]), Vector(*error), numbers, CascadeRules())
     taken = gain / 2.0 * (error - np.array(integrated))
-    np.testing.assert_allclose(unproduced(output, "decoupled", GRAVITY)[0], taken, atol=1e-12)
-    assert not unproduced(output, "acceleration", GRAVITY).any()
+    np.testing.assert_allclose(unproduced_output(output, "decoupled", GRAVITY)[0], taken, atol=1e-12)
+    assert not unproduced_output(output, "acceleration", GRAVITY).any()
 
 
 def regression_of(record, vehicle, form, axis):
     """Return the gains of least squares by name, and R², at no delay."""
     pieces = prepared_pieces(record, vehicle, [])[0][form]
-    fit = searched(pieces, (axis,), excited_terms(pieces, (axis,)), [Shape()], ())
+    fit = search_fit(pieces, (axis,), excited_terms(pieces, (axis,)), [Shape()], ())
     return dict(zip(fit.terms, fit.gains.tolist(), strict=True)), fit.explained
 
 
@@ -237,7 +237,7 @@ def test_rounding_does_not_move_the_delay(vehicle):
     )
     pieces = prepared_pieces(rounded, vehicle, [])[0]["acceleration"]
     for axis in range(3):
-        fit = searched(pieces, (axis,), excited_terms(pieces, (axis,)), [Shape()], ("delay",))
+        fit = search_fit(pieces, (axis,), excited_terms(pieces, (axis,)), [Shape()], ("delay",))
         assert abs(fit.shape.delay) < 0.1 * PERIOD
 
 

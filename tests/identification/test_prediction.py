@@ -332,8 +332,8 @@ def test_a_flight_reaches_a_horizon_if_it_goes_on_without_a_gap_in_the_air():
             and bool(flying[start : start + steps + 1].all())
             for start in starts
         ]
-        np.testing.assert_array_equal(prediction._reached(log, starts, steps), expected)
-    assert 0 < np.sum(prediction._reached(log, starts, 20)) < len(starts)
+        np.testing.assert_array_equal(prediction._continues(log, starts, steps), expected)
+    assert 0 < np.sum(prediction._continues(log, starts, 20)) < len(starts)
 
 
 def test_errors_are_distances_and_the_angle_between_two_attitudes():
@@ -389,9 +389,9 @@ def test_motion_at_a_start_is_that_of_fifty_milliseconds_or_four_samples(scenari
 def test_the_interval_of_a_sum_is_that_of_independent_blocks():
     totals = np.array([1.0, -2.0, 0.5, 3.0])
     expected = quantile(3) * math.sqrt(4.0 / 3.0 * np.sum(totals**2))
-    assert len(totals) * prediction._reach(totals, np.arange(len(totals))) == pytest.approx(float(expected))
-    assert prediction._reach(totals[:1], np.zeros(1, dtype=int)) == math.inf
-    assert math.isfinite(prediction._reach(totals[:2], np.arange(2)))
+    assert len(totals) * prediction._half_width(totals, np.arange(len(totals))) == pytest.approx(float(expected))
+    assert prediction._half_width(totals[:1], np.zeros(1, dtype=int)) == math.inf
+    assert math.isfinite(prediction._half_width(totals[:2], np.arange(2)))
 
 
 @pytest.mark.slow

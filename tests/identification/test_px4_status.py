@@ -6,8 +6,8 @@ import pytest
 from drake_quad.identification.logs.px4_status import (
     other_vehicle,
     status_remarks,
-    with_invalid_left_out,
-    with_pulses_of_motors,
+    with_motor_pulses,
+    without_invalid_samples,
 )
 
 # MAVLink's common.xml.
@@ -147,29 +147,29 @@ def test_each_field_is_left_out_where_its_own_flag_says_so():
     every = [name for names in fields.values() for name in names]
     data = {name: np.arange(4.0) for name in every} | {flag: np.ones(4) for flag in fields}
     for flag, names in fields.items():
-        found = with_invalid_left_out("vehicle_local_position", data | {flag: np.array([1, 0, 1, 0])})
+        found = without_invalid_samples("vehicle_local_position", data | {flag: np.array([1, 0, 1, 0])})
         for name in every:
             expected = [0.0, np.nan, 2.0, np.nan] if name in names else [0.0, 1.0, 2.0, 3.0]
             np.testing.assert_array_equal(found[name], expected)
-        others = with_invalid_left_out("vehicle_attitude", data | {flag: np.zeros(4)})
+        others = without_invalid_samples("vehicle_attitude", data | {flag: np.zeros(4)})
         np.testing.assert_array_equal(others["x"], data["x"])
-    assert {*with_invalid_left_out("vehicle_local_position", {"x": np.zeros(2)})} == {"x"}
+    assert {*without_invalid_samples("vehicle_local_position", {"x": np.zeros(2)})} == {"x"}
 
 
 def test_pulses_of_motors_come_from_any_of_sixteen_outputs():
     data = {f"output[{i}]": np.full(3, 1000.0 + 50.0 * i) for i in range(16)}
     parameters = {"PWM_MAIN_FUNC16": 101, "PWM_MAIN_FUNC1": 102, "PWM_MAIN_FUNC9": 103, "PWM_MAIN_FUNC5": 104}
-    found, remarks = with_pulses_of_motors(data, parameters)
+    found, remarks = with_motor_pulses(data, parameters)
     np.testing.assert_allclose([found[f"output[{i}]"][0] for i in range(4)], [1750.0, 1000.0, 1400.0, 1200.0])
     whole = "the range of the motors, from off to full throttle, is"
     assert remarks[0] == f"{whole} 1000 to 2000 µs, assumed, since no parameter in the log says so"
     assert remarks[1] == "PX4's motors 1 to 4 are on its outputs 16, 1, 9, 5, by PWM_MAIN_FUNC1 and so on"
     # A limit of 0 µs is one, and one below stands for the next.
     limits = {"PWM_MAIN_MIN2": 0, "PWM_MAIN_MIN": -1, "PWM_MIN": 900, "PWM_MAX": 1900}
-    found, remarks = with_pulses_of_motors(data, limits)
+    found, remarks = with_motor_pulses(data, limits)
     expected = [1000.0 + 1000.0 * (1000.0 - 900.0) / 1000.0, 1000.0 + 1000.0 * 1050.0 / 1900.0]
     np.testing.assert_allclose([found[f"output[{i}]"][0] for i in range(2)], expected)
     assert remarks == [f"{whole} 900 to 1900, 0 to 1900 µs, by PWM_MAIN_MIN, PWM_MAIN_MAX and the like"]
     # Without one of the outputs nothing is known.
     few = {name: values for name, values in data.items() if name != "output[2]"}
-    assert with_pulses_of_motors(few, {}) == (few, [])
+    assert with_motor_pulses(few, {}) == (few, [])

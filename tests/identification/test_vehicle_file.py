@@ -475,7 +475,7 @@ def test_what_was_given_is_put_where_it_belongs_unless_it_was_identified():
         "laboratory.motion_capture.period=0.01",
         "control.attitude.fuzzy.gain=[1, 2]",
     ):
-        vehicle_file._put(tree, given)
+        vehicle_file._add_override(tree, given)
     assert tree["vehicle"]["mass"] is found
     assert tree["vehicle"]["gravity"].value == 9.8
     cameras = tree["laboratory"]["motion_capture"]
@@ -484,7 +484,7 @@ def test_what_was_given_is_put_where_it_belongs_unless_it_was_identified():
     assert (entry.value, entry.comment) == ([1, 2], "given, not identified")
     for wrong in ("route.laps=2", "vehicle=1", "vehicle.inertia.0=1", "vehicle.thrust_factor_error.rotor_2=0.1"):
         with pytest.raises(InputError, match="cannot be written with a vehicle: allowed are whole fields of vehicle"):
-            vehicle_file._put(tree, wrong)
+            vehicle_file._add_override(tree, wrong)
 
 
 @pytest.mark.parametrize(

@@ -62,5 +62,5 @@ def flown_part(record: FlightRecord) -> FlownPart:
     first, end = int(flying[0]), int(flying[-1]) + 1
     if not idle[0]:
         return FlownPart(0, end, None)
-    standing = np.flatnonzero(height[:first] < ground + _LIFT_OFF_HEIGHT)
-    return FlownPart(first, end if idle[-1] else count, int(standing[-1]))
+    on_ground = np.flatnonzero(height[:first] < ground + _LIFT_OFF_HEIGHT)
+    return FlownPart(first, end if idle[-1] else count, int(on_ground[-1]))

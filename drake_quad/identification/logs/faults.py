@@ -112,14 +112,14 @@ def faults(signals: _Signals) -> Iterator[Fault]:
             if signs == _HALF_TURN:
                 text += f", as if it were in {'FRD' if signal in _BODY_SIGNALS else 'NED'}"
             yield Fault((signal,), text, _scaled(signal, np.array(signs)), len(wrong))
-        for factor, what in _UNITS[signal].items():
-            yield Fault((signal,), f"{signal} looks as if {what}", _scaled(signal, factor))
+        for factor, description in _UNITS[signal].items():
+            yield Fault((signal,), f"{signal} looks as if {description}", _scaled(signal, factor))
         if signal in ("position", "velocity", "reference_position", "reference_velocity"):
-            for signs, what in _SWAPS.items():
-                yield Fault((signal,), f"{signal} looks as if {what}", _swapped(signal, np.array(signs)))
+            for signs, description in _SWAPS.items():
+                yield Fault((signal,), f"{signal} looks as if {description}", _swapped(signal, np.array(signs)))
         if signal == "attitude":
-            for turn, what in _YAW_OFFSETS.items():
-                yield Fault((signal,), f"the yaw of {signal} looks {what}", _offset(signal, turn), 1)
+            for offset, description in _YAW_OFFSETS.items():
+                yield Fault((signal,), f"the yaw of {signal} looks {description}", _offset(signal, offset), 1)
     yield from _common_faults(signals)
 
 

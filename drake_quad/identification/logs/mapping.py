@@ -39,8 +39,8 @@ from drake_quad.scenario.files.loading import validated
 ATTITUDES = ("attitude", "attitude_command")
 WORLD_FRAMES = ("NWU", "ENU", "NED")
 BODY_FRAMES = ("FLU", "FRD")
-_ROTORS = 4
-_QUATERNION = 4
+_NUM_ROTORS = 4
+_NUM_QUATERNION_COMPONENTS = 4
 _Path = tuple[str | int, ...]
 
 
@@ -63,17 +63,19 @@ class SignalSource(Model):
     quaternion: Literal["wxyz", "xyzw"] | None = Field(
         default=None, description="the columns are those of a quaternion from body to world, in this order"
     )
-    rotors: Annotated[tuple[Annotated[int, Field(ge=1, le=_ROTORS)], ...], Field(strict=False)] | None = Field(
+    rotors: Annotated[tuple[Annotated[int, Field(ge=1, le=_NUM_ROTORS)], ...], Field(strict=False)] | None = Field(
         default=None, description="number of the rotor of each column: 1 front right, then clockwise from above"
     )
     missing: Real | None = Field(
         default=None, description="what a cell stands for that is no number (in the log's unit)"
     )
 
-    def is_crossed(self, signal: str) -> bool:
+    def is_in_other_frame(self, signal: str) -> bool:
         """Return whether a vector is in the frame of the body and its signal in that of the world, or vice versa."""
-        of = QUANTITIES[signal].frame
-        return self.frame is not None and of is not None and (self.frame in BODY_FRAMES) != (of == "B")
+        signal_frame = QUANTITIES[signal].frame
+        return (
+            self.frame is not None and signal_frame is not None and (self.frame in BODY_FRAMES) != (signal_frame == "B")
+        )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -90,11 +92,11 @@ class TimeSource(Model):
     unit: Literal["s", "ms", "us", "ns"] = Field(default="s", description="its unit")
 
 
-def _listed(sources: Any) -> Any:
+def _as_list(sources: Any) -> Any:
     return [sources] if isinstance(sources, dict) else sources
 
 
-_Sources = Annotated[tuple[SignalSource, ...], Field(strict=False, min_length=1), BeforeValidator(_listed)]
+_Sources = Annotated[tuple[SignalSource, ...], Field(strict=False, min_length=1), BeforeValidator(_as_list)]
 
 
 class Mapping(Model):
@@ -120,7 +122,7 @@ class Mapping(Model):
 
     @model_validator(mode="before")
     @classmethod
-    def _fits_the_signals(cls, data: Any) -> Any:
+    def _check_signals(cls, data: Any) -> Any:
         """Check each source against its signal.
 
         The check precedes the validation of the fields, so that an error can name the place in the file.
@@ -134,13 +136,13 @@ class Mapping(Model):
                         "is no signal; signals are {allowed}",
                         {"path": ("signals", name), "fields": [*COLUMNS], "allowed": ", ".join(COLUMNS)},
                     )
-                many = isinstance(sources, list)
-                for i, source in enumerate(sources if many else [sources]):
+                is_list = isinstance(sources, list)
+                for i, source in enumerate(sources if is_list else [sources]):
                     if isinstance(source, dict):
-                        _check(name, source, ("signals", name, i) if many else ("signals", name))
-            for i, name in enumerate(_texts(data.get("required"))):
+                        _check(name, source, ("signals", name, i) if is_list else ("signals", name))
+            for i, name in enumerate(_strings(data.get("required"))):
                 if name not in signals:
-                    raise _wrong(("required", i), "must be one of its signals, {allowed}", allowed=listed([*signals]))
+                    raise _error(("required", i), "must be one of its signals, {allowed}", allowed=listed([*signals]))
         return data
 
     @property
@@ -169,22 +171,22 @@ class Mapping(Model):
         }
         return self.model_copy(update={"signals": signals})
 
-    def chosen(self, available: set[str]) -> dict[str, SignalSource]:
+    def available_sources(self, available: set[str]) -> dict[str, SignalSource]:
         """Return the first source of each signal whose columns are all available, by the name of the signal."""
-        found = {}
+        sources = {}
         for name in self.signals:
             for source in self.signals[name]:
                 if available.issuperset(source.names):
-                    found[name] = source
+                    sources[name] = source
                     break
-        return found
+        return sources
 
     def fits(self, available: set[str]) -> bool:
         """Return whether the available columns contain the clock, all required signals, and at least one signal."""
-        chosen = self.chosen(available)
+        sources = self.available_sources(available)
         required = self.signals if self.required is None else self.required
-        clock = self.time is None or self.time.column in available
-        return clock and bool(chosen) and all(name in chosen for name in required)
+        has_clock = self.time is None or self.time.column in available
+        return has_clock and bool(sources) and all(name in sources for name in required)
 
 
 def load_mapping(spec: str | Path) -> tuple[str, Mapping]:
@@ -201,13 +203,13 @@ def load_mapping(spec: str | Path) -> tuple[str, Mapping]:
             field, its value and the allowed values.
     """
     if spec in shipped_mappings():
-        return str(spec), _shipped(str(spec))
+        return str(spec), _load_shipped(str(spec))
     path = Path(spec)
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(
             f"mapping {shown(str(spec))} is no YAML file, and none of the shipped ones: {', '.join(shipped_mappings())}"
         )
-    return path.name, _loaded(path)
+    return path.name, _load(path)
 
 
 @functools.cache
@@ -218,17 +220,17 @@ def shipped_mappings() -> tuple[str, ...]:
 
 
 @functools.cache
-def _shipped(name: str) -> Mapping:
+def _load_shipped(name: str) -> Mapping:
     folder = importlib.resources.files("drake_quad.identification.logs") / "mappings"
     with importlib.resources.as_file(folder / f"{name}.yaml") as path:
-        return _loaded(path)
+        return _load(path)
 
 
-def _loaded(path: Path) -> Mapping:
+def _load(path: Path) -> Mapping:
     return validated(Mapping, Library().mapping(path))
 
 
-def _texts(value: Any) -> Iterator[str]:
+def _strings(value: Any) -> Iterator[str]:
     if isinstance(value, list):
         yield from (each for each in value if isinstance(each, str))
 
@@ -237,21 +239,21 @@ def _check(name: str, source: dict[str, Any], path: _Path) -> None:
     """Raise an error if a source does not fit its signal. The validation of the fields checks the types later."""
     source = {field: value for field, value in source.items() if value is not None}
     if ("columns" in source) == ("column" in source):
-        raise _wrong(path, "must have either columns or column")
+        raise _error(path, "must have either columns or column")
     _check_unit(name, source, path)
     _check_frame(name, source, path)
     if "quaternion" in source and name not in ATTITUDES:
-        raise _wrong((*path, "quaternion"), "must not be given: {name} is no attitude", name=name)
-    if "rotors" in source and COLUMNS[name] != _ROTORS:
-        raise _wrong((*path, "rotors"), "must not be given: {name} is not of the rotors", name=name)
-    width = _QUATERNION if "quaternion" in source else COLUMNS[name]
+        raise _error((*path, "quaternion"), "must not be given: {name} is no attitude", name=name)
+    if "rotors" in source and COLUMNS[name] != _NUM_ROTORS:
+        raise _error((*path, "rotors"), "must not be given: {name} is not of the rotors", name=name)
+    width = _NUM_QUATERNION_COMPONENTS if "quaternion" in source else COLUMNS[name]
     for field in ("columns", "factor", "rotors"):
         given = source.get(field)
         if isinstance(given, list) and len(given) != width:
-            raise _wrong((*path, field), "must have {width} entries", width=width)
+            raise _error((*path, field), "must have {width} entries", width=width)
     rotors = source.get("rotors")
-    if isinstance(rotors, list) and sorted(map(str, rotors)) != [str(i + 1) for i in range(_ROTORS)]:
-        raise _wrong((*path, "rotors"), "must have each of 1, 2, 3 and 4 once")
+    if isinstance(rotors, list) and sorted(map(str, rotors)) != [str(i + 1) for i in range(_NUM_ROTORS)]:
+        raise _error((*path, "rotors"), "must have each of 1, 2, 3 and 4 once")
 
 
 def _check_unit(name: str, source: dict[str, Any], path: _Path) -> None:
@@ -259,10 +261,10 @@ def _check_unit(name: str, source: dict[str, Any], path: _Path) -> None:
     if not isinstance(unit, str):
         return
     if "quaternion" in source:
-        raise _wrong((*path, "unit"), "must not be given: a quaternion has none")
+        raise _error((*path, "unit"), "must not be given: a quaternion has none")
     allowed = UNITS[QUANTITIES[name].unit]
     if unit not in allowed:
-        raise _wrong((*path, "unit"), "must be {allowed}", allowed=" or ".join(allowed))
+        raise _error((*path, "unit"), "must be {allowed}", allowed=" or ".join(allowed))
 
 
 def _check_frame(name: str, source: dict[str, Any], path: _Path) -> None:
@@ -276,10 +278,10 @@ def _check_frame(name: str, source: dict[str, Any], path: _Path) -> None:
     else:
         allowed = (*WORLD_FRAMES, *BODY_FRAMES)
     if not allowed:
-        raise _wrong((*path, "frame"), "must not be given: {name} has no direction", name=name)
+        raise _error((*path, "frame"), "must not be given: {name} has no direction", name=name)
     if frame not in allowed:
-        raise _wrong((*path, "frame"), "must be {allowed} for {name}", allowed=" or ".join(allowed), name=name)
+        raise _error((*path, "frame"), "must be {allowed} for {name}", allowed=" or ".join(allowed), name=name)
 
 
-def _wrong(path: _Path, demand: Any, **context: Any) -> PydanticCustomError:
+def _error(path: _Path, demand: Any, **context: Any) -> PydanticCustomError:
     return PydanticCustomError("mapping", demand, {**context, "path": path})

@@ -43,6 +43,8 @@ def read_log(path: str | Path, mapping: str | Path | None = None) -> FlightRecor
             )
         read = read_table
     content = read(log, given)
-    name, known = content.mapping
-    remarks = [*content.remarks, f"the mapping is {name}: {known.description}".removesuffix(": ")]
-    return record_of(content.tables, known, name=log.name, mark=log.mark, remarks=remarks, names=content.names)
+    name, columns_mapping = content.mapping
+    remarks = [*content.remarks, f"the mapping is {name}: {columns_mapping.description}".removesuffix(": ")]
+    return record_of(
+        content.tables, columns_mapping, name=log.name, mark=log.mark, remarks=remarks, names=content.names
+    )

@@ -35,25 +35,25 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
     Raises:
         InputError: if the list of columns is damaged, or no block is complete.
     """
-    data, place = log.data, 1
+    data, offset = log.data, 1
     names, formats = [], []
     for _ in range(data[0]):
-        column = _COLUMN.match(data, place)
+        column = _COLUMN.match(data, offset)
         if column is None:
             raise InputError(f"{log.mark}: is a Crazyflie's log whose list of columns is cut or damaged")
         names.append(column[1].decode())
         formats.append(f"<{column[2].decode()}")
-        place = column.end()
+        offset = column.end()
     layout = np.dtype({"names": [str(i) for i in range(len(names))], "formats": formats})
     remarks = [*log.remarks]
-    if not _is_whole(data, 0, place):
+    if not _has_checksum(data, 0, offset):
         remarks.append("the checksum of the list of columns is wrong: the log is damaged")
-    blocks, end, num_damaged = _blocks(data, place + _CHECKSUM_SIZE, layout)
+    blocks, end, num_damaged = _blocks(data, offset + _CHECKSUM_SIZE, layout)
     if num_damaged:
         blocks_are = "blocks of records are" if num_damaged > 1 else "block of records is"
         remarks.append(f"{num_damaged:,} {blocks_are} left out because of a wrong checksum")
     if end < len(data):
-        remarks.append(log.unread(end, "no whole block of records, so the log is cut or damaged"))
+        remarks.append(log.unread_remark(end, "no whole block of records, so the log is cut or damaged"))
     if not blocks:
         raise InputError(f"{log.mark}: is a Crazyflie's log without a whole block of records")
     records = np.concatenate(blocks)
@@ -61,23 +61,23 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
     return LogContent([Table("", records["0"] * _TICK_LENGTH, columns)], given or load_mapping("crazyflie"), remarks)
 
 
-def _blocks(data: bytes, place: int, layout: np.dtype) -> tuple[list[np.ndarray], int, int]:
+def _blocks(data: bytes, offset: int, layout: np.dtype) -> tuple[list[np.ndarray], int, int]:
     """Return the records of each intact block, the offset of the first unread byte and the number of damaged blocks."""
-    blocks, damaged, end = [], 0, place
-    while place < len(data) and data[place]:
-        after = place + 1 + data[place] * layout.itemsize
-        if after + _CHECKSUM_SIZE > len(data):
+    blocks, num_damaged, end = [], 0, offset
+    while offset < len(data) and data[offset]:
+        checksum_offset = offset + 1 + data[offset] * layout.itemsize
+        if checksum_offset + _CHECKSUM_SIZE > len(data):
             break
-        if _is_whole(data, place, after):
-            blocks.append(np.frombuffer(data, layout, data[place], place + 1))
-            end = after + _CHECKSUM_SIZE
+        if _has_checksum(data, offset, checksum_offset):
+            blocks.append(np.frombuffer(data, layout, data[offset], offset + 1))
+            end = checksum_offset + _CHECKSUM_SIZE
         else:
-            damaged += 1
-        place = after + _CHECKSUM_SIZE
-    return blocks, end, damaged
+            num_damaged += 1
+        offset = checksum_offset + _CHECKSUM_SIZE
+    return blocks, end, num_damaged
 
 
-def _is_whole(data: bytes, start: int, end: int) -> bool:
+def _has_checksum(data: bytes, start: int, end: int) -> bool:
     """Return whether the bytes from start to end are followed by their inverted CRC-32."""
     checksum = ~zlib.crc32(memoryview(data)[start:end]) & 0xFFFFFFFF
     return data[end : end + _CHECKSUM_SIZE] == checksum.to_bytes(_CHECKSUM_SIZE, "little")

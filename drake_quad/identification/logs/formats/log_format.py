@@ -60,15 +60,17 @@ def best_mapping(
     """
     candidates = [given] if given else [load_mapping(name) for name in shipped_mappings()]
     best: tuple[NamedMapping, Sequence[str]] | None = None
-    most = 0
+    max_known = 0
     for name, mapping in candidates:
         if mapping.time is None or (given is None and mapping.by_name):
             continue
         columns = columns_of(mapping)
         if mapping.fits(set(columns)):
-            known = {each for source in mapping.chosen(set(columns)).values() for each in source.names}
-            if len(known) > most:
-                best, most = ((name, mapping), columns), len(known)
+            known_columns = {
+                each for source in mapping.available_sources(set(columns)).values() for each in source.names
+            }
+            if len(known_columns) > max_known:
+                best, max_known = ((name, mapping), columns), len(known_columns)
     if best is not None:
         return best
     columns = [shown(each) for each in columns_of(candidates[0][1])]

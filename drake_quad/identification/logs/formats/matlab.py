@@ -55,16 +55,16 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
     columns: dict[str, np.ndarray] = {}
     remarks = [*log.remarks]
     for each, values in variables.items():
-        along = values if values.shape[0] == len(time) else values.T
-        if along.shape[0] != len(time):
+        rows = values if values.shape[0] == len(time) else values.T
+        if rows.shape[0] != len(time):
             remarks.append(f"{each} is not read: it is not as long as {mapping.time.column}")
             continue
-        parts = {f"{each}[{i}]": column for i, column in enumerate(along.T)} if along.ndim == 2 else {}
-        is_split = bool(parts.keys() & mapping.names)
+        components = {f"{each}[{i}]": column for i, column in enumerate(rows.T)} if rows.ndim == 2 else {}
+        is_split = bool(components.keys() & mapping.names)
         if is_split:
-            columns |= parts
+            columns |= components
         if each in mapping.names or not is_split:
-            columns[each] = along
+            columns[each] = rows
     del columns[mapping.time.column]
     scale = UNITS["s"][mapping.time.unit].scale
     return LogContent([Table("", time.astype(float) * scale, columns)], (name, mapping), remarks)

@@ -107,26 +107,26 @@ def _stamp(message: Any) -> int:
         return 0
 
 
-def _content(log: LogFile, given: NamedMapping | None, what: str, messages: Iterator[_Message]) -> LogContent:
+def _content(log: LogFile, given: NamedMapping | None, format_name: str, messages: Iterator[_Message]) -> LogContent:
     """Read the fields that a mapping knows.
 
     Raises:
         InputError: if none of the topics is known, or the first message cannot be read.
     """
     name, mapping = given or load_mapping("ros")
-    wanted: dict[str, list[str]] = {}
+    needed: dict[str, list[str]] = {}
     for each in sorted(mapping.names):
         topic, _, field = each.partition(".")
-        wanted.setdefault(topic, []).append(field)
+        needed.setdefault(topic, []).append(field)
     topics: dict[str, _Rows] = {}
-    others: set[str] = set()
+    unread: set[str] = set()
     undecoded: set[str] = set()
     remarks = [*log.remarks]
     try:
         for message in messages:
-            fields = wanted.get(message.topic, []) + wanted.get(message.type_name, [])
+            fields = needed.get(message.topic, []) + needed.get(message.type_name, [])
             if not fields or message.topic in undecoded:
-                others.add(message.topic)
+                unread.add(message.topic)
                 continue
             try:
                 decoded = message.decode()
@@ -139,35 +139,35 @@ def _content(log: LogFile, given: NamedMapping | None, what: str, messages: Iter
         raise
     except Exception as error:  # libraries raise any exception on a damaged bag
         if not topics:
-            raise InputError(f"{log.mark}: is {what} that cannot be read: {reason_of(error)}") from None
+            raise InputError(f"{log.mark}: is {format_name} that cannot be read: {reason_of(error)}") from None
         remarks.append(f"the log is cut or damaged; it is read until this error: {reason_of(error)}")
     if undecoded:
         remarks.append(f"the messages of {listed(sorted(undecoded))} cannot be decoded")
     if not topics:
         raise InputError(
-            f"{log.mark}: is {what} without any topic that the mapping {name} knows; its topics are"
-            f" {listed(sorted(others | undecoded)) or 'none'}"
+            f"{log.mark}: is {format_name} without any topic that the mapping {name} knows; its topics are"
+            f" {listed(sorted(unread | undecoded)) or 'none'}"
         )
-    return _tables(topics, (name, mapping), remarks, sorted(others))
+    return _tables(topics, (name, mapping), remarks, sorted(unread))
 
 
-def _tables(topics: dict[str, _Rows], mapping: NamedMapping, remarks: list[str], others: list[str]) -> LogContent:
+def _tables(topics: dict[str, _Rows], mapping: NamedMapping, remarks: list[str], unread: list[str]) -> LogContent:
     """Return the tables of the topics, on a clock that begins with the first message."""
     start = min(rows._times[0] for rows in topics.values())
-    fullest: dict[str, str] = {}
+    longest_topics: dict[str, str] = {}
     for topic, rows in topics.items():
-        if rows.type_name not in fullest or len(rows) > len(topics[fullest[rows.type_name]]):
-            fullest[rows.type_name] = topic
+        if rows.type_name not in longest_topics or len(rows) > len(topics[longest_topics[rows.type_name]]):
+            longest_topics[rows.type_name] = topic
     tables = []
     for topic, rows in topics.items():
-        table, said = rows.table(topic, start, of_its_type=fullest[rows.type_name] == topic)
+        table, table_remarks = rows.table(topic, start, of_its_type=longest_topics[rows.type_name] == topic)
         tables.append(table)
-        remarks += said
-    for kind, topic in fullest.items():
-        count = sum(rows.type_name == kind for rows in topics.values())
+        remarks += table_remarks
+    for type_name, topic in longest_topics.items():
+        count = sum(rows.type_name == type_name for rows in topics.values())
         if count > 1:
-            remarks.append(f"of {count} topics of type {kind} the one with most messages is read: {topic}")
-    return LogContent(tables, mapping, remarks, others)
+            remarks.append(f"of {count} topics of type {type_name} the one with most messages is read: {topic}")
+    return LogContent(tables, mapping, remarks, unread)
 
 
 class _Decoder:
@@ -178,16 +178,16 @@ class _Decoder:
         self._definitions = {_full(kind): text for kind, text in definitions.items()}
         self._stores: dict[str, Any] = {}
 
-    def __call__(self, data: bytes, kind: str) -> Any:
+    def __call__(self, data: bytes, type_name: str) -> Any:
         """Return a message of a type."""
-        kind = _full(kind)
-        if kind not in self._stores:
-            stores, known = self._typesys.Stores, kind in self._definitions
+        type_name = _full(type_name)
+        if type_name not in self._stores:
+            stores, known = self._typesys.Stores, type_name in self._definitions
             store = self._typesys.get_typestore(stores.EMPTY if known else stores.LATEST)
             if known:
-                store.register(self._typesys.get_types_from_msg(self._definitions[kind], kind))
-            self._stores[kind] = store
-        return getattr(self._stores[kind], f"deserialize_{self._encoding}")(data, kind)
+                store.register(self._typesys.get_types_from_msg(self._definitions[type_name], type_name))
+            self._stores[type_name] = store
+        return getattr(self._stores[type_name], f"deserialize_{self._encoding}")(data, type_name)
 
 
 def _short(kind: str) -> str:

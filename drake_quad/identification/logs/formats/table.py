@@ -15,7 +15,7 @@ from drake_quad.identification.logs.units import UNITS
 from drake_quad.written_numbers import float_in
 
 # Largest size of a CSV file. Its cells take ten times as much memory.
-MOST_BYTES = 50_000_000
+MAX_BYTES = 50_000_000
 _MAX_COLUMNS = 10_000
 _BRACKETS = str.maketrans("[](),;", "      ")
 
@@ -35,25 +35,27 @@ def read_table(log: LogFile, given: NamedMapping | None) -> LogContent:
     Raises:
         InputError: if the file is too large, no mapping fits, or a cell is not a number.
     """
-    text, cut = _text(log)
+    text, unread = _text(log)
     (name, mapping), names = best_mapping(log, given, lambda mapping: _header(log, text, mapping.delimiter))
-    header, rows, lines, lost = _rows(log, text, mapping.delimiter)
-    chosen = mapping.chosen(set(names))
+    header, rows, lines, remarks = _rows(log, text, mapping.delimiter)
+    sources = mapping.available_sources(set(names))
     widths = {
-        source.column: 4 if source.quaternion else COLUMNS[signal] for signal, source in chosen.items() if source.column
+        source.column: 4 if source.quaternion else COLUMNS[signal]
+        for signal, source in sources.items()
+        if source.column
     }
     assert mapping.time is not None
-    wanted = {mapping.time.column}.union(*(source.names for source in chosen.values()))
-    place = {each: header.index(each) for each in wanted}
+    needed = {mapping.time.column}.union(*(source.names for source in sources.values()))
+    position = {each: header.index(each) for each in needed}
     columns = {
-        each: _numbers(log, each, [row[place[each]] for row in rows], lines, widths.get(each))
-        for each in sorted(wanted)
+        each: _numbers(log, each, [row[position[each]] for row in rows], lines, widths.get(each))
+        for each in sorted(needed)
     }
     time = columns.pop(mapping.time.column) * UNITS["s"][mapping.time.unit].scale
     return LogContent(
         [Table("", time, columns)],
         (name, mapping),
-        (*log.remarks, *cut, *lost),
+        (*log.remarks, *unread, *remarks),
         tuple(each for each in names if each),
     )
 
@@ -61,11 +63,11 @@ def read_table(log: LogFile, given: NamedMapping | None) -> LogContent:
 def _text(log: LogFile) -> tuple[str, list[str]]:
     """Return the lines before the first byte that is not text, and a remark on the rest of the file, if any."""
     data = log.data
-    if len(data) > MOST_BYTES:
-        raise InputError(f"{log.mark}: is too large: a CSV file may have {MOST_BYTES:,} bytes")
+    if len(data) > MAX_BYTES:
+        raise InputError(f"{log.mark}: is too large: a CSV file may have {MAX_BYTES:,} bytes")
     end = _text_end(data)
-    lost = [] if end == len(data) else [log.unread(end, "no line of text")]
-    return data[:end].decode("utf-8-sig"), lost
+    remarks = [] if end == len(data) else [log.unread_remark(end, "no line of text")]
+    return data[:end].decode("utf-8-sig"), remarks
 
 
 def _text_end(data: bytes) -> int:
@@ -128,9 +130,9 @@ def _numbers(log: LogFile, name: str, cells: Sequence[str], lines: Sequence[int]
         return np.array([_vector(cell, width) for cell in cells])
     except ValueError:
         row = next(i for i, cell in enumerate(cells) if not _readable(cell, width))
-    what = "a number" if width is None else f"{width} numbers as [a, b, ...]" if width > 1 else "a number, as [a]"
+    expected = "a number" if width is None else f"{width} numbers as [a, b, ...]" if width > 1 else "a number, as [a]"
     mark = log.mark._replace(line=lines[row])
-    raise InputError(f"{mark}: {shown(name)} is {shown(cells[row])}, but must be {what}")
+    raise InputError(f"{mark}: {shown(name)} is {shown(cells[row])}, but must be {expected}")
 
 
 def _vector(cell: str, width: int) -> list[float]:
