@@ -84,7 +84,7 @@ def test_a_log_that_begins_on_its_way_is_run_up_to():
     along = evaluate(path, np.linspace(0.0, 4.0, 200), 1).T @ record.reference_velocity[0]
     full = np.linalg.norm(record.reference_velocity[0]) ** 2
     assert -0.1 * full < along.min() <= along.max() < 1.3 * full
-    with pytest.raises(InputError, match="is on its way at once: rest must not be 0"):
+    with pytest.raises(InputError, match="already moves at its first sample; rest must be larger than 0"):
         logged_reference(record)
 
 
@@ -174,7 +174,7 @@ def test_a_reference_that_jumps_beside_a_logged_velocity_is_refused_with_the_pla
 
 
 def test_a_log_without_a_reference_is_refused():
-    with pytest.raises(InputError, match="lacks reference_position; it has nothing"):
+    with pytest.raises(InputError, match="lacks reference_position; it contains no signals"):
         logged_reference(FlightRecord("a", np.array([0.0, 1.0])))
 
 
@@ -247,7 +247,7 @@ def test_setpoints_from_a_lift_off_on_begin_at_once_with_the_yaw_of_the_referenc
 def test_a_route_says_how_many_pieces_it_has_and_how_near_it_is():
     found = logged_reference(logged(PATH))
     pieces = len(found.route.knots) - 1
-    assert str(found) == f"{pieces} pieces of degree 7, within {1e3 * found.deviation:.2f} mm of the log's"
+    assert str(found) == f"{pieces} pieces of degree 7, within {1e3 * found.deviation:.2f} mm of the logged positions"
     assert (found.start, found.jump, found.route.knots[0].time) == (0.0, None, 0.0)
 
 

@@ -50,7 +50,7 @@ def test_signals_that_are_there_for_less_than_half_of_the_time_are_left_out():
     ):
         chosen, remarks = conversion._sufficiently_logged([channel("position", begin, end, 0.1)], clock)
         assert bool(chosen) == (share > 0.5)
-        assert remarks == ([] if share > 0.5 else [f"position is left out: it is there for {share:.0%} of the log"])
+        assert remarks == ([] if share > 0.5 else [f"position is left out: it is logged for {share:.0%} of the time"])
     # A command holds until the end, and a slow signal keeps its first and last value outside its samples.
     assert conversion._sufficiently_logged([channel("thrust_share", 1.0, 2.0, 0.1)], clock)[0]
     assert not conversion._sufficiently_logged([channel("thrust_share", 6.2, 7.0, 0.1)], clock)[0]
@@ -68,14 +68,14 @@ def test_a_record_has_the_ticks_at_which_all_signals_are_there():
     inside, remarks = conversion._common_samples([late, early], clock)
     np.testing.assert_array_equal(inside, (clock >= 2.05) & (clock <= 8.55 + 1e-9))
     assert remarks == [
-        "the first 2.05 s are left out: position is not there yet",
-        "the last 1.45 s are left out: velocity has ended",
+        "the first 2.05 s are left out: position is not logged yet",
+        "the last 1.45 s are left out: velocity is not logged any more",
     ]
     # A command that ends holds, and one that begins late is waited for; what changes slowly is not.
     held, slow = channel("motor_command", 3.0, 4.0, 0.1), channel("battery_voltage", 6.0, 7.0, 0.1)
     inside, remarks = conversion._common_samples([channel("position", 0.0, 10.0, 0.1), held, slow], clock)
     np.testing.assert_array_equal(inside, clock >= 3.0)
-    assert remarks == ["the first 3 s are left out: motor_command is not there yet"]
+    assert remarks == ["the first 3 s are left out: motor_command is not logged yet"]
     assert conversion._common_samples([held], clock)[1] == remarks
     inside, _ = conversion._common_samples([slow], clock)
     np.testing.assert_array_equal(inside, clock >= 6.0)
@@ -187,7 +187,7 @@ def test_remarks_say_at_which_rates_signals_were():
     ]
     assert list(conversion._resampling_remarks([clock], clock.clock)) == []
     holes = slow._replace(rows=slow.rows[3:])
-    assert list(conversion._missing_remarks([clock, holes])) == ["position is no number in 3 of 21 samples"]
+    assert list(conversion._missing_remarks([clock, holes])) == ["position is not a number in 3 of 21 samples"]
     single = slow._replace(source=SignalSource(column="p"))
     assert list(conversion._origin_remarks([clock, single])) == ["read: body_rates from a to b (mm); position from p"]
 

@@ -332,7 +332,7 @@ def test_gains_of_a_cascade_follow_from_its_linear_law(position, velocity, of_po
 
 def test_an_integral_that_no_cascade_has_is_refused():
     law = law_of(position=1.0, velocity=1.0, reference_velocity=1.0, reference_acceleration=0.5, integral=2.0)
-    with pytest.raises(InputError, match="no cascade of position and velocity has the law"):
+    with pytest.raises(InputError, match="no cascade of position and velocity represents the law"):
         control_layer(law)
 
 

@@ -265,7 +265,7 @@ def test_a_measured_attitude_stands_for_a_command_that_is_not_logged(vehicle):
     for form in ("acceleration", "heading", "projected"):
         np.testing.assert_allclose(found[form][0].command, smoothed(expected), atol=1e-9, err_msg=form)
     assert remarks[0] == (
-        "no attitude command is logged; the measured attitude stands for it, and the delay has its lag"
+        "no attitude command is logged; the measured attitude is used instead, and the delay includes its lag"
     )
     with pytest.raises(InputError, match="lacks attitude"):
         prepared_pieces(replace(record, attitude_command=None, attitude=None), vehicle, [])
@@ -310,7 +310,7 @@ def test_thrust_follows_from_newtons_from_an_autopilots_hover_thrust_or_from_its
     assert remark is None
     thrust, remark = specific_thrust(replace(record, hover_share=None), vehicle, usable)
     np.testing.assert_allclose(thrust, gravity * share / 0.65)
-    assert remark == "the median thrust command in the air, 0.65 of full thrust, is taken to carry the weight"
+    assert remark == "the median thrust command in the air, 0.65 of full thrust, is assumed to carry the weight"
     thrust, remark = specific_thrust(replace(record, thrust_command=share), vehicle, usable)
     np.testing.assert_allclose(thrust, share / mass)
     assert remark == f"the thrust is divided by the nominal mass, {mass:g} kg"

@@ -572,7 +572,7 @@ def test_a_parameter_is_identified_to_half_of_its_typical_size(name, typical, un
         own = certain.get(name, Spread(0.01, 0.0, unit, 20.0))._replace(deviation=reach / quantile(20.0))
         weak = law._imprecise(certain | {name: own})
         if share > 0.5 and np.isfinite(typical):
-            assert weak == {name: f"its 95 % interval reaches {reach:.2g} {unit} to each side"}
+            assert weak == {name: f"the half-width of its 95 % interval is {reach:.2g} {unit}"}
         else:
             assert weak == {}
 

@@ -29,7 +29,7 @@ INTERVAL = (0.025, 0.975)
 DEFAULT_REST = 8.0
 """Duration of the hover before the log, s. The integrators of on-board controllers settle within some seconds."""
 _MIN_MOVEMENT = 1e-2  # m, movement of the reference at which the comparison starts
-_FLEET_SIZE = 32  # number of vehicles that are simulated together
+_FLEET_SIZE = 32  # number of flights that are simulated together
 
 
 class ErrorFigures(NamedTuple):
@@ -108,7 +108,7 @@ class LogComparison:
         return median, low, high
 
     def within(self, name: str) -> np.ndarray:
-        """Return a mask (4,) of the axes on which a statistic of the log is inside the interval of the predictions."""
+        """Return a mask (4,) of the columns in which a statistic of the log is inside the predicted interval."""
         _, low, high = self.interval(name)
         logged = getattr(self.flown_figures, name)
         return np.asarray((logged >= low) & (logged <= high))
@@ -135,8 +135,8 @@ def compare_with_log(
     of the lift-off.
 
     The comparison covers the part of the log in free flight, see `flown_part`. It begins when the reference of the log
-    has moved by 1 cm, so that a take-off before the log does not count. If the reference never moves, it covers the
-    whole log. Both errors are those of measured positions, since a log contains no true positions.
+    has moved by 1 cm, so that transients of an earlier take-off do not count. If the reference never moves, the
+    comparison covers the whole log. Both errors are those of measured positions, since a log has no true positions.
 
     Args:
         record: record of the log, with position and reference position.
@@ -152,7 +152,7 @@ def compare_with_log(
             nothing to compare, or the vehicle has no time step.
     """
     if scenario.vehicle.time_step == 0.0:
-        raise InputError("vehicle.time_step is 0; flights are compared with a log only with a time step")
+        raise InputError("vehicle.time_step is 0; a comparison with a log needs a time step above 0")
     flight_part = flown_part(record)
     record = record.part(slice(flight_part.end))
     logged_error = record.of("reference_position") - record.of("position")
@@ -160,7 +160,7 @@ def compare_with_log(
     first_time = max(_first_movement(record), float(record.time[flight_part.first])) if start is None else start
     is_compared = record.time >= max(first_time, -reference.start)
     if is_compared.sum() < 2:
-        raise InputError(f"nothing of the log {shown(record.name)} is left to compare from {first_time:g} s on")
+        raise InputError(f"the log {shown(record.name)} has less than two samples to compare from {first_time:g} s on")
     routed_scenario = on_route(scenario, reference)
     plan = plan_route(routed_scenario)
     times = record.time[is_compared] + reference.start
@@ -188,8 +188,8 @@ def on_route(scenario: Scenario, reference: LoggedReference) -> Scenario:
 def side_by_side(comparison: LogComparison) -> dict[str, Flight]:
     """Return the logged flight and the typical prediction as two flights of the same reference, for a replay.
 
-    The states of both are measured states. If the log contains no rotor speeds, those of the prediction are shown. A
-    prediction that crashes before the start of the log is left out.
+    Both flights contain measured states. If the log contains no rotor speeds, those of the prediction take their place.
+    A prediction that crashes before the start of the log is left out.
     """
     record, start = comparison.record, comparison.reference.start
     prediction = simulate(comparison.scenario, sample=comparison.typical_sample(), plan=comparison.plan, compiled=True)
@@ -225,7 +225,7 @@ def _first_movement(record: FlightRecord) -> float:
 def _positions(
     scenario: Scenario, plan: Plan, times: np.ndarray, samples: int, progress: Callable[[int, int], None] | None
 ) -> np.ndarray:
-    """Return the measured positions (samples, n, 3) of simulated flights at instants (n,), m; NaN after a crash."""
+    """Return the measured positions (samples, n, 3) of simulated flights at some times (n,), m; NaN after a crash."""
     size = min(samples, _FLEET_SIZE)
     duration = flight_duration(scenario, plan)
     simulation = simulate_fleet(Batch.draw(scenario, range(size)), plan, record=True, compiled=True)
@@ -248,7 +248,7 @@ def _positions(
 
 
 def _interpolated(new_times: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return rows at other instants (n,) by linear interpolation, (n, columns)."""
+    """Return values at new times (n,) by linear interpolation, (n, columns)."""
     return np.column_stack([np.interp(new_times, time, column) for column in values.T])
 
 

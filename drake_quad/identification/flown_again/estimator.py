@@ -7,7 +7,8 @@ over 0.1 s
     v̂ - dp̂/dt = s v + d
 
 with a scale error s on axes along which the vehicle was flown, and a correlated error d. White noise of the position
-adds 14 mm/s for each mm and is not part of d. Its variance follows from the scatter of p̂ - ∫ v̂ dt within 20 ms.
+adds 14 mm/s for each mm and is not part of d. The variance of this noise follows from the scatter of p̂ - ∫ v̂ dt
+within 20 ms.
 """
 
 from typing import NamedTuple
@@ -30,16 +31,16 @@ _NOISE_STEP = 0.02  # s, two steps of a Crazyflie's estimator; the velocity erro
 _MIN_BLOCKS = 2
 _DRAG_WINDOW = 0.1  # s, over which force and air speed are averaged
 _MIN_AIR_SPEED = 0.2  # m/s, standard deviation of the air speed that determines drag
-_MIN_SPEED_RATIO = 0.3  # an axis with a smaller share of the air speed of the other axis takes the drag of that axis
+_MIN_SPEED_RATIO = 0.3  # an axis with less air speed relative to the other axis takes the drag of that axis
 
 
 class VelocityEstimate(NamedTuple):
     """Error of an estimated velocity.
 
     Attributes:
-        scale_error: scale error along each axis. For an axis that was not flown, it is 0 with the mean standard deviation of
-            the axes that were flown.
-        drift: (3,) standard deviation of the correlated error along each axis, in means over 0.1 s, m/s.
+        scale_error: scale error s along each axis. For an axis that was not flown, it is 0 with the mean standard
+            deviation of the axes that were flown.
+        drift: (3,) standard deviation of the correlated error d along each axis, in means over 0.1 s, m/s.
         correlation_time: correlation time of that error, averaged over the axes, s.
     """
 
@@ -82,7 +83,8 @@ def velocity_estimate(record: FlightRecord) -> VelocityEstimate:
         correlation_times.append(_correlation_time(residual, noise) * record.period)
     if np.isnan([scale_error.deviation for scale_error in scale_errors]).all():
         raise InputError(
-            f"{record.name}: the vehicle hovers; a flight along at least one axis is needed to estimate the error of its velocity"
+            f"{record.name}: the vehicle hovers; it must fly along at least one axis to estimate the error of its"
+            " velocity"
         )
     mean_deviation = float(np.nanmean([scale_error.deviation for scale_error in scale_errors]))
     complete = [
@@ -164,8 +166,8 @@ def _noise(samples: np.ndarray, record: FlightRecord, times: tuple[np.ndarray, n
     """Return the variance that white noise of a signal adds to means of the derivative of the signal.
 
     Args:
-        samples: (n,) consecutive samples of the signal, at the times of the means only, since a jump while the estimator
-            settles is not noise.
+        samples: (n,) consecutive samples of the signal, at the times of the means only, since a jump while the
+            estimator settles is not noise.
         record: record that contains the samples.
         times: times of the end and of the start of each mean, two arrays (n,), s.
     """

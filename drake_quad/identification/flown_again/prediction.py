@@ -11,11 +11,11 @@ disturbance observer predicts.
 
 Two predictors without a model serve as a baseline. They begin at the end of a parabola through the last 50 ms of each
 measured signal. *Constant velocity* continues with the velocity and the body rates at the start; *constant
-acceleration* also continues with the acceleration and the angular acceleration. A vehicle that is worse than either of
-them is of no use at this horizon.
+acceleration* also continues with the acceleration and the angular acceleration. A vehicle model
+that predicts worse than either of them is of no use at this horizon.
 
 Errors are evaluated at the horizon: the distance between the positions, the norm of the difference of velocities and of
-body rates, and the angle of the rotation between the attitudes. The filter does not use a velocity or body rate that an
+body rates, and the angle between the attitudes. The filter does not use a velocity or body rate that an
 estimator derives from other measurements. Such a signal is predicted as its value at the start plus the predicted
 change. Errors of neighbouring starts are correlated, so confidence intervals are based on Student's t over blocks of at
 least one second and at least the horizon. Vehicles are compared start by start.
@@ -141,7 +141,7 @@ def joined(parts: Sequence[Predictions]) -> Predictions:
         InputError: if no predictions are given.
     """
     if not parts:
-        raise InputError("there is no log to predict")
+        raise InputError("at least one log is needed for a prediction")
     first = parts[0]
     common = [name for name in first.errors if all(name in part.errors for part in parts)]
     return Predictions(
@@ -170,7 +170,7 @@ def predict(
         vehicles: scenarios of the vehicles, by name.
         believed: scenario whose `nominal` vehicle the firmware's allocation uses; by default that of each vehicle.
         horizons: horizons, s.
-        share: share of the airborne time that contains the starts, at its end; 1 for all of it.
+        share: share of the airborne time, at its end, in which predictions start; 1 for all of it.
 
     Raises:
         InputError: if the log contains no signal that can be predicted, lacks the commands of a vehicle, or is too
@@ -178,8 +178,8 @@ def predict(
     """
     if not any(getattr(record, name) is not None for name in STATE_ROWS):
         raise InputError(
-            f"the log {shown(record.name)} has nothing that could be predicted: it needs position, velocity, attitude"
-            f" or body_rates, and has {', '.join(record.names)}"
+            f"the log {shown(record.name)} contains no signal that can be predicted: it needs position, velocity,"
+            f" attitude or body_rates, and has {', '.join(record.names)}"
         )
     prepared = {name: prepare([record], each, believed)[0] for name, each in vehicles.items()}
     (record,) = next(iter(prepared.values())).records
@@ -189,7 +189,7 @@ def predict(
     steps = [round(horizon / record.period) for horizon in horizons]
     if min(np.diff([0, *steps])) < 1:
         raise InputError(
-            f"the log {shown(record.name)} has a sample every {record.period:.2g} s, which is too few to predict it"
+            f"the log {shown(record.name)} has a sample every {record.period:.2g} s, which is too slow to predict it"
             f" over {', '.join(f'{horizon:g}' for horizon in horizons)} s"
         )
     starts = _starts(record, num_past, horizons, share)
@@ -274,7 +274,7 @@ def _parabolas(record: FlightRecord, samples: np.ndarray, values: np.ndarray) ->
 
     Args:
         record: record that contains the samples.
-        at: (S, past) indices of the samples of each parabola.
+        samples: (S, past) indices of the samples of each parabola.
         values: (S, past, 3) values of the samples.
     """
     time = record.time[samples] - record.time[samples[:, -1:]]
@@ -357,7 +357,7 @@ def _half_width(values: np.ndarray, blocks: np.ndarray) -> float:
 
     Args:
         values: (n,) values minus their mean.
-        blocks: (n,) block number of each value. Values are correlated within a block.
+        blocks: (n,) block number of each value. Values are correlated only within a block.
     """
     totals = np.bincount(blocks, weights=values) / len(values)
     count = len(totals)

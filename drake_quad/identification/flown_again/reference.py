@@ -12,11 +12,11 @@ from drake_quad.scenario.limits import SHORTEST
 from drake_quad.scenario.routes.setpoints import SetpointsRoute
 from drake_quad.scenario.routes.trajectory import Knot, TrajectoryRoute, YawKnot
 
-# Knot spacings that are tried, s. With the smallest one, the path follows any reference that can be flown.
+# Knot spacings that are tried in this order, s. With the smallest one, a path follows any reference that can be flown.
 _SPACINGS = (0.5, 0.25, 0.125, 0.0625)
 TOLERANCE = 2e-3
-"""Largest distance from the logged reference, m. Truncation of positions to mm causes an error of up to 1.7 mm."""
-# References are sent at 20 Hz or faster. A value that is constant for longer belongs to a reference at rest.
+"""Largest distance of a route from the logged reference, m. Positions that are cut to mm are off by up to 1.7 mm."""
+# References are sent at 20 Hz or faster. A value that is constant for longer than this belongs to a reference at rest.
 _MAX_HOLD = 0.05  # s
 # Weight of the snap relative to that of the position. It determines the path where there are no samples, as in a gap.
 _SNAP_WEIGHT = 1e-9
@@ -46,7 +46,7 @@ class LoggedReference(NamedTuple):
             number = len(self.route.setpoints)
             return f"{number:,} setpoints, each held until the next, since they jump at {self.jump:.2f} s"
         pieces = len(self.route.knots or ()) - 1
-        return f"{pieces} pieces of degree 7, within {1e3 * self.deviation:.2f} mm of the log's"
+        return f"{pieces} pieces of degree 7, within {1e3 * self.deviation:.2f} mm of the logged positions"
 
 
 def logged_reference(
@@ -95,13 +95,16 @@ def logged_reference(
         worst = int(np.argmax(distance))
         raise InputError(
             f"no smooth path follows the reference of the log {shown(record.name)} to within {1e3 * tolerance:g} mm:"
-            f" at {time[worst]:.3f} s the nearest is {1e3 * distance[worst]:.2g} mm away; does it jump there?"
+            f" the best one is {1e3 * distance[worst]:.2g} mm off at {time[worst]:.3f} s; check for a jump there"
         )
     knots = _knots(path)
     if rest > 0.0:
         knots = [*_approach(knots[0], rest), *(knot.model_copy(update={"time": knot.time + rest}) for knot in knots)]
     elif np.linalg.norm(knots[0].velocity) > tolerance:
-        raise InputError(f"the reference of the log {shown(record.name)} is on its way at once: rest must not be 0")
+        raise InputError(
+            f"the reference of the log {shown(record.name)} already moves at its first sample; rest must be"
+            " larger than 0"
+        )
     route = TrajectoryRoute(kind="trajectory", knots=tuple(knots), yaw_knots=_yaw_knots(record, rest))
     return LoggedReference(route, rest, float(distance.max()))
 
@@ -133,7 +136,7 @@ def _median_yaw(record: FlightRecord) -> float:
 
 
 def _without_repetitions(time: np.ndarray, logged: list[np.ndarray]) -> list[np.ndarray]:
-    """Return times (m,) and signals (m, 3) in which each value that is repeated for at most 50 ms occurs once.
+    """Return times (m,) and signals (m, 3) in which each value that repeats for at most 50 ms occurs once.
 
     The time of such a value is the middle of its repetitions.
     """

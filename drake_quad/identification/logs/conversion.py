@@ -124,7 +124,7 @@ def record_of(
         mapping: mapping from columns to signals.
         name: name of the log.
         mark: name of the log in error messages.
-        remarks: remarks on the log from reading it.
+        remarks: remarks of the reader on the log.
         names: names of further columns in the log, which no table contains.
 
     Raises:
@@ -147,13 +147,13 @@ def record_of(
     clock = _fastest(channels)
     used, left_out_remarks = _sufficiently_logged(channels, clock)
     if not used:
-        raise InputError(f"{mark}: has no signal that is there for half of its time")
+        raise InputError(f"{mark}: has no signal that is logged for half of the time")
     missing = {*(mapping.required or ())} - {channel.signal for channel in used}
     if missing:
-        raise InputError(f"{mark}: lacks {listed(sorted(missing))}, which the mapping requires")
+        raise InputError(f"{mark}: does not contain {listed(sorted(missing))}, which the mapping requires")
     is_common, cut_remarks = _common_samples(used, clock)
     if is_common.sum() < 2:
-        raise InputError(f"{mark}: its signals have less than two samples in common")
+        raise InputError(f"{mark}: has less than two samples with all signals")
     time = clock[is_common]
     signals: dict[str, Any] = {channel.signal: _resampled(channel, clock, is_common) for channel in used}
     notes += _turn_to_signal_frames(signals, used)
@@ -162,7 +162,7 @@ def record_of(
     wind = None if "wind" in signals else mapping.wind_of(name)
     if wind is not None:
         signals["wind"] = np.tile(wind, (len(time), 1))
-        notes.append(f"wind is ({', '.join(f'{each:g}' for each in wind)}) m/s, by the name of the log")
+        notes.append(f"wind is ({', '.join(f'{each:g}' for each in wind)}) m/s, as the name of the log implies")
     return FlightRecord(
         name=name,
         time=time - time[0],
@@ -282,7 +282,7 @@ def _fastest(channels: Sequence[_Channel]) -> np.ndarray:
 
 
 def _sufficiently_logged(channels: Sequence[_Channel], clock: np.ndarray) -> tuple[list[_Channel], list[str]]:
-    """Return the signals that are logged for enough of the time, and sentences on those that are left out."""
+    """Return the signals that are logged for at least half of the time, and sentences on the others."""
     sufficient, remarks = [], []
     span = clock[-1] - clock[0]
     for channel in channels:
@@ -293,7 +293,8 @@ def _sufficiently_logged(channels: Sequence[_Channel], clock: np.ndarray) -> tup
             sufficient.append(channel)
         else:
             remarks.append(
-                f"{channel.signal} is left out: it is there for {max(min(covered_share, known_share), 0.0):.0%} of the log"
+                f"{channel.signal} is left out: it is logged for {max(min(covered_share, known_share), 0.0):.0%} of"
+                " the time"
             )
     return sufficient, remarks
 
@@ -307,11 +308,13 @@ def _common_samples(channels: Sequence[_Channel], clock: np.ndarray) -> tuple[np
     remarks = []
     is_common = clock >= latest.time[0]
     if not is_common.all():
-        remarks.append(f"the first {latest.time[0] - clock[0]:.4g} s are left out: {latest.signal} is not there yet")
+        remarks.append(f"the first {latest.time[0] - clock[0]:.4g} s are left out: {latest.signal} is not logged yet")
     if measured:
         is_before_end = clock <= earliest.time[-1]
         if not is_before_end.all():
-            remarks.append(f"the last {clock[-1] - earliest.time[-1]:.4g} s are left out: {earliest.signal} has ended")
+            remarks.append(
+                f"the last {clock[-1] - earliest.time[-1]:.4g} s are left out: {earliest.signal} is not logged any more"
+            )
         is_common &= is_before_end
     return is_common, remarks
 
@@ -343,7 +346,10 @@ def _turn_to_signal_frames(signals: dict[str, Any], channels: Sequence[_Channel]
         if "attitude" in signals:
             turned = rotations(signals["attitude"]).apply(signals[channel.signal], inverse=not to_world)
             signals[channel.signal] = turned
-            yield f"{channel.signal} is turned from the axes of the {source_axes} to those of the {target_axes} by the attitude"
+            yield (
+                f"{channel.signal} is turned from the axes of the {source_axes} to those of the {target_axes} by the"
+                " attitude"
+            )
         else:
             del signals[channel.signal]
             yield f"{channel.signal} is left out: it is along the axes of the {source_axes}, and no attitude is logged"
@@ -378,11 +384,11 @@ def _missing_remarks(channels: Sequence[_Channel]) -> Iterator[str]:
     for channel in channels:
         if not channel.is_complete:
             count = len(channel.clock) - len(channel.rows)
-            yield f"{channel.signal} is no number in {count:,} of {len(channel.clock):,} samples"
+            yield f"{channel.signal} is not a number in {count:,} of {len(channel.clock):,} samples"
 
 
 def _incomplete_remarks(signal: str, mapping: Mapping, available: set[str]) -> Iterator[str]:
-    """Yield a sentence if a signal is left out because it is logged incompletely, or because all its values are NaN."""
+    """Yield a sentence if a signal is left out, because a column is missing or all values are NaN."""
     for source in mapping.signals[signal]:
         missing = [each for each in source.names if each not in available]
         if not missing:

@@ -67,6 +67,7 @@ def doubts(signals: dict[str, np.ndarray], time: np.ndarray) -> Iterator[str]:
         far_samples = np.flatnonzero(distance > max_distance)
         if len(far_samples):
             yield (
-                f"reference_position is up to {distance.max():.3g} m away from a vehicle that moves by {max_distance:.3g} m,"
-                f" first at {time[far_samples[0]]:.4g} s: the vehicle does not follow it, or the log is damaged"
+                f"reference_position is up to {distance.max():.3g} m away from a vehicle that moves by"
+                f" {max_distance:.3g} m, first at {time[far_samples[0]]:.4g} s:"
+                " the vehicle does not follow it, or the log is damaged"
             )

@@ -48,30 +48,31 @@ class SignalSource(Model):
     """Columns of a log from which a signal is read."""
 
     columns: Annotated[tuple[str | Real, ...], Field(strict=False)] | None = Field(
-        default=None, description="names of the columns, in the signal's order; a number is a column that is always so"
+        default=None,
+        description="names of the columns, in the signal's order; a number stands for a constant column",
     )
     column: str | None = Field(default=None, description='name of the column whose cells are vectors, "[a, b, c]"')
-    unit: str | None = Field(default=None, description="of the columns; SI if not given")
+    unit: str | None = Field(default=None, description="unit of the columns; SI if not given")
     factor: Real | Annotated[tuple[Real, ...], Field(strict=False)] = Field(
-        default=1.0, description="what the values are multiplied by besides, one for all or one for each column"
+        default=1.0, description="additional factor of the values, one for all columns or one for each column"
     )
     frame: Literal["NWU", "ENU", "FLU", "NED", "FRD"] | None = Field(
         default=None,
-        description="of world (NWU, ENU, NED) or body (FLU, FRD); NED and FRD are turned by half a turn about x, and a"
-        " vector along the axes of the other of world and body than its signal by the attitude",
+        description="frame of the columns, of the world (NWU, ENU, NED) or of the body (FLU, FRD); NED and FRD are"
+        " turned by half a turn about x, and the attitude turns vectors between world and body axes if needed",
     )
     quaternion: Literal["wxyz", "xyzw"] | None = Field(
-        default=None, description="the columns are those of a quaternion from body to world, in this order"
+        default=None, description="order of the columns of a quaternion from body to world"
     )
     rotors: Annotated[tuple[Annotated[int, Field(ge=1, le=_NUM_ROTORS)], ...], Field(strict=False)] | None = Field(
-        default=None, description="number of the rotor of each column: 1 front right, then clockwise from above"
+        default=None, description="number of the rotor of each column: 1 is front right, then clockwise seen from above"
     )
     missing: Real | None = Field(
-        default=None, description="what a cell stands for that is no number (in the log's unit)"
+        default=None, description="value of cells that are not a number, in the unit of the log"
     )
 
     def is_in_other_frame(self, signal: str) -> bool:
-        """Return whether a vector is in the frame of the body and its signal in that of the world, or vice versa."""
+        """Return whether the columns are along the body axes and the signal is along the world axes, or vice versa."""
         signal_frame = QUANTITIES[signal].frame
         return (
             self.frame is not None and signal_frame is not None and (self.frame in BODY_FRAMES) != (signal_frame == "B")
@@ -88,8 +89,8 @@ class SignalSource(Model):
 class TimeSource(Model):
     """Column of the clock."""
 
-    column: str = Field(description="its name")
-    unit: Literal["s", "ms", "us", "ns"] = Field(default="s", description="its unit")
+    column: str = Field(description="name of the column")
+    unit: Literal["s", "ms", "us", "ns"] = Field(default="s", description="unit of the column")
 
 
 def _as_list(sources: Any) -> Any:
@@ -102,22 +103,24 @@ _Sources = Annotated[tuple[SignalSource, ...], Field(strict=False, min_length=1)
 class Mapping(Model):
     """Sources of the signals of a record in a log."""
 
-    description: str = Field(default="", description="what such logs are")
-    delimiter: Literal[",", ";", "\t", " "] = Field(default=",", description="between the cells of a CSV file")
-    time: TimeSource | None = Field(default=None, description="the clock; a binary log has its own")
-    by_name: bool = Field(default=False, description="is used only for logs that are read with its name")
+    description: str = Field(default="", description="description of such logs")
+    delimiter: Literal[",", ";", "\t", " "] = Field(
+        default=",", description="character between the cells of a CSV file"
+    )
+    time: TimeSource | None = Field(default=None, description="column of the time; binary logs do not need it")
+    by_name: bool = Field(default=False, description="true if the mapping is used only when it is named")
     required: Annotated[tuple[str, ...], Field(strict=False)] | None = Field(
-        default=None, description="signals without which it does not fit; all of them if not given"
+        default=None, description="signals that a log must contain; all of them if not given"
     )
     signals: dict[str, _Sources] = Field(
-        description="sources of each signal of a record, or a list: the first that is there"
+        description="source of each signal of a record, or a list of sources, of which the first logged one is read"
     )
 
     vehicle: str | None = Field(
-        default=None, description="FILE or FILE:NAME in diagrams/ of a vehicle to begin an identification with"
+        default=None, description="FILE or FILE:NAME in diagrams/ of a vehicle with which an identification can begin"
     )
     wind_by_name: dict[str, Annotated[tuple[Real, Real, Real], Field(strict=False)]] = Field(
-        default={}, description="velocity of the air in W, m/s, of logs whose name ends so and that have none"
+        default={}, description="wind in W, m/s, by the end of the name of a log that contains no wind"
     )
 
     @model_validator(mode="before")
@@ -133,7 +136,7 @@ class Mapping(Model):
                 if name not in COLUMNS:
                     raise PydanticCustomError(
                         "unknown_field",
-                        "is no signal; signals are {allowed}",
+                        "is not a signal; signals are {allowed}",
                         {"path": ("signals", name), "fields": [*COLUMNS], "allowed": ", ".join(COLUMNS)},
                     )
                 is_list = isinstance(sources, list)
@@ -152,7 +155,7 @@ class Mapping(Model):
         return clock.union(*(source.names for name in self.signals for source in self.signals[name]))
 
     def wind_of(self, name: str) -> tuple[float, float, float] | None:
-        """Return the wind in a log of a name, m/s; None if it is unknown. The longest matching end takes precedence."""
+        """Return the wind by the end of a log's name, m/s; None if it is unknown. The longest matching end counts."""
         ends = [end for end in self.wind_by_name if name.endswith(end)]
         return self.wind_by_name[max(ends, key=len)] if ends else None
 
@@ -207,7 +210,7 @@ def load_mapping(spec: str | Path) -> tuple[str, Mapping]:
     path = Path(spec)
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(
-            f"mapping {shown(str(spec))} is no YAML file, and none of the shipped ones: {', '.join(shipped_mappings())}"
+            f"mapping {shown(str(spec))} is neither a YAML file nor a shipped mapping: {', '.join(shipped_mappings())}"
         )
     return path.name, _load(path)
 
@@ -243,9 +246,9 @@ def _check(name: str, source: dict[str, Any], path: _Path) -> None:
     _check_unit(name, source, path)
     _check_frame(name, source, path)
     if "quaternion" in source and name not in ATTITUDES:
-        raise _error((*path, "quaternion"), "must not be given: {name} is no attitude", name=name)
+        raise _error((*path, "quaternion"), "must not be given: {name} is not an attitude", name=name)
     if "rotors" in source and COLUMNS[name] != _NUM_ROTORS:
-        raise _error((*path, "rotors"), "must not be given: {name} is not of the rotors", name=name)
+        raise _error((*path, "rotors"), "must not be given: {name} has no value for each rotor", name=name)
     width = _NUM_QUATERNION_COMPONENTS if "quaternion" in source else COLUMNS[name]
     for field in ("columns", "factor", "rotors"):
         given = source.get(field)
@@ -261,7 +264,7 @@ def _check_unit(name: str, source: dict[str, Any], path: _Path) -> None:
     if not isinstance(unit, str):
         return
     if "quaternion" in source:
-        raise _error((*path, "unit"), "must not be given: a quaternion has none")
+        raise _error((*path, "unit"), "must not be given: a quaternion has no unit")
     allowed = UNITS[QUANTITIES[name].unit]
     if unit not in allowed:
         raise _error((*path, "unit"), "must be {allowed}", allowed=" or ".join(allowed))

@@ -136,18 +136,18 @@ def status_remarks(topics: Mapping[str, _Data], start: int) -> Iterator[str]:
         if len(rows):
             count = "once" if len(rows) == 1 else f"{len(rows)} times"
             yield (
-                f"the estimator resets its {reset.quantity} {count}, at most by {sizes.max():.2g} {reset.unit}, first at"
-                f" {seconds(data, rows[0]):.4g} s of the log; the estimate jumps there"
+                f"the estimator resets its {reset.quantity} {count}, at most by {sizes.max():.2g} {reset.unit}, first"
+                f" at {seconds(data, rows[0]):.4g} s of the log; the estimate jumps there"
             )
     yield from _failsafes(topics.get("vehicle_status", {}), seconds)
     estimator, local = topics.get("estimator_status", {}), topics.get("vehicle_local_position", {})
     is_dead_reckoning = np.logical_and(local.get("dead_reckoning", False), local.get("xy_valid", False))
     for data, flags, finding in (
-        (estimator, estimator.get("filter_fault_flags", ()), "estimator_status has numerical faults"),
+        (estimator, estimator.get("filter_fault_flags", ()), "estimator_status reports numerical faults"),
         (
             estimator,
             estimator.get("innovation_check_flags", ()),
-            "estimator_status has measurements that the estimator rejects",
+            "estimator_status reports rejected measurements",
         ),
         (local, is_dead_reckoning, "the position comes from dead reckoning"),
     ):
@@ -165,7 +165,9 @@ def _failsafes(status: _Data, seconds: Any) -> Iterator[str]:
         intervals = [
             f"{seconds(status, a):.4g} to {seconds(status, b):.4g} s" for a, b in zip(begins, ends, strict=True)
         ]
-        yield f"PX4 is in failsafe from {listed(intervals, 3)} of the log: it does not follow its reference then"
+        yield (
+            f"PX4 is in failsafe from {listed(intervals, 3)} of the log: the vehicle may not follow its reference there"
+        )
 
 
 def _end(topics: Mapping[str, _Data]) -> Iterator[str]:
@@ -214,7 +216,7 @@ def with_motor_pulses(data: _Data, parameters: _Parameters) -> tuple[dict[str, n
         if not low < high:
             raise InputError(
                 f"the parameters say that the pulses of motor {motor + 1} go from {low:g} to {high:g} µs (PWM_MAIN_MIN,"
-                " PWM_MAIN_MAX), which is no range"
+                " PWM_MAIN_MAX), which is not a valid range"
             )
         ranges.append((low, high))
         shortest, longest = _DEFAULT_PULSES
@@ -223,12 +225,15 @@ def with_motor_pulses(data: _Data, parameters: _Parameters) -> tuple[dict[str, n
     is_given = any(name.startswith(("PWM_MIN", "PWM_MAX", "PWM_MAIN_M")) for name in parameters)
     range_text = listed(list(dict.fromkeys(f"{low:g} to {high:g}" for low, high in ranges)))
     source = (
-        "by PWM_MAIN_MIN, PWM_MAIN_MAX and the like" if is_given else "assumed, since no parameter in the log says so"
+        "by the parameters PWM_MAIN_MIN, PWM_MAIN_MAX and similar ones"
+        if is_given
+        else "assumed, since the log contains no such parameter"
     )
     remarks.append(f"the range of the motors, from off to full throttle, is {range_text} µs, {source}")
     if channels != [*range(1, _NUM_MOTORS + 1)]:
         remarks.append(
-            f"PX4's motors 1 to 4 are on its outputs {', '.join(map(str, channels))}, by PWM_MAIN_FUNC1 and so on"
+            f"PX4's motors 1 to 4 are on its outputs {', '.join(map(str, channels))}, by the parameters"
+            " PWM_MAIN_FUNC1 and so on"
         )
     return result, remarks
 

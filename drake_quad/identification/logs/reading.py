@@ -39,7 +39,7 @@ def read_log(path: str | Path, mapping: str | Path | None = None) -> FlightRecor
         # Text that no format claims is CSV.
         if not is_text(log):
             raise InputError(
-                f"{log.mark}: is none of the logs that can be read: {', '.join(each.name for each in FORMATS)}, or CSV"
+                f"{log.mark}: is not a log in a known format: {', '.join(each.name for each in FORMATS)}, or CSV"
             )
         read = read_table
     content = read(log, given)

@@ -18,7 +18,7 @@ from drake_quad.extras import import_extra
 from drake_quad.scenario.files.marked_tree import Mark
 from drake_quad.scenario.files.reading import opened
 
-# Largest size of a decompressed log. One hour of samples of 50 bytes at 1 kHz has 180 million bytes.
+# Largest size of a decompressed log. One hour of samples of 50 bytes at 1 kHz takes 180 million bytes.
 MAX_BYTES = 200_000_000
 _CHUNK_SIZE = 1 << 20
 # Suffixes of the files in the folder of a ROS 2 bag.
@@ -60,7 +60,7 @@ class LogFile(NamedTuple):
 
         Args:
             end: number of bytes that are read.
-            reason: reason why the other bytes are not read. It is replaced if they are all zeros or all 0xff.
+            reason: reason why the other bytes are not read. It is replaced if these bytes are all zeros or all 0xff.
         """
         rest = set(self.data[end:])
         if rest in ({0}, {255}):
@@ -133,13 +133,17 @@ def read_file(path: Path) -> LogFile:
     with opened(path) as file:
         data, is_complete = _decompressed(file)
     if len(data) > MAX_BYTES:
-        raise InputError(f"{mark}: is too large: a log may have {MAX_BYTES:,} bytes, unpacked")
+        raise InputError(f"{mark}: is too large: a log may have {MAX_BYTES:,} bytes after decompression")
     if not data:
         raise InputError(
-            f"{mark}: is empty" if is_complete else f"{mark}: is compressed, and nothing of it can be unpacked"
+            f"{mark}: is empty" if is_complete else f"{mark}: is compressed, and nothing of it can be decompressed"
         )
     return LogFile(
-        path, data, () if is_complete else ("the compressed file is cut or damaged; read as far as it goes",)
+        path,
+        data,
+        ()
+        if is_complete
+        else ("the compressed file is truncated or damaged; only the part before the damage is read",),
     )
 
 
@@ -172,9 +176,9 @@ def _bag_in(path: Path) -> Path:
         return path
     files = [each for each in sorted(path.iterdir()) if each.suffix in _BAG_SUFFIXES]
     if len(files) != 1:
-        raise InputError(f"{path}: is a ROS 2 bag of {len(files)} files; name the one to read")
+        raise InputError(f"{path}: is a ROS 2 bag of {len(files)} files; give the path of the one to read")
     return files[0]
 
 
 def _flight_hint(path: Path) -> str:
-    return f"; {path.name}/flight.csv is the log of a flight" if (path / "flight.csv").is_file() else ""
+    return f"; use {path.name}/flight.csv, the log of a flight" if (path / "flight.csv").is_file() else ""

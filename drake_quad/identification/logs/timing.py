@@ -4,9 +4,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-_GAP_RATIO = 3.0  # median steps; a sample that is late by one period is no gap
+_GAP_RATIO = 3.0  # shortest gap in median steps; a single lost sample does not make a gap
 _MAX_TIME = 1e12  # s, thirty thousand years
-_MIN_JITTER = 0.05  # standard deviation of the steps relative to their median, from which a remark is made
+_MIN_JITTER = 0.05  # smallest reported standard deviation of the steps, relative to their median
 
 
 def rising_samples(time: np.ndarray) -> tuple[np.ndarray, list[str]]:
@@ -23,7 +23,7 @@ def rising_samples(time: np.ndarray) -> tuple[np.ndarray, list[str]]:
     is_number = np.abs(time) < _MAX_TIME
     remarks = []
     if not is_number.all():
-        remarks.append(f"{_sample_count(~is_number)} left out: their time is no number")
+        remarks.append(f"{_sample_count(~is_number)} left out: their time is not a number")
     indices = np.flatnonzero(is_number)
     times = time[indices]
     is_repeated = np.zeros(len(times), dtype=bool)
@@ -40,8 +40,8 @@ def rising_samples(time: np.ndarray) -> tuple[np.ndarray, list[str]]:
         steps = np.diff(times)
         worst = int(np.argmin(steps))
         remarks.append(
-            f"{_sample_count(is_wrong)} left out: the clock goes back {_count_text(int((steps < 0.0).sum()))}, at most by"
-            f" {-steps[worst]:.4g} s at {times[worst] - times[0]:.4g} s"
+            f"{_sample_count(is_wrong)} left out: the clock goes back {_count_text(int((steps < 0.0).sum()))}, at most"
+            f" by {-steps[worst]:.4g} s at {times[worst] - times[0]:.4g} s"
         )
     is_rising = np.zeros(len(time), dtype=bool)
     is_rising[indices[~is_wrong]] = True
@@ -61,8 +61,8 @@ def timing_remarks(time: np.ndarray) -> Iterator[str]:
     if is_gap.any():
         longest = int(np.argmax(steps))
         yield (
-            f"{is_gap.sum()} gap{'s' if is_gap.sum() > 1 else ''} (steps of more than {_GAP_RATIO:.0f} times the median of"
-            f" {median:.4g} s), {steps[is_gap].sum():.4g} s in all, the longest of {steps[longest]:.4g} s at"
+            f"{is_gap.sum()} gap{'s' if is_gap.sum() > 1 else ''} (steps of more than {_GAP_RATIO:.0f} times the median"
+            f" of {median:.4g} s), {steps[is_gap].sum():.4g} s in all, the longest of {steps[longest]:.4g} s at"
             f" {time[longest] - time[0]:.4g} s"
         )
     regular = steps[~is_gap]

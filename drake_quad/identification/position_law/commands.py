@@ -54,15 +54,15 @@ def specific_thrust(record: FlightRecord, scenario: Scenario, usable: np.ndarray
         return record.thrust_command / mass, f"the thrust is divided by the nominal mass, {mass:g} kg"
     if record.thrust_share is None:
         raise InputError(
-            f"the log {shown(record.name)} has no command of the thrust (thrust_command or thrust_share), so the"
-            " acceleration that its controller commanded is unknown"
+            f"the log {shown(record.name)} has no thrust command (thrust_command or thrust_share), so the commanded"
+            " acceleration is unknown"
         )
     if record.hover_share is not None:
         return thrust_of_share(record, mass * gravity) / mass, None
     hover_command = float(np.median(record.thrust_share[usable]))
     if hover_command <= 0.0:
         raise InputError(f"thrust_share of the log {shown(record.name)} is zero in the air; check the mapping")
-    remark = f"the median thrust command in the air, {hover_command:.3g} of full thrust, is taken to carry the weight"
+    remark = f"the median thrust command in the air, {hover_command:.3g} of full thrust, is assumed to carry the weight"
     return gravity * record.thrust_share / hover_command, remark
 
 

@@ -1,6 +1,6 @@
 """Conversion of an identified position law to a control of the scenario language.
 
-There are two kinds. A law whose velocity feed-forward gain is zero or equal to the velocity gain is a PD or PID on the
+There are two kinds. A law whose velocity feed-forward gain is zero or equal to the velocity gain is a PD or PID of the
 position (`control` of kind `cascade`). Any other law is a cascade of PIDs on position and velocity (`pid_cascade`),
 whose gains follow from the equations of `drake_quad.identification.position_law.law`.
 """
@@ -12,10 +12,10 @@ from typing import Any
 from drake_quad.errors import InputError
 from drake_quad.identification.position_law.law import AxisLaw, PositionLaw
 
-_TOLERANCE = 0.05  # a share that differs by less from 0 or 1 is taken to be 0 or 1
+_TOLERANCE = 0.05  # a feed-forward that differs by less from 0 or 1 is set to 0 or 1
 _NEGLIGIBLE = 0.005  # largest negligible gain in SI units, relative to the position gain
-_NO_LIMIT = 1000.0  # m/s, stands for a limit that is never reached
-_NUM_DIGITS = 5  # significant digits, more than the data determine
+_NO_LIMIT = 1000.0  # m/s, a limit that is never reached
+_NUM_DIGITS = 5  # significant digits of gains, more than the data determine
 
 
 def control_layer(law: PositionLaw) -> dict[str, Any]:
@@ -30,7 +30,7 @@ def control_layer(law: PositionLaw) -> dict[str, Any]:
     """
     if law.not_identified:
         axes = ", ".join(law.not_identified)
-        raise InputError(f"no controller is written, since the law is not identified on {axes}")
+        raise InputError(f"no controller can be written, because the law is not identified on {axes}")
     x, y, z = (next(axis_law for axis_law in law.axes if axis in axis_law.axes) for axis in ("x", "y", "z"))
     is_pid = law.form != "tilt" and all(map(_is_pid, (x, y, z)))
     feed_forwards = [
@@ -134,8 +134,8 @@ def _cascade_gains(law: AxisLaw, feed_forward: float) -> tuple[float, float, flo
         discriminant = proportional**2 - 4.0 * velocity_gain * integral
         if discriminant < 0.0:
             raise InputError(
-                f"no cascade of position and velocity has the law on {' and '.join(law.axes)}: its integral gain,"
-                f" {integral:.3g}, is larger than {proportional**2 / (4.0 * velocity_gain):.3g}"
+                f"no cascade of position and velocity represents the law on {' and '.join(law.axes)}: its integral"
+                f" gain, {integral:.3g}, is larger than {proportional**2 / (4.0 * velocity_gain):.3g}"
             )
         position_gain = (proportional + math.sqrt(discriminant)) / (2.0 * velocity_gain)
         return position_gain, 0.0, max(0.0, integral / position_gain)

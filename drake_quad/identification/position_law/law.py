@@ -56,7 +56,7 @@ _MIN_SHARE = 1e-12  # unexplained share of the variance; smaller values are roun
 # A parameter is identified if the half-width of its 95 % interval is at most this share of its typical size.
 _MAX_REACH = 0.5
 _TYPICAL_INTEGRAL_TIME = 1.0  # s, k_p / k_i of a usual PID
-_FORM_SAMPLES = 600  # number of samples from which the form is selected
+_FORM_SAMPLES = 600  # approximate number of samples to which laws of all forms are fitted, to select the best form
 _AXES = ("x", "y", "z")
 
 
@@ -115,7 +115,7 @@ def identify_position_law(records: Sequence[FlightRecord], scenario: Scenario) -
         InputError: if a log lacks a signal, a reference does not move, or no axis is identified.
     """
     if not records:
-        raise InputError("there is no log to identify a position law from")
+        raise InputError("at least one log is needed to identify a position law")
     remarks: list[str] = []
     prepared = [prepared_pieces(record, scenario, remarks) for record in records]
     candidates = {form: [piece for log_pieces in prepared for piece in log_pieces[0][form]] for form in FORMS}
@@ -148,7 +148,8 @@ def _poor_fit_reason(explained: float) -> str:
     share = "nothing" if not explained > 0.0 else f"{100.0 * explained:.3g} %"
     return (
         f"a linear law of position, velocity and reference explains {share} of the variance of the command, and"
-        f" {100.0 * _MIN_EXPLAINED:g} % are needed; are the logged position and velocity those of the controller?"
+        f" {100.0 * _MIN_EXPLAINED:g} % are needed; check that the logged position and velocity are those that"
+        " the controller used"
     )
 
 
@@ -211,7 +212,7 @@ def _axis_law(pieces: Sequence[Piece], axes: tuple[int, ...], form: Form, fit: F
     if dropped:
         remaining = tuple(name for name in fit.terms if name not in dropped)
         refit = search_fit(pieces, axes, remaining, [fit.shape], fit.free)
-        # The uncertainty of a gain that is held at zero widens the intervals of the others.
+        # The gains that are fixed at zero now are uncertain, so the intervals of the others must not become narrower.
         spreads = {
             name: spread._replace(deviation=max(spread.deviation, spreads[name].deviation))
             for name, spread in _spreads(pieces, axes, refit, form).items()
@@ -230,7 +231,7 @@ def _axis_law(pieces: Sequence[Piece], axes: tuple[int, ...], form: Form, fit: F
 
 
 def _imprecise(spreads: Mapping[str, Spread]) -> dict[str, str]:
-    """Return the parameters whose interval is wide relative to their typical size, with the reason."""
+    """Return the parameters whose intervals are too wide, relative to their typical size, with the reason."""
     position, velocity = (abs(spreads[name].value) for name in ESSENTIAL_TERMS)
     acceleration = 1.0 / 9.81 if spreads["position"].unit == "rad/m" else 1.0
     typical = {
@@ -246,7 +247,7 @@ def _imprecise(spreads: Mapping[str, Spread]) -> dict[str, str]:
         "error_limit": np.inf,
     }
     return {
-        name: f"its 95 % interval reaches {spread.reach:.2g} {spread.unit} to each side"
+        name: f"the half-width of its 95 % interval is {spread.reach:.2g} {spread.unit}"
         for name, spread in spreads.items()
         if spread.reach > _MAX_REACH * typical[name]
     }

@@ -1,4 +1,4 @@
-"""Preparation of flight logs for the regression of a position law: stretches of flight with the output of the law."""
+"""Preparation of logs for the regression of a position law: stretches of flight with the output of the law."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -25,11 +25,11 @@ from drake_quad.scenario.models import Scenario
 MIN_REFERENCE_SPEED = 0.01  # m/s, smallest standard deviation of the velocity of a reference that moves
 _MIN_REFERENCE_RANGE = 0.02  # m, smallest range of a reference that moves
 _SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0  # weights of adjacent samples, binomial
-_MIN_PIECE = 2.0  # s, shortest stretch of flight with a constant of its own
-_MIN_SAMPLES = 60  # smallest number of samples in such a stretch, several for each parameter
-_BLOCK = 2.0  # s, several times the memory of filters and quantisation
+_MIN_PIECE = 2.0  # s, shortest stretch of flight that is used
+_MIN_SAMPLES = 60  # smallest number of samples in a stretch, several for each parameter
+_BLOCK = 2.0  # s, duration of a block, several times the correlation time of errors
 _SLOPE_WINDOW = 0.1  # s, duration of the parabolas that give the derivatives of the reference
-_MAX_REFERENCE_ACCELERATION = 50.0  # m/s², 5 g; a reference that exceeds it jumps
+_MAX_REFERENCE_ACCELERATION = 50.0  # m/s², about 5 g; a reference with a larger acceleration jumps
 
 
 class Piece(NamedTuple):
@@ -83,7 +83,9 @@ def prepared_pieces(
     reference, position = record.of("reference_position"), record.of("position")
     if record.attitude_command is None:
         record.of("attitude")
-        remarks.append("no attitude command is logged; the measured attitude stands for it, and the delay has its lag")
+        remarks.append(
+            "no attitude command is logged; the measured attitude is used instead, and the delay includes its lag"
+        )
     usable = airborne(record)
     if not usable.any():
         raise InputError(f"the log {shown(record.name)} has no sample in the air")

@@ -26,9 +26,9 @@ NUISANCE_TERMS = ("deviation", "unwinding")
 """Nuisance terms, which are not reported: see `drake_quad.identification.position_law.pieces.Piece`."""
 TYPICAL_DELAY = 0.05  # s
 
-# Critical value of χ² with one degree of freedom at 99.9 %, since more than a dozen laws are compared for a log.
+# Critical value of χ² with one degree of freedom at 99.9 %. It is strict because a log has over a dozen such tests.
 _LIKELIHOOD_RATIO = 10.83
-# A richer law must reduce the unexplained variance to this share. A smaller reduction does not matter in a simulation.
+# An extended law must reduce the unexplained variance to this share. Smaller reductions do not matter in simulations.
 _MAX_REMAINDER = 0.8
 _INITIAL_FILTER_TIMES = (0.01, 0.03, 0.1)  # s, time constants at which the search begins
 _MAX_FILTER_TIME = 0.5  # s
@@ -198,20 +198,20 @@ def _columns(piece: Piece, axis: int, terms: Sequence[str], shape: Shape) -> np.
     return np.column_stack([columns[name] for name in terms])
 
 
-def _better_fit(pieces: Sequence[Piece], axes: tuple[int, ...], simple: Fit, rich: Fit) -> Fit:
-    """Return the richer of two laws if its last parameter is significant, otherwise the simpler one.
+def _better_fit(pieces: Sequence[Piece], axes: tuple[int, ...], simple: Fit, extended: Fit) -> Fit:
+    """Return the extended one of two laws if its last parameter is significant, otherwise the simpler one.
 
     The parameter is significant if a likelihood ratio test, which accounts for the correlation of the residuals,
-    prefers the richer law, if the unexplained variance falls by a fifth, and if the interval of the parameter does not
-    contain zero.
+    prefers the extended law, if the unexplained variance falls by a fifth, and if the interval of the parameter does
+    not contain zero.
     """
-    ratio = np.sum(simple.residuals**2) / max(float(np.sum(rich.residuals**2)), np.finfo(float).tiny)
-    if ratio < 1.0 / _MAX_REMAINDER or _independent_samples(rich.residuals) * np.log(ratio) <= _LIKELIHOOD_RATIO:
+    ratio = np.sum(simple.residuals**2) / max(float(np.sum(extended.residuals**2)), np.finfo(float).tiny)
+    if ratio < 1.0 / _MAX_REMAINDER or _independent_samples(extended.residuals) * np.log(ratio) <= _LIKELIHOOD_RATIO:
         return simple
-    linear = len(rich.terms) > len(simple.terms)
-    value = rich.gains[-1] if linear else getattr(rich.shape, rich.free[-1])
-    reaches, _ = uncertainty(pieces, axes, rich)
-    return rich if abs(value) > reaches[len(rich.terms) - 1 if linear else -1] else simple
+    linear = len(extended.terms) > len(simple.terms)
+    value = extended.gains[-1] if linear else getattr(extended.shape, extended.free[-1])
+    reaches, _ = uncertainty(pieces, axes, extended)
+    return extended if abs(value) > reaches[len(extended.terms) - 1 if linear else -1] else simple
 
 
 def _independent_samples(residuals: np.ndarray) -> float:

@@ -30,7 +30,7 @@ def declaration_at(path: str) -> Declaration:
     Raises:
         InputError: if no parameter has this path.
     """
-    # `functools.cache` does not cache exceptions, so a quantity of an effect that is registered later is found.
+    # A failed look-up is not cached, so parameters of effects that are registered later are known.
     declarations = dict(quantities_in(Vehicle))
     for inner, declaration in quantities_in(Laboratory):
         declarations[inner if inner.startswith("autopilot.") else f"laboratory.{inner}"] = declaration
@@ -48,7 +48,7 @@ def split_name(name: str) -> tuple[str, int | None]:
     count = declaration_at(path).items
     if (index is None) != (count == 0) or (index is not None and int(index) >= count):
         allowed = f"{path}[0] to {path}[{count - 1}]" if count else path
-        raise InputError(f"{shown(name)} is no parameter; it must be {allowed}")
+        raise InputError(f"{shown(name)} is not a parameter; it must be {allowed}")
     return path, None if index is None else int(index)
 
 
@@ -241,7 +241,7 @@ class Estimates:
         return float(self.values[self.names.index(name)])
 
     def sources_of(self, index: int) -> tuple[Source, ...]:
-        """Return the sources of the estimate with an index."""
+        """Return the sources of an estimate, given its index."""
         assert not isinstance(self.sources, Source)
         return self.sources[index]
 

@@ -73,8 +73,8 @@ def write_vehicle(
     """Write an identified vehicle to a file, and return its path.
 
     The file is written completely or not at all. Fields without an estimate are as in `base`, except those that would
-    contradict an estimate: a separate lag of rotors that slow down, if one lag was found for both directions, and
-    `linear_drag` and `quadratic_drag` in addition to `body_drag`.
+    contradict an estimate. If one time constant of the rotors was identified for both directions, the separate one for
+    rotors that slow down is removed. If `body_drag` was identified, `linear_drag` and `quadratic_drag` are 0.
 
     Args:
         path: path of the file, `.yaml` or `.yml`; its folder is created if needed.
@@ -92,9 +92,9 @@ def write_vehicle(
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(f"{shown(str(path))} must end in .yaml or .yml")
     if not re.fullmatch(NAME, name):
-        raise InputError(f"a vehicle cannot be called {shown(name)}: allowed are letters, digits, '_', '.' and '-'")
+        raise InputError(f"a vehicle cannot be called {shown(name)}: use only letters, digits, '_', '.' and '-'")
     if not estimates.names:
-        raise InputError("there is no estimate to write")
+        raise InputError("a vehicle file needs at least one estimate")
     believed = load_undesigned(base, given)
     folder = output_folder(path.parent)
     fields = _fields(name, estimates, believed, nominal, given, voltage)
@@ -173,14 +173,14 @@ def _add_override(tree: dict[str, Any], assignment: str) -> None:
     top, *steps = path.strip().split(".")
     if top not in tree or not steps or any(re.fullmatch(r"(rotor_)?\d", step) for step in steps):
         raise InputError(
-            f"{assignment} cannot be written with a vehicle: allowed are whole fields of"
-            f" {', '.join(tree)}, no items of lists"
+            f"{assignment} cannot be written to the file of a vehicle: use whole fields of"
+            f" {', '.join(tree)}, and no items of lists"
         )
     node = tree[top]
     for step in steps[:-1]:
         node = node.setdefault(step, {})
     if isinstance(node, dict):
-        node.setdefault(steps[-1], _Entry(YAML(typ="safe").load(value), "given, not identified"))
+        node.setdefault(steps[-1], _Entry(YAML(typ="safe").load(value), "set by the user, not identified"))
 
 
 def _values(estimates: Estimates, prefix: str) -> dict[str, Any]:
@@ -247,7 +247,7 @@ def _comment(estimates: Estimates, name: str, entry: Any) -> str:
         Interval(value, *item.intervals()[index]).text(unit=unit) for item in (estimates, estimates.for_new_flight())
     )
     if name in estimates.not_identified:
-        return f"not identified, {interval}: as in what this extends, as far as the log narrows it"
+        return f"not identified, {interval}: value of the extended vehicle, corrected as far as the log allows"
     parts = [f"{interval} with 95 % confidence"]
     flight_variance, stretch_variance = (
         0.0 if item is None else np.nan_to_num(item.covariance[index, index])
@@ -266,12 +266,12 @@ def _comment(estimates: Estimates, name: str, entry: Any) -> str:
     if declaration_of(name).is_whole:
         parts.append("written as a whole number")
     elif abs(mean - value) > estimates.deviations[index]:
-        parts.append("the estimate is outside the limits of the language, and the limit is written")
+        parts.append("the estimate is outside the limits of the language, so the limit is written")
     return "; ".join(parts)
 
 
 def _list_entries(path: str, entries: Mapping[str, _Entry], base: Scenario) -> list[_Entry]:
-    """Return all items of a list. Items that are not estimated are those of the base.
+    """Return all items of a list. Items that are not estimated come from the base scenario.
 
     Raises:
         InputError: if the base has no such list.
@@ -281,7 +281,7 @@ def _list_entries(path: str, entries: Mapping[str, _Entry], base: Scenario) -> l
 
 
 def _base_entry(base: Scenario, path: str, index: int) -> _Entry:
-    """Return an item of a list of the base.
+    """Return an item of a list of the base scenario.
 
     Raises:
         InputError: if the base has no such list.
@@ -289,14 +289,14 @@ def _base_entry(base: Scenario, path: str, index: int) -> _Entry:
     holder, _, field = field_path(path).rpartition(".")
     owner = value_at(base, holder)
     if owner is None:  # the effect is switched off in the base
-        return _Entry(0.0, "as in what this extends")
+        return _Entry(0.0, "as in the extended vehicle")
     if path == "motors.curve" and not base.vehicle.motors.take_throttles and index < 2:
         return _Entry(0.0, "not identified, and 0 at the start of the identification")
     if not hasattr(owner, field):
-        raise InputError(f"{path}[{index}] must be estimated, too: what the vehicle extends has none")
+        raise InputError(f"{path}[{index}] must be estimated, too: the extended vehicle has no such parameter")
     value = getattr(owner, field)[index]
     written = value if isinstance(value, float) else value.model_dump(mode="json", exclude_none=True)
-    return _Entry(written, "as in what this extends")
+    return _Entry(written, "as in the extended vehicle")
 
 
 def _as_rigid_body(path: str, items: list[_Entry]) -> list[_Entry]:
@@ -323,7 +323,7 @@ def _shifted(value: Any, step: float) -> Any:
 
 
 def _complete_motors(tree: dict[str, Any], base: Scenario, nominal: bool, voltage: float | None) -> None:
-    """Complete the motors if their thrust curve was estimated, and raise speed limits that would limit the curve.
+    """Complete the motors if their thrust curve was estimated, and raise limits of the rotor speed that would limit it.
 
     If the curve is not written to `nominal`, and `nominal` of the base has no throttle motors, `nominal` gets motors
     that give its full thrust at full throttle.
@@ -374,31 +374,37 @@ def _complete_response(tree: dict[str, Any], base: Scenario) -> None:
         return
     missing = next((each for each in ("natural_frequency", "damping") if each not in autopilot), None)
     if missing is not None:
-        raise InputError(f"autopilot.{missing} must be estimated, too: what the vehicle extends has no such response")
+        raise InputError(f"autopilot.{missing} must be estimated, too: the extended vehicle has no attitude response")
     tree["laboratory"]["autopilot"] = {"kind": _Entry("response"), **autopilot}
-    tree["control"] = {"attitude": _Entry(None, "on board"), "position": {"feed_forward": _Entry("acceleration")}}
+    tree["control"] = {
+        "attitude": _Entry(None, "the autopilot controls the attitude"),
+        "position": {"feed_forward": _Entry("acceleration")},
+    }
     for effect in base.vehicle.without_response():
         off = Vehicle.model_fields[effect].default
-        tree["vehicle"][effect] = _Entry(off, "is in the response of the attitude")
+        tree["vehicle"][effect] = _Entry(off, "included in the attitude response")
 
 
 def _switch_off_duplicates(vehicle: dict[str, Any]) -> None:
     """Switch off the effects of the base that an estimate already includes."""
     if "rotor_time_constant" in vehicle and "rotor_time_constant_down" not in vehicle:
-        vehicle["rotor_time_constant_down"] = _Entry(None, "one lag was found for both directions")
+        vehicle["rotor_time_constant_down"] = _Entry(None, "one time constant was identified for both directions")
     if "body_drag" in vehicle:
         for name in ("linear_drag", "quadratic_drag"):
-            vehicle.setdefault(name, _Entry(0.0, "is in body_drag"))
+            vehicle.setdefault(name, _Entry(0.0, "included in body_drag"))
 
 
 def _introduction(estimates: Estimates) -> list[str]:
     """Return the paragraphs of the comment at the top of the file."""
     logs = dict.fromkeys(source.log for i in range(len(estimates.names)) for source in estimates.sources_of(i))
-    variation_clause = " and how it varies among them" if estimates.variation_known.any() else ""
+    variation_clause = " and its variation among these flights" if estimates.variation_known.any() else ""
     pairs = zip(estimates.names, estimates.variation_known, strict=True)
     unknown = [name for name, known in pairs if variation_clause and not known]
-    exception = f", which is not known of {', '.join(unknown)}" if unknown else ""
-    distributions = f"A distribution has what the flights say of a number{variation_clause}{exception}. Fields that share a variable are correlated."
+    exception = f". The variation is unknown for {', '.join(unknown)}" if unknown else ""
+    distributions = (
+        f"Each distribution describes the uncertainty of a parameter{variation_clause}{exception}. Fields that share a"
+        " variable are correlated."
+    )
     not_identified = [f"{name} is not identified: {reason}" for name, reason in estimates.not_identified.items()]
     return [f"Identified from {', '.join(logs)}. {distributions}", *estimates.remarks, *not_identified]
 

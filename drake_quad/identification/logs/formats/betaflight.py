@@ -17,7 +17,7 @@ from drake_quad.identification.logs.source import LogFile
 
 _MAGIC = b"H Product:Blackbox flight data recorder"
 _MICROSECOND = 1e-6
-# The decoder iterates over all frames that are not logged, so it would take hours for a damaged interval.
+# The decoder iterates over all frames that are not logged, so a damaged interval could take hours.
 _MAX_INTERVAL = 10_000
 
 
@@ -40,7 +40,7 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
     if damaged:
         remarks.append(f"{damaged:,} damaged frames are left out")
     if len(flight.main_frames) < 2:
-        raise InputError(f"{log.mark}: is a Betaflight log without two whole frames")
+        raise InputError(f"{log.mark}: is a Betaflight log without two complete frames")
     names = flight.main_field_names
     if "time" not in names:
         raise InputError(f"{log.mark}: is a Betaflight log without the field time")

@@ -69,18 +69,18 @@ class _Header:
         if end < 0:
             if self.offset + _MAX_NAME_LENGTH > len(self._log.data):
                 raise self.truncated()
-            raise InputError(f"{self._log.mark}: is no log of a Crazyflie, or damaged: a name in its head has no end")
+            raise InputError(f"{self._log.mark}: is not a Crazyflie's log, or damaged: a name in its header has no end")
         text, self.offset = self._log.data[self.offset : end], end + 1
         try:
             return text.decode("ascii")
         except UnicodeDecodeError:
             raise InputError(
-                f"{self._log.mark}: is no log of a Crazyflie, or damaged: {shown(text)} in its head is no name"
+                f"{self._log.mark}: is not a Crazyflie's log, or damaged: {shown(text)} in its header is not a name"
             ) from None
 
     def truncated(self) -> InputError:
         """Return the error for a log that ends within its header."""
-        return InputError(f"{self._log.mark}: is cut: the head of a Crazyflie's log is not whole")
+        return InputError(f"{self._log.mark}: is truncated: the header of a Crazyflie's log is incomplete")
 
 
 def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
@@ -100,11 +100,11 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
     for _ in range(header.number()):
         number, name = header.number(), header.text()
         if number in event_types:
-            raise InputError(f"{log.mark}: is damaged: two event types of its head have the id {number}")
+            raise InputError(f"{log.mark}: is damaged: two event types in its header have the id {number}")
         event_types[number] = _event_type(header, log, name, clock)
         if sum(1 + len(event_type.variables) for event_type in event_types.values()) > _MAX_VARIABLES:
             raise InputError(
-                f"{log.mark}: is damaged, or no log of a Crazyflie: its head has over {_MAX_VARIABLES:,} variables"
+                f"{log.mark}: is not a Crazyflie's log, or damaged: its header has over {_MAX_VARIABLES:,} variables"
             )
     if not event_types:
         raise InputError(f"{log.mark}: is a Crazyflie's log without event types")
@@ -114,7 +114,7 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
     ]
     if not tables:
         raise InputError(
-            f"{log.mark}: holds no whole record of {' or '.join(event_type.name for event_type in event_types.values())}"
+            f"{log.mark}: contains no complete record of {' or '.join(each.name for each in event_types.values())}"
             + "".join(f"; {remark}" for remark in remarks)
         )
     return LogContent(tables, given or load_mapping("crazyflie"), remarks)
@@ -127,8 +127,8 @@ def _event_type(header: _Header, log: LogFile, name: str, clock: str) -> _EventT
         variable, bracket, letter = header.text().removesuffix(")").rpartition("(")
         if not bracket or letter not in _TYPES:
             raise InputError(
-                f"{log.mark}: the variable {shown(variable or letter)} of its head has a type {shown(letter)} that is"
-                f" not known; known are {' '.join(_TYPES)}"
+                f"{log.mark}: the variable {shown(variable or letter)} in its header has the unknown type"
+                f" {shown(letter)}; known types are {' '.join(_TYPES)}"
             )
         variables.append(variable if "." in variable else f"{name}.{variable}")
         formats.append(_TYPES[letter])
@@ -148,7 +148,7 @@ def _record_offsets(
         bounds = _bounds(memoryview(data), start, sizes)
         count = _count_before_checksum(data, bounds)
         if count is None:
-            remarks = ["the checksum is wrong: the log is cut or damaged", *_truncated(log, bounds, sizes)]
+            remarks = ["the checksum is wrong: the log is truncated or damaged", *_truncated(log, bounds, sizes)]
         else:
             del bounds[count + 1 :]
             remarks = [log.unread_remark(bounds[-1] + _CHECKSUM_SIZE, "they follow the checksum at the end of the log")]
@@ -197,7 +197,7 @@ def _unread_remarks(log: LogFile, end: int, sizes: Mapping[int, int]) -> list[st
     """Return a remark on the bytes after the last complete record."""
     number = int.from_bytes(log.data[end : end + 2], "little")
     is_known = number in sizes or len(log.data) - end <= _CHECKSUM_SIZE
-    return [log.unread_remark(end, "no whole record" if is_known else f"{number} is the id of no event type")]
+    return [log.unread_remark(end, "no complete record" if is_known else f"{number} is the id of no event type")]
 
 
 def _table(log: LogFile, event_type: _EventType, offsets: list[int], unit: float) -> Table:

@@ -23,7 +23,7 @@ from drake_quad.identification.logs.mapping import load_mapping
 from drake_quad.identification.logs.source import LogFile
 
 _TICK = b"tick(I),"
-_TICK_LENGTH = 1e-3  # s, a tick of the firmware's FreeRTOS
+_TICK_LENGTH = 1e-3  # s, period of the FreeRTOS tick in the firmware
 _CHECKSUM_SIZE = 4
 _MAX_NAME_LENGTH = 64
 _COLUMN = re.compile(rb"([\w.]{1,%d})\(([BbHhIif])\)," % _MAX_NAME_LENGTH)
@@ -40,7 +40,7 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
     for _ in range(data[0]):
         column = _COLUMN.match(data, offset)
         if column is None:
-            raise InputError(f"{log.mark}: is a Crazyflie's log whose list of columns is cut or damaged")
+            raise InputError(f"{log.mark}: is a Crazyflie's log whose list of columns is truncated or damaged")
         names.append(column[1].decode())
         formats.append(f"<{column[2].decode()}")
         offset = column.end()
@@ -53,9 +53,9 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
         blocks_are = "blocks of records are" if num_damaged > 1 else "block of records is"
         remarks.append(f"{num_damaged:,} {blocks_are} left out because of a wrong checksum")
     if end < len(data):
-        remarks.append(log.unread_remark(end, "no whole block of records, so the log is cut or damaged"))
+        remarks.append(log.unread_remark(end, "no complete block of records, so the log is truncated or damaged"))
     if not blocks:
-        raise InputError(f"{log.mark}: is a Crazyflie's log without a whole block of records")
+        raise InputError(f"{log.mark}: is a Crazyflie's log without a complete block of records")
     records = np.concatenate(blocks)
     columns = {name: records[str(i)] for i, name in enumerate(names) if i}
     return LogContent([Table("", records["0"] * _TICK_LENGTH, columns)], given or load_mapping("crazyflie"), remarks)

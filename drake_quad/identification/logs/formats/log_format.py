@@ -77,11 +77,11 @@ def best_mapping(
     if given is None:
         raise InputError(
             f"{log.mark}: none of the shipped mappings ({', '.join(shipped_mappings())}) fits its columns,"
-            f" {listed(columns, 12)}; the how-to on identification shows how to write one"
+            f" {listed(columns, 12)}; see docs/how_to/identification.md for how to write a mapping"
         )
     name, mapping = given
     if mapping.time is None:
-        raise InputError(f"{log.mark}: the mapping {name} has no time, which a log of one table needs")
+        raise InputError(f"{log.mark}: the mapping {name} needs the column of the time to read a log of one table")
     missing = sorted(mapping.names - set(columns_of(mapping)))
     raise InputError(
         f"{log.mark}: does not fit the mapping {name}: there is no {listed([shown(each) for each in missing], 4)}; it"

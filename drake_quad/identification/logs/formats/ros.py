@@ -23,7 +23,7 @@ from drake_quad.identification.logs.mapping import load_mapping
 from drake_quad.identification.logs.source import LogFile, reason_of
 
 _NANOSECOND = 1e-9
-# A header whose stamp differs from the time of recording by more than this time, in s, has another clock.
+# Stamps that differ from the times of recording by more than this time, in s, come from another clock.
 _MAX_STAMP_DIFFERENCE = 1.0
 _PART = re.compile(r"[^.\[\]]+")
 # Exceptions that damaged messages and missing fields raise.
@@ -140,12 +140,12 @@ def _content(log: LogFile, given: NamedMapping | None, format_name: str, message
     except Exception as error:  # libraries raise any exception on a damaged bag
         if not topics:
             raise InputError(f"{log.mark}: is {format_name} that cannot be read: {reason_of(error)}") from None
-        remarks.append(f"the log is cut or damaged; it is read until this error: {reason_of(error)}")
+        remarks.append(f"the log is truncated or damaged; it is read until this error: {reason_of(error)}")
     if undecoded:
         remarks.append(f"the messages of {listed(sorted(undecoded))} cannot be decoded")
     if not topics:
         raise InputError(
-            f"{log.mark}: is {format_name} without any topic that the mapping {name} knows; its topics are"
+            f"{log.mark}: is {format_name} without any topic of the mapping {name}; its topics are"
             f" {listed(sorted(unread | undecoded)) or 'none'}"
         )
     return _tables(topics, (name, mapping), remarks, sorted(unread))
@@ -166,7 +166,7 @@ def _tables(topics: dict[str, _Rows], mapping: NamedMapping, remarks: list[str],
     for type_name, topic in longest_topics.items():
         count = sum(rows.type_name == type_name for rows in topics.values())
         if count > 1:
-            remarks.append(f"of {count} topics of type {type_name} the one with most messages is read: {topic}")
+            remarks.append(f"of {count} topics of type {type_name} the one with the most messages is read: {topic}")
     return LogContent(tables, mapping, remarks, unread)
 
 

@@ -14,7 +14,7 @@ from drake_quad.identification.logs.source import LogFile
 from drake_quad.identification.logs.units import UNITS
 from drake_quad.written_numbers import float_in
 
-# Largest size of a CSV file. Its cells take ten times as much memory.
+# Largest size of a CSV file. Its cells take ten times as much memory as the file.
 MAX_BYTES = 50_000_000
 _MAX_COLUMNS = 10_000
 _BRACKETS = str.maketrans("[](),;", "      ")
@@ -66,7 +66,7 @@ def _text(log: LogFile) -> tuple[str, list[str]]:
     if len(data) > MAX_BYTES:
         raise InputError(f"{log.mark}: is too large: a CSV file may have {MAX_BYTES:,} bytes")
     end = _text_end(data)
-    remarks = [] if end == len(data) else [log.unread_remark(end, "no line of text")]
+    remarks = [] if end == len(data) else [log.unread_remark(end, "it is not text")]
     return data[:end].decode("utf-8-sig"), remarks
 
 
@@ -89,7 +89,7 @@ def _header(log: LogFile, text: str, delimiter: str) -> list[str]:
     names = [each.strip() for each in row]
     if not any(names) or len(names) > _MAX_COLUMNS:
         raise InputError(
-            f"{log.mark}: is none of the logs that can be read, or its first row does not name its columns"
+            f"{log.mark}: is not a log in a known format: the first row of a CSV file must name its columns"
         )
     return names
 
@@ -116,9 +116,9 @@ def _rows(log: LogFile, text: str, delimiter: str) -> tuple[list[str], list[list
         )
     if rows and not text.endswith(("\n", "\r")):
         rows.pop()
-        remarks.append("the last row is left out: its line has no end, so it may be cut")
+        remarks.append("the last row is left out: its line has no end, so it may be truncated")
     if len(rows) < 2:
-        raise InputError(f"{log.mark}: has less than two rows of {len(header)} cells below the names of its columns")
+        raise InputError(f"{log.mark}: has less than two rows of {len(header)} cells below the column names")
     return header, rows, lines, remarks
 
 

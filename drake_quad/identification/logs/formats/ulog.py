@@ -22,7 +22,7 @@ from drake_quad.process_settings import without_prints
 
 MAGIC = b"ULog\x01\x12\x35"
 _MICROSECOND = 1e-6
-# Clockwise order of the rotors from the front right one: True if a rotor is in front, and True if it is to the right.
+# Pairs (is in front, is to the right) of the rotors, clockwise from the front right one.
 _CLOCKWISE_QUADRANTS = [(True, True), (False, True), (False, False), (True, False)]
 # Largest number of fields of a topic, counting each item of an array. The topics of PX4 have fewer.
 _MAX_FIELDS = 20_000
@@ -111,11 +111,11 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
         mapping = mapping if rotors is None else mapping.with_rotors(rotors)
         order = ", ".join(map(str, mapping.rotors or ()))
         source = (
-            "assumed, those of its quad-x: the log has no CA_ROTOR0_PX and so on that say where they are"
+            "assumed to be those of its quad-x layout, since the log has no parameters CA_ROTOR0_PX and so on"
             if rotors is None
-            else "by the places in CA_ROTOR0_PX and so on"
+            else "by the parameters CA_ROTOR0_PX and so on"
         )
-        remarks.append(f"PX4's rotors 1 to 4 are our {order}, {source}")
+        remarks.append(f"PX4's rotors 1 to 4 are rotors {order} of this library, {source}")
     return LogContent(tables, (name, mapping), remarks)
 
 
@@ -162,7 +162,9 @@ def _chain_of(log: LogFile) -> _Chain:
     if offset >= len(data):
         return _Chain(len(data), may_continue=False, remarks=[])
     if offset + 3 > written_size or is_known:
-        return _Chain(end, may_continue=False, remarks=[log.unread_remark(end, "no whole message, so the log is cut")])
+        return _Chain(
+            end, may_continue=False, remarks=[log.unread_remark(end, "no complete message, so the log is truncated")]
+        )
     return _Chain(
         offset,
         may_continue=True,
@@ -214,7 +216,7 @@ def _check_fields(formats: dict[str, Any]) -> None:
         if name not in formats:
             return 1
         if depth > len(formats):
-            raise ValueError(f"the topic {name} holds itself")
+            raise ValueError(f"the topic {name} contains itself")
         if name not in counts:
             counts[name] = sum(max(1, size) * count(kind, depth + 1) for kind, size, _ in formats[name].fields)
         if counts[name] > _MAX_FIELDS:
