@@ -219,5 +219,5 @@ def test_a_vehicle_without_a_time_step_is_refused(diagrams, flown):
 
 
 def test_a_log_without_positions_is_refused(scenario, flown):
-    with pytest.raises(InputError, match="does not contain position; it contains reference_position"):
+    with pytest.raises(InputError, match="lacks position; it has reference_position"):
         compare_with_log(FlightRecord("a", flown.time, reference_position=flown.reference_position), scenario)

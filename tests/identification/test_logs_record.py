@@ -47,7 +47,7 @@ def test_a_record_says_its_duration_rate_and_signals_and_what_it_lacks():
     record = FlightRecord("flown", TIME, thrust_share=np.arange(4.0))
     assert record.period == pytest.approx(0.1)
     assert repr(record) == "<FlightRecord flown: 0.6 s, 4 samples at 10 Hz; thrust_share>"
-    with pytest.raises(InputError, match="^the log 'flown' does not contain position; it contains thrust_share$"):
+    with pytest.raises(InputError, match="^the log 'flown' lacks position; it has thrust_share$"):
         record.of("position")
-    with pytest.raises(InputError, match="^the log 'flown' does not contain position; it contains no signals$"):
+    with pytest.raises(InputError, match="^the log 'flown' lacks position; it has no signals$"):
         FlightRecord("flown", TIME).of("position")

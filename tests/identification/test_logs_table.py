@@ -218,7 +218,7 @@ SHORT, WRONG = '1,"[1,2]","[0,0,0,1]"\n', '1,"[1,2,x]","[0,0,0,1]"\n'
         (HEADER, "less than two rows"),
         (HEADER + ROW.format(0) + SHORT + ROW.format(2), "log.csv:3: 'pos' is '.1,2.', but must be 3 numbers"),
         (HEADER + ROW.format(0) + WRONG + ROW.format(2), "'.1,2,x.', but must be 3 numbers"),
-        (HEADER + LEVEL.format(0) + LEVEL.format(1), "does not contain attitude, which the mapping requires"),
+        (HEADER + LEVEL.format(0) + LEVEL.format(1), "lacks attitude, which the mapping requires"),
         (HEADER + ROW.format(0) + ROW.format("x") + ROW.format(2), ":3: 'time' is 'x', but must be a number"),
         (HEADER + ROW.format(1) + ROW.format(1), "no signal with two samples"),
     ],

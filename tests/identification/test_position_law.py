@@ -23,7 +23,7 @@ from drake_quad.identification.position_law.commands import FORMS, at_limit, in_
 from drake_quad.identification.position_law.control import control_layer
 from drake_quad.identification.position_law.law import AxisLaw, PositionLaw, identify_position_law
 from drake_quad.identification.position_law.pieces import prepared_pieces
-from drake_quad.identification.position_law.regression import Shape, _bias_of_rules, excited_terms, search_fit
+from drake_quad.identification.position_law.regression import Shape, _integration_rule_bias, excited_terms, search_fit
 from drake_quad.identification.result import Spread
 
 PERIOD, SAMPLES, GRAVITY = 0.02, 750, 9.81
@@ -244,10 +244,10 @@ def test_rounding_does_not_move_the_delay(vehicle):
 def test_the_rule_of_integration_matters_by_half_a_period_of_the_integral():
     """A cascade with gains 2 and 3, of whose integral of the velocity error the gain is 0.9."""
     cascade = {"position": 6.9, "velocity": 3.0, "reference_velocity": 3.0, "integral": 1.8}
-    bounds = _bias_of_rules(cascade, 0.02)
+    bounds = _integration_rule_bias(cascade, 0.02)
     assert bounds == pytest.approx({"position": 0.018, "velocity": 0.009, "reference_velocity": 0.009})
     # No cascade has the gains of this PID, which has no integral of the velocity error.
-    assert _bias_of_rules({"position": 1.0, "velocity": 1.0, "integral": 1.0}, 0.02)["velocity"] == 0.0
+    assert _integration_rule_bias({"position": 1.0, "velocity": 1.0, "integral": 1.0}, 0.02)["velocity"] == 0.0
 
 
 def test_too_few_samples_and_a_reference_of_jumps_are_refused_in_a_sentence(vehicle):

@@ -156,7 +156,7 @@ def test_what_varies_between_flights_is_said_to_be_of_another_flight(base, tmp_p
 def test_variation_that_nobody_looked_at_is_not_said_to_be_there(base, tmp_path):
     found = {name: FOUND[name] for name in ("mass", "inertia[0]")}
     text = text_of(write_vehicle(tmp_path / "none.yaml", "mine", estimates_of(found), base=base))
-    assert "say of a number. Fields" in text
+    assert "uncertainty of a parameter. Fields" in text
     some = estimates_of(found, variation=Variation(np.array([[1e-8]]), 40.0, 8.2).with_unknown(1))
     text = text_of(write_vehicle(tmp_path / "some.yaml", "mine", some, base=base))
     assert "its variation among these flights. The variation is unknown for inertia[0]. Fields" in text

@@ -24,7 +24,7 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.winds.source import steady_wind
 
 _MEAN_WINDOW = 0.1  # s, long enough to average out single corrections of an estimator
-_BLOCK = 0.5  # s, duration of the blocks whose scatter gives standard deviations
+_BLOCK_DURATION = 0.5  # s, duration of the blocks whose scatter gives standard deviations
 _SETTLING_TIME = 0.5  # s, time at the start of a log in which an estimator may still settle
 _MIN_FLOWN_SPEED = 0.15  # m/s, standard deviation of the speed along an axis that counts as flown
 _NOISE_STEP = 0.02  # s, two steps of a Crazyflie's estimator; the velocity error hardly changes within them
@@ -61,7 +61,7 @@ def velocity_estimate(record: FlightRecord) -> VelocityEstimate:
     position, velocity = record.of("position"), record.of("velocity")
     is_used = (record.time > record.time[0] + _SETTLING_TIME) & (record.time < record.time[-1] - _MEAN_WINDOW)
     ends, starts = record.time[is_used] + 0.5 * _MEAN_WINDOW, record.time[is_used] - 0.5 * _MEAN_WINDOW
-    blocks = np.floor(record.time / _BLOCK).astype(int)[is_used]
+    blocks = np.floor(record.time / _BLOCK_DURATION).astype(int)[is_used]
     if len(np.unique(blocks)) < _MIN_BLOCKS or len(blocks) <= 2 * _steps(record):
         raise InputError(f"{record.name}: the log is too short to estimate the error of its velocity")
     scale_errors, drifts, correlation_times = [], [], []
@@ -117,7 +117,7 @@ def linear_drag(record: FlightRecord, scenario: Scenario) -> tuple[Spread, Sprea
     air_velocity = to_body.apply(wind - velocity)
     width = max(1, round(_DRAG_WINDOW / record.period))
     weights, inside = np.ones(width) / width, slice(2 * width, -2 * width)
-    blocks = np.floor(record.time / _BLOCK).astype(int)[inside]
+    blocks = np.floor(record.time / _BLOCK_DURATION).astype(int)[inside]
     if len(np.unique(blocks)) < _MIN_BLOCKS:
         raise InputError(f"{record.name}: the log is too short to estimate the drag")
     if air_velocity[:, :2].std(axis=0).max() < _MIN_AIR_SPEED:

@@ -42,15 +42,17 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.statistics.interval import Interval
 
 HORIZONS = (0.1, 0.2, 0.5, 1.0, 2.0)
-CONSTANT_VELOCITY, CONSTANT_ACCELERATION = "constant velocity", "constant acceleration"
+"""Default horizons of the predictions, s."""
+CONSTANT_VELOCITY = "constant velocity"
+CONSTANT_ACCELERATION = "constant acceleration"
 WITH_DISTURBANCE = "with disturbance"
 """Name of the prediction with the first vehicle and the disturbance that its filter estimates before the start."""
-SPACING = 0.1  # s, time between starts
+START_SPACING = 0.1  # s, time between starts
 _PARABOLA_TIME = 0.05  # s, duration of the parabola at whose end a prediction begins
 _MIN_PARABOLA_SAMPLES = 4
 _SETTLING_TIME = 0.5  # s, time before a start in which the filter settles
 _UNKNOWN_ROTOR_TIME = 0.4  # s, time in which the rotors still follow commands from before the log
-_MIN_BLOCK = 1.0  # s, shortest block whose mean error counts as independent
+_MIN_BLOCK_DURATION = 1.0  # s, shortest block whose mean error counts as independent
 UNITS = {"height": "m", "climb": "m/s"} | {name: QUANTITIES[name].unit for name in STATE_ROWS}
 """Unit of each predicted quantity."""
 
@@ -126,7 +128,7 @@ class Predictions:
         """Return the squared errors of a vehicle, and the block number of each error."""
         errors = self.errors[quantity][self.vehicles.index(vehicle), self.horizons.index(horizon)]
         is_known = np.isfinite(errors)
-        length = max(_MIN_BLOCK, horizon)
+        length = max(_MIN_BLOCK_DURATION, horizon)
         labels = [
             f"{log} {int(time // length)}" for log, time in zip(self.log[is_known], self.time[is_known], strict=True)
         ]
@@ -303,7 +305,7 @@ def _starts(record: FlightRecord, num_past: int, horizons: Sequence[float], shar
     """Return the indices (S,) of the samples at which predictions begin."""
     flying = airborne(record)
     is_allowed = held_out(flying, share) if share < 1.0 and flying.any() else flying
-    spacing = max(1, round(SPACING / record.period))
+    spacing = max(1, round(START_SPACING / record.period))
     min_steps = round(min(horizons) / record.period)
     num_past = max(num_past, round(_SETTLING_TIME / record.period))
     num_rotor_samples = max(num_past, round(_UNKNOWN_ROTOR_TIME / record.period))

@@ -13,11 +13,11 @@ from drake_quad.scenario.routes.setpoints import SetpointsRoute
 from drake_quad.scenario.routes.trajectory import Knot, TrajectoryRoute, YawKnot
 
 # Knot spacings that are tried in this order, s. With the smallest one, a path follows any reference that can be flown.
-_SPACINGS = (0.5, 0.25, 0.125, 0.0625)
+_KNOT_SPACINGS = (0.5, 0.25, 0.125, 0.0625)
 TOLERANCE = 2e-3
 """Largest distance of a route from the logged reference, m. Positions that are cut to mm are off by up to 1.7 mm."""
 # References are sent at 20 Hz or faster. A value that is constant for longer than this belongs to a reference at rest.
-_MAX_HOLD = 0.05  # s
+_MAX_REPETITION_TIME = 0.05  # s
 # Weight of the snap relative to that of the position. It determines the path where there are no samples, as in a gap.
 _SNAP_WEIGHT = 1e-9
 # Share of the rest before the log in which the vehicle accelerates to the first velocity of the log.
@@ -84,7 +84,7 @@ def logged_reference(
     at_rest = np.array_equal(logged[0][0], logged[0][1]) and not any(values[0].any() for values in logged[1:])
     time, position, *derivatives = _without_repetitions(record.time, logged)
     samples, end = [position, *derivatives], float(record.time[-1])
-    for spacing in _SPACINGS:
+    for spacing in _KNOT_SPACINGS:
         path = _fitted_path(time, samples, end=end, spacing=spacing, orders=4, at_rest=at_rest)
         distance = np.linalg.norm(evaluate(path, time).T - position, axis=1)
         if distance.max() <= tolerance:
@@ -142,7 +142,7 @@ def _without_repetitions(time: np.ndarray, logged: list[np.ndarray]) -> list[np.
     """
     first = np.flatnonzero(np.append(True, np.any(np.diff(np.hstack(logged), axis=0) != 0.0, axis=1)))
     last = np.append(first[1:], len(time)) - 1
-    at_standstill = np.repeat(time[last] - time[first] > _MAX_HOLD, last - first + 1)
+    at_standstill = np.repeat(time[last] - time[first] > _MAX_REPETITION_TIME, last - first + 1)
     run = np.repeat(np.arange(len(first)), last - first + 1)
     middle = np.where(at_standstill, time, 0.5 * (time[first] + time[last])[run])
     is_selected = at_standstill | np.isin(np.arange(len(time)), first)
@@ -208,7 +208,7 @@ def _yaw_knots(record: FlightRecord, rest: float) -> tuple[YawKnot, ...]:
         median_yaw = _median_yaw(record)
         return YawKnot(time=0.0, yaw=median_yaw), YawKnot(time=end, yaw=median_yaw)
     yaw = np.unwrap(record.reference_yaw)[:, np.newaxis]
-    path = _fitted_path(record.time, [yaw], end=float(record.time[-1]), spacing=_SPACINGS[0], orders=2)
+    path = _fitted_path(record.time, [yaw], end=float(record.time[-1]), spacing=_KNOT_SPACINGS[0], orders=2)
     angles, rates = (evaluate(path, path.times, order)[0].tolist() for order in range(2))
     knots = [
         YawKnot(time=time + rest, yaw=angle, yaw_rate=rate)

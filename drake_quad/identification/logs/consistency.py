@@ -28,8 +28,8 @@ _MIN_WINDOWS = 50
 _TRANSLATION_WINDOW = 0.2  # s, long enough to average out the noise of positions
 _ROTATION_WINDOW = 0.1  # s
 _SEARCH_STRIDE = 0.04  # s, distance between the windows in the search for faults
-_MIN_SPEED = 0.05  # m/s; estimators that do not run log a constant velocity
-_MIN_TILT_COSINE = 0.2  # smaller cosines are replaced, since the tangent of the tilt would diverge
+_MIN_SPEED = 0.05  # m/s, standard deviation of a velocity; estimators that do not run log a constant velocity
+_MIN_TILT_COSINE = 0.2  # smaller cosines are raised to this value, since the tangent of the tilt would diverge
 # Values are clipped to this quantile of their magnitude, so that a crash or a landing does not dominate.
 _CLIPPED_QUANTILE = 0.9
 _MAX_FAULTS = 3
@@ -41,15 +41,15 @@ _AXIS_COST = 0.05  # penalty for each axis of a fault, so that the simplest faul
 _NUM_PARTS = 8
 _MIN_BETTER_PARTS = 6
 _MAX_FRAME_REMAINDER = 0.75
-_MAX_SHIFT = 0.3  # s
-_SHIFTED_AMPLITUDE = 0.1  # SI units; smaller than the thresholds of signals that are compared with their means
+_MAX_SHIFT = 0.3  # s, largest time shift that is tried
+_SHIFTED_AMPLITUDE = 0.1  # SI units, smallest amplitude of signals whose time shift is determined
 _MIN_SHIFT = 0.025  # s; filters and radio links of correct logs shift signals by up to 20 ms
-_SHIFT_SIGMAS = 4.0
-# Length of the parts of a log in which clocks are compared (s), largest shift (s), and largest power of the difference
-# between the shifted signals, relative to the power of the signals.
-_CLOCK_PART, _MAX_CLOCK_SHIFT, _MAX_CLOCK_ERROR = 2.0, 0.1, 0.4
-# Largest time by which a signal follows its command, s.
-_MAX_RESPONSE_TIME = 0.5
+_SHIFT_SIGMAS = 4.0  # a shift is reported if it exceeds the smallest one by this many standard errors
+_CLOCK_PART_DURATION = 2.0  # s, duration of the parts of a log in which clocks are compared
+_MAX_CLOCK_SHIFT = 0.1  # s
+# Largest power of the difference between shifted signals, relative to the power of the signals.
+_MAX_CLOCK_ERROR = 0.4
+_MAX_RESPONSE_TIME = 0.5  # s, largest delay from a command to the signal that follows it
 # Two signals contradict each other if they disagree by at least this value and no single fault explains it.
 _MIN_CONTRADICTION = 0.85
 _OPPOSITE_DISAGREEMENT = 1.2  # larger for signals that are opposite rather than independent
@@ -253,7 +253,7 @@ def _pairs(
         if not all(any(name in grid.signals for name in names) for names in groups):
             continue
         is_changed = fault is None or {name for names in groups for name in names}.intersection(fault.signals)
-        if not is_changed or (_MOTION in groups and not grid.is_moving):
+        if not is_changed or (_MOTION_SIGNALS in groups and not grid.is_moving):
             pairs.append(None)
             continue
         pair, width = compare(grid)
@@ -354,16 +354,16 @@ def _response(command: str, signal: str, threshold: float, columns: int, grid: _
     return _Pair(command, signal, *best, threshold, AXES[signal][:columns], is_exact=False), width
 
 
-_MOTION = ("position", "velocity")
+_MOTION_SIGNALS = ("position", "velocity")
 # Comparisons, each with groups of signals. A comparison needs at least one signal of each group.
 _COMPARISONS: list[tuple[Callable[[_Grid], tuple[_Pair, int]], tuple[tuple[str, ...], ...]]] = [
     (partial(_derivative, "position", "velocity"), (("position",), ("velocity",))),
     (_attitude_and_rates, (("attitude",), ("body_rates",))),
-    (_horizontal_force, (("attitude",), _MOTION, ("specific_force",))),
-    (_vertical_force, (("attitude",), _MOTION, ("specific_force",))),
-    (_force_in_body, (("attitude",), _MOTION, ("specific_force",))),
+    (_horizontal_force, (("attitude",), _MOTION_SIGNALS, ("specific_force",))),
+    (_vertical_force, (("attitude",), _MOTION_SIGNALS, ("specific_force",))),
+    (_force_in_body, (("attitude",), _MOTION_SIGNALS, ("specific_force",))),
     (_size_of_force, (("specific_force",),)),
-    (_tilt, (("attitude",), _MOTION)),
+    (_tilt, (("attitude",), _MOTION_SIGNALS)),
     # A reference is held between setpoints, which shifts its velocity by half a period.
     (
         partial(_derivative, "reference_position", "reference_velocity", is_exact=False),
@@ -434,7 +434,7 @@ def clock_shifts(signals: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndar
     if grid is None or pair is None:
         return np.zeros(0)
     expected, measured = pair.clipped()
-    max_shift, count = grid.samples(_MAX_CLOCK_SHIFT), grid.samples(_CLOCK_PART)
+    max_shift, count = grid.samples(_MAX_CLOCK_SHIFT), grid.samples(_CLOCK_PART_DURATION)
     lags = []
     for first in range(max_shift, len(expected) - count - max_shift, count):
         part = measured[first : first + count]

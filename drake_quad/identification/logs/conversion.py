@@ -28,14 +28,15 @@ _DOWNWARD_FRAMES = ("NED", "FRD")
 _HALF_TURN = np.array([1.0, -1.0, -1.0])
 _QUATERNION_TURN = np.array([1.0, 1.0, -1.0, -1.0])
 # Range of the norm of a valid quaternion. Many logs begin with zeros.
-_MIN_QUATERNION, _MAX_QUATERNION = 0.5, 2.0
+_MIN_QUATERNION_NORM = 0.5
+_MAX_QUATERNION_NORM = 2.0
 # Plausible range of a motor command, relative to the full command. It is wide since a log need not state the range.
-_COMMAND_RANGE = (-0.5, 1.5)
+_PLAUSIBLE_COMMANDS = (-0.5, 1.5)
 # Range of a command that was logged with 16 bits, with a tolerance for rounding.
-_COMMAND_RANGE_16_BITS = (-1e-3, 1.001)
+_PLAUSIBLE_16_BIT_COMMANDS = (-1e-3, 1.001)
 _MIN_COVERAGE = 0.5  # share of the time for which a signal must be logged
 _MAX_VALUE = 1e9  # in any unit; larger values come from damaged data
-_MAX_NAMES = 6  # largest number of columns that are listed in one sentence
+_MAX_LISTED_NAMES = 6  # largest number of columns that are listed in one sentence
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +151,7 @@ def record_of(
         raise InputError(f"{mark}: has no signal that is logged for half of the time")
     missing = {*(mapping.required or ())} - {channel.signal for channel in used}
     if missing:
-        raise InputError(f"{mark}: does not contain {listed(sorted(missing))}, which the mapping requires")
+        raise InputError(f"{mark}: lacks {listed(sorted(missing))}, which the mapping requires")
     is_common, cut_remarks = _common_samples(used, clock)
     if is_common.sum() < 2:
         raise InputError(f"{mark}: has less than two samples with all signals")
@@ -198,7 +199,7 @@ def _without_damaged_rows(table: Table, mapping: Mapping, notes: list[str]) -> T
         return table
     with np.errstate(all="ignore"):  # damaged rows may contain any number
         commands = _values("motor_command", sources[0], table)
-        lower, upper = _COMMAND_RANGE_16_BITS if sources[0].unit == "uint16" else _COMMAND_RANGE
+        lower, upper = _PLAUSIBLE_16_BIT_COMMANDS if sources[0].unit == "uint16" else _PLAUSIBLE_COMMANDS
         is_wrong = ((commands < lower) | (commands > upper)).any(axis=1)
     if not is_wrong.any():
         return table
@@ -259,7 +260,7 @@ def _roll_pitch_yaw(values: np.ndarray, source: SignalSource) -> np.ndarray:
     """Return roll, pitch and yaw (n, 3) of quaternions (n, 4) in the frames of a record; NaN for invalid ones."""
     quaternion = values if source.quaternion == "wxyz" else np.roll(values, 1, axis=1)
     length = np.linalg.norm(quaternion, axis=1, keepdims=True)
-    valid = (length > _MIN_QUATERNION) & (length < _MAX_QUATERNION)
+    valid = (length > _MIN_QUATERNION_NORM) & (length < _MAX_QUATERNION_NORM)
     unit = np.divide(quaternion, length, out=np.full_like(quaternion, np.nan), where=valid)
     if source.frame in _DOWNWARD_FRAMES:
         unit = unit * _QUATERNION_TURN
@@ -407,12 +408,12 @@ def _unread_remarks(available: set[str], read: set[str]) -> Iterator[str]:
         groups.setdefault(_group(each), []).append(each)
     parts = []
     for group, members in groups.items():
-        if len(members) <= (_MAX_NAMES if any(_group(each) == group for each in read) else 1):
+        if len(members) <= (_MAX_LISTED_NAMES if any(_group(each) == group for each in read) else 1):
             parts += members
         else:
             parts.append(f"{'the rest of ' if any(_group(each) == group for each in read) else ''}{group}")
     if parts:
-        yield f"not read: {listed(parts, 4 * _MAX_NAMES)}"
+        yield f"not read: {listed(parts, 4 * _MAX_LISTED_NAMES)}"
 
 
 def _group(name: str) -> str:

@@ -74,13 +74,13 @@ _RESETS = (
 )
 _MIN_RESET = 0.01  # m, m/s or rad; estimators make smaller resets when they start
 # Fields that each flag of `vehicle_local_position` declares valid or invalid.
-_VALIDITY = {
+_VALIDITY_FLAGS = {
     "xy_valid": ("x", "y"),
     "z_valid": ("z",),
     "v_xy_valid": ("vx", "vy"),
     "v_z_valid": ("vz",),
 }
-_DEFAULT_PULSES = 1000.0, 2000.0  # µs, range of motor pulses in PX4 unless its parameters change it
+_DEFAULT_PULSE_RANGE = 1000.0, 2000.0  # µs, range of motor pulses in PX4 unless its parameters change it
 _MOTOR_FUNCTION = 101  # value of PWM_MAIN_FUNC1 to PWM_MAIN_FUNC16 for motor 1; motor 2 has 102
 _NUM_MOTORS = 4
 _MICROSECOND = 1e-6
@@ -181,7 +181,7 @@ def without_invalid_samples(topic: str, data: _Data) -> dict[str, np.ndarray]:
     """Return the fields of a topic with NaN in place of the samples that the topic declares invalid."""
     result = dict(data)
     if topic == "vehicle_local_position":
-        for validity, fields in _VALIDITY.items():
+        for validity, fields in _VALIDITY_FLAGS.items():
             for field in fields:
                 if validity in data and field in data:
                     result[field] = np.where(data[validity].astype(bool), data[field], np.nan)
@@ -211,7 +211,8 @@ def with_motor_pulses(data: _Data, parameters: _Parameters) -> tuple[dict[str, n
     result, ranges = dict(data), []
     for motor, (name, channel) in enumerate(zip(names, channels, strict=True)):
         low, high = (
-            _pulse_limit(parameters, end, channel, default) for end, default in zip(("MIN", "MAX"), _DEFAULT_PULSES)
+            _pulse_limit(parameters, end, channel, default)
+            for end, default in zip(("MIN", "MAX"), _DEFAULT_PULSE_RANGE)
         )
         if not low < high:
             raise InputError(
@@ -219,7 +220,7 @@ def with_motor_pulses(data: _Data, parameters: _Parameters) -> tuple[dict[str, n
                 " PWM_MAIN_MAX), which is not a valid range"
             )
         ranges.append((low, high))
-        shortest, longest = _DEFAULT_PULSES
+        shortest, longest = _DEFAULT_PULSE_RANGE
         result[f"output[{motor}]"] = shortest + (data[name].astype(float) - low) * (longest - shortest) / (high - low)
     remarks = []
     is_given = any(name.startswith(("PWM_MIN", "PWM_MAX", "PWM_MAIN_M")) for name in parameters)

@@ -120,10 +120,7 @@ class FlightRecord:
         """
         values: np.ndarray | None = getattr(self, name)
         if values is None:
-            raise InputError(
-                f"the log {shown(self.name)} does not contain {name}; it contains"
-                f" {', '.join(self.names) or 'no signals'}"
-            )
+            raise InputError(f"the log {shown(self.name)} lacks {name}; it has {', '.join(self.names) or 'no signals'}")
         return values
 
     def part(self, chosen: slice | np.ndarray) -> "FlightRecord":

@@ -31,7 +31,7 @@ FORMS: tuple[Form, ...] = get_args(Form)
 # A command is at a limit if its samples pile up at an extreme. Within a margin δ of the maximum of a smooth signal
 # there are 1 / (√2 - 1) = 2.4 times as many samples as between δ and 2 δ; at a limit there are many more.
 _LIMIT_MARGIN = 0.005  # margin δ relative to the range of the command; the resolution of logs is finer
-_MIN_PILE = 5.0  # ratio of the two numbers of samples at a limit
+_MIN_PILE_RATIO = 5.0  # ratio of the two numbers of samples at a limit
 _MIN_LIMITED_SAMPLES = 8
 # A command that is at its extreme in a larger share of the samples is constant rather than limited.
 _MAX_LIMITED_SHARE = 0.5
@@ -142,6 +142,9 @@ def at_limit(record: FlightRecord, thrust: np.ndarray, usable: np.ndarray) -> np
         distance = np.where(usable, largest - signal, np.inf)
         is_near = distance <= margin
         num_beside = np.sum((distance > margin) & (distance <= 2.0 * margin))
-        if margin > 0.0 and max(_MIN_LIMITED_SAMPLES, _MIN_PILE * (num_beside + 1)) <= is_near.sum() <= max_samples:
+        if (
+            margin > 0.0
+            and max(_MIN_LIMITED_SAMPLES, _MIN_PILE_RATIO * (num_beside + 1)) <= is_near.sum() <= max_samples
+        ):
             is_limited |= is_near
     return is_limited

@@ -12,9 +12,9 @@ from typing import Any
 from drake_quad.errors import InputError
 from drake_quad.identification.position_law.law import AxisLaw, PositionLaw
 
-_TOLERANCE = 0.05  # a feed-forward that differs by less from 0 or 1 is set to 0 or 1
-_NEGLIGIBLE = 0.005  # largest negligible gain in SI units, relative to the position gain
-_NO_LIMIT = 1000.0  # m/s, a limit that is never reached
+_FEED_FORWARD_TOLERANCE = 0.05  # a feed-forward that differs by less from 0 or 1 is set to 0 or 1
+_NEGLIGIBLE_GAIN_RATIO = 0.005  # largest negligible gain in SI units, relative to the position gain
+_UNREACHED_SPEED = 1000.0  # m/s, a limit that is never reached
 _NUM_DIGITS = 5  # significant digits of gains, more than the data determine
 
 
@@ -44,7 +44,7 @@ def control_layer(law: PositionLaw) -> dict[str, Any]:
 
 
 def _is_near(value: float, half_width: float, target: float) -> bool:
-    return abs(value - target) <= max(half_width, _TOLERANCE)
+    return abs(value - target) <= max(half_width, _FEED_FORWARD_TOLERANCE)
 
 
 def _velocity_feed_forward(law: AxisLaw) -> float:
@@ -59,7 +59,7 @@ def _differs_from_zero(law: AxisLaw, name: str) -> bool:
     if name not in law.gains:
         return False
     value = abs(law.gains[name].value)
-    return value > law.gains[name].reach and value > _NEGLIGIBLE * law.gain("position")
+    return value > law.gains[name].reach and value > _NEGLIGIBLE_GAIN_RATIO * law.gain("position")
 
 
 def _is_pid(law: AxisLaw) -> bool:
@@ -105,7 +105,7 @@ def _pid_cascade(laws: tuple[AxisLaw, AxisLaw, AxisLaw], feed_forward: float, fo
     if any("error_limit" in law.gains for law in laws):
         position["limit"] = _per_axis(
             laws,
-            lambda law: gains[id(law)][0] * law.gain("error_limit") if "error_limit" in law.gains else _NO_LIMIT,
+            lambda law: gains[id(law)][0] * law.gain("error_limit") if "error_limit" in law.gains else _UNREACHED_SPEED,
         )
     command: dict[str, Any] = {"kind": "tilt"}
     if form != "tilt":

@@ -52,11 +52,11 @@ from drake_quad.identification.results.estimates import quantile
 from drake_quad.scenario.models import Scenario
 
 _MIN_EXPLAINED = 0.95
-_MIN_SHARE = 1e-12  # unexplained share of the variance; smaller values are rounding errors
+_MIN_UNEXPLAINED = 1e-12  # unexplained share of the variance; smaller values are rounding errors
 # A parameter is identified if the half-width of its 95 % interval is at most this share of its typical size.
-_MAX_REACH = 0.5
+_MAX_HALF_WIDTH = 0.5
 _TYPICAL_INTEGRAL_TIME = 1.0  # s, k_p / k_i of a usual PID
-_FORM_SAMPLES = 600  # approximate number of samples to which laws of all forms are fitted, to select the best form
+_NUM_FORM_SAMPLES = 600  # approximate number of samples to which laws of all forms are fitted, to select the best form
 _AXES = ("x", "y", "z")
 
 
@@ -155,9 +155,11 @@ def _poor_fit_reason(explained: float) -> str:
 
 def _log_unexplained(pieces: Sequence[Piece]) -> float:
     """Return the sum over the axes of log(1 - R²), for laws that are fitted to a part of the samples."""
-    step = max(1, sum(int(piece.counted.sum()) for piece in pieces) // _FORM_SAMPLES)
+    step = max(1, sum(int(piece.counted.sum()) for piece in pieces) // _NUM_FORM_SAMPLES)
     thinned = [piece._replace(counted=piece.counted & (np.arange(len(piece.time)) % step == 0)) for piece in pieces]
-    return sum(float(np.log(max(1.0 - fit_with_limit(thinned, (axis,)).explained, _MIN_SHARE))) for axis in range(3))
+    return sum(
+        float(np.log(max(1.0 - fit_with_limit(thinned, (axis,)).explained, _MIN_UNEXPLAINED))) for axis in range(3)
+    )
 
 
 def _have_same_law(pieces: Sequence[Piece], fits: Mapping[int, Fit]) -> bool:
@@ -249,5 +251,5 @@ def _imprecise(spreads: Mapping[str, Spread]) -> dict[str, str]:
     return {
         name: f"the half-width of its 95 % interval is {spread.reach:.2g} {spread.unit}"
         for name, spread in spreads.items()
-        if spread.reach > _MAX_REACH * typical[name]
+        if spread.reach > _MAX_HALF_WIDTH * typical[name]
     }

@@ -24,10 +24,10 @@ from drake_quad.scenario.models import Scenario
 
 MIN_REFERENCE_SPEED = 0.01  # m/s, smallest standard deviation of the velocity of a reference that moves
 _MIN_REFERENCE_RANGE = 0.02  # m, smallest range of a reference that moves
-_SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0  # weights of adjacent samples, binomial
-_MIN_PIECE = 2.0  # s, shortest stretch of flight that is used
+_SMOOTHING_WEIGHTS = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0  # weights of adjacent samples, binomial
+_MIN_PIECE_DURATION = 2.0  # s, shortest stretch of flight that is used
 _MIN_SAMPLES = 60  # smallest number of samples in a stretch, several for each parameter
-_BLOCK = 2.0  # s, duration of a block, several times the correlation time of errors
+_BLOCK_DURATION = 2.0  # s, duration of a block, several times the correlation time of errors
 _SLOPE_WINDOW = 0.1  # s, duration of the parabolas that give the derivatives of the reference
 _MAX_REFERENCE_ACCELERATION = 50.0  # m/s², about 5 g; a reference with a larger acceleration jumps
 
@@ -99,7 +99,7 @@ def prepared_pieces(
     limited = at_limit(record, thrust, usable)
     counted = usable & ~limited
     piece_number = piece_numbers(record)
-    min_samples = max(_MIN_PIECE / record.period, _MIN_SAMPLES)
+    min_samples = max(_MIN_PIECE_DURATION / record.period, _MIN_SAMPLES)
     pieces: dict[Form, list[Piece]] = {form: [] for form in FORMS}
     for number in range(piece_number.max() + 1):
         in_piece = piece_number == number
@@ -115,8 +115,8 @@ def prepared_pieces(
             )
     if not pieces["tilt"]:
         raise InputError(
-            f"the log {shown(record.name)} has no stretch of {_MIN_PIECE:g} s and {_MIN_SAMPLES} samples in the air"
-            " without a gap, a limited command or a jump of the reference"
+            f"the log {shown(record.name)} has no stretch of {_MIN_PIECE_DURATION:g} s and {_MIN_SAMPLES} samples in the"
+            " air without a gap, a limited command or a jump of the reference"
         )
     return pieces, limited[usable]
 
@@ -147,7 +147,8 @@ def _signals(record: FlightRecord, error: np.ndarray, counted: np.ndarray) -> tu
     is_near_jump = np.convolve(jumps, np.ones(1 + round(MAX_DELAY / record.period)))[: len(jumps)] > 0.5
     is_after_delay = record.time >= record.time[0] + MAX_DELAY
     is_usable = (
-        np.convolve(counted & is_after_delay & ~is_near_jump, np.ones(len(_SMOOTHING)), "same") > len(_SMOOTHING) - 0.5
+        np.convolve(counted & is_after_delay & ~is_near_jump, np.ones(len(_SMOOTHING_WEIGHTS)), "same")
+        > len(_SMOOTHING_WEIGHTS) - 0.5
     )
     return [error, velocity, reference_velocity, acceleration], is_usable
 
@@ -168,7 +169,8 @@ def _piece(
     # A delay between two samples requires interpolation, which reduces white noise such as rounding errors, most of all
     # half-way between samples. Without smoothing, this would bias the delay and the velocity gains.
     command, error, velocity, reference_velocity, acceleration, lost_output = (
-        scipy.ndimage.convolve1d(each, _SMOOTHING, axis=0, mode="nearest") for each in (output, *signals, lost_output)
+        scipy.ndimage.convolve1d(each, _SMOOTHING_WEIGHTS, axis=0, mode="nearest")
+        for each in (output, *signals, lost_output)
     )
 
     def integral(values: np.ndarray) -> np.ndarray:
@@ -192,5 +194,5 @@ def block_numbers(pieces: Sequence[Piece]) -> np.ndarray:
     """Return the block number (n,) of each counted sample of an axis."""
     count = sum(int(piece.counted.sum()) for piece in pieces)
     seconds = count * float(np.median(np.diff(pieces[0].time)))
-    number = max(MIN_BLOCKS, round(seconds / _BLOCK))
+    number = max(MIN_BLOCKS, round(seconds / _BLOCK_DURATION))
     return np.arange(count) * number // count

@@ -233,7 +233,7 @@ def uncertainty(pieces: Sequence[Piece], axes: tuple[int, ...], fit: Fit) -> tup
     """Return the half-widths of the 95 % intervals of all parameters and their degrees of freedom.
 
     The half-width is that of the jackknife, plus the largest bias that errors of the logged position or velocity can
-    cause, plus that of `_bias_of_rules`. Errors of a signal with the gain θ and the error variance s² bias the
+    cause, plus that of `_integration_rule_bias`. Errors of a signal with the gain θ and the error variance s² bias the
     parameters by n s² |θ| |M d| / σ². Here d marks the regressors that contain the signal, M is the covariance of the
     parameters, and σ² is the unexplained variance. The errors cause at most the variance σ², so s² ≤ σ² / θ².
     """
@@ -259,12 +259,12 @@ def uncertainty(pieces: Sequence[Piece], axes: tuple[int, ...], fit: Fit) -> tup
         bias = np.maximum(
             bias, len(fit.residuals) * np.abs(shifts / sum(gain_of.get(name, 0.0) for name in signal_terms))
         )
-    for name, bound in _bias_of_rules(gain_of, float(np.median(np.diff(pieces[0].time)))).items():
+    for name, bound in _integration_rule_bias(gain_of, float(np.median(np.diff(pieces[0].time)))).items():
         bias[fit.terms.index(name)] += bound
     return quantile(freedom) * np.sqrt(np.diag(covariance)) + bias, freedom
 
 
-def _bias_of_rules(gains: Mapping[str, float], period: float) -> dict[str, float]:
+def _integration_rule_bias(gains: Mapping[str, float], period: float) -> dict[str, float]:
     """Return the largest bias of some gains that the integration rule of the controller can cause.
 
     A sum over samples differs from the trapezoidal rule by half a period times the last sample. In a PID this biases

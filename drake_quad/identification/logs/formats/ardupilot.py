@@ -12,7 +12,7 @@ from drake_quad.identification.logs.mapping import load_mapping
 from drake_quad.identification.logs.source import LogFile
 from drake_quad.process_settings import without_error_output, without_prints
 
-# Header of a message of type 128, which declares another type.
+# First bytes of a log: the header of a message of type 128, which declares the format of other messages.
 _MAGIC = b"\xa3\x95\x80"
 _HEADER_SIZE = 3
 _CLOCKS = {"TimeUS": 1e-6, "TimeMS": 1e-3}
@@ -21,7 +21,8 @@ _TYPES = {"a": "V64", "n": "S4", "N": "S16", "Z": "S64", "M": "u1", "g": "<f2", 
 _SCALED_TYPES = {"c": ("<i2", 0.01), "C": ("<u2", 0.01), "e": ("<i4", 0.01), "E": ("<u4", 0.01), "L": ("<i4", 1e-7)}
 # Names of the field that contains the number of the sensor or estimator.
 _INSTANCE_FIELDS = ("I", "C")
-_QUADROTOR, _X_LAYOUT = 1, 1
+_QUADROTOR = 1  # value of FRAME_CLASS
+_X_LAYOUT = 1  # value of FRAME_TYPE
 _OTHER_FRAMES = {
     2: "a hexarotor",
     3: "an octorotor",

@@ -22,11 +22,11 @@ from drake_quad.identification.logs.formats.log_format import FORMATS, LogConten
 from drake_quad.identification.logs.mapping import load_mapping
 from drake_quad.identification.logs.source import LogFile
 
-_TICK = b"tick(I),"
-_TICK_LENGTH = 1e-3  # s, period of the FreeRTOS tick in the firmware
+_TIME_COLUMN = b"tick(I),"
+_TICK_PERIOD = 1e-3  # s, period of the FreeRTOS tick in the firmware
 _CHECKSUM_SIZE = 4
 _MAX_NAME_LENGTH = 64
-_COLUMN = re.compile(rb"([\w.]{1,%d})\(([BbHhIif])\)," % _MAX_NAME_LENGTH)
+_COLUMN_PATTERN = re.compile(rb"([\w.]{1,%d})\(([BbHhIif])\)," % _MAX_NAME_LENGTH)
 
 
 def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
@@ -38,7 +38,7 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
     data, offset = log.data, 1
     names, formats = [], []
     for _ in range(data[0]):
-        column = _COLUMN.match(data, offset)
+        column = _COLUMN_PATTERN.match(data, offset)
         if column is None:
             raise InputError(f"{log.mark}: is a Crazyflie's log whose list of columns is truncated or damaged")
         names.append(column[1].decode())
@@ -58,7 +58,7 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
         raise InputError(f"{log.mark}: is a Crazyflie's log without a complete block of records")
     records = np.concatenate(blocks)
     columns = {name: records[str(i)] for i, name in enumerate(names) if i}
-    return LogContent([Table("", records["0"] * _TICK_LENGTH, columns)], given or load_mapping("crazyflie"), remarks)
+    return LogContent([Table("", records["0"] * _TICK_PERIOD, columns)], given or load_mapping("crazyflie"), remarks)
 
 
 def _blocks(data: bytes, offset: int, layout: np.dtype) -> tuple[list[np.ndarray], int, int]:
@@ -84,5 +84,9 @@ def _has_checksum(data: bytes, start: int, end: int) -> bool:
 
 
 FORMATS.append(
-    LogFormat("a Crazyflie's SD card log of before 2021", lambda log: log.data[1 : 1 + len(_TICK)] == _TICK, _read)
+    LogFormat(
+        "a Crazyflie's SD card log of before 2021",
+        lambda log: log.data[1 : 1 + len(_TIME_COLUMN)] == _TIME_COLUMN,
+        _read,
+    )
 )

@@ -25,10 +25,10 @@ from drake_quad.identification.logs.source import LogFile, reason_of
 _NANOSECOND = 1e-9
 # Stamps that differ from the times of recording by more than this time, in s, come from another clock.
 _MAX_STAMP_DIFFERENCE = 1.0
-_PART = re.compile(r"[^.\[\]]+")
+_PATH_PART = re.compile(r"[^.\[\]]+")
 # Exceptions that damaged messages and missing fields raise.
 _FIELD_ERRORS = (AttributeError, KeyError, IndexError, TypeError, ValueError)
-_WAL_VERSIONS = slice(18, 20)  # bytes of SQLite's header that prevent opening a copy in memory
+_WAL_VERSION_BYTES = slice(18, 20)  # bytes of SQLite's header that prevent opening a copy in memory
 
 
 class _Message(NamedTuple):
@@ -52,7 +52,9 @@ class _Rows:
 
     def __init__(self, type_name: str, fields: list[str]) -> None:
         self.type_name = type_name
-        self._paths = {each: [int(part) if part.isdigit() else part for part in _PART.findall(each)] for each in fields}
+        self._paths = {
+            each: [int(part) if part.isdigit() else part for part in _PATH_PART.findall(each)] for each in fields
+        }
         self._values: dict[str, list[float]] = {each: [] for each in fields}
         self._times: list[int] = []
         self._stamps: list[int] = []
@@ -221,7 +223,7 @@ def _read_bag_2(log: LogFile, given: NamedMapping | None) -> LogContent:
 
     def messages() -> Iterator[_Message]:
         data = bytearray(log.data)
-        data[_WAL_VERSIONS] = b"\1\1"
+        data[_WAL_VERSION_BYTES] = b"\1\1"
         with contextlib.closing(sqlite3.connect(":memory:")) as bag:
             bag.deserialize(bytes(data))
             definitions: dict[str, str] = {}
