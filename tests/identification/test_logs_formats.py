@@ -332,7 +332,7 @@ def test_the_topic_with_most_messages_stands_for_its_type_and_the_first_of_two_w
 def test_stamps_of_headers_are_used_if_their_clock_is_that_of_the_recording(behind, used):
     start = 5 * 10**12
     rows = rows_of("sort/One", *(start + 10**8 * i for i in range(5)), behind=behind)
-    table, remarks = rows.table("/topic", start, of_its_type=False)
+    table, remarks = rows.table("/topic", start, with_type_names=False)
     np.testing.assert_allclose(table.time, 0.1 * np.arange(5))
     if used:
         np.testing.assert_allclose(table.sample_time, 0.1 * np.arange(5) - 1e-9 * behind, atol=1e-9)

@@ -281,9 +281,9 @@ def test_a_hover_noise_and_missing_signals_are_refused_in_a_sentence(vehicle):
         identify_position_law([still], vehicle)
     with pytest.raises(InputError, match="lacks reference_position"):
         identify_position_law([replace(record, reference_position=None)], vehicle)
-    with pytest.raises(InputError, match="no command of the thrust"):
+    with pytest.raises(InputError, match="has no thrust command"):
         identify_position_law([replace(record, thrust_command=None)], vehicle)
-    with pytest.raises(InputError, match="there is no log"):
+    with pytest.raises(InputError, match="at least one log is needed"):
         identify_position_law([], vehicle)
 
 

@@ -29,7 +29,7 @@ _SETTLING_TIME = 0.5  # s, time at the start of a log in which an estimator may 
 _MIN_FLOWN_SPEED = 0.15  # m/s, standard deviation of the speed along an axis that counts as flown
 _NOISE_STEP = 0.02  # s, two steps of a Crazyflie's estimator; the velocity error hardly changes within them
 _MIN_BLOCKS = 2
-_DRAG_WINDOW = 0.1  # s, over which force and air speed are averaged
+_DRAG_WINDOW = 0.1  # s, averaging time of force and air speed
 _MIN_AIR_SPEED = 0.2  # m/s, standard deviation of the air speed that determines drag
 _MIN_SPEED_RATIO = 0.3  # an axis with less air speed relative to the other axis takes the drag of that axis
 

@@ -51,7 +51,7 @@ START_SPACING = 0.1  # s, time between starts
 _PARABOLA_TIME = 0.05  # s, duration of the parabola at whose end a prediction begins
 _MIN_PARABOLA_SAMPLES = 4
 _SETTLING_TIME = 0.5  # s, time before a start in which the filter settles
-_UNKNOWN_ROTOR_TIME = 0.4  # s, time in which the rotors still follow commands from before the log
+_UNKNOWN_ROTOR_TIME = 0.4  # s, time at the start of a log in which rotor speeds depend on earlier commands
 _MIN_BLOCK_DURATION = 1.0  # s, shortest block whose mean error counts as independent
 UNITS = {"height": "m", "climb": "m/s"} | {name: QUANTITIES[name].unit for name in STATE_ROWS}
 """Unit of each predicted quantity."""

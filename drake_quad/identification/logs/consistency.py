@@ -239,7 +239,7 @@ def _pairs(
     Args:
         grid: signals of the log.
         stride: number of grid steps between windows.
-        fault: fault; if given, only the pairs that depend on its signals are computed.
+        fault: repaired fault; if given, only the pairs that depend on its signals are computed.
         only: comparison in `_COMPARISONS`; if given, only its pair is computed.
 
     Returns:

@@ -111,7 +111,7 @@ def in_heading(record: FlightRecord, values: np.ndarray) -> np.ndarray:
 
 
 def unproduced_output(output: np.ndarray, form: Form, gravity: float) -> np.ndarray:
-    """Return the horizontal part (n, 3) of the output of a law that the thrust does not produce.
+    """Return the horizontal acceleration (n, 3) that a law demands, and that the thrust does not produce.
 
     If the vertical acceleration u_z is negative, the tilt of the form `decoupled` produces the share (1 + u_z / g) of
     the horizontal output. PX4 takes this for saturation, and subtracts 2 / k_v times the remainder from the velocity

@@ -115,8 +115,8 @@ def prepared_pieces(
             )
     if not pieces["tilt"]:
         raise InputError(
-            f"the log {shown(record.name)} has no stretch of {_MIN_PIECE_DURATION:g} s and {_MIN_SAMPLES} samples in the"
-            " air without a gap, a limited command or a jump of the reference"
+            f"the log {shown(record.name)} has no stretch of {_MIN_PIECE_DURATION:g} s and {_MIN_SAMPLES} samples in"
+            " the air without a gap, a limited command or a jump of the reference"
         )
     return pieces, limited[usable]
 

@@ -199,7 +199,7 @@ def _columns(piece: Piece, axis: int, terms: Sequence[str], shape: Shape) -> np.
 
 
 def _better_fit(pieces: Sequence[Piece], axes: tuple[int, ...], simple: Fit, extended: Fit) -> Fit:
-    """Return the extended one of two laws if its last parameter is significant, otherwise the simpler one.
+    """Return an extended law if its last parameter is significant, and the simpler law otherwise.
 
     The parameter is significant if a likelihood ratio test, which accounts for the correlation of the residuals,
     prefers the extended law, if the unexplained variance falls by a fifth, and if the interval of the parameter does

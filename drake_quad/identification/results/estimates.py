@@ -150,8 +150,8 @@ class Estimates:
         """Check the fields, and convert them to arrays with one item per parameter.
 
         Raises:
-            InputError: if a name is unknown or occurs twice, shapes do not agree, a variance is not positive, or the
-                degrees of freedom are not.
+            InputError: if a name is unknown or occurs twice, shapes do not agree, or a variance or the degrees of
+                freedom are not positive.
         """
         names = tuple(self.names)
         for name in (*names, *self.explained, *self.not_identified):

@@ -32,7 +32,7 @@ _CHECKSUM_SIZE = 4
 _MAX_NAME_LENGTH = 256
 # Largest number of variables of all event types. A header with more is damaged.
 _MAX_VARIABLES = 5_000
-# Name of the compressed attitude, see `_unpacked`.
+# Name of the compressed attitude, which `_quaternions` decodes.
 _PACKED_ATTITUDE = "stateEstimateZ.quat"
 
 

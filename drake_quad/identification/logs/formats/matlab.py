@@ -30,7 +30,7 @@ _MAX_COMPONENTS = 16
 
 
 def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
-    """Read the variables that are as long as the time of the mapping.
+    """Read the variables that have as many samples as the time column of the mapping.
 
     Raises:
         InputError: if the file is damaged or has version 7.3, or no mapping fits.

@@ -1,7 +1,7 @@
 """Readers of ROS bags of version 1 and 2, based on rosbags, and of MCAP files, based on mcap.
 
 A field is named by its topic or by the type of its messages, as in `/odom.pose.pose.position.x` or
-`nav_msgs/Odometry.pose.pose.position.x`. If several topics have the same type, the one with the most messages is read.
+`nav_msgs/Odometry.pose.pose.position.x`. If several topics have the same type, only the one with the most messages is read by its type.
 The time of a measurement is the stamp in its header.
 """
 
@@ -73,15 +73,15 @@ class _Rows:
     def __len__(self) -> int:
         return len(self._times)
 
-    def table(self, topic: str, start: int, *, of_its_type: bool) -> tuple[Table, list[str]]:
-        """Return a table with the names of the topic and, if asked for, of its type, and remarks."""
+    def table(self, topic: str, start: int, *, with_type_names: bool) -> tuple[Table, list[str]]:
+        """Return a table with columns named by topic, and if requested also by message type, and remarks on its clock."""
         times, stamps = (
             np.array([each - start for each in clock], dtype=float) * _NANOSECOND
             for clock in (self._times, self._stamps)
         )
         known = {name: np.array(values) for name, values in self._values.items() if np.isfinite(values).any()}
         columns = {f"{topic}.{name}": values for name, values in known.items()}
-        if of_its_type:
+        if with_type_names:
             columns |= {f"{self.type_name}.{name}": values for name, values in known.items()}
         remarks, sampled = [], None
         if min(self._stamps) > 0:
@@ -162,7 +162,7 @@ def _tables(topics: dict[str, _Rows], mapping: NamedMapping, remarks: list[str],
             longest_topics[rows.type_name] = topic
     tables = []
     for topic, rows in topics.items():
-        table, table_remarks = rows.table(topic, start, of_its_type=longest_topics[rows.type_name] == topic)
+        table, table_remarks = rows.table(topic, start, with_type_names=longest_topics[rows.type_name] == topic)
         tables.append(table)
         remarks += table_remarks
     for type_name, topic in longest_topics.items():
