@@ -1,8 +1,8 @@
 """Readers of ROS bags of version 1 and 2, based on rosbags, and of MCAP files, based on mcap.
 
 A field is named by its topic or by the type of its messages, as in `/odom.pose.pose.position.x` or
-`nav_msgs/Odometry.pose.pose.position.x`. If several topics have the same type, only the one with the most messages is read by its type.
-The time of a measurement is the stamp in its header.
+`nav_msgs/Odometry.pose.pose.position.x`. A type stands for the topic of this type with the most messages. The time of a
+measurement is the stamp in its header.
 """
 
 import contextlib
@@ -74,7 +74,7 @@ class _Rows:
         return len(self._times)
 
     def table(self, topic: str, start: int, *, with_type_names: bool) -> tuple[Table, list[str]]:
-        """Return a table with columns named by topic, and if requested also by message type, and remarks on its clock."""
+        """Return a table with columns named by topic, and if requested also by message type, and remarks."""
         times, stamps = (
             np.array([each - start for each in clock], dtype=float) * _NANOSECOND
             for clock in (self._times, self._stamps)
