@@ -182,8 +182,8 @@ def test_remarks_say_at_which_rates_signals_were():
     clock = channel("body_rates", 0.0, 1.0, 0.004)
     slow, held = channel("position", 0.0, 1.0, 0.05), channel("motor_command", 0.0, 1.0, 0.02)
     assert list(conversion._resampling_remarks([clock, slow, held], clock.clock)) == [
-        "interpolated linearly, since the record has 250 Hz: position (20 Hz)",
-        "held constant between their samples, since the record has 250 Hz: motor_command (50 Hz)",
+        "interpolated linearly to match the 250 Hz of the record: position (20 Hz)",
+        "held constant between their samples to match the 250 Hz of the record: motor_command (50 Hz)",
     ]
     assert list(conversion._resampling_remarks([clock], clock.clock)) == []
     holes = slow._replace(rows=slow.rows[3:])

@@ -101,8 +101,8 @@ def test_interleaved_events_are_put_on_the_clock_of_the_fastest(written):
     np.testing.assert_allclose(record.position[:, 0], record.time + start, atol=1e-9)
     np.testing.assert_allclose(np.degrees(record.body_rates[:, 0]), 1e3 * (record.time + start), atol=1e-6)
     np.testing.assert_allclose(record.motor_command[:, 0], np.floor((record.time + start + 1e-9) / 0.02) * 6553 / 65535)
-    assert said(record, "interpolated linearly, since the record has 1000 Hz: position (143 Hz)")
-    assert said(record, "held constant between their samples, since the record has 1000 Hz: motor_command (50 Hz)")
+    assert said(record, "interpolated linearly to match the 1000 Hz of the record: position (143 Hz)")
+    assert said(record, "held constant between their samples to match the 1000 Hz of the record: motor_command (50 Hz)")
 
 
 def test_what_is_logged_and_read_as_no_signal_is_said(written):

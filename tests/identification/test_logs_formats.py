@@ -320,7 +320,7 @@ def test_the_topic_with_most_messages_stands_for_its_type_and_the_first_of_two_w
         name: table.name for table in content.tables for name in table.columns if not name.startswith(table.name)
     }
     assert of_types == {"sort/One.x": "/many", "sort/Other.x": "/other"}
-    assert content.remarks == ["of 3 topics of type sort/One the one with the most messages is read: /many"]
+    assert content.remarks == ["3 topics have the type sort/One; the one with the most messages is read: /many"]
     # The clock begins with the first message of all topics.
     for table, first in zip(content.tables, (2, 2, 0, 1), strict=True):
         np.testing.assert_allclose(table.time, 1e-9 * (first + np.arange(len(table.time))))

@@ -105,8 +105,8 @@ def test_measurements_lie_on_lines_and_commands_hold_on_the_clock_of_the_fastest
     np.testing.assert_allclose(
         record.motor_command[:, 0], np.floor((record.time + start + 1e-9) / 0.05) * 0.025, atol=1e-6
     )
-    assert said(record, "interpolated linearly, since the record has 250 Hz: position (10 Hz), velocity (10 Hz)")
-    assert said(record, "held constant between their samples, since the record has 250 Hz: motor_command (20 Hz)")
+    assert said(record, "interpolated linearly to match the 250 Hz of the record: position (10 Hz), velocity (10 Hz)")
+    assert said(record, "held constant between their samples to match the 250 Hz of the record: motor_command (20 Hz)")
 
 
 def test_a_dropout_is_a_gap(read):

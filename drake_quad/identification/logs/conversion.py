@@ -154,7 +154,7 @@ def record_of(
         raise InputError(f"{mark}: lacks {listed(sorted(missing))}, which the mapping requires")
     is_common, cut_remarks = _common_samples(used, clock)
     if is_common.sum() < 2:
-        raise InputError(f"{mark}: has less than two samples with all signals")
+        raise InputError(f"{mark}: has less than two samples at which all signals are known")
     time = clock[is_common]
     signals: dict[str, Any] = {channel.signal: _resampled(channel, clock, is_common) for channel in used}
     notes += _turn_to_signal_frames(signals, used)
@@ -378,7 +378,7 @@ def _resampling_remarks(channels: Sequence[_Channel], clock: np.ndarray) -> Iter
             if channel.clock is not clock and is_held(channel.signal) is hold
         ]
         if rates:
-            yield f"{method}, since the record has {rate}: {', '.join(rates)}"
+            yield f"{method} to match the {rate} of the record: {', '.join(rates)}"
 
 
 def _missing_remarks(channels: Sequence[_Channel]) -> Iterator[str]:

@@ -87,7 +87,7 @@ class FlightRecord:
             shape = (len(self.time), columns) if columns > 1 else (len(self.time),)
             if values.shape != shape:
                 raise InputError(
-                    f"{name} of the log {shown(self.name)} has shape {values.shape}, and must have {shape}"
+                    f"{name} of the log {shown(self.name)} has shape {values.shape}, but must have {shape}"
                 )
             if not np.isfinite(values).all():
                 row = int(np.argmin(np.isfinite(values.reshape(len(values), -1)).all(axis=1)))

@@ -24,7 +24,8 @@ REFERENCE_TERMS = ("reference_velocity", "reference_acceleration", "displacement
 """Terms that need a reference that moves."""
 NUISANCE_TERMS = ("deviation", "unwinding")
 """Nuisance terms, which are not reported: see `drake_quad.identification.position_law.pieces.Piece`."""
-TYPICAL_DELAY = 0.05  # s
+TYPICAL_DELAY = 0.05
+"""Usual delay of a position controller, s."""
 
 # Critical value of χ² with one degree of freedom at 99.9 %. It is strict because a log has over a dozen such tests.
 _LIKELIHOOD_RATIO = 10.83

@@ -65,10 +65,11 @@ def _decoded(decoder: Any, data: bytes, start: int, end: int) -> Any:
     config = flight.sys_config
     for name in ("frameIntervalI", "frameIntervalPNum", "frameIntervalPDenom"):
         if not 1 <= config[name] <= _MAX_INTERVAL:
-            raise ValueError(f"the interval of its frames is {config[name]}")
+            raise ValueError(f"its header has an invalid {name}: {config[name]}")
     numbers = [*config["motorOutput"], config["acc_1G"]]
     if not all(isinstance(each, int) for each in numbers) or not numbers[0] < numbers[1] or not numbers[2] > 0:
-        raise ValueError(f"motorOutput and acc_1G of its header are {listed([str(each) for each in numbers])}")
+        values = listed([str(each) for each in numbers])
+        raise ValueError(f"its header has invalid values of motorOutput and acc_1G: {values}")
     flight.parse_data()
     return flight
 

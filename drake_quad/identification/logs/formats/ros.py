@@ -168,7 +168,7 @@ def _tables(topics: dict[str, _Rows], mapping: NamedMapping, remarks: list[str],
     for type_name, topic in longest_topics.items():
         count = sum(rows.type_name == type_name for rows in topics.values())
         if count > 1:
-            remarks.append(f"of {count} topics of type {type_name} the one with the most messages is read: {topic}")
+            remarks.append(f"{count} topics have the type {type_name}; the one with the most messages is read: {topic}")
     return LogContent(tables, mapping, remarks, unread)
 
 

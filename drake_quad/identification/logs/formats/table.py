@@ -109,7 +109,7 @@ def _rows(log: LogFile, text: str, delimiter: str) -> tuple[list[str], list[list
             elif row:
                 short += 1
     except csv.Error as error:
-        remarks.append(f"read to line {reader.line_num:,}: {error}")
+        remarks.append(f"only the lines up to {reader.line_num:,} are read: {error}")
     if short:
         remarks.append(
             f"{short:,} {'rows' if short > 1 else 'row'} left out: not {len(header)} cells, as there are names"
