@@ -169,7 +169,7 @@ def _noise(samples: np.ndarray, record: FlightRecord, times: tuple[np.ndarray, n
         samples: (n,) consecutive samples of the signal, at the times of the means only, since a jump while the
             estimator settles is not noise.
         record: record that contains the samples.
-        times: times of the end and of the start of each mean, two arrays (n,), s.
+        times: times of the start and of the end of each mean, two arrays (n,), s.
     """
     step = _steps(record)
     variance = float(np.mean((samples[2 * step :] - 2.0 * samples[step:-step] + samples[: -2 * step]) ** 2)) / 6.0

@@ -5,20 +5,20 @@ Predictions begin at many starts in a log. Up to each start, the Kalman filter o
 past measurements only, with the maximum-likelihood noise for the log and the vehicle. From the start on, the vehicle is
 simulated with the logged commands and without measurements.
 
-The filter also estimates a disturbing force and torque, such as those of a wind that is not logged. The prediction
-sets them to zero. A second prediction with the first vehicle includes them. It shows how well a controller with a
+The filter also estimates a disturbing force and torque, such as those of a wind that is not logged. The prediction sets
+them to zero. A second prediction with the first vehicle includes them. It shows how well a controller with a
 disturbance observer predicts.
 
 Two predictors without a model serve as a baseline. They begin at the end of a parabola through the last 50 ms of each
 measured signal. *Constant velocity* continues with the velocity and the body rates at the start; *constant
-acceleration* also continues with the acceleration and the angular acceleration. A vehicle model
-that predicts worse than either of them is of no use at this horizon.
+acceleration* also continues with the acceleration and the angular acceleration. A vehicle model that predicts worse
+than either of them is of no use at this horizon.
 
 Errors are evaluated at the horizon: the distance between the positions, the norm of the difference of velocities and of
-body rates, and the angle between the attitudes. The filter does not use a velocity or body rate that an
-estimator derives from other measurements. Such a signal is predicted as its value at the start plus the predicted
-change. Errors of neighbouring starts are correlated, so confidence intervals are based on Student's t over blocks of at
-least one second and at least the horizon. Vehicles are compared start by start.
+body rates, and the angle between the attitudes. The filter does not use a velocity or body rate that an estimator
+derives from other measurements. Such a signal is predicted as its value at the start plus the predicted change. Errors
+of neighbouring starts are correlated, so confidence intervals are based on Student's t over blocks of at least one
+second and at least the horizon. Vehicles are compared start by start.
 """
 
 import math
@@ -233,7 +233,7 @@ class _Motion(NamedTuple):
 
     @classmethod
     def at(cls, record: FlightRecord, measured: Sequence[str], starts: np.ndarray, num_past: int) -> "_Motion":
-        """Return the motion at the end of parabolas through the last `past` samples up to each start."""
+        """Return the motion at the end of parabolas through the last `num_past` samples up to each start."""
         samples = starts[:, None] + np.arange(1 - num_past, 1)
         ends = {}
         for name in measured:
@@ -276,8 +276,8 @@ def _parabolas(record: FlightRecord, samples: np.ndarray, values: np.ndarray) ->
 
     Args:
         record: record that contains the samples.
-        samples: (S, past) indices of the samples of each parabola.
-        values: (S, past, 3) values of the samples.
+        samples: (S, num_past) indices of the samples of each parabola.
+        values: (S, num_past, 3) values of the samples.
     """
     time = record.time[samples] - record.time[samples[:, -1:]]
     inverse = np.linalg.pinv(np.stack([np.ones_like(time), time, 0.5 * time**2], axis=2))

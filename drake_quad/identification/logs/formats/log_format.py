@@ -77,7 +77,7 @@ def best_mapping(
     if given is None:
         raise InputError(
             f"{log.mark}: none of the shipped mappings ({', '.join(shipped_mappings())}) fits its columns,"
-            f" {listed(columns, 12)}; see docs/how_to/identification.md for how to write a mapping"
+            f" {listed(columns, 12)}; the how-to guide on identification shows how to write one"
         )
     name, mapping = given
     if mapping.time is None:

@@ -100,9 +100,8 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
                 mapped_data, pulse_remarks = with_motor_pulses(data, parameters)
             except InputError as error:
                 raise InputError(f"{log.mark}: {error}") from None
-            remarks += (
-                pulse_remarks if "actuator_motors" not in mapped else ()
-            )  # actuator_motors takes precedence over pulses
+            # The commands in actuator_motors take precedence over pulses.
+            remarks += pulse_remarks if "actuator_motors" not in mapped else ()
         else:
             mapped_data = without_invalid_samples(topic, data)
         tables.append(_table(topic, mapped_data, start))
