@@ -162,7 +162,7 @@ def test_a_log_is_compared_in_centimetres_axis_by_axis(compared, capsys):
     compare_log.print_comparison(compared)
     first, second, header, *rows, crashes, last = capsys.readouterr().out.splitlines()
     assert first == "log7: 50 samples, from 3.00 to 3.49 s of the log"
-    assert second == "reference: 2 pieces of degree 7, within 1.23 mm of the log's"
+    assert second == "reference: 2 pieces of degree 7, within 1.23 mm of the logged positions"
     assert cells(header) == [["error (cm)", "axis", "measured", "predicted median [95 %]", "measured within 95 %"]]
     rows = cells("\n".join(rows))
     assert [row[:2] for row in rows] == [

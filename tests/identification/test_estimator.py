@@ -38,14 +38,14 @@ def made(seconds, *, noise=0.0, drift=DRIFT, speed=0.5):
 @pytest.mark.parametrize("noise", [0.0, 1e-3])
 def test_share_drift_and_time_of_a_known_error_come_back(noise):
     found = velocity_estimate(made(240.0, noise=noise))
-    assert abs(found.share[0].value - SHARE) < 3.0 * found.share[0].deviation
-    assert found.share[0].deviation < 0.02
-    assert [share.value for share in found.share[1:]] == [0.0, 0.0]
+    assert abs(found.scale_error[0].value - SHARE) < 3.0 * found.scale_error[0].deviation
+    assert found.scale_error[0].deviation < 0.02
+    assert [share.value for share in found.scale_error[1:]] == [0.0, 0.0]
     # The mean of such a process over 0.1 s; of 240 independent times a deviation is known to 5 %.
     ratio = 0.1 / TIME
     seen = DRIFT * np.sqrt(2.0 * (ratio - 1.0 + np.exp(-ratio))) / ratio
     np.testing.assert_allclose(found.drift, seen, rtol=0.15)
-    np.testing.assert_allclose(found.time, TIME, rtol=0.2)
+    np.testing.assert_allclose(found.correlation_time, TIME, rtol=0.2)
 
 
 def test_noise_of_the_position_is_no_drift():
@@ -88,16 +88,16 @@ def test_a_sinusoidal_error_is_estimated_with_its_size_and_correlation_time():
     rate = 7.0
     amplitude = np.array([0.03, 0.05, 0.02])
     found = velocity_estimate(swinging(amplitude, rate))
-    np.testing.assert_allclose([share.value for share in found.share], [0.1, -0.05, 0.0], atol=2e-3)
+    np.testing.assert_allclose([share.value for share in found.scale_error], [0.1, -0.05, 0.0], atol=2e-3)
     seen = amplitude / np.sqrt(2.0) * np.sin(0.05 * rate) / (0.05 * rate)
     np.testing.assert_allclose(found.drift, seen, rtol=0.02)
-    assert found.time == pytest.approx(np.arccos(1.0 / np.e) / rate, abs=0.011)
+    assert found.correlation_time == pytest.approx(np.arccos(1.0 / np.e) / rate, abs=0.011)
     # An axis that was not flown has no scale error, and its uncertainty is that of the other axes.
-    flown = [share.deviation for share in found.share[:2]]
-    assert found.share[2].deviation == pytest.approx(np.mean(flown))
+    flown = [share.deviation for share in found.scale_error[:2]]
+    assert found.scale_error[2].deviation == pytest.approx(np.mean(flown))
     # Without a sinusoidal error, the scale errors are exact.
     exact = velocity_estimate(swinging(np.zeros(3), rate))
-    np.testing.assert_allclose([share.value for share in exact.share], [0.1, -0.05, 0.0], atol=2e-3)
+    np.testing.assert_allclose([share.value for share in exact.scale_error], [0.1, -0.05, 0.0], atol=2e-3)
     assert exact.drift.max() < 1e-3
 
 
@@ -135,7 +135,9 @@ def test_the_first_half_second_of_a_log_is_left_out():
     ):
         settled = velocity_estimate(FlightRecord("settles", record.time, **signals))
         np.testing.assert_allclose(settled.drift, whole.drift, rtol=1e-6)
-        np.testing.assert_allclose([s.value for s in settled.share], [s.value for s in whole.share], rtol=1e-9)
+        np.testing.assert_allclose(
+            [s.value for s in settled.scale_error], [s.value for s in whole.scale_error], rtol=1e-9
+        )
 
 
 def test_a_share_is_the_slope_of_means_and_its_deviation_that_of_blocks():
@@ -149,7 +151,7 @@ def test_a_share_is_the_slope_of_means_and_its_deviation_that_of_blocks():
     chosen = log.time[(log.time > 0.5) & (log.time < log.time[-1] - 0.1)]
     # Samples on the edge of a block are in the one that begins.
     blocks = np.floor(chosen / 0.5)
-    for axis, share in ((0, found.share[0]), (2, found.share[2])):
+    for axis, share in ((0, found.scale_error[0]), (2, found.scale_error[2])):
         integral = np.concatenate(
             [[0.0], np.cumsum(0.5 * (log.velocity[1:, axis] + log.velocity[:-1, axis]) * np.diff(log.time))]
         )
@@ -165,8 +167,10 @@ def test_a_share_is_the_slope_of_means_and_its_deviation_that_of_blocks():
         assert share.deviation == pytest.approx(np.sqrt(count / (count - 1) * np.sum(sums**2)) / np.sum(true**2))
         # Without noise of the position the rest is all that scatters.
         assert found.drift[axis] == pytest.approx(np.std(seen - true - slope * true), rel=0.02)
-    assert found.share[1].value == 0.0
-    assert found.share[1].deviation == pytest.approx(0.5 * (found.share[0].deviation + found.share[2].deviation))
+    assert found.scale_error[1].value == 0.0
+    assert found.scale_error[1].deviation == pytest.approx(
+        0.5 * (found.scale_error[0].deviation + found.scale_error[2].deviation)
+    )
 
 
 def test_white_noise_of_a_place_makes_that_of_its_mean_velocity():

@@ -84,7 +84,7 @@ def test_a_log_that_begins_on_its_way_is_run_up_to():
     along = evaluate(path, np.linspace(0.0, 4.0, 200), 1).T @ record.reference_velocity[0]
     full = np.linalg.norm(record.reference_velocity[0]) ** 2
     assert -0.1 * full < along.min() <= along.max() < 1.3 * full
-    with pytest.raises(InputError, match="is on its way at once: rest must not be 0"):
+    with pytest.raises(InputError, match="already moves at its first sample; rest must be larger than 0"):
         logged_reference(record)
 
 
@@ -175,7 +175,7 @@ def test_a_reference_that_jumps_beside_a_logged_velocity_is_refused_with_the_pla
 
 
 def test_a_log_without_a_reference_is_refused():
-    with pytest.raises(InputError, match="lacks reference_position; it has nothing"):
+    with pytest.raises(InputError, match="lacks reference_position; it has no signals"):
         logged_reference(FlightRecord("a", np.array([0.0, 1.0])))
 
 
@@ -185,7 +185,7 @@ def test_a_fit_is_least_squares_through_values_and_slopes_over_knots_that_go_on_
     random = np.random.default_rng(2)
     time = np.sort(random.uniform(0.0, 2.0, 120))
     samples = [random.normal(size=(120, 2)), random.normal(size=(120, 2))]
-    found = reference._fitted(time, samples, end=2.0, spacing=0.6, orders=orders)
+    found = reference._fitted_path(time, samples, end=2.0, spacing=0.6, orders=orders)
     # The number of knots is the smallest with at most the given spacing.
     np.testing.assert_allclose(found.times, np.linspace(0.0, 2.0, 5))
     columns = []
@@ -204,11 +204,11 @@ def test_a_value_that_is_held_for_a_short_while_counts_once_in_its_middle():
     """A value that stays for more than 50 ms stands still, and each of its samples counts."""
     time = 0.01 * np.arange(17)
     values = np.array([0, 0, 0, 1, 2, 2, 2, 2, 2, 2, 3, 3, 3, 3, 3, 3, 3], dtype=float)
-    sent, kept = reference._sent(time, [values[:, None]])
+    sent, kept = reference._without_repetitions(time, [values[:, None]])
     expected = [(0.01, 0.0), (0.03, 1.0), (0.065, 2.0), *((0.01 * k, 3.0) for k in range(10, 17))]
     np.testing.assert_allclose(np.column_stack([sent, kept[:, 0]]), expected)
     # A velocity that changes beside a position that does not makes another sample.
-    sent, place, speed = reference._sent(time[:3], [np.zeros((3, 1)), np.array([[0.0], [0.0], [1.0]])])
+    sent, place, speed = reference._without_repetitions(time[:3], [np.zeros((3, 1)), np.array([[0.0], [0.0], [1.0]])])
     np.testing.assert_allclose(np.column_stack([sent, place[:, 0], speed[:, 0]]), [(0.005, 0, 0), (0.02, 0, 1)])
 
 
@@ -217,14 +217,14 @@ def test_a_setpoint_is_held_until_the_next_one_and_samples_of_one_time_count_onc
     time = np.array([0.0, 0.1, 0.2, 0.20001, 0.3, 0.5, 0.9])
     height = np.array([1.0, 1.0, 2.0, 2.5, 2.5, 4.0, 4.0])
     position = np.column_stack([np.zeros(7), np.zeros(7), height])
-    found = reference._held(FlightRecord("a", time, reference_position=position), 2.0, None)
+    found = reference._setpoint_reference(FlightRecord("a", time, reference_position=position), 2.0, None)
     rows = np.array(found.route.setpoints)
     np.testing.assert_allclose(rows[:, [0, 3]], [[0.0, 1.0], [2.2, 2.0], [2.5, 4.0]])
     assert found.route.last_hold == pytest.approx(0.4)
     assert (found.start, found.jump) == (2.0, pytest.approx(0.5))
     # A last setpoint that has just been sent is held for a moment.
     short = FlightRecord("a", time[:6], reference_position=position[:6], reference_yaw=np.array([0, 0, 3, 3, -3, -3.0]))
-    found = reference._held(short, 2.0, None)
+    found = reference._setpoint_reference(short, 2.0, None)
     assert 0.0 < found.route.last_hold < 1e-3
     np.testing.assert_allclose(np.array(found.route.setpoints)[:, 4], [0.0, 3.0, 2.0 * np.pi - 3.0, 2.0 * np.pi - 3.0])
 
@@ -235,7 +235,7 @@ def test_setpoints_from_a_lift_off_on_begin_at_once_with_the_yaw_of_the_referenc
     record = FlightRecord(
         "a", time, position=np.full((10, 3), 0.2), reference_position=position, reference_yaw=0.1 * np.arange(10.0)
     )
-    found = reference._held(record, 5.0, 4)
+    found = reference._setpoint_reference(record, 5.0, 4)
     rows = np.array(found.route.setpoints)
     np.testing.assert_allclose(rows[0], [0.0, 0.2, 0.2, 0.2, 0.4])
     np.testing.assert_allclose(rows[1:, 1], np.arange(4.0, 10.0))
@@ -248,14 +248,14 @@ def test_setpoints_from_a_lift_off_on_begin_at_once_with_the_yaw_of_the_referenc
 def test_a_route_says_how_many_pieces_it_has_and_how_near_it_is():
     found = logged_reference(logged(PATH))
     pieces = len(found.route.knots) - 1
-    assert str(found) == f"{pieces} pieces of degree 7, within {1e3 * found.deviation:.2f} mm of the log's"
+    assert str(found) == f"{pieces} pieces of degree 7, within {1e3 * found.deviation:.2f} mm of the logged positions"
     assert (found.start, found.jump, found.route.knots[0].time) == (0.0, None, 0.0)
 
 
 @pytest.mark.parametrize(("end", "pieces"), [(0.3, 1), (0.5, 1), (0.51, 2), (1.01, 3)])
 def test_knots_are_no_farther_apart_than_given(end, pieces):
     time = np.linspace(0.0, end, 50)
-    found = reference._fitted(time, [np.sin(time)[:, None]], end=end, spacing=0.5, orders=4)
+    found = reference._fitted_path(time, [np.sin(time)[:, None]], end=end, spacing=0.5, orders=4)
     np.testing.assert_allclose(found.times, np.linspace(0.0, end, pieces + 1))
     np.testing.assert_allclose(evaluate(found, time)[0], np.sin(time), atol=1e-5)
 
@@ -291,13 +291,13 @@ def test_the_run_up_to_a_velocity_takes_half_of_the_rest_at_a_constant_accelerat
 def test_a_reference_at_rest_is_told_by_two_equal_samples_without_velocity(monkeypatch, rest):
     """A velocity beside them means a reference on its way."""
     asked = []
-    fitted = reference._fitted
+    fitted = reference._fitted_path
 
     def noted(*arguments, at_rest=False, **options):
         asked.append(at_rest)
         return fitted(*arguments, at_rest=at_rest, **options)
 
-    monkeypatch.setattr(reference, "_fitted", noted)
+    monkeypatch.setattr(reference, "_fitted_path", noted)
     time = np.linspace(0.0, 1.0, 101)
     still = np.tile([0.0, 0.0, 1.0], (101, 1))
     slow, cross = still.copy(), np.zeros((101, 3))

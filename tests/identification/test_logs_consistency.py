@@ -11,10 +11,10 @@ from written_logs import DATA
 from drake_quad.identification.logs.attitudes import rotations
 from drake_quad.identification.logs.consistency import (
     _is_other_frame,
-    _lowest,
     _on_grid,
     _Pair,
     _pairs,
+    _refined_minimum,
     _response,
     _shift,
     _size_of_force,
@@ -464,13 +464,13 @@ def test_the_shipped_flights_have_no_contradiction(path):
 
 
 @pytest.mark.parametrize("place", [1.6, 2.0, 3.3, 4.4])
-def test_the_lowest_point_of_a_parabola_is_between_its_samples(place):
-    assert _lowest(7.0 * (np.arange(6.0) - place) ** 2 + 2.0) == pytest.approx(place)
+def test_the_refined_minimum_point_of_a_parabola_is_between_its_samples(place):
+    assert _refined_minimum(7.0 * (np.arange(6.0) - place) ** 2 + 2.0) == pytest.approx(place)
 
 
 @pytest.mark.parametrize("errors", [[1.0, 2.0, 3.0], [3.0, 2.0, 1.0], [2.0, 2.0, 2.0]])
-def test_a_lowest_value_at_an_end_is_no_minimum(errors):
-    assert _lowest(np.array(errors)) is None
+def test_a_refined_minimum_value_at_an_end_is_no_minimum(errors):
+    assert _refined_minimum(np.array(errors)) is None
 
 
 @pytest.mark.parametrize(

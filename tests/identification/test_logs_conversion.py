@@ -48,63 +48,63 @@ def test_signals_that_are_there_for_less_than_half_of_the_time_are_left_out():
         (5.9, 99.0, 0.51),
         (12.0, 13.0, 0),
     ):
-        chosen, remarks = conversion._covering([channel("position", begin, end, 0.1)], clock)
+        chosen, remarks = conversion._sufficiently_logged([channel("position", begin, end, 0.1)], clock)
         assert bool(chosen) == (share > 0.5)
-        assert remarks == ([] if share > 0.5 else [f"position is left out: it is there for {share:.0%} of the log"])
+        assert remarks == ([] if share > 0.5 else [f"position is left out: it is logged for {share:.0%} of the time"])
     # A command holds until the end, and a slow signal keeps its first and last value outside its samples.
-    assert conversion._covering([channel("thrust_share", 1.0, 2.0, 0.1)], clock)[0]
-    assert not conversion._covering([channel("thrust_share", 6.2, 7.0, 0.1)], clock)[0]
-    assert conversion._covering([channel("wind", 10.0, 10.5, 0.1)], clock)[0]
+    assert conversion._sufficiently_logged([channel("thrust_share", 1.0, 2.0, 0.1)], clock)[0]
+    assert not conversion._sufficiently_logged([channel("thrust_share", 6.2, 7.0, 0.1)], clock)[0]
+    assert conversion._sufficiently_logged([channel("wind", 10.0, 10.5, 0.1)], clock)[0]
     # NaN values do not count.
     for known, share in ((4.4, 0.44), (5.6, 0.56)):
         half = channel("velocity", 1.0, 11.0, 0.1, known=lambda time, known=known: time < 1.0 + known)
         full = half._replace(rows=np.append(half.rows[:-1], len(half.clock) - 1))
-        assert bool(conversion._covering([full], clock)[0]) == (share > 0.5)
+        assert bool(conversion._sufficiently_logged([full], clock)[0]) == (share > 0.5)
 
 
 def test_a_record_has_the_ticks_at_which_all_signals_are_there():
     clock = 0.1 * np.arange(101)
     late, early = channel("position", 2.05, 12.0, 0.1), channel("velocity", -0.05, 8.55, 0.1)
-    inside, remarks = conversion._common([late, early], clock)
+    inside, remarks = conversion._common_samples([late, early], clock)
     np.testing.assert_array_equal(inside, (clock >= 2.05) & (clock <= 8.55 + 1e-9))
     assert remarks == [
-        "the first 2.05 s are left out: position is not there yet",
-        "the last 1.45 s are left out: velocity has ended",
+        "the first 2.05 s are left out: position is not logged yet",
+        "the last 1.45 s are left out: velocity is not logged any more",
     ]
     # A command that ends holds, and one that begins late is waited for; what changes slowly is not.
     held, slow = channel("motor_command", 3.0, 4.0, 0.1), channel("battery_voltage", 6.0, 7.0, 0.1)
-    inside, remarks = conversion._common([channel("position", 0.0, 10.0, 0.1), held, slow], clock)
+    inside, remarks = conversion._common_samples([channel("position", 0.0, 10.0, 0.1), held, slow], clock)
     np.testing.assert_array_equal(inside, clock >= 3.0)
-    assert remarks == ["the first 3 s are left out: motor_command is not there yet"]
-    assert conversion._common([held], clock)[1] == remarks
-    inside, _ = conversion._common([slow], clock)
+    assert remarks == ["the first 3 s are left out: motor_command is not logged yet"]
+    assert conversion._common_samples([held], clock)[1] == remarks
+    inside, _ = conversion._common_samples([slow], clock)
     np.testing.assert_array_equal(inside, clock >= 6.0)
 
 
 def test_measurements_lie_on_lines_and_commands_hold_and_angles_take_the_shorter_way():
     clock = 0.1 * np.arange(60)
     inside = (clock > 0.55) & (clock < 5.0)
-    measured = conversion._at(channel("position", 0.03, 5.9, 0.25), clock, inside)
+    measured = conversion._resampled(channel("position", 0.03, 5.9, 0.25), clock, inside)
     np.testing.assert_allclose(measured, np.tile(clock[inside][:, None], 3))
-    held = conversion._at(channel("thrust_share", 0.0, 5.9, 0.25), clock + 1e-9, inside)
+    held = conversion._resampled(channel("thrust_share", 0.0, 5.9, 0.25), clock + 1e-9, inside)
     np.testing.assert_allclose(held, np.floor((clock[inside] + 1e-9) / 0.25) * 0.25)
     # Before its first sample a command is as it is then.
-    before = conversion._at(channel("thrust_share", 3.0, 5.0, 0.5), clock, inside)
+    before = conversion._resampled(channel("thrust_share", 3.0, 5.0, 0.5), clock, inside)
     np.testing.assert_allclose(before[clock[inside] < 3.0], 3.0)
     for signal in ("attitude", "attitude_command", "reference_yaw"):
         turning = channel(signal, 0.0, 6.0, 0.25)
         yaw = 3.0 * turning.values
         wrapped = turning._replace(values=np.arctan2(np.sin(yaw), np.cos(yaw)))
-        found = conversion._at(wrapped, clock, inside)
+        found = conversion._resampled(wrapped, clock, inside)
         assert np.abs(found).max() <= np.pi
         if not conversion.is_held(signal):
             expected = np.broadcast_to(3.0 * clock[inside][:, None], found.shape)
             np.testing.assert_allclose(np.exp(1j * found), np.exp(1j * expected), atol=1e-9)
     # On its own clock a signal is what it is, but where it is not known everywhere.
     own = channel("position", 0.0, 5.9, 0.1, values=np.random.default_rng(1).normal(size=(60, 3)))
-    np.testing.assert_array_equal(conversion._at(own, own.clock, inside), own.values[inside])
+    np.testing.assert_array_equal(conversion._resampled(own, own.clock, inside), own.values[inside])
     holes = own._replace(rows=np.delete(own.rows, 30), values=np.delete(own.values, 30, axis=0))
-    found = conversion._at(holes, own.clock, inside)
+    found = conversion._resampled(holes, own.clock, inside)
     expected = own.values.copy()
     expected[30] = 0.5 * (own.values[29] + own.values[31])
     np.testing.assert_allclose(found, expected[inside])
@@ -128,10 +128,10 @@ def test_rows_with_commands_beyond_what_can_be_sent_are_damaged(unit, scale, lea
         columns["c"][[2, 4]] = command * scale
         table = Table("motors", 7.0 + np.arange(5.0), columns, 6.9 + np.arange(5.0))
         notes = []
-        found = conversion._without_damage(table, mapping, notes)
+        found = conversion._without_damaged_rows(table, mapping, notes)
         if damaged:
             assert found.time.tolist() == [7.0, 8.0, 10.0]
-            np.testing.assert_allclose(found.sampled, [6.9, 7.9, 9.9])
+            np.testing.assert_allclose(found.sample_time, [6.9, 7.9, 9.9])
             assert len(found.columns["a"]) == 3
             (note,) = notes
             assert note.startswith("2 of 5 samples are left out: their motor commands are out of range, up to")
@@ -139,18 +139,18 @@ def test_rows_with_commands_beyond_what_can_be_sent_are_damaged(unit, scale, lea
         else:
             assert (found is table, notes) == (True, [])
     bare = Table("other", np.arange(3.0), {"a": np.full(3, 9e9)})
-    assert conversion._without_damage(bare, mapping, []) is bare
+    assert conversion._without_damaged_rows(bare, mapping, []) is bare
 
 
 def test_columns_that_no_signal_reads_are_told_in_groups():
     """A group is what precedes the first dot or bracket. Up to six names of a group that is read are listed."""
     used = {"imu.x", "imu.y"}
     few, many = ({f"imu.more{i}" for i in range(count)} for count in (6, 7))
-    (said,) = conversion._unread(used | few | {"baro.asl", "baro.temp", "lone.x"}, used)
+    (said,) = conversion._unread_remarks(used | few | {"baro.asl", "baro.temp", "lone.x"}, used)
     assert said == f"not read: baro, {', '.join(sorted(few))}, lone.x"
-    (said,) = conversion._unread(used | many | {"esc[0]", "esc[1]"}, used)
+    (said,) = conversion._unread_remarks(used | many | {"esc[0]", "esc[1]"}, used)
     assert said == "not read: esc, the rest of imu"
-    assert list(conversion._unread(used, used)) == []
+    assert list(conversion._unread_remarks(used, used)) == []
 
 
 def test_what_a_signal_lacks_is_said_of_its_first_source_that_is_there_in_part():
@@ -158,7 +158,7 @@ def test_what_a_signal_lacks_is_said_of_its_first_source_that_is_there_in_part()
     mapping = Mapping(signals={"position": sources})
 
     def why(*available):
-        return list(conversion._why_not("position", mapping, {*available}))
+        return list(conversion._incomplete_remarks("position", mapping, {*available}))
 
     assert why() == []
     assert why("a", "b") == ["position is left out: c is not logged"]
@@ -182,12 +182,12 @@ def test_remarks_say_at_which_rates_signals_were():
     clock = channel("body_rates", 0.0, 1.0, 0.004)
     slow, held = channel("position", 0.0, 1.0, 0.05), channel("motor_command", 0.0, 1.0, 0.02)
     assert list(conversion._resampling_remarks([clock, slow, held], clock.clock)) == [
-        "interpolated linearly, since the record has 250 Hz: position (20 Hz)",
-        "held constant between their samples, since the record has 250 Hz: motor_command (50 Hz)",
+        "interpolated linearly to match the 250 Hz of the record: position (20 Hz)",
+        "held constant between their samples to match the 250 Hz of the record: motor_command (50 Hz)",
     ]
     assert list(conversion._resampling_remarks([clock], clock.clock)) == []
     holes = slow._replace(rows=slow.rows[3:])
-    assert list(conversion._missing_remarks([clock, holes])) == ["position is no number in 3 of 21 samples"]
+    assert list(conversion._missing_remarks([clock, holes])) == ["position is not a number in 3 of 21 samples"]
     single = slow._replace(source=SignalSource(column="p"))
     assert list(conversion._origin_remarks([clock, single])) == ["read: body_rates from a to b (mm); position from p"]
 
@@ -217,7 +217,7 @@ def test_vectors_along_the_axes_of_the_other_frame_are_turned_by_the_attitude():
         for name in given
     ]
     signals = dict(given)
-    assert list(conversion._turn_crossed(signals, channels)) == [
+    assert list(conversion._turn_to_signal_frames(signals, channels)) == [
         "velocity is turned from the axes of the body to those of the world by the attitude",
         "specific_force is turned from the axes of the world to those of the body by the attitude",
     ]
@@ -225,7 +225,7 @@ def test_vectors_along_the_axes_of_the_other_frame_are_turned_by_the_attitude():
     np.testing.assert_allclose(signals["specific_force"], to_world.inv().apply(force), atol=1e-12)
     assert (signals["attitude"] is attitude, signals["body_rates"] is rates) == (True, True)
     signals = {name: values for name, values in given.items() if name != "attitude"}
-    assert list(conversion._turn_crossed(signals, channels[1:])) == [
+    assert list(conversion._turn_to_signal_frames(signals, channels[1:])) == [
         "velocity is left out: it is along the axes of the body, and no attitude is logged",
         "specific_force is left out: it is along the axes of the world, and no attitude is logged",
     ]

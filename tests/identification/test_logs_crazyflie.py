@@ -101,8 +101,8 @@ def test_interleaved_events_are_put_on_the_clock_of_the_fastest(written):
     np.testing.assert_allclose(record.position[:, 0], record.time + start, atol=1e-9)
     np.testing.assert_allclose(np.degrees(record.body_rates[:, 0]), 1e3 * (record.time + start), atol=1e-6)
     np.testing.assert_allclose(record.motor_command[:, 0], np.floor((record.time + start + 1e-9) / 0.02) * 6553 / 65535)
-    assert said(record, "interpolated linearly, since the record has 1000 Hz: position (143 Hz)")
-    assert said(record, "held constant between their samples, since the record has 1000 Hz: motor_command (50 Hz)")
+    assert said(record, "interpolated linearly to match the 1000 Hz of the record: position (143 Hz)")
+    assert said(record, "held constant between their samples to match the 1000 Hz of the record: motor_command (50 Hz)")
 
 
 def test_what_is_logged_and_read_as_no_signal_is_said(written):
@@ -127,17 +127,17 @@ HEAD = len(GOOD) - 4 - 50 * 22
     ("data", "words"),
     [
         (GOOD[:1] + b"\3\0" + GOOD[3:], "version 3; versions 1 and 2 can be read"),
-        (GOOD[:3], "is cut: the head"),
-        (GOOD[: HEAD - 4], "is cut: the head"),
-        (GOOD[:HEAD], "holds no whole record of imu"),
-        (GOOD[: HEAD + 21], "holds no whole record of imu"),
+        (GOOD[:3], "is truncated: the header"),
+        (GOOD[: HEAD - 4], "is truncated: the header"),
+        (GOOD[:HEAD], "contains no complete record of imu"),
+        (GOOD[: HEAD + 21], "contains no complete record of imu"),
         (GOOD[:HEAD] + b"\7\0" + GOOD[HEAD + 2 :], "7 is the id of no event type"),
-        (GOOD.replace(b"(f)", b"(z)"), r"gyro.x' of its head has a type 'z' that is not known"),
-        (GOOD.replace(b"gyro.x(f)", b"gyro.x[f)"), "is not known"),
+        (GOOD.replace(b"(f)", b"(z)"), r"gyro.x' in its header has the unknown type 'z'"),
+        (GOOD.replace(b"gyro.x(f)", b"gyro.x[f)"), "unknown type"),
         (crazyflie_log([], []), "without event types"),
-        (crazyflie_log([(1, "a", GYRO), (1, "b", ACC)], []), "two event types of its head have the id 1"),
-        (b"\xbc\2\0\1\0\0\0name" + b"x" * 500, "a name in its head has no end"),
-        (b"\xbc\2\0\1\0\0\0\xff\xfe\0\0\0", "is no name"),
+        (crazyflie_log([(1, "a", GYRO), (1, "b", ACC)], []), "two event types in its header have the id 1"),
+        (b"\xbc\2\0\1\0\0\0name" + b"x" * 500, "a name in its header has no end"),
+        (b"\xbc\2\0\1\0\0\0\xff\xfe\0\0\0", "is not a name"),
         (b"\xbc\2\0\1\0\0\0a\0\xff\xff" + b"a.b(f)\0" * 65535, "over 5,000 variables"),
         (crazyflie_log([(0, "e", [("foo.bar", "f")])], [(0, i, (1.0,)) for i in range(5)]), "has no signal"),
         (crazyflie_log([(0, "imu", GYRO)], [(0, 1, (1.0,) * 3)]), "has no signal with two samples"),
@@ -153,7 +153,7 @@ def test_what_is_whole_of_a_cut_log_is_read_and_the_loss_is_said(written):
     record = read_log(written(GOOD[: HEAD + 10 * 22 + 13]))
     np.testing.assert_allclose(np.degrees(record.body_rates[:, 0]), np.arange(10.0), atol=1e-9)
     assert said(record, "the checksum is wrong")
-    assert said(record, "the last 13 bytes are not read: no whole record")
+    assert said(record, "the last 13 bytes are not read: no complete record")
     assert not said(read_log(written(GOOD)), "checksum")
 
 
@@ -169,7 +169,7 @@ def test_shipped_logs_are_read_whole(path):
     record = read_log(path)
     assert not said(record, "checksum")
     assert not said(record, "left out: the")
-    assert not said(record, "whole record")
+    assert not said(record, "complete record")
     size = len(lzma.decompress(path.read_bytes()))
     assert len(record.time) * {"arpl": 50, "crazypad": 82, "crazyswarm2": 98}[path.parent.name] < size
 

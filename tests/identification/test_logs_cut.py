@@ -170,7 +170,7 @@ def test_the_wrong_checksum_of_a_damaged_log_is_not_a_lost_record(read):
     damaged = bytearray(CRAZYFLIE)
     damaged[-30] ^= 1
     record = read(bytes(damaged))
-    assert record.remarks[0] == "the checksum is wrong: the log is cut or damaged"
+    assert record.remarks[0] == "the checksum is wrong: the log is truncated or damaged"
     assert not unread(record)
 
 
@@ -178,7 +178,7 @@ def test_the_wrong_checksum_of_a_damaged_log_is_not_a_lost_record(read):
     "data", [b"PK\x03\x04\x14\0" + bytes(30), b"\x89PNG\r\n\x1a\n" + bytes(30), bytes(30)], ids=["zip", "png", "zeros"]
 )
 def test_a_binary_file_of_another_kind_is_refused(read, data):
-    with pytest.raises(InputError, match="is none of the logs that can be read: ArduPilot's .*, PX4's ULog, or CSV"):
+    with pytest.raises(InputError, match="is not a log in a known format: ArduPilot's .*, PX4's ULog, or CSV"):
         read(data)
 
 
@@ -188,7 +188,7 @@ def test_a_binary_file_of_another_kind_is_refused(read, data):
 )
 def test_zeros_and_bytes_of_255_at_the_end_of_a_file_were_not_written(data, written):
     """Any other byte that is repeated there is part of the log."""
-    assert LogFile(Path("log"), data, ()).written == written
+    assert LogFile(Path("log"), data, ()).written_size == written
 
 
 @pytest.mark.parametrize(
@@ -201,4 +201,4 @@ def test_zeros_and_bytes_of_255_at_the_end_of_a_file_were_not_written(data, writ
     ],
 )
 def test_bytes_that_are_not_read_are_counted_and_explained(rest, sentence):
-    assert LogFile(Path("log"), b"log" + rest, ()).unread(3, "no message") == sentence
+    assert LogFile(Path("log"), b"log" + rest, ()).unread_remark(3, "no message") == sentence

@@ -7,7 +7,7 @@ import scipy.constants as known
 from drake_quad.identification.logs.conversion import Table, _Clocks
 from drake_quad.identification.logs.doubts import doubts, jumps
 from drake_quad.identification.logs.record import QUANTITIES
-from drake_quad.identification.logs.timing import rising, timing_remarks
+from drake_quad.identification.logs.timing import rising_samples, timing_remarks
 from drake_quad.identification.logs.units import UNITS
 
 # One unit in SI, and what is nothing in it.
@@ -160,7 +160,7 @@ def test_steps_are_uneven_by_a_twentieth_of_their_median(share, said):
 
 def test_times_that_no_clock_shows_are_no_numbers():
     for latest, kept in ((9.9e11, True), (1.1e12, False), (-9.9e11, False), (-1.1e12, False)):
-        assert rising(np.array([0.0, 1.0, latest]))[0][2] == kept
+        assert rising_samples(np.array([0.0, 1.0, latest]))[0][2] == kept
 
 
 @pytest.mark.parametrize("name", ["imu", ""])

@@ -206,7 +206,7 @@ def test_blocks_of_an_old_crazyflie_log_with_a_wrong_checksum_are_left_out(read)
     assert COUNT > len(record.time) > len(fewer.time) > COUNT // 2
     cut = read(OLD_CRAZYFLIE[:-1])
     assert len(cut.time) == COUNT - COUNT % 7
-    assert said(cut, "bytes are not read: no whole block of records")
+    assert said(cut, "bytes are not read: no complete block of records")
 
 
 def mat_file(content):
@@ -252,12 +252,12 @@ def test_variables_of_a_mat_file_that_are_not_as_long_as_the_time_are_left_out(r
     record = read(mat_file(content), tmp_path / "mine.yaml")
     for name in ("gains", "inertia"):
         (remark,) = [each for each in record.remarks if name in each]
-        assert remark == f"log.{name} is not read: it is not as long as log.t"
+        assert remark == f"log.{name} is not read: its length differs from that of log.t"
     assert said(record, "not read: log.rpm")
     content["log"]["p"] = np.ones((COUNT - 1, 3))
     shorter = read(mat_file(content), tmp_path / "mine.yaml")
     assert shorter.position is None
-    assert said(shorter, "log.p is not read: it is not as long as log.t")
+    assert said(shorter, "log.p is not read: its length differs from that of log.t")
 
 
 def test_a_mat_file_of_the_hdf5_kind_is_refused_in_a_sentence(read):
@@ -320,7 +320,7 @@ def test_the_topic_with_most_messages_stands_for_its_type_and_the_first_of_two_w
         name: table.name for table in content.tables for name in table.columns if not name.startswith(table.name)
     }
     assert of_types == {"sort/One.x": "/many", "sort/Other.x": "/other"}
-    assert content.remarks == ["of 3 topics of type sort/One the one with most messages is read: /many"]
+    assert content.remarks == ["3 topics have the type sort/One; the one with the most messages is read: /many"]
     # The clock begins with the first message of all topics.
     for table, first in zip(content.tables, (2, 2, 0, 1), strict=True):
         np.testing.assert_allclose(table.time, 1e-9 * (first + np.arange(len(table.time))))
@@ -332,13 +332,13 @@ def test_the_topic_with_most_messages_stands_for_its_type_and_the_first_of_two_w
 def test_stamps_of_headers_are_used_if_their_clock_is_that_of_the_recording(behind, used):
     start = 5 * 10**12
     rows = rows_of("sort/One", *(start + 10**8 * i for i in range(5)), behind=behind)
-    table, remarks = rows.table("/topic", start, of_its_type=False)
+    table, remarks = rows.table("/topic", start, with_type_names=False)
     np.testing.assert_allclose(table.time, 0.1 * np.arange(5))
     if used:
-        np.testing.assert_allclose(table.sampled, 0.1 * np.arange(5) - 1e-9 * behind, atol=1e-9)
+        np.testing.assert_allclose(table.sample_time, 0.1 * np.arange(5) - 1e-9 * behind, atol=1e-9)
         assert remarks == []
     else:
-        assert table.sampled is None
+        assert table.sample_time is None
         assert remarks == [
             f"/topic: the stamps of the headers are {1e-9 * each:g} s before the times of recording, which are used"
             " instead"
@@ -377,7 +377,7 @@ def test_a_damaged_bag_is_read_as_far_as_it_can_be():
     assert found.names == ["/b", "/c"]
     error = ValueError(" no\n chunk ")
     found = content_of(("/a", 1.0), error=error)
-    assert found.remarks[1:] == ["the log is cut or damaged; it is read until this error: no chunk"]
+    assert found.remarks[1:] == ["the log is truncated or damaged; it is read until this error: no chunk"]
     for messages in ((), (("/c", 1.0),), (("/a", None),)):
         with pytest.raises(InputError, match="^the log: is a bag that cannot be read: no chunk$"):
             content_of(*messages, error=error)
@@ -385,7 +385,7 @@ def test_a_damaged_bag_is_read_as_far_as_it_can_be():
         content_of(error=EOFError())
     with pytest.raises(InputError, match="^refused$"):
         content_of(error=InputError("refused"))
-    with pytest.raises(InputError, match="without any topic that the mapping mine knows; its topics are /b, /c"):
+    with pytest.raises(InputError, match="without any topic of the mapping mine; its topics are /b, /c"):
         content_of(("/c", 1.0), ("/b", None))
     with pytest.raises(InputError, match="its topics are none$"):
         content_of()
@@ -420,12 +420,12 @@ def test_json_in_mcap_is_read_with_a_mapping_and_to_where_it_is_cut(read, tmp_pa
     record = read(JSON_MCAP, mapping)
     np.testing.assert_allclose(record.position[:, 0], SECONDS)
     np.testing.assert_allclose(record.time, SECONDS, atol=1e-9)
-    with pytest.raises(InputError, match="without any topic that the mapping ros knows; its topics are /state"):
+    with pytest.raises(InputError, match="without any topic of the mapping ros; its topics are /state"):
         read(JSON_MCAP)
     cut = read(JSON_MCAP[: len(JSON_MCAP) // 2], mapping)
     np.testing.assert_array_equal(cut.position, record.position[: len(cut.time)])
     assert 10 < len(cut.time) < COUNT
-    assert said(cut, "the log is cut or damaged; it is read until this error")
+    assert said(cut, "the log is truncated or damaged; it is read until this error")
 
 
 NANOBENCH = ["t", "px", "py", "pz", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx_vicon", "wy_vicon", "wz_vicon"]

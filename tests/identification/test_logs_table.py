@@ -78,9 +78,9 @@ def test_cells_that_are_no_number_are_filled_as_the_signal_asks(write):
     np.testing.assert_array_equal(record.time, [0.0, 1.0, 2.0, 3.0])
     np.testing.assert_array_equal(record.rotor_speed[:, 2], [1.0, 2.0, 3.0, 6.0])
     np.testing.assert_array_equal(record.thrust_command, [5.0, 5.0, 5.0, 7.0])
-    assert said(record, "rotor_speed is no number in 3 of 6 samples")
-    assert said(record, "the first 1 s are left out: rotor_speed is not there yet")
-    assert said(record, "the last 1 s are left out: rotor_speed has ended")
+    assert said(record, "rotor_speed is not a number in 3 of 6 samples")
+    assert said(record, "the first 1 s are left out: rotor_speed is not logged yet")
+    assert said(record, "the last 1 s are left out: rotor_speed is not logged any more")
 
 
 def test_an_angle_is_put_on_the_clock_through_half_a_turn(write):
@@ -100,8 +100,8 @@ def test_what_is_compressed_is_opened_and_what_is_cut_is_read_as_far_as_it_goes(
     cut = read_log(write("log.csv.packed", data[: len(data) // 2]), mapping)
     assert 100 < len(cut.time) < 2000
     np.testing.assert_array_equal(cut.position, whole.position[: len(cut.time)])
-    assert said(cut, "the compressed file is cut or damaged")
-    with pytest.raises(InputError, match="nothing of it can be unpacked"):
+    assert said(cut, "the compressed file is truncated or damaged")
+    with pytest.raises(InputError, match="nothing of it can be decompressed"):
         read_log(write("log.csv.packed", data[:8]), mapping)
 
 
@@ -211,9 +211,9 @@ SHORT, WRONG = '1,"[1,2]","[0,0,0,1]"\n', '1,"[1,2,x]","[0,0,0,1]"\n'
     ("text", "words"),
     [
         ("a,b\n1,2\n3,4\n", r"none of the shipped mappings \(.*neural_fly.*\) fits its columns, 'a', 'b'"),
-        ("\0\1\2 garbage", "none of the logs that can be read"),
-        (b"\xff\xfe\xfd", "none of the logs that can be read"),
-        ("\n\n", "first row does not name its columns"),
+        ("\0\1\2 garbage", "not a log in a known format"),
+        (b"\xff\xfe\xfd", "not a log in a known format"),
+        ("\n\n", "first row of a CSV file must name its columns"),
         ("", "is empty"),
         (HEADER, "less than two rows"),
         (HEADER + ROW.format(0) + SHORT + ROW.format(2), "log.csv:3: 'pos' is '.1,2.', but must be 3 numbers"),
@@ -239,16 +239,16 @@ def test_rows_that_are_cut_are_left_out(write):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("signals: {speed: {columns: [v]}}", r"m.yaml:1: signals.speed is no signal; signals are position"),
+        ("signals: {speed: {columns: [v]}}", r"m.yaml:1: signals.speed is not a signal; signals are position"),
         ("signals: {positions: {columns: [v]}}", "did you mean position"),
         ("signals:\n  position: {columns: [x, y]}", r"m.yaml:2: .*position.columns is \['x', 'y'\], but must have 3"),
         ("signals: {position: {columns: [x, y, z], unit: feet}}", "unit is 'feet', but must be m or cm or mm"),
         ("signals: {attitude: {columns: [x, y, z], frame: FRD}}", "frame is 'FRD', but must be NWU or ENU or NED"),
         ("signals: {battery_voltage: {columns: [x], frame: NED}}", "battery_voltage has no direction"),
-        ("signals: {position: {columns: [x, y, z], quaternion: wxyz}}", "position is no attitude"),
+        ("signals: {position: {columns: [x, y, z], quaternion: wxyz}}", "position is not an attitude"),
         ("signals: {attitude: {columns: [x, y, z], quaternion: wxyz}}", "must have 4 entries"),
-        ("signals: {attitude: {column: q, quaternion: wxyz, unit: deg}}", "a quaternion has none"),
-        ("signals: {position: {columns: [x, y, z], rotors: [1, 2, 3]}}", "position is not of the rotors"),
+        ("signals: {attitude: {column: q, quaternion: wxyz, unit: deg}}", "a quaternion has no unit"),
+        ("signals: {position: {columns: [x, y, z], rotors: [1, 2, 3]}}", "position has no value for each rotor"),
         ("signals: {rotor_speed: {column: w, rotors: [1, 2, 3, 3]}}", "must have each of 1, 2, 3 and 4 once"),
         ("signals: {position: {unit: mm}}", "must have either columns or column"),
         ("signals: {position: {columns: null, quaternion: null}}", "must have either columns or column"),
@@ -262,7 +262,7 @@ def test_rows_that_are_cut_are_left_out(write):
         ("time: {column: t}", "signals is missing"),
         ("[]", "must be a mapping of fields"),
         ("a: [", "is not YAML"),
-        ("signals: {position: {columns: [x, y, z]}}", "the mapping m.yaml has no time"),
+        ("signals: {position: {columns: [x, y, z]}}", "the mapping m.yaml needs the column of the time"),
         ("time: {column: t}\nsignals: {position: {columns: [x, y, q]}}", "there is no 'q'; it has 't', 'x', 'y', 'z'"),
         ("time: {column: s}\nsignals: {position: {columns: [x, y, z]}}", "there is no 's'; it has 't', 'x', 'y', 'z'"),
         ("time: {column: t}\ndelimiter: ;\nsignals: {position: {columns: [x, y, q]}}", "it has 't,x,y,z,v,a,b,c,d'"),
@@ -278,7 +278,7 @@ def test_a_mapping_that_is_wrong(write, text, words):
 
 def test_a_mapping_that_is_not_there(write, tmp_path):
     log = write("log.csv", TABLE)
-    with pytest.raises(InputError, match=r"'px5' is no YAML file, and none of the shipped ones: ardupilot, betaflight"):
+    with pytest.raises(InputError, match=r"'px5' is neither a YAML file nor a shipped mapping: ardupilot, betaflight"):
         read_log(log, "px5")
     with pytest.raises(InputError, match="cannot be read: no such file"):
         read_log(log, tmp_path / "none.yaml")
@@ -290,7 +290,7 @@ def test_a_path_that_is_no_log(tmp_path, write):
     with pytest.raises(InputError, match="is a folder, not a log$"):
         read_log(tmp_path)
     write("flight.csv", "")
-    with pytest.raises(InputError, match="flight.csv is the log of a flight"):
+    with pytest.raises(InputError, match="flight.csv, the log of a flight"):
         read_log(tmp_path)
     with pytest.raises(InputError, match="the path contains an invalid character"):
         read_log("a\0b")
@@ -299,12 +299,12 @@ def test_a_path_that_is_no_log(tmp_path, write):
 
 
 def test_a_log_that_is_too_large_is_not_read(write, monkeypatch):
-    monkeypatch.setattr("drake_quad.identification.logs.source.MOST_BYTES", 1000)
+    monkeypatch.setattr("drake_quad.identification.logs.source.MAX_BYTES", 1000)
     for data in (b"x" * 1001, lzma.compress(b"x" * 100_000)):
-        with pytest.raises(InputError, match="is too large: a log may have 1,000 bytes, unpacked"):
+        with pytest.raises(InputError, match="is too large: a log may have 1,000 bytes after decompression"):
             read_log(write("log", data))
     monkeypatch.undo()
-    monkeypatch.setattr("drake_quad.identification.logs.formats.table.MOST_BYTES", 10)
+    monkeypatch.setattr("drake_quad.identification.logs.formats.table.MAX_BYTES", 10)
     with pytest.raises(InputError, match="is too large: a CSV file may have 10 bytes"):
         read_log(write("log", TABLE))
 
@@ -315,7 +315,7 @@ def test_the_name_of_a_log_tells_its_wind_and_the_mapping_a_vehicle(write):
     path = write("m.yaml", mapping)
     gale, calm, other = (read_log(write(f"{name}.csv", TABLE), path) for name in ("my_gale", "my_nogale", "my_other"))
     np.testing.assert_allclose(gale.wind, np.tile([-9.0, 1.0, 0.5], (6, 1)))
-    assert said(gale, "wind is (-9, 1, 0.5) m/s, by the name of the log")
+    assert said(gale, "wind is (-9, 1, 0.5) m/s, as the name of the log implies")
     np.testing.assert_allclose(calm.wind, 0.0)
     assert other.wind is None
     assert gale.vehicle == "vehicles/crazyflie.yaml"
@@ -385,7 +385,7 @@ def test_a_jump_of_the_position_is_reported_and_a_manoeuvre_is_not(write):
 def test_quaternions_of_zeros_are_missing_attitudes(write):
     """A remark counts the samples without an attitude; if too few samples have one, the log has no attitude."""
     part = flown(write, qw=lambda t: 1.0 * (t > 0.5), qz=lambda t: 0.01 * (t > 0.5))
-    assert said(part, "attitude is no number in 51 of 200 samples")
+    assert said(part, "attitude is not a number in 51 of 200 samples")
     assert np.isfinite(part.attitude).all()
     none = flown(write, qw=lambda t: 0.0 * t, qz=lambda t: 0.0 * t)
     assert none.attitude is None

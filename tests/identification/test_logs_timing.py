@@ -9,7 +9,7 @@ from written_logs import DATA
 
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
-from drake_quad.identification.logs.timing import gaps, rising, timing_remarks
+from drake_quad.identification.logs.timing import gaps, rising_samples, timing_remarks
 from drake_quad.identification.windows import pieces
 
 
@@ -26,12 +26,12 @@ def record(time):
         ([0, 1, 9e5, 2, 3], [0, 1, 2, 3], ["1 sample left out: the clock goes back once, at most by 9e+05 s"]),
         ([0, 1, 2, 3, 0, 1], [0, 1, 2, 3], ["2 samples left out: the clock goes back once, at most by 3 s at 3 s"]),
         ([0, 1, 0, 1, 2, 3], [0, 1, 2, 3], ["2 samples left out: the clock goes back once"]),
-        ([0, np.nan, 1, np.inf, 2], [0, 1, 2], ["2 samples left out: their time is no number"]),
-        ([0, 1, 1, np.nan, 3, 2, 4], [0, 1, 3, 4], ["no number", "repeat", "goes back once, at most by 1 s at 3 s"]),
+        ([0, np.nan, 1, np.inf, 2], [0, 1, 2], ["2 samples left out: their time is not a number"]),
+        ([0, 1, 1, np.nan, 3, 2, 4], [0, 1, 3, 4], ["not a number", "repeat", "goes back once, at most by 1 s at 3 s"]),
     ],
 )
 def test_samples_out_of_order_are_left_out(time, kept, words):
-    chosen, remarks = rising(np.array(time, dtype=float))
+    chosen, remarks = rising_samples(np.array(time, dtype=float))
     assert np.array(time)[chosen].tolist() == kept
     assert len(remarks) == len(words)
     for remark, each in zip(remarks, words, strict=True):
@@ -40,11 +40,11 @@ def test_samples_out_of_order_are_left_out(time, kept, words):
 
 @given(arrays(float, st.integers(0, 30), elements=st.floats(-5.0, 5.0).map(lambda t: round(t, 1)) | st.just(np.nan)))
 def test_what_stays_rises_and_what_rises_stays(time):
-    chosen, remarks = rising(time)
+    chosen, remarks = rising_samples(time)
     assert np.all(np.diff(time[chosen]) > 0.0)
     assert bool(remarks) == (not chosen.all())
     in_order = np.unique(time[np.isfinite(time)])
-    assert rising(in_order)[0].all()
+    assert rising_samples(in_order)[0].all()
 
 
 def test_gaps_and_the_parts_between_them():

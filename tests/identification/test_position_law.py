@@ -19,11 +19,11 @@ from drake_quad.identification.known_flights import wandering
 from drake_quad.identification.logs.attitudes import rotations
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import STATE_ROWS
-from drake_quad.identification.position_law.commands import FORMS, at_limit, commanded, in_heading, unproduced
+from drake_quad.identification.position_law.commands import FORMS, at_limit, in_heading, law_output, unproduced_output
 from drake_quad.identification.position_law.control import control_layer
 from drake_quad.identification.position_law.law import AxisLaw, PositionLaw, identify_position_law
 from drake_quad.identification.position_law.pieces import prepared_pieces
-from drake_quad.identification.position_law.regression import Shape, _bias_of_rules, excited_terms, searched
+from drake_quad.identification.position_law.regression import Shape, _integration_rule_bias, excited_terms, search_fit
 from drake_quad.identification.result import Spread
 
 PERIOD, SAMPLES, GRAVITY = 0.02, 750, 9.81
@@ -144,7 +144,7 @@ def test_each_form_gives_back_the_output_of_the_law(vehicle):
     for form, (command, thrust) in made.items():
         record = FlightRecord("made", np.arange(2.0), attitude=measured, attitude_command=command)
         expected = in_heading(record, output) if form == "tilt" else output
-        np.testing.assert_allclose(commanded(record, thrust, form, GRAVITY), expected, atol=1e-12, err_msg=form)
+        np.testing.assert_allclose(law_output(record, thrust, form, GRAVITY), expected, atol=1e-12, err_msg=form)
 
 
 def test_axes_of_the_heading_are_forward_left_and_up():
@@ -163,14 +163,14 @@ def test_the_output_that_is_not_produced_is_what_px4_takes_from_its_integral(cli
     output, error = np.array([[1.5, -0.8, climb]]), np.array([0.2, -0.1, 0.3])
     _, integrated = _limited_force(Vector(*output[0]), Vector(*error), numbers, CascadeRules())
     taken = gain / 2.0 * (error - np.array(integrated))
-    np.testing.assert_allclose(unproduced(output, "decoupled", GRAVITY)[0], taken, atol=1e-12)
-    assert not unproduced(output, "acceleration", GRAVITY).any()
+    np.testing.assert_allclose(unproduced_output(output, "decoupled", GRAVITY)[0], taken, atol=1e-12)
+    assert not unproduced_output(output, "acceleration", GRAVITY).any()
 
 
 def regression_of(record, vehicle, form, axis):
     """Return the gains of least squares by name, and R², at no delay."""
     pieces = prepared_pieces(record, vehicle, [])[0][form]
-    fit = searched(pieces, (axis,), excited_terms(pieces, (axis,)), [Shape()], ())
+    fit = search_fit(pieces, (axis,), excited_terms(pieces, (axis,)), [Shape()], ())
     return dict(zip(fit.terms, fit.gains.tolist(), strict=True)), fit.explained
 
 
@@ -237,17 +237,17 @@ def test_rounding_does_not_move_the_delay(vehicle):
     )
     pieces = prepared_pieces(rounded, vehicle, [])[0]["acceleration"]
     for axis in range(3):
-        fit = searched(pieces, (axis,), excited_terms(pieces, (axis,)), [Shape()], ("delay",))
+        fit = search_fit(pieces, (axis,), excited_terms(pieces, (axis,)), [Shape()], ("delay",))
         assert abs(fit.shape.delay) < 0.1 * PERIOD
 
 
 def test_the_rule_of_integration_matters_by_half_a_period_of_the_integral():
     """A cascade with gains 2 and 3, of whose integral of the velocity error the gain is 0.9."""
     cascade = {"position": 6.9, "velocity": 3.0, "reference_velocity": 3.0, "integral": 1.8}
-    bounds = _bias_of_rules(cascade, 0.02)
+    bounds = _integration_rule_bias(cascade, 0.02)
     assert bounds == pytest.approx({"position": 0.018, "velocity": 0.009, "reference_velocity": 0.009})
     # No cascade has the gains of this PID, which has no integral of the velocity error.
-    assert _bias_of_rules({"position": 1.0, "velocity": 1.0, "integral": 1.0}, 0.02)["velocity"] == 0.0
+    assert _integration_rule_bias({"position": 1.0, "velocity": 1.0, "integral": 1.0}, 0.02)["velocity"] == 0.0
 
 
 def test_too_few_samples_and_a_reference_of_jumps_are_refused_in_a_sentence(vehicle):
@@ -281,9 +281,9 @@ def test_a_hover_noise_and_missing_signals_are_refused_in_a_sentence(vehicle):
         identify_position_law([still], vehicle)
     with pytest.raises(InputError, match="lacks reference_position"):
         identify_position_law([replace(record, reference_position=None)], vehicle)
-    with pytest.raises(InputError, match="no command of the thrust"):
+    with pytest.raises(InputError, match="has no thrust command"):
         identify_position_law([replace(record, thrust_command=None)], vehicle)
-    with pytest.raises(InputError, match="there is no log"):
+    with pytest.raises(InputError, match="at least one log is needed"):
         identify_position_law([], vehicle)
 
 
@@ -332,7 +332,7 @@ def test_gains_of_a_cascade_follow_from_its_linear_law(position, velocity, of_po
 
 def test_an_integral_that_no_cascade_has_is_refused():
     law = law_of(position=1.0, velocity=1.0, reference_velocity=1.0, reference_acceleration=0.5, integral=2.0)
-    with pytest.raises(InputError, match="no cascade of position and velocity has the law"):
+    with pytest.raises(InputError, match="no cascade of position and velocity represents the law"):
         control_layer(law)
 
 

@@ -13,8 +13,8 @@ from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.position_law.commands import (
     FORMS,
     at_limit,
-    commanded,
     in_heading,
+    law_output,
     specific_thrust,
 )
 from drake_quad.identification.position_law.pieces import block_numbers, prepared_pieces
@@ -91,7 +91,7 @@ def test_pieces_have_the_signals_of_the_log_and_the_command_of_each_form(vehicle
     thrust = record.thrust_command / vehicle.nominal.mass
     for form, (piece,) in found.items():
         expected = {
-            "command": commanded(record, thrust, form, vehicle.nominal.gravity),
+            "command": law_output(record, thrust, form, vehicle.nominal.gravity),
             "error": in_axes_of(form, record, 1.5 * reference),
             "velocity": in_axes_of(form, record, record.velocity),
             "reference_velocity": in_axes_of(form, record, velocity),
@@ -141,7 +141,7 @@ def test_unwinding_is_the_integral_of_the_horizontal_output_that_a_decoupled_thr
     for form, (piece,) in found.items():
         if form != "decoupled":
             assert not piece.unwinding.any()
-    output = commanded(record, record.thrust_command / vehicle.nominal.mass, "decoupled", gravity)
+    output = law_output(record, record.thrust_command / vehicle.nominal.mass, "decoupled", gravity)
     missing = np.zeros_like(output)
     sinks = output[:, 2] < 0.0
     produced = (1.0 + output[sinks, 2:] / gravity) * output[sinks, :2]
@@ -209,7 +209,7 @@ def test_a_piece_ends_at_a_gap_and_two_seconds_of_it_are_compared(vehicle):
     np.testing.assert_array_equal(piece.time, time[217:437])
     np.testing.assert_allclose(piece.error, smoothed(1.5 * record.reference_position[217:437]))
     thrust = record.thrust_command / vehicle.nominal.mass
-    expected = smoothed(commanded(record, thrust, "acceleration", vehicle.nominal.gravity)[217:437])
+    expected = smoothed(law_output(record, thrust, "acceleration", vehicle.nominal.gravity)[217:437])
     np.testing.assert_allclose(piece.command, expected, atol=1e-12)
     np.testing.assert_array_equal(np.flatnonzero(piece.counted), np.arange(17, 218))
     assert len(limited) == len(time)
@@ -265,7 +265,7 @@ def test_a_measured_attitude_stands_for_a_command_that_is_not_logged(vehicle):
     for form in ("acceleration", "heading", "projected"):
         np.testing.assert_allclose(found[form][0].command, smoothed(expected), atol=1e-9, err_msg=form)
     assert remarks[0] == (
-        "no attitude command is logged; the measured attitude stands for it, and the delay has its lag"
+        "no attitude command is logged; the measured attitude is used instead, and the delay includes its lag"
     )
     with pytest.raises(InputError, match="lacks attitude"):
         prepared_pieces(replace(record, attitude_command=None, attitude=None), vehicle, [])
@@ -278,9 +278,9 @@ def test_a_commanded_yaw_stands_for_a_measured_one_that_is_not_logged():
     record = FlightRecord("log", np.arange(20.0), attitude_command=angles)
     expected = thrust[:, None] * rotations(angles).apply([0.0, 0.0, 1.0]) - [0.0, 0.0, 9.81]
     for form in ("acceleration", "heading", "projected"):
-        np.testing.assert_allclose(commanded(record, thrust, form, 9.81), expected, atol=1e-12, err_msg=form)
+        np.testing.assert_allclose(law_output(record, thrust, form, 9.81), expected, atol=1e-12, err_msg=form)
     # A positive pitch pushes forward, and a positive roll to the right.
-    tilt = commanded(record, thrust, "tilt", 9.81)
+    tilt = law_output(record, thrust, "tilt", 9.81)
     np.testing.assert_array_equal(tilt, np.column_stack([angles[:, 1], -angles[:, 0], thrust - 9.81]))
     along = random.normal(size=(20, 3))
     in_world = scipy.spatial.transform.Rotation.from_euler("z", angles[:, 2:]).apply(along)
@@ -293,9 +293,9 @@ def test_a_command_across_the_measured_thrust_is_not_divided_by_zero():
     cosine = np.array([np.cos(1.3), 0.2, 0.2])
     record = FlightRecord("log", np.arange(3.0), attitude=np.zeros((3, 3)), attitude_command=angles)
     axis = rotations(angles).apply([0.0, 0.0, 1.0])
-    projected = commanded(record, np.full(3, 10.0), "projected", 9.81)
+    projected = law_output(record, np.full(3, 10.0), "projected", 9.81)
     np.testing.assert_allclose(projected[:, :2], 10.0 * axis[:, :2] / cosine[:, None])
-    decoupled = commanded(record, np.full(3, 10.0), "decoupled", 9.81)
+    decoupled = law_output(record, np.full(3, 10.0), "decoupled", 9.81)
     np.testing.assert_allclose(decoupled[:, :2], 9.81 * axis[:, :2] / cosine[:, None])
     np.testing.assert_allclose(decoupled[:, 2], 10.0 * axis[:, 2] - 9.81)
 
@@ -310,7 +310,7 @@ def test_thrust_follows_from_newtons_from_an_autopilots_hover_thrust_or_from_its
     assert remark is None
     thrust, remark = specific_thrust(replace(record, hover_share=None), vehicle, usable)
     np.testing.assert_allclose(thrust, gravity * share / 0.65)
-    assert remark == "the median thrust command in the air, 0.65 of full thrust, is taken to carry the weight"
+    assert remark == "the median thrust command in the air, 0.65 of full thrust, is assumed to carry the weight"
     thrust, remark = specific_thrust(replace(record, thrust_command=share), vehicle, usable)
     np.testing.assert_allclose(thrust, share / mass)
     assert remark == f"the thrust is divided by the nominal mass, {mass:g} kg"

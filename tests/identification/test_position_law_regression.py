@@ -9,13 +9,13 @@ from drake_quad.identification.position_law import law, regression
 from drake_quad.identification.position_law.law import AxisLaw, identify_position_law
 from drake_quad.identification.position_law.pieces import Piece
 from drake_quad.identification.position_law.regression import (
-    NUISANCES,
+    NUISANCE_TERMS,
     Fit,
     Shape,
-    chosen,
     excited_terms,
-    limited,
-    searched,
+    fit_with_limit,
+    search_fit,
+    select_fit,
     uncertainty,
 )
 from drake_quad.identification.result import Spread
@@ -96,7 +96,7 @@ def test_a_law_without_noise_is_found(terms, shape, free, axes):
         Shape(0.0, 0.2 if shape.filter_time else 0.0, np.inf if np.isinf(shape.error_limit) else 0.35),
         Shape(0.14, 0.4 if shape.filter_time else 0.0, np.inf if np.isinf(shape.error_limit) else 0.05),
     ]
-    found = searched(pieces, axes, terms, starts, free)
+    found = search_fit(pieces, axes, terms, starts, free)
     assert (found.terms, found.free) == (terms, free)
     np.testing.assert_allclose(found.gains, [GAINS[name] for name in terms], rtol=0.01)
     np.testing.assert_allclose(found.shape.delay, shape.delay, atol=3e-4)
@@ -109,7 +109,9 @@ def test_the_search_begins_at_the_best_start():
     """Nelder and Mead do not leave the flat end of a limit that no error reaches."""
     pieces = [flown(BASIC[:4], Shape(0.0, 0.0, 0.2))]
     starts = [Shape(0.0, 0.0, limit) for limit in (50.0, 0.25, 20.0)]
-    assert searched(pieces, (0,), BASIC[:4], starts, ("error_limit",)).shape.error_limit == pytest.approx(0.2, abs=1e-3)
+    assert search_fit(pieces, (0,), BASIC[:4], starts, ("error_limit",)).shape.error_limit == pytest.approx(
+        0.2, abs=1e-3
+    )
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.03, 0.09, 0.15])
@@ -119,7 +121,7 @@ def test_the_delay_of_signals_that_hardly_resemble_themselves_later_is_found(del
     late = regression._columns(piece, 0, BASIC, Shape()) @ [GAINS[name] for name in BASIC]
     command = np.interp(piece.time - delay, piece.time, late)
     counted = piece.counted & (piece.time >= 0.15)
-    found = regression._simplest([piece._replace(command=np.tile(command[:, None], 3), counted=counted)], (0,))
+    found = regression._simplest_fit([piece._replace(command=np.tile(command[:, None], 3), counted=counted)], (0,))
     assert found.shape.delay == pytest.approx(delay, abs=2e-4)
     np.testing.assert_allclose(found.gains, [GAINS[name] for name in BASIC], rtol=0.02)
     assert (found.terms, found.free) == (BASIC, ("delay",))
@@ -128,12 +130,12 @@ def test_the_delay_of_signals_that_hardly_resemble_themselves_later_is_found(del
 @pytest.mark.parametrize(("delay", "expected"), [(0.3, 0.15), (-0.05, -PERIOD)])
 def test_a_delay_is_within_one_sample_before_and_0_15_s(delay, expected):
     pieces = [flown(shape=Shape(delay))]
-    assert searched(pieces, (0,), BASIC, [Shape(0.05)], ("delay",)).shape.delay == pytest.approx(expected, abs=2e-4)
+    assert search_fit(pieces, (0,), BASIC, [Shape(0.05)], ("delay",)).shape.delay == pytest.approx(expected, abs=2e-4)
 
 
 def test_a_filter_has_a_time_constant_of_half_a_second_at_most():
     pieces = [flown(shape=Shape(0.0, 2.0))]
-    found = searched(pieces, (0,), BASIC, [Shape(0.0, 0.3)], ("filter_time",))
+    found = search_fit(pieces, (0,), BASIC, [Shape(0.0, 0.3)], ("filter_time",))
     assert found.shape.filter_time == pytest.approx(0.5, abs=2e-4)
 
 
@@ -172,27 +174,27 @@ def stacked(pieces, axes, terms):
 
 @pytest.mark.parametrize("axes", [(2,), (0, 1)])
 def test_gains_are_least_squares_with_a_constant_and_a_slope_for_each_stretch_and_axis(axes):
-    pieces, terms = noisy_pieces(), (*BASIC[:5], *NUISANCES)
+    pieces, terms = noisy_pieces(), (*BASIC[:5], *NUISANCE_TERMS)
     regressors, commands, free = stacked(pieces, axes, terms)
     together = np.hstack([regressors, free])
     solution = np.linalg.lstsq(together, commands, rcond=None)[0]
     left = commands - together @ solution
     bare = commands - free @ np.linalg.lstsq(free, commands, rcond=None)[0]
-    found = regression._solved(pieces, axes, terms, Shape(), ("delay",))
+    found = regression._fit_gains(pieces, axes, terms, Shape(), ("delay",))
     np.testing.assert_allclose(found.gains, solution[: len(terms)], rtol=1e-8)
-    np.testing.assert_allclose(found.left, left, atol=1e-10)
+    np.testing.assert_allclose(found.residuals, left, atol=1e-10)
     assert found.explained == pytest.approx(1.0 - left @ left / (bare @ bare))
     assert (found.terms, found.shape, found.free) == (terms, Shape(), ("delay",))
 
 
 def test_a_command_that_does_not_change_is_not_explained():
     pieces = [piece._replace(command=np.zeros_like(piece.command)) for piece in noisy_pieces()]
-    assert np.isnan(regression._solved(pieces, (0,), BASIC, Shape(), ()).explained)
+    assert np.isnan(regression._fit_gains(pieces, (0,), BASIC, Shape(), ()).explained)
 
 
 def test_columns_are_the_terms_of_the_law():
     piece = noisy_pieces()[1]
-    terms = (*GAINS, *NUISANCES)
+    terms = (*GAINS, *NUISANCE_TERMS)
     found = dict(zip(terms, regression._columns(piece, 1, terms, Shape(0.0, 0.0, 0.5)).T, strict=True))
     error = np.clip(piece.error[:, 1], -0.5, 0.5)
     assert np.ptp(error) == 1.0
@@ -239,7 +241,7 @@ def test_the_reference_velocity_is_a_term_if_it_varies_by_a_centimetre_per_secon
         assert {"position", "velocity", "integral"} <= {*terms}
 
 
-@pytest.mark.parametrize("name", NUISANCES)
+@pytest.mark.parametrize("name", NUISANCE_TERMS)
 def test_deviation_and_anti_windup_are_terms_of_the_axes_on_which_they_are_not_zero(name):
     piece = flown()
     values = np.zeros_like(piece.error)
@@ -309,7 +311,7 @@ def test_a_richer_law_is_taken_if_its_last_parameter_is_significant(monkeypatch,
     reaches = np.full(4, 1e9)
     reaches[2 if linear else 3] = 0.3
     monkeypatch.setattr(regression, "uncertainty", lambda pieces, axes, fit: (reaches, None))
-    assert regression._better([], (0,), simple, rich) is (rich if better else simple)
+    assert regression._better_fit([], (0,), simple, rich) is (rich if better else simple)
 
 
 def rule_bias(named):
@@ -343,7 +345,7 @@ def test_intervals_are_those_of_the_jackknife_with_the_bias_of_errors_and_of_rul
         terms = (*terms, "deviation")
         pieces = [piece._replace(deviation=sines(3, piece.time)) for piece in pieces]
         pieces = [piece._replace(command=piece.command + sines(3, piece.time - 0.02)) for piece in pieces]
-    fit = searched(pieces, (0, 1), terms, [shape], free)
+    fit = search_fit(pieces, (0, 1), terms, [shape], free)
     reaches, freedom = uncertainty(pieces, (0, 1), fit)
     step = 1e-5
     with_delay = [
@@ -358,16 +360,16 @@ def test_intervals_are_those_of_the_jackknife_with_the_bias_of_errors_and_of_rul
     moves, shares = [], []
     for block in range(15):
         kept = blocks != block
-        moves.append(np.linalg.solve(slopes[kept].T @ slopes[kept], slopes[~kept].T @ fit.left[~kept]))
+        moves.append(np.linalg.solve(slopes[kept].T @ slopes[kept], slopes[~kept].T @ fit.residuals[~kept]))
         shares.append(np.diag(inverse @ slopes[~kept].T @ slopes[~kept] @ inverse))
-    model = np.mean(fit.left**2) * inverse
+    model = np.mean(fit.residuals**2) * inverse
     variances = np.maximum(14 / 15 * np.sum(np.square(moves), axis=0), np.diag(model))
     expected_freedom = np.sum(shares, axis=0) ** 2 / np.sum(np.square(shares), axis=0) - 1.0
     named = dict(zip(terms, fit.gains.tolist(), strict=True))
     with_position = np.isin([*terms, "delay"], ["position", "deviation"])
     of_position = np.abs(model @ with_position) / (named["position"] + named.get("deviation", 0.0))
     of_velocity = np.abs(model[:, 1]) / named["velocity"]
-    bias = len(fit.left) * np.maximum(of_position, of_velocity) + rule_bias(named)
+    bias = len(fit.residuals) * np.maximum(of_position, of_velocity) + rule_bias(named)
     # The derivative with respect to the delay is that of an interpolation, which depends on the step.
     np.testing.assert_allclose(freedom, expected_freedom, rtol=0.02)
     np.testing.assert_allclose(reaches, quantile(expected_freedom) * np.sqrt(variances) + bias, rtol=0.02)
@@ -384,7 +386,7 @@ def test_intervals_are_those_of_the_jackknife_with_the_bias_of_errors_and_of_rul
 def test_a_law_has_the_terms_that_made_it(terms, shape, rich):
     """Without a filter, a limit, or an integral of the integral, none is found."""
     piece = flown(terms, shape, noise=0.02)
-    found = chosen([piece], (0,))
+    found = select_fit([piece], (0,))
     assert {*found.terms, *found.free} == {*BASIC, "delay", *rich}
     np.testing.assert_allclose(found.gains, [GAINS[name] for name in found.terms], rtol=0.1)
     assert found.shape.delay == pytest.approx(0.05, abs=0.01)
@@ -393,10 +395,10 @@ def test_a_law_has_the_terms_that_made_it(terms, shape, rich):
 def test_a_limit_is_searched_for_at_errors_that_occur():
     """The error is beyond its limit in a fifth of the samples."""
     limit = float(np.quantile(np.abs(sines(1, PERIOD * np.arange(800))[100:, 0]), 0.8))
-    found = limited([flown(BASIC[:4], Shape(0.02, 0.0, limit), noise=0.02)], (0,))
+    found = fit_with_limit([flown(BASIC[:4], Shape(0.02, 0.0, limit), noise=0.02)], (0,))
     assert found.free == ("delay", "error_limit")
     assert found.shape.error_limit == pytest.approx(limit, rel=0.05)
-    assert limited([flown(noise=0.02)], (0,)).free == ("delay",)
+    assert fit_with_limit([flown(noise=0.02)], (0,)).free == ("delay",)
 
 
 def prepared(monkeypatch, *logs):
@@ -492,10 +494,10 @@ def test_an_axis_is_refused_if_its_fit_is_poor_or_an_essential_gain_uncertain(
         assert alike is not None
         return alike
 
-    monkeypatch.setattr(law, "_unexplained", len)
-    monkeypatch.setattr(law, "chosen", lambda pieces, axes: fit_of_everything(explained[axes[0]]))
+    monkeypatch.setattr(law, "_log_unexplained", len)
+    monkeypatch.setattr(law, "select_fit", lambda pieces, axes: fit_of_everything(explained[axes[0]]))
     monkeypatch.setattr(law, "_axis_law", axis_law)
-    monkeypatch.setattr(law, "_alike", compared)
+    monkeypatch.setattr(law, "_have_same_law", compared)
     found = identify_position_law(*prepared(monkeypatch, ({"heading": []}, np.zeros(1))))
     assert ["".join(each.axes) for each in found.axes] == groups
     assert [*found.not_identified] == refused
@@ -504,9 +506,9 @@ def test_an_axis_is_refused_if_its_fit_is_poor_or_an_essential_gain_uncertain(
 
 
 def test_a_poor_fit_is_told_with_the_share_that_it_explains():
-    assert "explains 94.9 % of the variance" in law._too_little(0.949)
+    assert "explains 94.9 % of the variance" in law._poor_fit_reason(0.949)
     for nothing in (0.0, -0.1, np.nan):
-        assert "explains nothing of the variance" in law._too_little(nothing)
+        assert "explains nothing of the variance" in law._poor_fit_reason(nothing)
 
 
 @pytest.mark.parametrize(("difference", "alike"), [(0.49, True), (-0.49, True), (0.51, False), (-0.51, False)])
@@ -520,7 +522,7 @@ def test_two_axes_are_alike_if_all_intervals_of_differences_contain_zero(monkeyp
         return {name: Spread(value, deviation, "", 7.0) for name, value in own.items()}
 
     monkeypatch.setattr(law, "_spreads", spreads)
-    assert law._alike([], dict.fromkeys(range(3))) == alike
+    assert law._have_same_law([], dict.fromkeys(range(3))) == alike
 
 
 @pytest.mark.parametrize(
@@ -568,9 +570,9 @@ def test_a_parameter_is_identified_to_half_of_its_typical_size(name, typical, un
     for share in (0.49, 0.51):
         reach = share * min(typical, 1e6)
         own = certain.get(name, Spread(0.01, 0.0, unit, 20.0))._replace(deviation=reach / quantile(20.0))
-        weak = law._weak(certain | {name: own})
+        weak = law._imprecise(certain | {name: own})
         if share > 0.5 and np.isfinite(typical):
-            assert weak == {name: f"its 95 % interval reaches {reach:.2g} {unit} to each side"}
+            assert weak == {name: f"the half-width of its 95 % interval is {reach:.2g} {unit}"}
         else:
             assert weak == {}
 
@@ -578,12 +580,12 @@ def test_a_parameter_is_identified_to_half_of_its_typical_size(name, typical, un
 def test_a_gain_that_is_not_identified_is_zero_and_widens_the_other_intervals(monkeypatch):
     """Essential gains stay in the law, and so does its shape."""
     pieces = [flown(BASIC[:4], Shape(0.05), noise=0.02)]
-    fit = searched(pieces, (0,), BASIC, [Shape(0.05)], ("delay",))
+    fit = search_fit(pieces, (0,), BASIC, [Shape(0.05)], ("delay",))
     weak = {"position": "wide", "displacement": "wide", "delay": "wide"}
-    monkeypatch.setattr(law, "_weak", lambda spreads: dict(weak))
+    monkeypatch.setattr(law, "_imprecise", lambda spreads: dict(weak))
     found = law._axis_law(pieces, (0,), "heading", fit)
     kept = tuple(name for name in BASIC if name != "displacement")
-    again = searched(pieces, (0,), kept, [fit.shape], ("delay",))
+    again = search_fit(pieces, (0,), kept, [fit.shape], ("delay",))
     assert found.not_identified == weak
     assert {*found.gains} == {*kept} - {"position"}
     wide, narrow = (law._spreads(pieces, (0,), each, "heading") for each in (fit, again))
@@ -601,9 +603,9 @@ def test_gains_on_a_reference_that_rests_are_not_identified(monkeypatch):
         reference_velocity=np.zeros_like(piece.velocity), reference_acceleration=np.zeros_like(piece.velocity)
     )
     limit = float(np.quantile(np.abs(piece.error[piece.counted][:, :2]), 0.75))
-    fit = searched([piece], (0, 1), ("position", "velocity", "integral"), [Shape(0.05)], ("delay",))
+    fit = search_fit([piece], (0, 1), ("position", "velocity", "integral"), [Shape(0.05)], ("delay",))
     fit = fit._replace(shape=fit.shape._replace(error_limit=limit))
-    monkeypatch.setattr(law, "_weak", lambda spreads: {})
+    monkeypatch.setattr(law, "_imprecise", lambda spreads: {})
     found = law._axis_law([piece], (0, 1), "heading", fit)
     assert found.axes == ("x", "y")
     assert found.not_identified == dict.fromkeys(BASIC[2:5], "the reference does not move along this axis")
@@ -616,17 +618,17 @@ def test_forms_are_compared_by_what_they_leave_on_all_axes_in_some_hundred_sampl
     """A form that explains one axis to the last digit is not better for that alone."""
     seen = []
 
-    def limited(pieces, axes):
+    def fit_with_limit(pieces, axes):
         seen.append([np.flatnonzero(piece.counted) for piece in pieces])
         return fit_of_everything((1.0 - 1e-3, 1.0 - 1e-6, 1.0)[axes[0]])
 
-    monkeypatch.setattr(law, "limited", limited)
+    monkeypatch.setattr(law, "fit_with_limit", fit_with_limit)
     pieces = [flown(seconds=10.0), flown(seconds=12.0, begin=20.0)]
     expected = np.log(1e-3) + np.log(1e-6) + np.log(1e-12)
-    assert law._unexplained(pieces) == pytest.approx(expected, rel=1e-6)
+    assert law._log_unexplained(pieces) == pytest.approx(expected, rel=1e-6)
     # Every third of 2000 samples is more than 600 samples.
     for found, piece in zip(seen[0], pieces, strict=True):
         every = np.arange(0, len(piece.time), 3)
         np.testing.assert_array_equal(found, every[piece.counted[every]])
-    law._unexplained([flown(seconds=6.0)])
+    law._log_unexplained([flown(seconds=6.0)])
     np.testing.assert_array_equal(seen[-1][0], np.arange(100, 600))

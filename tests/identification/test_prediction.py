@@ -233,7 +233,7 @@ def test_joined_predictions_have_the_quantities_that_all_logs_have():
     assert both.log.tolist() == ["a"] * 4 + ["b"] * 2
     assert both.time.tolist() == [0.0, 1.0, 2.0, 3.0, 0.0, 1.0]
     assert (both.vehicles, both.horizons) == (("one", "other"), (0.1, 0.5, 1.0))
-    with pytest.raises(InputError, match="there is no log to predict"):
+    with pytest.raises(InputError, match="at least one log is needed for a prediction"):
         joined([])
 
 
@@ -332,8 +332,8 @@ def test_a_flight_reaches_a_horizon_if_it_goes_on_without_a_gap_in_the_air():
             and bool(flying[start : start + steps + 1].all())
             for start in starts
         ]
-        np.testing.assert_array_equal(prediction._reached(log, starts, steps), expected)
-    assert 0 < np.sum(prediction._reached(log, starts, 20)) < len(starts)
+        np.testing.assert_array_equal(prediction._continues(log, starts, steps), expected)
+    assert 0 < np.sum(prediction._continues(log, starts, 20)) < len(starts)
 
 
 def test_errors_are_distances_and_the_angle_between_two_attitudes():
@@ -364,7 +364,7 @@ def test_errors_are_distances_and_the_angle_between_two_attitudes():
 def test_a_log_with_too_few_samples_for_the_horizons_is_refused(scenario):
     slow = replace(moving([0.0, 0.0, 0.1]), time=0.15 * np.arange(600))
     with pytest.raises(
-        InputError, match=r"has a sample every 0.15 s, which is too few to predict it over 0.1, 0.2, 0.5"
+        InputError, match=r"has a sample every 0.15 s, which is too slow to predict it over 0.1, 0.2, 0.5"
     ):
         predict(slow, {"right": scenario})
 
@@ -389,9 +389,9 @@ def test_motion_at_a_start_is_that_of_fifty_milliseconds_or_four_samples(scenari
 def test_the_interval_of_a_sum_is_that_of_independent_blocks():
     totals = np.array([1.0, -2.0, 0.5, 3.0])
     expected = quantile(3) * math.sqrt(4.0 / 3.0 * np.sum(totals**2))
-    assert len(totals) * prediction._reach(totals, np.arange(len(totals))) == pytest.approx(float(expected))
-    assert prediction._reach(totals[:1], np.zeros(1, dtype=int)) == math.inf
-    assert math.isfinite(prediction._reach(totals[:2], np.arange(2)))
+    assert len(totals) * prediction._half_width(totals, np.arange(len(totals))) == pytest.approx(float(expected))
+    assert prediction._half_width(totals[:1], np.zeros(1, dtype=int)) == math.inf
+    assert math.isfinite(prediction._half_width(totals[:2], np.arange(2)))
 
 
 @pytest.mark.slow
@@ -406,7 +406,7 @@ def test_only_the_end_is_predicted_where_that_is_asked_for(record, scenario):
 @pytest.mark.parametrize(
     ("left_out", "words"),
     [
-        (("position", "velocity", "attitude", "body_rates"), "has nothing that could be predicted"),
+        (("position", "velocity", "attitude", "body_rates"), "contains no signal that can be predicted"),
         (("rotor_speed_command",), "has no commands for the vehicle"),
     ],
 )

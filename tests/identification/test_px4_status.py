@@ -6,8 +6,8 @@ import pytest
 from drake_quad.identification.logs.px4_status import (
     other_vehicle,
     status_remarks,
-    with_invalid_left_out,
-    with_pulses_of_motors,
+    with_motor_pulses,
+    without_invalid_samples,
 )
 
 # MAVLink's common.xml.
@@ -115,16 +115,16 @@ def test_each_counter_of_resets_has_its_size_and_unit(topic, counter, fields, si
 def test_failsafes_faults_and_dead_reckoning_are_told_by_their_times():
     rows = np.arange(20)
     assert remarks(vehicle_status={"failsafe": np.isin(rows, [0, 1, 5, 18, 19])}) == [
-        "PX4 is in failsafe from 1 to 1.1 s, 1.5 to 1.5 s, 2.8 to 2.9 s of the log: it does not follow its reference"
-        " then"
+        "PX4 is in failsafe from 1 to 1.1 s, 1.5 to 1.5 s, 2.8 to 2.9 s of the log: the vehicle may not follow its"
+        " reference there"
     ]
     assert remarks(vehicle_status={"failsafe": np.zeros(20, dtype=bool)}) == []
     for field, what in (
         ("filter_fault_flags", "numerical faults"),
-        ("innovation_check_flags", "measurements that the estimator rejects"),
+        ("innovation_check_flags", "rejected measurements"),
     ):
         assert remarks(estimator_status={field: np.where(rows > 14, 4, 0)}) == [
-            f"estimator_status has {what} in 25.00% of its samples, first at 2.5 s of the log"
+            f"estimator_status reports {what} in 25.00% of its samples, first at 2.5 s of the log"
         ]
     reckoned = {"dead_reckoning": rows < 10, "xy_valid": rows >= 5}
     assert remarks(vehicle_local_position=reckoned) == [
@@ -147,29 +147,33 @@ def test_each_field_is_left_out_where_its_own_flag_says_so():
     every = [name for names in fields.values() for name in names]
     data = {name: np.arange(4.0) for name in every} | {flag: np.ones(4) for flag in fields}
     for flag, names in fields.items():
-        found = with_invalid_left_out("vehicle_local_position", data | {flag: np.array([1, 0, 1, 0])})
+        found = without_invalid_samples("vehicle_local_position", data | {flag: np.array([1, 0, 1, 0])})
         for name in every:
             expected = [0.0, np.nan, 2.0, np.nan] if name in names else [0.0, 1.0, 2.0, 3.0]
             np.testing.assert_array_equal(found[name], expected)
-        others = with_invalid_left_out("vehicle_attitude", data | {flag: np.zeros(4)})
+        others = without_invalid_samples("vehicle_attitude", data | {flag: np.zeros(4)})
         np.testing.assert_array_equal(others["x"], data["x"])
-    assert {*with_invalid_left_out("vehicle_local_position", {"x": np.zeros(2)})} == {"x"}
+    assert {*without_invalid_samples("vehicle_local_position", {"x": np.zeros(2)})} == {"x"}
 
 
 def test_pulses_of_motors_come_from_any_of_sixteen_outputs():
     data = {f"output[{i}]": np.full(3, 1000.0 + 50.0 * i) for i in range(16)}
     parameters = {"PWM_MAIN_FUNC16": 101, "PWM_MAIN_FUNC1": 102, "PWM_MAIN_FUNC9": 103, "PWM_MAIN_FUNC5": 104}
-    found, remarks = with_pulses_of_motors(data, parameters)
+    found, remarks = with_motor_pulses(data, parameters)
     np.testing.assert_allclose([found[f"output[{i}]"][0] for i in range(4)], [1750.0, 1000.0, 1400.0, 1200.0])
     whole = "the range of the motors, from off to full throttle, is"
-    assert remarks[0] == f"{whole} 1000 to 2000 µs, assumed, since no parameter in the log says so"
-    assert remarks[1] == "PX4's motors 1 to 4 are on its outputs 16, 1, 9, 5, by PWM_MAIN_FUNC1 and so on"
+    assert remarks[0] == f"{whole} 1000 to 2000 µs, assumed, since the log contains no such parameter"
+    assert (
+        remarks[1] == "PX4's motors 1 to 4 are on its outputs 16, 1, 9, 5, by the parameters PWM_MAIN_FUNC1 and so on"
+    )
     # A limit of 0 µs is one, and one below stands for the next.
     limits = {"PWM_MAIN_MIN2": 0, "PWM_MAIN_MIN": -1, "PWM_MIN": 900, "PWM_MAX": 1900}
-    found, remarks = with_pulses_of_motors(data, limits)
+    found, remarks = with_motor_pulses(data, limits)
     expected = [1000.0 + 1000.0 * (1000.0 - 900.0) / 1000.0, 1000.0 + 1000.0 * 1050.0 / 1900.0]
     np.testing.assert_allclose([found[f"output[{i}]"][0] for i in range(2)], expected)
-    assert remarks == [f"{whole} 900 to 1900, 0 to 1900 µs, by PWM_MAIN_MIN, PWM_MAIN_MAX and the like"]
+    assert remarks == [
+        f"{whole} 900 to 1900, 0 to 1900 µs, by the parameters PWM_MAIN_MIN, PWM_MAIN_MAX and similar ones"
+    ]
     # Without one of the outputs nothing is known.
     few = {name: values for name, values in data.items() if name != "output[2]"}
-    assert with_pulses_of_motors(few, {}) == (few, [])
+    assert with_motor_pulses(few, {}) == (few, [])

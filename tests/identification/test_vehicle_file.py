@@ -142,7 +142,7 @@ def test_what_varies_between_stretches_is_drawn_and_said(base, tmp_path):
     text = text_of(path)
     assert "1.70e-05 kg m² [1.39e-05, 2.01e-05] with 95 % confidence; 1.70e-05 kg m² [" in text
     assert text.count("] in another 8.2 s of flight") == 1
-    assert "say of a number and how it varies among them. Fields that share a variable are correlated." in text
+    assert "of a parameter and its variation among these flights. Fields that share a variable are correlated." in text
     assert text.count("correlated.") == 1
 
 
@@ -156,10 +156,10 @@ def test_what_varies_between_flights_is_said_to_be_of_another_flight(base, tmp_p
 def test_variation_that_nobody_looked_at_is_not_said_to_be_there(base, tmp_path):
     found = {name: FOUND[name] for name in ("mass", "inertia[0]")}
     text = text_of(write_vehicle(tmp_path / "none.yaml", "mine", estimates_of(found), base=base))
-    assert "say of a number. Fields" in text
+    assert "uncertainty of a parameter. Fields" in text
     some = estimates_of(found, variation=Variation(np.array([[1e-8]]), 40.0, 8.2).with_unknown(1))
     text = text_of(write_vehicle(tmp_path / "some.yaml", "mine", some, base=base))
-    assert "how it varies among them, which is not known of inertia[0]. Fields" in text
+    assert "its variation among these flights. The variation is unknown for inertia[0]. Fields" in text
 
 
 def test_what_is_drawn_has_the_covariance_of_the_estimates(estimates, vehicle):
@@ -278,7 +278,7 @@ def test_every_number_says_what_is_known_of_it(written):
         "      delay_ticks: 1",
         "inertia[2] is not identified: the vehicle never turned about its vertical axis",
         "A gap of 0.2 s at 12.3 s was left out.",
-        "one lag was found for both directions\n    rotor_time_constant_down: null",
+        "one time constant was identified for both directions\n    rotor_time_constant_down: null",
     ):
         assert words in text
     assert all(len(line) <= 120 for line in written.read_text().splitlines() if line.lstrip().startswith("#"))
@@ -358,7 +358,7 @@ def test_an_attitude_s_response_takes_the_place_of_what_is_on_board(root, tmp_pa
     with pytest.raises(InputError, match=r"autopilot\.damping must be estimated, too"):
         write_vehicle(tmp_path / "half.yaml", "half", estimates_of(dict([*found.items()][:3])), base=base)
     with pytest.raises(
-        InputError, match=r"autopilot\.damping\[2\] must be estimated, too: what the vehicle extends has none"
+        InputError, match=r"autopilot\.damping\[2\] must be estimated, too: the extended vehicle has no such parameter"
     ):
         write_vehicle(tmp_path / "half.yaml", "half", estimates_of(dict([*found.items()][:5])), base=base)
 
@@ -433,7 +433,7 @@ def test_an_impossible_inertia_is_written_as_the_nearest_possible_one_with_a_rem
         (
             {"motors.curve[0]": (0.03, 0.1)},
             {},
-            "motors.curve[2] must be estimated, too: what the vehicle extends has none",
+            "motors.curve[2] must be estimated, too: the extended vehicle has no such parameter",
         ),
     ],
 )
@@ -446,7 +446,7 @@ def test_what_cannot_be_written_leaves_nothing(base, tmp_path, found, options, w
 
 
 def test_no_estimates_are_no_vehicle(estimates, base, tmp_path):
-    with pytest.raises(InputError, match="no estimate to write"):
+    with pytest.raises(InputError, match="at least one estimate"):
         write_vehicle(tmp_path / "none.yaml", "none", estimates.part([]), base=base)
 
 
@@ -475,16 +475,16 @@ def test_what_was_given_is_put_where_it_belongs_unless_it_was_identified():
         "laboratory.motion_capture.period=0.01",
         "control.attitude.fuzzy.gain=[1, 2]",
     ):
-        vehicle_file._put(tree, given)
+        vehicle_file._add_override(tree, given)
     assert tree["vehicle"]["mass"] is found
     assert tree["vehicle"]["gravity"].value == 9.8
     cameras = tree["laboratory"]["motion_capture"]
     assert {name: entry.value for name, entry in cameras.items()} == {"position_noise": 0.001, "period": 0.01}
     entry = tree["control"]["attitude"]["fuzzy"]["gain"]
-    assert (entry.value, entry.comment) == ([1, 2], "given, not identified")
+    assert (entry.value, entry.comment) == ([1, 2], "set by the user, not identified")
     for wrong in ("route.laps=2", "vehicle=1", "vehicle.inertia.0=1", "vehicle.thrust_factor_error.rotor_2=0.1"):
-        with pytest.raises(InputError, match="cannot be written with a vehicle: allowed are whole fields of vehicle"):
-            vehicle_file._put(tree, wrong)
+        with pytest.raises(InputError, match="cannot be written to the file of a vehicle: use whole fields of vehicle"):
+            vehicle_file._add_override(tree, wrong)
 
 
 @pytest.mark.parametrize(
@@ -496,4 +496,4 @@ def test_a_number_beyond_its_limit_is_written_as_the_limit_which_is_said(value, 
     number = vehicle_file._values(estimates, "v")["linear_drag"]
     assert number["normal"]["mean"] == written
     comment = vehicle_file._comment(estimates, "linear_drag", number)
-    assert comment.endswith("; the estimate is outside the limits of the language, and the limit is written") == said
+    assert comment.endswith("; the estimate is outside the limits of the language, so the limit is written") == said

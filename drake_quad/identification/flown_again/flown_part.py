@@ -8,7 +8,7 @@ from drake_quad.errors import InputError, shown
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.windows import effort
 
-# Rotors idle if their command, relative to its median, is smaller than this ratio.
+# Rotors idle if the ratio of their command to its median is smaller than this.
 _IDLE_RATIO = 0.5
 # Smallest height of vehicle and reference above the ground in free flight, m: some rotor diameters of a small vehicle.
 _MIN_HEIGHT = 0.25
@@ -56,11 +56,11 @@ def flown_part(record: FlightRecord) -> FlownPart:
     flying = np.flatnonzero(lowest > ground + _MIN_HEIGHT)
     if len(flying) < 2:
         raise InputError(
-            f"the vehicle of the log {shown(record.name)} does not fly: it and its reference are never"
-            f" {_MIN_HEIGHT:g} m above the ground together"
+            f"the vehicle of the log {shown(record.name)} does not fly: it and its reference are never more than"
+            f" {_MIN_HEIGHT:g} m above the ground at the same time"
         )
     first, end = int(flying[0]), int(flying[-1]) + 1
     if not idle[0]:
         return FlownPart(0, end, None)
-    standing = np.flatnonzero(height[:first] < ground + _LIFT_OFF_HEIGHT)
-    return FlownPart(first, end if idle[-1] else count, int(standing[-1]))
+    on_ground = np.flatnonzero(height[:first] < ground + _LIFT_OFF_HEIGHT)
+    return FlownPart(first, end if idle[-1] else count, int(on_ground[-1]))

@@ -39,10 +39,12 @@ def read_log(path: str | Path, mapping: str | Path | None = None) -> FlightRecor
         # Text that no format claims is CSV.
         if not is_text(log):
             raise InputError(
-                f"{log.mark}: is none of the logs that can be read: {', '.join(each.name for each in FORMATS)}, or CSV"
+                f"{log.mark}: is not a log in a known format: {', '.join(each.name for each in FORMATS)}, or CSV"
             )
         read = read_table
     content = read(log, given)
-    name, known = content.mapping
-    remarks = [*content.remarks, f"the mapping is {name}: {known.description}".removesuffix(": ")]
-    return record_of(content.tables, known, name=log.name, mark=log.mark, remarks=remarks, names=content.names)
+    name, columns_mapping = content.mapping
+    remarks = [*content.remarks, f"the mapping is {name}: {columns_mapping.description}".removesuffix(": ")]
+    return record_of(
+        content.tables, columns_mapping, name=log.name, mark=log.mark, remarks=remarks, names=content.names
+    )

@@ -81,18 +81,18 @@ class FlightRecord:
             InputError: if the time does not rise, or a signal has a wrong shape or contains a value that is not finite.
         """
         if self.time.ndim != 1 or len(self.time) < 2 or not np.all(np.diff(self.time) > 0.0):
-            raise InputError(f"the log {shown(self.name)} must have at least two samples whose time rises")
+            raise InputError(f"the log {shown(self.name)} must have at least two samples, with rising times")
         for name, values in self.signals():
             columns = COLUMNS[name]
             shape = (len(self.time), columns) if columns > 1 else (len(self.time),)
             if values.shape != shape:
                 raise InputError(
-                    f"{name} of the log {shown(self.name)} has shape {values.shape}, and must have {shape}"
+                    f"{name} of the log {shown(self.name)} has shape {values.shape}, but must have {shape}"
                 )
             if not np.isfinite(values).all():
                 row = int(np.argmin(np.isfinite(values.reshape(len(values), -1)).all(axis=1)))
                 raise InputError(
-                    f"{name} of the log {shown(self.name)} is no number at {self.time[row]:.6g} s, sample {row}"
+                    f"{name} of the log {shown(self.name)} is not a number at {self.time[row]:.6g} s, sample {row}"
                 )
 
     def signals(self) -> Iterator[tuple[str, np.ndarray]]:
@@ -120,7 +120,7 @@ class FlightRecord:
         """
         values: np.ndarray | None = getattr(self, name)
         if values is None:
-            raise InputError(f"the log {shown(self.name)} lacks {name}; it has {', '.join(self.names) or 'nothing'}")
+            raise InputError(f"the log {shown(self.name)} lacks {name}; it has {', '.join(self.names) or 'no signals'}")
         return values
 
     def part(self, chosen: slice | np.ndarray) -> "FlightRecord":

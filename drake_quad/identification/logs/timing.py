@@ -4,12 +4,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-_GAP = 3.0  # median steps; a sample that is late by one period is no gap
+_GAP_RATIO = 3.0  # shortest gap in median steps; a single lost sample does not make a gap
 _MAX_TIME = 1e12  # s, thirty thousand years
-_MIN_JITTER = 0.05  # standard deviation of the steps relative to their median, from which a remark is made
+_MIN_JITTER = 0.05  # smallest reported standard deviation of the steps, relative to their median
 
 
-def rising(time: np.ndarray) -> tuple[np.ndarray, list[str]]:
+def rising_samples(time: np.ndarray) -> tuple[np.ndarray, list[str]]:
     """Return a mask (n,) of samples whose times rise, and sentences on the samples that are left out.
 
     A sample is left out if its time is not a number, repeats that of the sample before, or is out of order. It is late
@@ -20,38 +20,38 @@ def rising(time: np.ndarray) -> tuple[np.ndarray, list[str]]:
     Args:
         time: (n,) logged times, s.
     """
-    kept = np.abs(time) < _MAX_TIME
+    is_number = np.abs(time) < _MAX_TIME
     remarks = []
-    if not kept.all():
-        remarks.append(f"{_samples(~kept)} left out: their time is no number")
-    numbers = np.flatnonzero(kept)
-    t = time[numbers]
-    repeated = np.zeros(len(t), dtype=bool)
-    repeated[1:] = t[1:] == t[:-1]
-    if repeated.any():
-        remarks.append(f"{_samples(repeated)} left out: they repeat the time of the sample before")
-    numbers, t = numbers[~repeated], t[~repeated]
-    late, early = np.zeros(len(t), dtype=bool), np.zeros(len(t), dtype=bool)
-    if len(t):
-        late[1:] = t[1:] <= np.maximum.accumulate(t)[:-1]
-        early[:-1] = t[:-1] >= np.minimum.accumulate(t[::-1])[::-1][1:]
-    wrong = early if early.sum() < late.sum() else late
-    if wrong.any():
-        back = np.diff(t)
-        worst = int(np.argmin(back))
+    if not is_number.all():
+        remarks.append(f"{_sample_count(~is_number)} left out: their time is not a number")
+    indices = np.flatnonzero(is_number)
+    times = time[indices]
+    is_repeated = np.zeros(len(times), dtype=bool)
+    is_repeated[1:] = times[1:] == times[:-1]
+    if is_repeated.any():
+        remarks.append(f"{_sample_count(is_repeated)} left out: they repeat the time of the sample before")
+    indices, times = indices[~is_repeated], times[~is_repeated]
+    is_late, is_early = np.zeros(len(times), dtype=bool), np.zeros(len(times), dtype=bool)
+    if len(times):
+        is_late[1:] = times[1:] <= np.maximum.accumulate(times)[:-1]
+        is_early[:-1] = times[:-1] >= np.minimum.accumulate(times[::-1])[::-1][1:]
+    is_wrong = is_early if is_early.sum() < is_late.sum() else is_late
+    if is_wrong.any():
+        steps = np.diff(times)
+        worst = int(np.argmin(steps))
         remarks.append(
-            f"{_samples(wrong)} left out: the clock goes back {_times(int((back < 0.0).sum()))}, at most by"
-            f" {-back[worst]:.4g} s at {t[worst] - t[0]:.4g} s"
+            f"{_sample_count(is_wrong)} left out: the clock goes back {_count_text(int((steps < 0.0).sum()))}, at most"
+            f" by {-steps[worst]:.4g} s at {times[worst] - times[0]:.4g} s"
         )
-    chosen = np.zeros(len(time), dtype=bool)
-    chosen[numbers[~wrong]] = True
-    return chosen, remarks
+    is_rising = np.zeros(len(time), dtype=bool)
+    is_rising[indices[~is_wrong]] = True
+    return is_rising, remarks
 
 
 def gaps(time: np.ndarray) -> np.ndarray:
     """Return a mask (n - 1,) of the steps of a rising clock (n,) that are longer than three median steps."""
     steps = np.diff(time)
-    return np.asarray(steps > _GAP * np.median(steps)) if len(steps) else np.zeros(0, dtype=bool)
+    return np.asarray(steps > _GAP_RATIO * np.median(steps)) if len(steps) else np.zeros(0, dtype=bool)
 
 
 def timing_remarks(time: np.ndarray) -> Iterator[str]:
@@ -61,8 +61,8 @@ def timing_remarks(time: np.ndarray) -> Iterator[str]:
     if is_gap.any():
         longest = int(np.argmax(steps))
         yield (
-            f"{is_gap.sum()} gap{'s' if is_gap.sum() > 1 else ''} (steps of more than {_GAP:.0f} times the median of"
-            f" {median:.4g} s), {steps[is_gap].sum():.4g} s in all, the longest of {steps[longest]:.4g} s at"
+            f"{is_gap.sum()} gap{'s' if is_gap.sum() > 1 else ''} (steps of more than {_GAP_RATIO:.0f} times the median"
+            f" of {median:.4g} s), {steps[is_gap].sum():.4g} s in all, the longest of {steps[longest]:.4g} s at"
             f" {time[longest] - time[0]:.4g} s"
         )
     regular = steps[~is_gap]
@@ -74,10 +74,10 @@ def timing_remarks(time: np.ndarray) -> Iterator[str]:
         )
 
 
-def _samples(chosen: np.ndarray) -> str:
+def _sample_count(chosen: np.ndarray) -> str:
     count = int(chosen.sum())
     return f"{count:,} samples" if count > 1 else "1 sample"
 
 
-def _times(count: int) -> str:
+def _count_text(count: int) -> str:
     return f"{count:,} times" if count > 1 else "once"

@@ -31,7 +31,7 @@ FORMS: tuple[Form, ...] = get_args(Form)
 # A command is at a limit if its samples pile up at an extreme. Within a margin δ of the maximum of a smooth signal
 # there are 1 / (√2 - 1) = 2.4 times as many samples as between δ and 2 δ; at a limit there are many more.
 _LIMIT_MARGIN = 0.005  # margin δ relative to the range of the command; the resolution of logs is finer
-_MIN_PILE = 5.0  # ratio of the two numbers of samples at a limit
+_MIN_PILE_RATIO = 5.0  # ratio of the two numbers of samples at a limit
 _MIN_LIMITED_SAMPLES = 8
 # A command that is at its extreme in a larger share of the samples is constant rather than limited.
 _MAX_LIMITED_SHARE = 0.5
@@ -54,19 +54,19 @@ def specific_thrust(record: FlightRecord, scenario: Scenario, usable: np.ndarray
         return record.thrust_command / mass, f"the thrust is divided by the nominal mass, {mass:g} kg"
     if record.thrust_share is None:
         raise InputError(
-            f"the log {shown(record.name)} has no command of the thrust (thrust_command or thrust_share), so the"
-            " acceleration that its controller commanded is unknown"
+            f"the log {shown(record.name)} has no thrust command (thrust_command or thrust_share), so the commanded"
+            " acceleration is unknown"
         )
     if record.hover_share is not None:
         return thrust_of_share(record, mass * gravity) / mass, None
-    carrying = float(np.median(record.thrust_share[usable]))
-    if carrying <= 0.0:
+    hover_command = float(np.median(record.thrust_share[usable]))
+    if hover_command <= 0.0:
         raise InputError(f"thrust_share of the log {shown(record.name)} is zero in the air; check the mapping")
-    why = f"the median thrust command in the air, {carrying:.3g} of full thrust, is taken to carry the weight"
-    return gravity * record.thrust_share / carrying, why
+    remark = f"the median thrust command in the air, {hover_command:.3g} of full thrust, is assumed to carry the weight"
+    return gravity * record.thrust_share / hover_command, remark
 
 
-def commanded(record: FlightRecord, thrust: np.ndarray, form: Form, gravity: float) -> np.ndarray:
+def law_output(record: FlightRecord, thrust: np.ndarray, form: Form, gravity: float) -> np.ndarray:
     """Return the output (n, 3) of the position law.
 
     Args:
@@ -87,13 +87,13 @@ def commanded(record: FlightRecord, thrust: np.ndarray, form: Form, gravity: flo
         attitude = np.column_stack([attitude[:, :2], _yaw(record)])
     axis = rotations(attitude).apply([0.0, 0.0, 1.0])
     if form == "decoupled":
-        level = gravity * axis[:, :2] / np.maximum(axis[:, 2:], _MIN_ALIGNMENT)
-        return np.column_stack([level, thrust * axis[:, 2] - gravity])
-    size = thrust
+        horizontal = gravity * axis[:, :2] / np.maximum(axis[:, 2:], _MIN_ALIGNMENT)
+        return np.column_stack([horizontal, thrust * axis[:, 2] - gravity])
+    magnitude = thrust
     if form == "projected" and record.attitude is not None:
         measured = rotations(record.attitude).apply([0.0, 0.0, 1.0])
-        size = thrust / np.maximum(np.sum(axis * measured, axis=1), _MIN_ALIGNMENT)
-    return np.asarray(size[:, None] * axis - [0.0, 0.0, gravity])
+        magnitude = thrust / np.maximum(np.sum(axis * measured, axis=1), _MIN_ALIGNMENT)
+    return np.asarray(magnitude[:, None] * axis - [0.0, 0.0, gravity])
 
 
 def _yaw(record: FlightRecord) -> np.ndarray:
@@ -110,16 +110,16 @@ def in_heading(record: FlightRecord, values: np.ndarray) -> np.ndarray:
     return np.column_stack([cosine * x + sine * y, cosine * y - sine * x, z])
 
 
-def unproduced(output: np.ndarray, form: Form, gravity: float) -> np.ndarray:
-    """Return the horizontal part (n, 3) of the output of a law that the thrust does not produce.
+def unproduced_output(output: np.ndarray, form: Form, gravity: float) -> np.ndarray:
+    """Return the horizontal acceleration (n, 3) that a law demands, and that the thrust does not produce.
 
     If the vertical acceleration u_z is negative, the tilt of the form `decoupled` produces the share (1 + u_z / g) of
     the horizontal output. PX4 takes this for saturation, and subtracts 2 / k_v times the remainder from the velocity
     error that it integrates (`PositionControl.cpp` of PX4 1.15). All other forms produce the whole output.
     """
-    level = np.array([1.0, 1.0, 0.0])
+    horizontal = np.array([1.0, 1.0, 0.0])
     share = np.clip(-output[:, 2:] / gravity, 0.0, 1.0) if form == "decoupled" else 0.0
-    return np.asarray(share * level * output)
+    return np.asarray(share * horizontal * output)
 
 
 def at_limit(record: FlightRecord, thrust: np.ndarray, usable: np.ndarray) -> np.ndarray:
@@ -134,14 +134,17 @@ def at_limit(record: FlightRecord, thrust: np.ndarray, usable: np.ndarray) -> np
     if record.attitude_command is not None:
         roll, pitch, _ = record.attitude_command.T
         signals += [roll, -roll, pitch, -pitch, np.arccos(np.cos(roll) * np.cos(pitch))]
-    found = np.zeros(len(thrust), dtype=bool)
-    most = _MAX_LIMITED_SHARE * usable.sum()
+    is_limited = np.zeros(len(thrust), dtype=bool)
+    max_samples = _MAX_LIMITED_SHARE * usable.sum()
     for signal in signals:
         largest = float(signal[usable].max())
         margin = _LIMIT_MARGIN * (largest - float(signal[usable].min()))
-        below = np.where(usable, largest - signal, np.inf)
-        here = below <= margin
-        beside = np.sum((below > margin) & (below <= 2.0 * margin))
-        if margin > 0.0 and max(_MIN_LIMITED_SAMPLES, _MIN_PILE * (beside + 1)) <= here.sum() <= most:
-            found |= here
-    return found
+        distance = np.where(usable, largest - signal, np.inf)
+        is_near = distance <= margin
+        num_beside = np.sum((distance > margin) & (distance <= 2.0 * margin))
+        if (
+            margin > 0.0
+            and max(_MIN_LIMITED_SAMPLES, _MIN_PILE_RATIO * (num_beside + 1)) <= is_near.sum() <= max_samples
+        ):
+            is_limited |= is_near
+    return is_limited

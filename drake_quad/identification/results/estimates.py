@@ -30,7 +30,7 @@ def declaration_at(path: str) -> Declaration:
     Raises:
         InputError: if no parameter has this path.
     """
-    # `functools.cache` does not cache exceptions, so a quantity of an effect that is registered later is found.
+    # A failed look-up is not cached, so parameters of effects that are registered later are known.
     declarations = dict(quantities_in(Vehicle))
     for inner, declaration in quantities_in(Laboratory):
         declarations[inner if inner.startswith("autopilot.") else f"laboratory.{inner}"] = declaration
@@ -43,13 +43,13 @@ def split_name(name: str) -> tuple[str, int | None]:
     Raises:
         InputError: if no parameter has this name.
     """
-    found = re.fullmatch(r"([\w.]+?)(?:\[(\d)\])?", name)
-    path, place = (found[1], found[2]) if found else (name, None)
+    match = re.fullmatch(r"([\w.]+?)(?:\[(\d)\])?", name)
+    path, index = (match[1], match[2]) if match else (name, None)
     count = declaration_at(path).items
-    if (place is None) != (count == 0) or (place is not None and int(place) >= count):
+    if (index is None) != (count == 0) or (index is not None and int(index) >= count):
         allowed = f"{path}[0] to {path}[{count - 1}]" if count else path
-        raise InputError(f"{shown(name)} is no parameter; it must be {allowed}")
-    return path, None if place is None else int(place)
+        raise InputError(f"{shown(name)} is not a parameter; it must be {allowed}")
+    return path, None if index is None else int(index)
 
 
 def declaration_of(name: str) -> Declaration:
@@ -67,8 +67,8 @@ def scenario_path(name: str) -> str:
     Raises:
         InputError: if no parameter has this name.
     """
-    path, place = split_name(name)
-    return field_path(path) if place is None else joined(field_path(path), place)
+    path, index = split_name(name)
+    return field_path(path) if index is None else joined(field_path(path), index)
 
 
 def field_path(path: str) -> str:
@@ -150,8 +150,8 @@ class Estimates:
         """Check the fields, and convert them to arrays with one item per parameter.
 
         Raises:
-            InputError: if a name is unknown or occurs twice, shapes do not agree, a variance is not positive, or the
-                degrees of freedom are not.
+            InputError: if a name is unknown or occurs twice, shapes do not agree, or a variance or the degrees of
+                freedom are not positive.
         """
         names = tuple(self.names)
         for name in (*names, *self.explained, *self.not_identified):
@@ -179,12 +179,14 @@ class Estimates:
     def __str__(self) -> str:
         """Return a line for each estimate with its unit and 95 % interval, and one for each unidentified parameter."""
         rows = zip(self.names, self.values, self.intervals(), self.units, strict=True)
-        found = [
+        lines = [
             f"{name}: {Interval(value, *ends).text(unit='' if unit == '1' else unit)}"
             for name, value, ends, unit in rows
             if name not in self.not_identified
         ]
-        return "\n".join([*found, *(f"not identified: {name}: {why}" for name, why in self.not_identified.items())])
+        return "\n".join(
+            [*lines, *(f"not identified: {name}: {reason}" for name, reason in self.not_identified.items())]
+        )
 
     @property
     def identified(self) -> tuple[str, ...]:
@@ -224,8 +226,8 @@ class Estimates:
 
     def intervals(self) -> np.ndarray:
         """Return the lower and upper end of the 95 % confidence interval of each value, (n, 2)."""
-        reach = self.quantiles() * self.deviations
-        return np.stack([self.values - reach, self.values + reach], axis=1)
+        half_widths = self.quantiles() * self.deviations
+        return np.stack([self.values - half_widths, self.values + half_widths], axis=1)
 
     def value(self, name: str) -> float:
         """Return the estimate of a parameter.
@@ -234,14 +236,14 @@ class Estimates:
             InputError: if the parameter is not estimated.
         """
         if name not in self.names:
-            why = f": {self.not_identified[name]}" if name in self.not_identified else ""
-            raise InputError(f"there is no estimate of {shortened(name)}{why}")
+            reason = f": {self.not_identified[name]}" if name in self.not_identified else ""
+            raise InputError(f"there is no estimate of {shortened(name)}{reason}")
         return float(self.values[self.names.index(name)])
 
-    def sources_of(self, place: int) -> tuple[Source, ...]:
-        """Return the sources of the estimate with an index."""
+    def sources_of(self, index: int) -> tuple[Source, ...]:
+        """Return the sources of an estimate, given its index."""
         assert not isinstance(self.sources, Source)
-        return self.sources[place]
+        return self.sources[index]
 
     def part(self, names: Sequence[str]) -> "Estimates":
         """Return the estimates of some parameters, in the given order.
@@ -251,17 +253,17 @@ class Estimates:
         """
         for name in names:
             self.value(name)
-        places = [self.names.index(name) for name in names]
+        indices = [self.names.index(name) for name in names]
         return replace(
             self,
             names=tuple(names),
-            values=self.values[places],
-            covariance=self.covariance[np.ix_(places, places)],
-            degrees_of_freedom=np.asarray(self.degrees_of_freedom)[places],
-            sources=tuple(self.sources_of(place) for place in places),
+            values=self.values[indices],
+            covariance=self.covariance[np.ix_(indices, indices)],
+            degrees_of_freedom=np.asarray(self.degrees_of_freedom)[indices],
+            sources=tuple(self.sources_of(index) for index in indices),
             explained={name: share for name, share in self.explained.items() if name in names},
-            variation=None if self.variation is None else self.variation.part(places),
-            flight_variation=None if self.flight_variation is None else self.flight_variation.part(places),
+            variation=None if self.variation is None else self.variation.part(indices),
+            flight_variation=None if self.flight_variation is None else self.flight_variation.part(indices),
         )
 
     def for_new_flight(self) -> "Estimates":
@@ -275,9 +277,9 @@ class Estimates:
             return self
         covariance, parts = self.covariance, np.diag(self.covariance) ** 2 / self.degrees_of_freedom
         for each in self._variations:
-            between = np.nan_to_num(each.covariance)
-            covariance = covariance + between
-            parts = parts + np.diag(between) ** 2 / each.degrees_of_freedom
+            variation = np.nan_to_num(each.covariance)
+            covariance = covariance + variation
+            parts = parts + np.diag(variation) ** 2 / each.degrees_of_freedom
         return replace(
             self,
             covariance=covariance,

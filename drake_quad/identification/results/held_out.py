@@ -44,11 +44,14 @@ def hold_out(evidence: Evidence) -> dict[str, HeldOut]:
     if len(evidence.scores) < NUM_STRETCHES:
         return {}
     stretches = Stretches.of(evidence)
-    errors, reach = [], []
-    for b in range(NUM_STRETCHES):
-        others = stretches.without(b)
-        mean = np.diag(others.uncertainty().covariance)
-        errors.append(stretches.estimates[b] - (evidence.values + others.step()))
-        reach.append(quantile(NUM_STRETCHES - 2) * np.sqrt(mean + others.variance_between() + stretches.variances[b]))
-    pairs = zip(evidence.names, np.transpose(errors), np.transpose(reach), strict=True)
+    errors, half_widths = [], []
+    for held_out in range(NUM_STRETCHES):
+        others = stretches.without(held_out)
+        mean_variance = np.diag(others.uncertainty().covariance)
+        errors.append(stretches.estimates[held_out] - (evidence.values + others.step()))
+        half_widths.append(
+            quantile(NUM_STRETCHES - 2)
+            * np.sqrt(mean_variance + others.variance_between() + stretches.variances[held_out])
+        )
+    pairs = zip(evidence.names, np.transpose(errors), np.transpose(half_widths), strict=True)
     return {name: HeldOut(*pair) for name, *pair in pairs}

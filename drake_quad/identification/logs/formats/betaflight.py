@@ -17,7 +17,7 @@ from drake_quad.identification.logs.source import LogFile
 
 _MAGIC = b"H Product:Blackbox flight data recorder"
 _MICROSECOND = 1e-6
-# The decoder iterates over all frames that are not logged, so it would take hours for a damaged interval.
+# The decoder iterates over all frames that are not logged, so a damaged interval could take hours.
 _MAX_INTERVAL = 10_000
 
 
@@ -40,7 +40,7 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
     if damaged:
         remarks.append(f"{damaged:,} damaged frames are left out")
     if len(flight.main_frames) < 2:
-        raise InputError(f"{log.mark}: is a Betaflight log without two whole frames")
+        raise InputError(f"{log.mark}: is a Betaflight log without two complete frames")
     names = flight.main_field_names
     if "time" not in names:
         raise InputError(f"{log.mark}: is a Betaflight log without the field time")
@@ -65,10 +65,11 @@ def _decoded(decoder: Any, data: bytes, start: int, end: int) -> Any:
     config = flight.sys_config
     for name in ("frameIntervalI", "frameIntervalPNum", "frameIntervalPDenom"):
         if not 1 <= config[name] <= _MAX_INTERVAL:
-            raise ValueError(f"the interval of its frames is {config[name]}")
+            raise ValueError(f"its header has an invalid {name}: {config[name]}")
     numbers = [*config["motorOutput"], config["acc_1G"]]
     if not all(isinstance(each, int) for each in numbers) or not numbers[0] < numbers[1] or not numbers[2] > 0:
-        raise ValueError(f"motorOutput and acc_1G of its header are {listed([str(each) for each in numbers])}")
+        values = listed([str(each) for each in numbers])
+        raise ValueError(f"its header has invalid values of motorOutput and acc_1G: {values}")
     flight.parse_data()
     return flight
 

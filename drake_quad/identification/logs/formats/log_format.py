@@ -60,26 +60,28 @@ def best_mapping(
     """
     candidates = [given] if given else [load_mapping(name) for name in shipped_mappings()]
     best: tuple[NamedMapping, Sequence[str]] | None = None
-    most = 0
+    max_known = 0
     for name, mapping in candidates:
         if mapping.time is None or (given is None and mapping.by_name):
             continue
         columns = columns_of(mapping)
         if mapping.fits(set(columns)):
-            known = {each for source in mapping.chosen(set(columns)).values() for each in source.names}
-            if len(known) > most:
-                best, most = ((name, mapping), columns), len(known)
+            known_columns = {
+                each for source in mapping.available_sources(set(columns)).values() for each in source.names
+            }
+            if len(known_columns) > max_known:
+                best, max_known = ((name, mapping), columns), len(known_columns)
     if best is not None:
         return best
     columns = [shown(each) for each in columns_of(candidates[0][1])]
     if given is None:
         raise InputError(
             f"{log.mark}: none of the shipped mappings ({', '.join(shipped_mappings())}) fits its columns,"
-            f" {listed(columns, 12)}; the how-to on identification shows how to write one"
+            f" {listed(columns, 12)}; the how-to guide on identification shows how to write one"
         )
     name, mapping = given
     if mapping.time is None:
-        raise InputError(f"{log.mark}: the mapping {name} has no time, which a log of one table needs")
+        raise InputError(f"{log.mark}: the mapping {name} needs the column of the time to read a log of one table")
     missing = sorted(mapping.names - set(columns_of(mapping)))
     raise InputError(
         f"{log.mark}: does not fit the mapping {name}: there is no {listed([shown(each) for each in missing], 4)}; it"

@@ -30,7 +30,7 @@ _MAX_COMPONENTS = 16
 
 
 def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
-    """Read the variables that are as long as the time of the mapping.
+    """Read the variables that have as many samples as the time column of the mapping.
 
     Raises:
         InputError: if the file is damaged or has version 7.3, or no mapping fits.
@@ -55,16 +55,16 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
     columns: dict[str, np.ndarray] = {}
     remarks = [*log.remarks]
     for each, values in variables.items():
-        along = values if values.shape[0] == len(time) else values.T
-        if along.shape[0] != len(time):
-            remarks.append(f"{each} is not read: it is not as long as {mapping.time.column}")
+        rows = values if values.shape[0] == len(time) else values.T
+        if rows.shape[0] != len(time):
+            remarks.append(f"{each} is not read: its length differs from that of {mapping.time.column}")
             continue
-        parts = {f"{each}[{i}]": column for i, column in enumerate(along.T)} if along.ndim == 2 else {}
-        is_split = bool(parts.keys() & mapping.names)
+        components = {f"{each}[{i}]": column for i, column in enumerate(rows.T)} if rows.ndim == 2 else {}
+        is_split = bool(components.keys() & mapping.names)
         if is_split:
-            columns |= parts
+            columns |= components
         if each in mapping.names or not is_split:
-            columns[each] = along
+            columns[each] = rows
     del columns[mapping.time.column]
     scale = UNITS["s"][mapping.time.unit].scale
     return LogContent([Table("", time.astype(float) * scale, columns)], (name, mapping), remarks)
