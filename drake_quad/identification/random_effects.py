@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from drake_quad.identification.evidence import Evidence, Uncertainty, inverted, jackknife, sums_over_blocks
+from drake_quad.identification.evidence import Evidence, Uncertainty, jackknife, pseudo_inverse, sums_over_blocks
 
 NUM_STRETCHES = 10
 """Number of stretches into which all flights are divided. Each of them is held out once."""
@@ -112,7 +112,7 @@ class Stretches(NamedTuple):
         It is zero for a parameter that no stretch determines.
         """
         whole = self.information.sum(axis=0)
-        return -np.asarray(inverted(whole, whole) @ self.scores.sum(axis=0))
+        return -np.asarray(pseudo_inverse(whole, whole) @ self.scores.sum(axis=0))
 
     def uncertainty(self) -> Uncertainty:
         """Return the uncertainty of the estimate of these stretches, by the jackknife."""

@@ -161,7 +161,7 @@ def test_the_spread_of_flights_is_that_of_the_next_one() -> None:
     np.testing.assert_allclose(found.values[3:], [0.5 + 0.0, 0.2])
     np.testing.assert_allclose(found.deviations[3:], 0.03 / np.sqrt(3.0))
     np.testing.assert_allclose(np.asarray(found.degrees_of_freedom)[3:], 24.0)
-    assert found.sources_of(4) == (Source("mean force that nothing else explains", "a, b, c"),)
+    assert found.sources_of(4) == (Source("mean force that the model does not explain", "a, b, c"),)
     variation = found.flight_variation
     assert (variation.degrees_of_freedom, variation.duration) == (2.0, 20.0)
     thrust = 4.0 / 3.0 * np.var(thrusts, ddof=1)

@@ -233,7 +233,7 @@ def test_a_vehicle_that_a_disturbance_carries_is_refused(rotors):
         if share < 0.15:
             identifiability.check_thrust(rotors, noise)
         else:
-            with pytest.raises(InputError, match="a force of 20 % of the weight is left along z"):
+            with pytest.raises(InputError, match="a force of 20 % of the weight along z is unexplained"):
                 identifiability.check_thrust(rotors, noise)
 
 
