@@ -41,8 +41,8 @@ _TRIAL_ROUNDS = (1, 4)
 # large only slowly.
 _SMALLER_TORQUE = (1.0, 1.0, 1.0, 0.2, 0.2, 0.2)
 _SMALLER_FORCE = (0.2, 0.2, 0.2, 1.0, 1.0, 1.0)
-# If a parameter is more than this many standard deviations of the prior from its mean, the fit may be in a local minimum,
-# in which a large disturbance explains the motion. The search then starts again from the prior mean, with the disturbance
+# A parameter that is more than this many standard deviations from the prior mean may be in a local minimum, in which a
+# large disturbance explains the motion. The search then starts again from the prior mean, with the disturbance
 # multiplied by the second number.
 _MAX_PRIOR_DISTANCE = 2.0
 _RESTART_DISTURBANCE = 0.05
@@ -348,7 +348,7 @@ def _whitened(
         (W, k) whitened errors, their (W, k, p) derivatives, the (rows, W) states at the samples where the next windows
         start, and their (rows, p, W) derivatives.
     """
-    delay_index, increases = predictor.model.delay_place, _RELATIVE_STEP * scales
+    delay_index, increases = predictor.model.delay_index, _RELATIVE_STEP * scales
     decreases = np.zeros(len(parameters))
     if delay_index is not None:
         increases[delay_index] = decreases[delay_index] = _DELAY_STEP * predictor.inputs.period

@@ -12,7 +12,7 @@ from drake_quad.identification.logs.record import QUANTITIES
 from drake_quad.identification.model import STATE_ROWS
 from drake_quad.identification.prediction_errors import FORCE, PredictionNoise, Predictor
 from drake_quad.identification.result import ForecastOutput
-from drake_quad.identification.windows import within_half_a_turn
+from drake_quad.identification.windows import wrapped_angles
 
 _AXES = ("x", "y", "z"), ("roll", "pitch", "yaw"), ("p", "q", "r")
 _ROWS_OF_RATES = {"position": STATE_ROWS["velocity"], "attitude": STATE_ROWS["body_rates"]}
@@ -36,7 +36,7 @@ def forecast(predictor: Predictor, parameters: np.ndarray, noise: PredictionNois
         rate = initial_state[_ROWS_OF_RATES[signal] + column, 0] if signal in _ROWS_OF_RATES else 0.0 * start
         persistence_errors[:, i] = measured[:, i] - start - time[:, None] * rate
         if signal == "attitude":
-            persistence_errors[:, i] = within_half_a_turn(persistence_errors[:, i])
+            persistence_errors[:, i] = wrapped_angles(persistence_errors[:, i])
     forecast_squares, persistence_squares = (
         np.sum((measured - predicted) ** 2, axis=(0, 2)),
         np.sum(persistence_errors**2, axis=(0, 2)),

@@ -86,9 +86,9 @@ def weaker_than_disturbance(
 ) -> dict[str, str]:
     """Return a reason for each drag parameter whose drag is smaller than the disturbing force.
 
-    A wind that is not logged varies with the position, so its force is correlated with the velocity. The interval of the
-    drag does not include this error. If the force of the wind is as large as the drag, the estimate mostly reflects the
-    wind.
+    A wind that is not logged varies with the position, so its force is correlated with the velocity. The interval of
+    the drag does not include this error. If the force of the wind is as large as the drag, the estimate mostly reflects
+    the wind.
     """
     columns = [i for i, output in enumerate(predictor.outputs) if output.signal == "position"]
     if len(columns) < 3:
@@ -110,7 +110,7 @@ def weaker_than_disturbance(
 
 
 def unexcited(logs: PreparedLogs, parameters: Sequence[Parameter], fitted: PredictionFit) -> dict[str, str]:
-    """Return a reason for each response parameter of an angle whose command varies less than its measured noise.
+    """Return a reason for each response parameter of an angle whose command varies less than its noise.
 
     The measured motion of such an angle is mostly noise, to which any response can be fitted.
     """
@@ -134,7 +134,7 @@ def unexcited(logs: PreparedLogs, parameters: Sequence[Parameter], fitted: Predi
 
 
 def undetermined(scenario: Scenario, names: Sequence[str]) -> dict[str, str]:
-    """Return a reason for each parameter that no log of this kind determines.
+    """Return a reason for each parameter that no log determines.
 
     Args:
         scenario: scenario with the vehicle.

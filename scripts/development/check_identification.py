@@ -20,7 +20,7 @@ from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.command_line.progress import new_bar
 from drake_quad.errors import shown
 from drake_quad.files import output_folder
-from drake_quad.identification.known_flights import KNOWN, Checked, Task, check_batch
+from drake_quad.identification.known_flights import KNOWN_FLIGHTS, CheckedParameter, Task, check_batch
 from drake_quad.identification.results.estimates import quantile
 from drake_quad.statistics.estimates import share_interval
 from drake_quad.studies.crew import outcomes_of
@@ -28,7 +28,7 @@ from drake_quad.studies.processes import Workers
 
 _DIAGRAMS = Path(__file__).parents[2] / "diagrams"
 # The first line of the file names the flights, and the second one the columns.
-_COMMENT, _HEADER = "# ", ("sample", *Checked._fields)
+_COMMENT, _HEADER = "# ", ("sample", *CheckedParameter._fields)
 # Number of flights that are simulated together.
 _BATCH = 5
 _RANGES = {"samples": (1, 10_000), "processes": (1, 256), "seed": (0, 2**31)}
@@ -38,7 +38,7 @@ def main() -> None:
     options = bare_parser(
         __doc__, "python scripts/development/check_identification.py wind --samples 100 --processes 2"
     )
-    options.add_argument("flights", choices=[*KNOWN], help="condition of the flights")
+    options.add_argument("flights", choices=[*KNOWN_FLIGHTS], help="condition of the flights")
     options.add_argument("--samples", type=int, default=100, help="flights (default: %(default)s)")
     options.add_argument("--processes", type=int, default=1, help="that identify at a time (default: %(default)s)")
     options.add_argument("--seed", type=int, default=11, help="of what is drawn (default: %(default)s)")
@@ -58,7 +58,7 @@ def main() -> None:
         raise InputError(f"--output {path}: must end in .csv")
     output_folder(path.parent)
     overrides = [f"seed={arguments.seed}", *(each.assignment for each in overrides_of(arguments.set))]
-    KNOWN[arguments.flights].flown(_DIAGRAMS, overrides)
+    KNOWN_FLIGHTS[arguments.flights].simulated_scenario(_DIAGRAMS, overrides)
     flown = " ".join([arguments.flights, *overrides])
     done = read_rows(path, flown)
     missing = [sample for sample in range(arguments.samples) if sample not in done]
@@ -76,7 +76,7 @@ def main() -> None:
     print_files([path])
 
 
-def in_processes(tasks: Sequence[Task], processes: int) -> Iterator[dict[int, list[Checked]]]:
+def in_processes(tasks: Sequence[Task], processes: int) -> Iterator[dict[int, list[CheckedParameter]]]:
     """Yield the results of each batch when it is complete."""
     waiting = iter(tasks)
     with Workers(processes) as workers:
@@ -86,7 +86,7 @@ def in_processes(tasks: Sequence[Task], processes: int) -> Iterator[dict[int, li
             yield outcome.result
 
 
-def read_rows(path: Path, flown: str) -> dict[int, list[Checked]]:
+def read_rows(path: Path, flown: str) -> dict[int, list[CheckedParameter]]:
     """Return saved results by sample; a flight that identified no parameter has a row without a name.
 
     Args:
@@ -98,7 +98,7 @@ def read_rows(path: Path, flown: str) -> dict[int, list[Checked]]:
     """
     if not path.exists():
         return {}
-    found: dict[int, list[Checked]] = {}
+    found: dict[int, list[CheckedParameter]] = {}
     foreign = InputError(f"--output {path}: is not of this script, or was cut off")
     try:
         text = path.read_text(encoding="utf-8")
@@ -112,7 +112,7 @@ def read_rows(path: Path, flown: str) -> dict[int, list[Checked]]:
         for sample, name, *numbers in lines:
             rows = found.setdefault(int(sample), [])
             if name:
-                rows.append(Checked(name, *map(float, numbers)))
+                rows.append(CheckedParameter(name, *map(float, numbers)))
     except InputError:
         raise
     except (OSError, ValueError, TypeError, csv.Error):
@@ -120,7 +120,7 @@ def read_rows(path: Path, flown: str) -> dict[int, list[Checked]]:
     return found
 
 
-def write_rows(path: Path, flown: str, found: dict[int, list[Checked]]) -> None:
+def write_rows(path: Path, flown: str, found: dict[int, list[CheckedParameter]]) -> None:
     """Append results to the file in a single write, so that it contains no partial flight."""
     text = io.StringIO()
     lines = csv.writer(text)
@@ -130,14 +130,14 @@ def write_rows(path: Path, flown: str, found: dict[int, list[Checked]]) -> None:
     for sample, rows in found.items():
         lines.writerows((sample, *row) for row in rows)
         if not rows:
-            lines.writerow((sample, *("",) * len(Checked._fields)))
+            lines.writerow((sample, *("",) * len(CheckedParameter._fields)))
     with path.open("ab", buffering=0) as file:
         file.write(text.getvalue().encode())
 
 
-def print_coverage(found: dict[int, list[Checked]]) -> None:
+def print_coverage(found: dict[int, list[CheckedParameter]]) -> None:
     """Print the coverage of the intervals as a share of flights with a 95 % interval, and the size of the errors."""
-    by_name: dict[str, list[Checked]] = {}
+    by_name: dict[str, list[CheckedParameter]] = {}
     for rows in found.values():
         for row in rows:
             by_name.setdefault(row.name, []).append(row)

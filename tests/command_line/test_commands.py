@@ -839,7 +839,7 @@ def test_intervals_that_hold_are_counted(run, tmp_path):
 def second_flight(task):
     """What is found of the second flight; worker processes import this function."""
     assert task.samples == [1]
-    return {1: [known_flights.Checked("autopilot.damping[0]", 0.5, 0.6, 0.1, 30.0)]}
+    return {1: [known_flights.CheckedParameter("autopilot.damping[0]", 0.5, 0.6, 0.1, 30.0)]}
 
 
 @pytest.mark.slow
