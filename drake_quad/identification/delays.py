@@ -1,4 +1,4 @@
-"""Delays of the camera frames, and from a command to the measurement of its effect, in a scenario."""
+"""Age of camera frames, and delay from a command to the measurement of its effect."""
 
 from drake_quad.scenario.models import Scenario
 

@@ -34,7 +34,7 @@ def allocated_commands(thrust: np.ndarray, torque: np.ndarray, believed: Scenari
         curve = believed.nominal.motors.thrust_curve()
         if curve is None:
             raise InputError(
-                f"{believed.name} has no nominal.motors; add it, since throttles follow from its thrust curve"
+                f"{believed.name} has no nominal.motors; add it with its thrust curve, which gives the throttles"
             )
         model = ThrottleModel.of(parameters, curve)
         rows = allocate_throttle(wrench, model, priority).throttle_command  # type: ignore[assignment]

@@ -325,7 +325,7 @@ def _condensed(residuals: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, n
 def _whitened_errors(
     predictor: Predictor, parameters: np.ndarray, gains: Gains, noise: PredictionNoise
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return whitened errors (W, k, K) for (K, p) parameters, and the states where the next windows start."""
+    """Return whitened errors (W, k, K) for (K, p) parameters, and the states at the starts of the next windows."""
     counted = predictor.counted
     errors, states = predictor.errors(parameters, gains, noise)
     whitened = (gains.whitening[counted] @ errors[counted].transpose(0, 3, 1, 2)).swapaxes(0, 1)

@@ -38,7 +38,7 @@ def check_forecast(forecasts: Sequence[ForecastOutput]) -> None:
     if best is not None and best.explained <= 0.0:
         raise InputError(
             "cannot identify the vehicle: fitted to the rest of the logs, it forecasts no output of the held-out part"
-            f" better than motion at constant rates (best forecast: {best.name}); use logs with more motion than hover,"
+            f" better than motion at constant rates (best: {best.name}); use logs with more motion than hover,"
             " and check the mapping and the initial scenario"
         )
 
@@ -127,8 +127,8 @@ def unexcited(logs: PreparedLogs, parameters: Sequence[Parameter], fitted: Predi
             deviation = max(float(np.std(command)) for command in commands if len(command))
             if deviation < noise:
                 reasons[parameter.name] = (
-                    f"the command of {('roll', 'pitch', 'yaw')[axis]} varies by {deviation:.2g} rad, less than the noise"
-                    f" of its measurement, {noise:.2g} rad"
+                    f"the command of {('roll', 'pitch', 'yaw')[axis]} varies by {deviation:.2g} rad, less than the"
+                    f" noise of its measurement, {noise:.2g} rad"
                 )
     return reasons
 

@@ -88,7 +88,7 @@ def identify(
     remarks = [*identification.remarks, *logs.remarks, *fast_command_remarks(records)]
     inertia_error = inertia_flaw(identification.vehicle.vehicle.inertia)
     if inertia_error:
-        remarks.append(f"the identified inertia is not that of a rigid body, because of its error: {inertia_error}")
+        remarks.append(f"the identified inertia is inaccurate, since no rigid body can have it: {inertia_error}")
     return replace(identification, remarks=tuple(remarks))
 
 

@@ -68,7 +68,7 @@ class PredictionNoise(NamedTuple):
 
     @classmethod
     def of(cls, values: np.ndarray) -> "PredictionNoise":
-        """Return the noise whose concatenated fields are values (m + 12,)."""
+        """Return the noise from its concatenated fields (m + 12,)."""
         return cls(values[:-12], values[-12:-6], values[-6:])
 
     @property

@@ -125,9 +125,7 @@ class PreparedLogs(NamedTuple):
             settle = min(settle, length)
         else:
             length = min(length, max(_MIN_WINDOW, airborne_time / (MIN_BLOCKS + 1)))
-        sizes = WindowSizes(
-            *(max(1, round(airborne_time / self.period)) for airborne_time in (length, settle, WARM_UP))
-        )
+        sizes = WindowSizes(*(max(1, round(seconds / self.period)) for seconds in (length, settle, WARM_UP)))
         windows = cut(self.records, flying, sizes)
         if len(windows) < _MIN_WINDOWS:
             raise InputError(
@@ -157,12 +155,15 @@ class PreparedLogs(NamedTuple):
 
 
 def window_blocks(predictor: Predictor) -> np.ndarray:
-    """Return the block number (W,) of each window, for blocks from which the covariance of the estimates follows."""
+    """Return the block number (W,) of each window, for the jackknife of the estimates."""
     return blocks_of(len(predictor.windows), predictor.duration, MIN_BLOCKS)
 
 
 def blocks_of(windows: int, duration: float, minimum: int) -> np.ndarray:
-    """Return the block number (windows,) of each window. Blocks are longer than the correlation time of model errors.
+    """Return the block number (windows,) of each window, for blocks of adjacent windows.
+
+    A block lasts about four seconds, which is longer than the correlation time of model errors. It is shorter if the
+    smallest number of blocks requires it.
 
     Args:
         windows: number of windows.

@@ -12,8 +12,8 @@ If the sum for d = 0 is not significant at a level of 10 %, d² is zero. This le
 little power (J. P. T. Higgins et al., BMJ 327, 2003).
 
 The variances v_b are the diagonal of the inverse of the information H_b with a weak prior. They are increased if the
-windows within stretches differ by more than model and noise explain. With fewer than two windows in each stretch, this
-is unknown. Then d² includes any further error, and only the sum v_b + d² is meaningful.
+windows within stretches differ by more than model and noise explain. With fewer than two windows in each stretch, they
+cannot be compared. Then d² includes any further error, and only the sum v_b + d² is meaningful.
 """
 
 from collections.abc import Sequence
@@ -64,7 +64,7 @@ class Stretches(NamedTuple):
         scores: (B, p) score of each stretch.
         estimates: (B, p) estimates from each stretch alone.
         variances: (B, p) variances of the errors of the estimates.
-        degrees_of_freedom: degrees of freedom of the variances; infinite for variances of the model.
+        degrees_of_freedom: degrees of freedom of the variances; infinite if the variances are those of the model.
         duration: duration of a stretch, s.
     """
 

@@ -23,16 +23,17 @@ from drake_quad.identification.prepared_logs import SLOW_PERIOD, PreparedLogs
 from drake_quad.identification.windows import airborne, coarser
 
 _SPECTRUM_LENGTH = 256  # samples in each segment of a spectral estimate
-# Smallest power of fast commands above half of the Nyquist frequency, relative to the total; that of white noise is 0.5.
+# Smallest power of fast commands above half of the Nyquist frequency, relative to the total. White noise has 0.5.
 _MIN_FAST_POWER_RATIO = 0.2
 # Beginnings of the names of parameters that determine the response to fast commands. The delay does so as well, but
 # missing commands hardly change its estimate.
 _FAST_PARAMETERS = ("inertia[", "rotor_time_constant")
-# Largest standard deviation of the shift between signals of the same clock, s. It is 0.3 ms in most logs with one clock,
-# up to 5 ms in noisy ones, and 12 to 26 ms in radio logs, which have two clocks.
+# Largest standard deviation of the shift between signals of the same clock, s. It is 0.3 ms in most logs with one
+# clock, up to 5 ms in noisy ones, and 12 to 26 ms in radio logs, which have two clocks.
 _MAX_CLOCK_SCATTER = 8e-3
 _MIN_CLOCK_PARTS = 4
-_MIN_LEAD = 2e-3  # s
+# Smallest lead of the body rates over the attitude that shows an estimator, s.
+_MIN_LEAD = 2e-3
 
 
 class SlowFit(NamedTuple):
@@ -89,7 +90,7 @@ def synchronised(records: Sequence[FlightRecord]) -> Synchronised:
 
 
 def _on_board(records: Sequence[FlightRecord], scatter: float) -> Synchronised:
-    """Return the records without poses, given the standard deviation of the shift between their clocks, s."""
+    """Return the records without poses, and a remark with the scatter (s) of the shift between the two clocks."""
     finding = (
         f"attitude and body rates are shifted against each other by {1e3 * scatter:.0f} ms (standard deviation over"
         " parts of two seconds), so their clocks are not synchronised"
@@ -158,7 +159,7 @@ def fast_command_share(record: FlightRecord) -> float:
 
 
 def slow_fit(logs: PreparedLogs, parameters: Sequence[Parameter], fitted: PredictionFit) -> SlowFit | None:
-    """Fit the logs averaged to a longer period; return None if their period is already long, or the logs are too short."""
+    """Fit the logs averaged to a longer period; return None if their period is long already, or they are too short."""
     slow_logs = logs.coarser()
     if slow_logs is None:
         return None
