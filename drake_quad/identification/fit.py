@@ -41,9 +41,9 @@ _TRIAL_ROUNDS = (1, 4)
 # large only slowly.
 _SMALLER_TORQUE = (1.0, 1.0, 1.0, 0.2, 0.2, 0.2)
 _SMALLER_FORCE = (0.2, 0.2, 0.2, 1.0, 1.0, 1.0)
-# A parameter that is more than this many standard deviations from the prior mean may be in a local minimum, in which a
-# large disturbance explains the motion. The search then starts again from the prior mean, with the disturbance
-# multiplied by the second number.
+# If a parameter is farther from its prior mean than this many standard deviations of the prior, the fit may be in a
+# local minimum, in which a large disturbance explains the motion. The search then starts again from the prior mean,
+# with the disturbance multiplied by the second number.
 _MAX_PRIOR_DISTANCE = 2.0
 _RESTART_DISTURBANCE = 0.05
 # The model has diverged if a whitened error exceeds this limit.

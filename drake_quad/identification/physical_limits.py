@@ -54,7 +54,7 @@ class SearchVariables(NamedTuple):
 
     @classmethod
     def of(cls, parameters: Sequence[Parameter]) -> "SearchVariables":
-        """Return the variables for p parameters, which are the parameters except for inertia and thrust curve."""
+        """Return the search variables: the parameters, or combinations of those of inertia and thrust curve."""
         names = [parameter.name for parameter in parameters]
         start, scale, lower, upper = (
             np.array([getattr(parameter, name) for parameter in parameters], dtype=float)

@@ -46,7 +46,7 @@ _LOGGED_ATTITUDE_DEVIATION = 0.03  # rad, standard deviation of a logged attitud
 
 
 class Output(NamedTuple):
-    """Column of a signal of a record."""
+    """Output that is predicted: one column of a signal of a record."""
 
     signal: str
     column: int

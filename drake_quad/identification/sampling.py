@@ -2,7 +2,7 @@
 
 A log with a lower rate than the control loop lacks commands between its samples. A log that was received over a radio
 link has two clocks: that of the vehicle for commands and on-board sensors, and that of the motion capture system. Both
-distort the fast part of the motion, from which lags and moments of inertia are identified.
+faults distort the fast part of the motion, from which lags and moments of inertia are identified.
 """
 
 from collections.abc import Sequence
@@ -159,7 +159,7 @@ def fast_command_share(record: FlightRecord) -> float:
 
 
 def slow_fit(logs: PreparedLogs, parameters: Sequence[Parameter], fitted: PredictionFit) -> SlowFit | None:
-    """Fit the logs averaged to a longer period; return None if their period is long already, or they are too short."""
+    """Fit the logs at a longer period; return None if their period is already long, or the logs are too short."""
     slow_logs = logs.coarser()
     if slow_logs is None:
         return None

@@ -1,7 +1,7 @@
 """Division of flight records into windows of equal length in which the vehicle is airborne.
 
-The predictor starts some time before each window, so that it forgets its initial state until the window starts. In a
-further time before that, only the rotors follow their commands:
+The predictor starts some time before each window, and forgets its initial state until the window starts. For a further
+time before that, only the rotors are simulated, which follow their commands:
 
     |- rotors follow -|- the predictor settles -|- predictions count -|
     start - settle - warm-up   start - settle   start                 start + length
