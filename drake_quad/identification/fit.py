@@ -390,24 +390,18 @@ def _noise_of(
     groups = predictor.noise_groups
     _, group_rows = np.unique(groups, return_index=True)
     num_counted = int(np.sum(predictor.counted))
-    num_windows, num_outputs = len(predictor.windows), len(noise.measured)
+    windows, m = len(predictor.windows), len(noise.measured)
     if chosen is None:
-        chosen = np.linspace(0, num_windows - 1, min(num_windows, max(5, _MAX_NOISE_SAMPLES // num_counted))).astype(
-            int
-        )
+        chosen = np.linspace(0, windows - 1, min(windows, max(5, _MAX_NOISE_SAMPLES // num_counted))).astype(int)
     log_noise = start = np.log(np.concatenate(noise))[group_rows]
-    smallest_noise = np.repeat([MIN_NOISE, _MIN_DISTURBANCE, _MIN_MEMORY], [num_outputs, 6, 6])
-    largest_noise = np.repeat([_MAX_NOISE, _MAX_DISTURBANCE, _MAX_MEMORY], [num_outputs, 6, 6])
-    along_thrust = (
-        slice(num_outputs + 6, num_outputs + 9)
-        if predictor.model.frame == "body"
-        else slice(num_outputs + 8, num_outputs + 9)
-    )
+    smallest_noise = np.repeat([MIN_NOISE, _MIN_DISTURBANCE, _MIN_MEMORY], [m, 6, 6])
+    largest_noise = np.repeat([_MAX_NOISE, _MAX_DISTURBANCE, _MAX_MEMORY], [m, 6, 6])
+    along_thrust = slice(m + 6, m + 9) if predictor.model.frame == "body" else slice(m + 8, m + 9)
     largest_noise[along_thrust] = _MAX_THRUST_MEMORY
     lower = np.maximum(np.log(smallest_noise)[group_rows], start - _MAX_LOG_CHANGE)
     upper = np.minimum(np.log(largest_noise)[group_rows], start + _MAX_LOG_CHANGE)
     # The correlation time of a negligible disturbance is fixed, since it has no influence.
-    fixed = (group_rows >= num_outputs + 6) & (np.concatenate(noise)[group_rows - 6] < NEGLIGIBLE_DISTURBANCE)
+    fixed = (group_rows >= m + 6) & (np.concatenate(noise)[group_rows - 6] < NEGLIGIBLE_DISTURBANCE)
     free = np.flatnonzero(~fixed)
     best, score, information = _likelihood_of(predictor, gains, noise, log_noise, chosen, free)
     if not np.isfinite(best):
