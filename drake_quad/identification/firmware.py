@@ -11,7 +11,7 @@ from drake_quad.vehicle.motors import ThrottleModel, allocate_throttle
 
 
 def allocated_commands(thrust: np.ndarray, torque: np.ndarray, believed: Scenario, *, throttles: bool) -> np.ndarray:
-    """Return the rotor commands that the firmware allocates for a logged wrench.
+    """Return the rotor commands that the allocation of the firmware computes for a logged wrench.
 
     Args:
         thrust: (n,) commanded thrust, N.
@@ -34,7 +34,7 @@ def allocated_commands(thrust: np.ndarray, torque: np.ndarray, believed: Scenari
         curve = believed.nominal.motors.thrust_curve()
         if curve is None:
             raise InputError(
-                f"{believed.name} has no nominal.motors; add them, since throttles follow from their thrust curve"
+                f"{believed.name} has no nominal.motors; add it with its thrust curve, which gives the throttles"
             )
         model = ThrottleModel.of(parameters, curve)
         rows = allocate_throttle(wrench, model, priority).throttle_command  # type: ignore[assignment]

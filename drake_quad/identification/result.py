@@ -16,13 +16,13 @@ class ForecastOutput(NamedTuple):
     """Forecast and measurements of one output, in windows of held-out flight.
 
     Attributes:
-        name: name of the output, as in "position x".
+        name: name of the output, such as "position x".
         unit: unit of the output.
-        time: (W, T) flight time in consecutive windows, s.
+        time: (W, T) time, s, as if each window started where the one before ends.
         measured: (W, T) measurements.
-        predicted: (W, T) forecast, which uses no measurements in its window.
+        predicted: (W, T) forecasts, without the measurements of the same window.
         explained: share of the variance that the forecast explains, see `drake_quad.identification.forecast`; NaN if
-            nothing varies.
+            the output does not vary.
         deviation: standard deviation of the white noise of the measurements.
     """
 
@@ -36,7 +36,7 @@ class ForecastOutput(NamedTuple):
 
     @property
     def residual(self) -> np.ndarray:
-        """Measurements minus forecast, (W, T)."""
+        """Errors of the forecasts, (W, T): measurements minus forecasts."""
         return self.measured - self.predicted
 
 
@@ -66,9 +66,10 @@ class FlightDifference(NamedTuple):
 
     Attributes:
         name: name of the log.
-        thrust: thrust at the same command, relative to the mean of all flights, minus 1; None if there is one flight.
-        forces: mean trim force along x and y of B and, where they are distinguishable, mean force of a wind that is not
-            logged along x and y of W, N, by name; empty without positions and attitudes.
+        thrust: difference of the thrust at the same command, relative to the mean of all flights; None if there is only
+            one flight.
+        forces: mean trim force along x and y of B, N, by name. If the heading changes enough, it also contains the mean
+            force of a wind that is not logged, along x and y of W. It is empty without positions and attitudes.
     """
 
     name: str
@@ -87,9 +88,9 @@ class Identification:
         outputs: forecasts and measurements of the held-out flight; empty if nothing was held out.
         delay: delay from a logged command to the logged measurement of its effect; None if it is not identified.
         noise: noise of the measurements and of the disturbance.
-        remarks: sentences on the fit.
-        held_out: coverage of the intervals when a tenth of the flight at a time is left out, by the name of the
-            parameter; empty if there is too little flight.
+        remarks: sentences on the logs and the fit.
+        held_out: coverage of the intervals in cross-validation, which holds out one tenth of the flight at a time, by
+            the name of the parameter; empty if the flights are too short.
         training_vehicle: scenario with the estimates from the training data; None if nothing was held out.
         flights: difference of each flight from the mean of all flights.
     """

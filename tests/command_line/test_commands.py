@@ -844,7 +844,7 @@ def test_intervals_that_contain_the_true_value_are_counted(run, tmp_path):
 def second_flight(task):
     """Return the identification of the second flight; worker processes import this function."""
     assert task.samples == [1]
-    return {1: [known_flights.Checked("autopilot.damping[0]", 0.5, 0.6, 0.1, 30.0)]}
+    return {1: [known_flights.CheckedParameter("autopilot.damping[0]", 0.5, 0.6, 0.1, 30.0)]}
 
 
 @pytest.mark.slow

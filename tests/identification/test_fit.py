@@ -156,7 +156,7 @@ class LinearPredictor:
     """Predictor whose errors are those of a line: e = y - rows θ, with white noise of unit variance."""
 
     class Model:
-        delay_place = None
+        delay_index = None
 
     model = Model()
 
@@ -615,7 +615,7 @@ class DelayedPredictor:
     period, number = 0.01, 3
 
     def __init__(self) -> None:
-        self.model = SimpleNamespace(delay_place=1)
+        self.model = SimpleNamespace(delay_index=1)
         self.inputs = SimpleNamespace(period=self.period)
         self.counted = np.array([False, True, True])
         random = np.random.default_rng(7)

@@ -19,7 +19,7 @@ from drake_quad.identification.flight_differences import (
     with_differences,
     within_flights,
 )
-from drake_quad.identification.known_flights import KNOWN, record_of
+from drake_quad.identification.known_flights import KNOWN_FLIGHTS, record_of
 from drake_quad.identification.parameters import Parameter
 from drake_quad.identification.prepared_logs import initial_noise, prepare
 from drake_quad.identification.result import FlightDifference, Spread
@@ -161,7 +161,7 @@ def test_the_spread_of_flights_is_that_of_the_next_one() -> None:
     np.testing.assert_allclose(found.values[3:], [0.5 + 0.0, 0.2])
     np.testing.assert_allclose(found.deviations[3:], 0.03 / np.sqrt(3.0))
     np.testing.assert_allclose(np.asarray(found.degrees_of_freedom)[3:], 24.0)
-    assert found.sources_of(4) == (Source("mean force that nothing else explains", "a, b, c"),)
+    assert found.sources_of(4) == (Source("mean force that the model does not explain", "a, b, c"),)
     variation = found.flight_variation
     assert (variation.degrees_of_freedom, variation.duration) == (2.0, 20.0)
     thrust = 4.0 / 3.0 * np.var(thrusts, ddof=1)
@@ -188,16 +188,16 @@ def test_two_flights_show_no_spread_and_logs_without_poses_no_trim_force() -> No
 @pytest.mark.slow
 def test_flights_of_a_vehicle_that_is_rebuilt_before_each_show_what_was_changed(root) -> None:
     """The trim force is found to 0.3 % of the weight: attitudes with a noise of 4 mrad do not show it better."""
-    known = KNOWN["calm"]
+    known = KNOWN_FLIGHTS["calm"]
     numbers = ["vehicle.inertia=[0.007, 0.007, 0.012]", "vehicle.centre_of_mass=[0, 0]"]
     plain = [*numbers, "vehicle.rotor_time_constant=0.05", "vehicle.linear_drag=0.1", "vehicle.thrust_factor=4e-5"]
     truths = [(0.97, 0.05, 0.0), (1.0, -0.05, 0.03), (1.03, 0.0, -0.03)]
     records = []
     for scale, x, y in truths:
         own = [f"vehicle.thrust_factor={4e-5 * scale}", f"vehicle.trim_force={{x: {x}, y: {y}}}"]
-        flight = simulate(known.flown(root / "diagrams", [*plain, *own, "duration=16"]))
+        flight = simulate(known.simulated_scenario(root / "diagrams", [*plain, *own, "duration=16"]))
         records.append(record_of(flight))
-    scenario = known.flown(root / "diagrams", plain)
+    scenario = known.simulated_scenario(root / "diagrams", plain)
     logs, _ = prepare(records, scenario)
     predictor = logs.predictor(("thrust_factor",), logs.flying)
     start = number_of(scenario, "thrust_factor")

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from drake_quad.identification.forecast import forecast, named
+from drake_quad.identification.forecast import forecast, output_name
 from drake_quad.identification.prediction_errors import FORCE
 
 PERIOD = 0.1  # s
@@ -102,4 +102,4 @@ def test_a_predictor_ignores_measurements_after_settling(predictor):
     ],
 )
 def test_outputs_are_named(signal, column, words):
-    assert named(signal, column) == words
+    assert output_name(signal, column) == words

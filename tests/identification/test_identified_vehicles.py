@@ -11,7 +11,7 @@ from neural_fly_flight import DIAGRAM, guessed, write_flight
 from drake_quad.flight.simulation import simulate, simulate_samples
 from drake_quad.identification.delays import delay_of
 from drake_quad.identification.identify import identify
-from drake_quad.identification.known_flights import KNOWN, record_of
+from drake_quad.identification.known_flights import KNOWN_FLIGHTS, record_of
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import DELAY, LogModel
@@ -28,9 +28,9 @@ DELAY_IN_LABORATORY = 0.01 - 0.02
 
 def flown(kind: str, diagrams: Path, *overrides: str) -> tuple[FlightRecord, Scenario, Scenario]:
     """Return the log of a known flight, the scenario that flew, and the scenario to begin with."""
-    known = KNOWN[kind]
-    (flight,) = simulate_samples(known.flown(diagrams, overrides), [1], compiled=True)
-    return record_of(flight, known.samples_per_row), flight.scenario, known.begun_with(diagrams)
+    known = KNOWN_FLIGHTS[kind]
+    (flight,) = simulate_samples(known.simulated_scenario(diagrams, overrides), [1], compiled=True)
+    return record_of(flight, known.samples_per_row), flight.scenario, known.initial_scenario(diagrams)
 
 
 def outside(found: Identification, true: Scenario) -> dict[str, tuple[float, float]]:

@@ -128,7 +128,7 @@ def test_logs_of_different_rates_are_refused(rotors):
     slow = FlightRecord("slow", 0.05 * np.arange(400), rotor_speed_command=np.full((400, 4), 200.0), **{
         name: np.zeros((400, 3)) for name in POSES
     })  # fmt: skip
-    with pytest.raises(InputError, match="identify from logs of one rate"):
+    with pytest.raises(InputError, match="identify from logs of the same rate"):
         identify([record(20.0, *POSES), slow], rotors)
 
 
@@ -233,7 +233,7 @@ def test_a_vehicle_that_a_disturbance_carries_is_refused(rotors):
         if share < 0.15:
             identifiability.check_thrust(rotors, noise)
         else:
-            with pytest.raises(InputError, match="a force of 20 % of the weight is left along z"):
+            with pytest.raises(InputError, match="a force of 20 % of the weight along z is unexplained"):
                 identifiability.check_thrust(rotors, noise)
 
 

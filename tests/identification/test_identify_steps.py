@@ -354,7 +354,7 @@ def test_an_inertia_that_no_body_has_is_remarked(monkeypatch, rotors):
     monkeypatch.setattr(module, "fast_command_remarks", lambda records: ["fast"])
     *others, last = module.identify([log_of(1.0)], rotors).remarks
     assert others == ["first", "clocks", "fast"]
-    assert last.startswith("the identified inertia is not that of a rigid body, because of its error: ")
+    assert last.startswith("the identified inertia is inaccurate, since no rigid body can have it: ")
     monkeypatch.setattr(module, "_identified", lambda *_: module.Identification(None, rotors, ()))
     assert module.identify([log_of(1.0)], rotors).remarks == ("clocks", "fast")
 

@@ -260,7 +260,7 @@ def test_a_command_that_comes_late_by_a_part_of_a_sample_is_a_mean_of_two(scenar
     vehicle = LogModel(scenario, ["mass", DELAY])
     windows = [LogWindow(0, 100), LogWindow(0, 130)]
     inputs = WindowInputs.of([log], vehicle, windows, sizes, split=1, max_delay=0.02)
-    assert vehicle.delay_place == 1
+    assert vehicle.delay_index == 1
     # Each set of parameters has a delay of its own.
     model = ModelFlight(vehicle, np.array([[0.7, 0.0], [0.7, delay], [0.9, delay]]), inputs, 20)
     for w, start in enumerate((97, 127)):
@@ -274,7 +274,7 @@ def test_a_command_that_comes_late_by_a_part_of_a_sample_is_a_mean_of_two(scenar
     # A heavier vehicle falls more.
     assert (state[8, 2] < state[8, 1]).all()
     without = LogModel(scenario, ["mass"], delay=0.03)
-    assert without.delay_place is None
+    assert without.delay_index is None
     np.testing.assert_array_equal(without.delays(np.ones((4, 1))), np.full(4, 0.03))
 
 

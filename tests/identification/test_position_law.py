@@ -15,7 +15,7 @@ from drake_quad.control.pid_cascade.numbers import AccelerationNumbers, CascadeN
 from drake_quad.errors import InputError
 from drake_quad.flight.simulation import simulate_samples
 from drake_quad.geometry.axes import Vector
-from drake_quad.identification.known_flights import wandering
+from drake_quad.identification.known_flights import wandering_route
 from drake_quad.identification.logs.attitudes import rotations
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import STATE_ROWS
@@ -400,7 +400,7 @@ ON_BOARD = (
     ],
 )
 def test_the_law_of_a_simulated_flight_is_found(diagrams, overrides, form, true):
-    route = f"route={json.dumps(wandering(1.25))}"
+    route = f"route={json.dumps(wandering_route(1.25))}"
     exact = "laboratory.motion_capture.derivative_bandwidth=null"
     scenario = load_scenario(f"{diagrams}/laboratory.yaml:low_wind", [route, "metrics.start=0", exact, *overrides])
     flight = simulate_samples(scenario, [0], compiled=True)[0]

@@ -16,7 +16,7 @@ from drake_quad.identification.windows import (
     held_out,
     pieces,
     steep_remarks,
-    within_half_a_turn,
+    wrapped_angles,
 )
 
 PERIOD = 0.01
@@ -189,7 +189,7 @@ def test_logs_of_one_rate_differ_by_a_tenth_of_their_period_at_most() -> None:
 
 def test_angles_within_half_a_turn_are_the_same_angles() -> None:
     angles = np.linspace(-20.0, 20.0, 999)
-    found = within_half_a_turn(angles)
+    found = wrapped_angles(angles)
     assert np.abs(found).max() <= np.pi
     np.testing.assert_allclose(np.exp(1j * found), np.exp(1j * angles), atol=1e-12)
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from drake_quad.identification.evidence import inverted, jackknife, sums_over_blocks
+from drake_quad.identification.evidence import jackknife, pseudo_inverse, sums_over_blocks
 from drake_quad.identification.position_law.pieces import MIN_REFERENCE_SPEED, Piece, block_numbers
 from drake_quad.identification.prepared_logs import MAX_DELAY
 from drake_quad.identification.results.estimates import quantile
@@ -148,7 +148,7 @@ def _fit_gains(
     regressors, commands = _regression(pieces, axes, terms, shape)
     # Solving the normal equations takes a tenth of the time of a decomposition of the regressors.
     products = regressors.T @ regressors
-    gains = inverted(products, products) @ (regressors.T @ commands)
+    gains = pseudo_inverse(products, products) @ (regressors.T @ commands)
     residuals = commands - regressors @ gains
     power = float(commands @ commands)
     return Fit(
