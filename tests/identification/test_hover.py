@@ -172,6 +172,15 @@ def test_the_delay_is_that_of_the_angle_that_answers_best(lag, axis):
     assert delay_by_correlation(bare) is None
 
 
+def test_an_answer_after_0_3_s_is_no_delay():
+    command = np.random.default_rng(6).normal(size=(2000, 3)).cumsum(axis=0)
+    attitude = np.zeros_like(command)
+    attitude[10:] = 0.5 * command[:-10]
+    attitude[30:] += command[:-30]
+    logged = FlightRecord("log", 0.01 * np.arange(2000), attitude=attitude, attitude_command=command)
+    assert delay_by_correlation(logged) == pytest.approx(0.1)
+
+
 def test_throttles_in_hover_give_the_thrust_of_a_motor_and_show_a_weak_propeller():
     """With T = K u², a motor that gives 0.8 of the thrust of the others takes 1 / sqrt(0.8) times their throttle."""
     level, weak = 0.9, np.array([1.0, 1.0, 0.8, 1.0])
