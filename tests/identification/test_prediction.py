@@ -233,6 +233,8 @@ def test_joined_predictions_have_the_quantities_that_all_logs_have():
     assert both.log.tolist() == ["a"] * 4 + ["b"] * 2
     assert both.time.tolist() == [0.0, 1.0, 2.0, 3.0, 0.0, 1.0]
     assert (both.vehicles, both.horizons) == (("one", "other"), (0.1, 0.5, 1.0))
+    alone = joined([part("a", 4, "attitude", "velocity")])
+    assert (alone.vehicles, alone.horizons, [*alone.errors]) == (both.vehicles, both.horizons, ["attitude", "velocity"])
     with pytest.raises(InputError, match="there is no log to predict"):
         joined([])
 
