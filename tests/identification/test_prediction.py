@@ -201,6 +201,7 @@ def test_intervals_are_those_of_blocks():
         ("one",), (0.5,), np.array(["a"] * 2), np.array([0.0, 0.1]), {"position": errors[None, None, :2]}
     )
     assert single.rmse("position", "one", 0.5).high == math.inf
+    assert single.starts(0.5) == 2
 
 
 def test_a_model_without_errors_is_better_than_all_others():
