@@ -424,6 +424,18 @@ def test_what_a_message_says_is_by_how_much():
     assert size == pytest.approx(other, rel=0.1)
 
 
+@pytest.mark.parametrize(("size", "words"), [(2.0, "2 and 0.5"), (0.05, "0.05 and 0.5"), (0.0, "0 and 0.5")])
+def test_both_amplitudes_of_a_disagreement_are_told_unless_the_other_side_is_constant(size, words):
+    """Signals that alternate between two values have that amplitude, and no typical size beyond which they are cut."""
+    signal = np.tile([1.0, -1.0], 400)[:, None]
+    pair = _Pair("velocity", "the derivative of position", 0.5 * signal, -size * signal, 0.1, ("x",))
+    correlation = "-1.00" if size else "0.00"
+    text = pair.text(0).replace("-0.00", "0.00")
+    assert text == f"the derivative of position along x (correlation {correlation}, amplitudes {words})"
+    angles = pair._replace(other="it", expected=1e-10 * size * signal, axes=("roll",))
+    assert angles.text(0) == f"it in roll (correlation {correlation}, which is constant)"
+
+
 def test_a_signal_that_stands_still_contradicts_one_that_moves():
     (remark,) = found({"position": np.ones((len(TIME), 3)), "reference_position": np.ones((len(TIME), 3))})
     assert remark.startswith("velocity contradicts the derivative of position along x (correlation 0.00")
