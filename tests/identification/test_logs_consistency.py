@@ -463,7 +463,7 @@ def test_a_wrong_sign_of_a_derivative_or_of_a_tilt_is_named_if_it_moves_by_its_t
     velocity = np.cumsum(acceleration, axis=0) * PERIOD
     attitude = np.column_stack([-acceleration[:, 1], acceleration[:, 0], 0.0 * TIME]) / GRAVITY
     remarks = list(contradictions({"attitude": attitude * [1.0, -1.0, 1.0], "velocity": velocity}, TIME))
-    assert any("the sign of attitude" in each for each in remarks) == (multiple > 1.0)
+    assert any("the sign of" in each for each in remarks) == (multiple > 1.0)
 
 
 @pytest.mark.parametrize(
