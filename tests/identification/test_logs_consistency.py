@@ -486,6 +486,8 @@ def test_a_force_in_the_body_is_compared_in_the_middle_of_a_window():
     """With exact signals, the two differ only by how much the attitude turns within a window."""
     grid = _on_grid({name: flight(0.0)[name] for name in ("velocity", "attitude", "specific_force")}, TIME)
     (pair,) = _pairs(grid, only=_force_in_body)
+    means = grid.mean(grid.signals["specific_force"], grid.samples(0.2))[:, :2]
+    np.testing.assert_allclose(pair.measured, means[: len(pair.measured)])
     size = np.std(pair.measured, axis=0)
     assert np.all(np.std(pair.measured - pair.expected, axis=0) < 0.04 * size)
 
