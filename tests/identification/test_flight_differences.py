@@ -59,6 +59,12 @@ def test_the_trim_force_at_one_heading_includes_the_wind(change: float) -> None:
     np.testing.assert_allclose(values_of(found, "trim_force"), expected, atol=0.5 * change**2)
 
 
+def test_a_flight_without_any_force_has_none_and_an_error_of_almost_none() -> None:
+    found = forces_of(np.zeros((WINDOWS, SAMPLES)), np.zeros((WINDOWS, SAMPLES, 2)), np.arange(WINDOWS))
+    assert values_of(found, "trim_force") == [0.0, 0.0]
+    assert 0.0 < found["trim_force.x"].deviation < 1e-9
+
+
 def test_intervals_of_a_mean_force_contain_it_although_the_force_fluctuates() -> None:
     """The fluctuation is correlated over half a second, so that samples are not independent."""
     rng, period, time, trials = np.random.default_rng(3), 0.1, 0.5, 400
