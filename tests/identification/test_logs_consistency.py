@@ -418,7 +418,7 @@ def sized(values, size):
 def test_signals_contradict_each_other_if_one_moves_by_twice_the_threshold(
     name, threshold, other, multiple, contradicts
 ):
-    """Windows of 0.2 s hardly change such slow motions. Only the horizontal axes of a force are compared with a tilt."""
+    """Windows of 0.2 s hardly change such slow motions. A force is compared with a tilt along the horizontal axes."""
     moving = sized(np.sin(np.outer(TIME, [0.5, 0.7, 0.4])), multiple * threshold)
     still = 1e-3 * np.sin(np.outer(TIME, [2.9, 2.3, 3.7]))
     if name == "velocity":
