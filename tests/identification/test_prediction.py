@@ -293,6 +293,9 @@ def test_starts_are_a_tenth_of_a_second_apart_where_the_filter_settles_and_the_s
     starts = prediction._starts(log, 6, (0.2, 3.0), 1.0)
     assert (starts[0], set(np.diff(starts))) == (50, {10})
     assert starts[-1] + 20 < len(log.time) <= starts[-1] + 20 + 10
+    # At two samples a second, each sample is a start.
+    slow = prediction._starts(replace(log, time=50.0 * log.time), 6, (2.0,), 1.0)
+    assert (slow[0], set(np.diff(slow))) == (6, {1})
     # A parabola may be longer than that.
     assert prediction._starts(log, 77, (0.2,), 1.0)[0] == 77
     gapped = log.part((log.time < 2.0) | (log.time > 2.3))
