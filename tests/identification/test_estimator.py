@@ -232,6 +232,26 @@ def test_drag_is_the_slope_of_the_force_over_the_air_speed():
     assert found.degrees_of_freedom == pytest.approx(20, abs=2)
 
 
+def test_drag_is_that_of_means_over_a_tenth_of_a_second_without_the_ends_of_the_log():
+    """The test repeats the estimate by hand. Means over 25 samples leave out 50 samples at both ends."""
+    base = load_undesigned("diagrams/vehicles/crazyflie.yaml", [f"nominal.mass={MASS}"])
+    random = np.random.default_rng(11)
+    time = PERIOD * np.arange(2500)
+    velocity = np.sin(np.outer(time, [2.0, 3.1, 0.0])) + 0.05 * random.normal(size=(2500, 3))
+    wind = 0.7 * np.cos(np.outer(time, [1.3, 0.9, 1.1]))
+    log = FlightRecord("log", time, velocity=velocity, attitude=np.zeros((2500, 3)), wind=wind)
+    found = linear_drag(log, base)
+    force, speed = MASS * np.gradient(velocity, PERIOD, axis=0), wind - velocity
+    for axis, spread in enumerate(found):
+        air, push = (np.array([each[i - 12 : i + 13, axis].mean() for i in range(50, 2450)]) for each in (speed, force))
+        slope, intercept = np.polyfit(air, push, 1)
+        assert spread.value == pytest.approx(slope)
+        blocks = np.floor(time[50:2450] / 0.5 + 1e-9).astype(int)
+        weights = (air - air.mean()) / np.sum((air - air.mean()) ** 2)
+        sums = np.bincount(blocks, weights=weights * (push - slope * air - intercept))
+        assert spread.deviation == pytest.approx(np.sqrt(20.0 / 19.0 * np.sum(sums**2)), rel=1e-3)
+
+
 @pytest.mark.parametrize(("period", "steps"), [(0.002, 10), (0.005, 4), (0.01, 2), (0.03, 1), (0.1, 1)])
 def test_a_velocity_error_hardly_changes_within_twenty_milliseconds(period, steps):
     assert estimator._steps(FlightRecord("log", period * np.arange(10.0))) == steps

@@ -152,6 +152,18 @@ def test_heights_determine_the_vertical_motion_and_velocities_all_but_the_place(
     assert {*Predictor(model, [log], windows, SIZES, IMU).rows.tolist()} == everything - {0, 1, 2, 5, 18, 19}
 
 
+def test_a_window_begins_with_a_logged_attitude_that_is_not_predicted_to_within_two_degrees(scenario, log, values):
+    """A predicted attitude begins at the first of its own measurements, and one that is not logged is unknown."""
+    bare = replace(log, attitude=None)
+    for record, outputs, expected in ((log, IMU, 0.03), (bare, IMU, 0.5), (log, POSE, 0.5)):
+        predictor = made(scenario, record, outputs)
+        first = predictor.gains(values, noise_of(outputs)).initial_covariance
+        places = np.flatnonzero(np.isin(predictor.rows, [3, 4, 5]))
+        deviations = np.sqrt(np.diagonal(first, axis1=1, axis2=2))
+        np.testing.assert_allclose(deviations[:, places], expected)
+        np.testing.assert_allclose(deviations[:, predictor.rows.tolist().index(9)], 10.0)
+
+
 @pytest.mark.parametrize("split", [1, 2])
 def test_an_open_loop_begins_at_the_last_measurement_of_the_filter(scenario, log, values, split):
     """From then on, the gains are zero; without a disturbance, its force and torque are missing in the first step."""
