@@ -103,6 +103,13 @@ def test_the_first_instance_of_a_sensor_is_read(read):
     np.testing.assert_allclose(record.body_rates, np.tile([0.1, -0.2, -0.3], (COUNT, 1)), rtol=1e-6)
 
 
+def test_a_message_without_a_time_is_left_out(read):
+    assert ARDUPILOT.count(b"TimeUS,C,VN") == 1
+    record = read(ARDUPILOT.replace(b"TimeUS,C,VN", b"Moment,C,VN"))
+    assert record.velocity is None
+    np.testing.assert_array_equal(record.specific_force, read(ARDUPILOT).specific_force)
+
+
 def test_an_ardupilot_log_without_a_known_message_is_refused(read):
     barometer = dataflash_log({"BARO": ("f", ["Alt"], rows(1.0))})
     with pytest.raises(InputError, match=r"is an ArduPilot log without any of the messages ATT, .*XKQ$"):
