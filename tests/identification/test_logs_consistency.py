@@ -252,6 +252,23 @@ def test_each_wrong_frame_is_named():
     assert remarks[0].endswith(": all signals look as if NED and FRD were taken for NWU and FLU")
 
 
+def test_a_wrong_frame_is_named_at_small_tilts_if_the_other_frame_is_exact():
+    """At a tilt of 0.1 rad, the axes of the body and of the world show almost the same horizontal velocity."""
+    tilt = 0.1 * np.sin(2.0 * np.outer(TIME, [1.0, 0.8]))
+    velocity = np.zeros((len(TIME), 3))
+    velocity[:, :2] = scipy.integrate.cumulative_simpson(GRAVITY * np.tan(tilt), x=TIME, axis=0, initial=0.0)
+    velocity -= velocity.mean(axis=0)
+    position = scipy.integrate.cumulative_simpson(velocity, x=TIME, axis=0, initial=0.0)
+    # The thrust is along (tan x, tan y, 1).
+    attitude = np.zeros((len(TIME), 3))
+    attitude[:, 1] = tilt[:, 0]
+    attitude[:, 0] = -np.arctan(np.tan(tilt[:, 1]) * np.cos(tilt[:, 0]))
+    in_body = rotations(attitude).apply(velocity, inverse=True)
+    assert list(contradictions({"position": position, "attitude": attitude, "velocity": velocity}, TIME)) == []
+    (remark,) = contradictions({"position": position, "attitude": attitude, "velocity": in_body}, TIME)
+    assert remark.endswith("velocity looks as if it were along the axes of the body")
+
+
 @pytest.mark.parametrize("shift", [-0.1, 0.04, 0.15])
 @pytest.mark.parametrize(("name", "other"), [("velocity", "position"), ("body_rates", "attitude")])
 def test_a_time_shift_is_measured(name, other, shift):
