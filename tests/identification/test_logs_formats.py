@@ -292,6 +292,15 @@ def test_a_ros_2_bag_is_read_as_a_folder_and_as_a_file(tmp_path, plugin, version
         check_ros(read_log(path))
 
 
+@pytest.mark.parametrize("count", [0, 2])
+def test_a_folder_with_several_files_of_a_bag_or_without_any_is_refused(tmp_path, count):
+    (tmp_path / "metadata.yaml").touch()
+    for i in range(count):
+        (tmp_path / f"bag_{i}.mcap").touch()
+    with pytest.raises(InputError, match=f"is a ROS 2 bag of {count} files; name the one to read"):
+        read_log(tmp_path)
+
+
 def test_messages_of_ros_are_decoded_by_the_definitions_of_the_bag_or_else_by_those_of_ros():
     store = typesys.get_typestore(typesys.Stores.LATEST)
     kind = "geometry_msgs/msg/Vector3"
