@@ -252,6 +252,13 @@ def test_a_mat_file_has_structs_and_matrices(read, tmp_path):
         read(mat_file(MAT_CONTENT))
 
 
+def test_a_matrix_of_times_is_refused(read, tmp_path):
+    (tmp_path / "mine.yaml").write_text(MAT_MAPPING)
+    content = {"log": {**MAT_CONTENT["log"], "t": np.ones((COUNT, 2))}}
+    with pytest.raises(InputError, match=r"log\.t must be a vector of times"):
+        read(mat_file(content), tmp_path / "mine.yaml")
+
+
 def test_variables_of_a_mat_file_that_are_not_as_long_as_the_time_are_left_out(read, tmp_path):
     """A remark names each of them once."""
     (tmp_path / "mine.yaml").write_text(MAT_MAPPING)
