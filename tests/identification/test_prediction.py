@@ -288,7 +288,7 @@ def test_predictions_end_where_the_vehicle_lands_or_the_log_has_a_gap(scenario):
 
 
 def test_starts_are_a_tenth_of_a_second_apart_where_the_filter_settles_and_the_shortest_horizon_ends():
-    """The filter needs half a second without a gap before a start, and rotors follow commands from before the log."""
+    """The filter needs half a second without a gap before a start, in which rotors forget earlier commands."""
     log = moving([0.0, 0.0, 0.1], seconds=4.0)
     starts = prediction._starts(log, 6, (0.2, 3.0), 1.0)
     assert (starts[0], set(np.diff(starts))) == (50, {10})

@@ -49,7 +49,6 @@ SPACING = 0.1  # s, time between starts
 _PARABOLA_TIME = 0.05  # s, duration of the parabola at whose end a prediction begins
 _MIN_PARABOLA_SAMPLES = 4
 _SETTLING_TIME = 0.5  # s, time before a start in which the filter settles
-_UNKNOWN_ROTOR_TIME = 0.4  # s, time in which the rotors still follow commands from before the log
 _MIN_BLOCK = 1.0  # s, shortest block whose mean error counts as independent
 UNITS = {"height": "m", "climb": "m/s"} | {name: QUANTITIES[name].unit for name in STATE_ROWS}
 """Unit of each predicted quantity."""
@@ -300,11 +299,9 @@ def _starts(record: FlightRecord, past: int, horizons: Sequence[float], share: f
     apart = max(1, round(SPACING / record.period))
     last = round(min(horizons) / record.period)
     past = max(past, round(_SETTLING_TIME / record.period))
-    first = max(past, round(_UNKNOWN_ROTOR_TIME / record.period))
-    samples = np.arange(first, len(record.time) - last, apart)
-    piece = pieces(record)
-    whole = _reached(record, samples - past, past) & (piece[samples - first] == piece[samples])
-    return np.asarray(samples[wanted[samples] & whole & _reached(record, samples, last)])
+    samples = np.arange(past, len(record.time) - last, apart)
+    settled = _reached(record, samples - past, past)
+    return np.asarray(samples[wanted[samples] & settled & _reached(record, samples, last)])
 
 
 def _reached(record: FlightRecord, starts: np.ndarray, steps: int) -> np.ndarray:

@@ -447,8 +447,7 @@ def _lowest(errors: np.ndarray) -> float | None:
     if not 0 < low < len(errors) - 1:
         return None
     before, here, after = errors[low - 1 : low + 2]
-    bend = before - 2.0 * here + after
-    return low + (0.5 * (before - after) / bend if bend > 0.0 else 0.0)
+    return low + 0.5 * (before - after) / (before - 2.0 * here + after)
 
 
 def _shift(pair: _Pair, step: float, excited: np.ndarray) -> Iterator[str]:

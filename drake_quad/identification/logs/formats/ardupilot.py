@@ -92,7 +92,7 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
     ]
     if not tables:
         raise InputError(f"{log.mark}: is an ArduPilot log without any of the messages {', '.join(sorted(known))}")
-    names = [each for each in sorted(formats) if offsets[each] and each not in known]
+    names = [each for each in formats if offsets[each] and each not in known]
     return LogContent(tables, (name, mapping), remarks, names)
 
 
