@@ -87,7 +87,7 @@ class Stretches(NamedTuple):
         steps = -np.einsum("bij,bj->bi", inverses, scores)
         residual_scores = evidence.scores + np.einsum("wij,wj->wi", evidence.information, steps[blocks])
         num_windows = np.bincount(blocks)
-        weights = np.where(num_windows > 1, num_windows / np.maximum(num_windows - 1, 1), 0.0)[blocks]
+        weights = (num_windows / np.maximum(num_windows - 1, 1))[blocks]
         inverse = np.linalg.inv(information.sum(axis=0) + prior)
         sandwich = inverse @ ((weights[:, None] * residual_scores).T @ residual_scores) @ inverse
         freedom = float(windows - count) if windows >= _MIN_WINDOWS_PER_STRETCH * count else np.inf

@@ -200,14 +200,17 @@ def test_a_rest_is_correlated_until_its_autocorrelation_is_a_share_of_that_witho
     assert estimator._correlation_time(np.ones(50), 0.0) == 50
 
 
-@pytest.mark.parametrize("yaw", [0.0, 0.5 * np.pi])
-def test_drag_along_the_axes_of_the_body_is_that_along_x_and_that_along_y(yaw):
-    """The wind blows so that the air drags with exactly the force that accelerates a level vehicle."""
+@pytest.mark.parametrize(("yaw", "slowness"), [(0.0, 1.0), (0.5 * np.pi, 1.0), (0.0, 60.0)])
+def test_drag_along_the_axes_of_the_body_is_that_along_x_and_that_along_y(yaw, slowness):
+    """The wind blows so that the air drags with exactly the force that accelerates a level vehicle.
+
+    Force and air speed are averaged over a tenth of a second, or over one sample of a slow log.
+    """
     base = load_undesigned("diagrams/vehicles/crazyflie.yaml", [f"nominal.mass={MASS}"])
-    time = PERIOD * np.arange(2500)
+    time = slowness * PERIOD * np.arange(2500)
     drag = np.array([0.03, 0.05, 1.0])
-    rates = np.array([2.0, 3.1, 0.0])
-    velocity, acceleration = np.sin(np.outer(time, rates)), rates * np.cos(np.outer(time, rates))
+    rates = np.array([2.0, 3.1, 0.0]) / slowness
+    velocity, acceleration = slowness * np.sin(np.outer(time, rates)), slowness * rates * np.cos(np.outer(time, rates))
     attitude = np.tile([0.0, 0.0, yaw], (2500, 1))
     log = FlightRecord("made", time, velocity=velocity, attitude=attitude, wind=velocity + MASS * acceleration / drag)
     found = [each.value for each in linear_drag(log, base)]
@@ -231,6 +234,26 @@ def test_drag_is_the_slope_of_the_force_over_the_air_speed():
     found = linear_drag(noisy, base)[0]
     assert abs(found.value - drag) < 4.0 * found.deviation
     assert found.degrees_of_freedom == pytest.approx(20, abs=2)
+
+
+def test_drag_is_that_of_means_over_a_tenth_of_a_second_without_the_ends_of_the_log():
+    """The test repeats the estimate by hand. Means over 25 samples leave out 50 samples at both ends."""
+    base = load_undesigned("diagrams/vehicles/crazyflie.yaml", [f"nominal.mass={MASS}"])
+    random = np.random.default_rng(11)
+    time = PERIOD * np.arange(2500)
+    velocity = np.sin(np.outer(time, [2.0, 3.1, 0.0])) + 0.05 * random.normal(size=(2500, 3))
+    wind = 0.7 * np.cos(np.outer(time, [1.3, 0.9, 1.1]))
+    log = FlightRecord("log", time, velocity=velocity, attitude=np.zeros((2500, 3)), wind=wind)
+    found = linear_drag(log, base)
+    force, speed = MASS * np.gradient(velocity, PERIOD, axis=0), wind - velocity
+    for axis, spread in enumerate(found):
+        air, push = (np.array([each[i - 12 : i + 13, axis].mean() for i in range(50, 2450)]) for each in (speed, force))
+        slope, intercept = np.polyfit(air, push, 1)
+        assert spread.value == pytest.approx(slope)
+        blocks = np.floor(time[50:2450] / 0.5 + 1e-9).astype(int)
+        weights = (air - air.mean()) / np.sum((air - air.mean()) ** 2)
+        sums = np.bincount(blocks, weights=weights * (push - slope * air - intercept))
+        assert spread.deviation == pytest.approx(np.sqrt(20.0 / 19.0 * np.sum(sums**2)), rel=1e-3)
 
 
 @pytest.mark.parametrize(("period", "steps"), [(0.002, 10), (0.005, 4), (0.01, 2), (0.03, 1), (0.1, 1)])

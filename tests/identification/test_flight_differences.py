@@ -1,5 +1,6 @@
 """Thrust, trim force and wind of single flights, and the distribution for the next flight."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -21,7 +22,8 @@ from drake_quad.identification.flight_differences import (
 )
 from drake_quad.identification.known_flights import KNOWN_FLIGHTS, record_of
 from drake_quad.identification.parameters import Parameter
-from drake_quad.identification.prepared_logs import initial_noise, prepare
+from drake_quad.identification.prepared_logs import blocks_of, initial_noise, prepare
+from drake_quad.identification.random_effects import Variation
 from drake_quad.identification.result import FlightDifference, Spread
 from drake_quad.identification.results.estimates import Estimates, Source
 from drake_quad.identification.results.vehicle_numbers import number_of
@@ -55,6 +57,12 @@ def test_the_trim_force_at_one_heading_includes_the_wind(change: float) -> None:
     assert set(found) == {*TRIM_FORCE}
     expected = trim + turned(np.array(-mean), wind)
     np.testing.assert_allclose(values_of(found, "trim_force"), expected, atol=0.5 * change**2)
+
+
+def test_a_flight_without_any_force_has_none_and_an_error_of_almost_none() -> None:
+    found = forces_of(np.zeros((WINDOWS, SAMPLES)), np.zeros((WINDOWS, SAMPLES, 2)), np.arange(WINDOWS))
+    assert values_of(found, "trim_force") == [0.0, 0.0]
+    assert 0.0 < found["trim_force.x"].deviation < 1e-9
 
 
 def test_intervals_of_a_mean_force_contain_it_although_the_force_fluctuates() -> None:
@@ -113,6 +121,109 @@ def test_flights_agree_once_the_thrust_of_each_is_known() -> None:
     model = np.einsum("i,wij,j->w", direction, evidence.information, direction).reshape(3, -1).sum(axis=1)
     np.testing.assert_allclose([each.thrust.deviation for each in found], model**-0.5)
     np.testing.assert_allclose(within_flights(evidence, predictor, found).scores, 0.0, atol=1e-9)
+
+
+def test_parts_of_windows_belong_to_the_flight_of_their_window() -> None:
+    scales = np.array([0.05, -0.02, -0.03])
+    evidence, predictor = evidence_of(scales)
+    predictor.windows = predictor.windows[::2]
+    logs = SimpleNamespace(records=[SimpleNamespace(name=name) for name in "abc"], signals={"body_rates"})
+    found = flight_differences(logs, predictor, SimpleNamespace(), evidence)
+    np.testing.assert_allclose([each.thrust.value for each in found], scales, rtol=1e-9)
+    np.testing.assert_allclose(within_flights(evidence, predictor, found).scores, 0.0, atol=1e-9)
+
+
+def test_the_error_of_a_thrust_is_that_of_the_jackknife_over_the_windows_of_the_flight() -> None:
+    evidence, predictor = evidence_of(np.array([0.05, -0.05]))
+    scores = evidence.scores + 20.0 * np.random.default_rng(5).normal(size=evidence.scores.shape)
+    logs = SimpleNamespace(records=[SimpleNamespace(name=name) for name in "ab"], signals={"body_rates"})
+    found = flight_differences(logs, predictor, SimpleNamespace(), evidence._replace(scores=scores))
+    direction = np.array([0.0, 2.0, 3.0])
+    for flight, each in enumerate(found):
+        own = slice(6 * flight, 6 * flight + 6)
+        information, score = direction @ evidence.information[own] @ direction, scores[own] @ direction
+        step = -score.sum() / information.sum()
+        others = -(score.sum() - score) / (information.sum() - information)
+        deviation = np.sqrt(5.0 / 6.0 * np.sum((others - step) ** 2))
+        assert deviation > 2.0 * information.sum() ** -0.5
+        assert (each.thrust.value, each.thrust.deviation) == pytest.approx((step, deviation))
+        assert each.thrust.degrees_of_freedom == pytest.approx(information.sum() ** 2 / np.sum(information**2) - 1.0)
+        assert each.thrust.unit == "1"
+
+
+def test_a_flight_of_one_window_or_without_information_has_no_thrust_of_its_own() -> None:
+    logs = SimpleNamespace(records=[SimpleNamespace(name=name) for name in "ab"], signals={"body_rates"})
+    for windows, known in ((1, False), (2, True)):
+        evidence, predictor = evidence_of(np.array([0.05, -0.05]), windows)
+        found = flight_differences(logs, predictor, SimpleNamespace(), evidence)
+        assert [each.thrust is not None for each in found] == [known, known]
+    evidence.information[:2] = 0.0
+    found = flight_differences(logs, predictor, SimpleNamespace(), evidence)
+    assert [each.thrust is not None for each in found] == [False, True]
+
+
+LENGTH = 8
+
+
+def logs_with_forces(counts: list[int]) -> tuple[SimpleNamespace, SimpleNamespace, SimpleNamespace, np.ndarray]:
+    """Return logs, predictor and fit of flights with some windows each, and the forces (W, T, 2) of the filter, N.
+
+    The filter has a force that decays and a constant one in every row, at the sample after that of the measurement.
+    """
+    random, mass = np.random.default_rng(8), 0.7
+    total, settle, period = sum(counts), 3, 0.02
+    windows = [(flight, 5 + LENGTH * i) for flight, count in enumerate(counts) for i in range(count)]
+    predictor = SimpleNamespace(
+        windows=[SimpleNamespace(record=flight, start=start) for flight, start in windows],
+        sizes=SimpleNamespace(length=LENGTH),
+        rows=np.arange(6, 20),
+        period=period,
+        counted=np.arange(settle + LENGTH) >= settle,
+        duration=2.0 * total,
+    )
+    own, constant = random.normal(size=(2, settle + LENGTH, 2, total))
+    memory = np.array([0.05, 0.3, 9.0, 9.0, 9.0, 9.0])
+    disturbance = random.normal(size=(settle + LENGTH, 14, total))
+    # Rows 12 to 19 of the state are the disturbance: x, y, z, p, q, r and the constant x and y.
+    disturbance[:, 6:8] = own * np.exp(-period / memory[:2])[:, None]
+    disturbance[:, 12:] = constant
+    fitted = SimpleNamespace(noise=SimpleNamespace(memory=memory), gains=SimpleNamespace(disturbance=disturbance))
+    attitudes = [random.normal(size=(5 + LENGTH * count, 3)) for count in counts]
+    records = [
+        SimpleNamespace(name="abc"[flight], attitude=attitude, of={"attitude": attitude}.__getitem__)
+        for flight, attitude in enumerate(attitudes)
+    ]
+    scenario = SimpleNamespace(vehicle=SimpleNamespace(mass=mass))
+    logs = SimpleNamespace(records=records, signals={"position", "attitude"}, scenario=scenario)
+    return logs, predictor, fitted, mass * (own + constant)[settle:].transpose(2, 0, 1)
+
+
+def test_forces_are_those_of_the_filter_in_the_windows_of_each_flight() -> None:
+    """Windows of two seconds form blocks of four seconds, and of less in the short flight, which has five blocks."""
+    counts = [24, 8]
+    logs, predictor, fitted, force = logs_with_forces(counts)
+    evidence, _ = evidence_of(np.array([0.0, 0.0]), 16)
+    found = flight_differences(logs, predictor, fitted, evidence)
+    for flight, first in ((0, 0), (1, 24)):
+        count = counts[flight]
+        heading = logs.records[flight].attitude[5:, 2].reshape(count, LENGTH)
+        expected = forces_of(heading, force[first : first + count], blocks_of(count, 2.0 * count, 5))
+        for name, spread in expected.items():
+            own = found[flight].forces[name]
+            assert (own.value, own.deviation) == pytest.approx((spread.value, spread.deviation))
+            assert own.degrees_of_freedom == pytest.approx(spread.degrees_of_freedom)
+        assert {*found[flight].forces} == {*TRIM_FORCE, "wind_force.x", "wind_force.y"}
+
+
+def test_forces_need_positions_and_the_attitudes_of_all_logs() -> None:
+    logs, predictor, fitted, _ = logs_with_forces([2, 2])
+    evidence, _ = evidence_of(np.array([0.0, 0.0]), 2)
+    assert all(each.forces for each in flight_differences(logs, predictor, fitted, evidence))
+    logs.signals = {"attitude"}
+    assert not any(each.forces for each in flight_differences(logs, predictor, fitted, evidence))
+    logs.signals = {"position"}
+    logs.records[1].attitude = None
+    assert not any(each.forces for each in flight_differences(logs, predictor, fitted, evidence))
 
 
 def test_one_flight_or_a_vehicle_without_thrust_has_no_thrust_of_its_own() -> None:
@@ -183,6 +294,40 @@ def test_two_flights_show_no_spread_and_logs_without_poses_no_trim_force() -> No
     found = with_differences(own, differences([0.1, 0.0, -0.1], None), scenario, 20.0)
     assert found.names == own.names
     assert found.flight_variation.covariance[1, 2] == pytest.approx(0.01 * 4.0 / 3.0 * 6.0)
+
+
+def test_a_vehicle_without_thrust_has_no_spread_of_it_and_one_flight_without_forces_leaves_out_the_trim_force() -> None:
+    scenario = load_scenario("hover")
+    turning = Estimates(
+        ("inertia[0]",), np.array([0.01]), np.array([[1e-8]]), 30.0, Source("prediction errors", "a, b, c")
+    )
+    flights = [each._replace(thrust=None) for each in differences([0.0] * 3, [0.1, 0.3, -0.4])]
+    found = with_differences(turning, flights, scenario, 20.0)
+    assert found.names == ("inertia[0]", *TRIM_FORCE)
+    assert found.flight_variation.covariance[0, 0] == 0.0
+    assert found.flight_variation.covariance[1, 1] > 0.0
+    flights[1] = flights[1]._replace(forces={})
+    assert with_differences(turning, flights, scenario, 20.0).names == ("inertia[0]",)
+
+
+def test_the_error_of_a_mean_trim_force_is_that_of_all_flights_together() -> None:
+    """Degrees of freedom are Satterthwaite's. The variation of a trim force within a flight is unknown."""
+    varying = replace(estimates(), variation=Variation(np.diag([1e-4, 0.0, 0.0]), 9.0, 8.0))
+    deviations, freedoms = np.array([0.03, 0.1, 0.02, 0.05]), np.array([8.0, 4.0, 12.0, 20.0])
+    trims = zip([0.1, 0.3, -0.4, 0.2], deviations, freedoms)
+    flights = differences([0.0] * 4, [0.0] * 4)
+    flights = [
+        each._replace(forces={**each.forces, "trim_force.x": Spread(value, deviation, "N", freedom)})
+        for each, (value, deviation, freedom) in zip(flights, trims, strict=True)
+    ]
+    found = with_differences(varying, flights, load_scenario("hover"), 20.0)
+    assert found.value("trim_force.x") == pytest.approx(0.05)
+    assert found.deviations[3] == pytest.approx(np.sqrt(np.sum(deviations**2)) / 4.0)
+    expected = np.sum(deviations**2) ** 2 / np.sum(deviations**4 / freedoms)
+    assert found.degrees_of_freedom[3] == pytest.approx(expected)
+    assert found.degrees_of_freedom[4] == pytest.approx(32.0)
+    np.testing.assert_array_equal(found.correlation[3:], np.eye(5)[3:])
+    np.testing.assert_array_equal(np.isfinite(np.diag(found.variation.covariance)), [True] * 3 + [False] * 2)
 
 
 @pytest.mark.slow

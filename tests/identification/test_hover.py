@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from drake_quad.identification import hover
 from drake_quad.identification.hover import delay_by_correlation, trim, white_noise
 from drake_quad.identification.logs.record import FlightRecord
 
@@ -170,6 +171,25 @@ def test_the_delay_is_that_of_the_angle_that_answers_best(lag, axis):
     assert delay_by_correlation(logged) == pytest.approx(0.01 * lag)
     bare = FlightRecord("bare", time, attitude_command=command)
     assert delay_by_correlation(bare) is None
+
+
+def test_an_answer_after_0_3_s_is_no_delay():
+    command = np.random.default_rng(6).normal(size=(2000, 3)).cumsum(axis=0)
+    attitude = np.zeros_like(command)
+    attitude[10:] = 0.5 * command[:-10]
+    attitude[30:] += command[:-30]
+    logged = FlightRecord("log", 0.01 * np.arange(2000), attitude=attitude, attitude_command=command)
+    assert delay_by_correlation(logged) == pytest.approx(0.1)
+
+
+def test_a_log_of_one_sample_a_second_has_no_delay_and_a_single_block_no_deviation():
+    command = np.random.default_rng(6).normal(size=(50, 3)).cumsum(axis=0)
+    assert (
+        delay_by_correlation(FlightRecord("slow", np.arange(50.0), attitude=command, attitude_command=command)) == 0.0
+    )
+    mean = hover._mean(np.array([3.0, 5.0]), np.array([7, 7]), "N")
+    assert (mean.value, mean.unit, mean.degrees_of_freedom) == (4.0, "N", 1.0)
+    assert np.isnan(mean.deviation)
 
 
 def test_throttles_in_hover_give_the_thrust_of_a_motor_and_show_a_weak_propeller():

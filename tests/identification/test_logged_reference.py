@@ -279,6 +279,19 @@ def test_yaw_knots_are_those_of_the_whole_route():
         assert moving[-1].time == pytest.approx(record.time[-1] + rest)
 
 
+def test_a_yaw_of_cubic_pieces_is_found_again_with_its_rates():
+    """Its acceleration jumps where two pieces meet, which are half a second long."""
+    random = np.random.default_rng(6)
+    times = np.linspace(0.0, 4.0, 9)
+    rows = random.uniform(-1.0, 1.0, (9, 2, 1))
+    time = np.linspace(0.0, 4.0, 801)
+    yaw = evaluate(hermite_path(times, rows), time)[0]
+    record = FlightRecord("a", time, reference_position=np.zeros((801, 3)), reference_yaw=yaw)
+    knots = reference._yaw_knots(record, 0.0)
+    np.testing.assert_allclose([knot.time for knot in knots], times)
+    np.testing.assert_allclose([[knot.yaw, knot.yaw_rate] for knot in knots], rows[:, :, 0], atol=1e-4)
+
+
 def test_the_run_up_to_a_velocity_takes_half_of_the_rest_at_a_constant_acceleration():
     first = reference.Knot(time=0.0, position=(1.0, 2.0, 3.0), velocity=(0.4, 0.0, -0.8))
     begin, away = reference._approach(first, 3.0)

@@ -49,6 +49,13 @@ def test_the_first_version_counts_milliseconds(written):
     np.testing.assert_allclose(read_log(written(data)).time, [0.0, 0.01, 0.02, 0.03, 0.04], atol=1e-12)
 
 
+@pytest.mark.parametrize(("name", "begin"), [("imu", "imu: 1 sample"), ("fixedFrequency", "1 sample")])
+def test_a_clock_that_repeats_a_time_is_that_of_an_event_unless_there_is_one_for_all(written, name, begin):
+    times = [0, 10_000, 10_000, 20_000, 30_000]
+    data = crazyflie_log([(0, name, ACC)], [(0, time, (0.0, 0.0, 1.0)) for time in times])
+    assert any(remark.startswith(f"{begin} left out") for remark in read_log(written(data)).remarks)
+
+
 def test_the_pitch_of_the_older_frame_changes_its_sign_and_that_of_the_quaternion_does_not(written):
     roll, pitch, yaw = 0.3, -0.2, 1.1
     old = [(f"stateEstimate.{name}", "f") for name in ("roll", "pitch", "yaw")]

@@ -103,6 +103,13 @@ def test_the_first_instance_of_a_sensor_is_read(read):
     np.testing.assert_allclose(record.body_rates, np.tile([0.1, -0.2, -0.3], (COUNT, 1)), rtol=1e-6)
 
 
+def test_a_message_without_a_time_is_left_out(read):
+    assert ARDUPILOT.count(b"TimeUS,C,VN") == 1
+    record = read(ARDUPILOT.replace(b"TimeUS,C,VN", b"Moment,C,VN"))
+    assert record.velocity is None
+    np.testing.assert_array_equal(record.specific_force, read(ARDUPILOT).specific_force)
+
+
 def test_an_ardupilot_log_without_a_known_message_is_refused(read):
     barometer = dataflash_log({"BARO": ("f", ["Alt"], rows(1.0))})
     with pytest.raises(InputError, match=r"is an ArduPilot log without any of the messages ATT, .*XKQ$"):
@@ -245,6 +252,13 @@ def test_a_mat_file_has_structs_and_matrices(read, tmp_path):
         read(mat_file(MAT_CONTENT))
 
 
+def test_a_matrix_of_times_is_refused(read, tmp_path):
+    (tmp_path / "mine.yaml").write_text(MAT_MAPPING)
+    content = {"log": {**MAT_CONTENT["log"], "t": np.ones((COUNT, 2))}}
+    with pytest.raises(InputError, match=r"log\.t must be a vector of times"):
+        read(mat_file(content), tmp_path / "mine.yaml")
+
+
 def test_variables_of_a_mat_file_that_are_not_as_long_as_the_time_are_left_out(read, tmp_path):
     """A remark names each of them once."""
     (tmp_path / "mine.yaml").write_text(MAT_MAPPING)
@@ -283,6 +297,15 @@ def test_a_ros_2_bag_is_read_as_a_folder_and_as_a_file(tmp_path, plugin, version
     file = ros_2_bag(tmp_path / "bag", plugin=plugin, version=version)
     for path in (tmp_path / "bag", file):
         check_ros(read_log(path))
+
+
+@pytest.mark.parametrize("count", [0, 2])
+def test_a_folder_with_several_files_of_a_bag_or_without_any_is_refused(tmp_path, count):
+    (tmp_path / "metadata.yaml").touch()
+    for i in range(count):
+        (tmp_path / f"bag_{i}.mcap").touch()
+    with pytest.raises(InputError, match=f"is a ROS 2 bag of {count} files; name the one to read"):
+        read_log(tmp_path)
 
 
 def test_messages_of_ros_are_decoded_by_the_definitions_of_the_bag_or_else_by_those_of_ros():

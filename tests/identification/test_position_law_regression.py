@@ -314,6 +314,13 @@ def test_a_richer_law_is_taken_if_its_last_parameter_is_significant(monkeypatch,
     assert regression._better_fit([], (0,), simple, rich) is (rich if better else simple)
 
 
+def test_of_two_laws_without_any_remaining_error_the_simpler_one_is_taken(monkeypatch):
+    """A command that is constant leaves nothing to explain."""
+    monkeypatch.setattr(regression, "uncertainty", lambda pieces, axes, fit: (np.zeros(4), None))
+    simple, rich = (fit_with(np.zeros(100), free=free) for free in (("delay",), ("delay", "filter_time")))
+    assert regression._better_fit([], (0,), simple, rich) is simple
+
+
 def rule_bias(named):
     """Return the bias of gains if the controller sums samples, which differs by half a period from an integral.
 

@@ -201,6 +201,7 @@ def test_intervals_are_those_of_blocks():
         ("one",), (0.5,), np.array(["a"] * 2), np.array([0.0, 0.1]), {"position": errors[None, None, :2]}
     )
     assert single.rmse("position", "one", 0.5).high == math.inf
+    assert single.starts(0.5) == 2
 
 
 def test_a_model_without_errors_is_better_than_all_others():
@@ -233,6 +234,9 @@ def test_joined_predictions_have_the_quantities_that_all_logs_have():
     assert both.log.tolist() == ["a"] * 4 + ["b"] * 2
     assert both.time.tolist() == [0.0, 1.0, 2.0, 3.0, 0.0, 1.0]
     assert (both.vehicles, both.horizons) == (("one", "other"), (0.1, 0.5, 1.0))
+    single = joined([part("a", 4, "attitude", "velocity")])
+    assert (single.vehicles, single.horizons) == (both.vehicles, both.horizons)
+    assert [*single.errors] == ["attitude", "velocity"]
     with pytest.raises(InputError, match="at least one log is needed for a prediction"):
         joined([])
 
@@ -285,11 +289,14 @@ def test_predictions_end_where_the_vehicle_lands_or_the_log_has_a_gap(scenario):
 
 
 def test_starts_are_a_tenth_of_a_second_apart_where_the_filter_settles_and_the_shortest_horizon_ends():
-    """The filter needs half a second without a gap before a start, and rotors follow commands from before the log."""
+    """The filter needs half a second without a gap before a start, in which rotors forget earlier commands."""
     log = moving([0.0, 0.0, 0.1], seconds=4.0)
     starts = prediction._starts(log, 6, (0.2, 3.0), 1.0)
     assert (starts[0], set(np.diff(starts))) == (50, {10})
     assert starts[-1] + 20 < len(log.time) <= starts[-1] + 20 + 10
+    # At two samples a second, each sample is a start.
+    slow = prediction._starts(replace(log, time=50.0 * log.time), 6, (2.0,), 1.0)
+    assert (slow[0], set(np.diff(slow))) == (6, {1})
     # A parabola may be longer than that.
     assert prediction._starts(log, 77, (0.2,), 1.0)[0] == 77
     gapped = log.part((log.time < 2.0) | (log.time > 2.3))

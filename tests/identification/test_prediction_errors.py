@@ -10,6 +10,7 @@ import scipy
 from drake_quad import load_scenario
 from drake_quad.identification import fit as fitting
 from drake_quad.identification import prediction_errors
+from drake_quad.identification.logs.attitudes import rotations
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import NUM_BODY, NUM_DISTURBANCE, STATE_ROWS, LogModel
 from drake_quad.identification.parameters import Parameter
@@ -150,6 +151,27 @@ def test_heights_determine_the_vertical_motion_and_velocities_all_but_the_place(
     windows = [LogWindow(0, 30)]
     assert {*Predictor(model, [log], windows, SIZES, POSE).rows.tolist()} == everything - {18, 19}
     assert {*Predictor(model, [log], windows, SIZES, IMU).rows.tolist()} == everything - {0, 1, 2, 5, 18, 19}
+
+
+def test_a_window_begins_with_a_logged_attitude_that_is_not_predicted_to_within_two_degrees(scenario, log, values):
+    """A predicted attitude begins at the first of its own measurements, and one that is not logged is unknown."""
+    bare = replace(log, attitude=None)
+    for record, outputs, expected in ((log, IMU, 0.03), (bare, IMU, 0.5), (log, POSE, 0.5)):
+        predictor = made(scenario, record, outputs)
+        first = predictor.gains(values, noise_of(outputs)).initial_covariance
+        places = np.flatnonzero(np.isin(predictor.rows, [3, 4, 5]))
+        deviations = np.sqrt(np.diagonal(first, axis1=1, axis2=2))
+        np.testing.assert_allclose(deviations[:, places], expected)
+        np.testing.assert_allclose(deviations[:, predictor.rows.tolist().index(9)], 10.0)
+
+
+def test_a_predicted_attitude_is_that_of_the_frame_of_the_markers(log, values):
+    scenario = load_scenario("laboratory:low_wind", ["laboratory.motion_capture.misalignment=[0.02, -0.03, 0.1]"])
+    predictor = made(scenario, log)
+    flown, state = predictor._begin(values[None])
+    markers = rotations(state[3:6, 0].T) * rotations(np.array([0.02, -0.03, 0.1]))
+    expected = markers.as_euler("ZYX").T[::-1]
+    np.testing.assert_allclose(predictor._predicted(flown, state)[3:, 0], expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("split", [1, 2])

@@ -487,6 +487,18 @@ def test_what_was_given_is_put_where_it_belongs_unless_it_was_identified():
             vehicle_file._add_override(tree, wrong)
 
 
+def test_what_was_given_is_in_the_file_and_the_full_thrust_that_is_believed_follows_from_it(root, tmp_path):
+    given = ("vehicle.mass=0.031", "nominal.thrust_factor=3e-8", "vehicle.gravity=9.8")
+    found = estimates_of({f"motors.curve[{place}]": FOUND[f"motors.curve[{place}]"] for place in range(3)})
+    base = root / "diagrams" / "vehicles" / "crazyflie.yaml"
+    path = write_vehicle(tmp_path / "given.yaml", "given", found, base=base, given=given)
+    scenario = load_undesigned(path)
+    assert (scenario.vehicle.mass, scenario.nominal.thrust_factor, scenario.vehicle.gravity) == (0.031, 3e-8, 9.8)
+    assert path.read_text().count("# given, not identified") == 3
+    full = 3e-8 * load_undesigned(base).nominal.max_rotor_speed ** 2
+    assert scenario.nominal.motors.curve == pytest.approx((0.0, 0.0, full), rel=1e-3)
+
+
 @pytest.mark.parametrize(
     ("value", "written", "said"), [(-0.3, 0.0, True), (-0.04, 0.0, False), (0.04, 0.04, False), (0.3, 0.3, False)]
 )

@@ -51,7 +51,6 @@ START_SPACING = 0.1  # s, time between starts
 _PARABOLA_TIME = 0.05  # s, duration of the parabola at whose end a prediction begins
 _MIN_PARABOLA_SAMPLES = 4
 _SETTLING_TIME = 0.5  # s, time before a start in which the filter settles
-_UNKNOWN_ROTOR_TIME = 0.4  # s, time at the start of a log in which rotor speeds depend on earlier commands
 _MIN_BLOCK_DURATION = 1.0  # s, shortest block whose mean error counts as independent
 UNITS = {"height": "m", "climb": "m/s"} | {name: QUANTITIES[name].unit for name in STATE_ROWS}
 """Unit of each predicted quantity."""
@@ -308,12 +307,8 @@ def _starts(record: FlightRecord, num_past: int, horizons: Sequence[float], shar
     spacing = max(1, round(START_SPACING / record.period))
     min_steps = round(min(horizons) / record.period)
     num_past = max(num_past, round(_SETTLING_TIME / record.period))
-    num_rotor_samples = max(num_past, round(_UNKNOWN_ROTOR_TIME / record.period))
-    samples = np.arange(num_rotor_samples, len(record.time) - min_steps, spacing)
-    piece_numbers = pieces(record)
-    has_past = _continues(record, samples - num_past, num_past) & (
-        piece_numbers[samples - num_rotor_samples] == piece_numbers[samples]
-    )
+    samples = np.arange(num_past, len(record.time) - min_steps, spacing)
+    has_past = _continues(record, samples - num_past, num_past)
     return np.asarray(samples[is_allowed[samples] & has_past & _continues(record, samples, min_steps)])
 
 

@@ -453,8 +453,7 @@ def _refined_minimum(errors: np.ndarray) -> float | None:
     if not 0 < index < len(errors) - 1:
         return None
     before, lowest, after = errors[index - 1 : index + 2]
-    curvature = before - 2.0 * lowest + after
-    return index + (0.5 * (before - after) / curvature if curvature > 0.0 else 0.0)
+    return index + 0.5 * (before - after) / (before - 2.0 * lowest + after)
 
 
 def _shift(pair: _Pair, step: float, excited: np.ndarray) -> Iterator[str]:

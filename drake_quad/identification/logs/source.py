@@ -174,7 +174,7 @@ def _bag_in(path: Path) -> Path:
     """Return the only file in the folder of a ROS 2 bag; any other path is returned unchanged."""
     if not os.path.isfile(path / "metadata.yaml"):  # noqa: PTH113 - Path.is_file raises where a name is too long
         return path
-    files = [each for each in sorted(path.iterdir()) if each.suffix in _BAG_SUFFIXES]
+    files = [each for each in path.iterdir() if each.suffix in _BAG_SUFFIXES]
     if len(files) != 1:
         raise InputError(f"{path}: is a ROS 2 bag of {len(files)} files; give the path of the one to read")
     return files[0]

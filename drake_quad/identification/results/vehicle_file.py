@@ -421,7 +421,7 @@ def _commented(node: Any, indent: int) -> Any:
     if isinstance(node, dict):
         mapping = CommentedMap({key: _commented(value, indent + 2) for key, value in node.items()})
         return _with_comments(mapping, node.items(), indent)
-    if any(item.comment or isinstance(item.value, dict) for item in node):
+    if any(item.comment for item in node):
         items = CommentedSeq([_commented(item, indent + 2) for item in node])
         return _with_comments(items, enumerate(node), indent)
     sequence = CommentedSeq([item.value for item in node])

@@ -93,7 +93,7 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
     ]
     if not tables:
         raise InputError(f"{log.mark}: is an ArduPilot log without any of the messages {', '.join(sorted(mapped))}")
-    names = [each for each in sorted(formats) if offsets[each] and each not in mapped]
+    names = [each for each in formats if offsets[each] and each not in mapped]
     return LogContent(tables, (name, mapping), remarks, names)
 
 
