@@ -494,7 +494,7 @@ def test_what_was_given_is_in_the_file_and_the_full_thrust_that_is_believed_foll
     path = write_vehicle(tmp_path / "given.yaml", "given", found, base=base, given=given)
     scenario = load_undesigned(path)
     assert (scenario.vehicle.mass, scenario.nominal.thrust_factor, scenario.vehicle.gravity) == (0.031, 3e-8, 9.8)
-    assert path.read_text().count("# given, not identified") == 3
+    assert path.read_text().count("# set by the user, not identified") == 3
     full = 3e-8 * load_undesigned(base).nominal.max_rotor_speed ** 2
     assert scenario.nominal.motors.curve == pytest.approx((0.0, 0.0, full), rel=1e-3)
 
