@@ -416,11 +416,13 @@ def test_noise_and_trim_of_a_hover_are_printed(capsys, monkeypatch):
     assert "correlation" not in capsys.readouterr().out
 
 
-def test_throttles_of_all_logs_are_combined():
-    time = np.arange(2.0)
-    four = FlightRecord("a", time, motor_command=np.array([[0.1, 0.2, 0.3, 0.4], [0.5, 0.6, 0.7, 0.8]]))
-    one = FlightRecord("b", time, thrust_share=np.array([0.9, 1.0]))
-    assert identify.throttles([four, one]).tolist() == [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0]
+def test_throttles_in_flight_of_all_logs_are_combined():
+    """The throttle of 0.1 at rest before and after the flight is left out."""
+    time = 0.02 * np.arange(1000)
+    in_flight = ((time > 5.0) & (time < 15.0))[:, None]
+    four = FlightRecord("a", time, motor_command=np.where(in_flight, [0.5, 0.6, 0.7, 0.8], 0.1))
+    one = FlightRecord("b", time, thrust_share=np.where(in_flight[:, 0], 0.9, 0.1))
+    assert np.unique(identify.throttles([four, one])).tolist() == [0.5, 0.6, 0.7, 0.8, 0.9]
     assert identify.throttles([FlightRecord("c", time)]) is None
 
 
