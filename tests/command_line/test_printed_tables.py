@@ -419,7 +419,7 @@ def test_noise_and_trim_of_a_hover_are_printed(capsys, monkeypatch):
 def test_throttles_in_flight_of_all_logs_are_combined():
     """The throttle of 0.1 at rest before and after the flight is left out."""
     time = 0.02 * np.arange(1000)
-    in_flight = ((time > 5.0) & (time < 15.0))[:, None]
+    in_flight = ((time > 3.0) & (time < 17.0))[:, None]
     four = FlightRecord("a", time, motor_command=np.where(in_flight, [0.5, 0.6, 0.7, 0.8], 0.1))
     one = FlightRecord("b", time, thrust_share=np.where(in_flight[:, 0], 0.9, 0.1))
     assert np.unique(identify.throttles([four, one])).tolist() == [0.5, 0.6, 0.7, 0.8, 0.9]
