@@ -2,9 +2,12 @@
 
 For a tick k of n, with the position error e_k and the commanded acceleration u_k of each axis:
 
-    RMSE of an axis √(Σ e_k² / n) RMSE √(Σ |e_k|² / n), of the Euclidean error peak max |e_k| control effort Σ u_k² / n,
-    m²/s⁴ total variation Σ |u_k - u_{k-1}| / (duration of n - 1 ticks), m/s² per second saturation share fraction of
-    the ticks at which the rotors of the nominal model cannot produce the wrench
+    RMSE of an axis        √(Σ e_k² / n)
+    RMSE                   √(Σ |e_k|² / n), of the Euclidean error
+    peak                   max |e_k|
+    control effort         Σ u_k² / n, m²/s⁴
+    total variation        Σ |u_k - u_{k-1}| / (duration of n - 1 ticks), m/s² per second
+    saturation share       fraction of the ticks at which the rotors of the nominal model cannot produce the wrench
 
 The sums include the ticks in the metric window of the scenario, up to a crash.
 """

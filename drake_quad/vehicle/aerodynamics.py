@@ -2,9 +2,10 @@
 
 Let u be the velocity of the air relative to the centre of mass, along the axes of B. The forces in B are:
 
-    body drag F_k = (c₁ₖ + c₂ₖ |u|) u_k at the centre of pressure translational lift F_z = c_lift (u_x² + u_y²) at the
-    mean position of the rotors climb F_z = c_climb u_z, a loss of thrust in climb at the mean position of the rotors
-    rotor drag, inflow F = Σ ωᵢ (k_d u_x, k_d u_y, k_z u_z)
+    body drag            F_k = (c₁ₖ + c₂ₖ |u|) u_k                     at the centre of pressure
+    translational lift   F_z = c_lift (u_x² + u_y²)                    at the mean position of the rotors
+    climb                F_z = c_climb u_z, a loss of thrust           at the mean position of the rotors
+    rotor drag, inflow   F = Σ ωᵢ (k_d u_x, k_d u_y, k_z u_z)          at the mean position of the rotors
 
 Body drag follows the drag law of a blunt body, independently for each axis. The other effects are first-order results
 of blade element and momentum theory. The drag of a rotor is proportional to its speed (Martin and Salaün, "The true

@@ -5,9 +5,10 @@ P and the body rates are continuous when the payload is picked up or dropped: a 
 a payload already moves with the vehicle before it is picked up. With the payload, the common centre of mass C is at the
 position c relative to P:
 
-    M = m + m_p, c = m_p r / M I_C = I + I_p + (m m_p / M) (|r|² 1 - r rᵀ) parallel axis theorem, with products of
-    inertia I_C α = τ_P - c x F - ω x (I_C ω + J_r ω_r z) a_P = F / M - α x c - ω x (ω x c) without gravity, along the
-    axes of B
+    M = m + m_p,    c = m_p r / M
+    I_C = I + I_p + (m m_p / M) (|r|² 1 - r rᵀ)                   parallel axis theorem, with products of inertia
+    I_C α = τ_P - c x F - ω x (I_C ω + J_r ω_r z)
+    a_P = F / M - α x c - ω x (ω x c)                             without gravity, along the axes of B
 
 where F is the force on the vehicle, excluding its weight, and τ_P is the torque about P.
 """
