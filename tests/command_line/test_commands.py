@@ -63,7 +63,7 @@ def test_fly_simulates_another_layout(run, tmp_path):
         ("{kind: y}", "nominal.layout.kind is 'y', but must be"),
         ("{kind: x, length: 0.2}", "but must have width and length"),
         ("{kind: h, length: 0.2, width: -0.3}", "nominal.layout.width is -0.3, but must be"),
-        ("{kind: x, length: 0.2, width: 0.000001}", "must produce thrust and all torques, but has no"),
+        ("{kind: x, length: 0.2, width: 0.000001}", "must produce thrust and all torques, but cannot produce"),
     ],
 )
 def test_fly_refuses_an_invalid_layout_in_one_sentence(run, tmp_path, layout, words):
