@@ -450,7 +450,7 @@ def test_a_flight_has_no_more_ticks_than_can_be_flown(write, override, field):
 def test_a_planned_flight_has_no_more_ticks_than_can_be_flown(write):
     shortest_periods = [field.replace("0.001", "0.0001") for field in SHORT_PERIODS]
     scenario = load_scenario(write(SMALL_FILE), ["route={kind: circle, laps: 100, radius: 5}", *shortest_periods])
-    with pytest.raises(InputError, match=r"the flight would take .* s, but may take at most 1000 s, which is 10,000,"):
+    with pytest.raises(InputError, match=r"the flight would take .* s, but must take at most 1000 s, which is 10,000,"):
         flight_duration(scenario, plan_route(scenario))
 
 
