@@ -123,7 +123,7 @@ class Grid:
         return all_lengths[:-1], np.where(predecessors[:-1] == size - 1, -1, predecessors[:-1])
 
     def neighbours(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Yield, for each of 13 directions, the indices of all points with a neighbour there, and of these neighbours."""
+        """Yield, for each of 13 directions, the indices of all points with a neighbour there, and of the neighbours."""
         numbers = np.arange(len(self.points)).reshape(self.shape)
         for step in _DIRECTIONS:
             starts = numbers[tuple(slice(max(0, -s), n - max(0, s)) for s, n in zip(step, self.shape, strict=True))]

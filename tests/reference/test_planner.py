@@ -234,7 +234,7 @@ def test_a_too_short_time_is_reported_with_a_remedy_that_works():
         plan_path(problem(), GivenTimes(tuple(times)))
     words = re.fullmatch(
         r"the acceleration limit of 0.7 m/s² cannot be kept on segment (\d): at these times at least ([\d.]+) m/s² is "
-        r"needed; flown ([\d.]+) times slower it is feasible",
+        r"needed; flown ([\d.]+) times slower, it is feasible",
         str(error.value),
     )
     assert 0 <= int(words[1]) <= 3
@@ -258,7 +258,7 @@ def test_a_too_short_time_is_reported_with_a_remedy_that_works():
 def test_a_far_too_short_time_is_reported_with_a_limit_and_a_remedy_that_works(times):
     with pytest.raises(InputError, match="the (speed|acceleration) limit .* cannot be kept on segment") as error:
         plan_path(problem(), GivenTimes(times))
-    slower = float(re.search(r"flown ([\d.e+]+) times slower it is feasible", str(error.value))[1])
+    slower = float(re.search(r"flown ([\d.e+]+) times slower, it is feasible", str(error.value))[1])
     path = plan_path(problem(), GivenTimes(tuple(slower * np.array(times))))
     assert max(shares(path)) <= 1.0 + 1e-6
 

@@ -539,7 +539,7 @@ def test_limits_of_the_rotors_are_checked_after_nominal_is_applied(write, nomina
         ),
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], {point: [1, 1, 1], velocity: [3, 0, 0]}, [0, 0, 1]]}",
-            "2: route cannot be flown: the velocity at waypoint 1 is given as 3 m/s, beyond the limit of 2 m/s",
+            "2: route cannot be flown: the velocity at waypoint 1 is 3 m/s, more than the limit of 2 m/s",
         ),
         ("{kind: waypoints, times: [0, 1]}", "2: route.waypoints is missing"),
         ("{kind: trajectory, knots: [{time: 0, position: [0, 0, 0]}]}", "2: route.knots is .* at least 2 items"),
