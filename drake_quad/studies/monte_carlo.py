@@ -33,7 +33,7 @@ from drake_quad.studies.study_folder import StudyRows, open_study
 from drake_quad.studies.worker_pool import ExecutorPool, WorkerPool, fly_batches
 
 _DEFAULT_BATCH_SIZE = 1024  # with about a thousand vehicles in a fleet, Drake's overhead per step is negligible
-_TRIAL_SIZE = 3  # samples in the trial flight of a fleet with a user's system
+_TRIAL_SIZE = 3  # number of samples in the trial flights of a user's system
 # Tolerance on the difference between a sample that is flown alone and in a batch. A user's system may sum in a
 # different order, and vehicles that nearly crash amplify the rounding errors, so the tolerance is not zero.
 _TRIAL_TOLERANCE = 1e-6

@@ -293,11 +293,11 @@ def test_a_velocity_that_leads_out_of_its_corridor_is_reported():
         (problem(), LeastSnap(1e6), "total duration is 1e\\+06 s, but must be positive and at most 86400 s"),
         (problem(limits=PathLimits(speed=1e-9)), Shortest(), "would take about .* s, more than 86400 s"),
         (problem(limits=PathLimits(speed=1e-300)), Heuristic(), "would take about .* s, more than 86400 s"),
-        (PathProblem([Box([0, 0], [1, 1])] * 2, limits=LIMITS), Shortest(), "nothing has to move; give the times"),
+        (PathProblem([Box([0, 0], [1, 1])] * 2, limits=LIMITS), Shortest(), "need not move; give the times"),
         (
             PathProblem([Sphere([0, 0], 1.0), Sphere([0.1, 0], 1.0), Sphere([0, 0.1], 1.0)], limits=LIMITS),
             Shortest(),
-            "nothing has to move; give the times",
+            "the vehicle need not move; give the times",
         ),
         (problem(limits=PathLimits()), Shortest(), "give a limit on the speed or acceleration"),
         (problem(SQUARE[[0, 0]]), Shortest(), r"all waypoints are the same point, \(0, 0, 0\) m"),
