@@ -103,8 +103,8 @@ def test_compiled_systems_python_systems_and_diagrams_are_checked():
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda n: Plain(1), "ports: `u` has 2 elements for 3 vehicles, but needs 6"),
-        (lambda n: Plain(n, rows=n, law=lambda rows: rows[:1].repeat(n, axis=0)), "ports: `y` has 9 .* needs 3"),
+        (lambda n: Plain(1), "ports: `u` has 2 elements for 3 vehicles, but must have 6"),
+        (lambda n: Plain(n, rows=n, law=lambda rows: rows[:1].repeat(n, axis=0)), "ports: `y` has 9 .* must have 3"),
         (Counting, "context: `y` differs by .* after other inputs"),
         (lambda n: Plain(n, law=lambda rows: rows - rows.mean(axis=1, keepdims=True)), "vehicles: `y` differs by"),
         (

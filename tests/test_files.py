@@ -93,8 +93,8 @@ def test_arrays_are_read_by_name():
             "is not an .npz file of arrays",
         ),  # Python 2 wrote such headers; NumPy emits a warning for them
         (npz(("a.npy", npy(np.array([object()])))), "is not an .npz file of arrays"),
-        (npz(("a.npy", ARRAY), ("a.npy", ARRAY)), "has two arrays of the name 'a'"),
-        (npz(("a.npy", ARRAY), ("a", ARRAY)), "has two arrays of the name 'a'"),
+        (npz(("a.npy", ARRAY), ("a.npy", ARRAY)), "contains two arrays named 'a'"),
+        (npz(("a.npy", ARRAY), ("a", ARRAY)), "contains two arrays named 'a'"),
         (npz(("a.npy", npy(np.zeros(100)))), "is too large: its arrays have more than 800 bytes"),
         (io.BytesIO(b"PK"), "is not an .npz file of arrays"),
     ],

@@ -1,6 +1,6 @@
-"""Estimates of means, quantiles, shares and rank correlations, with confidence intervals.
+"""Estimates of means, quantiles, probabilities and rank correlations, with confidence intervals.
 
-The distributions are taken from `scipy.special`, since `scipy.stats` takes half a second to import.
+Distributions are computed with `scipy.special`, since the import of `scipy.stats` takes half a second.
 """
 
 import math
@@ -11,16 +11,17 @@ import scipy
 
 from drake_quad.statistics.interval import CONFIDENCE, Interval
 
-# If the relative residual of a regression of ranks is smaller, the ranks are a linear combination of the other ranks.
+# Smallest relative residual of a regression of ranks. Below this value, the ranks are a linear combination of the other
+# ranks.
 _MIN_RESIDUAL = 1e-9
-_MAX_EXPONENT = 600.0  # exponentials of larger numbers could overflow
+_MAX_EXPONENT = 600.0  # largest exponent; exponentials of larger numbers could overflow
 
 
 def mean_interval(values: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
-    """Return the mean of values (n,) with Student's interval, whose ends are NaN for fewer than two values.
+    """Return the mean of values (n,) with Student's t interval, whose ends are NaN for fewer than two values.
 
-    For few values from a skewed distribution, the interval is too short. It is reliable if the number of values is
-    larger than about 25 times their squared skewness (W. G. Cochran, "Sampling Techniques", 1977).
+    For few values from a skewed distribution, the interval is too short. The interval is reliable if the number of
+    values is larger than about 25 times their squared skewness (W. G. Cochran, "Sampling Techniques", 1977).
     """
     if len(values) < 2:
         return Interval(float(values[0]) if len(values) else math.nan, math.nan, math.nan)
@@ -39,11 +40,11 @@ def without_negative_part(estimate: Interval) -> Interval:
 def share_mean_interval(values: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
     """Return the mean of values (n,) in [0, 1] with an interval within [0, 1].
 
-    The interval is Student's for the log-odds of the mean, by the delta method. Like that of `mean_interval`, it is too
-    short for few values from a skewed distribution: for the beta distribution with parameters 0.2 and 8, a 95 %
-    interval contains the mean in 91 % of studies with 30 samples. If all values are 0 or all are 1, their variance
-    contains no information. The interval is then that of `share_interval` for the share of nonzero values, which bounds
-    the mean. The ends are NaN for fewer than two values.
+    The interval is Student's t interval of the log-odds of the mean, by the delta method. Like the interval of
+    `mean_interval`, it is too short for few values from a skewed distribution: for the beta distribution with
+    parameters 0.2 and 8, a 95 % interval contains the mean in 91 % of studies with 30 samples. If all values are 0 or
+    all are 1, their variance contains no information. The interval is then computed by `share_interval` for the
+    fraction of nonzero values, which bounds the mean. The ends are NaN for fewer than two values.
     """
     mean = mean_interval(values, confidence)
     if len(values) > 1 and mean.value in (0.0, 1.0):
@@ -64,7 +65,7 @@ def quantile_interval(values: np.ndarray, probability: float, confidence: float 
     if not len(values):
         return Interval(math.nan, math.nan, math.nan)
     ordered, n = np.sort(values), len(values)
-    # The number of values below the quantile has a binomial distribution. The error probability is shared equally
+    # The number of values below the quantile has a binomial distribution. The error probability is divided equally
     # between the two ends.
     tail = 0.5 * (1.0 - confidence)
     first = _binomial_quantile(tail, n, probability)
@@ -87,7 +88,7 @@ def share_interval(count: int, total: int, confidence: float = CONFIDENCE) -> In
         confidence: probability that the interval contains the true value.
 
     Returns:
-        The share of samples with the event. It is NaN with the interval [0, 1] if there are no samples.
+        The fraction of samples with the event; NaN with the interval [0, 1] if there are no samples.
     """
     if total == 0:
         return Interval(math.nan, 0.0, 1.0)
@@ -119,7 +120,7 @@ def partial_rank_correlation(
 ) -> Interval:
     """Return the partial rank correlation of two variables, given k other variables.
 
-    The interval is that of `rank_correlation` for n - k samples.
+    The interval is the interval of `rank_correlation` for n - k samples.
 
     Args:
         x: (n,) values of the first variable.
@@ -148,21 +149,21 @@ def two_sided_sign_test(count: int, total: int) -> float:
 
 
 def _binomial_quantile(share: float, total: int, probability: float) -> int:
-    """Return the smallest count whose cumulative probability, under a binomial distribution, reaches a given share.
+    """Return the smallest count whose cumulative probability, under a binomial distribution, is at least `share`.
 
     Args:
-        share: cumulative probability that is reached.
+        share: smallest cumulative probability.
         total: number of trials.
         probability: probability of success in a trial.
     """
-    if not total or probability in (0.0, 1.0):  # some versions of SciPy return NaN there
+    if not total or probability in (0.0, 1.0):  # some versions of SciPy return NaN in these cases
         return round(total * probability)
     count = math.ceil(scipy.special.bdtrik(share, total, probability))
     return count - 1 if count and scipy.special.bdtr(count - 1, total, probability) >= share else count
 
 
 def _ranks(values: np.ndarray) -> np.ndarray:
-    """Return the ranks (n,) of values (n,), beginning with 1; equal values have the mean of their ranks."""
+    """Return the ranks (n,) of values (n,), beginning with 1; equal values receive the mean of their ranks."""
     _, indices, counts = np.unique(values, return_inverse=True, return_counts=True)
     return (np.cumsum(counts) - 0.5 * (counts - 1))[indices]
 
@@ -181,7 +182,7 @@ def _correlation_interval(rho: float, count: int, confidence: float) -> Interval
 
 
 def running_mean(values: np.ndarray, confidence: float = CONFIDENCE) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the running mean (n,) of values, and the lower and upper ends (n,) of its Student's intervals."""
+    """Return the running mean (n,) of values, and the lower and upper ends (n,) of its Student's t intervals."""
     count = np.arange(1, len(values) + 1)
     # The overall mean is subtracted to avoid cancellation.
     centred = values - (values.mean() if len(values) else 0.0)
@@ -194,7 +195,7 @@ def running_mean(values: np.ndarray, confidence: float = CONFIDENCE) -> tuple[np
 
 
 def _half_width(deviation: Any, count: Any, confidence: float) -> Any:
-    """Return half the width of Student's interval of a mean.
+    """Return half the width of Student's t interval of a mean.
 
     Args:
         deviation: standard deviation of the values.

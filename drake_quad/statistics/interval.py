@@ -2,7 +2,8 @@
 
 All estimates with an interval are printed by `Interval.text` or `plus_minus`. The width of the interval determines the
 number of digits: half the width has two significant digits, or more if an end would otherwise be rounded to the
-estimate or to a level such as zero. Ends are rounded outwards, so that the printed interval contains the exact one.
+estimate or to a level such as zero. Ends are rounded outwards, so that the printed interval contains the exact
+interval.
 """
 
 import math
@@ -15,9 +16,9 @@ CONFIDENCE = 0.95
 
 _WIDTH_DIGITS = 2  # significant digits of half an interval's width
 _DIGITS_WITHOUT_INTERVAL = 3  # significant digits of an estimate without an interval
-_MAX_LEVEL_DIGITS = 3  # limit on the additional digits that distinguish an end from a level
-_EXACT_DIGITS = 12  # significant digits of a number that are not affected by rounding errors
-_ROUNDING_TOLERANCE = 1e-9  # smaller differences, relative to an interval's largest number, are rounding errors
+_MAX_LEVEL_DIGITS = 3  # largest number of additional digits that distinguish an end from a level
+_EXACT_DIGITS = 12  # number of significant digits that rounding errors do not affect
+_ROUNDING_TOLERANCE = 1e-9  # largest rounding error, relative to the largest number of the interval
 # Numbers outside this range are written with an exponent.
 _MIN_PLAIN_NUMBER = 1e-4
 _MAX_PLAIN_NUMBER = 1e7
@@ -68,7 +69,7 @@ class Interval(NamedTuple):
 
         Args:
             unit: unit that follows the estimate.
-            size: size of the unit in SI units, such as 0.01 for cm.
+            size: value of the unit in SI units, such as 0.01 for cm.
             signed: True to print a plus sign before positive numbers.
             infinite: text for an infinite number.
             levels: numbers, such as zero, to which an end must not be rounded unless it is equal to them.
@@ -88,7 +89,7 @@ class Interval(NamedTuple):
         return Interval(self.value, math.nan, math.nan)
 
     def percent(self) -> str:
-        """Return a share as text in per cent; see `text`, with the levels 0 and 100 %."""
+        """Return a fraction as text in per cent; see `text`, with the levels 0 and 100 %."""
         return self.text(unit="%", size=0.01, levels=(0.0, 1.0))
 
     def ratio(self) -> str:
@@ -124,7 +125,7 @@ def spread_text(spread: float) -> str:
 def _digits(interval: Interval, levels: Sequence[float] = (0.0,)) -> tuple[int, int]:
     """Return the number of decimals and the common exponent with which an interval is printed.
 
-    The number of decimals is the smallest one that distinguishes the ends from the estimate and from the levels. The
+    The number of decimals is the smallest number that distinguishes the ends from the estimate and from the levels. The
     exponent is 0 for numbers that are printed without an exponent.
     """
     value, *ends = interval

@@ -1,4 +1,4 @@
-"""Ratios of the means of a metric in two studies with the same samples.
+"""Ratio of the mean of a metric in one study to its mean in another study with the same samples.
 
 The estimated ratio is E[a] / E[b], not the mean E[a / b] of the ratios of single samples. The two differ if b varies,
 and only E[a] / E[b] is above 1 if and only if the difference E[a] - E[b] is positive.
@@ -15,10 +15,10 @@ from drake_quad.statistics.interval import CONFIDENCE, Interval
 def ratio_of_means(values: np.ndarray, baseline: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
     """Return the ratio of the means of two metrics, with Fieller's interval.
 
-    The interval contains each ratio R for which Student's interval of the mean of a - R b contains zero (E. C. Fieller,
-    "Some problems in interval estimation", Journal of the Royal Statistical Society B, 1954). If the mean of b is not
-    significantly different from zero, the set of these ratios is unbounded. Then the upper end is infinite, and the
-    lower end is the smallest nonnegative ratio in the set.
+    The interval contains each ratio R for which Student's t interval of the mean of a - R b contains zero (E. C.
+    Fieller, "Some problems in interval estimation", Journal of the Royal Statistical Society B, 1954). If the mean of b
+    is not significantly different from zero, the set of these ratios is unbounded. Then the upper end is infinite, and
+    the lower end is the smallest nonnegative ratio in the set.
 
     Args:
         values: (n,) nonnegative samples of the metric a.
@@ -55,12 +55,12 @@ def ratio_of_means(values: np.ndarray, baseline: np.ndarray, confidence: float =
 def linearized_ratio(values: np.ndarray, baseline: np.ndarray) -> np.ndarray:
     """Return the linearised contribution of each sample to the ratio of the means of two metrics (delta method).
 
-    The mean of the contributions is the ratio. To first order, their standard error is that of the ratio. The
-    difference of two ratios on the same samples is the mean of the differences of their contributions.
+    The mean of the contributions is the ratio. To first order, the standard error of this mean is the standard error of
+    the ratio. The difference of two ratios on the same samples is the mean of the differences of their contributions.
 
     Args:
         values: (n,) samples of one metric.
-        baseline: (n,) values of the other metric on the same samples; their mean must not be zero.
+        baseline: (n,) values of the other metric on the same samples; the mean of these values must not be zero.
 
     Returns:
         (n,) contributions.

@@ -12,12 +12,12 @@ from drake_quad.process_settings import ProcessSetting
 from drake_quad.studies.provenance import code_difference, provenance
 from drake_quad.studies.worker_pool import Outcome, WorkerPool, failed_outcome, run_task
 
-# The timeouts (s) are generous, since the scheduler may run on a busy machine.
+# The timeouts (s) are long, since the scheduler may run on a busy machine.
 _CONNECTION_TIMEOUT = 10.0
 _REPLY_TIMEOUT = 30.0
-_POLL_PERIOD = 0.05  # s between checks of the futures, which take microseconds
-_REQUEST_PERIOD = 2.0  # s between requests to the scheduler, which take milliseconds
-_MAX_TIME_WITHOUT_WORKERS = 60.0  # s; a cluster that scales automatically may have no workers for a while
+_POLL_PERIOD = 0.05  # s between checks of the futures; a check takes microseconds
+_REQUEST_PERIOD = 2.0  # s between requests to the scheduler; a request takes milliseconds
+_MAX_TIME_WITHOUT_WORKERS = 60.0  # s; an automatically scaled cluster may have no workers for a while
 
 
 class DaskPool(WorkerPool):
@@ -78,7 +78,8 @@ class DaskPool(WorkerPool):
 
     def _check_connection(self) -> None:
         # A client that loses its scheduler cancels its futures, even if it connects to another scheduler later. The
-        # status "lost" is no reason to stop: the worker with the result died, and the scheduler repeats the task.
+        # status "lost" is no reason to stop: it means that the worker with the result died, and the scheduler repeats
+        # the task.
         if self._client.status != "running" or any(future.status == "cancelled" for future in self._pending):
             raise self._connection_error("has closed the connection")
 

@@ -61,7 +61,7 @@ def fly_batch(job: BatchJob, samples: Sequence[int]) -> np.ndarray:
 
 
 def fly_trial(job: BatchJob, samples: Sequence[int]) -> np.ndarray:
-    """Fly the last sample alone, alone again, and together with the other samples, and return its three rows."""
+    """Fly the last sample alone, alone again, and together with all samples, and return its three rows."""
     last = samples[-1:]
     return np.vstack([fly_batch(job, last), fly_batch(job, last), fly_batch(job, samples)[-1:]])
 
@@ -87,9 +87,10 @@ def delete_fleets() -> None:
 
 
 def _fleet(job: BatchJob, num_samples: int) -> StudyFleet:
-    """Return a fleet with room for a number of samples.
+    """Return a fleet with at least as many vehicles as there are samples.
 
-    Fleets have the size of the largest one, divided by a power of two. A job therefore needs only a few fleets.
+    The size of a fleet is the size of the largest fleet divided by a power of two, so that a job needs only a few
+    fleets.
     """
     if getattr(_thread_data, "key", None) != job.key:
         delete_fleets()

@@ -7,7 +7,7 @@ import numpy as np
 
 
 class MissingSamples(Sequence[int]):
-    """Sorted indices of the missing samples of a study, stored in as much memory as the indices of the present samples.
+    """Sorted indices of the missing samples of a study. The memory grows with the number of present samples only.
 
     Args:
         num_samples: number of samples in the complete study.

@@ -33,9 +33,9 @@ from drake_quad.studies.study_folder import StudyRows, open_study
 from drake_quad.studies.worker_pool import ExecutorPool, WorkerPool, fly_batches
 
 _DEFAULT_BATCH_SIZE = 1024  # with about a thousand vehicles in a fleet, Drake's overhead per step is negligible
-_TRIAL_SIZE = 3  # samples in the trial flights of a user's system
-# Tolerance on the difference between a sample that is flown alone and in a batch. It is not zero, since a user's system
-# may sum in a different order, and vehicles that nearly crash amplify such rounding errors.
+_TRIAL_SIZE = 3  # number of samples in the trial flights of a user's system
+# Tolerance on the difference between a sample that is flown alone and in a batch. A user's system may sum in a
+# different order, and vehicles that nearly crash amplify the rounding errors, so the tolerance is not zero.
 _TRIAL_TOLERANCE = 1e-6
 
 
@@ -67,13 +67,14 @@ def run_monte_carlo(
     sample can be flown alone by `simulate(scenario, seed=seed, sample=i)`.
 
     Args:
-        scenario: scenario, which may contain distributions; each sample has different wind and noise in any case.
+        scenario: scenario, which may contain distributions; even without distributions, each sample has different wind
+            and noise.
         num_samples: number n of samples.
         seed: seed of the study; the scenario's seed by default.
         folder: folder for the results, which are written after each batch: the rows of all samples to results.csv, the
             scenario to scenario.yaml, versions and units to study.yaml, and failed samples to failed.csv. By default,
             nothing is written.
-        resume: True to continue the study in the folder, if there is one.
+        resume: True to continue a study that the folder already contains.
         num_workers: number of processes, or of simultaneous batches of an executor of `concurrent.futures`; by default,
             the number of cores.
         batch_size: number of vehicles in a fleet; about a thousand by default.
@@ -98,7 +99,7 @@ def run_monte_carlo(
     Raises:
         InputError: a number is out of range, the scenario cannot be flown, worker processes cannot import a function or
             have different code, a user's system does not give equal results alone and in a batch, or the folder
-            contains another study, or one that was not to be resumed.
+            contains another study, or a study that must not be resumed.
         OSError: rows could not be written, or the connection to a cluster was lost; completed rows are saved.
         RuntimeError: no sample can be flown; completed rows are saved.
         MemoryError: there is not enough memory; completed rows are saved.
@@ -184,7 +185,9 @@ def _open_pool(
         InputError: both an executor and a time limit are given.
     """
     if executor is not None and time_limit is not None:
-        raise InputError("a time limit applies to processes that the study starts, and not to a given executor")
+        raise InputError(
+            "a time limit cannot be combined with an executor; it applies to processes started by the study"
+        )
     if executor is None:
         with Workers(num_workers, time_limit=time_limit) as workers:
             yield workers
@@ -222,8 +225,8 @@ def _check_repeatability(pool: WorkerPool, job: BatchJob) -> None:
     ):
         if not np.allclose(row, alone, rtol=_TRIAL_TOLERANCE, atol=_TRIAL_TOLERANCE, equal_nan=True):
             raise InputError(
-                f"sample 0 has an RMSE of {alone[error]:.6g} m alone, but {row[error]:.6g} m when it is {circumstance};"
-                f" {names} {advice}"
+                f"sample 0 has an RMSE of {alone[error]:.6g} m when it is flown alone, but {row[error]:.6g} m when it"
+                f" is {circumstance}; {names} {advice}"
             )
     if alone[columns.index("crashed")]:
         pool.submit(partial(crash_cause, job), range(1))

@@ -61,7 +61,7 @@ _DIGEST_MESSAGES = {
 
 
 def code_difference(here: dict[str, str], there: dict[str, str]) -> str | None:
-    """Return a text about the first difference between the code of two processes; None if there is none.
+    """Return a description of the first difference between the code of two processes; None if there is none.
 
     Args:
         here: code of this process, see `provenance`.

@@ -1,4 +1,4 @@
-"""CSV file with the results of a study, to which rows are appended and which stays valid if the process is killed.
+"""CSV file with the results of a study. Rows are appended, and the file remains valid if the process is killed.
 
 Every row ends with a checksum of its text and of its study. The checksum reveals rows that were altered and rows of
 another study.
@@ -22,7 +22,7 @@ except ImportError:  # Windows has no fcntl, so two studies could write to the s
     fcntl = None  # type: ignore[assignment]
 
 CHECKSUM = "checksum"
-_NUMBER_FORMAT = "%.12g"  # two runs of a sample agree in more than 12 digits
+_NUMBER_FORMAT = "%.12g"  # repeated flights of a sample agree to more than 12 digits
 
 
 class RowFormat(NamedTuple):
@@ -31,7 +31,7 @@ class RowFormat(NamedTuple):
     Attributes:
         columns: names of the columns; the first is `sample`. An empty cell means infinity in the column `crash_time`,
             and NaN in other columns.
-        study: text that identifies the study and enters the checksums.
+        study: text that identifies the study; the checksums include it.
     """
 
     columns: Sequence[str]
@@ -93,7 +93,7 @@ class ResultsFile:
         """Append rows (n, columns) and pass them to the operating system.
 
         Raises:
-            OSError: the rows could not be written; the file is as before.
+            OSError: the rows could not be written; the file is unchanged.
         """
         end, text = self._file.seek(0, os.SEEK_END), memoryview(self._row_format.text(rows))
         try:
@@ -113,7 +113,7 @@ def open_results(path: Path, row_format: RowFormat) -> Iterator[tuple[ResultsFil
     Raises:
         InputError: the file belongs to another study, or another run is writing to it.
     """
-    # Without a buffer, a failed write leaves no data that would be written later.
+    # With a buffer, the data of a failed write could be written later.
     with path.open("a+b", buffering=0) as file:
         _lock(file, path)
         file.seek(0)
@@ -136,7 +136,7 @@ def read_results(path: Path, row_format: RowFormat) -> StoredRows:
     except OSError as error:
         raise InputError(f"{path} cannot be read: {(error.strerror or str(error)).lower()}") from None
     if not content.startswith(row_format.header):
-        raise InputError(f"{path} is not a results file of this study: it has other columns")
+        raise InputError(f"{path} is not a results file of this study: its columns are different")
     end = content.rfind(b"\n") + 1
     rows: dict[float, tuple[int, list[float]]] = {}
     invalid_lines = []

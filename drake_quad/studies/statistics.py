@@ -1,13 +1,13 @@
 """Statistics of the samples of a study, with a confidence interval for every estimate.
 
-The error of a crashed vehicle cannot be averaged. Means are therefore those of the flights without a crash, and are
-reported with the number of these flights. Quantiles are those of all samples, where a crash counts as worse than any
+The error of a crashed vehicle cannot be averaged. Means are therefore taken over the flights without a crash, and
+reported with the number of these flights. Quantiles are taken over all samples, and a crash counts as worse than any
 error.
 
-Intervals of means are Student's. For few samples of a skewed metric, their coverage is below the nominal confidence. A
-95 % interval contains the mean of log-normal numbers with σ = 1 in 84 % of studies with 10 samples, and in 88 % of
-studies with 30. docs/how_to/studies.md has tables. The intervals of quantiles and probabilities are valid for any
-metric and any number of samples.
+Intervals of means are Student's t intervals. For few samples of a skewed metric, their coverage is below the nominal
+confidence. A 95 % interval contains the mean of log-normal numbers with σ = 1 in 84 % of studies with 10 samples, and
+in 88 % of studies with 30. docs/how_to/studies.md has tables. The intervals of quantiles and probabilities are valid
+for any metric and any number of samples.
 """
 
 import math
@@ -33,7 +33,7 @@ from drake_quad.statistics.interval import Interval
 from drake_quad.statistics.ratios import ratio_of_means
 from drake_quad.studies.study import Study
 
-# Limits of the default number of bins in `crash_bins`.
+# Smallest and largest default number of bins in `crash_bins`.
 _MIN_BINS = 2
 _MAX_BINS = 20
 
@@ -41,7 +41,8 @@ _MAX_BINS = 20
 def metric_mean(metrics: Metrics, name: str) -> Interval:
     """Return the mean of a metric over the flights without a crash, with its interval.
 
-    The interval is that of `share_mean_interval` for a share, and the nonnegative part of Student's interval otherwise.
+    The interval is computed by `share_mean_interval` for a fraction, and is the nonnegative part of Student's t
+    interval otherwise.
 
     Args:
         metrics: (n,) metrics of the samples.
@@ -75,10 +76,10 @@ class Influence(NamedTuple):
 
     Attributes:
         path: path of the drawn field, such as vehicle.mass.
-        correlation: rank correlation of the number and the metric. If the number is correlated with others, it includes
-            their influence.
-        partial: partial rank correlation, given the numbers that are correlated with this one; equal to `correlation`
-            if there are none.
+        correlation: rank correlation of the number and the metric. If the number is correlated with other drawn
+            numbers, the correlation includes their influence.
+        partial: partial rank correlation, given the numbers that are correlated with this number; equal to
+            `correlation` if there are none.
         low: mean of the metric over the tenth of the samples with the smallest numbers.
         high: mean of the metric over the tenth of the samples with the largest numbers.
     """
@@ -136,7 +137,7 @@ class CrashBin(NamedTuple):
 
 
 def crash_bins(study: Study, path: str, *, num_bins: int | None = None) -> list[CrashBin]:
-    """Return the crash probability over a drawn number, in bins with equal numbers of samples.
+    """Return the crash probability as a function of a drawn number, in bins with equal numbers of samples.
 
     Samples with the same number are in the same bin. A number that is chosen from a few values therefore has a bin for
     each value.
@@ -144,8 +145,8 @@ def crash_bins(study: Study, path: str, *, num_bins: int | None = None) -> list[
     Args:
         study: study of a scenario with distributions.
         path: path of the drawn field, such as vehicle.mass.
-        num_bins: number of bins, unless there are fewer different numbers. The default is the cube root of the number
-            of samples, limited to 2 to 20. More samples then make the bins narrower and their intervals shorter.
+        num_bins: number of bins, or the number of distinct values if it is smaller. The default is the cube root of the
+            number of samples, limited to 2 to 20. More samples then make the bins narrower and their intervals shorter.
 
     Raises:
         InputError: the field is not a distribution, or the number of bins is less than 1.
@@ -192,14 +193,14 @@ def most_influential_path(studies: Iterable[Study]) -> str | None:
 class Comparison(NamedTuple):
     """Comparison of two controllers on the same samples.
 
-    Difference and ratio compare the same two means over the pairs, the samples on which neither controller crashed. The
-    ratio is therefore above 1 if and only if the difference is positive.
+    The pairs are the samples on which neither controller crashed. Difference and ratio compare the same two means over
+    the pairs, so the ratio is above 1 if and only if the difference is positive.
 
     Attributes:
         num_pairs: number of pairs.
-        difference: mean of the metric minus that of the baseline, in the unit of the metric.
-        ratio: mean of the metric divided by that of the baseline, see `ratio_of_means`.
-        better: share of the pairs in which the metric is smaller than that of the baseline.
+        difference: mean of the metric minus the mean of the baseline, in the unit of the metric.
+        ratio: mean of the metric divided by the mean of the baseline, see `ratio_of_means`.
+        better: fraction of the pairs in which the metric is smaller than for the baseline.
         crashed: number of samples on which only this controller crashed.
         baseline_crashed: number of samples on which only the baseline crashed.
         crash_significance: p-value of McNemar's exact test of equal crash probabilities.

@@ -32,7 +32,7 @@ SCENARIO_FILE = "scenario.yaml"
 STUDY_FILE = "study.yaml"
 FAILED_FILE = "failed.csv"
 PARQUET_FILE = "results.parquet"
-_OBSTACLE_COLUMN = "obstacle"  # column with the obstacle that a sample crashed into
+_OBSTACLE_COLUMN = "obstacle"  # column with the number of the obstacle that a sample crashed into
 _ROUNDING_TOLERANCE = 1e-11  # relative; numbers are written with twelve digits
 
 
@@ -137,7 +137,7 @@ class Study:
         columns are the drawn numbers by the path of their field, the metrics, `crashed` as True or False, and
         `crash_time`, which is NaN for a sample that did not crash. If there are obstacles, the column `obstacle`
         contains the name of the obstacle that the sample crashed into, or None. The metrics of a sample that crashed
-        are those of its flight until the crash.
+        are computed over its flight until the crash.
 
         `frame.attrs` contains the `units` of the columns, the name of the `scenario`, the `seed`, the `duration` of a
         flight (s), and the `failures`: the reasons why samples without a row could not be flown, by their index.
@@ -207,7 +207,7 @@ def format_of(scenario: Scenario) -> RowFormat:
 
 
 def check_draws(scenario: Scenario, stored: StoredRows) -> StoredRows:
-    """Return the content of a results file, where rows whose drawn numbers do not follow from the seed are invalid."""
+    """Return the content of a results file, with a row invalid if its drawn numbers do not follow from the seed."""
     if not len(stored.rows):
         return stored
     columns = dict(zip(columns_of(scenario), stored.rows.T, strict=True))
@@ -398,7 +398,7 @@ def _import_path(function: Callable[..., Any]) -> str:
 def column_meaning(scenario: Scenario, column: str) -> str:
     """Return the meaning of a column of a study's results, with its unit."""
     meanings = {
-        "sample": "number of the sample",
+        "sample": "index of the sample",
         "crashed": "1 if the vehicle crashed, else 0",
         _OBSTACLE_COLUMN: "number of the obstacle that the vehicle crashed into, from 1 on in the order of the"
         " scenario; 0 if there is none",

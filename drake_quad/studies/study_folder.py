@@ -133,10 +133,10 @@ def open_study(
         duration: duration of a flight, s.
         user_systems: functions that return the user's systems.
         compiled: True if the diagrams are compiled to machine code.
-        resume: True to continue the study in the folder, if there is one.
+        resume: True to continue a study that the folder already contains.
 
     Raises:
-        InputError: the folder cannot be written, or contains another study, or one that was not to be resumed.
+        InputError: the folder cannot be written, or contains another study, or a study that must not be resumed.
     """
     if folder is None:
         yield StudyRows(scenario, num_samples, duration)
@@ -224,7 +224,7 @@ def _resumed_record(folder: Path, scenario: Scenario, record: Record, *, resume:
 
 
 def _difference(before: Any, now: Any, path: str = "") -> str | None:
-    """Return a text about the first field in which two dumped scenarios differ; None if they are equal."""
+    """Return a description of the first field in which two dumped scenarios differ; None if they are equal."""
     if isinstance(before, dict) and isinstance(now, dict) and before.keys() == now.keys():
         pairs = [(f"{path}.{key}".lstrip("."), before[key], now[key]) for key in now]
     elif isinstance(before, list) and isinstance(now, list) and len(before) == len(now):

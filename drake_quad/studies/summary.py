@@ -96,8 +96,8 @@ def _remarks(crashed: int, count: int) -> list[str]:
         return ["every sample crashed, so there are no means"]
     survivors = "one sample" if count - crashed == 1 else f"{count - crashed:,} samples"
     return [
-        f"means and standard deviations are those of the {survivors} without a crash; quantiles are those of all"
-        " samples, where a crash counts as worse than any error"
+        f"means and standard deviations are taken over the {survivors} without a crash; quantiles are taken"
+        " over all samples, where a crash counts as worse than any error"
     ]
 
 
@@ -127,7 +127,7 @@ def comparison_table(studies: Mapping[str, Study], metric: str) -> Summary:
             )
         )
     crashed = any(study.metrics.crashed.any() for study in studies.values())
-    remark = ["differences and ratios are those of the pairs: samples on which neither controller crashed"]
+    remark = ["differences and ratios are taken over the pairs: samples on which neither controller crashed"]
     headings = (
         "",
         f"difference of {METRICS[metric].label} ({unit})",

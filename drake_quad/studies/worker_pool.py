@@ -10,7 +10,7 @@ import numpy as np
 
 from drake_quad.errors import InputError
 
-# A study is aborted after this many failures of single samples, if no sample has succeeded before.
+# Number of failures of single samples after which a study is aborted, if no sample has succeeded before.
 _MAX_FAILURES = 8
 _MAX_REASON_LENGTH = 300
 
@@ -122,7 +122,7 @@ def run_tasks(
         pool: pool that runs the tasks.
         function: function that is called with the argument of each task.
         next_task: function that returns the argument of the next task, or None if there is none at the moment. It is
-            called whenever the pool has room for a task. The handling of an outcome may create further tasks.
+            called whenever the pool can accept a task. The handling of an outcome may create further tasks.
 
     Raises:
         InputError: a task fails because the input is wrong.
@@ -152,11 +152,11 @@ def fly_batches(
     Args:
         pool: pool that flies the batches.
         fly: function that returns the rows (n, columns) of n samples.
-        batches: indices of the samples of each batch; a batch is requested when the pool has room for it.
+        batches: indices of the samples of each batch; a batch is requested when the pool can accept it.
 
     Raises:
         InputError: a drawn sample violates the limits of the scenario language.
-        RuntimeError: the first single samples all fail, or the pool accepts no more batches.
+        RuntimeError: the first samples all fail when flown alone, or the pool accepts no more batches.
     """
     new_batches, split_batches = iter(batches), deque[Sequence[int]]()
     any_succeeded, num_failed = False, 0
@@ -167,5 +167,5 @@ def fly_batches(
             continue
         any_succeeded, num_failed = any_succeeded or not outcome.reason, num_failed + bool(outcome.reason)
         if not any_succeeded and num_failed == _MAX_FAILURES:
-            raise RuntimeError(f"each of the first {_MAX_FAILURES} samples failed on its own: {outcome.reason}")
+            raise RuntimeError(f"the first {_MAX_FAILURES} samples all failed, each flown alone: {outcome.reason}")
         yield outcome

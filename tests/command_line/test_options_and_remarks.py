@@ -179,7 +179,7 @@ def test_correlations_and_obstacles_of_a_study_are_printed(capsys, tmp_path):
     study.print_study("mine", found, tmp_path, "compiled")
     text = capsys.readouterr().out
     assert "(vehicle.mass and vehicle.linear_drag: +0.45; 2 more pairs)" in text
-    assert "means and standard deviations are those of the 2 samples without a crash" in text
+    assert "means and standard deviations are taken over the 2 samples without a crash" in text
     (post,) = (line.split() for line in text.splitlines() if line.startswith("post"))
     assert post[1] == "1"
     assert "crashed into post at 3.00 s" in text

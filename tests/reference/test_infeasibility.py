@@ -26,9 +26,9 @@ def problem(points, velocity=None, **more):
     [
         # From rest to rest, 1 m in 1 s requires 35/16 m/s and 84 √5 / 25 m/s².
         (PathLimits(speed=1.0, acceleration=5.0), "the speed limit of 1 m/s cannot be kept on segment 1: "
-         "at these times at least 2.19 m/s is needed; flown 2.19 times slower it is feasible"),
+         "at these times at least 2.19 m/s is needed; flown 2.19 times slower, it is feasible"),
         (PathLimits(speed=2.0, acceleration=2.0), "the acceleration limit of 2 m/s² cannot be kept on segment 1: "
-         "at these times at least 7.52 m/s² is needed; flown 1.94 times slower it is feasible"),
+         "at these times at least 7.52 m/s² is needed; flown 1.94 times slower, it is feasible"),
     ],
 )  # fmt: skip
 def test_the_most_violated_limit_and_its_segment_are_named(limits, words):
@@ -45,7 +45,7 @@ def test_the_smallest_feasible_factor_is_found_to_three_digits():
     asked = problem([[0.0], [4.0], [8.0]], [1.5], limits=PathLimits(speed=3.0, acceleration=1.0))
     durations = np.array([3.0, 3.2])
     said = re.search(
-        r"on segment 0: .* flown ([\d.]+) times slower it is feasible", explain_infeasibility(asked, durations)
+        r"on segment 0: .* flown ([\d.]+) times slower, it is feasible", explain_infeasibility(asked, durations)
     )
     factor = float(said[1])
     path_within(asked, factor * durations)

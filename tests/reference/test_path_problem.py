@@ -164,11 +164,11 @@ def test_only_points_without_corridors_are_planned_in_closed_form():
         ),
         (
             {"limits": PathLimits(speed=2.0), "derivatives": VELOCITY_ALONG_Y},
-            "the velocity at waypoint 1 is given as 3 m/s, beyond the limit of 2 m/s",
+            "the velocity at waypoint 1 is 3 m/s, more than the limit of 2 m/s",
         ),
         (
             {"limits": PathLimits(acceleration=1.0), "derivatives": VELOCITY_ALONG_X},
-            "the acceleration at waypoint 1 is given as 2 m/s², beyond the limit of 1 m/s²",
+            "the acceleration at waypoint 1 is 2 m/s², more than the limit of 1 m/s²",
         ),
     ],
 )

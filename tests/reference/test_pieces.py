@@ -214,7 +214,7 @@ def test_a_file_of_pieces_without_rows_is_rejected(diagrams, tmp_path):
             "duration,x^0,y^0,z^0,yaw^0\n1,0,0,1,3.1\n1,0,0,1,-3\n",
             r"course.csv:3: .* its yaw jumps by 0.183 rad, more than 0.01$",
         ),
-        ("duration,x^0,y^0,z^0\n" + "1,0,0,1\n" * 1001, r"too many rows: a route may have 1,000 pieces$"),
+        ("duration,x^0,y^0,z^0\n" + "1,0,0,1\n" * 1001, r"too many rows: a route may have at most 1,000 pieces$"),
         ("duration,x^0,x^2,y^0,z^0\n1,0,-500,0,1\n", r"the rotors cannot fly this route"),
     ],
 )
@@ -239,7 +239,7 @@ def test_errors_in_a_file_are_reported(write, text, words):
         (
             "{kind: trajectory, pieces: [{duration: 1, x: [0], y: [0], z: [1]}], yaw_knots: [{time: 0, yaw: 0},"
             " {time: 1, yaw: 0}]}",
-            "2: route.yaw_knots .* must be left out, since pieces have a yaw of their own",
+            "2: route.yaw_knots .* must be left out, since pieces contain the yaw",
         ),
         (
             "{kind: trajectory, time_scale: 0, pieces: [{duration: 1, x: [0], y: [0], z: [1]}]}",

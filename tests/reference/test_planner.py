@@ -234,7 +234,7 @@ def test_a_too_short_time_is_reported_with_a_remedy_that_works():
         plan_path(problem(), GivenTimes(tuple(times)))
     words = re.fullmatch(
         r"the acceleration limit of 0.7 m/s² cannot be kept on segment (\d): at these times at least ([\d.]+) m/s² is "
-        r"needed; flown ([\d.]+) times slower it is feasible",
+        r"needed; flown ([\d.]+) times slower, it is feasible",
         str(error.value),
     )
     assert 0 <= int(words[1]) <= 3
@@ -258,7 +258,7 @@ def test_a_too_short_time_is_reported_with_a_remedy_that_works():
 def test_a_far_too_short_time_is_reported_with_a_limit_and_a_remedy_that_works(times):
     with pytest.raises(InputError, match="the (speed|acceleration) limit .* cannot be kept on segment") as error:
         plan_path(problem(), GivenTimes(times))
-    slower = float(re.search(r"flown ([\d.e+]+) times slower it is feasible", str(error.value))[1])
+    slower = float(re.search(r"flown ([\d.e+]+) times slower, it is feasible", str(error.value))[1])
     path = plan_path(problem(), GivenTimes(tuple(slower * np.array(times))))
     assert max(shares(path)) <= 1.0 + 1e-6
 
@@ -293,11 +293,11 @@ def test_a_velocity_that_leads_out_of_its_corridor_is_reported():
         (problem(), LeastSnap(1e6), "total duration is 1e\\+06 s, but must be positive and at most 86400 s"),
         (problem(limits=PathLimits(speed=1e-9)), Shortest(), "would take about .* s, more than 86400 s"),
         (problem(limits=PathLimits(speed=1e-300)), Heuristic(), "would take about .* s, more than 86400 s"),
-        (PathProblem([Box([0, 0], [1, 1])] * 2, limits=LIMITS), Shortest(), "nothing has to move; give the times"),
+        (PathProblem([Box([0, 0], [1, 1])] * 2, limits=LIMITS), Shortest(), "need not move; give the times"),
         (
             PathProblem([Sphere([0, 0], 1.0), Sphere([0.1, 0], 1.0), Sphere([0, 0.1], 1.0)], limits=LIMITS),
             Shortest(),
-            "nothing has to move; give the times",
+            "the vehicle need not move; give the times",
         ),
         (problem(limits=PathLimits()), Shortest(), "give a limit on the speed or acceleration"),
         (problem(SQUARE[[0, 0]]), Shortest(), r"all waypoints are the same point, \(0, 0, 0\) m"),

@@ -166,7 +166,7 @@ def test_a_given_velocity_that_is_infeasible_at_any_time_is_reported():
     with pytest.raises(
         InputError,
         match=r"^no times were found; for a flight that stops everywhere, the acceleration limit of 1 m/s² cannot be "
-        r"kept on segment \d: at these times at least 2.15 m/s² is needed; flown 2.75 times slower it is feasible$",
+        r"kept on segment \d: at these times at least 2.15 m/s² is needed; flown 2.75 times slower, it is feasible$",
     ):
         path_through_given_motion(asked, shorten=False)
 

@@ -28,21 +28,21 @@ def explanation_of(walls, places=(LEFT, RIGHT), corridors=None, bounds=BOUNDS):
 
 
 WALLS = {
-    "one wall": ({"a": wall(1.0)}, "without a, there would be one"),
+    "one wall": ({"a": wall(1.0)}, "without a, there would be a way"),
     "one of two, of which one leaves a way": ({"a": wall(0.7, high=0.3), "b": wall(1.3)}, "without b, there would be"),
-    "both of two": ({"a": wall(0.7), "b": wall(1.3)}, "without a and b, there would be one"),
+    "both of two": ({"a": wall(0.7), "b": wall(1.3)}, "without a and b, there would be a way"),
     "all of three": (
         {"a": wall(0.6), "b": wall(1.0), "c": wall(1.4)},
-        "without a, b and c, there would be one",
+        "without a, b and c, there would be a way",
     ),
-    "either half": ({"a": wall(1.0, high=0.5), "b": wall(1.0, low=0.5)}, "without a, or without b, there would be one"),
+    "either half": ({"a": wall(1.0, high=0.5), "b": wall(1.0, low=0.5)}, "without a, or without b, there would be a way"),
     "two walls and one of two halves": (
         {"a": wall(0.5), "b": wall(0.9), "c": wall(1.3, high=0.45), "d": wall(1.3, low=0.55)},
-        "without a, b and d, there would be one",
+        "without a, b and d, there would be a way",
     ),
     "a wall and either half of another": (
         {"a": wall(0.7), "b": wall(1.3, high=0.45), "c": wall(1.3, low=0.55)},
-        "without a and b, or without a and c, there would be one",
+        "without a and b, or without a and c, there would be a way",
     ),
 }
 
@@ -59,10 +59,10 @@ def test_sets_whose_removal_certainly_opens_a_route_are_preferred():
     """Without the first wall, a gap of 5 cm remains, the spacing of the grid, so that a route is not certain."""
     sides = {"left": wall(1.3, high=0.375), "right": wall(1.3, low=0.625)}
     said = explanation_of({"a": wall(0.7), **sides})
-    assert said.endswith("without a and left, or without a and right, there would be one")
+    assert said.endswith("without a and left, or without a and right, there would be a way")
     # With a gap of 30 cm, a route is certain.
     sides = {"left": wall(1.3, high=0.25), "right": wall(1.3, low=0.75)}
-    assert explanation_of({"a": wall(0.7), **sides}).endswith("without a, there would be one")
+    assert explanation_of({"a": wall(0.7), **sides}).endswith("without a, there would be a way")
 
 
 def test_a_corridor_between_grid_points_may_contain_a_route():
@@ -77,7 +77,7 @@ def test_a_gap_too_narrow_for_any_grid_is_reported_with_its_width():
     """The gap is 1 mm wide, and the diagonal of a cell of the finest grid is 2 cm √3, which is 3.5 cm."""
     gap = {"left": wall(1.0, high=0.3995), "right": wall(1.0, low=0.6005)}
     said = explanation_of(gap)
-    assert said.startswith("no way was found with a clearance of 0.1 m (radius 0.07 + margin 0.03); there may be one")
+    assert said.startswith("no way was found with a clearance of 0.1 m (radius 0.07 + margin 0.03); a way may exist")
     assert said.endswith("through gaps that are narrower than 0.035 m for the centre of mass")
     # Gaps that are 1 mm too narrow are not always recognised as closed, in contrast to gaps that are 5 cm too narrow.
     assert "there is no way" in explanation_of({"left": wall(1.0, high=0.425), "right": wall(1.0, low=0.575)})
@@ -97,7 +97,7 @@ def test_legs_that_are_open_separately_can_be_blocked_together():
     below, above = Box.point([0.3, 0.2, 0.5]), Box.point([1.7, 0.8, 0.5])
     said = explanation_of({"a": across}, (below, gate, above))
     assert said.startswith("there is no way from waypoint 0 to waypoint 2 with a clearance of")
-    assert "without a, there would be one" in said
+    assert "without a, there would be a way" in said
     assert "no way was found" in explanation_of({"a": across}, (below, gate, Box.point([1.7, 0.2, 0.5])))
 
 
@@ -111,7 +111,7 @@ def test_a_corridor_is_named_only_for_its_own_segment():
     assert said.startswith(
         "there is no way from waypoint 1 to waypoint 2 in the corridor of segment 1 with a clearance of 0.1 m"
     )
-    assert said.endswith("without a, there would be one")
+    assert said.endswith("without a, there would be a way")
     said = explanation_of(walls, places, [corridor, None])
     assert said.startswith(
         "there is no way from waypoint 0 to waypoint 1 in the corridor of segment 0 with a clearance of 0.1 m"
@@ -128,7 +128,7 @@ def test_corridors_that_are_blocked_together_are_both_named():
     assert said.startswith(
         "there is no way from waypoint 0 to waypoint 2 in the corridors of segments 0 and 1 with a clearance of"
     )
-    assert "without a, there would be one" in said
+    assert "without a, there would be a way" in said
 
 
 def test_bounds_alone_can_block_all_routes():
@@ -154,4 +154,4 @@ def test_a_single_blocking_obstacle_among_many_is_named_alone():
     """Only one of ten obstacles blocks the way. Pairs that contain this obstacle are not named."""
     beside = {f"b{i}": Cuboid((0.5 + 0.01 * i, 0.15, 0.15), size=(0.02, 0.02, 0.02)) for i in range(9)}
     said = explanation_of({**beside, "a": wall(1.0)})
-    assert said.endswith("without a, there would be one")
+    assert said.endswith("without a, there would be a way")

@@ -102,7 +102,7 @@ def test_all_obstacles_that_must_be_removed_are_named():
         plan(room, Heuristic())
     message = str(refusal.value)
     assert "no way" in message
-    assert "without wall_0, wall_1 and wall_2, there would be one" in message
+    assert "without wall_0, wall_1 and wall_2, there would be a way" in message
 
 
 def test_a_seed_on_the_bounds_is_in_its_region_despite_rounding():

@@ -137,7 +137,7 @@ def test_a_replacement_is_described_in_a_sentence():
     actual = surrounding(drone(13), MAX_CORNERS)
     share = 100.0 * actual.growth / 0.37
     assert str(actual) == (
-        f"its convex hull with 104 corners is replaced by a hull with 100 corners around it, which is larger by at most"
+        f"its convex hull with 104 corners is replaced by a hull with 100 corners around it, larger by at most"
         f" {actual.growth:.3g}, {share:.2g} % of its size"
     )
 

@@ -256,7 +256,7 @@ def never(job, samples):
 def test_a_study_in_which_every_sample_fails_is_aborted(tmp_path, monkeypatch):
     monkeypatch.setattr(run_module, "fly_batch", never)
     words = (
-        r"each of the first 8 samples failed on its own: ArithmeticError: all 1 are cursed, and for long: x+"
+        r"the first 8 samples all failed, each flown alone: ArithmeticError: all 1 are cursed, and for long: x+"
         r"\.\.\.; 0 of 24 samples are in .*results\.csv"
     )
     with pytest.raises(RuntimeError, match=words):
@@ -559,12 +559,14 @@ def test_a_trial_flies_sample_0_with_at_most_two_others(num_vehicles, size):
     [
         (
             [0.25, 0.25001, 0.25],
-            r"^sample 0 has an RMSE of 0\.25 m alone, but 0\.25001 m when it is flown again in the same diagram;"
+            r"^sample 0 has an RMSE of 0\.25 m when it is flown alone, but 0\.25001 m when it is flown again in the"
+            r" same diagram;"
             " position_controller and wind must store all state in Drake's context, not in Python objects$",
         ),
         (
             [0.25, 0.25, 0.24999],
-            r"^sample 0 has an RMSE of 0\.25 m alone, but 0\.24999 m when it is flown together with other samples;"
+            r"^sample 0 has an RMSE of 0\.25 m when it is flown alone, but 0\.24999 m when it is flown together with"
+            r" other samples;"
             r" position_controller and wind must not mix the columns of \(k, N\) arrays, one per vehicle$",
         ),
         ([1e-5, 1.4e-5, 1e-5], "flown again in the same diagram"),

@@ -60,10 +60,10 @@ def test_no_interval_is_of_crashes_only_and_none_leaves_what_can_be(count, crash
 @pytest.mark.parametrize(
     ("count", "crashed", "words"),
     [
-        (300, 3, "means and standard deviations are those of the 297 samples without a crash; quantiles are those of"),
-        (2, 1, "means and standard deviations are those of the one sample without a crash;"),
-        (3, 1, "means and standard deviations are those of the 2 samples without a crash;"),
-        (3, 2, "means and standard deviations are those of the one sample without a crash;"),
+        (300, 3, "means and standard deviations are taken over the 297 samples without a crash; quantiles are taken"),
+        (2, 1, "means and standard deviations are taken over the one sample without a crash;"),
+        (3, 1, "means and standard deviations are taken over the 2 samples without a crash;"),
+        (3, 2, "means and standard deviations are taken over the one sample without a crash;"),
         (2, 2, "every sample crashed, so there are no means"),
         (2, 0, None),
     ],
