@@ -172,7 +172,7 @@ def test_what_is_wrong_with_a_clock_is_said_once_and_of_which_table(name):
     time, rows = clocks.of(table, "motor_command")
     assert (time.tolist(), rows.tolist()) == ([0.0, 1.0, 2.0], [0, 1, 3])
     beginning = f"{name}: 1 sample left out" if name else "1 sample left out"
-    assert clocks.remarks == [f"{beginning}: they repeat the time of the sample before"]
+    assert clocks.remarks == [f"{beginning}: they repeat the time of the preceding sample"]
     time, rows = clocks.of(table, "body_rates")
     assert (time.tolist(), rows.tolist()) == ([0.0, 0.9, 1.0], [0, 1, 2])
     first, second = clocks.remarks

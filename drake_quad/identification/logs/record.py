@@ -16,9 +16,9 @@ Column = np.ndarray
 class FlightRecord:
     """Logged flight: signals on one clock; a signal that is not logged is None.
 
-    Measurements contain noise, and commands hold until the next sample. The world frame W has z up. The body frame B has
-    x forward, y to the left and z up. Rotors are numbered as in an x layout of this library: rotor 1 is front right, and
-    the others follow clockwise as seen from above.
+    Measurements contain noise, and commands hold until the next sample. World frame W: z up. Body frame B: x forward, y
+    to the left, z up. Rotors are numbered as in an x layout of this library: rotor 1 is front right, and the others
+    follow clockwise as seen from above.
 
     Attributes:
         name: name of the log.

@@ -64,7 +64,7 @@ class LogFile(NamedTuple):
         """
         rest = set(self.data[end:])
         if rest in ({0}, {255}):
-            reason = f"all are {'0xff' if rest == {255} else 'zeros'}, as after a loss of power"
+            reason = f"all {'0xff' if rest == {255} else 'zeros'}, as after a loss of power"
         count = len(self.data) - end
         return f"the last {f'{count:,} bytes are' if count > 1 else 'byte is'} not read: {reason}"
 

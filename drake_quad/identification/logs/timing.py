@@ -13,9 +13,9 @@ def rising_samples(time: np.ndarray) -> tuple[np.ndarray, list[str]]:
     """Return a mask (n,) of samples with increasing times, and remarks on the samples that are left out.
 
     A sample is left out if its time is not a number, repeats the time of the preceding sample, or is out of order. A
-    sample is late if an earlier sample has a later time, and early if a later sample has an earlier time. After a single
-    jump ahead, one sample is early. After a clock is set back, samples are late until the clock has caught up. Either
-    the late or the early samples are left out, whichever are fewer.
+    sample is late if an earlier sample has a later time, and early if a later sample has an earlier time. If the clock
+    jumps ahead for one sample, this sample is early. If the clock is set back, samples are late until it has caught up.
+    Either the late or the early samples are left out, whichever are fewer.
 
     Args:
         time: (n,) logged times, s.
