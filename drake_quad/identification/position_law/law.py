@@ -16,9 +16,9 @@ prefers them (`drake_quad.identification.position_law.regression`). Confidence i
 blocks (`drake_quad.identification.evidence`), plus the bias that errors of the logged measurements can cause.
 
 In the term k_x p, p is the integral of the logged velocity, because the controller integrates the velocity. This
-integral does not contain the noise of the logged position. In the form `tilt`, axes and integrals are along the heading:
-X is forward, and Y is to the left. In the form `decoupled`, the law has two nuisance terms, which are not reported: one
-for the position noise that only the position loop integrates, and one for the anti-windup of PX4
+integral does not contain the noise of the logged position. In the form `tilt`, axes and integrals are along the
+heading: X is forward, and Y is to the left. In the form `decoupled`, the law has two nuisance terms, which are not
+reported: one for the position noise that only the position loop integrates, and one for the anti-windup of PX4
 (`drake_quad.identification.position_law.pieces.Piece`).
 
 The logged signals should be the signals that the controller used. Errors in them bias the gains towards zero. With one
