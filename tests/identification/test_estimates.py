@@ -39,7 +39,7 @@ def test_estimates_are_written_with_units_and_intervals():
     [
         ("weight", "there is no parameter of a vehicle or its laboratory called 'weight'; there are mass, inertia"),
         ("body_drag.linears[0]", "did you mean body_drag.linear or body_drag.quadratic?"),
-        ("inertia", "'inertia' is not a parameter; use inertia[0] to inertia[2]"),
+        ("inertia", "'inertia' is not a parameter; it must be inertia[0] to inertia[2]"),
         ("inertia[3]", "it must be inertia[0] to inertia[2]"),
         ("mass[0]", "it must be mass"),
         ("vehicle.mass", "called 'vehicle.mass'"),

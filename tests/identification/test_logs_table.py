@@ -301,11 +301,11 @@ def test_a_path_that_is_no_log(tmp_path, write):
 def test_a_log_that_is_too_large_is_not_read(write, monkeypatch):
     monkeypatch.setattr("drake_quad.identification.logs.source.MAX_BYTES", 1000)
     for data in (b"x" * 1001, lzma.compress(b"x" * 100_000)):
-        with pytest.raises(InputError, match="is too large: a log may have 1,000 bytes after decompression"):
+        with pytest.raises(InputError, match="is too large: a log may have at most 1,000 bytes after decompression"):
             read_log(write("log", data))
     monkeypatch.undo()
     monkeypatch.setattr("drake_quad.identification.logs.formats.table.MAX_BYTES", 10)
-    with pytest.raises(InputError, match="is too large: a CSV file may have 10 bytes"):
+    with pytest.raises(InputError, match="is too large: a CSV file may have at most 10 bytes"):
         read_log(write("log", TABLE))
 
 
@@ -374,9 +374,7 @@ def test_rows_with_impossible_motor_commands_are_left_out(write):
 
 def test_a_jump_of_the_position_is_reported_and_a_manoeuvre_is_not(write):
     record = flown(write, x=lambda t: t + 0.4 * (t > 1.0), rx=lambda t: t)
-    assert said(
-        record, "position jumps once, at most by 0.4 m at 1.01 s: the estimator was reset, or the log is damaged"
-    )
+    assert said(record, "position jumps once, by up to 0.4 m at 1.01 s: the estimator was reset, or the log is damaged")
     hard = flown(write, x=lambda t: 0.5 * np.sin(10.0 * t), rx=lambda t: 0.0 * t)
     slow = flown(write, x=lambda t: 5.0 * np.floor(5.0 * t) / 5.0, rx=lambda t: 5.0 * t)
     assert not any(said(each, "jumps") for each in (hard, slow))

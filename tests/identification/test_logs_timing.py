@@ -22,12 +22,12 @@ def record(time):
     [
         ([0, 1, 2, 3], [0, 1, 2, 3], []),
         ([0, 1, 1, 2], [0, 1, 2], ["1 sample left out: they repeat the time"]),
-        ([0, 1, 2, 1.5, 3], [0, 1, 2, 3], ["1 sample left out: the clock goes back once, at most by 0.5 s at 2 s"]),
-        ([0, 1, 9e5, 2, 3], [0, 1, 2, 3], ["1 sample left out: the clock goes back once, at most by 9e+05 s"]),
-        ([0, 1, 2, 3, 0, 1], [0, 1, 2, 3], ["2 samples left out: the clock goes back once, at most by 3 s at 3 s"]),
+        ([0, 1, 2, 1.5, 3], [0, 1, 2, 3], ["1 sample left out: the clock goes back once, by up to 0.5 s at 2 s"]),
+        ([0, 1, 9e5, 2, 3], [0, 1, 2, 3], ["1 sample left out: the clock goes back once, by up to 9e+05 s"]),
+        ([0, 1, 2, 3, 0, 1], [0, 1, 2, 3], ["2 samples left out: the clock goes back once, by up to 3 s at 3 s"]),
         ([0, 1, 0, 1, 2, 3], [0, 1, 2, 3], ["2 samples left out: the clock goes back once"]),
         ([0, np.nan, 1, np.inf, 2], [0, 1, 2], ["2 samples left out: their time is not a number"]),
-        ([0, 1, 1, np.nan, 3, 2, 4], [0, 1, 3, 4], ["not a number", "repeat", "goes back once, at most by 1 s at 3 s"]),
+        ([0, 1, 1, np.nan, 3, 2, 4], [0, 1, 3, 4], ["not a number", "repeat", "goes back once, by up to 1 s at 3 s"]),
     ],
 )
 def test_samples_out_of_order_are_left_out(time, kept, words):

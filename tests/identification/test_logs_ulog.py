@@ -381,14 +381,14 @@ def test_resets_and_faults_of_the_estimator_and_failsafes_are_reported(read):
         }
     )
     record = read(data)
-    assert said(record, "the estimator resets its position 2 times, at most by 0.5 m, first at 0.3 s of the log")
-    assert said(record, "the estimator resets its attitude once, at most by 0.1 rad, first at 0.5 s of the log")
+    assert said(record, "the estimator resets its position 2 times, by up to 0.5 m, first at 0.3 s of the log")
+    assert said(record, "the estimator resets its attitude once, by up to 0.1 rad, first at 0.5 s of the log")
     assert not said(record, "resets its climb")  # the reset is 0.1 mm/s, too small to matter
     assert said(record, "estimator_status reports numerical faults in 18.18% of its samples, first at 0.9 s of the log")
     assert not said(record, "rejected")
     assert said(record, "PX4 is in failsafe from 0.2 to 0.4 s, 1 to 1 s of the log")
     assert said(record, "the log ends in flight")
-    assert said(record, "position jumps 2 times, at most by 0.5 m at 0.7 s")
+    assert said(record, "position jumps 2 times, by up to 0.5 m at 0.7 s")
     assert not said(record, "vehicle_land_detected")  # it has no signal that could be read
 
 
@@ -397,7 +397,7 @@ def test_times_in_remarks_are_those_since_the_first_sample_of_any_signal(read):
     turned = rows(10_000, lambda t: (1.0, 0.0, 0.0, 0.0, int(t > 0.495), 1.0, 0.1, 0.0, 0.0))
     late = rows(10_000, lambda t: (t, *[0.0] * 5), start=1_200_000, duration=800_000)
     record = read(ulog({"vehicle_attitude": (fields, turned), "vehicle_local_position": (LOCAL, late)}))
-    assert said(record, "resets its attitude once, at most by 0.2 rad, first at 0.5 s of the log")
+    assert said(record, "resets its attitude once, by up to 0.2 rad, first at 0.5 s of the log")
 
 
 @pytest.mark.parametrize("bytes_left", [1, 7, 20])

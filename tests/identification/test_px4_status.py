@@ -105,7 +105,7 @@ def test_each_counter_of_resets_has_its_size_and_unit(topic, counter, fields, si
         large = [(row, jump) for row, jump in jumps if jump > 0.01]
         times = "once" if count == 1 else "2 times"
         assert said == [
-            f"the estimator resets its {what} {times}, at most by {max(jump for _, jump in large):.2g} {unit}, first at"
+            f"the estimator resets its {what} {times}, by up to {max(jump for _, jump in large):.2g} {unit}, first at"
             f" {1.0 + 0.1 * large[0][0]:.4g} s of the log; the estimate jumps there"
         ]
     # Without the size of a reset nothing is said.

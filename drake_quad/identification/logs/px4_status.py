@@ -136,7 +136,7 @@ def status_remarks(topics: Mapping[str, _Data], start: int) -> Iterator[str]:
         if len(rows):
             count = "once" if len(rows) == 1 else f"{len(rows)} times"
             yield (
-                f"the estimator resets its {reset.quantity} {count}, at most by {sizes.max():.2g} {reset.unit}, first"
+                f"the estimator resets its {reset.quantity} {count}, by up to {sizes.max():.2g} {reset.unit}, first"
                 f" at {seconds(data, rows[0]):.4g} s of the log; the estimate jumps there"
             )
     yield from _failsafes(topics.get("vehicle_status", {}), seconds)

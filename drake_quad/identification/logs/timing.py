@@ -40,8 +40,8 @@ def rising_samples(time: np.ndarray) -> tuple[np.ndarray, list[str]]:
         steps = np.diff(times)
         worst = int(np.argmin(steps))
         remarks.append(
-            f"{_sample_count(is_wrong)} left out: the clock goes back {_count_text(int((steps < 0.0).sum()))}, at most"
-            f" by {-steps[worst]:.4g} s at {times[worst] - times[0]:.4g} s"
+            f"{_sample_count(is_wrong)} left out: the clock goes back {_count_text(int((steps < 0.0).sum()))}, by up"
+            f" to {-steps[worst]:.4g} s at {times[worst] - times[0]:.4g} s"
         )
     is_rising = np.zeros(len(time), dtype=bool)
     is_rising[indices[~is_wrong]] = True

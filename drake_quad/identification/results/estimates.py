@@ -48,7 +48,7 @@ def split_name(name: str) -> tuple[str, int | None]:
     count = declaration_at(path).items
     if (index is None) != (count == 0) or (index is not None and int(index) >= count):
         allowed = f"{path}[0] to {path}[{count - 1}]" if count else path
-        raise InputError(f"{shown(name)} is not a parameter; use {allowed}")
+        raise InputError(f"{shown(name)} is not a parameter; it must be {allowed}")
     return path, None if index is None else int(index)
 
 
