@@ -3,12 +3,12 @@
 To first order around the estimate, a window with whitened errors e and derivatives J adds H_w = Jᵀ J to the information
 and Jᵀ e to the score. If model and noise were correct, the covariance of the estimate θ would be H⁻¹ with H = Σ H_w.
 Model errors last for seconds, however, so the errors of neighbouring windows are correlated. The covariance is
-therefore that of the jackknife over blocks of adjacent windows,
+therefore computed by the jackknife over blocks of adjacent windows,
 
     θ₋ᵦ - θ = (H - H_b)⁻¹ Σ_block Jᵀ e,   P = (B - 1)/B Σ_b (θ₋ᵦ - θ)(θ₋ᵦ - θ)ᵀ,
 
 where θ₋ᵦ is the estimate without block b. To first order it is the sandwich estimator CR3 of R. M. Bell and
-D. F. McCaffrey (Survey Methodology 28, 2002), which is not too small for few blocks.
+D. F. McCaffrey (Survey Methodology 28, 2002), which does not underestimate the covariance if there are few blocks.
 
 If each block ends in the state in which the next one starts, the scores of neighbouring blocks have a negative
 correlation. Half of the products of neighbours is then added (Bartlett weights with one lag: W. K. Newey and
@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-# Eigenvalues of the scaled information below this share of the largest one are rounding errors.
+# Eigenvalues of the scaled information below this fraction of the largest one are rounding errors.
 _MIN_EIGENVALUE_RATIO = 1e-12
 
 
@@ -32,7 +32,7 @@ class Uncertainty(NamedTuple):
     Attributes:
         covariance: (p, p) covariance of the errors.
         degrees_of_freedom: (p,) degrees of freedom of Student's distribution of each error.
-        model: (p, p) covariance that holds if model and noise are correct.
+        model: (p, p) covariance of the errors if model and noise were correct.
     """
 
     covariance: np.ndarray
@@ -65,7 +65,7 @@ def jackknife(
 ) -> Uncertainty:
     """Return the uncertainty of parameters by the jackknife over B blocks.
 
-    Each variance is at least that of the model, and each parameter has at least one degree of freedom.
+    Each variance is at least `Uncertainty.model`, and each parameter has at least one degree of freedom.
 
     Args:
         information: (B, p, p) information of the blocks.
@@ -85,7 +85,7 @@ def jackknife(
         squares += 0.5 * (neighbours + neighbours.T)
     covariance = (num_blocks - 1) / num_blocks * squares + inverse @ np.diag(prior_information) @ inverse
     variances, model_variances = np.diag(covariance), np.diag(inverse)
-    # Blocks may agree by chance, so the variance of the model is the lower limit.
+    # Blocks may agree by chance, so the variance for a correct model is the lower limit.
     factors = np.sqrt(
         np.maximum(1.0, np.where(variances > 0.0, model_variances / np.where(variances > 0.0, variances, 1.0), 1.0))
     )
@@ -96,16 +96,16 @@ def jackknife(
 def effective_blocks(information: np.ndarray, inverse: np.ndarray) -> np.ndarray:
     """Return the effective number of blocks (p,) that determine each parameter, between 1 and B.
 
-    It is (Σ c_b)² / Σ c_b², with c_b the diagonal of H⁻¹ H_b H⁻¹. For a parameter without influence on any block, it is
-    1. Such a parameter keeps its prior mean, and is reported as not identified.
+    The number is (Σ c_b)² / Σ c_b², with c_b the diagonal of H⁻¹ H_b H⁻¹. It is 1 for a parameter that influences no
+    block. Such a parameter keeps its prior mean, and is reported as not identified.
 
     Args:
         information: (B, p, p) information H_b of the blocks.
-        inverse: (p, p) inverse H⁻¹ of the total information, including that of the prior.
+        inverse: (p, p) inverse H⁻¹ of the total information, including the information of the prior.
     """
     shares = np.einsum("ij,bjk,ki->bi", inverse, information, inverse)
     largest = shares.max(axis=0)
-    # The shares are divided by the largest one, so that squares of small numbers do not underflow.
+    # The values c_b are divided by the largest one, so that squares of small numbers do not underflow.
     relative = np.where(largest > 0.0, shares / np.where(largest > 0.0, largest, 1.0), 1.0 / len(shares))
     effective_number = relative.sum(axis=0) ** 2 / (relative**2).sum(axis=0)
     return np.where(largest > 0.0, effective_number, 1.0)

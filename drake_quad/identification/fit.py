@@ -5,9 +5,9 @@ the parameters are
 
     θ = argmin ½ Σ_t |L_t⁻¹ e_t(θ)|² + ½ Σ_i (θ_i - θ̄_i)² / s_i²,
 
-where the prior has mean θ̄ and standard deviations s. SciPy's trust-region least squares finds them. The noise then
-maximises the likelihood Σ_t -log det L_t - ½ |L_t⁻¹ e_t|², the gains are computed again, and the two steps are
-repeated until θ converges.
+where the prior has mean θ̄ and standard deviations s. The minimum is found by SciPy's trust-region least squares. The
+noise is then estimated by maximising the likelihood Σ_t -log det L_t - ½ |L_t⁻¹ e_t|², and the gains are computed
+again. These steps are repeated until θ converges.
 
 The uncertainty of θ follows from blocks of windows (`drake_quad.identification.evidence`).
 """
@@ -26,24 +26,24 @@ from drake_quad.identification.prediction_errors import Gains, PredictionNoise, 
 
 # Step of the finite differences, relative to the scale of a parameter.
 _RELATIVE_STEP = 1e-5
-# Step of the central difference of the delay, in samples. The slope is discontinuous at each whole sample.
+# Step of the central difference of the delay, in samples. The derivative is discontinuous at each whole sample.
 _DELAY_STEP = 0.5
 _MAX_NUM_ROUNDS = 8
-# The fit has converged if, in one round, each parameter changes by less than this share of its standard deviation, and
-# each logarithm of the disturbance by less than the second tolerance.
+# The fit has converged if, in one round, each parameter changes by less than this fraction of its standard deviation,
+# and each logarithm of the disturbance changes by less than the second tolerance.
 _PARAMETER_TOLERANCE = 0.2
 _LOG_DISTURBANCE_TOLERANCE = 0.2
 _MAX_EVALUATIONS = 5
-# Rounds in which the search for a smaller disturbance starts: the first one, and one in which the parameters are about
-# right.
+# Rounds that begin with a search for a smaller disturbance: the first round, and one in which the parameters are
+# already close to their final values.
 _TRIAL_ROUNDS = (1, 4)
-# Factors by which the disturbance is reduced as a trial, because scoring alone reduces a disturbance that is much too
-# large only slowly.
+# Trial factors of the disturbance (force along x, y, z, torque about x, y, z). Trials are necessary, because scoring
+# reduces a disturbance that is much too large only slowly.
 _SMALLER_TORQUE = (1.0, 1.0, 1.0, 0.2, 0.2, 0.2)
 _SMALLER_FORCE = (0.2, 0.2, 0.2, 1.0, 1.0, 1.0)
-# If a parameter is farther from its prior mean than this many standard deviations of the prior, the fit may be in a
-# local minimum, in which a large disturbance explains the motion. The search then starts again from the prior mean,
-# with the disturbance multiplied by the second number.
+# If a parameter is more than this many standard deviations of the prior away from the prior mean, the fit may be in a
+# local minimum in which a large disturbance explains the motion. The search then starts again from the prior mean,
+# with the disturbance multiplied by `_RESTART_DISTURBANCE`.
 _MAX_PRIOR_DISTANCE = 2.0
 _RESTART_DISTURBANCE = 0.05
 # The model has diverged if a whitened error exceeds this limit.
@@ -58,20 +58,20 @@ _MAX_SCORING_STEPS = 5
 _LIKELIHOOD_TOLERANCE = 0.1
 _INITIAL_DAMPING = 1e-3
 MIN_NOISE = 1e-5
-"""Smallest standard deviation of a measurement, SI units."""
-_MAX_NOISE = 100.0  # SI units
-_MIN_DISTURBANCE = 1e-3  # m/s², rad/s²
+"""Smallest estimate of the standard deviation of a measurement, in the SI unit of the signal."""
+_MAX_NOISE = 100.0  # largest such estimate
+_MIN_DISTURBANCE = 1e-3  # m/s² or rad/s², smallest estimate of the standard deviation of the disturbance
 NEGLIGIBLE_DISTURBANCE = 1.01 * _MIN_DISTURBANCE
 """Standard deviation below which a disturbance is negligible, m/s² or rad/s²."""
-_MAX_DISTURBANCE = 1e3  # m/s², rad/s²
-_MIN_MEMORY = 0.02  # s
+_MAX_DISTURBANCE = 1e3  # m/s² or rad/s²
+_MIN_MEMORY = 0.02  # s, correlation time of the disturbance
 _MAX_MEMORY = 20.0  # s
 # Largest correlation time of a disturbing force along the axes of B, s. A force along z that lasts longer is an error
-# of the thrust curve. If the disturbance could absorb it, only large motions of the rotors would determine the curve.
+# of the thrust curve. If the disturbance included it, only large motions of the rotors would determine the curve.
 _MAX_THRUST_MEMORY = 0.25
-# The fit has diverged if the noise or the disturbance exceeds this share of its upper limit.
+# The fit has diverged if the noise or the disturbance exceeds this fraction of its upper limit.
 _DIVERGENCE_RATIO = 0.99
-# Fewer windows than this number are divided into parts, so that the scatter between the parts can be estimated.
+# If there are fewer windows than this, each is divided into parts, so that the scatter is estimated from many parts.
 _MIN_NUM_PARTS = 60
 
 
@@ -106,7 +106,7 @@ class PredictionFit(NamedTuple):
         )
 
     def evidence(self, names: Sequence[str], scales: Sequence[float], duration: float) -> Evidence:
-        """Return the information of each window, or of parts of each window if there are few windows.
+        """Return the information of each window, or of equal parts of each window if there are few windows.
 
         Args:
             names: (p,) names of the parameters.
@@ -185,8 +185,8 @@ def _with_smaller_disturbance(
 ) -> "_Point":
     """Multiply the disturbance by the factors as long as the likelihood increases, and return the best point.
 
-    The parameters stay fixed as long as the likelihood increases. They are then fitted again, also for the next smaller
-    disturbance.
+    During these multiplications, the parameters are fixed. They are then fitted for the best disturbance, and for the
+    next smaller one; the fit with the higher likelihood is returned.
     """
 
     def reduced(noise: PredictionNoise) -> PredictionNoise:
@@ -223,8 +223,8 @@ def _check_convergence(values: np.ndarray, noise: PredictionNoise) -> None:
     ratios = np.append(noise.measured / _MAX_NOISE, noise.disturbance / _MAX_DISTURBANCE)
     if not np.all(np.isfinite(values)) or not np.all(ratios < _DIVERGENCE_RATIO):
         raise InputError(
-            "the fit diverged: to explain the logs, the model of the vehicle needs noise or disturbances beyond all"
-            " limits; check the units in the mapping, and the initial scenario"
+            "the fit diverged: the model of the vehicle explains the logs only with implausibly large noise or"
+            " disturbances; check the units in the mapping, and the initial scenario"
         )
 
 
@@ -237,7 +237,7 @@ class _Point(NamedTuple):
         gains: gains of the filter.
         errors: (W, k) whitened errors.
         slopes: (W, k, p) derivatives of the errors with respect to the parameters.
-        states: (rows, W) state in each window at the sample where the next window starts.
+        states: (rows, W) state of each window at the sample where the next window starts.
         state_slopes: (rows, p, W) derivatives of the states with respect to the parameters.
         likelihood: log-likelihood of the measurements.
     """
@@ -266,7 +266,7 @@ class _Point(NamedTuple):
 def _least_squares(
     predictor: Predictor, parameters: Sequence[Parameter], start: np.ndarray, gains: Gains, noise: PredictionNoise
 ) -> np.ndarray:
-    """Return the parameters (p,) that minimise the squares of the whitened errors and of the distance to the prior."""
+    """Return the parameters (p,) that minimise the squared whitened errors plus the squared distance to the prior."""
     if not parameters:
         return start
     prior_mean, scale = (
@@ -277,7 +277,7 @@ def _least_squares(
     cache: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
 
     def residuals_and_slopes(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return residuals and derivatives. They are kept for the next call, which is often for the same point."""
+        """Return residuals and derivatives. They are cached, since the next call is often for the same point."""
         if x.tobytes() not in cache:
             cache.clear()
             values = variables.inverse @ x
@@ -307,13 +307,14 @@ def _least_squares(
 def _condensed(residuals: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return p + 1 residuals and their derivatives, which have the same least-squares solution as k residuals.
 
-    Both have the same normal equations and the same sum of squares. The search is much faster with few residuals.
+    Their normal equations and their sum of squares are equal. The search is much faster with few residuals.
 
     Args:
         residuals: (k,) residuals.
         slopes: (k, p) derivatives with respect to the parameters.
     """
-    # The columns are scaled, since the normal equations have the square of the condition number of the derivatives.
+    # The columns are scaled, since the condition number of the normal equations is the square of the condition number
+    # of the derivatives.
     norms = np.linalg.norm(slopes, axis=0)
     normalised = slopes / norms
     factor = np.linalg.cholesky(normalised.T @ normalised).T
@@ -385,7 +386,7 @@ def _noise_of(
         predictor: predictor of the outputs.
         gains: gains of the filter with the noise.
         noise: initial noise.
-        chosen: indices of the windows that are used; by default those of some evenly spaced windows.
+        chosen: indices of the windows that are used; by default some evenly spaced windows.
     """
     groups = predictor.noise_groups
     _, group_rows = np.unique(groups, return_index=True)
@@ -427,7 +428,7 @@ def _noise_of(
 def noise_covariance(predictor: Predictor, fitted: PredictionFit) -> np.ndarray:
     """Return the covariance (m + 12, m + 12) of the errors of the estimated logarithms of the noise.
 
-    It is the inverse of the Fisher information. A noise parameter that the logs do not identify has a large variance.
+    This is the inverse of the Fisher information. A noise parameter that the logs do not identify has a large variance.
     """
     groups = predictor.noise_groups
     _, group_rows = np.unique(groups, return_index=True)
@@ -464,7 +465,7 @@ def noise_likelihood(errors: np.ndarray, covariances: np.ndarray, step: float) -
     """Return the log-likelihood of a noise with c parameters, its score (c,), and its Fisher information (c, c).
 
     With ∂e and ∂S the derivatives of the errors and of their covariance, both whitened, the score is
-    Σ ½ eᵀ ∂S e - ½ tr ∂S - eᵀ ∂e, and the information Σ ½ tr ∂S ∂S + ∂eᵀ ∂e.
+    Σ ½ eᵀ ∂S e - ½ tr ∂S - eᵀ ∂e, and the information is Σ ½ tr ∂S ∂S + ∂eᵀ ∂e.
 
     Args:
         errors: (T, 1 + c, W, m) prediction errors with the noise, and with one of its parameters increased at a time.

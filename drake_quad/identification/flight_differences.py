@@ -4,9 +4,9 @@ Even in the same mean wind, the mean force on a vehicle differs between flights 
 battery is at another position, propellers are exchanged, or motors are warm. A fit to all flights estimates the mean of
 the flights. This module estimates the deviation of each flight from this mean.
 
-Let θ be the estimates from all flights, and let H_w and g_w be the information and the score of window w. The relative
-difference between the thrust of flight f and that of θ is the Gauss-Newton step along the direction d of the thrust
-parameters,
+Let θ be the estimates from all flights, and let H_w and g_w be the information and the score of window w. The thrust of
+flight f relative to the thrust with the parameters θ is 1 + s_f, with the Gauss-Newton step along the direction d of
+the thrust parameters,
 
     s_f = -Σ_w dᵀ g_w / Σ_w dᵀ H_w d.
 
@@ -15,7 +15,7 @@ The filter estimates the force that the model does not explain. Its horizontal p
     f(t) = R(ψ) b + w
 
 where the trim force b turns with the heading ψ, and w is the force of a wind that is not logged. Both are estimated by
-least squares. If the heading hardly changes, they are indistinguishable, and b includes w.
+least squares. If the heading hardly changes, b and w are indistinguishable, and the estimate of b includes w.
 
 With three or more flights, the variance between them is added to the variation of the estimates, so that the
 distributions in a vehicle file describe the next flight. With F flights and the variance s² between them, the next
@@ -43,11 +43,11 @@ TRIM_FORCE = ("trim_force.x", "trim_force.y")
 MIN_FLIGHTS = 3
 """Smallest number of flights whose variance is estimated. Two flights would leave one degree of freedom."""
 # Trim force and wind are distinguished if the unit vector along the heading has at least this variance, which
-# corresponds to a standard deviation of the heading of about 18°. Either force then has ten times the variance of their
-# sum.
+# corresponds to a standard deviation of the heading of about 18°. The variance of either estimate is then ten times the
+# variance of their sum.
 _MIN_HEADING_VARIANCE = 0.1
-_MIN_FORCE_ERROR = 1e-9  # N
-_MIN_BLOCKS = 5  # smallest number of blocks of a flight, whose scatter gives the error of the mean force
+_MIN_FORCE_ERROR = 1e-9  # N, avoids a division by zero
+_MIN_BLOCKS = 5  # smallest number of blocks from which the standard error of the mean force of a flight is estimated
 
 
 def flight_differences(
@@ -86,7 +86,7 @@ def thrust_direction(names: Sequence[str], values: np.ndarray) -> np.ndarray:
 
 
 def _step_along(direction: np.ndarray, evidence: Evidence, mask: np.ndarray) -> Spread | None:
-    """Return the Gauss-Newton step of some windows along a direction; None if they do not determine it."""
+    """Return the Gauss-Newton step along a direction from some windows; None if the windows do not determine it."""
     information = np.einsum("i,wij,j->w", direction, evidence.information[mask], direction)
     scores = evidence.scores[mask] @ direction
     if len(scores) < 2 or information.sum() <= 0.0:
@@ -123,7 +123,7 @@ def estimated_force(predictor: Predictor, fitted: PredictionFit) -> np.ndarray:
     forces = []
     for axis, (varying, constant) in enumerate((("x", "constant_x"), ("y", "constant_y"))):
         axis_rows = [NUM_BODY + Disturbance._fields.index(name) for name in (varying, constant)]
-        # The gains contain the disturbance at the next sample. Until then, the varying component has decayed.
+        # The gains contain the disturbance at the next sample, where the varying component has already decayed.
         components = [fitted.gains.disturbance[predictor.counted][:, estimated_rows.index(row)] for row in axis_rows]
         forces.append(components[0] / decay[axis] + components[1])
     return np.stack(forces).swapaxes(1, 2)
@@ -139,7 +139,7 @@ def forces_of(heading: np.ndarray, force: np.ndarray, blocks: np.ndarray) -> dic
 
     Returns:
         `trim_force.x` and `.y` along the axes of B and, if the heading changes enough, `wind_force.x` and `.y` along
-        those of W.
+        the axes of W.
     """
     cos, sin = np.cos(heading), np.sin(heading)
     columns = [np.stack([cos, sin], axis=-1), np.stack([-sin, cos], axis=-1)]
@@ -162,7 +162,7 @@ def forces_of(heading: np.ndarray, force: np.ndarray, blocks: np.ndarray) -> dic
 
 
 def within_flights(evidence: Evidence, predictor: Predictor, differences: Sequence[FlightDifference]) -> Evidence:
-    """Return the evidence of the windows, corrected to the same thrust in all flights.
+    """Return the evidence of the windows, corrected as if the thrust parameters were equal in all flights.
 
     Args:
         evidence: information of the windows.
@@ -205,14 +205,14 @@ def with_differences(
 def next_flight_variance(flights: Sequence[Spread]) -> float:
     """Return the variance of the next flight around the mean of F flights, s² (1 + 1/F).
 
-    The mean variance of the errors of the flights is subtracted from s². The result is at least zero.
+    s² is the variance of the estimates minus the mean variance of their errors, or zero if this is negative.
     """
     between = np.var([each.value for each in flights], ddof=1) - np.mean([each.deviation**2 for each in flights])
     return max(0.0, float(between)) * (1.0 + 1.0 / len(flights))
 
 
 def _with_trim_force(estimates: Estimates, trims: Sequence[Sequence[Spread]], scenario: Scenario) -> Estimates:
-    """Return the estimates with the mean trim force. Its error does not include the variation between flights."""
+    """Return the estimates with the mean trim force. The error of the mean excludes the variation between flights."""
     values = np.array([[each.value for each in axis_trims] for axis_trims in trims]).mean(axis=1)
     errors = np.array([[each.deviation**2 for each in axis_trims] for axis_trims in trims])
     freedoms = np.array([[each.degrees_of_freedom for each in axis_trims] for axis_trims in trims])

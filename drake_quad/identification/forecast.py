@@ -1,9 +1,9 @@
-"""Forecast of held-out flight, and the share of its variance that the forecast explains.
+"""Forecast of held-out flight, and the fraction of the variance that the forecast explains.
 
 In each window, the filter first settles. From then on, the model is simulated with the logged commands, without
-measurements. The forecast ŷ of an output y explains the share 1 - Σ (y - ŷ)² / Σ (y - ȳ)² of its variance, where ȳ is
-the prediction by persistence: a position continues at its velocity, an attitude at its body rates, and body rates are
-constant. For a specific force, ȳ is the mean.
+measurements. The forecast ŷ of an output y explains the fraction 1 - Σ (y - ŷ)² / Σ (y - ȳ)² of the variance of y,
+where ȳ is the prediction by persistence: the position changes at the initial velocity, the attitude changes at the
+initial body rates, and the body rates are constant. For a specific force, ȳ is the mean.
 """
 
 import numpy as np
@@ -19,7 +19,7 @@ _ROWS_OF_RATES = {"position": STATE_ROWS["velocity"], "attitude": STATE_ROWS["bo
 
 
 def forecast(predictor: Predictor, parameters: np.ndarray, noise: PredictionNoise) -> tuple[ForecastOutput, ...]:
-    """Return the forecast of each output in the windows, for parameters (p,) and a noise."""
+    """Return the forecast of each output in the windows, for given parameters (p,) and noise."""
     gains = predictor.gains(parameters, noise)
     open_loop_gains = gains._replace(gain=np.where(predictor.counted[:, None, None, None], 0.0, gains.gain))
     counted = np.flatnonzero(predictor.counted)
@@ -58,7 +58,7 @@ def forecast(predictor: Predictor, parameters: np.ndarray, noise: PredictionNois
 
 
 def output_name(signal: str, column: int) -> str:
-    """Return the name of an output, such as body rate p, specific force along z, position y, or roll."""
+    """Return the name of an output, such as "body rate p", "specific force along z", "position y" or "roll"."""
     if signal == "attitude":
         return _AXES[1][column]
     if signal == "body_rates":

@@ -15,12 +15,12 @@ from drake_quad.identification.windows import airborne, pieces
 
 _DIFFERENCE_ORDER = 3
 _VARIANCE_FACTOR = 20.0  # variance of third differences of independent errors of unit variance
-_LANDING_TIME = 2.0  # s, time before take-off and after landing that counts as neither rest nor flight
+_LANDING_TIME = 2.0  # s, duration before take-off and after landing that counts neither as rest nor as flight
 _MAX_HOVER_SPEED = 0.15  # m/s
 _MAX_HOVER_RATE = 0.5  # rad/s
 _MIN_HOVER_TIME = 1.0  # s
-_BLOCK_DURATION = 0.5  # s, the standard deviation of a mean follows from the scatter of means of such blocks
-_MIN_NUM_DIFFERENCES = 30
+_BLOCK_DURATION = 0.5  # s, duration of the blocks whose scatter gives the standard deviation of a mean
+_MIN_NUM_DIFFERENCES = 30  # smallest number of third differences from which noise is estimated
 _MAX_DELAY = 0.3  # s, largest delay from a command to the attitude
 _SIGNALS = ("position", "attitude", "body_rates", "specific_force")
 
@@ -57,7 +57,7 @@ def white_noise(record: FlightRecord) -> list[HoverNoise]:
 
 
 def _deviations(record: FlightRecord, values: np.ndarray, chosen: np.ndarray) -> np.ndarray:
-    """Return the standard deviation (3,) of the white noise in the chosen samples; NaN if there are too few."""
+    """Return the standard deviation (3,) of the white noise in the chosen samples; NaN if too few are chosen."""
     steps = np.diff(record.time)
     evenly_spaced = np.abs(steps / np.median(steps) - 1.0) < 0.5
     complete = np.convolve(chosen, np.ones(_DIFFERENCE_ORDER + 1), "valid") == _DIFFERENCE_ORDER + 1
@@ -69,11 +69,11 @@ def _deviations(record: FlightRecord, values: np.ndarray, chosen: np.ndarray) ->
 
 
 def trim(record: FlightRecord, weight: float) -> dict[str, Spread]:
-    """Return mean tilt and mean commanded torque, thrust and throttles in hover, by name.
+    """Return the means of tilt, commanded torque, commanded thrust and throttles in hover, by name.
 
     For a log with throttles, the result includes the mean thrust of a motor divided by the square of its throttle. A
-    damaged propeller shows as a larger throttle of its motor. Standard deviations follow from the means of blocks of
-    half a second.
+    motor with a damaged propeller has a larger throttle. Standard deviations follow from the means of blocks of half a
+    second.
 
     Args:
         record: record of the flight.
@@ -116,8 +116,7 @@ def _mean(values: np.ndarray, blocks: np.ndarray, unit: str) -> Spread:
 def delay_by_correlation(record: FlightRecord) -> float | None:
     """Return the delay with the largest correlation of attitude and command, s; None if one of them is not logged.
 
-    It serves to check the order of magnitude of an identified delay, and is longer, since it includes the response of
-    the vehicle.
+    This delay is a rough check of an identified delay. It is longer, since it includes the response of the vehicle.
     """
     if record.attitude is None or record.attitude_command is None:
         return None

@@ -22,7 +22,8 @@ from drake_quad.statistics.interval import plus_minus
 
 # Largest half-width of the 95 % interval of an identified parameter, relative to the scale of the parameter.
 _MAX_RELATIVE_HALF_WIDTH = 1.0
-_MAX_VERTICAL_FORCE_RATIO = 0.15  # disturbing force over weight, averaged over `_FORCE_WINDOW`; 0.03 in strong wind
+# Largest disturbing force along z, averaged over `_FORCE_WINDOW`, relative to the weight. It is 0.03 in strong wind.
+_MAX_VERTICAL_FORCE_RATIO = 0.15
 _FORCE_WINDOW = 0.5  # s
 _SPEED_WINDOW = 0.1  # s, long enough to average out position noise
 
@@ -37,8 +38,8 @@ def check_forecast(forecasts: Sequence[ForecastOutput]) -> None:
     best = max(varying, key=lambda forecast: forecast.explained, default=None)
     if best is not None and best.explained <= 0.0:
         raise InputError(
-            "cannot identify the vehicle: fitted to the rest of the logs, it forecasts no output of the held-out part"
-            f" better than motion at constant rates (best: {best.name}); use logs with more motion than hover,"
+            "cannot identify the vehicle: after a fit to the rest of the logs, it forecasts no output of the held-out"
+            f" part better than motion at constant rates (best: {best.name}); use logs with more motion than hover,"
             " and check the mapping and the initial scenario"
         )
 
@@ -47,7 +48,7 @@ def check_thrust(scenario: Scenario, noise: PredictionNoise) -> None:
     """Reject a vehicle whose thrust does not follow from its commands.
 
     Raises:
-        InputError: if the disturbing force along z, which replaces the missing thrust, is a large share of the weight.
+        InputError: if the disturbing force along z, which replaces the missing thrust, is over 15 % of the weight.
     """
     *_, vertical = noise.mean_force(_FORCE_WINDOW) / float(scenario.vehicle.gravity)
     if vertical > _MAX_VERTICAL_FORCE_RATIO:
@@ -59,7 +60,7 @@ def check_thrust(scenario: Scenario, noise: PredictionNoise) -> None:
 
 
 def not_identified(parameters: Sequence[Parameter], values: np.ndarray, uncertainty: Uncertainty) -> dict[str, str]:
-    """Return a reason for each parameter with a wide interval or at a physical limit.
+    """Return a reason for each parameter whose interval is wide or whose estimate is at a physical limit.
 
     Args:
         parameters: p parameters.
@@ -84,7 +85,7 @@ def not_identified(parameters: Sequence[Parameter], values: np.ndarray, uncertai
 def weaker_than_disturbance(
     scenario: Scenario, predictor: Predictor, parameters: Sequence[Parameter], fitted: PredictionFit
 ) -> dict[str, str]:
-    """Return a reason for each drag parameter whose drag is smaller than the disturbing force.
+    """Return a reason for each drag parameter whose drag force is smaller than the disturbing force.
 
     A wind that is not logged varies with the position, so its force is correlated with the velocity. The interval of
     the drag does not include this error. If the force of the wind is as large as the drag, the estimate mostly reflects
@@ -103,14 +104,14 @@ def weaker_than_disturbance(
         axes = [0, 1] if name == "linear_drag" else [int(name[-2])] if "drag.linear" in name else []
         if axes and np.any(force[axes] > value * speed[axes]):
             reasons[name] = (
-                f"the disturbing force, such as wind, is {force[axes].max():.2g} N, and the drag itself"
+                f"the disturbing force, such as wind, is {force[axes].max():.2g} N, but the drag force is only"
                 f" {(value * speed[axes]).min():.2g} N"
             )
     return reasons
 
 
 def unexcited(logs: PreparedLogs, parameters: Sequence[Parameter], fitted: PredictionFit) -> dict[str, str]:
-    """Return a reason for each response parameter of an angle whose command varies less than its noise.
+    """Return a reason for each parameter of the attitude response to a command that varies less than the noise.
 
     The measured motion of such an angle is mostly noise, to which any response can be fitted.
     """
@@ -142,7 +143,7 @@ def undetermined(scenario: Scenario, names: Sequence[str]) -> dict[str, str]:
     """
     reasons = {"mass": "motion determines forces only relative to the mass, so weigh the vehicle"}
     if "inertia[2]" in names:
-        reasons["drag_factor"] = "yaw determines only its ratio to inertia[2], which assumes its value in the scenario"
+        reasons["drag_factor"] = "yaw determines only its ratio to inertia[2], whose estimate assumes the given value"
     if scenario.vehicle.motors.take_throttles:
         reasons["thrust_factor"] = "a log of motors with throttle commands determines thrusts, not rotor speeds"
     if "linear_drag" in names and scenario.vehicle.quadratic_drag > 0.0:

@@ -4,13 +4,13 @@ A Kalman filter, whose model is the vehicle, predicts each measurement from the 
 (`drake_quad.identification.prediction_errors`). The estimates minimise the prediction errors and the distance to a weak
 prior around the values of a data sheet (`drake_quad.identification.fit`).
 
-The same method applies to all logs. The commands may be those of single rotors, or attitude commands to an autopilot.
-The measurements may be those of an accelerometer, of motion capture, or heights alone. Logs differ only in the outputs
-that are predicted (`drake_quad.identification.prepared_logs`) and in the parameters that these outputs may determine
-(`drake_quad.identification.parameters`).
+The same method applies to all logs. The commands may be rotor commands, or attitude commands to an autopilot. The
+measurements may come from an accelerometer or from motion capture, or may be heights only. Logs differ only in the
+outputs that are predicted (`drake_quad.identification.prepared_logs`) and in the parameters that these outputs may
+determine (`drake_quad.identification.parameters`).
 
-A parameter whose posterior is not much narrower than its prior is reported as not identified. It stays in the fit, so
-its uncertainty widens the intervals of the parameters with which it is correlated.
+A parameter whose posterior is not much narrower than its prior is reported as not identified. Such a parameter is still
+fitted, so its uncertainty widens the intervals of the parameters with which it is correlated.
 """
 
 from collections.abc import Sequence
@@ -53,7 +53,7 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.vehicle.rigid_body import inertia_flaw
 
 _POSE = ("position", "attitude")
-_MIN_POSE_NOISE = 2.0 * MIN_NOISE  # SI units; a smaller estimate is affected by the limit `MIN_NOISE`
+_MIN_POSE_NOISE = 2.0 * MIN_NOISE  # m or rad; a smaller estimate is affected by the lower bound `MIN_NOISE`
 _NOISE_NAMES = {signal: f"laboratory.motion_capture.{signal}_noise" for signal in _POSE}
 
 
@@ -65,21 +65,21 @@ def identify(
     Args:
         records: records of flights of the same vehicle. Each contains the commands that the vehicle takes, and
             measurements: body rates with specific force, poses, or heights.
-        scenario: scenario with the initial values and without distributions. Its mass and geometry are taken as known.
-        held_out_share: share of the airborne time, at the end of each log, that is held out for the forecast.
+        scenario: scenario with the initial values and without distributions. Its mass and geometry are not estimated.
+        held_out_share: fraction of the airborne time, at the end of each log, that is held out for the forecast.
 
     Raises:
         InputError: if no log is given, a log lacks a signal, the flights are too short, or the logged values are
             physically impossible.
     """
     if not records:
-        raise InputError("there is no log to identify a vehicle from; give at least one")
+        raise InputError("no log is given; at least one is needed to identify a vehicle")
     logs = synchronised(records)
     try:
         identification = _identified(logs, scenario, held_out_share)
     except (np.linalg.LinAlgError, FloatingPointError) as error:
         raise InputError(
-            f"the logs cannot be fitted ({error}): their values are not those of a flying vehicle; check the units in"
+            f"the logs cannot be fitted ({error}): their values are impossible for a flying vehicle; check the units in"
             " the mapping"
         ) from error
     remarks = [*identification.remarks, *logs.remarks, *fast_command_remarks(records)]
@@ -90,7 +90,7 @@ def identify(
 
 
 def _identified(synchronised_logs: Synchronised, scenario: Scenario, share: float) -> Identification:
-    """Identify a vehicle from synchronised records; the other arguments are those of `identify`."""
+    """Identify a vehicle from synchronised records; the scenario and the held-out fraction are as in `identify`."""
     logs, scenario = prepare(synchronised_logs.records, scenario, late_attitude=synchronised_logs.late_attitude)
     parameters = parameters_of(
         logs.scenario,
@@ -223,7 +223,7 @@ def _noise_estimates(
     rows = {name: predictor.outputs.index(Output(name, 0)) for name in _POSE if Output(name, 0) in predictor.outputs}
     sufficient = {name: row for name, row in rows.items() if fitted.noise.measured[row] > _MIN_POSE_NOISE}
     unidentified = {
-        _NOISE_NAMES[name]: f"it is below {_MIN_POSE_NOISE:g} in SI units" for name in rows if name not in sufficient
+        _NOISE_NAMES[name]: f"it is below {_MIN_POSE_NOISE:g} m or rad" for name in rows if name not in sufficient
     }
     if not sufficient:
         return [], np.empty(0), np.empty((0, 0)), unidentified
@@ -248,12 +248,12 @@ def _explained(
 
 
 def _remarks(predictor: Predictor, fitted: PredictionFit, names: Sequence[str]) -> tuple[str, ...]:
-    """Return sentences on the windows, and on how to interpret some of the estimates."""
+    """Return remarks on the windows, and on how to interpret some of the estimates."""
     window_length = predictor.duration / len(predictor.windows)
     remarks = [f"{len(predictor.windows)} windows of {window_length:.2g} s in the air were fitted"]
     if "rotor_time_constant_down" in names:
         up, down = (fitted.values[names.index(f"rotor_time_constant{suffix}")] for suffix in ("", "_down"))
         remarks.append(f"small motions lag by the mean of the two time constants, {500.0 * (up + down):.3g} ms")
     if "rotor_aerodynamics.climb" in names:
-        remarks.append("climb includes the linear drag along z of the body, since flights do not distinguish the two")
+        remarks.append("climb includes the linear drag along z of the body, since flights cannot separate the two")
     return tuple(remarks)

@@ -1,14 +1,14 @@
 """Simulated flights of vehicles with known parameters, as a test of identification.
 
 A vehicle with random parameters flies past waypoints with changing yaw. The simulation includes the noise, delays and
-losses of a laboratory. The log contains the camera measurements and the commands, as in a laboratory. `KNOWN_FLIGHTS`
-contains six conditions:
+packet losses of a laboratory. As in a laboratory, the log contains the camera measurements and the commands.
+`KNOWN_FLIGHTS` contains six conditions:
 
 - calm: the laboratory of the paper without wind, with rotor speed commands,
 - wind: the same laboratory in low wind that is not logged,
 - delay: the same laboratory in calm air, with camera frames that are 30 ms older,
 - autopilot: attitude and thrust commands to the autopilot of Neural-Fly's vehicle,
-- slow_log: a control loop at 500 Hz, of which every fifth sample is logged,
+- slow_log: a control loop at 500 Hz, with every fifth sample in the log,
 - battery: throttle commands to motors that lose 7 % of their thrust as the battery discharges; its voltage is logged.
 """
 
@@ -34,8 +34,8 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.signals import AttitudeTarget, Charge, RotorSpeed
 from drake_quad.vehicle.battery import rotor_power, terminals
 
-# Waypoints are samples of sines along X, Y and Z (m) and in yaw (rad). Their phases (rad) grow by incommensurable
-# steps, so that no waypoint is visited twice.
+# Waypoints are samples of sines along X, Y and Z (m) and in yaw (rad). The phases (rad) of the sines increase by
+# incommensurable steps from one waypoint to the next, so that no waypoint is visited twice.
 _CENTRE = np.array([0.0, 0.0, 1.5, 0.0])
 _AMPLITUDE = np.array([1.2, 1.2, 0.4, 0.5])
 _PHASE_STEPS = np.array([0.91, 0.73, 1.31, 1.73])
@@ -76,7 +76,7 @@ class CheckedParameter(NamedTuple):
     """Estimate of an identified parameter, and its true value.
 
     Attributes:
-        name: name as in `Estimates`, or `DELAY`, in s.
+        name: name as in `Estimates`, or `DELAY`.
         true: value of the simulated vehicle.
         value: estimate.
         deviation: standard deviation of the error of the estimate.
@@ -151,7 +151,7 @@ KNOWN_FLIGHTS = {
             f" [{_between(0.0, 0.2)}, {_between(0.5, 1.5)}, {_between(2.9, 3.9)}]}}",
             "vehicle.battery={voltage: 12.6, empty_voltage: 10.5, capacity: 0.2, resistance: 0.02, efficiency: 0.6}",
         ),
-        # The thrust curve of the vehicle holds at the voltage of the full battery.
+        # The thrust curve of the vehicle holds for the voltage of the full battery.
         (_THROTTLES, "vehicle.motors={kind: throttle, curve: [0.0, 1.0, 3.4], voltage: 12.6}"),
     ),
 }
@@ -222,7 +222,7 @@ class Task(NamedTuple):
         flights: name of the condition in `KNOWN_FLIGHTS`.
         diagrams: folder of the shipped scenarios.
         overrides: further overrides of the simulated scenario.
-        samples: sample numbers of the random parameters, one for each flight.
+        samples: sample number of each flight, which determines its random parameters.
     """
 
     flights: str
@@ -256,7 +256,7 @@ def _with_true_values(estimates: Estimates, scenario: Scenario) -> list[CheckedP
 def _true_delay(scenario: Scenario) -> float:
     """Return the delay from a logged command to the logged measurement of its effect, s.
 
-    A flight records the command that was held over the tick before a sample.
+    The command in a sample of a flight is the command that was held during the tick before the sample.
     """
     if scenario.laboratory.autopilot.models_vehicle:
         return delay_of(scenario)

@@ -5,7 +5,7 @@ loop is modelled as a whole. The model simulates windows of a log for several se
 
 A disturbance represents model errors. It consists of a specific force, and of an angular acceleration about the axes of
 B (for an attitude response, accelerations of the angles). During a step, the force is constant along the axes of W if
-positions, attitudes or velocities are measured, otherwise along those of B. The axes of W are preferred, since a
+positions, attitudes or velocities are measured, otherwise along the axes of B. The axes of W are preferred, since a
 vehicle leans into the wind: along the axes of B, the force of a constant wind would always have a component along the
 thrust.
 
@@ -79,7 +79,7 @@ DELAY = "delay"
 MISALIGNMENT = tuple(f"laboratory.motion_capture.misalignment[{axis}]" for axis in range(3))
 """Names of the roll, pitch and yaw of the markers' frame in B, rad."""
 
-# Natural frequency of the attitude response of a vehicle that stays level, rad/s. It does not affect the results.
+# Natural frequency of the attitude response of a vehicle that stays level, rad/s. Results do not depend on this value.
 _LEVEL_FREQUENCY = 20.0
 _VOLTAGE_WINDOW = 0.1  # s, duration over which the logged voltage is averaged
 
@@ -100,7 +100,7 @@ class Disturbance(NamedTuple):
 
     @property
     def force(self) -> Vector:
-        """Specific force, including its constant part."""
+        """Specific force along the axes of the disturbance, including its constant part, m/s²."""
         return Vector(self.x + self.constant_x, self.y + self.constant_y, self.z)
 
 
@@ -180,7 +180,7 @@ def rotors_after(rotors: RotorSpeed, command: RotorSpeed | Throttle, span: Span,
 
 
 def rotors_at_rest(command: RotorSpeed | Throttle, span: Span, numbers: Numbers) -> RotorSpeed:
-    """Return the rotors in the steady state of a constant command."""
+    """Return the steady state of the rotors under a constant command."""
     return _target(RotorSpeed(0.0, 0.0, 0.0, 0.0), command, span, numbers)
 
 
@@ -207,12 +207,12 @@ def specific_force(
 
 
 def measured_attitude(attitude: Attitude, misalignment: Attitude) -> Attitude:
-    """Return the attitude of the markers' frame in W, given those of B in W and of the markers' frame in B."""
+    """Return the attitude of the markers' frame in W, given the attitude of B in W and the misalignment."""
     return attitude_of_markers(attitude, BodyAxes.of(misalignment.roll, misalignment.pitch, misalignment.yaw))
 
 
 def _target(rotors: RotorSpeed, command: RotorSpeed | Throttle, span: Span, numbers: Numbers) -> RotorSpeed:
-    """Return the speeds that the rotors approach, which are proportional to the voltage at a given throttle."""
+    """Return the speeds that the rotors approach. At a given throttle, they are proportional to the voltage."""
     state = VehicleState(State(*(0.0,) * NUM_BODY), rotors)
     target = rotor_target(state, command, numbers.parameters, None, numbers.effects, 0.0)
     return RotorSpeed(*(span.voltage * speed for speed in target))
@@ -240,8 +240,8 @@ def with_commands(record: FlightRecord, scenario: Scenario, believed: Scenario) 
     These are `motor_command` for a vehicle with throttles, and otherwise `rotor_speed_command`. With an attitude
     response, `attitude_command` is added. If the log lacks the commands of the rotors, they are allocated as in the
     firmware, from the logged thrust and torque, or with an attitude response from the thrust alone. If the autopilot
-    logs its estimate of the hover thrust, the commanded thrust is taken relative to it, so that the discharge of the
-    battery does not distort the thrust curve.
+    logs its estimate of the hover thrust, the commanded thrust is divided by this estimate and multiplied by the
+    weight, so that the discharge of the battery does not distort the thrust curve.
 
     Args:
         record: record of the flight.
@@ -265,13 +265,12 @@ def with_commands(record: FlightRecord, scenario: Scenario, believed: Scenario) 
     if thrust is None or (torque is None and not responds):
         logged_kind = {"rotor_speed_command": "throttles", "motor_command": "speeds"}[signal]
         has_rotor_commands = record.motor_command is not None or record.rotor_speed_command is not None
-        hint = (
-            f"; its motors take {logged_kind}, so use a vehicle whose vehicle.motors do" if has_rotor_commands else ""
-        )
+        advice = f"; the log contains {logged_kind}, so use a vehicle whose vehicle.motors take them"
+        hint = advice if has_rotor_commands else ""
         needed = f"{signal}, or thrust_command" + ("" if responds else " and torque_command")
         raise InputError(
-            f"the log {shown(record.name)} has no commands for the vehicle {scenario.name}: it needs {needed}, and has"
-            f" {', '.join(record.names)}{hint}"
+            f"the log {shown(record.name)} has no commands for the vehicle {scenario.name}: the vehicle needs {needed},"
+            f" but the log contains {', '.join(record.names)}{hint}"
         )
     torques = np.zeros((len(record.time), 3)) if responds or torque is None else torque
     commands: Any = allocated_commands(thrust, torques, believed, throttles=throttles)
@@ -279,10 +278,9 @@ def with_commands(record: FlightRecord, scenario: Scenario, believed: Scenario) 
 
 
 def relative_voltage(record: FlightRecord, model: "LogModel") -> np.ndarray:
-    """Return the battery voltage (n,) relative to that of the thrust curve, averaged over a tenth of a second.
+    """Return the battery voltage (n,), averaged over a tenth of a second, divided by `LogModel.voltage`.
 
-    The thrust curve holds for `LogModel.voltage`. The result is 1 if no voltage is logged, or if the rotors are
-    commanded by speed.
+    The result is 1 if no voltage is logged, or if the rotors are commanded by speed.
     """
     if record.battery_voltage is None or not model.throttles or model.voltage is None:
         return np.ones(len(record.time))
@@ -292,7 +290,7 @@ def relative_voltage(record: FlightRecord, model: "LogModel") -> np.ndarray:
 
 
 def level_vehicle(scenario: Scenario) -> Scenario:
-    """Return the scenario with a vehicle that always stays level, for logs that contain only heights."""
+    """Return the scenario with a vehicle that always stays level, for logs that contain heights but no attitude."""
     angles = (_LEVEL_FREQUENCY,) * 3
     autopilot = AttitudeResponseSettings(kind="response", natural_frequency=angles, damping=(1.0, 1.0, 1.0))
     laboratory = scenario.laboratory.model_copy(update={"autopilot": autopilot})
@@ -355,7 +353,7 @@ class LogModel:
         return self.names.index(DELAY) if DELAY in self.names else None
 
     def numbers(self, parameters: np.ndarray) -> Numbers:
-        """Return the vehicle for (K, p) parameters. Each of its numbers is a scalar or a (K,) array."""
+        """Return the parameters of the vehicle for (K, p) estimated parameters. Each is a scalar or a (K,) array."""
         scenario = replaced(
             self.scenario, lambda path, value: parameters[:, self._paths[path]] if path in self._paths else value
         )
@@ -405,7 +403,7 @@ class WindowInputs(NamedTuple):
     Attributes:
         commands: (T + 2 · margin, 7, W) commands of rotors and attitude, including `margin` further steps at both ends.
         wind: (T, 3, W) velocity of the air, m/s.
-        spans: (T, 2, W) durations of the steps, s, and battery voltages relative to that of the thrust curve.
+        spans: (T, 2, W) durations of the steps, s, and battery voltages divided by the voltage of the thrust curve.
         period: median duration of a step, s.
         margin: largest delay, in steps.
     """

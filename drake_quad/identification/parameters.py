@@ -19,10 +19,11 @@ from drake_quad.scenario.models import Scenario
 # Limits of a positive parameter, relative to its value in the scenario.
 _MIN_POSITIVE_RATIO = 0.02
 _MAX_POSITIVE_RATIO = 50.0
-# The scales of time constants and of the delay do not depend on their initial values, which may be zero.
+# Standard deviations of the priors of time constants and of the delay. They do not depend on the initial values, which
+# may be zero.
 _TIME_CONSTANT_SCALE = 0.04  # s
-_MIN_TIME_CONSTANT = 2e-3  # s
 _DELAY_SCALE = 0.02  # s
+_MIN_TIME_CONSTANT = 2e-3  # s, lower bound of an estimated time constant of the rotors
 
 
 class Parameter(NamedTuple):
@@ -73,14 +74,14 @@ def parameters_of(
 
 
 def _candidates(scenario: Scenario, signals: set[str], own_throttles: bool) -> Iterator[tuple[str, float, str]]:
-    """Yield the name, the scale and the allowed values of each parameter."""
+    """Yield the name, the scale and the allowed values ("positive", "not negative" or "any") of each parameter."""
     vehicle: Any = scenario.vehicle
     autopilot: Any = scenario.laboratory.autopilot
     responds = scenario.laboratory.autopilot.models_vehicle
     turning, moving = bool({"attitude", "body_rates"} & signals), bool({"position", "velocity"} & signals)
     mass, hover, arm = vehicle.mass, 0.25 * vehicle.mass * vehicle.gravity, arm_length_of(vehicle)
     if vehicle.motors.take_throttles:
-        # In a log of heights, or with one command for all motors, thrusts stay near hover and identify less.
+        # In a log of heights, or with one command for all motors, thrusts stay near hover and identify only two powers.
         powers = (0, 1, 2) if own_throttles and turning else (0, 1) if turning else (0, 2)
         for i in powers:
             yield f"motors.curve[{i}]", hover, "any"

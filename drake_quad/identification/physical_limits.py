@@ -4,11 +4,11 @@ Each moment of inertia of a rigid body is the sum of two second moments,
 
     I_x = m_y + m_z,   I_y = m_z + m_x,   I_z = m_x + m_y,   m_x, m_y, m_z ≥ 0,
 
-The thrust K0 + K1 u + K2 u² of a motor is not negative, and does not fall, for throttles u from 0 to 1 if
+The thrust K0 + K1 u + K2 u² of a motor is not negative, and does not decrease, for throttles u from 0 to 1 if
 
     K0 ≥ 0,   K1 ≥ 0,   K1 + 2 K2 ≥ 0.
 
-At zero throttle, the four rotors carry at most half of the weight, since the vehicle can descend.
+At zero throttle, the four rotors carry at most half of the weight, since the vehicle must be able to descend.
 
 The fit takes these combinations as its search variables, so that it never violates a limit.
 """
@@ -27,11 +27,11 @@ _SECOND_MOMENTS = 0.5 * np.array([[-1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0,
 _RISING_CURVE = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 1.0, 2.0]])
 # Smallest second moment, relative to the smallest moment of inertia on the data sheet, so that the body cannot become a
 # point. Errors of identified moments of inertia are at least 0.1 %, so the limit excludes no flat vehicle. If the data
-# sheet implies a smaller second moment, as that of a flat vehicle may, then that is the limit.
+# sheet of a flat vehicle implies a smaller second moment, this value is the limit instead.
 _MIN_SECOND_MOMENT = 1e-3
 # Largest thrust at zero throttle, relative to the thrust in hover, which is the scale of K0.
 _MAX_IDLE_THRUST = 0.5
-# A variable counts as being at a limit if the distance is less than this share of its scale.
+# A variable counts as being at a limit if its distance to the limit is less than this fraction of its scale.
 _AT_LIMIT = 1e-3
 
 
@@ -54,7 +54,7 @@ class SearchVariables(NamedTuple):
 
     @classmethod
     def of(cls, parameters: Sequence[Parameter]) -> "SearchVariables":
-        """Return the search variables: the parameters, or combinations of those of inertia and thrust curve."""
+        """Return the search variables: combinations of inertia or thrust curve parameters, and all other parameters."""
         names = [parameter.name for parameter in parameters]
         start, scale, lower, upper = (
             np.array([getattr(parameter, name) for parameter in parameters], dtype=float)

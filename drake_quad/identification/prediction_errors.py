@@ -86,8 +86,8 @@ class PredictionNoise(NamedTuple):
     def mean_force(self, duration: float) -> np.ndarray:
         """Return the standard deviations (3,) of time averages of the disturbing force over mass, m/s².
 
-        The autocorrelation of the force is exp(-|t| / T). The average over a duration d T therefore has the variance of
-        the force times 2 (d - 1 + exp(-d)) / d².
+        The autocorrelation of the force is exp(-|t| / T). The variance of its average over a duration d T is therefore
+        the variance of the force times 2 (d - 1 + exp(-d)) / d².
 
         Args:
             duration: duration over which the force is averaged, s.
@@ -128,7 +128,8 @@ class InitialStates(NamedTuple):
         slopes: (NUM_BODY + NUM_DISTURBANCE, p, W) derivatives with respect to the parameters.
         parameters: (p,) parameters for which `state` holds.
         covariance: (W, n, n) covariances of continued windows.
-        continued: (W,) mask of the windows that continue the window before them. The state of the others is uncertain.
+        continued: (W,) mask of the windows that start in the final state of the preceding window. The initial state of
+            the other windows is uncertain.
     """
 
     state: np.ndarray
@@ -189,7 +190,7 @@ class Predictor:
         state, n, W = self._measured_states(records, offsets[0]), len(self.rows), len(windows)
         slopes, no_covariance = np.zeros((NUM_BODY + NUM_DISTURBANCE, p, W)), np.zeros((W, n, n))
         self.initial = InitialStates(state, slopes, np.zeros(p), no_covariance, np.zeros(W, dtype=bool))
-        # The mask of the windows that start where the window before them ends.
+        # This mask contains the windows that start where the preceding window ends.
         self._follows = np.array(
             [i > 0 and windows[i - 1] == (record, start - sizes.length) for i, (record, start) in enumerate(windows)]
         )
@@ -235,13 +236,13 @@ class Predictor:
         return flight, state[:, None, :] + np.einsum("rpw,kp->rkw", slopes, parameters - reference)
 
     def continue_windows(self, states: np.ndarray, slopes: np.ndarray, parameters: np.ndarray, gains: Gains) -> None:
-        """Start each window in the final state of the window before it, if the two are adjacent.
+        """Start each window in the final state of the preceding window, if the two are adjacent.
 
-        The filter of a good model has a long memory. Without knowledge of the earlier flight, it would take the
-        controller's reaction to earlier disturbances for noise.
+        With a good model, the filter has a long memory. If it restarted in each window, it would treat the controller's
+        reaction to earlier disturbances as noise.
 
         Args:
-            states: (NUM_BODY + NUM_DISTURBANCE, W) state in each window at the measurement where the next one starts.
+            states: (NUM_BODY + NUM_DISTURBANCE, W) states at the measurements where the next windows start.
             slopes: (NUM_BODY + NUM_DISTURBANCE, p, W) derivatives of the states with respect to the parameters.
             parameters: (p,) parameters for which the states hold.
             gains: gains of the filter.
@@ -280,7 +281,7 @@ class Predictor:
         return variances[self.rows]
 
     def _decay_ratios(self, filter_noise: PredictionNoise, noises: Sequence[PredictionNoise]) -> np.ndarray:
-        """Return the decay factors (C, 1, n, 1) of the state for C noises, relative to those in the filter."""
+        """Return the decay factors (C, 1, n, 1) of the state for C noises, divided by those of the filter."""
         ratios = np.ones((len(noises), 1, NUM_BODY + NUM_DISTURBANCE, 1))
         for c, noise in enumerate(noises):
             ratios[c, 0, NUM_BODY:, 0] = self._decay(noise) / self._decay(filter_noise)
@@ -327,12 +328,12 @@ class Predictor:
     def errors(
         self, parameters: np.ndarray, gains: Gains, noise: PredictionNoise, *, keep: int | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the prediction errors for K sets of parameters, with the same gains of the filter.
+        """Return the prediction errors for K sets of parameters, all with the same filter gains.
 
         Args:
             parameters: (K, p) parameters.
             gains: gains of the filter.
-            noise: noise of the filter, of which only the memory of the disturbance is used.
+            noise: noise of the filter; only the correlation times of the disturbance are used.
             keep: index of the measurement before which the state is returned; by default the index of the measurement
                 at which the next window starts.
 
@@ -360,15 +361,15 @@ class Predictor:
     ) -> list[np.ndarray]:
         """Return the measured states (12, 2, W) at the last measurement before each window, and after each of `steps`.
 
-        The filter uses the measurements up to this one. From then on, the states follow from the commands alone. The
-        first of the two states has no disturbance. The second one has the estimated disturbance, which decays with its
-        memory.
+        The filter uses the measurements before the window. From then on, the states follow from the commands alone.
+        The first of the two states is simulated without a disturbance. The second one is simulated with the estimated
+        disturbance, which decays with its correlation time.
 
         Args:
             parameters: (p,) parameters.
             gains: gains of the filter.
             noise: noise of the filter.
-            steps: numbers of samples, in increasing order, and at most the length of the windows.
+            steps: numbers of samples in increasing order, at most the length of the windows.
         """
         flight, state = self._begin(np.stack([parameters, parameters]))
         decay, states = self._decay(noise)[:, None, None], []
@@ -396,8 +397,8 @@ class Predictor:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the prediction errors for several noises, to first order around the predictions of the filter.
 
-        Let r be the ratio of the decay factor of the disturbance to that in the filter, K the gain for the first noise,
-        and F = r A (I - K C). From the first noise to another one, the covariance of the state changes by
+        Let r be the decay factor of the disturbance divided by the decay factor in the filter, K the gain for the first
+        noise, and F = r A (I - K C). From the first noise to another one, the covariance of the state changes by
 
             ΔP⁺ = F ΔP Fᵀ + r A K ΔR (r A K)ᵀ + Δ(r rᵀ) A P Aᵀ + ΔQ,
 
@@ -406,7 +407,7 @@ class Predictor:
         Args:
             gains: gains of the filter.
             filter_noise: noise of the filter.
-            noises: a first noise, and C - 1 noises that differ little from it, so that first order is accurate.
+            noises: a first noise, and C - 1 noises that differ from it so little that the first order is accurate.
             window_indices: indices of w windows.
 
         Returns:
@@ -425,7 +426,7 @@ class Predictor:
         process_noise, process_changes = _first_and_changes(
             np.stack([np.diag(self.process_noise(noise)) for noise in noises])[:, None]
         )
-        # These are indices of the noises that differ from the first one in the measurement noise, or in the memory.
+        # These indices mark the noises that differ from the first one in the measurement noise, or in the memory.
         with_other_measured, with_other_memory = (
             np.flatnonzero(x.any(axis=(1, 2, 3))) for x in (measured_changes, ratio_changes)
         )
@@ -448,7 +449,7 @@ class Predictor:
             deviations = (
                 deviations + cross.swapaxes(-1, -2) @ white - update.gain @ (shift + covariance_changes @ white)
             )
-            # A different memory changes the disturbance itself, and not only its deviation from that in the filter.
+            # A different memory changes the disturbance itself, not only its deviation from the filter's disturbance.
             disturbance = gains.disturbance[j][:, window_indices].T[:, :, None]
             propagated, scaled = transition @ corrected, ratio * transition
             deviation = ratio * propagated + (ratio - 1.0) * disturbance

@@ -24,20 +24,21 @@ from drake_quad.identification.windows import LogWindow, WindowSizes, airborne, 
 from drake_quad.scenario.models import Scenario
 from drake_quad.vehicle.motors import thrust_of
 
-# Shortest period of a prepared log, s, about a tenth of the time constant of a small motor. Faster logs are averaged.
+# Shortest sampling period of a prepared log, s, about a tenth of the time constant of a small motor. Faster logs are
+# averaged.
 _MIN_PERIOD = 0.008
 _MAX_STEP = 0.01  # s, longest step of the model
-# Length of a window, and time before the window in which the filter settles, s. Without poses, windows are shorter,
-# because attitude and velocity drift.
+# Length of a window, and duration before the window in which the filter settles, s. Without poses, windows are shorter,
+# because the predicted attitude and velocity drift.
 _POSE_WINDOW = (1.25, 0.4)
 _IMU_WINDOW = (1.0, 0.4)
 _MIN_WINDOW = 0.5  # s
-WARM_UP = 0.4  # s, about five time constants of a small motor
+WARM_UP = 0.4  # s, duration in which only the rotors are simulated, about five time constants of a small motor
 # Horizons of the forecast of held-out flight, s.
 _POSE_HORIZON = 0.5
 _IMU_HORIZON = 0.1
-MAX_DELAY = 0.15  # s
-MIN_BLOCKS = 15
+MAX_DELAY = 0.15  # s, largest delay from a command to the measurement of its effect
+MIN_BLOCKS = 15  # smallest number of blocks for the jackknife of the estimates
 _BLOCK_DURATION = 4.0  # s, longer than the correlation time of model errors
 _MIN_WINDOWS = 4
 _POSE = ("position", "attitude")
@@ -69,9 +70,9 @@ class PreparedLogs(NamedTuple):
     def voltage(self) -> float | None:
         """Voltage for which the thrust curve holds, V.
 
-        It is `motors.voltage` of the vehicle if that is given, otherwise the voltage of its full battery, and without a
-        battery the median of the logs. It is None if the logs contain no throttles of single motors, or if a log lacks
-        the voltage.
+        The first of these that is known: `motors.voltage` of the vehicle, the voltage of its full battery, or the
+        median voltage in the logs. None if the logs contain no throttles of single motors, or if a log lacks the
+        voltage.
         """
         if not self.own_throttles or any(record.battery_voltage is None for record in self.records):
             return None
@@ -120,9 +121,9 @@ class PreparedLogs(NamedTuple):
         windows = cut(self.records, flying, sizes)
         if len(windows) < _MIN_WINDOWS:
             raise InputError(
-                f"only {len(windows)} windows of {length + settle:.2g} s in the air can be cut from"
-                f" {'the held-out part of the logs' if horizon else 'the logs'}; at least {_MIN_WINDOWS} are needed,"
-                " so use longer flights"
+                f"{'the held-out part of the logs' if horizon else 'the flight in the logs'} contains only"
+                f" {len(windows)} windows of {length + settle:.2g} s in the air; at least {_MIN_WINDOWS} are needed, so"
+                " use longer flights"
             )
         return self.predictor_in(windows, sizes, names, delay=delay)
 
@@ -153,8 +154,8 @@ def window_blocks(predictor: Predictor) -> np.ndarray:
 def blocks_of(windows: int, duration: float, minimum: int) -> np.ndarray:
     """Return the block number (windows,) of each window, for blocks of adjacent windows.
 
-    A block lasts about four seconds, which is longer than the correlation time of model errors. It is shorter if the
-    smallest number of blocks requires it.
+    A block lasts about four seconds, which is longer than the correlation time of model errors. Blocks are shorter if
+    there would otherwise be fewer than `minimum`.
 
     Args:
         windows: number of windows.
@@ -172,7 +173,7 @@ def prepare(
     *,
     late_attitude: bool = False,
 ) -> tuple[PreparedLogs, Scenario]:
-    """Prepare logs for the model, and return them with the scenario whose values the estimates replace.
+    """Prepare logs for the model. Return them, and the initial scenario, whose values the estimates replace.
 
     Args:
         records: records of flights of the same vehicle.
@@ -213,7 +214,7 @@ def _with_specific_force(record: FlightRecord, scenario: Scenario) -> FlightReco
     """Return a record with a specific force if only the residual force is logged.
 
     The residual force in the log of an autopilot is the force in addition to the weight and the commanded thrust. The
-    specific force is the one that an accelerometer would measure.
+    specific force is what an accelerometer would measure.
     """
     if record.residual_force is None or record.attitude is None or record.specific_force is not None:
         return record
@@ -235,9 +236,9 @@ def _with_specific_force(record: FlightRecord, scenario: Scenario) -> FlightReco
 def _outputs(records: Sequence[FlightRecord], late_attitude: bool) -> list[Output]:
     """Return the outputs that are predicted. All records contain them.
 
-    Velocities are left out if positions are logged. Body rates are left out if attitudes are logged, but no specific
-    forces. An estimator derives such signals from positions and attitudes, so they contain the same noise with an
-    additional delay.
+    Velocities are left out if positions are logged. Body rates are left out if attitudes but no specific forces are
+    logged. In such logs, an estimator derives velocities and body rates from positions and attitudes, so they contain
+    the same noise with an additional delay.
     """
     logged = set.intersection(*(set(record.names) for record in records))
     if late_attitude:
@@ -251,7 +252,7 @@ def _outputs(records: Sequence[FlightRecord], late_attitude: bool) -> list[Outpu
         signals.append(FORCE)
     if not signals:
         raise InputError(
-            "to identify a vehicle, a log needs body_rates and specific_force, position or velocity with attitude, or"
+            "to identify a vehicle, logs need body_rates with specific_force, attitude with position or velocity, or"
             f" position; the signals that all of these logs contain are {listed(sorted(logged), len(logged)) or 'none'}"
         )
     if signals == ["position"]:

@@ -1,19 +1,20 @@
 """Variation of parameters from one stretch of flight to the next, beyond the errors of their estimates.
 
 Model errors change during a flight: a battery discharges, sensors warm up, and each manoeuvre excites other effects.
-Each stretch b therefore has its own parameters, whose variance around those of the vehicle is d² (random effects, as in
-a meta-analysis: R. DerSimonian and N. Laird, Controlled Clinical Trials 7, 1986). The estimate θ_b of a stretch is one
-Gauss-Newton step from the estimate of all windows. If the variance of its error is v_b, d² is the solution of
+The parameters of each stretch b are therefore modelled as random, with variance d² around the parameters of the vehicle
+(random effects, as in a meta-analysis: R. DerSimonian and N. Laird, Controlled Clinical Trials 7, 1986). The estimate
+θ_b of a stretch is one Gauss-Newton step from the estimate of all windows. If the error of θ_b has the variance v_b, d²
+is the solution of
 
     Σ_b (θ_b - μ)² / (v_b + d²) = B - 1,
 
 where μ is the mean of θ_b with weights 1 / (v_b + d²) (R. C. Paule and J. Mandel, J. Res. Nat. Bur. Stand. 87, 1982).
-If the sum for d = 0 is not significant at a level of 10 %, d² is zero. This level is usual for the test, which has
-little power (J. P. T. Higgins et al., BMJ 327, 2003).
+If the sum for d = 0 is not significant at a level of 10 %, d² is zero. This level is usual, because the test has little
+power (J. P. T. Higgins et al., BMJ 327, 2003).
 
 The variances v_b are the diagonal of the inverse of the information H_b with a weak prior. They are increased if the
-windows within stretches differ by more than model and noise explain. With fewer than two windows in each stretch, they
-cannot be compared. Then d² includes any further error, and only the sum v_b + d² is meaningful.
+windows within stretches differ by more than model and noise explain. With fewer than two windows in each stretch, this
+comparison is impossible. Then d² includes any further error, and only the sum v_b + d² is meaningful.
 """
 
 from collections.abc import Sequence
@@ -25,8 +26,8 @@ import scipy
 from drake_quad.identification.evidence import Evidence, Uncertainty, jackknife, pseudo_inverse, sums_over_blocks
 
 NUM_STRETCHES = 10
-"""Number of stretches into which all flights together are divided. Each of them is held out once."""
-# Smallest number of windows per stretch for which errors of estimates can be distinguished from variation.
+"""Number of stretches into which the total flight time is divided. Each of them is held out once."""
+# Smallest number of windows per stretch with which errors of estimates can be distinguished from variation.
 _MIN_WINDOWS_PER_STRETCH = 2
 _SIGNIFICANCE_LEVEL = 0.1
 _NUM_BISECTIONS = 60
@@ -36,8 +37,8 @@ class Variation(NamedTuple):
     """Variation of p parameters from one stretch of flight to the next.
 
     Attributes:
-        covariance: (p, p) covariance of the parameters of stretches. A variance is 0 if the parameter does not vary
-            significantly, and NaN if its variation is unknown.
+        covariance: (p, p) covariance of the parameters between stretches. A variance is 0 if the parameter does not
+            vary significantly, and NaN if its variation is unknown.
         degrees_of_freedom: degrees of freedom of Student's distribution of the variation.
         duration: duration of a stretch, s.
     """
@@ -62,9 +63,9 @@ class Stretches(NamedTuple):
     Attributes:
         information: (B, p, p) information of each stretch.
         scores: (B, p) score of each stretch.
-        estimates: (B, p) estimates from each stretch alone.
+        estimates: (B, p) estimates, each from a single stretch.
         variances: (B, p) variances of the errors of the estimates.
-        degrees_of_freedom: degrees of freedom of the variances; infinite if the variances are those of the model.
+        degrees_of_freedom: degrees of freedom of the variances; infinite if model and noise explain all errors.
         duration: duration of a stretch, s.
     """
 
@@ -138,7 +139,7 @@ class Stretches(NamedTuple):
         return np.asarray(scipy.stats.f.sf(squares / (count - 1), count - 1, self.degrees_of_freedom))
 
     def correlation(self, between: np.ndarray) -> np.ndarray:
-        """Return the correlations (p, p) of the parameters of stretches, given the variances d² (p,) between stretches.
+        """Return the correlations (p, p) of the parameters between stretches, given their variances d² (p,).
 
         A parameter that is the same in all stretches is correlated with no other.
         """
@@ -172,7 +173,7 @@ def variation_of(evidence: Evidence) -> Variation | None:
 def uncertainty_of_mean(uncertainty: Uncertainty, evidence: Evidence, variation: Variation | None) -> Uncertainty:
     """Return the uncertainty of the means of parameters that vary.
 
-    For a parameter that varies, the variance from blocks as long as a stretch is used if it is larger.
+    For a parameter that varies, the variance is the larger of the variances from short blocks and from whole stretches.
 
     Args:
         uncertainty: uncertainty from shorter blocks.
@@ -183,7 +184,7 @@ def uncertainty_of_mean(uncertainty: Uncertainty, evidence: Evidence, variation:
         return uncertainty
     long_blocks = Stretches.of(evidence).uncertainty()
     variances = np.diag(uncertainty.covariance)
-    # The jackknife gives no variance to a parameter that a single block determines.
+    # The jackknife variance of a parameter that a single block determines is zero.
     ratio = np.where(variances > 0.0, np.diag(long_blocks.covariance) / np.where(variances > 0.0, variances, 1.0), 1.0)
     varies = (np.diag(variation.covariance) > 0.0) & (ratio > 1.0)
     factors = np.where(varies, np.sqrt(np.maximum(ratio, 1.0)), 1.0)

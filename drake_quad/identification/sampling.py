@@ -20,17 +20,18 @@ from drake_quad.identification.prediction_errors import PredictionNoise
 from drake_quad.identification.windows import airborne, coarser
 
 _SPECTRUM_LENGTH = 256  # samples in each segment of a spectral estimate
-# Smallest power of fast commands above half of the Nyquist frequency, relative to the total. White noise has 0.5.
+# Commands count as fast if at least this fraction of their power is above half of the Nyquist frequency. The fraction
+# is 0.5 for white noise.
 _MIN_FAST_POWER_RATIO = 0.2
-# Beginnings of the names of parameters that determine the response to fast commands. The delay does so as well, but
-# missing commands hardly change its estimate.
+# Prefixes of the names of parameters that determine the response to fast commands. The delay determines it as well, but
+# missing commands hardly change the estimate of the delay.
 _FAST_PARAMETERS = ("inertia[", "rotor_time_constant")
-# Largest standard deviation of the shift between signals of the same clock, s. It is 0.3 ms in most logs with one
-# clock, up to 5 ms in noisy ones, and 12 to 26 ms in radio logs, which have two clocks.
+# Two signals have the same clock if the standard deviation of the time shift between them is at most this value, in s.
+# It is 0.3 ms in most logs with one clock, up to 5 ms in noisy ones, and 12 to 26 ms in radio logs with two clocks.
 _MAX_CLOCK_SCATTER = 8e-3
-_MIN_CLOCK_PARTS = 4
+_MIN_CLOCK_PARTS = 4  # smallest number of parts of a log that give the standard deviation of the shift
 _AVERAGING_PERIOD = 0.03  # s, half of the time constant of a small motor, and longer than the scatter of two clocks
-# Smallest lead of the body rates over the attitude that shows an estimator, s.
+# If the body rates lead the attitude by at least this time, in s, the attitude is the output of an estimator.
 _MIN_LEAD = 2e-3
 
 
@@ -39,8 +40,8 @@ class Synchronised(NamedTuple):
 
     Attributes:
         records: records without the signals of another clock.
-        late_attitude: True if the attitude is that of an estimator, which lags the gyroscope.
-        remarks: sentences on signals that were changed or left out.
+        late_attitude: True if the attitude is the output of an estimator, which lags the gyroscope.
+        remarks: remarks on signals that were changed or left out.
     """
 
     records: Sequence[FlightRecord]
@@ -51,11 +52,11 @@ class Synchronised(NamedTuple):
 def synchronised(records: Sequence[FlightRecord]) -> Synchronised:
     """Return records without the signals that are not synchronous with the commands.
 
-    Body rates that lead the attitude cannot be derived from it, so they are those of a gyroscope. The attitude is then
-    that of an estimator. Its errors are not white noise, so the attitude is not predicted.
+    Body rates that lead the attitude cannot be its derivative, so they come from a gyroscope, and the attitude comes
+    from an estimator. The errors of such an attitude are not white noise, so the attitude is not predicted.
 
-    If the shift between attitude and body rates varies, the poses have another clock than the on-board sensors. The
-    poses are then left out, since commands are logged on board. The times of the remaining signals are uncertain as
+    If the time shift between attitude and body rates varies, the clock of the poses differs from the clock on board.
+    The poses are then left out, since commands are logged on board. The times of the remaining signals are uncertain as
     well, so their samples are averaged. In logs without gyroscope or accelerometer, all signals are kept.
     """
     has_both = [{"attitude", "body_rates"} <= {*record.names} for record in records]
@@ -70,7 +71,7 @@ def synchronised(records: Sequence[FlightRecord]) -> Synchronised:
     if lead < _MIN_LEAD or any(record.position is None and record.specific_force is None for record in records):
         return Synchronised(records, False, [])
     remark = (
-        f"the attitude lags the body rates by {1e3 * lead:.0f} ms, so it is that of an estimator; it is not predicted"
+        f"the attitude lags the body rates by {1e3 * lead:.0f} ms, so it comes from an estimator and is not predicted"
     )
     return Synchronised(records, True, [remark])
 
@@ -78,7 +79,7 @@ def synchronised(records: Sequence[FlightRecord]) -> Synchronised:
 def _on_board(records: Sequence[FlightRecord], scatter: float) -> Synchronised:
     """Return the records without poses, and a remark with the scatter (s) of the shift between the two clocks."""
     finding = (
-        f"attitude and body rates are shifted against each other by {1e3 * scatter:.0f} ms (standard deviation over"
+        f"the time shift between attitude and body rates varies by {1e3 * scatter:.0f} ms (standard deviation over"
         " parts of two seconds), so their clocks are not synchronised"
     )
     if any(record.body_rates is None or record.specific_force is None for record in records):
@@ -109,13 +110,13 @@ def fast_command_remarks(records: Sequence[FlightRecord]) -> list[str]:
 def attenuated(
     records: Sequence[FlightRecord], parameters: Sequence[Parameter], noise: PredictionNoise
 ) -> dict[str, str]:
-    """Return a reason for each parameter that missing commands distort.
+    """Return a reason for each parameter whose estimate is distorted by missing commands.
 
     A sample of a noisy command differs from the mean of the command over the period. Such errors in the input
     attenuate the fitted response (W. A. Fuller, Measurement Error Models, 1987, section 1.1), and a disturbing torque
     explains the rest of the motion. In simulated flights with every fifth command in the log, the estimated inertia was
-    twice the true one, and the estimated time constant of the rotors a third too long. If the fit needs no disturbing
-    torque, no commands are missing, although the commands are fast.
+    twice the true inertia, and the estimated time constant of the rotors was a third too long. If the fit needs no
+    disturbing torque, no commands are missing, even if the commands are fast.
 
     Args:
         records: logs that were fitted.
@@ -130,9 +131,10 @@ def attenuated(
 
 
 def fast_command_share(record: FlightRecord) -> float:
-    """Return the share of the power of the commands above half of the Nyquist frequency, for the time in the air.
+    """Return the fraction of the power of airborne commands that is above half of the Nyquist frequency.
 
-    The commands are differences between rotors, which turn the vehicle. The share is 0 without rotor commands.
+    The mean command of the rotors, which does not turn the vehicle, is removed. The fraction is 0 without rotor
+    commands.
     """
     commands = record.motor_command if record.motor_command is not None else record.rotor_speed_command
     if commands is None:

@@ -23,7 +23,7 @@ _COLLISION_FORCE = 2.0 * 9.81
 _MARGIN = 1.0
 # Largest pitch of usable samples, rad. At 75°, the noise of roll and yaw is four times that in level flight.
 _MAX_PITCH = np.radians(75.0)
-_MIN_COMMAND_RATIO = 0.5  # command relative to its median; with a smaller one, the rotors do not carry the vehicle
+_MIN_COMMAND_RATIO = 0.5  # command relative to its median; below this, the rotors do not carry the vehicle
 _PERIOD_TOLERANCE = 0.1  # relative difference of periods that count as equal
 
 
@@ -63,14 +63,14 @@ def common_period(records: Sequence[FlightRecord]) -> float:
     other = next((record for record in records if abs(record.period / period - 1.0) > _PERIOD_TOLERANCE), None)
     if other is not None:
         raise InputError(
-            f"the log {shown(other.name)} has {1.0 / other.period:.0f} samples a second, and others {1.0 / period:.0f};"
-            " identify from logs of the same rate"
+            f"the log {shown(other.name)} has {1.0 / other.period:.0f} samples per second, but another log has"
+            f" {1.0 / period:.0f}; identify from logs with the same sample rate"
         )
     return period
 
 
 def pieces(record: FlightRecord) -> np.ndarray:
-    """Return for each sample the number (n,) of its piece. A new piece starts after each gap in the record."""
+    """Return the piece number (n,) of each sample. A new piece starts after each gap in the record."""
     return np.concatenate([[0], np.cumsum(gaps(record.time))])
 
 
@@ -78,8 +78,8 @@ def airborne(record: FlightRecord) -> np.ndarray:
     """Return a mask (n,) of the samples in which the vehicle is airborne and its attitude is usable.
 
     The vehicle counts as airborne while the mean of its commands over one second is at least half of their median. The
-    first and last second of each flight are excluded. Samples within a second of a collision are excluded as well, and
-    so are those within a second of a pitch beyond 75°, where roll and yaw are mostly noise.
+    first and last second of each flight are excluded. Samples within a second of a collision, or of a pitch beyond 75°,
+    are excluded as well. Beyond this pitch, roll and yaw are mostly noise.
     """
     command = effort(record)
     flying = np.ones(len(record.time), dtype=bool)
@@ -100,7 +100,7 @@ def steep_remarks(records: Sequence[FlightRecord]) -> list[str]:
     """Return a remark on each record with a pitch near ±90°."""
     return [
         f"the log {shown(record.name)} pitches beyond 75 degrees for {np.sum(_steep(record)) * record.period:.2g} s,"
-        f" which are left out with {_MARGIN:g} s before and after, because roll and yaw are mostly noise there"
+        f" which are left out with {_MARGIN:g} s before and after, because roll and yaw are then mostly noise"
         for record in records
         if _steep(record).any()
     ]
@@ -157,7 +157,7 @@ def _steep(record: FlightRecord) -> np.ndarray:
 
 
 def _near(mask: np.ndarray, samples: int) -> np.ndarray:
-    """Return a mask (n,) of the samples that are at most `samples` samples away from those in a given mask."""
+    """Return a mask (n,) of the samples that are at most `samples` samples away from a sample in the given mask."""
     total = np.concatenate([[0], np.cumsum(mask)])
     index = np.arange(len(mask))
     return np.asarray(
@@ -196,6 +196,6 @@ def wrapped_angles(angles: np.ndarray) -> np.ndarray:
 
 
 def held_out(flying: np.ndarray, share: float) -> np.ndarray:
-    """Return a mask (n,) of the last airborne samples, which are a given share of all airborne samples."""
+    """Return a mask (n,) of the last airborne samples; `share` is their fraction of all airborne samples."""
     total = np.cumsum(flying)
     return np.asarray(flying & (total > (1.0 - share) * total[-1]), dtype=bool)

@@ -78,7 +78,7 @@ def test_a_vehicle_without_a_control_predicts_on_open_loop(compare, tmp_path):
         ([LOGS / "log08.xz", f"{SCENARIOS}:log08", "--samples", 0], "--samples is 0, but must be between 1 and"),
         (
             [LOGS / "log08.xz", f"{SCENARIOS}:log08", "--start", 60],
-            "the log 'log08' has less than two samples to compare",
+            "the log 'log08' has fewer than two samples to compare",
         ),
         ([LOGS / "log08.xz", f"{SCENARIOS}:log08", "--rest", -1], "--rest is -1, but must be between 0 and"),
     ],

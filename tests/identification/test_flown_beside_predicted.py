@@ -86,7 +86,7 @@ def test_both_count_from_when_the_reference_moves_or_from_what_is_said(scenario,
     assert gone[first] <= 0.01 < gone[first + 1]
     assert found.time[-1] == flown.time[-1]
     assert compare_with_log(flown, scenario, samples=1, rest=REST, start=2.0).time[0] == pytest.approx(2.0, abs=0.02)
-    with pytest.raises(InputError, match="the log 'log' has less than two samples to compare from 99 s on"):
+    with pytest.raises(InputError, match="the log 'log' has fewer than two samples to compare from 99 s on"):
         compare_with_log(flown, scenario, samples=1, start=99.0)
 
 

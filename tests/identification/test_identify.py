@@ -60,7 +60,7 @@ def test_only_signals_that_all_logs_have_are_predicted():
     found = prepared_logs._outputs([record(1.0, *POSES, "body_rates")], True)
     assert {output.signal for output in found} == {"position", "body_rates"}
     assert prepared_logs._outputs([record(1.0, "position")], False) == [Output("position", 2)]
-    with pytest.raises(InputError, match="to identify a vehicle, a log needs body_rates and specific_force, position"):
+    with pytest.raises(InputError, match="to identify a vehicle, logs need body_rates with specific_force, attitude"):
         prepared_logs._outputs([record(1.0, "specific_force")], False)
 
 
@@ -115,12 +115,14 @@ def test_a_residual_force_becomes_the_specific_force_of_an_accelerometer(attitud
 
 
 def test_without_a_log_there_is_nothing_to_identify(rotors):
-    with pytest.raises(InputError, match="there is no log to identify a vehicle from"):
+    with pytest.raises(InputError, match="no log is given; at least one is needed to identify a vehicle"):
         identify([], rotors)
 
 
 def test_a_short_flight_is_refused(rotors):
-    with pytest.raises(InputError, match=r"^only 3 windows of .* s in the air can be cut from the logs; at least 4"):
+    with pytest.raises(
+        InputError, match=r"^the flight in the logs contains only 3 windows of .* in the air; at least 4"
+    ):
         identify([record(2.0, *POSES)], rotors, held_out_share=0.0)
 
 
@@ -128,7 +130,7 @@ def test_logs_of_different_rates_are_refused(rotors):
     slow = FlightRecord("slow", 0.05 * np.arange(400), rotor_speed_command=np.full((400, 4), 200.0), **{
         name: np.zeros((400, 3)) for name in POSES
     })  # fmt: skip
-    with pytest.raises(InputError, match="identify from logs of the same rate"):
+    with pytest.raises(InputError, match="identify from logs with the same sample rate"):
         identify([record(20.0, *POSES), slow], rotors)
 
 
@@ -154,7 +156,7 @@ def test_equations_without_a_solution_are_refused_in_one_sentence(monkeypatch):
     monkeypatch.setattr(module, "_identified", fail)
     nothing = FlightRecord("log", np.array([0.0, 0.1]))
     with pytest.raises(
-        InputError, match=r"^the logs cannot be fitted \(Matrix is not positive definite\): their values are not"
+        InputError, match=r"^the logs cannot be fitted \(Matrix is not positive definite\): their values are impossible"
     ):
         identify([nothing], load_scenario("hover"))
 
@@ -267,7 +269,7 @@ def test_drag_below_the_disturbing_force_is_held_with_a_reason(rotors):
         found = identifiability.weaker_than_disturbance(rotors, predictor, parameters, fitted)
         assert set(found) == ({"linear_drag"} if held else set())
         if held:
-            expected = f"the disturbing force, such as wind, is {mass * push:.2g} N, and the drag itself 0.2 N"
+            expected = f"the disturbing force, such as wind, is {mass * push:.2g} N, but the drag force is only 0.2 N"
             assert found["linear_drag"] == expected
 
 

@@ -285,7 +285,7 @@ def test_reasons_of_all_steps_are_kept(monkeypatch, rotors):
     found, *_ = result_of(rotors, monkeypatch, change=quiet, held={"linear_drag": "wind"}, shown=forecast_of(0.7))
     reasons = found.estimates.not_identified
     assert reasons["linear_drag"] == "wind"
-    assert reasons[NOISES[0]] == "it is below 2e-05 in SI units"
+    assert reasons[NOISES[0]] == "it is below 2e-05 m or rad"
     assert reasons["mass"].startswith("motion determines forces only relative to the mass")
     assert NOISES[0] not in found.estimates.names
     assert found.estimates.value(NOISES[1]) == 4e-3

@@ -169,7 +169,7 @@ def test_a_vehicle_that_takes_off_begins_where_it_stands():
 
 def test_a_reference_that_jumps_beside_a_logged_velocity_is_refused_with_the_place():
     record = replace(jumping(), reference_velocity=logged(PATH).reference_velocity)
-    place = r"at 2\.\d+ s the nearest is \d\d\.\d mm away; does the reference jump"
+    place = r"off by \d\d\.\d mm at 2\.\d+ s; possible causes are a jump"
     with pytest.raises(InputError, match=place):
         logged_reference(record, rest=1.0)
 

@@ -69,7 +69,7 @@ def test_a_record_has_the_ticks_at_which_all_signals_are_there():
     np.testing.assert_array_equal(inside, (clock >= 2.05) & (clock <= 8.55 + 1e-9))
     assert remarks == [
         "the first 2.05 s are left out: position is not logged yet",
-        "the last 1.45 s are left out: velocity is not logged any more",
+        "the last 1.45 s are left out: velocity is no longer logged",
     ]
     # A command that ends holds, and one that begins late is waited for; what changes slowly is not.
     held, slow = channel("motor_command", 3.0, 4.0, 0.1), channel("battery_voltage", 6.0, 7.0, 0.1)
@@ -134,8 +134,8 @@ def test_rows_with_commands_beyond_what_can_be_sent_are_damaged(unit, scale, lea
             np.testing.assert_allclose(found.sample_time, [6.9, 7.9, 9.9])
             assert len(found.columns["a"]) == 3
             (note,) = notes
-            assert note.startswith("2 of 5 samples are left out: their motor commands are out of range, up to")
-            assert f" {abs(command):.3g} times the full command, first at 2 s; the log is damaged" in note
+            assert note.startswith("2 of 5 samples are left out, first at 2 s: the log is damaged, with motor commands")
+            assert note.endswith(f" of up to {abs(command):.3g} times the full command")
         else:
             assert (found is table, notes) == (True, [])
     bare = Table("other", np.arange(3.0), {"a": np.full(3, 9e9)})
@@ -164,7 +164,7 @@ def test_what_a_signal_lacks_is_said_of_its_first_source_that_is_there_in_part()
     assert why("a", "b") == ["position is left out: c is not logged"]
     assert why("f") == ["position is left out: d, e are not logged"]
     assert why("a", "d", "e", "f") == ["position is left out: b, c are not logged"]
-    assert why("d", "e", "f") == ["position is left out: d to f is a number in less than two samples"]
+    assert why("d", "e", "f") == ["position is left out: d to f is a number in fewer than two samples"]
 
 
 def test_columns_that_another_source_of_a_signal_has_are_not_read():

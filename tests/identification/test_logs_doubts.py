@@ -69,7 +69,7 @@ def test_a_jump_is_what_no_vehicle_moves_in_a_step(period, size, said, axis):
     found = list(jumps(7.0 + time, place))
     assert bool(found) == said
     if said:
-        assert found[0].startswith(f"position jumps once, at most by {size:.2g} m at {time[200]:.4g} s:")
+        assert found[0].startswith(f"position jumps once, by up to {size:.2g} m at {time[200]:.4g} s:")
 
 
 def test_the_largest_of_several_jumps_is_told():
@@ -77,7 +77,7 @@ def test_the_largest_of_several_jumps_is_told():
     for row, size in ((100, 0.2), (200, 0.5), (300, -0.3)):
         place[row:, 1] += size
     (sentence,) = jumps(time, place)
-    assert sentence.startswith("position jumps 3 times, at most by 0.5 m at 2 s:")
+    assert sentence.startswith("position jumps 3 times, by up to 0.5 m at 2 s:")
 
 
 def test_a_jump_stands_out_of_noise_by_eight_times():
@@ -105,7 +105,7 @@ def test_noise_explains_steps_of_eight_times_its_own(ratio, said):
     found = list(jumps(time, place))
     assert bool(found) == said
     if said:
-        assert found[0].startswith("position jumps once, at most by 0.32 m at 2.01 s:")
+        assert found[0].startswith("position jumps once, by up to 0.32 m at 2.01 s:")
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])
@@ -172,11 +172,11 @@ def test_what_is_wrong_with_a_clock_is_said_once_and_of_which_table(name):
     time, rows = clocks.of(table, "motor_command")
     assert (time.tolist(), rows.tolist()) == ([0.0, 1.0, 2.0], [0, 1, 3])
     beginning = f"{name}: 1 sample left out" if name else "1 sample left out"
-    assert clocks.remarks == [f"{beginning}: they repeat the time of the sample before"]
+    assert clocks.remarks == [f"{beginning}: they repeat the time of the preceding sample"]
     time, rows = clocks.of(table, "body_rates")
     assert (time.tolist(), rows.tolist()) == ([0.0, 0.9, 1.0], [0, 1, 2])
     first, second = clocks.remarks
-    assert second.startswith(f"{beginning}: the clock goes back once, at most by 0.5 s")
+    assert second.startswith(f"{beginning}: the clock goes back once, by up to 0.5 s")
     # The same clocks, and another one with the same fault, say nothing more.
     assert clocks.of(table, "thrust_share")[0] is clocks.of(table, "motor_command")[0]
     clocks.of(Table(name, written.copy(), {}), "body_rates")

@@ -13,7 +13,7 @@ TIME = np.array([1.0, 1.1, 1.2, 1.6])
     "time", [np.array([1.0]), np.empty(0), np.array([0.0, 0.2, 0.1]), np.array([0.0, 0.1, 0.1]), np.zeros((3, 1))]
 )
 def test_a_record_has_samples_at_rising_times(time):
-    with pytest.raises(InputError, match="^the log 'flown' must have at least two samples, with rising times$"):
+    with pytest.raises(InputError, match="^the log 'flown' must have at least two samples with increasing times$"):
         FlightRecord("flown", time)
 
 

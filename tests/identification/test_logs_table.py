@@ -80,7 +80,7 @@ def test_cells_that_are_no_number_are_filled_as_the_signal_asks(write):
     np.testing.assert_array_equal(record.thrust_command, [5.0, 5.0, 5.0, 7.0])
     assert said(record, "rotor_speed is not a number in 3 of 6 samples")
     assert said(record, "the first 1 s are left out: rotor_speed is not logged yet")
-    assert said(record, "the last 1 s are left out: rotor_speed is not logged any more")
+    assert said(record, "the last 1 s are left out: rotor_speed is no longer logged")
 
 
 def test_an_angle_is_put_on_the_clock_through_half_a_turn(write):
@@ -101,7 +101,7 @@ def test_what_is_compressed_is_opened_and_what_is_cut_is_read_as_far_as_it_goes(
     assert 100 < len(cut.time) < 2000
     np.testing.assert_array_equal(cut.position, whole.position[: len(cut.time)])
     assert said(cut, "the compressed file is truncated or damaged")
-    with pytest.raises(InputError, match="nothing of it can be decompressed"):
+    with pytest.raises(InputError, match="is a compressed file that cannot be decompressed"):
         read_log(write("log.csv.packed", data[:8]), mapping)
 
 
@@ -215,7 +215,7 @@ SHORT, WRONG = '1,"[1,2]","[0,0,0,1]"\n', '1,"[1,2,x]","[0,0,0,1]"\n'
         (b"\xff\xfe\xfd", "not a log in a known format"),
         ("\n\n", "first row of a CSV file must name its columns"),
         ("", "is empty"),
-        (HEADER, "less than two rows"),
+        (HEADER, "fewer than two rows"),
         (HEADER + ROW.format(0) + SHORT + ROW.format(2), "log.csv:3: 'pos' is '.1,2.', but must be 3 numbers"),
         (HEADER + ROW.format(0) + WRONG + ROW.format(2), "'.1,2,x.', but must be 3 numbers"),
         (HEADER + LEVEL.format(0) + LEVEL.format(1), "lacks attitude, which the mapping requires"),
@@ -232,7 +232,7 @@ def test_rows_that_are_cut_are_left_out(write):
     mapping = write("m.yaml", "time: {column: t}\nsignals: {position: {columns: [x, y, z]}}")
     record = read_log(write("log.csv", "t,x,y,z\n0,1,2,3\n1,1,2\n2,1,2,3\n3,1,2,3\n4,1,2,3.2"), mapping)
     np.testing.assert_array_equal(record.time, [0.0, 2.0, 3.0])
-    assert said(record, "1 row left out: not 4 cells")
+    assert said(record, "1 row left out: the number of cells is not 4")
     assert said(record, "the last row is left out")
 
 
@@ -249,7 +249,7 @@ def test_rows_that_are_cut_are_left_out(write):
         ("signals: {attitude: {columns: [x, y, z], quaternion: wxyz}}", "must have 4 entries"),
         ("signals: {attitude: {column: q, quaternion: wxyz, unit: deg}}", "a quaternion has no unit"),
         ("signals: {position: {columns: [x, y, z], rotors: [1, 2, 3]}}", "position has no value for each rotor"),
-        ("signals: {rotor_speed: {column: w, rotors: [1, 2, 3, 3]}}", "must have each of 1, 2, 3 and 4 once"),
+        ("signals: {rotor_speed: {column: w, rotors: [1, 2, 3, 3]}}", "must contain each of 1, 2, 3 and 4 once"),
         ("signals: {position: {unit: mm}}", "must have either columns or column"),
         ("signals: {position: {columns: null, quaternion: null}}", "must have either columns or column"),
         ("signals: {position: [{columns: [x, y, z]}, {columns: [x], unit: mm}]}", r"position.1.columns is \['x'\]"),
@@ -262,7 +262,7 @@ def test_rows_that_are_cut_are_left_out(write):
         ("time: {column: t}", "signals is missing"),
         ("[]", "must be a mapping of fields"),
         ("a: [", "is not YAML"),
-        ("signals: {position: {columns: [x, y, z]}}", "the mapping m.yaml needs the column of the time"),
+        ("signals: {position: {columns: [x, y, z]}}", "the mapping m.yaml must state the time column"),
         ("time: {column: t}\nsignals: {position: {columns: [x, y, q]}}", "there is no 'q'; it has 't', 'x', 'y', 'z'"),
         ("time: {column: s}\nsignals: {position: {columns: [x, y, z]}}", "there is no 's'; it has 't', 'x', 'y', 'z'"),
         ("time: {column: t}\ndelimiter: ;\nsignals: {position: {columns: [x, y, q]}}", "it has 't,x,y,z,v,a,b,c,d'"),
@@ -301,11 +301,11 @@ def test_a_path_that_is_no_log(tmp_path, write):
 def test_a_log_that_is_too_large_is_not_read(write, monkeypatch):
     monkeypatch.setattr("drake_quad.identification.logs.source.MAX_BYTES", 1000)
     for data in (b"x" * 1001, lzma.compress(b"x" * 100_000)):
-        with pytest.raises(InputError, match="is too large: a log may have 1,000 bytes after decompression"):
+        with pytest.raises(InputError, match="is too large: a log may have at most 1,000 bytes after decompression"):
             read_log(write("log", data))
     monkeypatch.undo()
     monkeypatch.setattr("drake_quad.identification.logs.formats.table.MAX_BYTES", 10)
-    with pytest.raises(InputError, match="is too large: a CSV file may have 10 bytes"):
+    with pytest.raises(InputError, match="is too large: a CSV file may have at most 10 bytes"):
         read_log(write("log", TABLE))
 
 
@@ -365,8 +365,8 @@ def test_rows_with_impossible_motor_commands_are_left_out(write):
     """Such rows occur in logs that were continued by extrapolation, and none of their columns can be trusted."""
     record = flown(write, m2=lambda t: np.where(t > 1.5, 1_252_581.0, 40_000.0))
     assert record.time[-1] == pytest.approx(1.5)
-    assert said(record, "49 of 200 samples are left out: their motor commands are out of range, up to 19.1 times")
-    assert said(record, "first at 1.51 s; the log is damaged there")
+    assert said(record, "49 of 200 samples are left out, first at 1.51 s: the log is damaged")
+    assert said(record, "motor commands of up to 19.1 times the full command")
     below = flown(write, m2=lambda t: np.where(t > 1.5, -300.0, 40_000.0))
     assert len(below.time) == 151
     assert len(flown(write, m2=lambda t: np.where(t > 1.5, 65_535.0, 0.0)).time) == 200
@@ -374,9 +374,7 @@ def test_rows_with_impossible_motor_commands_are_left_out(write):
 
 def test_a_jump_of_the_position_is_reported_and_a_manoeuvre_is_not(write):
     record = flown(write, x=lambda t: t + 0.4 * (t > 1.0), rx=lambda t: t)
-    assert said(
-        record, "position jumps once, at most by 0.4 m at 1.01 s: the estimator was reset, or the log is damaged"
-    )
+    assert said(record, "position jumps once, by up to 0.4 m at 1.01 s: the estimator was reset, or the log is damaged")
     hard = flown(write, x=lambda t: 0.5 * np.sin(10.0 * t), rx=lambda t: 0.0 * t)
     slow = flown(write, x=lambda t: 5.0 * np.floor(5.0 * t) / 5.0, rx=lambda t: 5.0 * t)
     assert not any(said(each, "jumps") for each in (hard, slow))
@@ -389,7 +387,7 @@ def test_quaternions_of_zeros_are_missing_attitudes(write):
     assert np.isfinite(part.attitude).all()
     none = flown(write, qw=lambda t: 0.0 * t, qz=lambda t: 0.0 * t)
     assert none.attitude is None
-    assert said(none, "attitude is left out: qw to qz is a quaternion of length 1 in less than two samples")
+    assert said(none, "attitude is left out: qw to qz is a quaternion of length 1 in fewer than two samples")
     assert said(flown(write, qz=lambda t: 0.0 * t), "attitude is zero throughout: it may not have been measured")
 
 

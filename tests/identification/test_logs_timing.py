@@ -22,12 +22,12 @@ def record(time):
     [
         ([0, 1, 2, 3], [0, 1, 2, 3], []),
         ([0, 1, 1, 2], [0, 1, 2], ["1 sample left out: they repeat the time"]),
-        ([0, 1, 2, 1.5, 3], [0, 1, 2, 3], ["1 sample left out: the clock goes back once, at most by 0.5 s at 2 s"]),
-        ([0, 1, 9e5, 2, 3], [0, 1, 2, 3], ["1 sample left out: the clock goes back once, at most by 9e+05 s"]),
-        ([0, 1, 2, 3, 0, 1], [0, 1, 2, 3], ["2 samples left out: the clock goes back once, at most by 3 s at 3 s"]),
+        ([0, 1, 2, 1.5, 3], [0, 1, 2, 3], ["1 sample left out: the clock goes back once, by up to 0.5 s at 2 s"]),
+        ([0, 1, 9e5, 2, 3], [0, 1, 2, 3], ["1 sample left out: the clock goes back once, by up to 9e+05 s"]),
+        ([0, 1, 2, 3, 0, 1], [0, 1, 2, 3], ["2 samples left out: the clock goes back once, by up to 3 s at 3 s"]),
         ([0, 1, 0, 1, 2, 3], [0, 1, 2, 3], ["2 samples left out: the clock goes back once"]),
         ([0, np.nan, 1, np.inf, 2], [0, 1, 2], ["2 samples left out: their time is not a number"]),
-        ([0, 1, 1, np.nan, 3, 2, 4], [0, 1, 3, 4], ["not a number", "repeat", "goes back once, at most by 1 s at 3 s"]),
+        ([0, 1, 1, np.nan, 3, 2, 4], [0, 1, 3, 4], ["not a number", "repeat", "goes back once, by up to 1 s at 3 s"]),
     ],
 )
 def test_samples_out_of_order_are_left_out(time, kept, words):
@@ -52,7 +52,9 @@ def test_gaps_and_the_parts_between_them():
     assert np.flatnonzero(gaps(np.array(time))).tolist() == [2, 5, 6]
     assert pieces(record(time)).tolist() == [0, 0, 0, 1, 1, 1, 2, 3, 3]
     (remark,) = timing_remarks(np.array(time))
-    assert remark == ("3 gaps (steps of more than 3 times the median of 1 s), 12 s in all, the longest of 5 s at 2 s")
+    assert remark == (
+        "3 gaps (steps of more than 3 times the median of 1 s), 12 s in total; the longest lasts 5 s, from 2 s on"
+    )
 
 
 def test_a_record_without_gaps_is_one_part():
@@ -63,7 +65,7 @@ def test_a_record_without_gaps_is_one_part():
 def test_jitter_is_said_with_its_size():
     time = np.arange(1000.0) + np.tile([0.0, 0.1], 500)
     (remark,) = timing_remarks(time)
-    assert "uneven: 1.1 s in the median, with a standard deviation of 0.1 s, from 0.9 to 1.1 s" in remark
+    assert "uneven: the median is 1.1 s, the standard deviation 0.1 s, and the range 0.9 to 1.1 s" in remark
 
 
 def test_the_gap_of_a_real_log():

@@ -113,8 +113,8 @@ def test_a_dropout_is_a_gap(read):
     lost = {1_400_000 + 4000 * i for i in range(51)}
     samples = [row for row in rows(4000, lambda t: (t, 0.0, 0.0), sampled=0) if row[0] not in lost]
     record = read(ulog({"vehicle_angular_velocity": (XYZ, samples)}, dropouts=[(1_604_000, 204)]))
-    assert said(record, "1 dropout of the logger, 0.204 s in all, the longest of 0.204 s")
-    assert said(record, "1 gap (steps of more than 3 times the median of 0.004 s), 0.208 s in all")
+    assert said(record, "1 dropout of the logger, 0.204 s in total; the longest lasts 0.204 s")
+    assert said(record, "1 gap (steps of more than 3 times the median of 0.004 s), 0.208 s in total")
     before, after = (record.part(pieces(record) == number) for number in range(2))
     assert before.time[-1] == pytest.approx(0.396)
     assert after.time[0] == pytest.approx(0.604)
@@ -250,7 +250,7 @@ def test_rotors_are_where_the_parameters_say(read):
 def test_dropouts_are_reported():
     """A ULog gives the durations of dropouts in milliseconds."""
     logged = SimpleNamespace(dropouts=[SimpleNamespace(duration=each) for each in (20, 500, 30)])
-    assert _dropouts(logged) == ["3 dropouts of the logger, 0.55 s in all, the longest of 0.5 s"]
+    assert _dropouts(logged) == ["3 dropouts of the logger, 0.55 s in total; the longest lasts 0.5 s"]
     (one,) = _dropouts(SimpleNamespace(dropouts=[SimpleNamespace(duration=40)]))
     assert one.startswith("1 dropout of the logger, 0.04 s")
     assert _dropouts(SimpleNamespace(dropouts=[])) == []
@@ -279,7 +279,7 @@ def status(*values):
 def test_a_log_of_another_vehicle_is_refused_or_with_a_mapping_reported(read, topics, parameters, words):
     data = ulog({**TURNING_VEHICLE, **topics}, parameters=parameters)
     with pytest.raises(
-        InputError, match=rf"log.ulg: is the log of {words}.*, and not of a quadrotor; give a mapping to read it anyway"
+        InputError, match=rf"log.ulg: is a log of {words}.*, not of a quadrotor; to read it, give a mapping"
     ):
         read(data)
     assert said(read(data, "px4"), f"the log is of {words}")
@@ -331,7 +331,7 @@ def test_equal_pulse_limits_are_refused(read):
     log = ulog(
         {**TURNING_VEHICLE, "actuator_outputs": PULSE_WIDTHS}, parameters={"PWM_MAIN_MIN2": 1500, "PWM_MAIN_MAX2": 1500}
     )
-    with pytest.raises(InputError, match="the pulses of motor 2 go from 1500 to 1500 µs"):
+    with pytest.raises(InputError, match="set the pulses of motor 2 to 1500 to 1500 µs"):
         read(log)
 
 
@@ -381,14 +381,14 @@ def test_resets_and_faults_of_the_estimator_and_failsafes_are_reported(read):
         }
     )
     record = read(data)
-    assert said(record, "the estimator resets its position 2 times, at most by 0.5 m, first at 0.3 s of the log")
-    assert said(record, "the estimator resets its attitude once, at most by 0.1 rad, first at 0.5 s of the log")
+    assert said(record, "the estimator resets its position 2 times, by up to 0.5 m, first at 0.3 s of the log")
+    assert said(record, "the estimator resets its attitude once, by up to 0.1 rad, first at 0.5 s of the log")
     assert not said(record, "resets its climb")  # the reset is 0.1 mm/s, too small to matter
     assert said(record, "estimator_status reports numerical faults in 18.18% of its samples, first at 0.9 s of the log")
     assert not said(record, "rejected")
     assert said(record, "PX4 is in failsafe from 0.2 to 0.4 s, 1 to 1 s of the log")
     assert said(record, "the log ends in flight")
-    assert said(record, "position jumps 2 times, at most by 0.5 m at 0.7 s")
+    assert said(record, "position jumps 2 times, by up to 0.5 m at 0.7 s")
     assert not said(record, "vehicle_land_detected")  # it has no signal that could be read
 
 
@@ -397,7 +397,7 @@ def test_times_in_remarks_are_those_since_the_first_sample_of_any_signal(read):
     turned = rows(10_000, lambda t: (1.0, 0.0, 0.0, 0.0, int(t > 0.495), 1.0, 0.1, 0.0, 0.0))
     late = rows(10_000, lambda t: (t, *[0.0] * 5), start=1_200_000, duration=800_000)
     record = read(ulog({"vehicle_attitude": (fields, turned), "vehicle_local_position": (LOCAL, late)}))
-    assert said(record, "resets its attitude once, at most by 0.2 rad, first at 0.5 s of the log")
+    assert said(record, "resets its attitude once, by up to 0.2 rad, first at 0.5 s of the log")
 
 
 @pytest.mark.parametrize("bytes_left", [1, 7, 20])

@@ -99,7 +99,7 @@ def test_throttles_follow_from_the_believed_thrust_curve(responding, record):
     np.testing.assert_allclose(total[inside], record.thrust_command[inside], rtol=1e-9)
     assert inside.any()
     nominal = vehicle.nominal.model_copy(update={"motors": SpeedMotors(kind="speed")})
-    with pytest.raises(InputError, match=f"{vehicle.name} has no nominal.motors; add it with its thrust curve"):
+    with pytest.raises(InputError, match=f"{vehicle.name} has no nominal.motors; add it with a thrust curve"):
         with_commands(thrust, vehicle, vehicle.model_copy(update={"nominal": nominal}))
 
 
@@ -135,9 +135,9 @@ def test_a_torque_behind_an_autopilot_does_not_turn_the_vehicle(responding, reco
     [
         (
             ("rotor_speed_command", "torque_command"),
-            r"it needs rotor_speed_command, or thrust_command and torque_command, and has thrust_command, wind$",
+            r"rotor_speed_command, or thrust_command and torque_command, but the log contains thrust_command, wind$",
         ),
-        (("rotor_speed_command", "thrust_command"), "and has torque_command, wind$"),
+        (("rotor_speed_command", "thrust_command"), "but the log contains torque_command, wind$"),
     ],
 )
 def test_a_log_without_commands_is_refused(flight, record, left_out, words):
@@ -145,7 +145,7 @@ def test_a_log_without_commands_is_refused(flight, record, left_out, words):
     with pytest.raises(InputError, match=words):
         with_commands(without, flight.scenario, flight.scenario)
     motors = replace(without, motor_command=np.zeros((len(record.time), 4)))
-    with pytest.raises(InputError, match="its motors take speeds|its motors take throttles"):
+    with pytest.raises(InputError, match="the log contains speeds|the log contains throttles"):
         with_commands(motors, flight.scenario, flight.scenario)
 
 

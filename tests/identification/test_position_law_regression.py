@@ -466,7 +466,7 @@ def test_an_axis_is_refused_if_its_command_is_something_else(monkeypatch):
     found = identify_position_law(*prepared(monkeypatch, ({"heading": [piece]}, np.zeros(1))))
     assert [each.axes for each in found.axes] == [("x", "y")]
     assert {*found.not_identified} == {"z"}
-    assert "of the variance of the command, and 95 % are needed" in found.not_identified["z"]
+    assert "of the variance of the command, but must explain at least 95 %" in found.not_identified["z"]
     noise = piece._replace(command=np.random.default_rng(2).normal(size=piece.command.shape))
     with pytest.raises(InputError, match="^cannot identify the position law: x: a linear law .*; y: a linear law "):
         identify_position_law(*prepared(monkeypatch, ({"heading": [noise]}, np.zeros(1))))

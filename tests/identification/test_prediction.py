@@ -237,7 +237,7 @@ def test_joined_predictions_have_the_quantities_that_all_logs_have():
     single = joined([part("a", 4, "attitude", "velocity")])
     assert (single.vehicles, single.horizons) == (both.vehicles, both.horizons)
     assert [*single.errors] == ["attitude", "velocity"]
-    with pytest.raises(InputError, match="at least one log is needed for a prediction"):
+    with pytest.raises(InputError, match="no log is given; at least one is needed for a prediction"):
         joined([])
 
 
@@ -371,7 +371,7 @@ def test_errors_are_distances_and_the_angle_between_two_attitudes():
 def test_a_log_with_too_few_samples_for_the_horizons_is_refused(scenario):
     slow = replace(moving([0.0, 0.0, 0.1]), time=0.15 * np.arange(600))
     with pytest.raises(
-        InputError, match=r"has a sample every 0.15 s, which is too slow to predict it over 0.1, 0.2, 0.5"
+        InputError, match=r"has a sampling period of 0.15 s, which is too long for predictions over 0.1, 0.2, 0.5"
     ):
         predict(slow, {"right": scenario})
 

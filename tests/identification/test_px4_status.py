@@ -105,7 +105,7 @@ def test_each_counter_of_resets_has_its_size_and_unit(topic, counter, fields, si
         large = [(row, jump) for row, jump in jumps if jump > 0.01]
         times = "once" if count == 1 else "2 times"
         assert said == [
-            f"the estimator resets its {what} {times}, at most by {max(jump for _, jump in large):.2g} {unit}, first at"
+            f"the estimator resets its {what} {times}, by up to {max(jump for _, jump in large):.2g} {unit}, first at"
             f" {1.0 + 0.1 * large[0][0]:.4g} s of the log; the estimate jumps there"
         ]
     # Without the size of a reset nothing is said.
@@ -161,7 +161,7 @@ def test_pulses_of_motors_come_from_any_of_sixteen_outputs():
     parameters = {"PWM_MAIN_FUNC16": 101, "PWM_MAIN_FUNC1": 102, "PWM_MAIN_FUNC9": 103, "PWM_MAIN_FUNC5": 104}
     found, remarks = with_motor_pulses(data, parameters)
     np.testing.assert_allclose([found[f"output[{i}]"][0] for i in range(4)], [1750.0, 1000.0, 1400.0, 1200.0])
-    whole = "the range of the motors, from off to full throttle, is"
+    whole = "the pulse range of the motors, from off to full throttle, is"
     assert remarks[0] == f"{whole} 1000 to 2000 µs, assumed, since the log contains no such parameter"
     assert (
         remarks[1] == "PX4's motors 1 to 4 are on its outputs 16, 1, 9, 5, by the parameters PWM_MAIN_FUNC1 and so on"

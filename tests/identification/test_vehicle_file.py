@@ -355,10 +355,10 @@ def test_an_attitude_s_response_takes_the_place_of_what_is_on_board(root, tmp_pa
     assert scenario.laboratory.autopilot.kind == "response"
     assert scenario.laboratory.autopilot.damping[2].normal.mean == pytest.approx(11.0)
     assert scenario.control.attitude is None
-    with pytest.raises(InputError, match=r"autopilot\.damping must be estimated, too"):
+    with pytest.raises(InputError, match=r"autopilot\.damping must also be estimated"):
         write_vehicle(tmp_path / "half.yaml", "half", estimates_of(dict([*found.items()][:3])), base=base)
     with pytest.raises(
-        InputError, match=r"autopilot\.damping\[2\] must be estimated, too: the extended vehicle has no such parameter"
+        InputError, match=r"autopilot\.damping\[2\] must also be estimated: the extended vehicle has no such parameter"
     ):
         write_vehicle(tmp_path / "half.yaml", "half", estimates_of(dict([*found.items()][:5])), base=base)
 
@@ -433,7 +433,7 @@ def test_an_impossible_inertia_is_written_as_the_nearest_possible_one_with_a_rem
         (
             {"motors.curve[0]": (0.03, 0.1)},
             {},
-            "motors.curve[2] must be estimated, too: the extended vehicle has no such parameter",
+            "motors.curve[2] must also be estimated: the extended vehicle has no such parameter",
         ),
     ],
 )
@@ -483,7 +483,7 @@ def test_what_was_given_is_put_where_it_belongs_unless_it_was_identified():
     entry = tree["control"]["attitude"]["fuzzy"]["gain"]
     assert (entry.value, entry.comment) == ([1, 2], "set by the user, not identified")
     for wrong in ("route.laps=2", "vehicle=1", "vehicle.inertia.0=1", "vehicle.thrust_factor_error.rotor_2=0.1"):
-        with pytest.raises(InputError, match="cannot be written to the file of a vehicle: use whole fields of vehicle"):
+        with pytest.raises(InputError, match="cannot be written to the file of a vehicle: only fields of vehicle"):
             vehicle_file._add_override(tree, wrong)
 
 
@@ -508,4 +508,5 @@ def test_a_number_beyond_its_limit_is_written_as_the_limit_which_is_said(value, 
     number = vehicle_file._values(estimates, "v")["linear_drag"]
     assert number["normal"]["mean"] == written
     comment = vehicle_file._comment(estimates, "linear_drag", number)
-    assert comment.endswith("; the estimate is outside the limits of the language, so the limit is written") == said
+    remark = "; the estimate is outside the range of the scenario language, so the limit of the range is written"
+    assert comment.endswith(remark) == said

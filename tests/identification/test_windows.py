@@ -182,7 +182,7 @@ def test_logs_of_one_rate_differ_by_a_tenth_of_their_period_at_most() -> None:
     assert common_period(logs(0.01, 0.0109, 0.0091, 0.01)) == pytest.approx(0.01)
     for odd in (0.0112, 0.0088):
         with pytest.raises(
-            InputError, match=f"the log '{odd:g}' has {1.0 / odd:.0f} samples a second, and others 100; identify from"
+            InputError, match=f"the log '{odd:g}' has {1.0 / odd:.0f} samples per second, but another log has 100; "
         ):
             common_period(logs(0.01, 0.01, odd))
 

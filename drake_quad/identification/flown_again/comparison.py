@@ -28,7 +28,7 @@ INTERVAL = (0.025, 0.975)
 """Probabilities of the ends of the interval of predictions."""
 DEFAULT_REST = 8.0
 """Duration of the hover before the log, s. The integrators of on-board controllers settle within some seconds."""
-_MIN_MOVEMENT = 1e-2  # m, movement of the reference at which the comparison starts
+_MIN_MOVEMENT = 1e-2  # m; the comparison starts when the reference has moved by this distance
 _FLEET_SIZE = 32  # number of flights that are simulated together
 
 
@@ -38,7 +38,7 @@ class ErrorFigures(NamedTuple):
     Attributes:
         rmse: (..., 4) root mean square.
         mean: (..., 4) mean; signed along the axes.
-        largest: (..., 4) 95th percentile of the magnitude.
+        largest: (..., 4) 95th percentile of the absolute value.
     """
 
     rmse: np.ndarray
@@ -67,8 +67,8 @@ class LogComparison:
         plan: plan of the route.
         time: (n,) times of the samples that are compared, on the clock of the log, s.
         target: (n, 3) position of the route at these times, in W, m.
-        flown: (n, 3) logged position error, reference minus position in W, m.
-        predicted: (samples, n, 3) measured position error of each simulated flight, m; NaN after a crash.
+        flown: (n, 3) position error in the log, reference minus position in W, m.
+        predicted: (samples, n, 3) measured position error of each simulated flight in W, m; NaN after a crash.
     """
 
     record: FlightRecord
@@ -87,7 +87,7 @@ class LogComparison:
 
     @property
     def varies(self) -> bool:
-        """True if the predicted flights differ. Without distributions, wind and noise they are identical."""
+        """True if the predicted flights differ. Without distributions, wind and noise, they are identical."""
         return not np.allclose(self.predicted, self.predicted[:1], rtol=0.0, atol=1e-9, equal_nan=True)
 
     @property
@@ -101,7 +101,7 @@ class LogComparison:
         return ErrorFigures(*(np.where(np.isnan(values), np.inf, values) for values in figures))
 
     def interval(self, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the median, lower and upper end (4,) of the 95 % interval of a statistic, given by its name."""
+        """Return the median of a statistic (given by its name), and the ends of its 95 % interval, each (4,)."""
         values = getattr(self.predicted_figures(), name)
         # The method "nearest" is used because interpolation fails for infinite values.
         median, low, high = np.quantile(values, (0.5, *INTERVAL), axis=0, method="nearest")
@@ -135,8 +135,9 @@ def compare_with_log(
     of the lift-off.
 
     The comparison covers the part of the log in free flight, see `flown_part`. It begins when the reference of the log
-    has moved by 1 cm, so that transients of an earlier take-off do not count. If the reference never moves, the
-    comparison covers the whole log. Both errors are those of measured positions, since a log has no true positions.
+    has moved by 1 cm, so that transients of an earlier take-off are excluded. If the reference never moves, the
+    comparison covers the whole log. Both errors are computed from measured positions, since a log contains no true
+    positions.
 
     Args:
         record: record of the log, with position and reference position.
@@ -160,7 +161,7 @@ def compare_with_log(
     first_time = max(_first_movement(record), float(record.time[flight_part.first])) if start is None else start
     is_compared = record.time >= max(first_time, -reference.start)
     if is_compared.sum() < 2:
-        raise InputError(f"the log {shown(record.name)} has less than two samples to compare from {first_time:g} s on")
+        raise InputError(f"the log {shown(record.name)} has fewer than two samples to compare from {first_time:g} s on")
     routed_scenario = on_route(scenario, reference)
     plan = plan_route(routed_scenario)
     times = record.time[is_compared] + reference.start
@@ -188,8 +189,8 @@ def on_route(scenario: Scenario, reference: LoggedReference) -> Scenario:
 def side_by_side(comparison: LogComparison) -> dict[str, Flight]:
     """Return the logged flight and the typical prediction as two flights of the same reference, for a replay.
 
-    Both flights contain measured states. If the log contains no rotor speeds, those of the prediction take their place.
-    A prediction that crashes before the start of the log is left out.
+    Both flights contain measured states. If the log contains no rotor speeds, the logged flight is returned with the
+    rotor speeds of the prediction. A prediction that crashes before the start of the log is left out.
     """
     record, start = comparison.record, comparison.reference.start
     prediction = simulate(comparison.scenario, sample=comparison.typical_sample(), plan=comparison.plan, compiled=True)
@@ -248,7 +249,7 @@ def _positions(
 
 
 def _interpolated(new_times: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return values at new times (n,) by linear interpolation, (n, columns)."""
+    """Return values (n, columns) at new times (n,) by linear interpolation."""
     return np.column_stack([np.interp(new_times, time, column) for column in values.T])
 
 

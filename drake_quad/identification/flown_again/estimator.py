@@ -6,9 +6,9 @@ over 0.1 s
 
     v̂ - dp̂/dt = s v + d
 
-with a scale error s on axes along which the vehicle was flown, and a correlated error d. White noise of the position
-adds 14 mm/s for each mm and is not part of d. The variance of this noise follows from the scatter of p̂ - ∫ v̂ dt
-within 20 ms.
+with a scale error s on axes along which the vehicle was flown, and a correlated error d. White position noise of 1 mm
+adds 14 mm/s to the difference, and is not part of d. The variance of this noise follows from the scatter of
+p̂ - ∫ v̂ dt within 20 ms.
 """
 
 from typing import NamedTuple
@@ -26,22 +26,22 @@ from drake_quad.scenario.winds.source import steady_wind
 _MEAN_WINDOW = 0.1  # s, long enough to average out single corrections of an estimator
 _BLOCK_DURATION = 0.5  # s, duration of the blocks whose scatter gives standard deviations
 _SETTLING_TIME = 0.5  # s, time at the start of a log in which an estimator may still settle
-_MIN_FLOWN_SPEED = 0.15  # m/s, standard deviation of the speed along an axis that counts as flown
-_NOISE_STEP = 0.02  # s, two steps of a Crazyflie's estimator; the velocity error hardly changes within them
+_MIN_FLOWN_SPEED = 0.15  # m/s, smallest standard deviation of the velocity along an axis that counts as flown
+_NOISE_STEP = 0.02  # s, two steps of a Crazyflie's estimator, during which the velocity error hardly changes
 _MIN_BLOCKS = 2
 _DRAG_WINDOW = 0.1  # s, averaging time of force and air speed
-_MIN_AIR_SPEED = 0.2  # m/s, standard deviation of the air speed that determines drag
-_MIN_SPEED_RATIO = 0.3  # an axis with less air speed relative to the other axis takes the drag of that axis
+_MIN_AIR_SPEED = 0.2  # m/s, smallest standard deviation of the air speed from which drag is estimated
+_MIN_SPEED_RATIO = 0.3  # if the air speed along one axis is smaller relative to the other axis, both have the same drag
 
 
 class VelocityEstimate(NamedTuple):
     """Error of an estimated velocity.
 
     Attributes:
-        scale_error: scale error s along each axis. For an axis that was not flown, it is 0 with the mean standard
-            deviation of the axes that were flown.
+        scale_error: scale error s along each axis. For an axis that was not flown, the value is 0, and the standard
+            deviation is the mean over the flown axes.
         drift: (3,) standard deviation of the correlated error d along each axis, in means over 0.1 s, m/s.
-        correlation_time: correlation time of that error, averaged over the axes, s.
+        correlation_time: correlation time of the correlated error, averaged over the axes, s.
     """
 
     scale_error: tuple[Spread, Spread, Spread]
@@ -50,7 +50,7 @@ class VelocityEstimate(NamedTuple):
 
 
 def velocity_estimate(record: FlightRecord) -> VelocityEstimate:
-    """Estimate the error of the velocity that an on-board estimator logs.
+    """Estimate the error of a logged velocity that was estimated on board.
 
     Args:
         record: record of a vehicle in the air, with estimated position and velocity.
@@ -83,8 +83,7 @@ def velocity_estimate(record: FlightRecord) -> VelocityEstimate:
         correlation_times.append(_correlation_time(residual, noise) * record.period)
     if np.isnan([scale_error.deviation for scale_error in scale_errors]).all():
         raise InputError(
-            f"{record.name}: the vehicle hovers; it must fly along at least one axis to estimate the error of its"
-            " velocity"
+            f"{record.name}: the vehicle hovers; to estimate the velocity error, use a flight along at least one axis"
         )
     mean_deviation = float(np.nanmean([scale_error.deviation for scale_error in scale_errors]))
     complete = [
@@ -100,7 +99,7 @@ def linear_drag(record: FlightRecord, scenario: Scenario) -> tuple[Spread, Sprea
     """Estimate the linear drag along x and y of the body, N s/m, for a flight too short to determine quadratic drag.
 
     The drag is the least-squares slope of the force over the air speed. Its standard deviation follows from the scatter
-    of blocks. An axis with little air speed takes the drag of the other axis.
+    of blocks. For an axis with little air speed, the drag of the other axis is returned.
 
     Args:
         record: record with velocity and attitude.
@@ -122,7 +121,7 @@ def linear_drag(record: FlightRecord, scenario: Scenario) -> tuple[Spread, Sprea
         raise InputError(f"{record.name}: the log is too short to estimate the drag")
     if air_velocity[:, :2].std(axis=0).max() < _MIN_AIR_SPEED:
         raise InputError(
-            f"{record.name}: the vehicle hovers; a flight along x or y of the body is needed to estimate the drag"
+            f"{record.name}: the vehicle hovers; to estimate the drag, use a flight along x or y of the body"
         )
     air_speeds, drag_forces = (
         np.stack([np.convolve(column, weights, "same")[inside] for column in each[:, :2].T])
@@ -158,7 +157,7 @@ def _slope(regressors: np.ndarray, values: np.ndarray, blocks: np.ndarray, unit:
 
 
 def _steps(record: FlightRecord) -> int:
-    """Return the number of samples over which the velocity error hardly changes."""
+    """Return the number of samples during which the velocity error hardly changes."""
     return max(1, round(_NOISE_STEP / record.period))
 
 
@@ -166,7 +165,7 @@ def _noise(samples: np.ndarray, record: FlightRecord, times: tuple[np.ndarray, n
     """Return the variance that white noise of a signal adds to means of the derivative of the signal.
 
     Args:
-        samples: (n,) consecutive samples of the signal, at the times of the means only, since a jump while the
+        samples: (n,) consecutive samples of the signal, without samples outside the means, since a jump while the
             estimator settles is not noise.
         record: record that contains the samples.
         times: times of the start and of the end of each mean, two arrays (n,), s.
@@ -180,9 +179,9 @@ def _noise(samples: np.ndarray, record: FlightRecord, times: tuple[np.ndarray, n
 
 
 def _correlation_time(residual: np.ndarray, noise: float) -> int:
-    """Return the number of samples after which the autocorrelation, without that of the noise, has fallen to 1/e."""
+    """Return the number of samples after which the autocorrelation, without the noise, has decreased to 1/e."""
     centred = residual - residual.mean()
-    # The correlation uses Fourier transforms, since direct summation takes seconds for a log of several minutes.
+    # The autocorrelation is computed by FFT, since direct summation takes seconds for a log of several minutes.
     correlation = scipy.signal.correlate(centred, centred, method="fft")[len(centred) - 1 :]
     variance = max(0.0, correlation[0] - len(centred) * noise)
     return max(1, int(np.argmax(correlation < variance / np.e)) or len(centred))

@@ -5,8 +5,8 @@ Predictions begin at many starts in a log. Up to each start, the Kalman filter o
 past measurements only, with the maximum-likelihood noise for the log and the vehicle. From the start on, the vehicle is
 simulated with the logged commands and without measurements.
 
-The filter also estimates a disturbing force and torque, such as those of a wind that is not logged. The prediction sets
-them to zero. A second prediction with the first vehicle includes them. It shows how well a controller with a
+The filter also estimates a disturbing force and torque, for example of a wind that is not logged. The predictions set
+them to zero. A second prediction with the first vehicle includes them, which shows how well a controller with a
 disturbance observer predicts.
 
 Two predictors without a model serve as a baseline. They begin at the end of a parabola through the last 50 ms of each
@@ -15,10 +15,10 @@ acceleration* also continues with the acceleration and the angular acceleration.
 than either of them is of no use at this horizon.
 
 Errors are evaluated at the horizon: the distance between the positions, the norm of the difference of velocities and of
-body rates, and the angle between the attitudes. The filter does not use a velocity or body rate that an estimator
-derives from other measurements. Such a signal is predicted as its value at the start plus the predicted change. Errors
-of neighbouring starts are correlated, so confidence intervals are based on Student's t over blocks of at least one
-second and at least the horizon. Vehicles are compared start by start.
+body rates, and the angle between the attitudes. The filter does not use velocities or body rates that an estimator
+derives from other measurements. The prediction of such a signal is its value at the start plus the predicted change.
+Errors of neighbouring starts are correlated, so confidence intervals are based on Student's t over blocks that are at
+least one second and at least the horizon long. Vehicles are compared by paired differences, start by start.
 """
 
 import math
@@ -48,7 +48,7 @@ CONSTANT_ACCELERATION = "constant acceleration"
 WITH_DISTURBANCE = "with disturbance"
 """Name of the prediction with the first vehicle and the disturbance that its filter estimates before the start."""
 START_SPACING = 0.1  # s, time between starts
-_PARABOLA_TIME = 0.05  # s, duration of the parabola at whose end a prediction begins
+_PARABOLA_TIME = 0.05  # s, duration of the parabolas from which predictions without a model begin
 _MIN_PARABOLA_SAMPLES = 4
 _SETTLING_TIME = 0.5  # s, time before a start in which the filter settles
 _MIN_BLOCK_DURATION = 1.0  # s, shortest block whose mean error counts as independent
@@ -63,7 +63,7 @@ class Predictions:
     Attributes:
         vehicles: (v,) names of the vehicles, and of the predictors without a model.
         horizons: (h,) horizons, s.
-        log: (S,) name of the log of each start.
+        log: (S,) name of the log that contains each start.
         time: (S,) time of each start, s.
         errors: (v, h, S) errors of the vehicles at the horizons, by quantity; NaN if a flight ends before the horizon.
     """
@@ -103,7 +103,7 @@ class Predictions:
         return Interval(1.0 - ratio, 1.0 - ratio * math.exp(half_width), 1.0 - ratio * math.exp(-half_width))
 
     def losses(self, vehicle: str) -> list[str]:
-        """Return a sentence on each quantity that a vehicle predicts worse than a predictor without a model."""
+        """Return a remark on each quantity that a vehicle predicts worse than a predictor without a model."""
         sentences = []
         for quantity in self.errors:
             for other in (CONSTANT_VELOCITY, CONSTANT_ACCELERATION):
@@ -119,7 +119,7 @@ class Predictions:
         return sentences
 
     def starts(self, horizon: float) -> int:
-        """Return the number of starts from which the flight continues up to a horizon."""
+        """Return the number of starts after which the flight lasts at least until a horizon."""
         errors = next(iter(self.errors.values()))
         return int(np.isfinite(errors[0, self.horizons.index(horizon)]).sum())
 
@@ -136,13 +136,13 @@ class Predictions:
 
 
 def joined(parts: Sequence[Predictions]) -> Predictions:
-    """Concatenate the predictions of several logs, for the quantities that all logs have.
+    """Concatenate the predictions of several logs, for the quantities that all logs contain.
 
     Raises:
         InputError: if no predictions are given.
     """
     if not parts:
-        raise InputError("at least one log is needed for a prediction")
+        raise InputError("no log is given; at least one is needed for a prediction")
     first = parts[0]
     common = [name for name in first.errors if all(name in part.errors for part in parts)]
     return Predictions(
@@ -169,9 +169,10 @@ def predict(
     Args:
         record: record of the flight.
         vehicles: scenarios of the vehicles, by name.
-        believed: scenario whose `nominal` vehicle the firmware's allocation uses; by default that of each vehicle.
+        believed: scenario whose `nominal` vehicle the firmware's allocation uses; by default the scenario of each
+            vehicle.
         horizons: horizons, s.
-        share: share of the airborne time, at its end, in which predictions start; 1 for all of it.
+        share: predictions start in the last part of the airborne time, this fraction of it; 1 for the whole time.
 
     Raises:
         InputError: if the log contains no signal that can be predicted, lacks the commands of a vehicle, or is too
@@ -180,7 +181,7 @@ def predict(
     if not any(getattr(record, name) is not None for name in STATE_ROWS):
         raise InputError(
             f"the log {shown(record.name)} contains no signal that can be predicted: it needs position, velocity,"
-            f" attitude or body_rates, and has {', '.join(record.names)}"
+            f" attitude or body_rates, but contains {', '.join(record.names)}"
         )
     prepared = {name: prepare([record], each, believed)[0] for name, each in vehicles.items()}
     (record,) = next(iter(prepared.values())).records
@@ -190,13 +191,14 @@ def predict(
     steps = [round(horizon / record.period) for horizon in horizons]
     if min(np.diff([0, *steps])) < 1:
         raise InputError(
-            f"the log {shown(record.name)} has a sample every {record.period:.2g} s, which is too slow to predict it"
-            f" over {', '.join(f'{horizon:g}' for horizon in horizons)} s"
+            f"the log {shown(record.name)} has a sampling period of {record.period:.2g} s, which is too long for"
+            f" predictions over {', '.join(f'{horizon:g}' for horizon in horizons)} s"
         )
     starts = _starts(record, num_past, horizons, share)
     if not len(starts):
         raise InputError(
-            f"the log {shown(record.name)} has no airborne stretch of {_SETTLING_TIME + min(horizons):.2g} s to predict"
+            f"the log {shown(record.name)} has no airborne stretch of at least {_SETTLING_TIME + min(horizons):.2g} s,"
+            " which a prediction needs"
         )
     motion = _Motion.at(record, measured, starts, num_past)
     continues = np.stack([_continues(record, starts, step) for step in steps])
@@ -331,7 +333,7 @@ def _errors(
     steps: Sequence[int],
     only_vertical: bool,
 ) -> dict[str, np.ndarray]:
-    """Return the errors (h, S) of h predicted states (12, S) by quantity, given the sample count of each horizon."""
+    """Return the errors (h, S) of each quantity at h horizons, which `steps` gives as numbers of samples."""
     errors_by_quantity: dict[str, list[np.ndarray]] = {}
     for step, state in zip(steps, states, strict=True):
         samples = np.minimum(starts + step, len(record.time) - 1)

@@ -16,13 +16,14 @@ from drake_quad.scenario.routes.trajectory import Knot, TrajectoryRoute, YawKnot
 _KNOT_SPACINGS = (0.5, 0.25, 0.125, 0.0625)
 TOLERANCE = 2e-3
 """Largest distance of a route from the logged reference, m. Positions that are cut to mm are off by up to 1.7 mm."""
-# References are sent at 20 Hz or faster. A value that is constant for longer than this belongs to a reference at rest.
+# References are sent at 20 Hz or faster, so a reference that is constant for longer than this is at rest.
 _MAX_REPETITION_TIME = 0.05  # s
-# Weight of the snap relative to that of the position. It determines the path where there are no samples, as in a gap.
+# Weight of the snap relative to the position. The snap determines the path if there are no samples, for example in a
+# gap.
 _SNAP_WEIGHT = 1e-9
-# Share of the rest before the log in which the vehicle accelerates to the first velocity of the log.
+# Fraction of the rest before the log in which the vehicle accelerates to the first velocity of the log.
 _ACCELERATION_SHARE = 0.5
-_REST_WEIGHT = 1e3  # weight of the derivatives at a first knot that is at rest
+_REST_WEIGHT = 1e3  # weight of the derivatives at the first knot, if the path starts at rest
 _LIFT_OFF_STEP = 2.0 * SHORTEST  # s, from lift-off to the first setpoint; shorter than the period of any controller
 
 
@@ -55,9 +56,9 @@ def logged_reference(
     """Return the reference of a log as a path of degree 7 with a continuous jerk, or as setpoints.
 
     The path is the least-squares fit to the logged positions, and to the velocities if they are logged. Its knots are
-    as far apart as the tolerance allows. A value that is repeated for some samples, because the reference is logged
-    faster than it is sent, counts once, in the middle of these samples. Yaw is the logged yaw of the reference, or the
-    median yaw of the vehicle if the former is not logged.
+    as far apart as the tolerance allows. If the reference is logged faster than it is sent, values are repeated; each
+    value is then used once, at the middle of its samples. Yaw is the logged yaw of the reference, or the median yaw of
+    the vehicle if no reference yaw is logged.
 
     Before the log, the route is at rest, so that the integrators of the controller settle. If the log starts in motion,
     the route accelerates to the first velocity.
@@ -80,7 +81,7 @@ def logged_reference(
     logged = [record.of("reference_position")]
     if record.reference_velocity is not None:
         logged.append(record.reference_velocity)
-    # If a gap follows the first samples, only their values show that the reference is at rest.
+    # If a gap follows the first samples, only equal values show that the reference is at rest.
     at_rest = np.array_equal(logged[0][0], logged[0][1]) and not any(values[0].any() for values in logged[1:])
     time, position, *derivatives = _without_repetitions(record.time, logged)
     samples, end = [position, *derivatives], float(record.time[-1])
@@ -94,9 +95,9 @@ def logged_reference(
             return _setpoint_reference(record, rest, lift_off)
         worst = int(np.argmax(distance))
         raise InputError(
-            f"no smooth path follows the reference of the log {shown(record.name)} to within {1e3 * tolerance:g} mm:"
-            f" at {time[worst]:.3f} s the nearest is {1e3 * distance[worst]:.1f} mm away; does the reference jump,"
-            f" is it logged at less than {1.0 / _MAX_REPETITION_TIME:.0f} Hz, or is the vehicle on the ground?"
+            f"no smooth path fits the reference of the log {shown(record.name)} to within {1e3 * tolerance:g} mm: the"
+            f" best fit is off by {1e3 * distance[worst]:.1f} mm at {time[worst]:.3f} s; possible causes are a jump of"
+            f" the reference, logging at less than {1.0 / _MAX_REPETITION_TIME:.0f} Hz, or a vehicle on the ground"
         )
     knots = _knots(path)
     if rest > 0.0:

@@ -23,12 +23,12 @@ from drake_quad.identification.logs.attitudes import rotations
 from drake_quad.identification.logs.faults import AXES, GRAVITY, Fault, faults
 
 _GRID_STEP = 0.01  # s; finer samples are averaged
-_MAX_GRID_SIZE = 6_000  # one minute at the finest grid step, in the middle of the log
-_MIN_WINDOWS = 50
+_MAX_GRID_SIZE = 6_000  # grid steps; one minute at the finest step, from the middle of the log
+_MIN_WINDOWS = 50  # smallest number of windows in which two signals are compared
 _TRANSLATION_WINDOW = 0.2  # s, long enough to average out the noise of positions
 _ROTATION_WINDOW = 0.1  # s
 _SEARCH_STRIDE = 0.04  # s, distance between the windows in the search for faults
-_MIN_SPEED = 0.05  # m/s, standard deviation of a velocity; estimators that do not run log a constant velocity
+_MIN_SPEED = 0.05  # m/s, smallest standard deviation of a velocity; it is 0 if the estimator does not run
 _MIN_TILT_COSINE = 0.2  # smaller cosines are raised to this value, since the tangent of the tilt would diverge
 # Values are clipped to this quantile of their magnitude, so that a crash or a landing does not dominate.
 _CLIPPED_QUANTILE = 0.9
@@ -37,14 +37,15 @@ _MAX_FAULTS = 3
 _MIN_IMPROVEMENT = 0.4
 _AXIS_COST = 0.05  # penalty for each axis of a fault, so that the simplest fault is preferred
 # World and body axes hardly differ at small tilts. A wrong frame is therefore reported if the other frame fits better
-# in most parts of the log, and leaves less than this share of the error. In correct logs it increases the error.
+# in most parts of the log, and leaves less than this fraction of the error. In correct logs, the other frame increases
+# the error.
 _NUM_PARTS = 8
 _MIN_BETTER_PARTS = 6
 _MAX_FRAME_REMAINDER = 0.75
 _MAX_SHIFT = 0.3  # s, largest time shift that is tried
 _SHIFTED_AMPLITUDE = 0.1  # SI units, smallest amplitude of signals whose time shift is determined
 _MIN_SHIFT = 0.025  # s; filters and radio links of correct logs shift signals by up to 20 ms
-_SHIFT_SIGMAS = 4.0  # a shift is reported if it exceeds the smallest one by this many standard errors
+_SHIFT_SIGMAS = 4.0  # a shift is reported if it exceeds `_MIN_SHIFT` by this many standard errors
 _CLOCK_PART_DURATION = 2.0  # s, duration of the parts of a log in which clocks are compared
 _MAX_CLOCK_SHIFT = 0.1  # s
 # Largest power of the difference between shifted signals, relative to the power of the signals.
@@ -52,7 +53,7 @@ _MAX_CLOCK_ERROR = 0.4
 _MAX_RESPONSE_TIME = 0.5  # s, largest delay from a command to the signal that follows it
 # Two signals contradict each other if they disagree by at least this value and no single fault explains it.
 _MIN_CONTRADICTION = 0.85
-_OPPOSITE_DISAGREEMENT = 1.2  # larger for signals that are opposite rather than independent
+_OPPOSITE_DISAGREEMENT = 1.2  # signals with a larger disagreement are opposite rather than independent
 _ROUNDING_ERROR = 1e-9  # relative amplitude of a constant with rounding errors
 _TINY = float(np.finfo(float).tiny)
 
@@ -68,7 +69,7 @@ class _Pair(NamedTuple):
         threshold: smallest amplitude of an axis that is compared, in SI units.
         axes: names of the axes.
         centred: True if the medians are removed before the comparison.
-        is_exact: False if a delay or an effect that is not modelled makes the two differ.
+        is_exact: False if a delay or an effect that is not modelled causes a difference between the two signals.
         suspicious: disagreement above which faults are searched for.
     """
 
@@ -83,7 +84,7 @@ class _Pair(NamedTuple):
     suspicious: float = _MIN_IMPROVEMENT
 
     def clipped(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return expected and measured values, clipped to their typical size; without their medians if centred."""
+        """Return expected and measured values, minus their medians if centred, clipped to their typical amplitude."""
         sides = []
         for values in (self.expected, self.measured):
             deviation = values - np.median(values, axis=0) if self.centred else values
@@ -92,7 +93,7 @@ class _Pair(NamedTuple):
         return sides[0], sides[1]
 
     def disagreement(self) -> np.ndarray:
-        """Return the disagreement of each axis: 0 for equal values, 1 for independent and 2 for opposite ones."""
+        """Return the disagreement of each axis: 0 for equal, 1 for independent and 2 for opposite values."""
         expected, measured = self.clipped()
         power = np.mean(expected**2, axis=0) + np.mean(measured**2, axis=0)
         return np.asarray(np.mean((expected - measured) ** 2, axis=0) / np.maximum(power, _TINY))
@@ -107,7 +108,7 @@ class _Pair(NamedTuple):
         expected, measured = (side[:, axis] for side in self.clipped())
         amplitude, other_amplitude = (math.sqrt(float(np.mean(each**2))) for each in (measured, expected))
         if not self.centred:
-            comparison = f"{float(np.mean(measured)):.3g} instead of {float(np.mean(expected)):.3g} m/s² in the mean"
+            comparison = f"mean {float(np.mean(measured)):.3g} instead of {float(np.mean(expected)):.3g} m/s²"
         else:
             correlation = float(np.mean(expected * measured)) / max(amplitude * other_amplitude, _TINY)
             is_constant = other_amplitude <= _ROUNDING_ERROR * amplitude
@@ -178,7 +179,7 @@ class _Grid:
 
 
 def contradictions(signals: Mapping[str, np.ndarray], time: np.ndarray) -> Iterator[str]:
-    """Yield a sentence on each disagreement between signals.
+    """Yield a remark on each disagreement between signals.
 
     Args:
         signals: (n,) or (n, columns) values of each signal, by name, in SI units and the frames of a record.
@@ -239,8 +240,8 @@ def _pairs(
     Args:
         grid: signals of the log.
         stride: number of grid steps between windows.
-        fault: repaired fault; if given, only the pairs that depend on its signals are computed.
-        only: comparison in `_COMPARISONS`; if given, only its pair is computed.
+        fault: repaired fault; if given, only the pairs that depend on the repaired signals are computed.
+        only: comparison in `_COMPARISONS`; if given, only the pair of this comparison is computed.
 
     Returns:
         The pairs whose signals are logged, with None for a pair that does not depend on `fault`, that has too few
@@ -364,7 +365,7 @@ _COMPARISONS: list[tuple[Callable[[_Grid], tuple[_Pair, int]], tuple[tuple[str, 
     (_force_in_body, (("attitude",), _MOTION_SIGNALS, ("specific_force",))),
     (_size_of_force, (("specific_force",),)),
     (_tilt, (("attitude",), _MOTION_SIGNALS)),
-    # A reference is held between setpoints, which shifts its velocity by half a period.
+    # A reference is held between setpoints, which delays the derivative of its position by half a period.
     (
         partial(_derivative, "reference_position", "reference_velocity", is_exact=False),
         (("reference_position",), ("reference_velocity",)),
@@ -377,7 +378,7 @@ _COMPARISONS: list[tuple[Callable[[_Grid], tuple[_Pair, int]], tuple[tuple[str, 
 
 def _worst_fault(grid: _Grid) -> tuple[Fault, _Pair, int] | None:
     """Return the fault whose repair improves the agreement most, with the pair and the axis that improve most."""
-    # Consecutive windows overlap almost completely, so a part of them is enough.
+    # Consecutive windows overlap almost completely, so some of them are sufficient.
     stride = grid.samples(_SEARCH_STRIDE)
     pairs = _pairs(grid, stride=stride)
     excited = [None if pair is None else pair.excited() for pair in pairs]
@@ -420,13 +421,13 @@ def _is_other_frame(pair: _Pair, other: _Pair) -> bool:
 
 
 def clock_shifts(signals: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndarray:
-    """Return the lags (parts,) of the body rates behind the derivative of the attitude, s, in parts of two seconds.
+    """Return the lags (parts,), s, of the body rates behind the derivative of the attitude, in parts of two seconds.
 
     Parts in which the two signals do not match are left out. If the lags differ, the clocks of the two sensors are not
     synchronised, for example because one of them is received over a radio link.
 
     Args:
-        signals: (n, columns) values of attitude and body_rates among others, in SI units and the frames of a record.
+        signals: (n, columns) values of signals, including attitude and body_rates, in SI units and frames of a record.
         time: (n,) rising times, s.
     """
     grid = _on_grid(signals, time)
@@ -448,7 +449,7 @@ def clock_shifts(signals: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndar
 
 
 def _refined_minimum(errors: np.ndarray) -> float | None:
-    """Return the position of the smallest error, refined by a parabola; None if it is the first or the last."""
+    """Return the fractional index of the minimum of a parabola through the smallest errors; None if it is at an end."""
     index = int(np.argmin(errors))
     if not 0 < index < len(errors) - 1:
         return None
@@ -457,7 +458,7 @@ def _refined_minimum(errors: np.ndarray) -> float | None:
 
 
 def _shift(pair: _Pair, step: float, excited: np.ndarray) -> Iterator[str]:
-    """Yield a sentence if one side of a pair lags the other by the same time in all parts of the log."""
+    """Yield a remark if one side of a pair lags the other by the same time in all parts of the log."""
     max_shift = round(_MAX_SHIFT / step)
     expected, measured = (side[:, excited] for side in pair.clipped())
     if max_shift < 1 or not excited.any() or len(expected) < 2 * max_shift + _NUM_PARTS * _MIN_WINDOWS // 2:

@@ -30,12 +30,13 @@ _QUATERNION_TURN = np.array([1.0, 1.0, -1.0, -1.0])
 # Range of the norm of a valid quaternion. Many logs begin with zeros.
 _MIN_QUATERNION_NORM = 0.5
 _MAX_QUATERNION_NORM = 2.0
-# Plausible range of a motor command, relative to the full command. It is wide since a log need not state the range.
+# Plausible range of a motor command, relative to the full command. It is wide, since the full command in the log may be
+# unknown.
 _PLAUSIBLE_COMMANDS = (-0.5, 1.5)
 # Range of a command that was logged with 16 bits, with a tolerance for rounding.
 _PLAUSIBLE_16_BIT_COMMANDS = (-1e-3, 1.001)
-_MIN_COVERAGE = 0.5  # share of the time for which a signal must be logged
-_MAX_VALUE = 1e9  # in any unit; larger values come from damaged data
+_MIN_COVERAGE = 0.5  # smallest fraction of the duration for which a signal must be logged
+_MAX_VALUE = 1e9  # in any unit; larger values are damaged data
 _MAX_LISTED_NAMES = 6  # largest number of columns that are listed in one sentence
 
 
@@ -62,7 +63,7 @@ class _Channel(NamedTuple):
     Attributes:
         signal: name of the signal.
         clock: (n,) clock of the table, s; the same object for all signals that share it.
-        rows: indices of the samples of the clock at which the signal is known.
+        rows: indices of the clock samples at which the signal is known.
         values: (rows, columns) values at these samples.
         source: source of the signal in the mapping.
     """
@@ -84,14 +85,14 @@ class _Channel(NamedTuple):
 
 
 class _Clocks:
-    """Clocks of the tables, with rising times."""
+    """Clocks of the tables, with increasing times."""
 
     def __init__(self) -> None:
         self._known: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         self.remarks: list[str] = []
 
     def of(self, table: Table, signal: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rising times of the samples of a signal, s, and the indices of their rows in the table."""
+        """Return the increasing times of the samples of a signal, s, and the indices of their rows in the table."""
         time = table.time if table.sample_time is None or is_held(signal) else table.sample_time
         if id(time) not in self._known:
             is_kept, remarks = rising_samples(time)
@@ -102,7 +103,7 @@ class _Clocks:
 
 
 def is_held(signal: str) -> bool:
-    """Return whether a signal holds until its next sample, as commands do."""
+    """Return whether a signal holds its value until its next sample, like a command."""
     return signal in _HELD_SIGNALS or signal.endswith("_command") or signal.startswith("reference_")
 
 
@@ -125,8 +126,8 @@ def record_of(
         mapping: mapping from columns to signals.
         name: name of the log.
         mark: name of the log in error messages.
-        remarks: remarks of the reader on the log.
-        names: names of further columns in the log, which no table contains.
+        remarks: the reader's remarks on the log.
+        names: names of columns in the log that are not in the tables.
 
     Raises:
         InputError: if the log has no signal, or fewer than two samples at which all signals are known.
@@ -154,7 +155,7 @@ def record_of(
         raise InputError(f"{mark}: lacks {listed(sorted(missing))}, which the mapping requires")
     is_common, cut_remarks = _common_samples(used, clock)
     if is_common.sum() < 2:
-        raise InputError(f"{mark}: has less than two samples at which all signals are known")
+        raise InputError(f"{mark}: has fewer than two samples at which all signals are known")
     time = clock[is_common]
     signals: dict[str, Any] = {channel.signal: _resampled(channel, clock, is_common) for channel in used}
     notes += _turn_to_signal_frames(signals, used)
@@ -205,8 +206,8 @@ def _without_damaged_rows(table: Table, mapping: Mapping, notes: list[str]) -> T
         return table
     largest, first = float(np.nanmax(np.abs(commands[is_wrong]))), table.time[np.argmax(is_wrong)] - table.time[0]
     notes.append(
-        f"{is_wrong.sum():,} of {len(is_wrong):,} samples are left out: their motor commands are out of range, up to"
-        f" {largest:.3g} times the full command, first at {first:.4g} s; the log is damaged there"
+        f"{is_wrong.sum():,} of {len(is_wrong):,} samples are left out, first at {first:.4g} s: the log is damaged,"
+        f" with motor commands of up to {largest:.3g} times the full command"
     )
     columns = {name: values[~is_wrong] for name, values in table.columns.items()}
     return Table(
@@ -215,7 +216,7 @@ def _without_damaged_rows(table: Table, mapping: Mapping, notes: list[str]) -> T
 
 
 def _channels(signal: str, mapping: Mapping, tables: Sequence[Table], clocks: _Clocks) -> Iterator[_Channel]:
-    """Yield the channels of a signal from each of its sources, in the order of preference."""
+    """Yield the channels of a signal, one for each of its sources, in the order of preference."""
     for source in mapping.signals[signal]:
         for table in tables:
             if not all(each in table.columns for each in source.names) or len(table.time) < 2:
@@ -231,7 +232,7 @@ def _channels(signal: str, mapping: Mapping, tables: Sequence[Table], clocks: _C
 
 
 def _values(signal: str, source: SignalSource, table: Table) -> np.ndarray:
-    """Return the values (n, columns) of a signal in SI units and the frames of a record; NaN where it is unknown."""
+    """Return the values (n, columns) of a signal in SI units and the frames of a record; NaN for unknown values."""
     length = len(table.time)
     if source.column is not None:
         values = table.columns[source.column].reshape(length, -1).astype(float)
@@ -275,7 +276,10 @@ def _roll_pitch_yaw(values: np.ndarray, source: SignalSource) -> np.ndarray:
 
 
 def _fastest(channels: Sequence[_Channel]) -> np.ndarray:
-    """Return the clock with the smallest median step among those of long measurements, or of all if there are none."""
+    """Return the clock with the smallest median step of all long measurements, or of all long signals.
+
+    A measurement is long if it lasts at least half as long as the longest one.
+    """
     measurements = [channel for channel in channels if not is_held(channel.signal)] or channels
     longest = max(channel.time[-1] - channel.time[0] for channel in measurements)
     long = [each for each in measurements if each.time[-1] - each.time[0] >= _MIN_COVERAGE * longest]
@@ -283,7 +287,7 @@ def _fastest(channels: Sequence[_Channel]) -> np.ndarray:
 
 
 def _sufficiently_logged(channels: Sequence[_Channel], clock: np.ndarray) -> tuple[list[_Channel], list[str]]:
-    """Return the signals that are logged for at least half of the time, and sentences on the others."""
+    """Return the signals that are logged for at least half of the time, and remarks on the others."""
     sufficient, remarks = [], []
     span = clock[-1] - clock[0]
     for channel in channels:
@@ -301,7 +305,7 @@ def _sufficiently_logged(channels: Sequence[_Channel], clock: np.ndarray) -> tup
 
 
 def _common_samples(channels: Sequence[_Channel], clock: np.ndarray) -> tuple[np.ndarray, list[str]]:
-    """Return a mask of the samples of the clock at which all signals are known, and sentences on the others."""
+    """Return a mask of the clock samples at which all signals are known, and remarks on the other samples."""
     channels = [channel for channel in channels if channel.signal not in _SLOW_SIGNALS] or channels
     latest = max(channels, key=lambda channel: channel.time[0])
     measured = [channel for channel in channels if not is_held(channel.signal)]
@@ -314,14 +318,14 @@ def _common_samples(channels: Sequence[_Channel], clock: np.ndarray) -> tuple[np
         is_before_end = clock <= earliest.time[-1]
         if not is_before_end.all():
             remarks.append(
-                f"the last {clock[-1] - earliest.time[-1]:.4g} s are left out: {earliest.signal} is not logged any more"
+                f"the last {clock[-1] - earliest.time[-1]:.4g} s are left out: {earliest.signal} is no longer logged"
             )
         is_common &= is_before_end
     return is_common, remarks
 
 
 def _resampled(channel: _Channel, clock: np.ndarray, is_common: np.ndarray) -> np.ndarray:
-    """Return the values of a signal at the chosen samples of the clock."""
+    """Return the values of a signal at the common samples of the clock."""
     if channel.clock is clock and channel.is_complete:
         values = channel.values[is_common]
     else:
@@ -338,7 +342,7 @@ def _resampled(channel: _Channel, clock: np.ndarray, is_common: np.ndarray) -> n
 
 
 def _turn_to_signal_frames(signals: dict[str, Any], channels: Sequence[_Channel]) -> Iterator[str]:
-    """Turn signals from body to world axes, or vice versa, by the attitude, and yield a sentence on each."""
+    """Turn signals from body to world axes, or vice versa, by the attitude, and yield a remark on each."""
     for channel in channels:
         if not channel.source.is_in_other_frame(channel.signal):
             continue
@@ -389,12 +393,12 @@ def _missing_remarks(channels: Sequence[_Channel]) -> Iterator[str]:
 
 
 def _incomplete_remarks(signal: str, mapping: Mapping, available: set[str]) -> Iterator[str]:
-    """Yield a sentence if a signal is left out, because a column is missing or all values are NaN."""
+    """Yield a remark if a signal is left out, because a column is missing or all values are NaN."""
     for source in mapping.signals[signal]:
         missing = [each for each in source.names if each not in available]
         if not missing:
             kind = "a quaternion of length 1" if source.quaternion else "a number"
-            yield f"{signal} is left out: {_name_range(source.names)} is {kind} in less than two samples"
+            yield f"{signal} is left out: {_name_range(source.names)} is {kind} in fewer than two samples"
             return
         if 0 < len(missing) < len(source.names):
             yield f"{signal} is left out: {listed(missing)} {'is' if len(missing) == 1 else 'are'} not logged"
@@ -402,7 +406,7 @@ def _incomplete_remarks(signal: str, mapping: Mapping, available: set[str]) -> I
 
 
 def _unread_remarks(available: set[str], read: set[str]) -> Iterator[str]:
-    """Yield a sentence on the columns that are not read, grouped by the part of their names before the first dot."""
+    """Yield a remark on the columns that are not read, grouped by the part of their names before the first dot."""
     groups: dict[str, list[str]] = {}
     for each in sorted(available - read):
         groups.setdefault(_group(each), []).append(each)

@@ -23,7 +23,7 @@ AXES = {
     "attitude_command": _ANGLES,
     "body_rate_command": _VECTOR,
 }
-"""Axis names of each signal that is checked. If two faults explain a log equally well, the first one is reported."""
+"""Axis names of each checked signal. If faults of two signals explain a log equally well, the first one is reported."""
 
 _Signals = Mapping[str, np.ndarray]
 
@@ -33,8 +33,8 @@ class Fault(NamedTuple):
 
     Attributes:
         signals: names of the faulty signals.
-        text: description of the fault, as part of a sentence.
-        repaired: function that returns these signals without the fault.
+        text: description of the fault: a clause that follows a colon.
+        repaired: function that returns the faulty signals without the fault.
         num_axes: number of axes that the fault changes.
         is_frame: True if the fault exchanges world and body axes, which hardly differ at small tilts.
     """
@@ -84,7 +84,7 @@ _WRONG_SIGNS = [
     (-1.0, -1.0, -1.0),
 ]
 _BODY_SIGNALS = ("body_rates", "specific_force", "body_rate_command")
-# Signs of x, y and z after the exchange of x and y.
+# Signs of x, y and z after x and y are swapped.
 _SWAPS = {
     (1.0, 1.0, -1.0): "NED was taken for ENU, or ENU for NED",
     (1.0, -1.0, 1.0): "ENU was taken for NWU",
@@ -92,7 +92,7 @@ _SWAPS = {
     (1.0, 1.0, 1.0): "x and y were swapped",
 }
 _YAW_OFFSETS = {90.0: "90° too small", -90.0: "90° too large", 180.0: "180° off"}
-# Frames in which signals are logged by mistake, in place of the other frame.
+# Wrong frame, body or world, in which a signal may be logged by mistake.
 _WRONG_FRAMES = {
     "body_rates": "world",
     "specific_force": "world",

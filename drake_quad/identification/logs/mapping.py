@@ -11,10 +11,10 @@ A mapping is a YAML file with these fields:
       velocity: {column: v}                   # cells such as "[0.1, 0.2, 0.3]"
       body_rates: {columns: [wx, wy, wz], frame: ENU}   # along the axes of the world; the attitude turns them
       attitude: {column: q, quaternion: xyzw}
-      motor_command:                          # the first source that the log has is read
+      motor_command:                          # the first source in the log is read
         - {columns: [m1, m2, m3, m4], unit: uint16}
         - {columns: [u1, u2, u3, u4], unit: "%", rotors: [1, 3, 4, 2]}
-      wind: {columns: [w_x, w_y, 0.0]}        # a number stands for a constant column
+      wind: {columns: [w_x, w_y, 0.0]}        # a number is a constant column
     vehicle: vehicles/neural_fly:neural_fly   # shipped vehicle with which an identification can begin
     wind_by_name: {calm: [0, 0, 0], gale: [-18, 0, 0]}    # wind by the end of the log's name, if none is logged
 """
@@ -49,26 +49,26 @@ class SignalSource(Model):
 
     columns: Annotated[tuple[str | Real, ...], Field(strict=False)] | None = Field(
         default=None,
-        description="names of the columns, in the signal's order; a number stands for a constant column",
+        description="names of the columns, in the order of the signal's components; a number is a constant column",
     )
-    column: str | None = Field(default=None, description='name of the column whose cells are vectors, "[a, b, c]"')
-    unit: str | None = Field(default=None, description="unit of the columns; SI if not given")
+    column: str | None = Field(default=None, description='name of a single column with vectors as cells, "[a, b, c]"')
+    unit: str | None = Field(default=None, description="unit of the columns; the SI unit if not given")
     factor: Real | Annotated[tuple[Real, ...], Field(strict=False)] = Field(
-        default=1.0, description="additional factor of the values, one for all columns or one for each column"
+        default=1.0, description="additional factor of the values: one for all columns, or one for each column"
     )
     frame: Literal["NWU", "ENU", "FLU", "NED", "FRD"] | None = Field(
         default=None,
-        description="frame of the columns, of the world (NWU, ENU, NED) or of the body (FLU, FRD); NED and FRD are"
-        " turned by half a turn about x, and the attitude turns vectors between world and body axes if needed",
+        description="frame of the columns, either a world frame (NWU, ENU, NED) or a body frame (FLU, FRD); NED and FRD"
+        " are turned by 180° about x, and the attitude turns vectors between world and body axes if needed",
     )
     quaternion: Literal["wxyz", "xyzw"] | None = Field(
         default=None, description="order of the columns of a quaternion from body to world"
     )
     rotors: Annotated[tuple[Annotated[int, Field(ge=1, le=_NUM_ROTORS)], ...], Field(strict=False)] | None = Field(
-        default=None, description="number of the rotor of each column: 1 is front right, then clockwise seen from above"
+        default=None, description="rotor number of each column; 1 is front right, then clockwise as seen from above"
     )
     missing: Real | None = Field(
-        default=None, description="value of cells that are not a number, in the unit of the log"
+        default=None, description="value, in the unit of the log, that replaces cells that are not a number"
     )
 
     def is_in_other_frame(self, signal: str) -> bool:
@@ -80,7 +80,7 @@ class SignalSource(Model):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the columns that the log must have."""
+        """Names of the columns that the log must contain."""
         if self.column is not None:
             return (self.column,)
         return tuple(each for each in self.columns or () if isinstance(each, str))
@@ -108,19 +108,19 @@ class Mapping(Model):
         default=",", description="character between the cells of a CSV file"
     )
     time: TimeSource | None = Field(default=None, description="column of the time; binary logs do not need it")
-    by_name: bool = Field(default=False, description="true if the mapping is used only when it is named")
+    by_name: bool = Field(default=False, description="true if the mapping is used only if it is selected by name")
     required: Annotated[tuple[str, ...], Field(strict=False)] | None = Field(
-        default=None, description="signals that a log must contain; all of them if not given"
+        default=None, description="signals that a log must contain; all signals of the mapping if not given"
     )
     signals: dict[str, _Sources] = Field(
-        description="source of each signal of a record, or a list of sources, of which the first logged one is read"
+        description="source of each signal of a record, or a list of sources, from which the first logged one is read"
     )
 
     vehicle: str | None = Field(
-        default=None, description="FILE or FILE:NAME in diagrams/ of a vehicle with which an identification can begin"
+        default=None, description="FILE or FILE:NAME in diagrams/ of the vehicle with which an identification can begin"
     )
     wind_by_name: dict[str, Annotated[tuple[Real, Real, Real], Field(strict=False)]] = Field(
-        default={}, description="wind in W, m/s, by the end of the name of a log that contains no wind"
+        default={}, description="wind in W, m/s, for logs that contain no wind, by the end of the log's name"
     )
 
     @model_validator(mode="before")
@@ -155,17 +155,17 @@ class Mapping(Model):
         return clock.union(*(source.names for name in self.signals for source in self.signals[name]))
 
     def wind_of(self, name: str) -> tuple[float, float, float] | None:
-        """Return the wind by the end of a log's name, m/s; None if it is unknown. The longest matching end counts."""
+        """Return the wind for the longest matching end of a log's name, m/s; None if no end matches."""
         ends = [end for end in self.wind_by_name if name.endswith(end)]
         return self.wind_by_name[max(ends, key=len)] if ends else None
 
     @property
     def rotors(self) -> tuple[int, ...] | None:
-        """Order of the rotors in the first source that has one; None if no source has one."""
+        """Order of the rotors in the first source that states one; None if no source states one."""
         return next((source.rotors for each in self.signals.values() for source in each if source.rotors), None)
 
     def with_rotors(self, rotors: tuple[int, ...]) -> "Mapping":
-        """Return the mapping with another order of the rotors in each source that has one."""
+        """Return the mapping with another order of the rotors in each source that states an order."""
         signals = {
             name: tuple(
                 source if source.rotors is None else source.model_copy(update={"rotors": rotors}) for source in sources
@@ -256,7 +256,7 @@ def _check(name: str, source: dict[str, Any], path: _Path) -> None:
             raise _error((*path, field), "must have {width} entries", width=width)
     rotors = source.get("rotors")
     if isinstance(rotors, list) and sorted(map(str, rotors)) != [str(i + 1) for i in range(_NUM_ROTORS)]:
-        raise _error((*path, "rotors"), "must have each of 1, 2, 3 and 4 once")
+        raise _error((*path, "rotors"), "must contain each of 1, 2, 3 and 4 once")
 
 
 def _check_unit(name: str, source: dict[str, Any], path: _Path) -> None:

@@ -1,4 +1,4 @@
-"""Status information in a ULog: vehicle type, estimator resets and faults, failsafes, and the ranges of the motors.
+"""Status information in a ULog: vehicle type, estimator resets and faults, failsafes, and pulse ranges of the motors.
 
 The codes of vehicle types are those of MAVLink's MAV_TYPE and of PX4's parameter CA_AIRFRAME.
 """
@@ -38,7 +38,7 @@ _AIRFRAMES = {
     **dict.fromkeys((10, 11, 12), "a helicopter"),
     14: "a spacecraft",
 }
-# Values of `vehicle_status.vehicle_type` other than 0, which is unknown, and 1, which is a rotary wing.
+# Values of `vehicle_status.vehicle_type` other than 0 (unknown) and 1 (rotary wing).
 _VEHICLE_TYPES = {2: "an aeroplane", 3: "a ground rover", 4: "an airship"}
 _ARMED = 2  # value of `arming_state` of an armed vehicle
 
@@ -72,8 +72,8 @@ _RESETS = (
     # The vector part of the quaternion of a small rotation is half of the rotation angle.
     _Reset("vehicle_attitude", "quat_reset_counter", "attitude", _VECTOR_PART, 2.0, "rad"),
 )
-_MIN_RESET = 0.01  # m, m/s or rad; estimators make smaller resets when they start
-# Fields that each flag of `vehicle_local_position` declares valid or invalid.
+_MIN_RESET = 0.01  # m, m/s or rad, smallest reported reset; estimators make smaller resets when they start
+# Fields whose validity each flag of `vehicle_local_position` states.
 _VALIDITY_FLAGS = {
     "xy_valid": ("x", "y"),
     "z_valid": ("z",),
@@ -116,11 +116,11 @@ def other_vehicle(parameters: _Parameters, status: _Data | None) -> str:
 
 
 def status_remarks(topics: Mapping[str, _Data], start: int) -> Iterator[str]:
-    """Yield sentences on resets and faults of the estimator, on failsafes, and on a log that ends in flight.
+    """Yield remarks on resets and faults of the estimator, on failsafes, and on a log that ends in flight.
 
     Args:
         topics: data of the logged topics, by name.
-        start: timestamp that counts as 0 s in the sentences, µs.
+        start: timestamp that counts as 0 s in the remarks, µs.
     """
 
     def seconds(data: _Data, row: int) -> float:
@@ -136,7 +136,7 @@ def status_remarks(topics: Mapping[str, _Data], start: int) -> Iterator[str]:
         if len(rows):
             count = "once" if len(rows) == 1 else f"{len(rows)} times"
             yield (
-                f"the estimator resets its {reset.quantity} {count}, at most by {sizes.max():.2g} {reset.unit}, first"
+                f"the estimator resets its {reset.quantity} {count}, by up to {sizes.max():.2g} {reset.unit}, first"
                 f" at {seconds(data, rows[0]):.4g} s of the log; the estimate jumps there"
             )
     yield from _failsafes(topics.get("vehicle_status", {}), seconds)
@@ -189,7 +189,7 @@ def without_invalid_samples(topic: str, data: _Data) -> dict[str, np.ndarray]:
 
 
 def with_motor_pulses(data: _Data, parameters: _Parameters) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Return `actuator_outputs` with the motors in its first four outputs and their pulses scaled to 1000 to 2000 µs.
+    """Return `actuator_outputs` with the motors as its first four outputs, and their pulses scaled to 1000 to 2000 µs.
 
     Args:
         data: data of the topic `actuator_outputs`.
@@ -199,7 +199,7 @@ def with_motor_pulses(data: _Data, parameters: _Parameters) -> tuple[dict[str, n
         The topic with these outputs, and remarks on the channels and pulse ranges.
 
     Raises:
-        InputError: if the longest pulse of a motor is not longer than its shortest one.
+        InputError: if the longest pulse of a motor is not longer than its shortest pulse.
     """
     channels = [
         next((i for i in range(1, 17) if parameters.get(f"PWM_MAIN_FUNC{i}") == _MOTOR_FUNCTION + motor), motor + 1)
@@ -216,8 +216,8 @@ def with_motor_pulses(data: _Data, parameters: _Parameters) -> tuple[dict[str, n
         )
         if not low < high:
             raise InputError(
-                f"the parameters say that the pulses of motor {motor + 1} go from {low:g} to {high:g} µs (PWM_MAIN_MIN,"
-                " PWM_MAIN_MAX), which is not a valid range"
+                f"the parameters PWM_MAIN_MIN and PWM_MAIN_MAX set the pulses of motor {motor + 1} to {low:g} to"
+                f" {high:g} µs, which is not a valid range: the minimum must be below the maximum"
             )
         ranges.append((low, high))
         shortest, longest = _DEFAULT_PULSE_RANGE
@@ -230,7 +230,7 @@ def with_motor_pulses(data: _Data, parameters: _Parameters) -> tuple[dict[str, n
         if is_given
         else "assumed, since the log contains no such parameter"
     )
-    remarks.append(f"the range of the motors, from off to full throttle, is {range_text} µs, {source}")
+    remarks.append(f"the pulse range of the motors, from off to full throttle, is {range_text} µs, {source}")
     if channels != [*range(1, _NUM_MOTORS + 1)]:
         remarks.append(
             f"PX4's motors 1 to 4 are on its outputs {', '.join(map(str, channels))}, by the parameters"
@@ -242,7 +242,7 @@ def with_motor_pulses(data: _Data, parameters: _Parameters) -> tuple[dict[str, n
 def _pulse_limit(parameters: _Parameters, end: str, channel: int, default: float) -> float:
     """Return the pulse at the end "MIN" or "MAX" of a channel's range, µs.
 
-    A parameter that is missing or negative defers to the next, more general one, and in the end to `default`.
+    If a parameter is missing or negative, the next, more general parameter is used, and finally `default`.
     """
     for name in (f"PWM_MAIN_{end}{channel}", f"PWM_MAIN_{end}", f"PWM_{end}"):
         value = parameters.get(name, -1)

@@ -34,7 +34,7 @@ class LogFile(NamedTuple):
     Attributes:
         path: path of the file.
         data: decompressed bytes of the file.
-        remarks: sentences on lost data.
+        remarks: remarks on lost data.
     """
 
     path: Path
@@ -56,11 +56,11 @@ class LogFile(NamedTuple):
         return len(self.data.rstrip(last)) if last in (b"\0", b"\xff") else len(self.data)
 
     def unread_remark(self, end: int, reason: str) -> str:
-        """Return a sentence on the unread bytes at the end of the file.
+        """Return a remark on the unread bytes at the end of the file.
 
         Args:
             end: number of bytes that are read.
-            reason: reason why the other bytes are not read. It is replaced if these bytes are all zeros or all 0xff.
+            reason: reason why the other bytes are not read. Another reason is used if they are all zeros or all 0xff.
         """
         rest = set(self.data[end:])
         if rest in ({0}, {255}):
@@ -116,7 +116,7 @@ class LogFile(NamedTuple):
 
 
 def reason_of(error: Exception) -> str:
-    """Return the message of a library's exception as part of a sentence."""
+    """Return the message of a library's exception as a clause."""
     return shortened(" ".join(str(error).split()) or type(error).__name__)
 
 
@@ -124,7 +124,7 @@ def read_file(path: Path) -> LogFile:
     """Read a log file, and decompress it. A compressed file that is truncated is read as far as possible.
 
     Raises:
-        InputError: if the path is not that of a file, or the file cannot be read, is empty, or is too large.
+        InputError: if the path is not a file, or the file cannot be read, is empty, or is too large.
     """
     path = _bag_in(path)
     mark = Mark(str(path), 0)
@@ -133,10 +133,10 @@ def read_file(path: Path) -> LogFile:
     with opened(path) as file:
         data, is_complete = _decompressed(file)
     if len(data) > MAX_BYTES:
-        raise InputError(f"{mark}: is too large: a log may have {MAX_BYTES:,} bytes after decompression")
+        raise InputError(f"{mark}: is too large: a log may have at most {MAX_BYTES:,} bytes after decompression")
     if not data:
         raise InputError(
-            f"{mark}: is empty" if is_complete else f"{mark}: is compressed, and nothing of it can be decompressed"
+            f"{mark}: is empty" if is_complete else f"{mark}: is a compressed file that cannot be decompressed"
         )
     return LogFile(
         path,
@@ -148,7 +148,7 @@ def read_file(path: Path) -> LogFile:
 
 
 def _decompressed(file: IO[bytes]) -> tuple[bytes, bool]:
-    """Return the decompressed bytes, at most one more than is allowed, and whether decompression succeeded."""
+    """Return the decompressed bytes, at most `MAX_BYTES` + 1, and whether decompression succeeded."""
     start = file.read(6)
     file.seek(0)
     result = io.BytesIO()
@@ -162,7 +162,7 @@ def _decompressed(file: IO[bytes]) -> tuple[bytes, bool]:
 
 
 def _decompressing(file: IO[bytes], start: bytes) -> Any:
-    """Return a file that decompresses another one, whose first bytes state the compression."""
+    """Return a file that decompresses `file`. The first bytes of the log, `start`, identify the compression."""
     if start.startswith(b"\x1f\x8b"):
         return gzip.GzipFile(fileobj=file)
     if start == b"\xfd7zXZ\0":

@@ -1,16 +1,16 @@
 """Output of the position law of a flown controller, reconstructed from its logged attitude and thrust commands.
 
-Controllers convert the output u of their position law to attitude and thrust in different ways. Five forms are known:
+Controllers convert the output u of their position law to attitude and thrust in different ways. Five forms are tried:
 
     acceleration    thrust T along the commanded thrust axis z_d:  u = (T / m) z_d - g Z
-    heading         the same, with roll and pitch relative to the measured yaw instead of the commanded one
-    decoupled       u_x and u_y follow from the tilt alone, g z_d,x / z_d,z, so that climbing does not change the
+    heading         as in acceleration, with roll and pitch relative to the measured yaw instead of the commanded yaw
+    decoupled       u_x and u_y depend only on the tilt, g z_d,x / z_d,z, so that climbing does not change the
                     tilt, as in PX4
     projected       as in acceleration, with T = F · z the component of the force along the measured thrust axis z,
                     as in geometric control:  u = (T / m) / (z_d · z) z_d - g Z
-    tilt            the law gives roll and pitch directly, as in the Crazyflie's firmware: along the heading u is the
-                    pitch and minus the roll in rad, and along Z u = T / m - g. Errors are integrated along the
-                    heading, too
+    tilt            the outputs of the law are roll and pitch, as in the Crazyflie's firmware: along the axes of the
+                    heading, u_x is the pitch and u_y is minus the roll in rad, and along Z u = T / m - g. Errors
+                    are also integrated along the axes of the heading
 
 The attitude is the exact rotation by roll, pitch and yaw.
 """
@@ -28,14 +28,15 @@ from drake_quad.scenario.models import Scenario
 Form = Literal["acceleration", "heading", "decoupled", "projected", "tilt"]
 FORMS: tuple[Form, ...] = get_args(Form)
 
-# A command is at a limit if its samples pile up at an extreme. Within a margin δ of the maximum of a smooth signal
-# there are 1 / (√2 - 1) = 2.4 times as many samples as between δ and 2 δ; at a limit there are many more.
+# A command is at a limit if many of its samples are near an extreme. For a smooth signal, the number of samples within
+# a margin δ of the maximum is 1 / (√2 - 1) = 2.4 times the number between δ and 2 δ. At a limit, the ratio is much
+# larger.
 _LIMIT_MARGIN = 0.005  # margin δ relative to the range of the command; the resolution of logs is finer
-_MIN_PILE_RATIO = 5.0  # ratio of the two numbers of samples at a limit
-_MIN_LIMITED_SAMPLES = 8
-# A command that is at its extreme in a larger share of the samples is constant rather than limited.
+_MIN_PILE_RATIO = 5.0  # smallest ratio of the two numbers of samples at a limit
+_MIN_LIMITED_SAMPLES = 8  # smallest number of samples at a limit
+# A command that is at its extreme in a larger fraction of the samples is constant rather than limited.
 _MAX_LIMITED_SHARE = 0.5
-_MIN_ALIGNMENT = 0.2  # smallest cosine in a denominator, that of an angle of 78°
+_MIN_ALIGNMENT = 0.2  # smallest cosine in a denominator, for an angle of 78°
 
 
 def specific_thrust(record: FlightRecord, scenario: Scenario, usable: np.ndarray) -> tuple[np.ndarray, str | None]:
@@ -47,7 +48,7 @@ def specific_thrust(record: FlightRecord, scenario: Scenario, usable: np.ndarray
         usable: (n,) mask of the samples in the air.
 
     Raises:
-        InputError: if the log has no thrust command, or the command is zero in the air.
+        InputError: if the log has no thrust command, or the thrust command is zero in the air.
     """
     mass, gravity = float(scenario.nominal.mass), float(scenario.nominal.gravity)
     if record.thrust_command is not None:
@@ -97,7 +98,7 @@ def law_output(record: FlightRecord, thrust: np.ndarray, form: Form, gravity: fl
 
 
 def _yaw(record: FlightRecord) -> np.ndarray:
-    """Return the measured yaw (n,), or the commanded one if no attitude is logged."""
+    """Return the measured yaw (n,), or the commanded yaw if no attitude is logged."""
     attitude = record.attitude_command if record.attitude is None else record.attitude
     assert attitude is not None
     return attitude[:, 2]
@@ -111,10 +112,10 @@ def in_heading(record: FlightRecord, values: np.ndarray) -> np.ndarray:
 
 
 def unproduced_output(output: np.ndarray, form: Form, gravity: float) -> np.ndarray:
-    """Return the horizontal acceleration (n, 3) that a law demands, and that the thrust does not produce.
+    """Return the part (n, 3) of the horizontal output of a law that the thrust does not produce.
 
-    If the vertical acceleration u_z is negative, the tilt of the form `decoupled` produces the share (1 + u_z / g) of
-    the horizontal output. PX4 takes this for saturation, and subtracts 2 / k_v times the remainder from the velocity
+    If the vertical acceleration u_z is negative, the tilt of the form `decoupled` produces the fraction (1 + u_z / g)
+    of the horizontal output. PX4 treats this as saturation, and subtracts 2 / k_v times the remainder from the velocity
     error that it integrates (`PositionControl.cpp` of PX4 1.15). All other forms produce the whole output.
     """
     horizontal = np.array([1.0, 1.0, 0.0])

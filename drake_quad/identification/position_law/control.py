@@ -1,8 +1,8 @@
 """Conversion of an identified position law to a control of the scenario language.
 
-There are two kinds. A law whose velocity feed-forward gain is zero or equal to the velocity gain is a PD or PID of the
-position (`control` of kind `cascade`). Any other law is a cascade of PIDs on position and velocity (`pid_cascade`),
-whose gains follow from the equations of `drake_quad.identification.position_law.law`.
+A law whose velocity feed-forward gain is zero or equal to the velocity gain is a PD or PID of the position (`control`
+of kind `cascade`). Any other law is a cascade of PIDs on position and velocity (`pid_cascade`), whose gains follow from
+the equations of `drake_quad.identification.position_law.law`.
 """
 
 import math
@@ -12,17 +12,17 @@ from typing import Any
 from drake_quad.errors import InputError
 from drake_quad.identification.position_law.law import AxisLaw, PositionLaw
 
-_FEED_FORWARD_TOLERANCE = 0.05  # a feed-forward that differs by less from 0 or 1 is set to 0 or 1
+_FEED_FORWARD_TOLERANCE = 0.05  # a feed-forward that differs from 0 or 1 by at most this is set to 0 or 1
 _NEGLIGIBLE_GAIN_RATIO = 0.005  # largest negligible gain in SI units, relative to the position gain
-_UNREACHED_SPEED = 1000.0  # m/s, a limit that is never reached
+_UNREACHED_SPEED = 1000.0  # m/s, speed limit that is never reached
 _NUM_DIGITS = 5  # significant digits of gains, more than the data determine
 
 
 def control_layer(law: PositionLaw) -> dict[str, Any]:
-    """Return the layer of a scenario with the control that flies a position law.
+    """Return the scenario layer with a controller that has the given position law.
 
-    The layer does not contain attitude control, limits of tilt and thrust, and delays, which are those of the scenario.
-    The scenario must have a control of kind `cascade` for a PD or PID, and an attitude control on board for a
+    The layer contains neither attitude control, limits of tilt and thrust, nor delays; these are taken from the
+    scenario. The scenario must have a control of kind `cascade` for a PD or PID, and an attitude control on board for a
     `pid_cascade`.
 
     Raises:
@@ -38,7 +38,7 @@ def control_layer(law: PositionLaw) -> dict[str, Any]:
     ]
     feed_forward = sum(feed_forwards) / len(feed_forwards) if feed_forwards else 1.0
     if is_pid and feed_forward in (0.0, 1.0):
-        # The layer sets no kind of control, so that the attitude control of the scenario is kept.
+        # The layer does not set `control.kind`, so that the attitude control of the scenario is kept.
         return {"control": {"position": _pid((x, y, z), feed_forward)}}
     return {"control": _pid_cascade((x, y, z), feed_forward, law.form)}
 
@@ -48,7 +48,7 @@ def _is_near(value: float, half_width: float, target: float) -> bool:
 
 
 def _velocity_feed_forward(law: AxisLaw) -> float:
-    """Return the share of the reference velocity that is fed forward; exactly 0 or 1 if its interval allows it."""
+    """Return the fraction of the reference velocity that is fed forward; exactly 0 or 1 if its interval allows it."""
     velocity, reference = law.gain("velocity"), law.gains["reference_velocity"]
     value, half_width = reference.value / velocity, reference.reach / abs(velocity)
     return next((exact for exact in (0.0, 1.0) if _is_near(value, half_width, exact)), value)
@@ -122,7 +122,7 @@ def _pid_cascade(laws: tuple[AxisLaw, AxisLaw, AxisLaw], feed_forward: float, fo
 
 
 def _cascade_gains(law: AxisLaw, feed_forward: float) -> tuple[float, float, float]:
-    """Return the position gain, the integral gain of the position loop, and that of the velocity loop.
+    """Return the position gain, and the integral gains of the position loop and of the velocity loop.
 
     Raises:
         InputError: if no cascade can represent the law.
@@ -130,7 +130,7 @@ def _cascade_gains(law: AxisLaw, feed_forward: float) -> tuple[float, float, flo
     velocity_gain, proportional = law.gain("velocity"), law.gain("position")
     integral = law.gain("integral") if _differs_from_zero(law, "integral") else 0.0
     if feed_forward == 1.0:
-        # The larger root of k K² - k_p K + k_i = 0 is the position gain, and the smaller one the integral gain over k.
+        # The larger root of k K² - k_p K + k_i = 0 is the position gain. The smaller root is the integral gain over k.
         discriminant = proportional**2 - 4.0 * velocity_gain * integral
         if discriminant < 0.0:
             raise InputError(

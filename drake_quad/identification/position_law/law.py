@@ -1,28 +1,28 @@
 """Identification of the position law that flew a log: gains, integral, feed-forward, filter, limit and delay.
 
-On each axis the output of the law at time t, which the logged commands sample, is
+On each axis, the output of the law at time t, whose samples are the logged commands, is
 
     u(t) = k_p e + k_v (-v_f) + k_r v_r + k_a a_r + k_i ∫e - k_x p + b,      all at t - delay
 
 with the position error e = p_r - p, which may be limited, the measured velocity v_f after a first-order filter, the
 velocity v_r and acceleration a_r of the reference, and a constant b for each stretch of flight. PD and PID are this law
-with k_r = k_v or 0 and k_x = 0. A cascade P(position) → PI(velocity) with gains K, k, k_i' and the share f of v_r has
+with k_r = k_v or 0 and k_x = 0. A cascade P(position) → PI(velocity) with gains K, k, k_i' and feed-forward f v_r has
 
     k_p = k K + f k_i',  k_v = k,  k_r = f k,  k_i = k_i' K,  k_x = (1 - f) k_i'
 
 If its position loop also has an integral, with gain K_i, then k_i = k_i' K + k K_i, and the law also has the double
 integral with the gain k_i' K_i. Filter, limit and this term are part of the law only if a likelihood ratio test
-prefers them (`drake_quad.identification.position_law.regression`). Confidence intervals are those of the jackknife over
+prefers them (`drake_quad.identification.position_law.regression`). Confidence intervals follow from the jackknife over
 blocks (`drake_quad.identification.evidence`), plus the bias that errors of the logged measurements can cause.
 
-The term k_x p stands for an integral of the velocity, so p in it is the integral of the logged velocity, without the
-noise of the logged position. In the form `tilt`, axes and integrals are those of the heading: X is forward, and Y is to
-the left. In the form `decoupled`, the law has two nuisance terms, which are not reported: one for the position noise
-that only the position loop integrates, and one for the anti-windup of PX4
+In the term k_x p, p is the integral of the logged velocity, because the controller integrates the velocity. This
+integral does not contain the noise of the logged position. In the form `tilt`, axes and integrals are along the
+heading: X is forward, and Y is to the left. In the form `decoupled`, the law has two nuisance terms, which are not
+reported: one for the position noise that only the position loop integrates, and one for the anti-windup of PX4
 (`drake_quad.identification.position_law.pieces.Piece`).
 
-The logged signals should be those that the controller used. Errors in them bias the gains towards zero. With one
-regressor, the relative bias is the share 1 - R² of the variance that is not explained (W. A. Fuller, "Measurement Error
+The logged signals should be the signals that the controller used. Errors in them bias the gains towards zero. With one
+regressor, the relative bias is the unexplained fraction of the variance, 1 - R² (W. A. Fuller, "Measurement Error
 Models", 1987, section 1.1). Axes with 1 - R² above 5 % are therefore not identified.
 """
 
@@ -51,11 +51,11 @@ from drake_quad.identification.result import Spread
 from drake_quad.identification.results.estimates import quantile
 from drake_quad.scenario.models import Scenario
 
-_MIN_EXPLAINED = 0.95
-_MIN_UNEXPLAINED = 1e-12  # unexplained share of the variance; smaller values are rounding errors
-# A parameter is identified if the half-width of its 95 % interval is at most this share of its typical size.
+_MIN_EXPLAINED = 0.95  # smallest R² of an identified axis
+_MIN_UNEXPLAINED = 1e-12  # unexplained fraction of the variance; smaller values are rounding errors
+# A parameter is identified if the half-width of its 95 % interval is at most this fraction of its typical magnitude.
 _MAX_HALF_WIDTH = 0.5
-_TYPICAL_INTEGRAL_TIME = 1.0  # s, k_p / k_i of a usual PID
+_TYPICAL_INTEGRAL_TIME = 1.0  # s, typical k_p / k_i of a PID
 _NUM_FORM_SAMPLES = 600  # approximate number of samples to which laws of all forms are fitted, to select the best form
 _AXES = ("x", "y", "z")
 
@@ -65,12 +65,12 @@ class AxisLaw:
     """Law of one axis, or of X and Y if these have the same law.
 
     Attributes:
-        axes: axes that have this law; those of the heading in the form `tilt`.
+        axes: axes that have this law; along the heading in the form `tilt`.
         gains: estimate of each identified parameter by name: position, velocity, reference_velocity,
             reference_acceleration, integral, displacement (k_x), double_integral, delay, filter_time and error_limit.
-        explained: R², share of the variance of the command that the law explains.
+        explained: R², fraction of the variance of the command that the law explains.
         not_identified: reason for each parameter that the log does not identify.
-        at_error_limit: share of the samples whose position error exceeds the limit.
+        at_error_limit: fraction of the samples whose position error exceeds the limit.
     """
 
     axes: tuple[str, ...]
@@ -91,9 +91,9 @@ class PositionLaw:
     Attributes:
         axes: laws of the axes that are identified.
         form: relation between the output of the law and the commands of attitude and thrust.
-        at_limits: share of the samples that are left out because a command is at a limit.
+        at_limits: fraction of the samples that are left out because a command is at a limit.
         not_identified: reason for each axis that the log does not identify.
-        remarks: sentences on the fit.
+        remarks: remarks on the fit.
     """
 
     axes: tuple[AxisLaw, ...]
@@ -147,14 +147,14 @@ def identify_position_law(records: Sequence[FlightRecord], scenario: Scenario) -
 def _poor_fit_reason(explained: float) -> str:
     share = "nothing" if not explained > 0.0 else f"{100.0 * explained:.3g} %"
     return (
-        f"a linear law of position, velocity and reference explains {share} of the variance of the command, and"
-        f" {100.0 * _MIN_EXPLAINED:g} % are needed; check that the logged position and velocity are those that"
-        " the controller used"
+        f"a linear law of position, velocity and reference explains {share} of the variance of the command, but must"
+        f" explain at least {100.0 * _MIN_EXPLAINED:g} %; check that the controller used the logged position and"
+        " velocity"
     )
 
 
 def _log_unexplained(pieces: Sequence[Piece]) -> float:
-    """Return the sum over the axes of log(1 - R²), for laws that are fitted to a part of the samples."""
+    """Return the sum over the axes of log(1 - R²), for laws that are fitted to evenly spaced samples."""
     step = max(1, sum(int(piece.counted.sum()) for piece in pieces) // _NUM_FORM_SAMPLES)
     thinned = [piece._replace(counted=piece.counted & (np.arange(len(piece.time)) % step == 0)) for piece in pieces]
     return sum(
@@ -214,7 +214,7 @@ def _axis_law(pieces: Sequence[Piece], axes: tuple[int, ...], form: Form, fit: F
     if dropped:
         remaining = tuple(name for name in fit.terms if name not in dropped)
         refit = search_fit(pieces, axes, remaining, [fit.shape], fit.free)
-        # The gains that are fixed at zero now are uncertain, so the intervals of the others must not become narrower.
+        # Gains that are now fixed at zero are uncertain, so the intervals of the other gains must not become narrower.
         spreads = {
             name: spread._replace(deviation=max(spread.deviation, spreads[name].deviation))
             for name, spread in _spreads(pieces, axes, refit, form).items()
@@ -233,7 +233,7 @@ def _axis_law(pieces: Sequence[Piece], axes: tuple[int, ...], form: Form, fit: F
 
 
 def _imprecise(spreads: Mapping[str, Spread]) -> dict[str, str]:
-    """Return the parameters whose intervals are too wide, relative to their typical size, with the reason."""
+    """Return a reason for each parameter whose interval is too wide, relative to its typical magnitude."""
     position, velocity = (abs(spreads[name].value) for name in ESSENTIAL_TERMS)
     acceleration = 1.0 / 9.81 if spreads["position"].unit == "rad/m" else 1.0
     typical = {

@@ -22,18 +22,18 @@ from drake_quad.identification.windows import airborne
 from drake_quad.identification.windows import pieces as piece_numbers
 from drake_quad.scenario.models import Scenario
 
-MIN_REFERENCE_SPEED = 0.01  # m/s, smallest standard deviation of the velocity of a reference that moves
-_MIN_REFERENCE_RANGE = 0.02  # m, smallest range of a reference that moves
+MIN_REFERENCE_SPEED = 0.01  # m/s; the reference moves if the standard deviation of its velocity is larger
+_MIN_REFERENCE_RANGE = 0.02  # m; the reference moves if the range of its position is larger
 _SMOOTHING_WEIGHTS = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0  # weights of adjacent samples, binomial
 _MIN_PIECE_DURATION = 2.0  # s, shortest stretch of flight that is used
-_MIN_SAMPLES = 60  # smallest number of samples in a stretch, several for each parameter
+_MIN_SAMPLES = 60  # smallest number of samples in a stretch, several per parameter
 _BLOCK_DURATION = 2.0  # s, duration of a block, several times the correlation time of errors
 _SLOPE_WINDOW = 0.1  # s, duration of the parabolas that give the derivatives of the reference
 _MAX_REFERENCE_ACCELERATION = 50.0  # m/s², about 5 g; a reference with a larger acceleration jumps
 
 
 class Piece(NamedTuple):
-    """Stretch of flight without a gap, along the axes of the law.
+    """Stretch of flight without a gap, with vectors along the axes of the law.
 
     Attributes:
         time: (m,) times of the samples, s.
@@ -71,7 +71,7 @@ def prepared_pieces(
     Args:
         record: record of a flight.
         scenario: scenario with the `nominal` vehicle that the controller believes.
-        remarks: list to which sentences on the record are appended.
+        remarks: list to which remarks on the record are appended.
 
     Returns:
         The pieces for each form, and a mask over the samples in the air, True where a command is at a limit.
@@ -91,7 +91,7 @@ def prepared_pieces(
         raise InputError(f"the log {shown(record.name)} has no sample in the air")
     if np.all(np.ptp(reference[usable], axis=0) < _MIN_REFERENCE_RANGE):
         raise InputError(
-            f"the reference of the log {shown(record.name)} does not move; a hover does not identify a position law"
+            f"the reference of the log {shown(record.name)} does not move; use a log with a moving reference"
         )
     thrust, remark = specific_thrust(record, scenario, usable)
     if remark is not None:
@@ -115,8 +115,8 @@ def prepared_pieces(
             )
     if not pieces["tilt"]:
         raise InputError(
-            f"the log {shown(record.name)} has no stretch of {_MIN_PIECE_DURATION:g} s and {_MIN_SAMPLES} samples in"
-            " the air without a gap, a limited command or a jump of the reference"
+            f"the log {shown(record.name)} has no uninterrupted stretch of flight of at least {_MIN_PIECE_DURATION:g} s"
+            f" and {_MIN_SAMPLES} samples; gaps, saturated commands and jumps of the reference are left out"
         )
     return pieces, limited[usable]
 
@@ -142,7 +142,8 @@ def _signals(record: FlightRecord, error: np.ndarray, counted: np.ndarray) -> tu
         reference_velocity, acceleration = record.reference_velocity, slope(record.reference_velocity)
     if record.reference_acceleration is not None:
         acceleration = record.reference_acceleration
-    # A reference has no derivatives where it jumps. Samples that smoothing or delay connects to a jump are left out.
+    # A reference has no derivatives where it jumps. Samples to which a jump contributes by smoothing or delay are left
+    # out.
     jumps = np.abs(slope(reference, 2)).max(axis=1) > _MAX_REFERENCE_ACCELERATION
     is_near_jump = np.convolve(jumps, np.ones(1 + round(MAX_DELAY / record.period)))[: len(jumps)] > 0.5
     is_after_delay = record.time >= record.time[0] + MAX_DELAY
@@ -166,8 +167,8 @@ def _piece(
     if form == "tilt":
         signals = [in_heading(record, each) for each in signals]
     lost_output = unproduced_output(output, form, gravity)
-    # A delay between two samples requires interpolation, which reduces white noise such as rounding errors, most of all
-    # half-way between samples. Without smoothing, this would bias the delay and the velocity gains.
+    # Delayed signals are interpolated between samples. Interpolation reduces white noise such as rounding errors, most
+    # of all half-way between samples. Without smoothing, this would bias the delay and the velocity gains.
     command, error, velocity, reference_velocity, acceleration, lost_output = (
         scipy.ndimage.convolve1d(each, _SMOOTHING_WEIGHTS, axis=0, mode="nearest")
         for each in (output, *signals, lost_output)

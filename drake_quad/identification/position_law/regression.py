@@ -1,9 +1,9 @@
 """Regression of a position law: linear least squares in the gains, and a search over delay, filter and limit.
 
-The equations are those of `drake_quad.identification.position_law.law`. For given delay, filter and limit, the gains
-follow from linear least squares. The search minimises the residual over these three (separable least squares: G. H.
-Golub and V. Pereyra, Inverse Problems 19, R1, 2003). Each stretch of flight has its own constant and slope, since the
-integral begins at an unknown value, and a constant error of the logged position adds a ramp to it.
+`drake_quad.identification.position_law.law` contains the equations. For given delay, filter and limit, the gains follow
+from linear least squares. The search minimises the residual over these three (separable least squares: G. H. Golub and
+V. Pereyra, Inverse Problems 19, R1, 2003). A constant and a linear trend are also fitted for each stretch of flight,
+since the integral begins at an unknown value, and a constant error of the logged position adds a ramp to the integral.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,17 +23,18 @@ ESSENTIAL_TERMS = ("position", "velocity")
 REFERENCE_TERMS = ("reference_velocity", "reference_acceleration", "displacement")
 """Terms that need a reference that moves."""
 NUISANCE_TERMS = ("deviation", "unwinding")
-"""Nuisance terms, which are not reported: see `drake_quad.identification.position_law.pieces.Piece`."""
+"""Nuisance terms, which are fitted but not reported: see `drake_quad.identification.position_law.pieces.Piece`."""
 TYPICAL_DELAY = 0.05
 """Usual delay of a position controller, s."""
 
-# Critical value of χ² with one degree of freedom at 99.9 %. It is strict because a log has over a dozen such tests.
+# Critical value of χ² with one degree of freedom at 99.9 %. It is strict, because a log has over a dozen such tests.
 _LIKELIHOOD_RATIO = 10.83
-# An extended law must reduce the unexplained variance to this share. Smaller reductions do not matter in simulations.
+# An extended law must reduce the unexplained variance at least to this fraction. Smaller reductions do not matter in
+# simulations.
 _MAX_REMAINDER = 0.8
 _INITIAL_FILTER_TIMES = (0.01, 0.03, 0.1)  # s, time constants at which the search begins
 _MAX_FILTER_TIME = 0.5  # s
-_LIMIT_QUANTILES = (0.6, 0.75, 0.9)  # quantiles of |e| at which the search for its limit begins
+_LIMIT_QUANTILES = (0.6, 0.75, 0.9)  # quantiles of |e| at which the search for the limit of |e| begins
 
 
 class Shape(NamedTuple):
@@ -59,7 +60,7 @@ class Fit(NamedTuple):
         shape: nonlinear parameters.
         free: names of the nonlinear parameters that are fitted.
         residuals: (n,) residuals of the command.
-        explained: R², share of the variance of the command that the law explains.
+        explained: R², fraction of the variance of the command that the law explains.
     """
 
     terms: tuple[str, ...]
@@ -71,7 +72,7 @@ class Fit(NamedTuple):
 
 
 def select_fit(pieces: Sequence[Piece], axes: tuple[int, ...]) -> Fit:
-    """Fit a law to some axes, and add limit, filter and double integral as far as each is significant."""
+    """Fit a law to some axes, and add each of limit, filter and double integral that is significant."""
     fit = fit_with_limit(pieces, axes)
     filters = [
         fit.shape._replace(delay=max(0.0, fit.shape.delay - time), filter_time=time) for time in _INITIAL_FILTER_TIMES
@@ -203,8 +204,8 @@ def _better_fit(pieces: Sequence[Piece], axes: tuple[int, ...], simple: Fit, ext
     """Return an extended law if its last parameter is significant, and the simpler law otherwise.
 
     The parameter is significant if a likelihood ratio test, which accounts for the correlation of the residuals,
-    prefers the extended law, if the unexplained variance falls by a fifth, and if the interval of the parameter does
-    not contain zero.
+    prefers the extended law, if the unexplained variance decreases by at least a fifth, and if the interval of the
+    parameter does not contain zero.
     """
     ratio = np.sum(simple.residuals**2) / max(float(np.sum(extended.residuals**2)), np.finfo(float).tiny)
     if ratio < 1.0 / _MAX_REMAINDER or _independent_samples(extended.residuals) * np.log(ratio) <= _LIKELIHOOD_RATIO:
@@ -218,8 +219,8 @@ def _better_fit(pieces: Sequence[Piece], axes: tuple[int, ...], simple: Fit, ext
 def _independent_samples(residuals: np.ndarray) -> float:
     """Return the effective sample size of (n,) correlated residuals.
 
-    It is n / (1 + 2 Σ ρ_k), with the autocorrelations ρ_k up to the first negative one (C. J. Geyer, Statistical
-    Science 7, 1992, section 3.3).
+    This is n / (1 + 2 Σ ρ_k), summed over the autocorrelations ρ_k before the first negative one (C. J. Geyer,
+    Statistical Science 7, 1992, section 3.3).
     """
     size = scipy.fft.next_fast_len(2 * len(residuals))
     spectrum = np.abs(np.fft.rfft(residuals, size)) ** 2
@@ -233,10 +234,10 @@ def _independent_samples(residuals: np.ndarray) -> float:
 def uncertainty(pieces: Sequence[Piece], axes: tuple[int, ...], fit: Fit) -> tuple[np.ndarray, np.ndarray]:
     """Return the half-widths of the 95 % intervals of all parameters and their degrees of freedom.
 
-    The half-width is that of the jackknife, plus the largest bias that errors of the logged position or velocity can
-    cause, plus that of `_integration_rule_bias`. Errors of a signal with the gain θ and the error variance s² bias the
-    parameters by n s² |θ| |M d| / σ². Here d marks the regressors that contain the signal, M is the covariance of the
-    parameters, and σ² is the unexplained variance. The errors cause at most the variance σ², so s² ≤ σ² / θ².
+    The half-width is the sum of the half-width by the jackknife, of the largest bias that errors of the logged position
+    or velocity can cause, and of `_integration_rule_bias`. Errors of a signal with the gain θ and the error variance s²
+    bias the parameters by n s² |θ| |M d| / σ². Here d marks the regressors that contain the signal, M is the covariance
+    of the parameters, and σ² is the unexplained variance. The errors cause at most the variance σ², so s² ≤ σ² / θ².
     """
     regressors, _ = _regression(pieces, axes, fit.terms, fit.shape)
     slopes = [regressors]
@@ -268,9 +269,9 @@ def uncertainty(pieces: Sequence[Piece], axes: tuple[int, ...], fit: Fit) -> tup
 def _integration_rule_bias(gains: Mapping[str, float], period: float) -> dict[str, float]:
     """Return the largest bias of some gains that the integration rule of the controller can cause.
 
-    A sum over samples differs from the trapezoidal rule by half a period times the last sample. In a PID this biases
-    the position gain. In a cascade, which is the same law, it also biases the velocity gains. There the gain k_i' of
-    the integral of the velocity error is that of the displacement, or k_i / K with the larger root K of
+    A sum over samples differs from the trapezoidal rule by half a period times the last sample. In a PID, this biases
+    the position gain. In a cascade, which is the same law, it also biases the velocity gains, because the integral of
+    the velocity error has a gain k_i'. This is the gain of the displacement, or k_i / K with the larger root K of
     k K² - k_p K + k_i = 0 (see `drake_quad.identification.position_law.law`).
     """
     position, velocity = (abs(gains[name]) for name in ESSENTIAL_TERMS)

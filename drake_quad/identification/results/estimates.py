@@ -1,4 +1,4 @@
-"""Estimates of an identification: values, covariance, sources, and reasons for parameters that are not identified."""
+"""Estimates of an identification: values, covariance and sources, and reasons why parameters are not identified."""
 
 import functools
 import re
@@ -30,7 +30,7 @@ def declaration_at(path: str) -> Declaration:
     Raises:
         InputError: if no parameter has this path.
     """
-    # A failed look-up is not cached, so parameters of effects that are registered later are known.
+    # `functools.cache` does not cache exceptions, so parameters of effects that are registered later are found.
     declarations = dict(quantities_in(Vehicle))
     for inner, declaration in quantities_in(Laboratory):
         declarations[inner if inner.startswith("autopilot.") else f"laboratory.{inner}"] = declaration
@@ -38,7 +38,7 @@ def declaration_at(path: str) -> Declaration:
 
 
 def split_name(name: str) -> tuple[str, int | None]:
-    """Return the path of a parameter, and its index in a list from 0; the index is None for a single number.
+    """Return the path of a parameter, and its index in a list (from 0), or None for a single number.
 
     Raises:
         InputError: if no parameter has this name.
@@ -82,8 +82,8 @@ class Source(NamedTuple):
     """Source of an estimate.
 
     Attributes:
-        method: method of identification, as in "prediction errors of attitude and position".
-        log: name of the log that it was applied to.
+        method: method of identification, for example "prediction errors of attitude and position".
+        log: name of the log to which the method was applied.
     """
 
     method: str
@@ -97,8 +97,8 @@ class Explained(NamedTuple):
     """Explained variance of the output that a parameter affects most.
 
     Attributes:
-        share: share of the variance of the output in held-out flight that the vehicle explains.
-        output: name of the output, as in "specific force along z".
+        share: fraction of the variance of the output in held-out flight that the vehicle explains.
+        output: name of the output, for example "specific force along z".
     """
 
     share: float
@@ -106,7 +106,7 @@ class Explained(NamedTuple):
 
 
 def quantile(degrees_of_freedom: np.ndarray | float) -> np.ndarray:
-    """Return the half-width of a 95 % confidence interval in standard deviations, by Student's distribution.
+    """Return the half-width of the 95 % interval of Student's distribution, in standard deviations of the estimate.
 
     Args:
         degrees_of_freedom: degrees of freedom, of any shape; infinite for the normal distribution.
@@ -119,20 +119,20 @@ class Estimates:
     """Estimated parameters of a vehicle and its laboratory, with their covariance.
 
     Attributes:
-        names: (n,) names as in the scenario language, with places in brackets: `mass`, `inertia[0]`, `motors.curve[1]`,
+        names: (n,) names as in the scenario language, indices in brackets: `mass`, `inertia[0]`, `motors.curve[1]`,
             `autopilot.damping[2]`, `laboratory.motion_capture.position_noise`; see `declaration_at`.
         values: (n,) values in SI units.
         covariance: (n, n) covariance of the errors of the values.
         degrees_of_freedom: (n,) degrees of freedom of Student's distribution of each error, or one number for all.
         sources: (n,) sources of each estimate, or a single source for all.
-        explained: explained variance, by the name of the parameter, where it is known.
-        not_identified: reason why the log does not identify a parameter, by its name. The estimate of such a parameter,
-            if there is one, is the value of the data sheet, corrected as far as the log allows.
-        remarks: further sentences on the estimates.
+        explained: explained variance by the name of the parameter, if it is known.
+        not_identified: reason why the log does not identify a parameter, by the name of the parameter. If such a
+            parameter has an estimate, this is the value of the data sheet, corrected as far as the log allows.
+        remarks: further remarks on the estimates.
         variation: variation of the parameters from one stretch of flight to the next, in addition to the errors of the
             mean parameters; None if it is unknown.
-        flight_variation: variation from one flight to the next, in addition to that within a flight; None if it is
-            unknown.
+        flight_variation: variation from one flight to the next, in addition to the variation within a flight; None if
+            it is unknown.
     """
 
     names: tuple[str, ...]
@@ -177,7 +177,7 @@ class Estimates:
             object.__setattr__(self, name, value)
 
     def __str__(self) -> str:
-        """Return a line for each estimate with its unit and 95 % interval, and one for each unidentified parameter."""
+        """Return a line for each estimate, with its unit and 95 % interval, and for each unidentified parameter."""
         rows = zip(self.names, self.values, self.intervals(), self.units, strict=True)
         lines = [
             f"{name}: {Interval(value, *ends).text(unit='' if unit == '1' else unit)}"
@@ -270,8 +270,8 @@ class Estimates:
         """Return the estimates with the covariance for another stretch of another flight.
 
         The covariance is the sum of the covariances of the errors, of the variation from stretch to stretch, and of the
-        variation from flight to flight. Its degrees of freedom are those of F. E. Satterthwaite (Biometrics Bulletin 2,
-        1946). A parameter with unknown variation keeps its covariance.
+        variation from flight to flight. The degrees of freedom follow F. E. Satterthwaite (Biometrics Bulletin 2,
+        1946). The covariance of a parameter with unknown variation is unchanged.
         """
         if not self._variations:
             return self

@@ -2,12 +2,12 @@
 
 The file extends the vehicle with which the identification began. `vehicle` and `laboratory` contain the estimates as
 correlated normal distributions. The distributions describe another stretch of flight: their covariance includes the
-error of the mean and, where it is known, the variation from stretch to stretch. Their standard deviations also account
-for Student's distribution, so that 95 % of the samples are within the interval for another stretch.
+error of the mean and, if it is known, the variation from stretch to stretch. The standard deviations are widened to
+match Student's distribution, so that 95 % of the samples are within the interval for another stretch.
 
-`nominal`, which the planner and the controllers believe, is that of the base unless the estimates are requested there
-as well. To predict flights of the controller that flew a log, keep its own values in `nominal`. To design a controller
-for the identified vehicle, write the estimates to `nominal`.
+`nominal`, which the planner and the controllers believe, is unchanged unless the estimates are requested there as well.
+To predict flights of the controller that flew a log, keep the values that this controller believed in `nominal`. To
+design a controller for the identified vehicle, write the estimates to `nominal`.
 """
 
 import math
@@ -46,10 +46,10 @@ from drake_quad.vehicle.rigid_body import inertia_flaw, nearest_rigid
 _COMMENT_WIDTH = 100  # characters
 _FILE_WIDTH = 400  # characters, so that the coefficients of shared variables are on one line
 _MIN_RATIO = 0.1  # lower limit of a positive parameter, relative to its mean
-_LIMIT_SIGMA = 6.0  # distance of a limit from the mean, in standard deviations, where the language requires a limit
+_LIMIT_SIGMA = 6.0  # distance of a required limit from the mean, in standard deviations
 _NUM_EXTRA_DECIMALS = 5  # decimals beyond the first digit of the standard deviation
-# Limit of the rotor speed relative to the speed at full throttle. The limit allows a fifth more thrust, which exceeds
-# the error of a thrust curve.
+# Limit of the rotor speed relative to the speed at full throttle. It allows a fifth more thrust, more than the error of
+# a thrust curve.
 _SPEED_MARGIN = 1.1
 
 
@@ -72,15 +72,16 @@ def write_vehicle(
 ) -> Path:
     """Write an identified vehicle to a file, and return its path.
 
-    The file is written completely or not at all. Fields without an estimate are as in `base`, except those that would
-    contradict an estimate. If one time constant of the rotors was identified for both directions, the separate one for
-    rotors that slow down is removed. If `body_drag` was identified, `linear_drag` and `quadratic_drag` are 0.
+    The file is written completely or not at all. Fields without an estimate are as in `base`, except fields that would
+    contradict an estimate. If one time constant of the rotors was identified for both directions, the separate time
+    constant of rotors that slow down is removed. If `body_drag` was identified, `linear_drag` and `quadratic_drag` are
+    0.
 
     Args:
         path: path of the file, `.yaml` or `.yml`; its folder is created if needed.
         name: name of the scenario in the file.
         estimates: at least one estimate.
-        base: FILE or FILE:NAME of the vehicle that the file extends, or a shipped one.
+        base: FILE or FILE:NAME of the vehicle that the file extends, or the name of a shipped scenario.
         nominal: True to write the estimates also to `nominal`, which the planner and the controllers believe.
         given: overrides of the base, such as a weighed mass, `nominal.mass=0.03`, with values in YAML.
         voltage: voltage of the battery for which an identified thrust curve holds, V; None if it is unknown.
@@ -150,7 +151,7 @@ def _fields(
             node = node.setdefault(step, {})
         node[last] = value
         if nominal and path in Nominal.model_fields:
-            # An item that is not estimated keeps its value in `nominal`.
+            # The value in `nominal` of an item that is not estimated is unchanged.
             believed: Any = getattr(base.nominal, path)
             names = [f"{path}[{index}]" for index in range(declaration_at(path).items)]
             items = [_Entry(_mean_of(written.get(parameter, believed[i]))) for i, parameter in enumerate(names)]
@@ -173,8 +174,8 @@ def _add_override(tree: dict[str, Any], assignment: str) -> None:
     top, *steps = path.strip().split(".")
     if top not in tree or not steps or any(re.fullmatch(r"(rotor_)?\d", step) for step in steps):
         raise InputError(
-            f"{assignment} cannot be written to the file of a vehicle: use whole fields of"
-            f" {', '.join(tree)}, and no items of lists"
+            f"{assignment} cannot be written to the file of a vehicle: only fields of {', '.join(tree)} can be set, and"
+            " lists only as a whole"
         )
     node = tree[top]
     for step in steps[:-1]:
@@ -219,8 +220,8 @@ def _number(name: str, value: float) -> Any:
     declared = declaration_of(name)
     if declared.lower > 0.0 >= value:
         raise InputError(
-            f"the estimate of {name}, {value:.4g} {declared.unit}, must be larger than 0; list such a parameter as not"
-            " identified"
+            f"the estimate of {name}, {value:.4g} {declared.unit}, must be larger than 0; otherwise list {name} in"
+            " not_identified"
         )
     value = min(max(value, declared.lower), declared.upper)
     return round(value) if declared.is_whole else value
@@ -266,7 +267,7 @@ def _comment(estimates: Estimates, name: str, entry: Any) -> str:
     if declaration_of(name).is_whole:
         parts.append("written as a whole number")
     elif abs(mean - value) > estimates.deviations[index]:
-        parts.append("the estimate is outside the limits of the language, so the limit is written")
+        parts.append("the estimate is outside the range of the scenario language, so the limit of the range is written")
     return "; ".join(parts)
 
 
@@ -293,14 +294,14 @@ def _base_entry(base: Scenario, path: str, index: int) -> _Entry:
     if path == "motors.curve" and not base.vehicle.motors.take_throttles and index < 2:
         return _Entry(0.0, "not identified, and 0 at the start of the identification")
     if not hasattr(owner, field):
-        raise InputError(f"{path}[{index}] must be estimated, too: the extended vehicle has no such parameter")
+        raise InputError(f"{path}[{index}] must also be estimated: the extended vehicle has no such parameter")
     value = getattr(owner, field)[index]
     written = value if isinstance(value, float) else value.model_dump(mode="json", exclude_none=True)
     return _Entry(written, "as in the extended vehicle")
 
 
 def _as_rigid_body(path: str, items: list[_Entry]) -> list[_Entry]:
-    """Return moments of inertia, adjusted to those of a rigid body if needed; return any other list unchanged."""
+    """Return the items of a list, with moments of inertia adjusted to the nearest rigid body if needed."""
     is_numeric = all(isinstance(item.value, float) or "normal" in item.value for item in items)
     if path != "inertia" or not is_numeric:
         return items
@@ -323,10 +324,10 @@ def _shifted(value: Any, step: float) -> Any:
 
 
 def _complete_motors(tree: dict[str, Any], base: Scenario, nominal: bool, voltage: float | None) -> None:
-    """Complete the motors if their thrust curve was estimated, and raise limits of the rotor speed that would limit it.
+    """Complete the motors if their thrust curve was estimated, and raise rotor speed limits that would limit the curve.
 
-    If the curve is not written to `nominal`, and `nominal` of the base has no throttle motors, `nominal` gets motors
-    that give its full thrust at full throttle.
+    If the curve is not written to `nominal`, and `nominal` of the base has no throttle motors, motors are added to
+    `nominal` that produce its full thrust at full throttle.
     """
     if "motors" not in tree["vehicle"]:
         return
@@ -374,7 +375,7 @@ def _complete_response(tree: dict[str, Any], base: Scenario) -> None:
         return
     missing = next((each for each in ("natural_frequency", "damping") if each not in autopilot), None)
     if missing is not None:
-        raise InputError(f"autopilot.{missing} must be estimated, too: the extended vehicle has no attitude response")
+        raise InputError(f"autopilot.{missing} must also be estimated: the extended vehicle has no attitude response")
     tree["laboratory"]["autopilot"] = {"kind": _Entry("response"), **autopilot}
     tree["control"] = {
         "attitude": _Entry(None, "the autopilot controls the attitude"),

@@ -10,7 +10,7 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.motors import ThrottleMotors
 from drake_quad.scenario.paths import leaves, replaced
 
-_SPEED_FACTOR = 2.0  # factor of the largest rotor speed, so that it does not limit the thrust curve that is identified
+_SPEED_FACTOR = 2.0  # factor of the maximum rotor speed, so that this does not limit the identified thrust curve
 
 
 def with_effects(scenario: Scenario, names: tuple[str, ...]) -> Scenario:
@@ -33,7 +33,8 @@ def with_effects(scenario: Scenario, names: tuple[str, ...]) -> Scenario:
 def with_throttles(scenario: Scenario) -> Scenario:
     """Return the scenario with a vehicle that takes throttles.
 
-    A vehicle that takes rotor speeds gets a thrust curve up to its full thrust, and a larger limit of the rotor speed.
+    For a vehicle that takes rotor speeds, a thrust curve up to the full thrust is added, and the limit of the rotor
+    speed is raised.
 
     Args:
         scenario: scenario without distributions.

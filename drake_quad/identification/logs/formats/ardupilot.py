@@ -16,10 +16,11 @@ from drake_quad.process_settings import without_error_output, without_prints
 _MAGIC = b"\xa3\x95\x80"
 _HEADER_SIZE = 3
 _CLOCKS = {"TimeUS": 1e-6, "TimeMS": 1e-3}
-# NumPy's types for the letters of ArduPilot that differ from NumPy's, and the multipliers in ArduPilot's documentation.
+# NumPy types for the type letters of ArduPilot that differ from NumPy's letters. The multipliers in `_SCALED_TYPES` are
+# from ArduPilot's documentation.
 _TYPES = {"a": "V64", "n": "S4", "N": "S16", "Z": "S64", "M": "u1", "g": "<f2", "B": "u1", "b": "i1"}
 _SCALED_TYPES = {"c": ("<i2", 0.01), "C": ("<u2", 0.01), "e": ("<i4", 0.01), "E": ("<u4", 0.01), "L": ("<i4", 1e-7)}
-# Names of the field that contains the number of the sensor or estimator.
+# Possible names of the field that contains the number of the sensor or estimator.
 _INSTANCE_FIELDS = ("I", "C")
 _QUADROTOR = 1  # value of FRAME_CLASS
 _X_LAYOUT = 1  # value of FRAME_TYPE
@@ -41,12 +42,12 @@ _OTHER_FRAMES = {
 
 
 def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
-    """Read the messages that a mapping knows, of the first instance of each sensor.
+    """Read the messages that a mapping uses, of the first instance of each sensor.
 
-    Fields are named as in `ATT.Roll`, with the multiplier of their type.
+    Field names have the form `ATT.Roll`. Values are multiplied by the multiplier of their type.
 
     Raises:
-        InputError: if pymavlink is not installed or cannot read the log, or the log is not that of a quadrotor.
+        InputError: if pymavlink is not installed or cannot read the log, or the logged vehicle is not a quadrotor.
     """
     reader_module = log.library("pymavlink.DFReader", "ardupilot")
 
@@ -78,13 +79,12 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
         other = _OTHER_FRAMES[frame]
         if given is None:
             raise InputError(
-                f"{log.mark}: is the log of {other}, and not of a quadrotor; give a mapping to read it anyway"
+                f"{log.mark}: is a log of {other}, not of a quadrotor; to read it, give a mapping from columns to"
+                " signals"
             )
         remarks.append(f"the log is of {other}")
     if int(parameters.get("FRAME_TYPE", parameters.get("FRAME", _X_LAYOUT))) != _X_LAYOUT:
-        remarks.append(
-            "the rotors are counted as in an x layout, but FRAME_TYPE says that the frame has another layout"
-        )
+        remarks.append("the rotors are numbered as in an x layout, but FRAME_TYPE states another layout")
     mapped = {each.partition(".")[0] for each in mapping.names}
     tables = [
         table
@@ -98,7 +98,7 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
 
 
 def _records(log: LogFile, message_format: Any, offsets: Iterable[int]) -> dict[str, np.ndarray] | None:
-    """Return the complete messages of a type by field; None if there are none, or their declaration is damaged."""
+    """Return the complete messages of a type by field; None if there are none, or if the type is declared wrongly."""
     letters = message_format.format.rstrip("\0")
     if len(letters) != len(message_format.columns) or len({*message_format.columns}) != len(letters):
         return None

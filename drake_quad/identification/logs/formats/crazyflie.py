@@ -25,12 +25,12 @@ from drake_quad.identification.logs.source import LogFile
 
 _FIRST_BYTE = 0xBC
 _TYPES = {letter: f"<{letter}" for letter in "bBhHiIqQefd"}
-# Type of the time and its unit in s, by the version of the format.
+# Type of the time, and unit of the time in s, by the version of the format.
 _CLOCKS = {1: ("<u4", 1e-3), 2: ("<u8", 1e-6)}
 _CHECKSUM_SIZE = 4
-# Largest length of a name with its final zero. The names of the firmware are shorter.
+# Largest length of a name with its final zero. The names in the firmware are shorter.
 _MAX_NAME_LENGTH = 256
-# Largest number of variables of all event types. A header with more is damaged.
+# Largest total number of variables of all event types. A header with more variables is damaged.
 _MAX_VARIABLES = 5_000
 # Name of the compressed attitude, which `_quaternions` decodes.
 _PACKED_ATTITUDE = "stateEstimateZ.quat"
@@ -69,18 +69,18 @@ class _Header:
         if end < 0:
             if self.offset + _MAX_NAME_LENGTH > len(self._log.data):
                 raise self.truncated()
-            raise InputError(f"{self._log.mark}: is not a Crazyflie's log, or damaged: a name in its header has no end")
+            raise InputError(f"{self._log.mark}: is not a Crazyflie log, or damaged: a name in its header has no end")
         text, self.offset = self._log.data[self.offset : end], end + 1
         try:
             return text.decode("ascii")
         except UnicodeDecodeError:
             raise InputError(
-                f"{self._log.mark}: is not a Crazyflie's log, or damaged: {shown(text)} in its header is not a name"
+                f"{self._log.mark}: is not a Crazyflie log, or damaged: {shown(text)} in its header is not a name"
             ) from None
 
     def truncated(self) -> InputError:
         """Return the error for a log that ends within its header."""
-        return InputError(f"{self._log.mark}: is truncated: the header of a Crazyflie's log is incomplete")
+        return InputError(f"{self._log.mark}: is truncated: the header of a Crazyflie log is incomplete")
 
 
 def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
@@ -94,7 +94,7 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
     header = _Header(log)
     version = header.number()
     if version not in _CLOCKS:
-        raise InputError(f"{log.mark}: is a Crazyflie's log of version {version}; versions 1 and 2 can be read")
+        raise InputError(f"{log.mark}: is a Crazyflie log of version {version}; versions 1 and 2 can be read")
     clock, unit = _CLOCKS[version]
     event_types: dict[int, _EventType] = {}
     for _ in range(header.number()):
@@ -104,10 +104,10 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
         event_types[number] = _event_type(header, log, name, clock)
         if sum(1 + len(event_type.variables) for event_type in event_types.values()) > _MAX_VARIABLES:
             raise InputError(
-                f"{log.mark}: is not a Crazyflie's log, or damaged: its header has over {_MAX_VARIABLES:,} variables"
+                f"{log.mark}: is not a Crazyflie log, or damaged: its header has over {_MAX_VARIABLES:,} variables"
             )
     if not event_types:
-        raise InputError(f"{log.mark}: is a Crazyflie's log without event types")
+        raise InputError(f"{log.mark}: is a Crazyflie log without event types")
     offsets, remarks = _record_offsets(log, header.offset, event_types)
     tables = [
         _table(log, event_type, offsets[number], unit) for number, event_type in event_types.items() if offsets[number]
@@ -151,7 +151,7 @@ def _record_offsets(
             remarks = ["the checksum is wrong: the log is truncated or damaged", *_truncated(log, bounds, sizes)]
         else:
             del bounds[count + 1 :]
-            remarks = [log.unread_remark(bounds[-1] + _CHECKSUM_SIZE, "they follow the checksum at the end of the log")]
+            remarks = [log.unread_remark(bounds[-1] + _CHECKSUM_SIZE, "after the checksum at the end of the log")]
     offsets: dict[int, list[int]] = {number: [] for number in event_types}
     for offset in bounds[:-1]:
         offsets[data[offset] | data[offset + 1] << 8].append(offset)
@@ -159,7 +159,7 @@ def _record_offsets(
 
 
 def _bounds(data: memoryview, start: int, sizes: Mapping[int, int]) -> list[int]:
-    """Return the offsets of the records from a start offset on, and the end of the last one.
+    """Return the offsets of the records from a start offset on, and the end of the last record.
 
     The search ends at the first record that is incomplete, or whose id is unknown.
     """
@@ -185,7 +185,10 @@ def _count_before_checksum(data: bytes, bounds: Sequence[int]) -> int | None:
 
 
 def _truncated(log: LogFile, bounds: list[int], sizes: Mapping[int, int]) -> list[str]:
-    """Remove records of a truncated log that reach into trailing zeros or 0xff, and return remarks on unread data."""
+    """Remove the last records of a truncated log if they may lack data, and return remarks on the unread data.
+
+    A record may lack data if it extends into the trailing bytes 0 or 0xff of the file.
+    """
     if bounds[-1] < len(log.data) or (len(bounds) > 1 and log.written_size <= bounds[-2]):
         while len(bounds) > 1 and bounds[-1] > log.written_size:
             bounds.pop()
@@ -211,8 +214,8 @@ def _table(log: LogFile, event_type: _EventType, offsets: list[int], unit: float
 def _quaternions(packed: np.ndarray) -> dict[str, np.ndarray]:
     """Return the components of quaternions that `quatcompress.h` of the firmware has compressed to 32 bits.
 
-    The two highest bits are the number of the largest component (x, y, z, w), which is positive. The other components
-    follow, each as a sign and nine bits for its ratio to 1/√2.
+    The two highest bits are the index (0 to 3: x, y, z, w) of the largest component, which is positive. The other
+    components follow, each as a sign and nine bits for its ratio to 1/√2.
     """
     largest = packed >> 30
     components = np.zeros((len(packed), 4))

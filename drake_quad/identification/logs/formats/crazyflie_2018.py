@@ -40,7 +40,7 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
     for _ in range(data[0]):
         column = _COLUMN_PATTERN.match(data, offset)
         if column is None:
-            raise InputError(f"{log.mark}: is a Crazyflie's log whose list of columns is truncated or damaged")
+            raise InputError(f"{log.mark}: is a Crazyflie log whose list of columns is truncated or damaged")
         names.append(column[1].decode())
         formats.append(f"<{column[2].decode()}")
         offset = column.end()
@@ -55,7 +55,7 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
     if end < len(data):
         remarks.append(log.unread_remark(end, "no complete block of records, so the log is truncated or damaged"))
     if not blocks:
-        raise InputError(f"{log.mark}: is a Crazyflie's log without a complete block of records")
+        raise InputError(f"{log.mark}: is a Crazyflie log without a complete block of records")
     records = np.concatenate(blocks)
     columns = {name: records[str(i)] for i, name in enumerate(names) if i}
     return LogContent([Table("", records["0"] * _TICK_PERIOD, columns)], given or load_mapping("crazyflie"), remarks)

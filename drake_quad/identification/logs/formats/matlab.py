@@ -1,8 +1,8 @@
 """Reader of MATLAB's MAT-files, based on SciPy.
 
-The columns of the log are the numeric variables and the fields of structs that are as long as the time. A field is
-named as in `log.position`. A matrix with a column (or a row) for each component is a column of vectors, which `column`
-of a mapping reads. Its components are named as in `log.position[0]`.
+The columns of the log are the numeric variables, and the fields of structs, with the same length as the time. Names of
+fields have the form `log.position`. A matrix with a column (or a row) for each component is a column of vectors, which
+`column` of a mapping reads. The names of its components have the form `log.position[0]`.
 """
 
 import io
@@ -36,7 +36,7 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
         InputError: if the file is damaged or has version 7.3, or no mapping fits.
     """
     if log.data.startswith(_HDF5_VERSION):
-        raise InputError(f"{log.mark}: is a MAT-file of version 7.3, which is HDF5; save it in MATLAB with -v7")
+        raise InputError(f"{log.mark}: is a MAT-file of version 7.3 (HDF5); save it in MATLAB with the option -v7")
     from scipy.io import loadmat  # imported here because the import takes a tenth of a second
 
     options = {"simplify_cells": True, "chars_as_strings": True}

@@ -1,8 +1,8 @@
 """Readers of ROS bags of version 1 and 2, based on rosbags, and of MCAP files, based on mcap.
 
-A field is named by its topic or by the type of its messages, as in `/odom.pose.pose.position.x` or
-`nav_msgs/Odometry.pose.pose.position.x`. A type stands for the topic of this type with the most messages. The time of a
-measurement is the stamp in its header.
+The name of a field starts with its topic or with the type of its messages, as in `/odom.pose.pose.position.x` or
+`nav_msgs/Odometry.pose.pose.position.x`. If several topics have this type, the topic with the most messages is read.
+The time of a measurement is the stamp in the header of its message.
 """
 
 import contextlib
@@ -23,16 +23,16 @@ from drake_quad.identification.logs.mapping import load_mapping
 from drake_quad.identification.logs.source import LogFile, reason_of
 
 _NANOSECOND = 1e-9
-# Stamps that differ from the times of recording by more than this time, in s, come from another clock.
+# Stamps that differ from the times of recording by more than this, in s, come from another clock.
 _MAX_STAMP_DIFFERENCE = 1.0
 _PATH_PART = re.compile(r"[^.\[\]]+")
-# Exceptions that damaged messages and missing fields raise.
+# Exceptions that are raised for damaged messages and missing fields.
 _FIELD_ERRORS = (AttributeError, KeyError, IndexError, TypeError, ValueError)
-_WAL_VERSION_BYTES = slice(18, 20)  # bytes of SQLite's header that prevent opening a copy in memory
+_WAL_VERSION_BYTES = slice(18, 20)  # bytes of SQLite's header; in WAL mode, they prevent opening a copy in memory
 
 
 class _Message(NamedTuple):
-    """Message that is not yet decoded.
+    """Message before decoding.
 
     Attributes:
         topic: name of the topic.
@@ -48,7 +48,7 @@ class _Message(NamedTuple):
 
 
 class _Rows:
-    """Values of the fields of a topic that a mapping knows, message by message."""
+    """Values of the fields of a topic that a mapping uses, one row for each message."""
 
     def __init__(self, type_name: str, fields: list[str]) -> None:
         self.type_name = type_name
@@ -90,8 +90,8 @@ class _Rows:
                 sampled = stamps
             else:
                 remarks.append(
-                    f"{topic}: the stamps of the headers are {difference:.4g} s before the times of recording, which"
-                    " are used instead"
+                    f"{topic}: the header stamps are {difference:.4g} s before the recording times, which are used"
+                    " instead"
                 )
         return Table(topic, times, columns, sampled), remarks
 
@@ -110,10 +110,10 @@ def _stamp(message: Any) -> int:
 
 
 def _content(log: LogFile, given: NamedMapping | None, format_name: str, messages: Iterator[_Message]) -> LogContent:
-    """Read the fields that a mapping knows.
+    """Read the fields that a mapping uses.
 
     Raises:
-        InputError: if none of the topics is known, or the first message cannot be read.
+        InputError: if the mapping uses none of the topics, or the first message cannot be read.
     """
     name, mapping = given or load_mapping("ros")
     needed: dict[str, list[str]] = {}
@@ -142,7 +142,7 @@ def _content(log: LogFile, given: NamedMapping | None, format_name: str, message
     except Exception as error:  # libraries raise any exception on a damaged bag
         if not topics:
             raise InputError(f"{log.mark}: is {format_name} that cannot be read: {reason_of(error)}") from None
-        remarks.append(f"the log is truncated or damaged; it is read until this error: {reason_of(error)}")
+        remarks.append(f"the log is truncated or damaged; it is read up to this error: {reason_of(error)}")
     if undecoded:
         remarks.append(f"the messages of {listed(sorted(undecoded))} cannot be decoded")
     if not topics:
@@ -168,12 +168,12 @@ def _tables(topics: dict[str, _Rows], mapping: NamedMapping, remarks: list[str],
     for type_name, topic in longest_topics.items():
         count = sum(rows.type_name == type_name for rows in topics.values())
         if count > 1:
-            remarks.append(f"{count} topics have the type {type_name}; the one with the most messages is read: {topic}")
+            remarks.append(f"{count} topics have the type {type_name}; {topic} is read, which has the most messages")
     return LogContent(tables, mapping, remarks, unread)
 
 
 class _Decoder:
-    """Decoder of messages, with the definitions in a bag, or with those of ROS 2 if the bag contains none."""
+    """Decoder of messages. It uses the definitions in a bag, or the definitions of ROS 2 if the bag contains none."""
 
     def __init__(self, typesys: Any, definitions: Mapping[str, str], *, encoding: str = "cdr") -> None:
         self._typesys, self._encoding = typesys, encoding

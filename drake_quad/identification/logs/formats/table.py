@@ -26,11 +26,11 @@ def is_text(log: LogFile) -> bool:
 
 
 def read_table(log: LogFile, given: NamedMapping | None) -> LogContent:
-    """Read the columns of a CSV file that a mapping selects.
+    """Read the columns of a CSV file that a mapping uses.
 
     Args:
         log: content of the file.
-        given: name and mapping; if None, the shipped mapping that knows most of the columns.
+        given: name and mapping; if None, the shipped mapping that uses most of the columns.
 
     Raises:
         InputError: if the file is too large, no mapping fits, or a cell is not a number.
@@ -64,7 +64,7 @@ def _text(log: LogFile) -> tuple[str, list[str]]:
     """Return the lines before the first byte that is not text, and a remark on the rest of the file, if any."""
     data = log.data
     if len(data) > MAX_BYTES:
-        raise InputError(f"{log.mark}: is too large: a CSV file may have {MAX_BYTES:,} bytes")
+        raise InputError(f"{log.mark}: is too large: a CSV file may have at most {MAX_BYTES:,} bytes")
     end = _text_end(data)
     remarks = [] if end == len(data) else [log.unread_remark(end, "it is not text")]
     return data[:end].decode("utf-8-sig"), remarks
@@ -112,13 +112,14 @@ def _rows(log: LogFile, text: str, delimiter: str) -> tuple[list[str], list[list
         remarks.append(f"only the lines up to {reader.line_num:,} are read: {error}")
     if short:
         remarks.append(
-            f"{short:,} {'rows' if short > 1 else 'row'} left out: not {len(header)} cells, as there are names"
+            f"{short:,} {'rows' if short > 1 else 'row'} left out: the number of cells is not {len(header)}, the number"
+            " of names"
         )
     if rows and not text.endswith(("\n", "\r")):
         rows.pop()
         remarks.append("the last row is left out: its line has no end, so it may be truncated")
     if len(rows) < 2:
-        raise InputError(f"{log.mark}: has less than two rows of {len(header)} cells below the column names")
+        raise InputError(f"{log.mark}: has fewer than two rows of {len(header)} cells below the column names")
     return header, rows, lines, remarks
 
 

@@ -22,7 +22,7 @@ from drake_quad.process_settings import without_prints
 
 MAGIC = b"ULog\x01\x12\x35"
 _MICROSECOND = 1e-6
-# Pairs (is in front, is to the right) of the rotors, clockwise from the front right one.
+# Pairs (is in front, is to the right) of the rotors, clockwise from the front right rotor.
 _CLOCKWISE_QUADRANTS = [(True, True), (False, True), (False, False), (True, False)]
 # Largest number of fields of a topic, counting each item of an array. The topics of PX4 have fewer.
 _MAX_FIELDS = 20_000
@@ -31,7 +31,7 @@ _MESSAGE_TYPES = frozenset(b"ABCDFILMOPQRS")
 
 
 class _BoundedReader(io.BytesIO):
-    """Bytes with a limited number of reads, since pyulog reads the end of some damaged logs forever."""
+    """Bytes with a limited number of reads, since pyulog never stops reading the end of some damaged logs."""
 
     def __init__(self, data: bytes) -> None:
         super().__init__(data)
@@ -46,20 +46,20 @@ class _BoundedReader(io.BytesIO):
 
 
 def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
-    """Read the first instance of the topics that a mapping knows.
+    """Read the first instance of the topics that a mapping uses.
 
-    Fields are named as in `vehicle_attitude.q[0]`. The time of a measurement is its `timestamp_sample` if the log has
-    it, and its `timestamp` otherwise. Positions and velocities that the log declares invalid become NaN. Motor pulses
-    are scaled from the range in the parameters to 1000 to 2000 µs. The default mapping counts the rotors as the
-    parameters of the log do.
+    Names of fields have the form `vehicle_attitude.q[0]`. The time of a measurement is its `timestamp_sample` if it is
+    logged, and its `timestamp` otherwise. Positions and velocities that the log declares invalid become NaN. Motor
+    pulses are scaled from the range in the parameters to 1000 to 2000 µs. In the default mapping, the order of the
+    rotors is adapted to the parameters of the log.
 
     Args:
         log: content of the file.
-        given: name and mapping of the fields to signals. Without it, the log of another vehicle than a quadrotor is
-            rejected; with it, such a log has a remark.
+        given: name of a mapping, and the mapping from fields to signals. If None, the log of a vehicle that is not a
+            quadrotor is rejected; otherwise a remark states the type of the vehicle.
 
     Raises:
-        InputError: if pyulog is not installed or cannot read the log, or the log is not that of a quadrotor.
+        InputError: if pyulog is not installed or cannot read the log, or the logged vehicle is not a quadrotor.
     """
     name, mapping = given or load_mapping("px4")
     topics = {name.partition(".")[0] for name in mapping.names}
@@ -82,7 +82,8 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
     other_type = other_vehicle(parameters, first_instances.get("vehicle_status"))
     if other_type and given is None:
         raise InputError(
-            f"{log.mark}: is the log of {other_type}, and not of a quadrotor; give a mapping to read it anyway"
+            f"{log.mark}: is a log of {other_type}, not of a quadrotor; to read it, give a mapping from columns to"
+            " signals"
         )
     mapped = {name: data for name, data in first_instances.items() if name in topics}
     if not mapped:
@@ -145,8 +146,8 @@ class _Chain(NamedTuple):
 def _chain_of(log: LogFile) -> _Chain:
     """Find the end of the contiguous complete messages of a log.
 
-    A truncated log may end with zeros or 0xff. A message that reaches into these bytes does not count, since its end
-    may be missing.
+    A truncated log may end with bytes 0 or 0xff. A message that extends into these bytes is excluded, since its end may
+    be missing.
     """
     data, written_size = log.data, log.written_size
     offset = end = _HEADER_SIZE
@@ -189,7 +190,7 @@ def _parsed(log: LogFile, data: bytes, topics: set[str]) -> Any:
 
 
 def _rotors(parameters: collections.abc.Mapping[str, Any]) -> tuple[int, ...] | None:
-    """Return the number of each of PX4's rotors in this library, from the rotor positions in the parameters.
+    """Return this library's number of each rotor of PX4, from the rotor positions in the parameters.
 
     CA_ROTORi_PX is positive for a rotor in front, and CA_ROTORi_PY for a rotor to the right.
 
@@ -229,7 +230,7 @@ def _check_fields(formats: dict[str, Any]) -> None:
 def _table(topic: str, data: collections.abc.Mapping[str, np.ndarray], start: int) -> Table:
     """Return a topic with times relative to a start in µs.
 
-    Times since 1970 in seconds would not resolve a microsecond in double precision.
+    In double precision, times since 1970 in seconds would not resolve a microsecond.
     """
 
     def seconds(stamps: np.ndarray) -> np.ndarray:
@@ -244,13 +245,13 @@ def _table(topic: str, data: collections.abc.Mapping[str, np.ndarray], start: in
 
 
 def _dropouts(parsed: Any) -> list[str]:
-    """Return a sentence on the dropouts of the logger, if there are any."""
+    """Return a remark on the dropouts of the logger, if there are any."""
     lengths = np.array([dropout.duration for dropout in parsed.dropouts]) * 1e-3
     if not len(lengths):
         return []
     return [
-        f"{len(lengths)} dropout{'s' if len(lengths) > 1 else ''} of the logger, {lengths.sum():.3g} s in all, the"
-        f" longest of {lengths.max():.3g} s"
+        f"{len(lengths)} dropout{'s' if len(lengths) > 1 else ''} of the logger, {lengths.sum():.3g} s in total; the"
+        f" longest lasts {lengths.max():.3g} s"
     ]
 
 
