@@ -58,8 +58,7 @@ def in_world():
 
 @pytest.mark.parametrize("kind", ["world", "body"])
 def test_a_disturbance_adds_constant_accelerations_to_a_step(numbers, kind):
-    """An acceleration a displaces the vehicle by a h²/2, along the axes of W, or of the body at the start of the step.
-    """
+    """An acceleration a displaces the vehicle by a h²/2, along the axes of W or of the body at the start."""
     h = 0.02
     quiet, pushed = (
         np.array(step(STATE, SPEEDS, SPEEDS, LEVEL, STILL, d, Span(h, 1.0), numbers, kind).body)

@@ -136,8 +136,8 @@ def test_priors_are_around_the_values_of_the_scenario(full: Scenario, attitudes:
         assert 0.005 <= delay.scale <= 0.05
 
 
-def test_the_prior_deviation_of_a_positive_parameter_is_its_value(full: Scenario, attitudes: Scenario) -> None:
-    """They may change by a factor of up to fifty, but not change sign."""
+def test_the_prior_deviation_of_a_positive_parameter_is_about_its_value(full: Scenario, attitudes: Scenario) -> None:
+    """Positive parameters may change by a factor of up to fifty, but not change sign."""
     found = found_in(full, POSE | IMU) | found_in(attitudes, POSE)
     positive = ["thrust_factor", *INERTIA, "rotor_inertia", *RESPONSE]
     for parameter in (found[name] for name in positive):

@@ -224,7 +224,7 @@ def test_the_integral_of_px4_is_found_while_its_anti_windup_is_active(vehicle):
     for axis in range(3):
         gains, explained = regression_of(record, vehicle, "decoupled", axis)
         assert explained > 0.99999
-        assert gains["integral"] == pytest.approx(0.72, rel=0.03)  # the controller sums over samples, which differs from an integral
+        assert gains["integral"] == pytest.approx(0.72, rel=0.03)  # the controller sums over samples
 
 
 def test_rounding_does_not_move_the_delay(vehicle):
