@@ -200,7 +200,7 @@ def test_windows_begin_at_the_measured_states_and_others_at_zero(scenario, log, 
 
 @pytest.mark.parametrize("outputs", [POSE, IMU], ids=["pose", "imu"])
 def test_gains_are_those_of_a_kalman_filter_along_its_own_predictions(scenario, log, values, outputs):
-    """The covariance follows P = F P F' + Q. The final covariance is that after one window length."""
+    """The covariance is corrected, propagated, and increased by process noise, from measurement to measurement."""
     predictor, noise = made(scenario, log, outputs), noise_of(outputs)
     gains = predictor.gains(values, noise)
     R, Q = np.diag(noise.measured**2), np.diag(predictor.process_noise(noise))
@@ -343,8 +343,7 @@ def test_the_likeliest_noise_is_the_noise_of_the_log(scenario, values):
 
 @pytest.mark.slow
 def test_a_fit_ends_at_the_minimum_of_whitened_errors_with_continued_windows(scenario, log, values):
-    """The derivatives with respect to parameters within their limits are zero; other parameters stay at their limits.
-    """
+    """The derivatives with respect to parameters inside their limits are zero; the others stay at their limits."""
     predictor, noise = made(scenario, log), noise_of(POSE)
     parameters = [
         Parameter(name, 1.2 * value, value, 0.5 * value, 2.0 * value)
