@@ -51,12 +51,12 @@ def arguments(**given):
     return argparse.Namespace(**({"scenario": "hover", "set": [], "seed": None, "controller": None} | given))
 
 
-def test_a_layer_is_laid_over_the_scenario() -> None:
+def test_a_layer_overrides_the_scenario() -> None:
     scenario = scenario_of(arguments(scenario="laboratory:nominal", controller="controllers/paper:pd"))
     assert scenario == load_scenario("laboratory:nominal", layers=["controllers/paper:pd"])
 
 
-def test_a_position_controller_in_python_keeps_the_feed_forward_of_the_scenario(mine) -> None:
+def test_a_position_controller_in_python_keeps_the_feedforward_of_the_scenario(mine) -> None:
     scenario = scenario_of(arguments(scenario="laboratory:nominal", controller=f"{mine}:Mine"))
     shipped = load_scenario("laboratory:nominal")
     assert scenario.control.position.kind == f"{mine.stem}.Mine"
@@ -129,7 +129,7 @@ def test_judged_controllers_need_different_names(mine) -> None:
 
 
 @pytest.mark.slow
-def test_a_controller_in_python_is_judged_beside_the_designed_ones(run, mine, tmp_path) -> None:
+def test_a_controller_in_python_is_judged_together_with_designed_ones(run, mine, tmp_path) -> None:
     command_line = ["judge", "--quick", "--family", "outdoor", "--only", "pd", "--controller", f"{mine}:Mine"]
     result = run(*command_line, "--output", tmp_path)
     assert result.returncode == 0, result.stderr

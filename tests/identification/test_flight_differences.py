@@ -41,7 +41,7 @@ def values_of(forces: dict[str, Spread], name: str) -> list[float]:
     return [forces[f"{name}.{axis}"].value for axis in "xy"]
 
 
-def test_a_turning_vehicle_tells_its_trim_force_from_the_wind() -> None:
+def test_the_trim_force_and_the_wind_are_separated_if_the_vehicle_turns() -> None:
     trim, wind = np.array([0.3, -0.1]), np.array([-0.5, 0.2])
     heading = np.linspace(0.0, 4.0, WINDOWS * SAMPLES).reshape(WINDOWS, SAMPLES)
     found = forces_of(heading, turned(heading, trim) + wind, np.arange(WINDOWS))
@@ -66,7 +66,7 @@ def test_a_flight_without_any_force_has_none_and_an_error_of_almost_none() -> No
 
 
 def test_intervals_of_a_mean_force_contain_it_although_the_force_fluctuates() -> None:
-    """The fluctuation is correlated over half a second, so that samples are not independent."""
+    """The fluctuation has a correlation time of 0.5 s, so successive samples are not independent."""
     rng, period, time, trials = np.random.default_rng(3), 0.1, 0.5, 400
     decay, held = np.exp(-period / time), 0
     blocks = np.arange(80) // 8
@@ -79,15 +79,15 @@ def test_intervals_of_a_mean_force_contain_it_although_the_force_fluctuates() ->
     assert 0.9 < held / trials < 0.98
 
 
-def test_the_next_flight_is_where_the_spread_of_the_others_says() -> None:
-    """Student's interval with F - 1 degrees of freedom."""
+def test_intervals_for_the_next_flight_follow_from_the_spread_of_the_others() -> None:
+    """The interval is Student's with F - 1 degrees of freedom for F flights."""
     rng, trials, flights = np.random.default_rng(1), 4000, 4
     values = 2.0 + 0.5 * rng.normal(size=(trials, flights + 1))
     spreads = [[Spread(value, 0.0, "N") for value in row[:-1]] for row in values]
     deviations = np.sqrt([next_flight_variance(row) for row in spreads])
     inside = np.abs(values[:, -1] - values[:, :-1].mean(axis=1)) < scipy.stats.t.ppf(0.975, flights - 1) * deviations
     assert inside.mean() == pytest.approx(0.95, abs=0.012)
-    # The variance of the errors is subtracted from that of the flights.
+    # The variance of the estimation errors is subtracted from the variance of the flights' values.
     assert next_flight_variance([Spread(value, 0.2, "N") for value in (0.0, 0.3, 0.6)]) == pytest.approx(
         (0.09 - 0.04) * 4.0 / 3.0
     )
@@ -95,7 +95,7 @@ def test_the_next_flight_is_where_the_spread_of_the_others_says() -> None:
 
 
 def evidence_of(scales: np.ndarray, windows: int = 6) -> tuple[Evidence, SimpleNamespace]:
-    """Return the evidence of flights that agree except in their thrust, around the mean of the thrust."""
+    """Return the evidence of flights that differ only in their thrust, linearised at the mean thrust."""
     rng = np.random.default_rng(0)
     names, values = ("inertia[0]", "motors.curve[1]", "motors.curve[2]"), np.array([0.01, 2.0, 3.0])
     rows = rng.normal(size=(len(scales) * windows, 8, 3))
@@ -116,7 +116,7 @@ def test_flights_agree_once_the_thrust_of_each_is_known() -> None:
     assert [each.name for each in found] == ["a", "b", "c"]
     assert [each.forces for each in found] == [{}] * 3
     np.testing.assert_allclose([each.thrust.value for each in found], scales, rtol=1e-9)
-    # Windows that agree exactly leave the error of the model.
+    # If the windows agree exactly, the standard deviation is that of the model.
     direction = thrust_direction(evidence.names, evidence.values)
     model = np.einsum("i,wij,j->w", direction, evidence.information, direction).reshape(3, -1).sum(axis=1)
     np.testing.assert_allclose([each.thrust.deviation for each in found], model**-0.5)
@@ -252,7 +252,7 @@ def estimates() -> Estimates:
 
 
 def differences(thrusts: list[float], trims: list[float] | None) -> list[FlightDifference]:
-    """Return flights with such thrusts, and with such trim forces along x."""
+    """Return differences of flights with the given thrusts and trim forces along x."""
     found = []
     for i, thrust in enumerate(thrusts):
         forces = (
@@ -264,7 +264,7 @@ def differences(thrusts: list[float], trims: list[float] | None) -> list[FlightD
     return found
 
 
-def test_the_spread_of_flights_is_that_of_the_next_one() -> None:
+def test_the_distribution_for_the_next_flight_has_the_spread_of_the_flights() -> None:
     scenario = load_scenario("hover", ["vehicle.trim_force={x: 0.5}"])
     thrusts, trims = [0.04, -0.01, -0.03], [0.1, 0.3, -0.4]
     found = with_differences(estimates(), differences(thrusts, trims), scenario, 20.0)
@@ -280,7 +280,7 @@ def test_the_spread_of_flights_is_that_of_the_next_one() -> None:
     expected[1:3, 1:3] = thrust * np.outer([2.0, 3.0], [2.0, 3.0])
     expected[3, 3] = 4.0 / 3.0 * (np.var(trims, ddof=1) - 0.03**2)
     np.testing.assert_allclose(variation.covariance, expected, atol=1e-15)
-    # The distribution for the next flight contains it, with the few degrees of freedom of three flights.
+    # The distribution for the next flight contains the spread, with two degrees of freedom for three flights.
     new = found.for_new_flight()
     assert new.deviations[3] == pytest.approx(np.sqrt(3e-4 + expected[3, 3]))
     assert new.degrees_of_freedom[3] == pytest.approx(2.0, rel=0.01)
@@ -331,8 +331,8 @@ def test_the_error_of_a_mean_trim_force_is_that_of_all_flights_together() -> Non
 
 
 @pytest.mark.slow
-def test_flights_of_a_vehicle_that_is_rebuilt_before_each_show_what_was_changed(root) -> None:
-    """The trim force is found to 0.3 % of the weight: attitudes with a noise of 4 mrad do not show it better."""
+def test_flights_of_a_vehicle_that_is_modified_between_them_show_each_change(root) -> None:
+    """Attitude noise of 4 mrad limits the accuracy of the trim force to 0.3 % of the weight."""
     known = KNOWN_FLIGHTS["calm"]
     numbers = ["vehicle.inertia=[0.007, 0.007, 0.012]", "vehicle.centre_of_mass=[0, 0]"]
     plain = [*numbers, "vehicle.rotor_time_constant=0.05", "vehicle.linear_drag=0.1", "vehicle.thrust_factor=4e-5"]

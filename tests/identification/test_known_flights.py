@@ -22,7 +22,7 @@ from drake_quad.scenario.paths import distributions_in
 
 
 @pytest.mark.parametrize("kind", KNOWN_FLIGHTS)
-def test_a_known_vehicle_wanders_evenly_in_time_and_never_returns(kind, diagrams):
+def test_the_waypoints_of_a_known_flight_are_equally_spaced_in_time_and_never_repeat(kind, diagrams):
     known = KNOWN_FLIGHTS[kind]
     scenario = middle_of(known.simulated_scenario(diagrams))
     plan = plan_route(scenario)
@@ -30,7 +30,7 @@ def test_a_known_vehicle_wanders_evenly_in_time_and_never_returns(kind, diagrams
     np.testing.assert_allclose(plan.path.times, times, atol=1e-9)
     places = evaluate(plan.path, times).T
     yaws = evaluate(plan.yaw, times)[0]
-    # Positions stay within these distances of a point at a height of 1.5 m, and yaws have both signs.
+    # Positions stay within these distances from a point at a height of 1.5 m, and yaws have both signs.
     for values, centre, size in (
         (*[places[:, 0]], 0.0, 1.2),
         (places[:, 1], 0.0, 1.2),
@@ -80,7 +80,7 @@ def test_the_log_of_a_flight_has_the_signals_of_a_laboratory(kind, diagrams):
     else:
         np.testing.assert_array_equal(record.rotor_speed_command, flight["rotor_speed_command"][every])
         assert record.thrust_share is None
-    # Unless told otherwise, a log has a row for each recorded sample.
+    # By default, a log has a row for each recorded sample.
     np.testing.assert_array_equal(record_of(flight).time, flight.time)
     assert record.period == pytest.approx({"slow_log": 0.01}.get(kind, flight.time[1] - flight.time[0]))
 
@@ -114,14 +114,14 @@ def test_identified_values_are_paired_with_the_true_ones(diagrams, monkeypatch):
         thrust, inertia, delay = rows
         assert thrust == CheckedParameter("thrust_factor", number_of(flown, "thrust_factor"), 4e-5, 1e-6, 9.0)
         assert inertia == CheckedParameter("inertia[1]", number_of(flown, "inertia[1]"), 0.007, 1e-4, 8.0)
-        # Cameras deliver the state one frame of 10 ms late, and the command of a row was held over the 20 ms before.
+        # Cameras deliver the state one frame (10 ms) late; the command in a row was applied during the preceding 20 ms.
         frames = flown.laboratory.motion_capture.latency_frames
         assert delay == CheckedParameter(
             known_flights.DELAY, pytest.approx(0.01 * (1 + frames) - 0.02), 0.01, 0.002, 9.0
         )
     first, second = (rows[0].true for rows in found.values())
     assert first != second
-    # Each flight is identified on its own and as a whole, from the vehicle of the data sheet.
+    # Each flight is identified separately and without held-out flight, from the vehicle of the data sheet.
     for (record,), believed, options in asked:
         assert record.time[-1] == pytest.approx(0.3, abs=0.021)
         assert believed == KNOWN_FLIGHTS["wind"].initial_scenario(diagrams)

@@ -12,7 +12,7 @@ WIDTHS = {"motor_command": 4, "thrust_share": 1, "reference_yaw": 1, "battery_vo
 
 
 def channel(signal, begin, end, period, *, known=None, values=None):
-    """A signal on a clock of its own, known at some of its ticks."""
+    """Return a signal with a separate clock, with values at some of its ticks."""
     clock = begin + period * np.arange(round((end - begin) / period) + 1)
     rows = np.arange(len(clock)) if known is None else np.flatnonzero(known(clock))
     if values is None:
@@ -28,18 +28,18 @@ def test_commands_hold_and_measurements_do_not():
 
 
 @pytest.mark.parametrize(("lasts", "taken"), [(4.9, False), (5.1, True)])
-def test_the_clock_is_the_fastest_that_measures_for_half_of_the_longest_time(lasts, taken):
+def test_the_clock_is_the_fastest_measured_one_that_lasts_half_of_the_longest_time(lasts, taken):
     slow, fast = channel("position", 0.0, 10.0, 0.01), channel("body_rates", 2.0, 2.0 + lasts, 0.002)
     commands = channel("motor_command", 0.0, 10.0, 0.001)
     for channels in ([slow, fast, commands], [commands, fast, slow]):
         assert conversion._fastest(channels) is (fast if taken else slow).clock
     assert conversion._fastest([commands, channel("thrust_share", 0.0, 10.0, 0.01)]) is commands.clock
-    # The step that counts is the median one, whatever the gaps.
+    # The rate of a clock is that of its median step, so gaps do not matter.
     gapped = slow._replace(clock=np.where(slow.clock > 5.0, slow.clock + 50.0, slow.clock))
     assert conversion._fastest([gapped, channel("velocity", 0.0, 60.0, 0.02)]) is gapped.clock
 
 
-def test_signals_that_are_there_for_less_than_half_of_the_time_are_left_out():
+def test_signals_present_for_less_than_half_of_the_time_are_left_out():
     clock = channel("body_rates", 1.0, 11.0, 0.01).clock
     for begin, end, share in (
         (1.0, 5.9, 0.49),
@@ -51,7 +51,7 @@ def test_signals_that_are_there_for_less_than_half_of_the_time_are_left_out():
         chosen, remarks = conversion._sufficiently_logged([channel("position", begin, end, 0.1)], clock)
         assert bool(chosen) == (share > 0.5)
         assert remarks == ([] if share > 0.5 else [f"position is left out: it is logged for {share:.0%} of the time"])
-    # A command holds until the end, and a slow signal keeps its first and last value outside its samples.
+    # A command is held until the end. A slow signal is extended by its first and last value.
     assert conversion._sufficiently_logged([channel("thrust_share", 1.0, 2.0, 0.1)], clock)[0]
     assert not conversion._sufficiently_logged([channel("thrust_share", 6.2, 7.0, 0.1)], clock)[0]
     assert conversion._sufficiently_logged([channel("wind", 10.0, 10.5, 0.1)], clock)[0]
@@ -62,7 +62,7 @@ def test_signals_that_are_there_for_less_than_half_of_the_time_are_left_out():
         assert bool(conversion._sufficiently_logged([full], clock)[0]) == (share > 0.5)
 
 
-def test_a_record_has_the_ticks_at_which_all_signals_are_there():
+def test_a_record_has_the_ticks_at_which_all_signals_are_present():
     clock = 0.1 * np.arange(101)
     late, early = channel("position", 2.05, 12.0, 0.1), channel("velocity", -0.05, 8.55, 0.1)
     inside, remarks = conversion._common_samples([late, early], clock)
@@ -71,7 +71,7 @@ def test_a_record_has_the_ticks_at_which_all_signals_are_there():
         "the first 2.05 s are left out: position is not logged yet",
         "the last 1.45 s are left out: velocity is no longer logged",
     ]
-    # A command that ends holds, and one that begins late is waited for; what changes slowly is not.
+    # The record begins with the last signal that starts, except slow signals. A command that ends early is held.
     held, slow = channel("motor_command", 3.0, 4.0, 0.1), channel("battery_voltage", 6.0, 7.0, 0.1)
     inside, remarks = conversion._common_samples([channel("position", 0.0, 10.0, 0.1), held, slow], clock)
     np.testing.assert_array_equal(inside, clock >= 3.0)
@@ -81,14 +81,14 @@ def test_a_record_has_the_ticks_at_which_all_signals_are_there():
     np.testing.assert_array_equal(inside, clock >= 6.0)
 
 
-def test_measurements_lie_on_lines_and_commands_hold_and_angles_take_the_shorter_way():
+def test_measurements_are_interpolated_commands_are_held_and_angles_turn_the_shorter_way():
     clock = 0.1 * np.arange(60)
     inside = (clock > 0.55) & (clock < 5.0)
     measured = conversion._resampled(channel("position", 0.03, 5.9, 0.25), clock, inside)
     np.testing.assert_allclose(measured, np.tile(clock[inside][:, None], 3))
     held = conversion._resampled(channel("thrust_share", 0.0, 5.9, 0.25), clock + 1e-9, inside)
     np.testing.assert_allclose(held, np.floor((clock[inside] + 1e-9) / 0.25) * 0.25)
-    # Before its first sample a command is as it is then.
+    # Before its first sample, a command has the value of that sample.
     before = conversion._resampled(channel("thrust_share", 3.0, 5.0, 0.5), clock, inside)
     np.testing.assert_allclose(before[clock[inside] < 3.0], 3.0)
     for signal in ("attitude", "attitude_command", "reference_yaw"):
@@ -100,7 +100,7 @@ def test_measurements_lie_on_lines_and_commands_hold_and_angles_take_the_shorter
         if not conversion.is_held(signal):
             expected = np.broadcast_to(3.0 * clock[inside][:, None], found.shape)
             np.testing.assert_allclose(np.exp(1j * found), np.exp(1j * expected), atol=1e-9)
-    # On its own clock a signal is what it is, but where it is not known everywhere.
+    # A signal on the record's clock is unchanged, unless some of its values are missing.
     own = channel("position", 0.0, 5.9, 0.1, values=np.random.default_rng(1).normal(size=(60, 3)))
     np.testing.assert_array_equal(conversion._resampled(own, own.clock, inside), own.values[inside])
     holes = own._replace(rows=np.delete(own.rows, 30), values=np.delete(own.values, 30, axis=0))
@@ -114,7 +114,7 @@ def test_measurements_lie_on_lines_and_commands_hold_and_angles_take_the_shorter
     ("unit", "scale", "least", "most"),
     [("1", 1.0, -0.5, 1.5), ("uint16", 65535.0, -1e-3, 1.001), ("%", 100.0, -0.5, 1.5)],
 )
-def test_rows_with_commands_beyond_what_can_be_sent_are_damaged(unit, scale, least, most):
+def test_rows_with_impossible_commands_are_damaged(unit, scale, least, most):
     source = {"columns": ["a", "b", "c", "d"], "unit": unit}
     mapping = Mapping(signals={"motor_command": source})
     width = most - least
@@ -142,8 +142,11 @@ def test_rows_with_commands_beyond_what_can_be_sent_are_damaged(unit, scale, lea
     assert conversion._without_damaged_rows(bare, mapping, []) is bare
 
 
-def test_columns_that_no_signal_reads_are_told_in_groups():
-    """A group is what precedes the first dot or bracket. Up to six names of a group that is read are listed."""
+def test_unread_columns_are_reported_by_group():
+    """The group is the part of a name before the first dot or bracket.
+
+    If some columns of a group are read, up to six unread ones are listed by name.
+    """
     used = {"imu.x", "imu.y"}
     few, many = ({f"imu.more{i}" for i in range(count)} for count in (6, 7))
     (said,) = conversion._unread_remarks(used | few | {"baro.asl", "baro.temp", "lone.x"}, used)
@@ -153,7 +156,7 @@ def test_columns_that_no_signal_reads_are_told_in_groups():
     assert list(conversion._unread_remarks(used, used)) == []
 
 
-def test_what_a_signal_lacks_is_said_of_its_first_source_that_is_there_in_part():
+def test_the_missing_columns_of_a_signal_are_those_of_its_first_partly_present_source():
     sources = [{"columns": ["a", "b", "c"]}, {"columns": ["d", "e", "f"]}]
     mapping = Mapping(signals={"position": sources})
 
@@ -167,8 +170,8 @@ def test_what_a_signal_lacks_is_said_of_its_first_source_that_is_there_in_part()
     assert why("d", "e", "f") == ["position is left out: d to f is a number in fewer than two samples"]
 
 
-def test_columns_that_another_source_of_a_signal_has_are_not_read():
-    """A signal is read from its first source with two samples or more."""
+def test_columns_of_further_sources_of_a_signal_are_not_read():
+    """A signal is read from its first source with at least two samples."""
     mapping = Mapping(signals={"position": [{"columns": ["a", "b", "c"]}, {"columns": ["d", "e", "f"]}]})
     columns = {name: np.zeros(20) for name in "abcdef"}
     for damaged, unread in (("", "not read: d, e, f"), ("a", "not read: a, b, c")):
@@ -178,7 +181,7 @@ def test_columns_that_another_source_of_a_signal_has_are_not_read():
         assert unread in record.remarks
 
 
-def test_remarks_say_at_which_rates_signals_were():
+def test_remarks_state_the_rates_of_signals():
     clock = channel("body_rates", 0.0, 1.0, 0.004)
     slow, held = channel("position", 0.0, 1.0, 0.05), channel("motor_command", 0.0, 1.0, 0.02)
     assert list(conversion._resampling_remarks([clock, slow, held], clock.clock)) == [
@@ -193,8 +196,8 @@ def test_remarks_say_at_which_rates_signals_were():
 
 
 @pytest.mark.parametrize("reverse", [False, True])
-def test_a_column_that_two_tables_have_is_read_from_the_longer_one(reverse):
-    """A crazyflie logs the same variable in two blocks, and ArduPilot the same field in two messages."""
+def test_a_column_in_two_tables_is_read_from_the_longer_one(reverse):
+    """A Crazyflie can log a variable in two blocks, and ArduPilot a field in two messages."""
     mapping = Mapping(signals={"body_rates": {"columns": ["p", "q", "r"]}})
     tables = [
         Table(f"{count}", np.linspace(0.0, 1.0, count), {name: np.full(count, float(count)) for name in "pqr"})
@@ -206,7 +209,7 @@ def test_a_column_that_two_tables_have_is_read_from_the_longer_one(reverse):
 
 
 def test_vectors_along_the_axes_of_the_other_frame_are_turned_by_the_attitude():
-    """Without an attitude they are left out. Others stay as they are."""
+    """Without an attitude, such vectors are left out. Vectors in the right frame are unchanged."""
     random = np.random.default_rng(2)
     attitude, velocity, force, rates = random.normal(size=(4, 60, 3))
     to_world = Rotation.from_euler("ZYX", attitude[:, ::-1])
@@ -232,8 +235,8 @@ def test_vectors_along_the_axes_of_the_other_frame_are_turned_by_the_attitude():
     assert set(signals) == {"body_rates"}
 
 
-def test_values_are_scaled_turned_and_sorted_into_our_order():
-    """A factor comes before the unit, and a cell that is no number may stand for a value of the log's unit."""
+def test_values_are_scaled_rotated_and_reordered():
+    """The factor is applied before the unit. A cell without a number may be mapped to a value in the log's unit."""
     rows = np.arange(12.0).reshape(3, 4)
     table = Table("", np.arange(3.0), {**{f"c{i}": rows[:, i] for i in range(4)}, "all": rows, "vector": rows[:, :3]})
 
@@ -262,8 +265,8 @@ def test_values_are_scaled_turned_and_sorted_into_our_order():
 
 @pytest.mark.parametrize("order", ["wxyz", "xyzw"])
 @pytest.mark.parametrize("frame", [None, "NED"])
-def test_an_attitude_of_a_quaternion_has_its_angles(order, frame):
-    """Its length may be off by a factor of two; logs begin with zeros, which are no quaternion."""
+def test_an_attitude_is_the_angles_of_its_quaternion(order, frame):
+    """The norm may be wrong by a factor of two. Zeros, with which logs begin, are not a quaternion."""
     random = np.random.default_rng(8)
     angles = random.uniform(-1.4, 1.4, size=(20, 3))
     quaternion = Rotation.from_euler("ZYX", angles[:, ::-1]).as_quat()[:, [3, 0, 1, 2]]

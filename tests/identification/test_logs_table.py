@@ -1,4 +1,4 @@
-"""CSV by a mapping: units, frames, orders; our own flights come back; what is wrong is told."""
+"""CSV logs with a mapping: units, frames, order of rotors, flights of this library, and error messages."""
 
 import gzip
 import json
@@ -60,7 +60,7 @@ def test_units_frames_rotors_and_constants(write):
 @pytest.mark.parametrize("order", ["wxyz", "xyzw"])
 @pytest.mark.parametrize("frame", ["NWU", "NED"])
 def test_an_attitude_from_a_quaternion(write, order, frame):
-    """In NED and FRD a turn has the same roll, and pitch and yaw of the other sign."""
+    """Between NED/FRD and our frames, roll is unchanged, and pitch and yaw change sign."""
     sign = -1.0 if frame == "NED" else 1.0
     angles = np.array([[0.4, -0.7, 2.0], [-2.5, 0.2, -3.0]])
     rows = [quaternion_of(roll, sign * pitch, sign * yaw) for roll, pitch, yaw in angles]
@@ -70,8 +70,11 @@ def test_an_attitude_from_a_quaternion(write, order, frame):
     np.testing.assert_allclose(read_log(log, write("m.yaml", mapping)).attitude, angles, atol=1e-9)
 
 
-def test_cells_that_are_no_number_are_filled_as_the_signal_asks(write):
-    """A measurement lies on the line between its neighbours, a command holds; both cut the log where they begin."""
+def test_cells_without_a_number_are_interpolated_or_held(write):
+    """Missing measurements are interpolated, and missing commands held.
+
+    The log begins and ends where both are known.
+    """
     rows = ["0,,1", "1,1,5", "2,,", "3,3,", "4,6,7", "5,nan,8"]
     mapping = "time: {column: t}\nsignals: {thrust_command: {columns: [u]}, rotor_speed: {columns: [x, x, x, x]}}"
     record = read_log(write("log.csv", "t,x,u\n" + "\n".join(rows) + "\n"), write("m.yaml", mapping))
@@ -83,15 +86,15 @@ def test_cells_that_are_no_number_are_filled_as_the_signal_asks(write):
     assert said(record, "the last 1 s are left out: rotor_speed is no longer logged")
 
 
-def test_an_angle_is_put_on_the_clock_through_half_a_turn(write):
+def test_an_angle_is_interpolated_across_half_a_turn(write):
     mapping = "time: {column: t}\nsignals: {attitude: {columns: [r, r, y]}, position: {columns: [r, r, r]}}"
     log = write("log.csv", "t,r,y\n0,0,3.1\n1,0,\n2,0,-3.1\n")
     assert abs(read_log(log, write("m.yaml", mapping)).attitude[1, 2]) == pytest.approx(np.pi)
 
 
 @pytest.mark.parametrize("pack", [gzip.compress, lzma.compress])
-def test_what_is_compressed_is_opened_and_what_is_cut_is_read_as_far_as_it_goes(write, pack):
-    rng = np.random.default_rng(1)  # numbers that do not compress
+def test_compressed_logs_are_read_and_cut_ones_up_to_the_cut(write, pack):
+    rng = np.random.default_rng(1)  # incompressible values
     text = "t,x,y,z\n" + "".join(f"{i},{a},{b},{c}\n" for i, (a, b, c) in enumerate(rng.normal(size=(3000, 3))))
     mapping = write("m.yaml", "time: {column: t}\nsignals: {position: {columns: [x, y, z]}}")
     data = pack(text.encode())
@@ -109,7 +112,7 @@ def test_what_is_compressed_is_opened_and_what_is_cut_is_read_as_far_as_it_goes(
 
 
 def neural_fly_rows(count):
-    """Rows of the form of Neural-Fly's logs, along a line."""
+    """Return rows in Neural-Fly's format, of a straight flight."""
     for i in range(count):
         t = 0.02 * i
         w, x, y, z = quaternion_of(0.1, 0.2, 0.3)
@@ -168,7 +171,7 @@ def test_our_own_flights(tmp_path, diagrams, name):
     record = read_log(tmp_path / "flight.csv")
     measured, state, reference = (flight.record(each) for each in ("measurement", "state", "reference"))
     np.testing.assert_allclose(record.time, flight.time - flight.time[0], atol=1e-9)
-    close = {"rtol": 1e-8, "atol": 1e-9}  # nine digits are written
+    close = {"rtol": 1e-8, "atol": 1e-9}  # values are written with nine digits
     np.testing.assert_allclose(record.position, np.column_stack([measured.x, measured.y, measured.z]), **close)
     np.testing.assert_allclose(record.attitude, np.column_stack([measured.roll, measured.pitch, measured.yaw]), **close)
     np.testing.assert_allclose(record.velocity, np.column_stack([measured.v_x, measured.v_y, measured.v_z]), **close)
@@ -199,7 +202,7 @@ def test_every_signal_has_units():
         assert UNITS[quantity.unit][quantity.unit].scale == 1.0
 
 
-# --- what is wrong
+# --- errors
 
 
 HEADER = "time,pos,quat\n"
@@ -276,7 +279,7 @@ def test_a_mapping_that_is_wrong(write, text, words):
     assert "\n" not in str(caught.value)
 
 
-def test_a_mapping_that_is_not_there(write, tmp_path):
+def test_a_missing_mapping(write, tmp_path):
     log = write("log.csv", TABLE)
     with pytest.raises(InputError, match=r"'px5' is neither a YAML file nor a shipped mapping: ardupilot, betaflight"):
         read_log(log, "px5")
@@ -309,7 +312,7 @@ def test_a_log_that_is_too_large_is_not_read(write, monkeypatch):
         read_log(write("log", TABLE))
 
 
-def test_the_name_of_a_log_tells_its_wind_and_the_mapping_a_vehicle(write):
+def test_the_name_of_a_log_gives_its_wind_and_the_mapping_its_vehicle(write):
     mapping = MAPPING.replace("  wind: {columns: [x, 0.5, 0.0], factor: [0.001, 1.0, 1.0]}\n", "")
     mapping += "wind_by_name: {gale: [-9, 1, 0.5], nogale: [0, 0, 0]}\nvehicle: vehicles/crazyflie.yaml\n"
     path = write("m.yaml", mapping)
@@ -323,7 +326,7 @@ def test_the_name_of_a_log_tells_its_wind_and_the_mapping_a_vehicle(write):
     assert logged.wind[0, 1] == 0.5
 
 
-def test_vehicles_of_shipped_mappings_are_there():
+def test_vehicles_of_shipped_mappings_exist():
     named = [load_mapping(name)[1].vehicle for name in shipped_mappings()]
     assert any(named)
     for vehicle in filter(None, named):
@@ -362,7 +365,7 @@ def test_a_sound_flight_has_no_doubtful_remark(write):
 
 
 def test_rows_with_impossible_motor_commands_are_left_out(write):
-    """Such rows occur in logs that were continued by extrapolation, and none of their columns can be trusted."""
+    """Such rows occur in logs that were extrapolated, and all of their columns are unreliable."""
     record = flown(write, m2=lambda t: np.where(t > 1.5, 1_252_581.0, 40_000.0))
     assert record.time[-1] == pytest.approx(1.5)
     assert said(record, "49 of 200 samples are left out, first at 1.51 s: the log is damaged")
@@ -381,7 +384,7 @@ def test_a_jump_of_the_position_is_reported_and_a_manoeuvre_is_not(write):
 
 
 def test_quaternions_of_zeros_are_missing_attitudes(write):
-    """A remark counts the samples without an attitude; if too few samples have one, the log has no attitude."""
+    """A remark counts the samples without an attitude. If too few remain, the attitude is left out."""
     part = flown(write, qw=lambda t: 1.0 * (t > 0.5), qz=lambda t: 0.01 * (t > 0.5))
     assert said(part, "attitude is not a number in 51 of 200 samples")
     assert np.isfinite(part.attitude).all()
@@ -402,7 +405,7 @@ def test_a_reference_out_of_reach_is_reported(write):
 
 
 def test_the_first_of_several_damaged_columns_is_named(tmp_path):
-    """Columns are sorted by name, whatever their order in the file."""
+    """Columns are sorted by name, independently of their order in the file."""
     names = ["time", *(f"c{i:02d}" for i in range(11, -1, -1))]
     (tmp_path / "log.csv").write_text(
         "\n".join([",".join(names), *(f"{t}" + 12 * ",bad" for t in (0.0, 0.1, 0.2))]) + "\n"

@@ -1,4 +1,4 @@
-"""Clocks that jump, repeat themselves, pause and tremble."""
+"""Clocks with jumps, repeated times, gaps and jitter."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ def test_samples_out_of_order_are_left_out(time, kept, words):
 
 
 @given(arrays(float, st.integers(0, 30), elements=st.floats(-5.0, 5.0).map(lambda t: round(t, 1)) | st.just(np.nan)))
-def test_what_stays_rises_and_what_rises_stays(time):
+def test_kept_samples_increase_and_increasing_clocks_are_kept(time):
     chosen, remarks = rising_samples(time)
     assert np.all(np.diff(time[chosen]) > 0.0)
     assert bool(remarks) == (not chosen.all())
@@ -62,7 +62,7 @@ def test_a_record_without_gaps_is_one_part():
     assert not [*timing_remarks(np.arange(10.0))]
 
 
-def test_jitter_is_said_with_its_size():
+def test_jitter_is_reported_with_its_amplitude():
     time = np.arange(1000.0) + np.tile([0.0, 0.1], 500)
     (remark,) = timing_remarks(time)
     assert "uneven: the median is 1.1 s, the standard deviation 0.1 s, and the range 0.9 to 1.1 s" in remark

@@ -1,4 +1,4 @@
-"""PX4's ULog: numbers known in NED and FRD come back in our frames, on one clock."""
+"""PX4's ULog: values known in NED and FRD are read in our frames, on one clock."""
 
 import sys
 from pathlib import Path
@@ -35,13 +35,13 @@ def said(record, words):
 
 
 def rows(period, values, *, start=SECOND, duration=SECOND, sampled=None):
-    """A row every period (µs), of a function of the time (s)."""
+    """Return rows at a period (µs) with the values of a function of the time (s)."""
     times = range(start, start + duration + 1, period)
     return [(t, *(() if sampled is None else (t - sampled,)), *values((t - SECOND) * 1e-6)) for t in times]
 
 
 def test_frames_and_order_of_the_rotors(read):
-    """North is our X, east our -Y, down our -Z; the same turn has the pitch and yaw of the other sign."""
+    """North is our X, east our -Y, and down our -Z. Roll is unchanged; pitch and yaw change sign."""
     attitude = quaternion_of(0.1, -0.2, 0.3)
     data = ulog(
         {
@@ -71,7 +71,7 @@ def test_frames_and_order_of_the_rotors(read):
     np.testing.assert_allclose(last["attitude"], [0.1, 0.2, -0.3], atol=1e-6)
     np.testing.assert_allclose(last["body_rates"], [0.5, -0.25, 0.125])
     np.testing.assert_allclose(last["specific_force"], [0.5, -0.25, 9.81], atol=1e-6)
-    # PX4: 1 front right, 2 back left, 3 front left, 4 back right.
+    # PX4's rotors are 1 front right, 2 back left, 3 front left, 4 back right.
     np.testing.assert_allclose(last["motor_command"], [0.1, 0.4, 0.2, 0.3], atol=1e-6)
     np.testing.assert_allclose(last["attitude_command"], [0.1, 0.2, -0.3], atol=1e-6)
     np.testing.assert_allclose(last["body_rate_command"], [1.0, -2.0, -3.0])
@@ -85,8 +85,8 @@ def test_frames_and_order_of_the_rotors(read):
     np.testing.assert_allclose(record.time, 0.004 * np.arange(251), atol=1e-9)
 
 
-def test_measurements_lie_on_lines_and_commands_hold_on_the_clock_of_the_fastest(read):
-    """What is measured is timed by its sample, 2 ms before it is written; what is commanded by when it is sent."""
+def test_measurements_are_interpolated_and_commands_held_on_the_fastest_clock(read):
+    """Measurements have the time of sampling, 2 ms before they are written, and commands the time of writing."""
     data = ulog(
         {
             "vehicle_local_position": (LOCAL, rows(100_000, lambda t: (t, 2.0 * t, 0.0, 1.0, 2.0, 0.0))),
@@ -121,14 +121,14 @@ def test_a_dropout_is_a_gap(read):
     np.testing.assert_allclose(after.body_rates[:, 0], after.time, atol=1e-6)
 
 
-def test_a_motor_that_is_off_has_the_command_zero(read):
+def test_the_command_of_a_stopped_motor_is_zero(read):
     commands = rows(10_000, lambda t: (np.nan,) * 4 if t < 0.5 else (0.5, 0.6, 0.7, 0.8))
     record = read(ulog({"actuator_motors": ([("float[4]", "control")], commands)}))
     assert record.motor_command[0].tolist() == [0.0] * 4
     np.testing.assert_allclose(record.motor_command[-1], [0.5, 0.8, 0.6, 0.7], atol=1e-6)
 
 
-def test_a_signal_that_is_there_for_a_short_time_is_left_out(read):
+def test_a_signal_that_is_logged_only_briefly_is_left_out(read):
     data = ulog(
         {
             "vehicle_angular_velocity": (XYZ, rows(4000, lambda t: (t, 0.0, 0.0), sampled=0)),
@@ -143,7 +143,7 @@ def test_a_signal_that_is_there_for_a_short_time_is_left_out(read):
     assert said(record, "attitude is left out: it is logged for 9% of the time")
 
 
-def test_a_real_log_hovers_as_physics_says():
+def test_a_real_log_of_hover_agrees_with_physics():
     record = read_log(DATA / "px4/sample_px4_events.ulg.xz")
     flying = record.position[:, 2] > 1.0
     assert flying.sum() > 200
@@ -170,7 +170,7 @@ GOOD = ulog({"vehicle_angular_velocity": (XYZ, rows(4000, lambda t: (t, 0.0, 0.0
         (ulog({"wind": ([("float[65535]", "a"), ("float[65535]", "b")], [])}), "the topic wind has 131,071 fields"),
     ],
 )
-def test_what_cannot_be_read_is_told_in_a_sentence(read, data, words):
+def test_an_unreadable_log_is_refused_with_one_sentence(read, data, words):
     with pytest.raises(InputError, match=words):
         read(data)
 
@@ -195,7 +195,7 @@ def test_topics_within_topics_do_not_grow_without_bound(read, topic, words):
 
 
 def test_the_fields_of_topics_are_counted_before_any_data_are_read(read, monkeypatch):
-    """PyULog unfolds a topic into its fields as soon as it reads the data."""
+    """PyULog expands a nested topic into its fields when it reads the data, so the count must come first."""
     header_alone = []
 
     class Watched(pyulog.ULog):
@@ -212,19 +212,19 @@ def test_the_fields_of_topics_are_counted_before_any_data_are_read(read, monkeyp
     assert header_alone == [True]
 
 
-def test_what_pyulog_would_read_for_ever_is_told(read):
+def test_a_file_that_pyulog_would_read_forever_is_refused(read):
     with pytest.raises(InputError, match="is a ULog that cannot be read"):
         read(GOOD[:16] + b"\xff\xff\0" + b"x" * 20)
 
 
-def test_without_pyulog_a_sentence_says_how_to_get_it(read, monkeypatch):
+def test_without_pyulog_the_error_says_how_to_install_it(read, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyulog", None)
     with pytest.raises(InputError, match=r"pip install 'drake_quad\[ulog\]'"):
         read(GOOD)
 
 
-def test_rotors_are_where_the_parameters_say(read):
-    """Forward and right are positive in PX4; we count from the front right, clockwise from above."""
+def test_rotors_are_sorted_by_the_positions_in_the_parameters(read):
+    """In PX4, forward and right are positive. Our rotors count from the front right, clockwise seen from above."""
     motors = {
         "vehicle_attitude": (ATTITUDE, rows(4000, lambda t: quaternion_of(0.0, 0.0, 0.0))),
         "actuator_motors": ([("float[12]", "control")], rows(4000, lambda t: (0.1, 0.2, 0.3, 0.4, *[np.nan] * 8))),
@@ -232,7 +232,7 @@ def test_rotors_are_where_the_parameters_say(read):
     assumed = read(ulog(motors))
     np.testing.assert_allclose(assumed.motor_command[0], [0.1, 0.4, 0.2, 0.3], rtol=1e-6)
     assert said(assumed, "PX4's rotors 1 to 4 are rotors 1, 3, 4, 2 of this library, assumed to be those of its quad-x")
-    # Front left, back left, back right, front right.
+    # The positions are front left, back left, back right, front right.
     places = [(0.2, -0.3), (-0.2, -0.3), (-0.2, 0.3), (0.2, 0.3)]
     parameters = {"CA_ROTOR_COUNT": 4}
     for i, (x, y) in enumerate(places):
@@ -392,7 +392,7 @@ def test_resets_and_faults_of_the_estimator_and_failsafes_are_reported(read):
     assert not said(record, "vehicle_land_detected")  # it has no signal that could be read
 
 
-def test_times_in_remarks_are_those_since_the_first_sample_of_any_signal(read):
+def test_times_in_remarks_count_from_the_first_sample_of_any_signal(read):
     fields = [("float[4]", "q"), ("uint8_t", "quat_reset_counter"), ("float[4]", "delta_q_reset")]
     turned = rows(10_000, lambda t: (1.0, 0.0, 0.0, 0.0, int(t > 0.495), 1.0, 0.1, 0.0, 0.0))
     late = rows(10_000, lambda t: (t, *[0.0] * 5), start=1_200_000, duration=800_000)
@@ -421,11 +421,11 @@ END = 16 + 8 + 10
         (bytes(3), END, False, "all zeros"),
         (bytes(40), END, False, "all zeros"),
         (b"\xff" * 40, END, False, "all 0xff"),
-        # The end of a message that reaches into zeros may be missing, unless nothing follows it.
+        # A message that extends into zeros may be incomplete, unless it ends the file.
         (message(b"D", b"12\0\0"), END + 7, False, ""),
         (message(b"D", b"12\0\0") + bytes(5), END, False, "no complete message"),
         (message(b"D", b"12\0\x01") + bytes(5), END + 7, False, "all zeros"),
-        # Messages of an unknown kind are damage, after which there may be others.
+        # A message of unknown type is damage, after which reading may continue.
         (message(b"Z", b"12345"), END, True, "damaged from byte 34 on"),
         (message(b"Z", b"12345") + message(b"D", b"12345") + bytes(9), END, True, "damaged from byte 34 on"),
     ],
