@@ -8,6 +8,7 @@ import pytest
 from drake_quad import InputError, load_scenario
 from drake_quad.command_line.main import COMMANDS
 from drake_quad.command_line.options import controller_of, scenario_of
+from drake_quad.command_line.sensitivities import default_fields
 from drake_quad.evaluation.claims import CONTROLLER_NAMES
 
 MINE = """
@@ -68,6 +69,13 @@ def test_a_position_controller_in_python_keeps_the_feedforward_of_the_scenario(m
 def test_parameters_of_a_controller_in_python_can_be_set(mine) -> None:
     scenario = scenario_of(arguments(controller=f"{mine}:Mine", set=["control.position.k_p=0.75"]))
     assert scenario.control.position.k_p == 0.75
+
+
+def test_the_gains_of_a_controller_in_python_are_default_fields_of_sensitivities(mine) -> None:
+    """They are single numbers, where the gains of shipped controllers have one number per axis."""
+    fields = default_fields(scenario_of(arguments(controller=f"{mine}:Mine")))
+    assert "control.position.k_p" in fields
+    assert "control.position.k_p.0" in default_fields(load_scenario("hover"))
 
 
 def test_a_scenario_with_the_controller_keeps_its_parameters(mine, tmp_path) -> None:
