@@ -4,8 +4,8 @@ The derivatives are exact, since automatic differentiation computes them through
 """
 
 import argparse
-import re
 import math
+import re
 from pathlib import Path
 
 import numpy as np
