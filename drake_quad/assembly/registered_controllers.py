@@ -24,6 +24,7 @@ from drake_quad.framework.wiring import build
 from drake_quad.scenario.controls.control import CONTROLS, Control
 from drake_quad.scenario.controls.thrust_vectoring import ThrustVectoringSettings
 from drake_quad.scenario.distributions import Model
+from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.position_controllers.controller import POSITION_CONTROLLERS, PositionController
 from drake_quad.scenario.quantities import Number
 from drake_quad.scenario.sensors.sensor import SENSORS
@@ -127,6 +128,20 @@ def register_controller(system: Any) -> str:
     )
     (CONTROLS if place == "control" else POSITION_CONTROLLERS).member(model)
     return kind
+
+
+def registered_leaf_systems(scenario: Scenario, num_vehicles: int) -> dict[str, Any]:
+    """Return new systems of the registered kinds in a scenario that are no `FleetSystem`.
+
+    The keys are the arguments of `simulate` that accept the systems.
+    """
+    control: Any = scenario.control
+    settings = {"control": control, "position_controller": getattr(control, "position", None)}
+    return {
+        argument: _recipe(each).build(num_vehicles)
+        for argument, each in settings.items()
+        if isinstance(each, _UserSystemSettings) and not hasattr(each.system, "declare")
+    }
 
 
 def _built(system: type, num_vehicles: int, **numbers: Any) -> Any:
