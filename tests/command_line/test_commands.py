@@ -179,7 +179,10 @@ def test_plan_prints_the_active_limits_and_writes_a_trajectory_that_can_be_flown
         (["course.csv"], "course.csv: cannot be read"),
         (["diagrams/slalom.yaml", "--set", "route.top_speed=0"], "route.top_speed is 0, but must be larger than 0"),
         (["--set", "route.space={min: [1, -2, 0], max: [9, 3, 3]}"], "waypoint 0, .* lies outside the corridor"),
-        (["--set", "route.times=[0, 1, 2, 3, 4, 5, 6]"], "times slower, it is feasible|satisfies the derivatives given"),
+        (
+            ["--set", "route.times=[0, 1, 2, 3, 4, 5, 6]"],
+            "times slower, it is feasible|satisfies the derivatives given",
+        ),
         (["diagrams/figure_eight.yaml", "--set", "rout=1"], "rout is unknown"),
         (["--set", "vehicle.mass=1.4"], "a plan does not depend on vehicle, only on name, route, nominal"),
         (["--set", "nominal.mass=3"], "the rotors cannot fly this route"),

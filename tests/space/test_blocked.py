@@ -35,7 +35,10 @@ WALLS = {
         {"a": wall(0.6), "b": wall(1.0), "c": wall(1.4)},
         "without a, b and c, there would be a way",
     ),
-    "either half": ({"a": wall(1.0, high=0.5), "b": wall(1.0, low=0.5)}, "without a, or without b, there would be a way"),
+    "either half": (
+        {"a": wall(1.0, high=0.5), "b": wall(1.0, low=0.5)},
+        "without a, or without b, there would be a way",
+    ),
     "two walls and one of two halves": (
         {"a": wall(0.5), "b": wall(0.9), "c": wall(1.3, high=0.45), "d": wall(1.3, low=0.55)},
         "without a, b and d, there would be a way",
