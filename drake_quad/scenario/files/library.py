@@ -70,7 +70,7 @@ class Library:
                 f"{Mark(source, 0)}: is too large: a scenario and all that it extends may have at most {MAX_BYTES:,}"
                 " bytes"
             )
-        tree = parse_document(text, source, numbered=numbered)  # only results with the default limit are reused
+        tree = parse_document(text, source, numbered=numbered)  # with the default limit, a cached result can be used
         if tree.size() > self._nodes:
             tree = parse_document(text, source, numbered=numbered, most=self._nodes)
         self._bytes -= len(text)
@@ -156,7 +156,7 @@ def _base(spec: Tree, path: Path, document: Tree) -> tuple[Path, str | None]:
     """Return the file and the name of a scenario that is extended.
 
     FILE is relative to the folder of the file that extends it. A name without suffix is a scenario of the same file, or
-    else a shipped one.
+    else a shipped scenario.
 
     Args:
         spec: text in `extends` that names the scenario.

@@ -99,8 +99,7 @@ def model_of(model: type[_AnyModel], overrides: Overrides) -> _AnyModel:
     return validated(model, reduce(merged, _trees_of(overrides, Library()), Tree({}, Mark("", 0))))
 
 
-# Route and control of a scenario whose gains are still to be designed, unless it gives others. The gains here are not
-# used.
+# Default route and control of a scenario whose gains are still to be designed. The gains in this text are not used.
 _UNDESIGNED_DEFAULTS = """
 route: {kind: figure_eight}
 control:
