@@ -173,7 +173,7 @@ class LqgControl(Control):
     max_snap: PlainPositive = Field(
         default=400.0, description="largest command along x and along y with torques over the link (m/s⁴)"
     )
-    # Kinds that add a quadratic programme to the regulator set this to True.
+    # True for kinds that add a quadratic programme to the regulator.
     takes_perturbation: ClassVar = False
 
     def check_fits(self, scenario: Any) -> None:

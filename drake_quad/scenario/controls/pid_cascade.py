@@ -41,7 +41,7 @@ class PidLoop(LoopTerms):
 
 
 class _CommandKind(Model):
-    """Quantity that the velocity loop commands, with its limits."""
+    """Quantity that the velocity loop commands, with the limits of the command."""
 
     kind: str
     has_limits: ClassVar[bool]

@@ -96,7 +96,7 @@ def _is_distribution(fields: dict[str, Tree]) -> bool:
 def with_override(base: Tree, override: Tree) -> Tree:
     """Return a scenario with the fields of an override merged into it.
 
-    A layout with distances determines the arm length, so it removes the arm length of the base.
+    A layout with distances determines the arm length, so the arm length of the base is removed.
     """
     fields = dict(base.value)
     for section in ("nominal", "vehicle"):
@@ -159,7 +159,7 @@ def check_description(tree: Tree) -> None:
 
 
 def with_default_vehicle(tree: Tree) -> Tree:
-    """Return a scenario on top of its default vehicle, unless it describes a vehicle itself."""
+    """Return a scenario layered over its default vehicle, or unchanged if the scenario describes a vehicle."""
     default = tree.value.get(DEFAULT_VEHICLE)
     if default is None:
         return tree

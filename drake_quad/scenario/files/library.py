@@ -19,7 +19,7 @@ _SUFFIXES = (".yaml", ".yml", ".csv")
 
 
 class Library:
-    """Reader of the files of one scenario, each of which is read once, with limits on their total size."""
+    """Reader of the files of one scenario, with limits on their total size. Each file is read only once."""
 
     def __init__(self) -> None:
         self._bytes, self._nodes, self._bases = MAX_BYTES, MAX_NODES, MAX_BASES
@@ -180,7 +180,7 @@ def _base(spec: Tree, path: Path, document: Tree) -> tuple[Path, str | None]:
 
 
 def _parse_trajectory(text: str, path: Path) -> Tree:
-    """Parse a table of pieces as a document with one scenario, which has the name of the file and only a route."""
+    """Parse a table of pieces as a document with one scenario, named after the file, which contains only a route."""
     pieces = parse_piece_table(text, path)
     route = {"kind": Tree("trajectory", pieces.mark), "pieces": pieces}
     scenario = Tree({"route": Tree(route, pieces.mark)}, pieces.mark)

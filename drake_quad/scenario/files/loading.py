@@ -64,8 +64,8 @@ def load_scenario(spec: str | Path, overrides: Overrides = (), *, layers: Sequen
         spec: FILE, or FILE:NAME if the file contains several scenarios.
         overrides: new values of fields, which take precedence over the file. Either a mapping from paths to values,
             such as `{"vehicle.mass": 0.7, "route": {"kind": "circle"}, "control.position.k_p": np.ones(3)}`, whose
-            mappings are merged with those of the scenario as by `extends`; or an assignment `"vehicle.mass=0.7"` with
-            the value in YAML; or a list of either, in which later items take precedence.
+            mappings are merged with the mappings of the scenario as by `extends`; or an assignment `"vehicle.mass=0.7"`
+            with the value in YAML; or a list of either, in which later items take precedence.
         layers: further scenarios, as FILE:NAME, that are layered over the scenario one after the other, as if a
             scenario extended all of them.
 
