@@ -84,9 +84,11 @@ def few_samples(monkeypatch):
 @pytest.mark.usefixtures("undrawn", "few_samples", "shared_fits")
 @pytest.mark.parametrize("block", blocks("python"))
 def test_every_python_block_runs(block, elsewhere, capsys):
-    (elsewhere / "block.py").write_text(block, encoding="utf-8")
-    # run_path replaces sys.modules["__main__"], where worker processes look up the classes of a block.
-    runpy.run_path("block.py", run_name="__main__")
+    path = elsewhere / "block.py"
+    path.write_text(block, encoding="utf-8")
+    # run_path replaces sys.modules["__main__"], where worker processes look up the classes of a block. A process that
+    # is spawned looks up relative paths in the folder where pytest was started.
+    runpy.run_path(str(path), run_name="__main__")
     printed = capsys.readouterr().out
     assert re.search(r"\w", printed)
     assert "nan" not in printed

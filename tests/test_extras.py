@@ -8,7 +8,9 @@ from drake_quad.extras import import_extra
 
 
 def test_the_error_for_a_missing_library_names_the_extra_that_installs_it():
-    with pytest.raises(ImportError, match=r"^no_library is not installed; install it with: pip install 'drake_quad\[plots\]'$"):
+    with pytest.raises(
+        ImportError, match=r"^no_library is not installed; install it with: pip install 'drake_quad\[plots\]'$"
+    ):
         import_extra("no_library.part", "plots")
 
 

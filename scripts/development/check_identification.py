@@ -20,7 +20,7 @@ from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.command_line.progress import new_bar
 from drake_quad.errors import shown
 from drake_quad.files import output_folder
-from drake_quad.identification.known_flights import KNOWN, Checked, Task, check_batch
+from drake_quad.identification.known_flights import KNOWN_FLIGHTS, CheckedParameter, Task, check_batch
 from drake_quad.identification.results.estimates import quantile
 from drake_quad.statistics.estimates import share_interval
 from drake_quad.studies.processes import Workers
@@ -28,7 +28,7 @@ from drake_quad.studies.worker_pool import run_tasks
 
 _DIAGRAMS = Path(__file__).parents[2] / "diagrams"
 _COMMENT = "# "  # start of the first line of a file, which describes the flights
-_HEADER = ("sample", *Checked._fields)  # columns, whose names are in the second line
+_HEADER = ("sample", *CheckedParameter._fields)  # columns, whose names are in the second line
 _BATCH_SIZE = 5
 _RANGES = {"samples": (1, 10_000), "processes": (1, 256), "seed": (0, 2**31)}
 
@@ -37,7 +37,7 @@ def main() -> None:
     options = bare_parser(
         __doc__, "python scripts/development/check_identification.py wind --samples 100 --processes 2"
     )
-    options.add_argument("flights", choices=[*KNOWN], help="condition of the flights")
+    options.add_argument("flights", choices=[*KNOWN_FLIGHTS], help="condition of the flights")
     options.add_argument("--samples", type=int, default=100, help="number of flights (default: %(default)s)")
     options.add_argument("--processes", type=int, default=1, help="number of worker processes (default: %(default)s)")
     options.add_argument("--seed", type=int, default=11, help="random seed (default: %(default)s)")
@@ -57,7 +57,7 @@ def main() -> None:
         raise InputError(f"--output {path}: the name must end in .csv")
     output_folder(path.parent)
     overrides = [f"seed={arguments.seed}", *(each.assignment for each in overrides_of(arguments.set))]
-    KNOWN[arguments.flights].flown(_DIAGRAMS, overrides)
+    KNOWN_FLIGHTS[arguments.flights].simulated_scenario(_DIAGRAMS, overrides)
     description = " ".join([arguments.flights, *overrides])
     done = read_rows(path, description)
     missing = [sample for sample in range(arguments.samples) if sample not in done]
@@ -76,7 +76,7 @@ def main() -> None:
     print_files([path])
 
 
-def check_batches(tasks: Sequence[Task], processes: int) -> Iterator[dict[int, list[Checked]]]:
+def check_batches(tasks: Sequence[Task], processes: int) -> Iterator[dict[int, list[CheckedParameter]]]:
     """Yield the results of each batch as soon as it is complete."""
     waiting = iter(tasks)
     with Workers(processes) as workers:
@@ -86,7 +86,7 @@ def check_batches(tasks: Sequence[Task], processes: int) -> Iterator[dict[int, l
             yield outcome.result
 
 
-def read_rows(path: Path, description: str) -> dict[int, list[Checked]]:
+def read_rows(path: Path, description: str) -> dict[int, list[CheckedParameter]]:
     """Return the saved results by sample. A flight without an identified parameter has a row without a name.
 
     Args:
@@ -98,7 +98,7 @@ def read_rows(path: Path, description: str) -> dict[int, list[Checked]]:
     """
     if not path.exists():
         return {}
-    results: dict[int, list[Checked]] = {}
+    results: dict[int, list[CheckedParameter]] = {}
     unreadable = InputError(
         f"--output {path}: the file is truncated or was not written by this script; delete it or give another path"
     )
@@ -117,7 +117,7 @@ def read_rows(path: Path, description: str) -> dict[int, list[Checked]]:
         for sample, name, *numbers in lines:
             rows = results.setdefault(int(sample), [])
             if name:
-                rows.append(Checked(name, *map(float, numbers)))
+                rows.append(CheckedParameter(name, *map(float, numbers)))
     except InputError:
         raise
     except (OSError, ValueError, TypeError, csv.Error):
@@ -125,7 +125,7 @@ def read_rows(path: Path, description: str) -> dict[int, list[Checked]]:
     return results
 
 
-def write_rows(path: Path, description: str, results: dict[int, list[Checked]]) -> None:
+def write_rows(path: Path, description: str, results: dict[int, list[CheckedParameter]]) -> None:
     """Append results to the file in a single write, so that no flight is written partially."""
     text = io.StringIO()
     lines = csv.writer(text)
@@ -135,14 +135,14 @@ def write_rows(path: Path, description: str, results: dict[int, list[Checked]]) 
     for sample, rows in results.items():
         lines.writerows((sample, *row) for row in rows)
         if not rows:
-            lines.writerow((sample, *("",) * len(Checked._fields)))
+            lines.writerow((sample, *("",) * len(CheckedParameter._fields)))
     with path.open("ab", buffering=0) as file:
         file.write(text.getvalue().encode())
 
 
-def print_coverage(results: dict[int, list[Checked]]) -> None:
+def print_coverage(results: dict[int, list[CheckedParameter]]) -> None:
     """Print the coverage of the intervals with its own 95 % interval, and the size of the errors."""
-    by_name: dict[str, list[Checked]] = {}
+    by_name: dict[str, list[CheckedParameter]] = {}
     for rows in results.values():
         for row in rows:
             by_name.setdefault(row.name, []).append(row)

@@ -145,9 +145,9 @@ def vehicle(
         *(f"        - {normal(0.0, _MISALIGNMENT)}" for _ in range(2)),
         "        - 0.0",
         "      velocity_error:",
-        *(f"        - {normal(each.value, each.deviation, -0.5)}" for each in estimate.share),
+        *(f"        - {normal(each.value, each.deviation, -0.5)}" for each in estimate.scale_error),
         f"      velocity_drift: [{', '.join(f'{each:.3g}' for each in estimate.drift)}]",
-        f"      drift_time: {estimate.time:.2g}",
+        f"      drift_time: {estimate.correlation_time:.2g}",
     ]
     return "\n".join(lines) + "\n"
 
@@ -212,13 +212,13 @@ def table_rows(
         for name, value, deviation in zip(estimates.names, estimates.values, estimates.deviations, strict=True)
         if name in _WRITTEN_PARAMETERS
     ]
-    for axis, one, share, rest in zip("xy", drag, estimate.share, estimate.drift, strict=False):
+    for axis, one, share, rest in zip("xy", drag, estimate.scale_error, estimate.drift, strict=False):
         rows += [
             (f"log{log}", f"drag along {axis}, N s/m", f"{one.value:.4g}", f"{one.deviation:.2g}"),
             (f"log{log}", f"scale error of the velocity along {axis}", f"{share.value:.3f}", f"{share.deviation:.2g}"),
             (
                 f"log{log}",
-                f"velocity drift along {axis}, over {estimate.time:.2g} s, m/s",
+                f"velocity drift along {axis}, over {estimate.correlation_time:.2g} s, m/s",
                 f"{rest:.3f}",
                 "–",
             ),

@@ -101,7 +101,7 @@ def test_a_live_view_shows_the_flight_at_its_rate_and_then_its_replay(run, repla
         assert calls["show_replay"] == [(("a browser", "robustness", flown["flight"]), {})]
 
 
-def test_the_default_worst_case_is_that_of_the_flown_sample():
+def test_the_default_worst_case_belongs_to_the_flown_sample():
     for overrides, sample in (([], 0), (["sample=3"], 3)):
         scenario = load_scenario("robustness", ["vehicle.rotor_time_constant={choice: [0.02, 0.05]}", *overrides])
         drawn = draw_sample(scenario, sample)
@@ -197,7 +197,7 @@ def test_the_first_sample_is_drawn_as_a_diagram(run, replaced, tmp_path):  # noq
 
 
 def test_further_overrides_come_after_those_of_the_command_line():
-    """They take precedence: `--set` does not change the delay in the worst case of a map."""
+    """Later overrides have priority, so `--set` does not change the delay in the worst case of a map."""
     arguments = argparse.Namespace(scenario="hover", set=["duration=3", "name=mine"], seed=7)
     scenario = scenario_of(arguments, further=overrides_of(["duration=2"], "--worst"))
     assert (scenario.duration, scenario.name, scenario.seed) == (2.0, "mine", 7)

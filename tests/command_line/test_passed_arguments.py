@@ -98,7 +98,7 @@ def test_controllers_are_compared_on_the_requested_number_of_samples(run, replac
     assert run(*one, "--samples", 10_001).returncode == 2
 
 
-def test_each_controller_is_laid_over_each_laboratory():
+def test_each_controller_is_combined_with_each_laboratory():
     arguments = argparse.Namespace(scenario=None, controller=None, quick=True, set=["vehicle.mass=0.7"], seed=3)
     found = compare.scenarios_of(arguments)
     names = ["pd", "pd_t1fnn", "pd_t2fnn", "pid", "pd_feed_forward"]
@@ -116,7 +116,7 @@ def test_each_controller_is_laid_over_each_laboratory():
         compare.scenarios_of(twice)
 
 
-def test_samples_are_replayed_from_the_first_on(run, replaced, tmp_path):
+def test_replayed_samples_begin_with_the_given_one(run, replaced, tmp_path):
     flight = SimpleNamespace(metrics=SimpleNamespace(crashed=False))
     calls = replaced(
         "replay", simulate_samples=lambda _, samples: [flight] * len(samples), save_swarm=None, save_replay=None
@@ -158,7 +158,7 @@ def test_repeated_sensitivity_fields_are_used_once(run, replaced, tmp_path):
 
 
 @pytest.mark.parametrize(("loop", "block", "axis"), [("position", "position", 0), ("attitude", "attitude", 1)])
-def test_gains_are_mapped_around_those_of_the_scenario(run, replaced, tmp_path, loop, block, axis):
+def test_gains_are_mapped_around_the_gains_of_the_scenario(run, replaced, tmp_path, loop, block, axis):
     calls = replaced("map", panel="a panel", plot_map=None, write_map="file", print_panel=None, save_figures=[])
     own = [f"control.{block}.k_p=[1.5, 2.5, 3.5]", f"control.{block}.k_d=[4.5, 5.5, 6.5]"]
     command_line = ["hover", "--loop", loop, "--set", own[0], "--set", own[1], "--output", tmp_path]
@@ -255,7 +255,7 @@ def test_a_controller_is_tuned_on_training_samples_and_tested_on_later_ones(run,
     lines = [line.split("  ") for line in result.stdout.splitlines()]
     k_p = [word.strip() for word in lines[1] if word.strip()]
     assert k_p == ["control.position.k_p.0, control.position.k_p.1", "2", "1.5"]
-    # The mean of 10, 13.3 and 16.7 cm. The fourth flight crashes.
+    # The expected value is the mean of 10, 13.3 and 16.7 cm; the fourth flight crashes.
     assert "13.33 cm, 1 crashed" in result.stdout
     assert "no candidate keeps the limits; the best one meets 88 % of them" in result.stdout
     tuned.share = 1.0
@@ -275,7 +275,7 @@ def studied(scenario, samples, **given):
 
 
 @pytest.mark.slow
-def test_a_study_flies_each_controller_into_a_folder_of_its_own(run, replaced, tmp_path):
+def test_a_study_writes_each_controller_to_its_own_folder(run, replaced, tmp_path):
     calls = replaced("study", run_monte_carlo=lambda scenario, samples, **_: studied(scenario, samples), save_plots=[])
     two = [f"--controller=controllers/paper:{name}" for name in ("pd", "pid")]
     options = ["--samples", 5, "--workers", 1, "--batch", 7, "--resume", "--wired", "--output", tmp_path]
@@ -425,7 +425,7 @@ def flown(replaced, monkeypatch):
     return calls
 
 
-def test_the_flown_sample_is_that_of_the_option_or_of_the_scenario(run, flown, tmp_path):
+def test_the_flown_sample_is_given_by_the_option_or_the_scenario(run, flown, tmp_path):
     for more, sample, compiled in (
         ([], None, None),
         (["--sample", 0, "--wired"], 0, False),
@@ -466,7 +466,7 @@ class Terminal(io.StringIO):
 
 
 def test_on_a_terminal_a_flight_waits_for_its_viewer(monkeypatch, capsys):
-    """The flight starts as soon as a browser is connected; the command ends at Enter or at the end of the input."""
+    """The flight starts when a browser is connected. The command ends at Enter or at the end of the input."""
     connections = iter((0, 0, 1))
     meshcat = SimpleNamespace(
         web_url=lambda: "http://127.0.0.1:7000", GetNumActiveConnections=lambda: next(connections), Delete=lambda: None
@@ -581,7 +581,7 @@ def test_a_vehicle_is_named_after_its_file_or_its_first_log():
         name("a b")
 
 
-def test_the_initial_vehicle_is_named_by_the_log_or_saved_beside_it(tmp_path):
+def test_the_initial_vehicle_is_named_by_the_log_or_saved_next_to_it(tmp_path):
     time = np.arange(3.0)
     plain, crazyflie = FlightRecord("a", time), FlightRecord("b", time, vehicle="vehicles/crazyflie")
     logs = [tmp_path / "flight.csv.xz", tmp_path / "b.csv"]
@@ -795,7 +795,7 @@ def test_scenarios_are_named_after_their_controllers():
         controlled("controllers/paper:pd", "controllers/paper:pd")
 
 
-def test_the_folder_is_that_of_the_option_or_named_after_the_scenario():
+def test_the_folder_is_given_by_the_option_or_named_after_the_scenario():
     folder = argparse.Namespace(output=None, default_output=Path("out/study"))
     assert options.folder_of(folder, "mine") == Path("out/study/mine")
     folder.output = Path("there")

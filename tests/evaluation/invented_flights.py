@@ -11,7 +11,7 @@ NOISE = np.random.default_rng(3).normal(size=(2, COUNT))
 
 
 def flights(error, *, own=0, crashed=()):
-    """Metrics of invented flights with a mean error (m), in which the given samples crash."""
+    """Return metrics of invented flights with a mean error (m), in which the given samples crash."""
     rmse = error * (1.0 + 0.1 * NOISE[0]) + 0.001 * error * NOISE[1] * own
     time = np.full(COUNT, np.inf)
     time[list(crashed)] = 3.0
@@ -20,7 +20,7 @@ def flights(error, *, own=0, crashed=()):
 
 
 def evaluation(network=0.9, other=0.8, *, crashed=()):
-    """Invented evaluation of PD and INDI with networks in two families, and of designs with other limits."""
+    """Return an invented evaluation of PD and INDI with networks in two families, and of designs with other limits."""
     errors = {"pd": 0.2, "pd_t1fnn": 0.2 * network, "pd_t2fnn": 0.2 * network * other, "indi": 0.04, "indi_t2fnn": 0.04}
     found = {
         place: {name: flights(error, own=own) for own, (name, error) in enumerate(errors.items())}

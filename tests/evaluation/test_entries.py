@@ -1,4 +1,4 @@
-"""Tests of the shipped designs, which must be the entries of the evaluation with tuned numbers."""
+"""Tests of the shipped designs, which must equal the entries of the evaluation except for tuned parameters."""
 
 import pytest
 
@@ -11,7 +11,7 @@ from drake_quad.scenario.paths import steps_of
 
 
 def numbers_in(design, paths):
-    """Return the numbers at some paths of a design."""
+    """Return the values at the given paths of a design."""
     found = []
     for path in paths:
         part = design
@@ -23,16 +23,16 @@ def numbers_in(design, paths):
 
 @pytest.fixture(scope="module")
 def designs(diagrams):
-    """The shipped designs by family, and those with other limits."""
+    """Return the shipped designs by family, and the designs with other limits."""
     return {name: designs_in(design_file(diagrams, name)) for name in (*FAMILIES, PRICED_DESIGNS)}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FAMILIES)
-def test_a_shipped_design_differs_from_its_entry_only_in_its_tuned_numbers(name, designs):
+def test_a_shipped_design_differs_from_its_entry_only_in_tuned_parameters(name, designs):
     family = FAMILIES[name]
     entries = entries_of(on_board=family.on_board, maps=family.maps)
-    # The file of the laboratory also has a design with a smaller margin.
+    # The file of the laboratory also contains a design with a smaller margin.
     assert designs[name].keys() - {"indi_fast"} == entries.keys()
     for key, entry in entries.items():
         design = designs[name][key]
@@ -40,7 +40,7 @@ def test_a_shipped_design_differs_from_its_entry_only_in_its_tuned_numbers(name,
         for knob, found in zip(entry.knobs, numbers, strict=True):
             assert len(set(found)) == 1
             assert knob.low <= found[0] <= knob.high
-            # The report states that each range covers a factor of ten or more.
+            # The report states that each range spans at least a factor of ten.
             assert knob.high >= 9.99 * knob.low
         if entry.knobs:
             assert entry.tree([found[0] for found in numbers]) == design
@@ -78,7 +78,7 @@ def test_the_middle_of_a_range_is_its_geometric_mean():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FAMILIES)
-def test_model_predictive_control_is_the_regulator_of_lqg_with_a_horizon(name, designs, tmp_path):
+def test_the_mpc_design_is_the_lqg_regulator_with_a_horizon(name, designs, tmp_path):
     path = tmp_path / "designs.yaml"
     assert list(_write_predictive_control(path)) == []
     path.write_text("lqg:\n  control: {kind: lqg, kalman: [1.0, 2.0]}\n", encoding="utf-8")
@@ -89,7 +89,7 @@ def test_model_predictive_control_is_the_regulator_of_lqg_with_a_horizon(name, d
 
 
 @pytest.mark.slow
-def test_the_numbers_of_an_earlier_design_are_read_from_its_file(diagrams, designs, tmp_path):
+def test_the_parameters_of_an_earlier_design_are_read_from_its_file(diagrams, designs, tmp_path):
     family = FAMILIES["laboratory"]
     path = design_file(diagrams, "laboratory")
     entries = entries_of(on_board=False, maps=True)
@@ -97,7 +97,7 @@ def test_the_numbers_of_an_earlier_design_are_read_from_its_file(diagrams, desig
         expected = [numbers_in(designs["laboratory"][key], knob.paths)[0] for knob in entries[key].knobs]
         assert previous_numbers(diagrams, family, path, key, entries[key]) == expected
     assert previous_numbers(diagrams, family, tmp_path / "none.yaml", "pd", entries["pd"]) is None
-    # A design of another kind has no such numbers.
+    # A design of another kind has no such parameters.
     assert previous_numbers(diagrams, family, path, "pd", entries["pid"]) is None
 
 

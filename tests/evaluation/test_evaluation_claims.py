@@ -35,7 +35,7 @@ def test_a_claim_about_a_harmful_network_does_not_hold():
     assert found[ADDED_TO_PD] == found[OVER_TYPE_1] == "does not hold"
 
 
-def test_crashes_by_a_network_make_its_claim_hold_in_part():
+def test_crashes_with_a_network_make_its_claim_hold_in_part():
     found = verdicts(evaluation(crashed=range(8)))
     assert found[ADDED_TO_PD] == "holds in part"
     (text,) = (each.evidence for each in all_claims(evaluation(crashed=range(8))) if each.statement == ADDED_TO_PD)
@@ -52,7 +52,7 @@ def test_reductions_are_paired_by_sample():
         assert reduction(each.ratio).high - reduction(each.ratio).low < 0.002
 
 
-def test_learning_in_laps_must_improve_on_the_first_lap_and_on_no_network():
+def test_learning_in_laps_must_improve_on_the_first_lap_and_on_flights_without_a_network():
     (claim,) = (each for each in all_claims(evaluation()) if each.statement.startswith("over several laps"))
     assert claim.verdict == "holds"
     assert claim.evidence.startswith("in lap 3 its RMSE is smaller by 75.")
@@ -68,7 +68,7 @@ def test_margin_costs_accuracy_if_every_step_reduces_the_error():
     assert judge_price_of_margin(found).verdict == "holds in part"
 
 
-def test_the_best_controller_has_the_smallest_error_and_hardly_crashes():
+def test_the_best_controller_has_the_smallest_error_of_those_that_hardly_crash():
     found = evaluation()
     assert sorted(best_controllers(found, "low wind")) == ["indi", "indi_t2fnn"]
     found.flights["low wind"]["pd"] = flights(0.03)
@@ -99,7 +99,7 @@ def test_an_evaluation_is_read_as_it_was_written(tmp_path):
         read_evaluation(tmp_path)
 
 
-def test_the_report_agrees_with_the_numbers(tmp_path):
+def test_the_report_agrees_with_the_evaluation(tmp_path):
     found = evaluation(crashed=range(8))
     found.flights["low wind"]["indi_t2fnn"] = flights(0.05)
     text = report_markdown(found, all_claims(found), ["errors"])

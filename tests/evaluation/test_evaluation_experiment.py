@@ -1,4 +1,4 @@
-"""Selection of the flights of the evaluation; flights are replaced by a record of the requests."""
+"""Selection of the flights of the evaluation. Flights are replaced by a record of the requests."""
 
 import math
 from types import SimpleNamespace
@@ -58,7 +58,7 @@ def test_a_controller_flies_in_each_laboratory_of_its_family(replaced_flights, d
         count = 3 if uncompiled else 7
         for place, flown in zip(("gale", "calm"), found, strict=True):
             assert flown == (place, name, ("flown", (place, name), count, not uncompiled))
-        # The margin of a network is that of the controller to which it is added.
+        # A network has the margin of the controller to which it is added.
         base = ("calm", "mpc" if uncompiled else "pd")
         windy = ("gale", name)
         tolerated = last[2].delay_flown
@@ -106,7 +106,10 @@ def test_designs_with_other_limits_fly_in_high_wind(replaced_flights, diagrams):
 
 
 def test_times_are_cpu_times_per_vehicle_and_tick(monkeypatch, diagrams):
-    """A flight of 4 s has 200 ticks. Three single flights take 3 s, 1 s and, until a crash after 1 s, 0.5 s."""
+    """A flight of 4 s has 200 ticks.
+
+    Three single flights take 3 s, 1 s, and 0.5 s, since the third crashes after 1 s of flight.
+    """
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal")
     clock, made, flown = iter([0.0, 14.0, 20.0, 23.0, 30.0, 31.0, 40.0, 40.5]), [], []
 
@@ -139,7 +142,7 @@ def test_times_are_cpu_times_per_vehicle_and_tick(monkeypatch, diagrams):
 @pytest.mark.parametrize(
     ("crashes_from", "expected"), [(0.0, -0.01), (1.0, 0.0), (4.0, 0.03), (6.0, 0.05), (7.0, math.inf)]
 )
-def test_the_tolerated_delay_is_one_frame_less_than_the_first_with_a_crash(
+def test_the_tolerated_delay_is_one_frame_below_the_first_delay_with_a_crash(
     monkeypatch, diagrams, crashes_from, expected
 ):
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal")
@@ -160,7 +163,7 @@ def test_the_tolerated_delay_is_one_frame_less_than_the_first_with_a_crash(
     assert duration > 10.0
 
 
-def test_margins_are_those_of_the_worst_loop(monkeypatch, diagrams):
+def test_the_margin_is_the_smallest_of_all_loops(monkeypatch, diagrams):
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal")
     loops = {
         "one": SimpleNamespace(sensitivity=2.0, delay=0.04),
@@ -290,7 +293,10 @@ def test_designs_with_other_limits_are_added_to_their_file(tuned, monkeypatch, d
 
 @pytest.mark.slow
 def test_a_network_is_tuned_with_late_frames_instead_of_a_linear_limit(tuned, monkeypatch, diagrams, tmp_path):
-    """The additional delay is the one that the controller alone tolerates; the earlier design is a candidate."""
+    """The additional delay is the delay that the controller tolerates without a network.
+
+    The earlier design is a candidate.
+    """
     folder = tmp_path / "diagrams"
     (folder / "controllers" / "designed").mkdir(parents=True)
     (folder / "mine.yaml").write_text(f"mine: {{extends: '{diagrams}/laboratory.yaml:low_wind'}}\n", encoding="utf-8")
@@ -317,7 +323,7 @@ def test_a_network_is_tuned_with_late_frames_instead_of_a_linear_limit(tuned, mo
     ]  # fmt: skip
     assert [(most, given) for _, most, given in asked] == [(0.05, budget)] * 2
     assert all(alone[0].control.network is None for alone, *_ in asked)
-    # Only networks over the position are trained in laps.
+    # Only networks that depend on the position are trained in laps.
     assert [scenarios[0].route.laps for scenarios, *_ in tuned] == [1, 1, 2]
     again = list(protocol.design_family(folder, "mine", family, {"pd": entries["pd"]}, budget=budget))
     assert tuned[-1][4] == pytest.approx([math.sqrt(knob.low * knob.high) for knob in entries["pd"].knobs], rel=1e-3)

@@ -1,4 +1,4 @@
-"""Tests that the figures of the evaluation show the numbers of invented flights."""
+"""Tests that the figures of the evaluation show the results of invented flights."""
 
 import numpy as np
 import pytest
@@ -98,7 +98,7 @@ def test_the_errors_figure_has_markers_with_intervals():
     assert looks["indi"].copy().pop()[1] == mark
 
 
-def test_errors_without_a_survivor_are_not_drawn():
+def test_errors_without_a_completed_flight_are_not_drawn():
     lost = Evaluation({"outdoor": {"pd": flights(0.2, crashed=range(40)), "indi": flights(0.1)}}, {})
     (axes,) = errors_figure(lost).axes
     assert [line.get_ydata()[0] for line in axes.lines] == [1, 1]
@@ -132,7 +132,7 @@ def test_the_networks_figure_has_a_row_per_network():
             np.testing.assert_allclose(interval.get_ydata(), mark.get_ydata()[0])
             heights.append(float(mark.get_ydata()[0]) - row)
             assert low < 100.0 * each.low < 100.0 * each.high < high
-        # The markers of a row are separate, in order, and nearer to their row than to the next one.
+        # The markers of a row are separate, in order, and closer to their row than to the next one.
         assert sorted(heights) == heights
         assert max(np.abs(heights)) < 0.5
         assert len(set(heights)) == len(by_place)
@@ -156,7 +156,7 @@ def test_small_changes_by_networks_are_shown_within_six_per_cent():
 
 
 def test_large_changes_by_networks_do_not_hide_small_ones():
-    """The scale is logarithmic beyond 10 %, and a network with thirty times the error is cut off."""
+    """The scale is logarithmic beyond 10 %. A network with thirty times the error is outside of the axis."""
     axes = networks_figure(evaluation(network=30.0, other=0.0001)).axes[0]
     assert axes.get_xscale() == "symlog"
     assert axes.xaxis.get_transform().linthresh == 10.0

@@ -31,7 +31,7 @@ def test_training_and_evaluation_samples_are_disjoint():
 
 
 @pytest.mark.parametrize("name", FAMILIES)
-def test_every_knob_sets_a_number_of_its_entry(name, diagrams, tmp_path):
+def test_every_tuned_parameter_is_a_field_of_its_entry(name, diagrams, tmp_path):
     family = FAMILIES[name]
     entries = {key: each for key, each in entries_of(on_board=family.on_board, maps=family.maps).items() if each.knobs}
     own = {key: each for key, each in entries.items() if each.base != "lqg"}
@@ -73,7 +73,7 @@ def test_a_network_requires_a_design_of_its_base(tmp_path):
 
 @pytest.fixture
 def copied(diagrams, tmp_path):
-    """Folder of diagrams to which designs can be written, with a small family."""
+    """Return a writable folder of diagrams with a small family."""
     folder = tmp_path / "diagrams"
     (folder / "controllers" / "designed").mkdir(parents=True)
     spec = f"{diagrams}/laboratory.yaml:low_wind"

@@ -99,7 +99,7 @@ def test_a_controller_with_fewer_samples_cannot_be_the_best():
     assert best_controllers(found, "outdoor") == ["pd", "indi"]
     found.flights["outdoor"]["indi"] = flights(0.1).take(slice(10))
     assert best_controllers(found, "outdoor") == ["pd"]
-    # If all controllers crash often, the best is still named. Designs with other limits are not considered.
+    # If all controllers crash often, the best of them is still named. Designs with other limits do not count.
     found.flights["outdoor"] = {"pd": flights(0.2, crashed=range(9)), "indi@3": flights(0.1)}
     assert best_controllers(found, "outdoor") == ["pd"]
 
@@ -151,7 +151,7 @@ def test_designs_are_ordered_by_their_peak_sensitivity():
 def test_a_row_of_a_family_has_errors_crashes_effort_and_traits(found):
     text = report_markdown(found, all_claims(found), [])
     rows, outdoor = rows_of(text), found.flights["outdoor"]
-    # The metrics of invented flights are 0.25 and so on: a peak error of 3.25 m, efforts of 4.25, 5.25 and 6.25.
+    # The metrics of invented flights are 0.25, 1.25, …: the peak error is 3.25 m, and efforts are 4.25, 5.25 and 6.25.
     (network,) = (row for row in rows if row[0] == "PD + type 2" and len(row) == 10)
     peak = centimetres(outdoor["pd_t2fnn"], "peak_error")
     assert network == [
@@ -216,7 +216,7 @@ def test_the_report_names_the_protocol_that_is_used(found):
         assert [each.label, each.plant_knowledge, tuned] in rows
 
 
-def test_rules_list_the_numbers_of_their_claims(found):
+def test_rules_list_the_values_of_their_claims(found):
     claims = all_claims(found)
     text = report_markdown(found, claims, [])
     for each in claims:

@@ -71,7 +71,7 @@ _TRANSFORMS = {"abs", "sqrt", "wrap_angle", "floor", "ceil", "round", "rint", "c
 # Functions whose result does not depend on the order of their arguments.
 _SYMMETRIC = {
     *_CLAMPS, "hypot", "plus", "judge", "isinstance", "getattr", "setattr", "cast", "partial", "suppress", "TypeVar",
-    "NewType",
+    "NewType", "swapaxes", "array_equal",
 }  # fmt: skip
 # Functions that return a new array, which is the same for the same arguments.
 _MAKERS = {"zeros", "zeros_like", "ones", "ones_like", "empty", "empty_like", "full", "full_like"}

@@ -72,6 +72,8 @@ def test_a_line_has_these_mutants(line, expected):
         "names, rows = [], []",
         "names, rows = {}, {}",
         "total = plus(force, drag)",
+        "x = y.swapaxes(a, b)",
+        "same = np.array_equal(x, y)",
         "a, b = np.empty_like(x), np.empty_like(x)",
         "axes.grid(visible=False)",
         "figure = new_figure(9.0, 2.6 + size)",

@@ -185,7 +185,7 @@ def test_a_path_through_the_shipped_forest_is_found():
 def test_a_share_of_the_tracking_error_needs_a_control_and_a_stationary_wind(room):
     scenario = room("space.tracking=3")
     mission = Mission(**{name: getattr(scenario, name) for name in Mission.model_fields})
-    with pytest.raises(InputError, match="space.tracking needs a predicted tracking error"):
+    with pytest.raises(InputError, match="space.tracking multiplies a predicted tracking error"):
         plan_route(mission)
     gust = "laboratory.wind=[{kind: gust, speed: 1.0, heading: 0.0, start: 1.0, rise_time: 0.5}]"
     with pytest.raises(InputError, match=r"space\.tracking: laboratory\.wind\.0 is a gust"):

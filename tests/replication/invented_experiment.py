@@ -1,4 +1,4 @@
-"""Invented experiment whose numbers scatter around known levels."""
+"""Invented experiment whose results scatter around known levels."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from drake_quad.studies.study import Study
 
 
 def metrics_of(rng, shape, level=1.0, crashes=0.0):
-    """Metrics that scatter around a level; those of crashed samples are far from it."""
+    """Return metrics that scatter around a level, with outliers in crashed samples."""
     values = {name: level * rng.uniform(0.9, 1.1, shape) for name in Metrics._fields}
     crashed = rng.uniform(size=shape) < crashes
     values["rmse"] = np.where(crashed, 0.01, values["rmse"])
@@ -24,8 +24,8 @@ def invented_experiment(num_samples=6, *, crashes=0.0, seed=4):
 
     Args:
         num_samples: number of samples of each cell.
-        crashes: share of the samples of cells that crash.
-        seed: seed of the numbers.
+        crashes: fraction of samples that crash.
+        seed: seed of the scatter.
     """
     rng, scenario = np.random.default_rng(seed), load_scenario("diagrams/paper.yaml:low_wind_pd_t2fnn")
     levels = dict(zip((*CONTROLLERS, *FAIR_CONTROLLERS), (1.0, 0.8, 0.45, 0.55, 0.7, 0.65, 0.3, 0.25), strict=True))

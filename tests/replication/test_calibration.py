@@ -1,4 +1,4 @@
-"""Tests that the numbers in diagrams/controllers/calibrated.yaml are those of the calibration."""
+"""Tests that the values in diagrams/controllers/calibrated.yaml are results of the calibration."""
 
 import math
 import re
@@ -20,13 +20,13 @@ def load(cell, overrides=()):
 @pytest.mark.slow
 @pytest.mark.parametrize("cell", [calibration.PD_CELL, calibration.NETWORK_CELL])
 def test_the_calibrated_cells_are_reproduced(cell):
-    """The tolerance of 2 % is generous, since the error without wind hardly differs between samples."""
+    """The error without wind hardly differs between samples, so a tolerance of 2 % is sufficient."""
     assert fly_samples(load(cell), range(6)).rmse.mean() == pytest.approx(printed_table()[cell].rmse.mean, rel=0.003)
 
 
 @pytest.mark.slow
-def test_a_fit_finds_the_declared_numbers(monkeypatch):
-    """The limits are close, and the predictions, which take most of the time, are omitted."""
+def test_a_fit_finds_the_shipped_values(monkeypatch):
+    """To save time, the range of the search is narrow, and predictions are omitted."""
     table = {cell: line for cell, line in printed_table().items() if cell.wind == "no_wind"}
     monkeypatch.setattr(calibration, "printed_table", lambda: table)
     first = HYPOTHESES["measurement"]
@@ -83,8 +83,8 @@ def gains(k_p, k_d):
         ),
     ],
 )
-def test_fixed_and_free_numbers_of_hypotheses(name, fixed, first, second):
-    """The test compares the limits of both numbers and the overrides that set them to 2."""
+def test_fixed_and_free_parameters_of_hypotheses(name, fixed, first, second):
+    """The test compares the limits of both parameters, and the overrides that set them to 2."""
     hypothesis = HYPOTHESES[name]
     assert hypothesis.overrides == fixed
     for number, expected in ((hypothesis.pd, first), (hypothesis.network, second)):
@@ -96,7 +96,7 @@ def number(name, low=0.0, high=10.0):
 
 
 def errors_of(levels):
-    """Return a function whose errors are the level of the cell times the cubes of the free numbers, plus a spread."""
+    """Return a function whose errors are the level of the cell times the cubes of free parameters, plus a spread."""
 
     def fly(scenario, num_samples, *, compiled):
         assert compiled
@@ -109,8 +109,8 @@ def errors_of(levels):
     return fly
 
 
-def test_two_numbers_are_fitted_in_turn_and_predict_the_other_cells(monkeypatch):
-    """The errors are proportional to the cubes of both numbers; that of the PD depends only on the first."""
+def test_two_parameters_are_fitted_in_turn_and_predict_the_other_cells(monkeypatch):
+    """Errors are proportional to the cubes of both parameters; the PD's error depends only on the first."""
     assert (calibration.PD_CELL, calibration.NETWORK_CELL) == (("no_wind", "pd"), ("no_wind", "pd_t2fnn"))
     levels = {cell: 0.1 * (2.0 + place) for place, cell in enumerate(printed_table())}
     monkeypatch.setattr(calibration, "_errors", errors_of(levels))
@@ -124,7 +124,7 @@ def test_two_numbers_are_fitted_in_turn_and_predict_the_other_cells(monkeypatch)
     for cell, error in found.errors.items():
         expected = levels[cell] * x_cubed * (1.0 if cell.controller == "pd" else y_cubed)
         assert error.value == pytest.approx(expected, rel=1e-2)
-        # The interval is Student's for five numbers from -0.5 to 0.5 m around the mean.
+        # The interval is Student's for five values from -0.5 to 0.5 m around the mean.
         assert error.high - error.value == pytest.approx(2.776445 * np.std(np.linspace(-0.5, 0.5, 5), ddof=1) / 5**0.5)
 
 

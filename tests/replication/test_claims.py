@@ -70,7 +70,7 @@ def named(wind, controller):
 
 
 def fieller(values, baseline):
-    """Return the ratio of means of finite values, and the limits where a t-test of a - R b becomes significant.
+    """Return the ratio of means of finite values, and the limits R at which a t-test of a - R b becomes significant.
 
     At the limits (mean a - R mean b)² is t² / n times the variance of a - R b.
     """
@@ -82,7 +82,7 @@ def fieller(values, baseline):
 
 
 def less(values, baseline):
-    """Return the share by which a mean is smaller than another."""
+    """Return the relative reduction of one mean compared with another."""
     return opposite(fieller(values, baseline), 1.0)
 
 
@@ -103,7 +103,7 @@ def errors(sweep):
 
 
 def rows_at(sweep, number, exponents, rows):
-    """Return the errors of a sweep with one of three pairs of exponents, at each of some values."""
+    """Return the errors of a sweep for one of three pairs of exponents, in the given rows."""
     places = [3 * row + ("pd_t1fnn", "pd_t2fnn", "pd_t2fnn_wide").index(exponents) for row in range(rows)]
     return errors(sweep)[places]
 
@@ -136,7 +136,7 @@ def test_reductions_compared_with_the_pd(found):
     listed = "; ".join(f"{named(*cell)} {per_cent(each)}" for cell, each in cuts.items())
     slopes = "; ".join(f"{NAMES[wind]} {least_to_most(each)}" for wind, each in over_slope.items())
     assert half.details == f"{listed}; over λ from 1 to 3 1/s, {slopes}"
-    # The reductions are about 0.55 with narrow sets and 0.45 with wide ones, and larger with another λ.
+    # Reductions are about 0.55 with narrow sets, 0.45 with wide sets, and larger with another λ.
     assert half.verdict == "holds in part"
     cut, *others = (
         opposite(over(found, "no_wind", name, "pd"), 1.0) for name in ("pd_t2fnn", "pd_t1fnn", "pd_t2fnn_wide")
@@ -414,14 +414,14 @@ def test_files_contain_the_fair_comparison_and_the_efforts(found, tmp_path):
 
 
 def even(cells=(), recorded=(), noise=(), shares=(), slope=1.0):
-    """Return an experiment without scatter, in which all numbers are 1 unless they are given.
+    """Return an experiment without scatter, in which all results that are not given are 1.
 
     Args:
-        cells: numbers by (wind or None for all, controller, metric).
-        recorded: numbers of PD+T2FNN without wind by name.
-        noise: RMSE by (row of the noise, exponents).
-        shares: likewise, by (row of q, exponents).
-        slope: the least RMSE over the slopes.
+        cells: results by (wind or None for all, controller, metric).
+        recorded: results of PD+T2FNN without wind, by name.
+        noise: RMSE by (row of the noise amplitude, exponents).
+        shares: RMSE by (row of q, exponents).
+        slope: smallest RMSE over the slopes.
     """
 
     def metrics(shape, **numbers):
@@ -531,8 +531,8 @@ def test_gains_are_chosen_and_compared_on_different_samples(curved, swing, verdi
     ("pd", "network", "verdict"),
     [(1, 3, "holds"), (1, 2, "holds in part"), (3, 3, "holds in part"), (2, 1, "does not hold")],
 )
-def test_the_circle_of_gains_requires_a_share_above_half(pd, network, verdict):
-    """The number of gains that are nearly as good as the best varies."""
+def test_the_circle_of_gains_requires_a_fraction_above_half(pd, network, verdict):
+    """The cases differ in the number of gains that are nearly as good as the best."""
     experiment = even()
     gains = {"k_p": np.array([1.0, 2.0, 1.0, 2.0]), "k_d": np.array([1.0, 1.0, 2.0, 2.0])}
     maps = {}

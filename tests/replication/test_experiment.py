@@ -1,4 +1,4 @@
-"""Tests of sweeps and of the experiment: settings in one fleet fly as they would alone."""
+"""Tests of sweeps and of the experiment: settings fly in one fleet as in single flights."""
 
 import numpy as np
 import pytest
@@ -84,7 +84,7 @@ def test_gains_apply_to_both_horizontal_axes():
     assert found.rmse[0, 0] == pytest.approx(simulate(scenario("no_wind_pd", *gains), sample=1).metrics.rmse, rel=1e-9)
 
 
-def test_all_legs_but_the_rise_are_straight_or_curved():
+def test_all_legs_except_the_rise_are_straight_or_curved():
     names = {leg.name for leg in plan_route(scenario("no_wind_pd")).legs}
     assert names == {"rise", *STRAIGHT_LEGS, *CURVED_LEGS}
 
@@ -132,7 +132,7 @@ def test_a_cell_with_a_failed_sample_is_refused(tmp_path, monkeypatch):
     ("count", "sizes"), [(64, [15]), (100, [10, 5]), (300, [3] * 5), (1024, [1] * 15), (3000, [1] * 15)]
 )
 def test_fleets_are_filled_with_settings(count, sizes):
-    """A fleet has at least one setting and otherwise at most 1,024 vehicles."""
+    """A fleet has at most 1,024 vehicles, unless a single setting has more."""
     settings = Q_SETTINGS
     jobs = SweepPlan(None, settings, count, fly=kept).jobs("q", "a scenario", compiled=False)
     assert [job.size for job in jobs] == [size * count for size in sizes]

@@ -13,14 +13,14 @@ from drake_quad.reference.plan import Plan
 from drake_quad.reference.routes import Leg
 from drake_quad.replication.measures import EFFORTS, leg_metrics, measures
 
-# The path is a straight line along X and back, at a height of 1 m; its legs begin at 0, 4, 8 and 12 s of 16.
+# The path goes along X and back at a height of 1 m; of 16 s, the legs begin at 0, 4, 8 and 12 s.
 PATH = minimum_snap([[0.0, 0, 1], [1, 0, 1], [2, 0, 1], [1, 0, 1], [0, 0, 1]], [0.0, 4.0, 8.0, 12.0, 16.0])
 PLAN = Plan.facing(PATH, legs=(Leg("rise", 0), Leg("climb", 1), Leg("circle", 2), Leg("straight", 3)))
 TIME = 0.02 * np.arange(801)
 
 
 def flight(crash_time=math.inf, **signals):
-    """Return a flight with the given signals; the others are those of a vehicle at rest."""
+    """Return a flight with the given signals, and otherwise the signals of a vehicle at rest."""
     sizes = {"acceleration_command": 3, "wrench": 4, "state": 12, "reference": 11}
     others = {name: np.zeros((len(TIME), size)) for name, size in sizes.items()} | {"pd": np.ones((len(TIME), 3))}
     metrics = Metrics(*[0.0] * (len(Metrics._fields) - 1), crash_time)
@@ -34,7 +34,7 @@ def pulses(*heights):
     return flight(pd=pd)
 
 
-def test_pd_fade_compares_the_last_quarter_with_the_one_after_the_rise():
+def test_pd_fade_compares_the_last_quarter_with_the_quarter_after_the_rise():
     found = measures(pulses(*[9.0] * 4, *[2.0] * 4, *[7.0] * 4, *[0.5] * 4))
     # The quarters are 200 ticks long, from 4.00 s to 7.98 s and from 12.02 s to 16.00 s.
     assert found["pd_fade"] == pytest.approx(0.25)

@@ -8,14 +8,14 @@ import pytest
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
 
 
-def test_the_table_has_ten_cells_of_known_names():
+def test_the_table_has_ten_cells_with_known_names():
     table = printed_table()
     assert len(table) == 10
     assert {cell.wind for cell in table} == set(WINDS)
     assert {cell.controller for cell in table} == set(CONTROLLERS)
 
 
-def test_printed_means_are_those_of_the_runs_where_all_are_printed():
+def test_printed_means_agree_with_the_printed_runs():
     """Two printed means of the paper do not agree with their runs."""
     for cell, line in printed_table().items():
         for runs in line:

@@ -1,4 +1,4 @@
-"""Tests that the figures of the replication show the numbers of invented experiments and short flights."""
+"""Tests that the figures of the replication show the results of invented experiments and short flights."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -41,7 +41,7 @@ def found():
 
 @pytest.fixture(scope="module")
 def flights():
-    """Flights of six seconds, one of which crashes in high wind after four."""
+    """Return flights of six seconds, one of which crashes in high wind after four seconds."""
     cells = [Cell("no_wind", name) for name in ("pd", "pd_t2fnn")] + [Cell("high_wind", name) for name in CONTROLLERS]
     flown = {cell: simulate(load(cell, ["duration=6"])) for cell in cells}
     crashed = Cell("high_wind", "pd_t2fnn_wide")
@@ -112,7 +112,7 @@ def test_the_table_figure_has_printed_runs_means_and_ours(found):
                 np.testing.assert_allclose(next(means), [[line.mean, row - 0.17]])
         assert next(runs, None) is next(means, None) is None
         assert axes.get_ylim() == (3.5, -0.5)
-        # All printed numbers, and ours of the committed report, are within the axis.
+        # The axis contains all printed values, and our values of the committed report.
         assert axes.get_xlim() == (0.4, 1.1)
     handles = legend_of(figure)
     shown = {line.get_marker(): line for line in figure.axes[0].lines}
@@ -125,7 +125,7 @@ def test_the_table_figure_has_printed_runs_means_and_ours(found):
     assert bar.get_color() == shown["D"].get_color()
 
 
-def test_memberships_of_an_elliptic_set_are_those_of_the_paper_s_figure_4():
+def test_memberships_of_an_elliptic_set_agree_with_the_paper_s_figure_4():
     figure = figures.figure_4()
     pairs = ((1.0, 1.0), (1.2, 0.8), (1.4, 0.6), (1.6, 0.4))
     for axes, (a1, a2) in zip(figure.axes, pairs, strict=True):
@@ -138,7 +138,7 @@ def test_memberships_of_an_elliptic_set_are_those_of_the_paper_s_figure_4():
             assert (line.get_ydata()[np.abs(u) >= 1.0] == 0.0).all()
             assert u.min() < -1.0
             assert u.max() > 1.0
-        # The area between the two is shaded.
+        # The area between the lower and the upper membership is shaded.
         (area,) = axes.collections
         edge = area.get_paths()[0].vertices
         assert edge[:, 1].max() == pytest.approx(1.0)
@@ -182,7 +182,7 @@ def test_paths_without_wind_are_shown_in_space_and_from_above(flights):
     np.testing.assert_allclose(aspect / aspect[0], extent / extent[0])
 
 
-def test_errors_in_wind_are_shown_until_the_crash_and_beside_those_of_type_1(flights):
+def test_errors_in_wind_are_shown_until_the_crash_and_next_to_type_1(flights):
     figure = figures.FLIGHT_FIGURES["figure_11"](flights)
     upper, lower = figure.axes
     errors = {name: flights[Cell("high_wind", name)].euclidean_error for name in CONTROLLERS}
@@ -213,8 +213,8 @@ def test_errors_in_wind_are_shown_until_the_crash_and_beside_those_of_type_1(fli
     assert list(legend_of(figure)) == [*CONTROLLERS.values(), "mean RMSE in Table II"]
 
 
-def test_errors_in_wind_are_shown_also_if_the_first_controller_crashes(flights):
-    """The time axis is that of the longest flight."""
+def test_errors_in_wind_are_shown_even_if_the_first_controller_crashes(flights):
+    """The time axis covers the longest flight."""
     pd = Cell("high_wind", "pd")
     time = flights[pd].time
     signals = {name: rows[:100] for name, rows in flights[pd].signals.items()}
@@ -269,7 +269,7 @@ def test_bars_of_the_fair_comparison_are_mean_errors(found):
             assert text.get_text() == f"{mean:.2f}"
             assert mean < axes.get_xlim()[1]
     assert [text.get_text() for text in axes.get_yticklabels()] == list(COMPARED_CONTROLLERS.values())
-    # The bars of a controller are in the order of the winds and do not overlap those of the next controller.
+    # The bars of a controller are in the order of the winds, and do not overlap the bars of the next controller.
     offsets = sorted({round(offset, 9) for offset, _ in heights})
     assert len(offsets) == 3
     height = heights[0][1]
@@ -365,7 +365,7 @@ def test_leg_numbers_are_centred_at_the_top(flights):
         np.testing.assert_allclose([text.xy[0] for text in numbers], [0.5 * sum(pair) for pair in pairwise(ends)])
         assert all(0.88 < text.xy[1] < 1.0 for text in numbers)
         assert axes.get_xlim() == (0.0, last)
-    # The numbers have a tenth of the height above all curves, in addition to the margin of the curves.
+    # The leg numbers occupy the top tenth of the axes, above the margin of all curves.
     bottom, top = axes.get_ylim()
     highest = max(line.get_ydata().max() for line in axes.lines if len(line.get_ydata()) == len(flight.time))
     assert 0.82 < (highest - bottom) / (top - bottom) < 0.92

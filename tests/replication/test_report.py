@@ -21,7 +21,7 @@ CALIBRATION = ROOT / "drake_quad" / "replication" / "calibration.csv"
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
-    """Folder and files of a report without figures."""
+    """Return the folder and the files of a report without figures."""
     folder = tmp_path_factory.mktemp("paper")
     (folder / "figures").mkdir()
     with pytest.MonkeyPatch.context() as patch:
@@ -79,7 +79,7 @@ def test_a_report_has_a_file_for_each_table(written):
 
 
 @pytest.mark.slow
-def test_table_ii_of_the_report_is_that_of_its_file(written, report):
+def test_table_ii_of_the_report_agrees_with_its_file(written, report):
     folder, _ = written
     rows = {(row["wind"], row["controller"], row["quantity"]): row for row in rows_of(folder / "table_ii.csv")}
     check_table(report, rows)
@@ -92,7 +92,7 @@ def test_table_ii_of_the_report_is_that_of_its_file(written, report):
 
 
 def check_table(text, written):
-    """Check that every number of the CSV file is in its cell of the report."""
+    """Check that the cells of the report contain all values of the CSV file."""
     titles = {
         "rmse": "RMSE (m)",
         "effort_x": "Control effort on X (m²/s⁴)",
@@ -132,7 +132,7 @@ def test_the_committed_report_agrees_with_its_tables():
     )
 
 
-def test_the_committed_table_is_calibrated_and_prints_what_the_paper_prints():
+def test_the_committed_table_is_calibrated_and_has_the_printed_values():
     rows = {
         Cell(row["wind"], row["controller"]): row for row in rows_of(DOCS / "table_ii.csv") if row["quantity"] == "rmse"
     }
@@ -142,7 +142,7 @@ def test_the_committed_table_is_calibrated_and_prints_what_the_paper_prints():
         assert rows[cell]["printed_mean"] == ("" if np.isnan(line.rmse.mean) else repr(line.rmse.mean))
 
 
-def test_the_scenarios_have_the_calibrated_numbers():
+def test_the_scenarios_have_the_calibrated_values():
     row = next(row for row in rows_of(CALIBRATION) if row["hypothesis"] == "measurement")
     control = load_scenario(f"{ROOT}/diagrams/paper.yaml:low_wind_pd_t2fnn").control
     position = control.position
@@ -151,7 +151,7 @@ def test_the_scenarios_have_the_calibrated_numbers():
     assert control.network.learning.slope == pytest.approx(float(row["network_number"]), rel=2e-3)
 
 
-def test_the_readme_has_the_committed_verdicts():
+def test_the_readme_states_the_committed_verdicts():
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     for claim in rows_of(DOCS / "claims.csv"):
         assert f"| {claim['claim']} | {claim['verdict']} |" in readme

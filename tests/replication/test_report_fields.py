@@ -30,7 +30,7 @@ def entry(cell, quantity, printed, mean, crashed=0):
 
 
 def entries_of_table(crashed=0):
-    """Return entries of seven cells, of which two are fitted and one is not printed; efforts deviate widely."""
+    """Return entries of seven cells, of which two are fitted and one is not printed; efforts differ widely."""
     errors = {
         PD_CELL: (1.0, 0.99),
         NETWORK_CELL: (0.5, 0.51),
@@ -163,7 +163,7 @@ def test_the_calibration_is_shown_with_the_printed_errors():
 
 
 def test_the_committed_report_has_the_current_assumptions_and_calibration(root):
-    """The assumptions are the rows of a table in the template, with numbers of the scenarios."""
+    """The assumptions are rows of a table in the template, with values of the scenarios."""
     text = (root / "docs" / "replication" / "report.md").read_text(encoding="utf-8")
     template = Path(report.__file__).with_name("report_template.md").read_text(encoding="utf-8")
     scenario = load_scenario("diagrams/paper.yaml:low_wind_pd_t2fnn")

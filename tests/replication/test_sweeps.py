@@ -26,7 +26,7 @@ from drake_quad.scenario.numbers import number_at
 NETWORK = "control.network"
 
 
-def test_exponents_are_those_of_table_ii():
+def test_exponents_agree_with_table_ii():
     assert list(EXPONENTS) == ["pd_t1fnn", "pd_t2fnn", "pd_t2fnn_wide"]
     assert EXPONENTS["pd_t1fnn"] == (1.0, 1.0)
     for name in ("pd_t2fnn", "pd_t2fnn_wide"):
@@ -35,7 +35,7 @@ def test_exponents_are_those_of_table_ii():
 
 
 def test_settings_of_the_sweeps():
-    """The noise goes up to 20 mm, q from 0 to 1, and λ around the calibrated 1.975 1/s."""
+    """The noise ranges up to 20 mm, q from 0 to 1, and λ around the calibrated 1.975 1/s."""
     assert NOISE_LEVELS == (0.0, 0.001, 0.005, 0.01, 0.02)
     assert Q_VALUES == (0.0, 0.25, 0.5, 0.75, 1.0)
     assert SLOPES == (1.0, 1.5, 1.75, 2.0, 2.25, 2.5, 3.0)
@@ -78,7 +78,7 @@ def test_settings_are_written_to_their_fields():
 
 
 def test_metrics_have_rows_for_settings_and_columns_for_samples():
-    """Each metric is that of a flight of the sample with the gains of the setting."""
+    """Each metric equals that of a single flight of the sample with the gains of the setting."""
     scenario = load_scenario("diagrams/paper.yaml:low_wind_pd", ["duration=0.6"])
     settings = {"k_p": np.array([1.0, 3.0]), "k_d": np.array([1.5, 2.0])}
     found = fly_settings(scenario, settings, [4, 0, 7])

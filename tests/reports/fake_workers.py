@@ -4,7 +4,7 @@ from drake_quad.studies.worker_pool import run_task
 
 
 class FakeWorkers:
-    """Stand-in for worker processes that completes the task that was begun last.
+    """Stand-in for worker processes that completes the latest task first.
 
     Attributes:
         max_pending: largest number of tasks that were pending at the same time.

@@ -1,4 +1,4 @@
-"""Tests that jobs are completed in any order, and that their results are returned in the order of the jobs."""
+"""Tests that jobs may be completed in any order, and that results are in the order of the jobs."""
 
 from functools import partial
 

@@ -1,4 +1,4 @@
-"""Tests that a page is filled in from a template, and that its HTML form needs no other file."""
+"""Tests that a page is filled in from a template, and that its HTML version needs no other file."""
 
 import base64
 import re

@@ -480,7 +480,7 @@ def test_a_continuous_state_that_passes_close_to_90_degrees_of_pitch_is_refused(
         vehicle.set_state(context, "continuous", state._replace(body=body))
 
     with pytest.raises(
-        InputError, match="changes too fast: .*, as near the singular pitch of 90 degrees; set vehicle.time_step"
+        InputError, match="changes too fast: .* near the singularity at a pitch of 90 degrees; set vehicle.time_step"
     ):
         simulate(load_scenario(write(SMALL_FILE), turns_over), prepare=set_flip)
 

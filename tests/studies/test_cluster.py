@@ -1,7 +1,7 @@
 """Tests of studies on a Dask cluster: equal rows, and clear messages if the cluster fails.
 
 
-Dask runs in other processes, since its threads would remain in this one, which other tests fork.
+Dask runs in other processes, since its threads would remain in this process, which other tests fork.
 """
 
 import importlib.util
@@ -23,7 +23,7 @@ from drake_quad.studies import cluster as cluster_module
 from drake_quad.studies.cluster import DaskPool
 from drake_quad.studies.worker_pool import Outcome
 
-# The package is only looked up, since its import takes a second in every pytest process.
+# The package is looked up and not imported, since the import takes a second in every pytest process.
 pytestmark = pytest.mark.skipif(
     importlib.util.find_spec("distributed") is None, reason="needs dask[distributed], the extra `cluster`"
 )
@@ -84,7 +84,7 @@ def until_rows(study, folder):
         time.sleep(0.05)
 
 
-# The script runs a study for each cluster, one after another; each ends with status 2.
+# The script runs one study after another, each on another cluster; each study ends with status 2.
 UNREACHABLE = """
 import sys
 from drake_quad.command_line.main import main
@@ -127,7 +127,7 @@ def frozen(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_a_cluster_flies_the_same_study(cluster, tmp_path):
+def test_a_study_on_a_cluster_has_the_rows_of_a_local_study(cluster, tmp_path):
     """The study is interrupted by Ctrl-C and resumed."""
     folder = tmp_path / "study"
     interrupted = monte_carlo(cluster.address, folder, "--samples", "300", "--batch", "3", "--workers", "2")
@@ -182,7 +182,7 @@ def check_end(study, cluster, folder, words):
 
 @pytest.mark.slow
 def test_a_worker_with_different_code_is_refused(tmp_path):
-    """The worker has a copy of this package in which one number differs."""
+    """The worker has a copy of this package in which one value is changed."""
     copy = tmp_path / "copy" / "drake_quad"
     shutil.copytree(ROOT / "drake_quad", copy, ignore=shutil.ignore_patterns("__pycache__"))
     changed = copy / "laboratory" / "metrics.py"

@@ -17,7 +17,7 @@ def metrics(rmse, crash_time):
     return Metrics(*[np.array(rmse)] * (len(Metrics._fields) - 1), np.array(crash_time))
 
 
-def test_the_ratio_is_that_of_means_over_samples_without_a_crash():
+def test_the_ratio_of_means_is_over_samples_without_a_crash():
     ours = metrics([1.0, 3.0, 5.0, 7.0, 9.0], [math.inf, 2.0, math.inf, 2.0, math.inf])
     baseline = metrics([2.0, 2.0, 2.0, 2.0, 0.0], [math.inf, math.inf, 3.0, 3.0, math.inf])
     found, reverse = compare(ours, baseline), compare(baseline, ours)
@@ -26,7 +26,7 @@ def test_the_ratio_is_that_of_means_over_samples_without_a_crash():
 
 
 @pytest.mark.parametrize(("ours", "theirs", "significance"), [(0, 5, 0.0625), (5, 0, 0.0625), (1, 1, 1.0), (0, 0, 1.0)])
-def test_the_significance_of_crashes_is_that_of_the_sign_test(ours, theirs, significance):
+def test_the_significance_of_crashes_follows_from_the_sign_test(ours, theirs, significance):
     """By McNemar's exact test, five crashes of only one controller have the p-value 2 / 2⁵."""
     times = np.full((2, 8), math.inf)
     times[0, :ours] = times[1, 8 - theirs :] = 1.0

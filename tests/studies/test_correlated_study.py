@@ -1,4 +1,4 @@
-"""Studies of correlated numbers: reproducibility and influences."""
+"""Studies with correlated random parameters: reproducibility and influences."""
 
 import math
 
@@ -45,7 +45,7 @@ def test_results_do_not_depend_on_the_batch_size(scenario, flown):
 
 
 def test_a_study_with_correlations_can_be_read_and_resumed(scenario, flown):
-    """Rows whose numbers do not follow from the seed would be flown again."""
+    """A resumed study flies rows again if their drawn values do not follow from the seed."""
     folder, whole = flown
     np.testing.assert_allclose(read_study(folder).parameters[MASS], whole.parameters[MASS], rtol=1e-11)
     again = run_monte_carlo(scenario, 9, 3, folder=folder, num_workers=1, resume=True)
@@ -61,7 +61,7 @@ def test_drake_monte_carlo_flies_correlated_samples(diagrams):
 
 
 def study_of(scenario, count, rmse):
-    """Return an invented study whose error is a function of the drawn numbers."""
+    """Return an invented study whose error is a function of the drawn values."""
     batch = Batch.draw(scenario, range(count))
     values = rmse(*(batch.varying[path] for path in (MASS, DRAG, STEP)))
     metrics = Metrics(*[values] * (len(Metrics._fields) - 1), np.full(count, math.inf))
@@ -69,7 +69,7 @@ def study_of(scenario, count, rmse):
     return Study(scenario, 0.2, np.arange(count), parameters, metrics)
 
 
-def test_a_number_that_is_only_correlated_with_the_cause_has_no_partial_influence(scenario):
+def test_a_parameter_that_is_only_correlated_with_the_cause_has_no_partial_influence(scenario):
     """The error depends on the mass. Drag is correlated with the mass by 0.81, and therefore with the error."""
     found = {
         each.path: each for each in influences(study_of(scenario, 2000, lambda mass, drag, step: 50.0 * mass + step))
@@ -77,7 +77,7 @@ def test_a_number_that_is_only_correlated_with_the_cause_has_no_partial_influenc
     assert found[DRAG].correlation.low > 0.7
     assert abs(found[DRAG].partial.value) < 0.06
     assert found[MASS].partial.low > 0.9
-    # The number is drawn independently, so both correlations are equal.
+    # This parameter is drawn independently, so both correlations are equal.
     assert found[STEP].partial == found[STEP].correlation
 
 
@@ -96,7 +96,7 @@ def test_the_partial_rank_correlation_agrees_with_the_recursion_formula():
     expected = (r[0, 1] - r[0, 2] * r[1, 2]) / math.sqrt((1.0 - r[0, 2] ** 2) * (1.0 - r[1, 2] ** 2))
     found = partial_rank_correlation(x, y, z[None])
     assert found.value == pytest.approx(expected, rel=1e-12)
-    # The interval is Fisher's with the variance of Bonett and Wright, for one sample less.
+    # The interval is Fisher's with the variance of Bonett and Wright, for one sample fewer.
     reach = 1.959964 * math.sqrt((1.0 + 0.5 * expected**2) / (500 - 1 - 3))
     assert np.arctanh(found.high) - np.arctanh(expected) == pytest.approx(reach, rel=1e-6)
     assert np.arctanh(expected) - np.arctanh(found.low) == pytest.approx(reach, rel=1e-6)
@@ -112,7 +112,7 @@ def test_a_variable_determined_by_others_has_no_partial_correlation():
 
 
 def test_the_interval_of_the_partial_correlation_has_its_nominal_coverage():
-    """The partial correlation of two numbers that depend only on a third one is 0."""
+    """The partial correlation of two variables that depend only on a third one is 0."""
     rng = np.random.default_rng(6)
     hits = 0
     for _ in range(400):

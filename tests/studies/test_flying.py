@@ -67,7 +67,7 @@ def test_user_systems_are_passed_to_the_fleets(job, fleet):
 
 
 def test_a_worker_with_different_code_refuses_every_batch(job, fleet):
-    """Existing fleets are those of matching code."""
+    """The code is checked for each batch until a fleet exists."""
     wrong = job._replace(key="wrong", code={**job.code, "numpy": "0.1"})
     for _ in range(2):
         with pytest.raises(InputError, match="has numpy"):
@@ -87,7 +87,7 @@ def test_a_fleet_flies_two_ticks_before_a_fork(job, fleet):
     assert fleet.flown == [(10, list(range(10)), {"duration": 0.04})]
 
 
-def test_rows_contain_sample_drawn_numbers_and_metrics(job):
+def test_rows_contain_index_drawn_values_and_metrics(job):
     scenario = job.scenario
     (row,) = fly_batch(job, [6])
     alone = simulate(scenario, sample=6, compiled=False)
@@ -98,7 +98,7 @@ def test_rows_contain_sample_drawn_numbers_and_metrics(job):
     np.testing.assert_allclose(row[-1 - len(alone.metrics) : -2], alone.metrics[:-1], rtol=1e-9)
 
 
-def test_a_trial_flies_the_last_sample_alone_twice_and_in_the_batch(job, monkeypatch):
+def test_a_trial_flies_the_last_sample_twice_alone_and_once_in_the_batch(job, monkeypatch):
     flown = []
 
     def fly(given, samples):

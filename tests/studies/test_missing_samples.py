@@ -7,7 +7,7 @@ from drake_quad.studies.missing_samples import MissingSamples
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_missing_samples_are_those_that_are_not_present(seed):
+def test_missing_samples_are_the_complement_of_the_present_ones(seed):
     rng = np.random.default_rng(seed)
     there = rng.permutation(50)[: rng.integers(51)]
     missing = MissingSamples(50, there)

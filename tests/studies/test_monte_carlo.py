@@ -149,7 +149,7 @@ def runs(pid):
 
 
 def dies_at(folder, count):
-    """Return a progress function that kills its process after some samples and prints the workers before."""
+    """Return a progress function that prints the worker processes and kills its own process after some samples."""
 
     def progress(done, _):
         if done >= count:
@@ -162,7 +162,7 @@ def dies_at(folder, count):
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs Linux's /proc")
 def test_a_killed_study_can_be_resumed_at_any_row(whole, tmp_path):
-    """No sample is flown twice, no worker remains, and the file is that of an undisturbed study."""
+    """No sample is flown twice, no worker remains, and the file equals that of an undisturbed study."""
     context, folder = multiprocessing.get_context("fork"), tmp_path / "study"
     path, flown = folder / "results.csv", set()
     for count in (0, 1, 8, 24):
@@ -203,7 +203,7 @@ def test_ctrl_c_keeps_completed_rows(whole, tmp_path):
 
 
 class Failing:
-    """Function that flies batches, but fails several times for those with a certain sample."""
+    """Function that flies batches, but fails a number of times for batches with a certain sample."""
 
     def __init__(self, folder, how, times):
         self.folder, self.how, self.times = folder, how, times
@@ -234,7 +234,7 @@ def test_a_batch_that_fails_once_is_flown_again(whole, how, tmp_path, monkeypatc
     [("raises", "ArithmeticError: sample 7 is cursed"), ("dies", "the worker process ended due to the signal SIGKILL")],
 )
 def test_a_sample_that_always_fails_does_not_affect_the_others(whole, how, reason, tmp_path, monkeypatch):
-    """Its batch of 5 is split into 2 and 3, and the 3 again; a later run flies the sample."""
+    """The batch of 5 is split into 2 and 3, and the 3 again. A later run flies the failed sample."""
     attempts, folder = tmp_path / "attempts", tmp_path / "study"
     attempts.mkdir()
     with monkeypatch.context() as patch:
@@ -268,9 +268,9 @@ def test_a_study_in_which_every_sample_fails_is_aborted(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     "alter",
     [
-        lambda cells: [cells[0], str(float(cells[1]) + 1e-9), *cells[2:]],  # a number that was drawn
+        lambda cells: [cells[0], str(float(cells[1]) + 1e-9), *cells[2:]],  # a drawn value
         lambda cells: [*cells[:-4], "0.123", *cells[-3:]],  # a metric
-        lambda cells: ["17", *cells[1:]],  # the number of the sample
+        lambda cells: ["17", *cells[1:]],  # the index of the sample
         lambda cells: ["3.5", *cells[1:]],
         lambda cells: ["-1", *cells[1:]],
         lambda cells: ["", *cells[1:]],
@@ -280,7 +280,7 @@ def test_a_study_in_which_every_sample_fails_is_aborted(tmp_path, monkeypatch):
     ],
 )
 def test_altered_rows_are_detected_and_flown_again(whole, alter, tmp_path):
-    """A file whose third row was altered cannot be read; after it has been resumed, it is complete."""
+    """A file with an altered third row cannot be read; after the study is resumed, the file is complete."""
     shutil.copytree(whole[0], tmp_path, dirs_exist_ok=True)
     path = tmp_path / "results.csv"
     lines = path.read_text().splitlines()
@@ -295,8 +295,8 @@ def test_altered_rows_are_detected_and_flown_again(whole, alter, tmp_path):
     assert not read_study(tmp_path).invalid_lines
 
 
-def test_rows_whose_numbers_do_not_follow_from_the_seed_are_flown_again(whole, tmp_path):
-    """The rows could be those of a version with other draws, since their checksums are valid."""
+def test_rows_whose_values_do_not_follow_from_the_seed_are_flown_again(whole, tmp_path):
+    """Such rows have valid checksums; another version could have drawn their values."""
     shutil.copytree(whole[0], tmp_path, dirs_exist_ok=True)
     form = format_of(study("seed=5"))
     rows = read_results(tmp_path / "results.csv", form).rows
@@ -423,7 +423,7 @@ def test_a_write_error_ends_the_study_and_keeps_earlier_rows(whole, tmp_path, mo
 
 
 def test_workers_are_spawned_where_a_fork_is_not_safe():
-    """Another thread is running, whose state would be inconsistent in a forked process."""
+    """Another thread is running; its state would be inconsistent in a forked process."""
     done = threading.Event()
     thread = threading.Thread(target=done.wait)
     thread.start()
@@ -586,7 +586,7 @@ def test_a_trial_reports_invalid_input_but_not_other_failures():
 
 @pytest.mark.slow
 def test_fleets_are_built_before_a_fork_and_deleted_at_the_end(whole, tmp_path, monkeypatch):
-    """They are not built for other executors, for user systems, or for a complete study."""
+    """No fleet is built before a fork for other executors, user systems, or complete studies."""
     prepared, fleets = [], vars(flying._thread_data)
 
     def prepare_and_tell(job):
@@ -608,7 +608,7 @@ def test_fleets_are_built_before_a_fork_and_deleted_at_the_end(whole, tmp_path, 
 
 
 @pytest.mark.slow
-def test_a_given_seed_replaces_that_of_the_scenario():
+def test_a_given_seed_replaces_the_seed_of_the_scenario():
     scenario = study("seed=8").model_copy(update={"sample": 4})
     options = {"num_workers": 1, "batch_size": 2}
     own, other = run_monte_carlo(scenario, 2, **options), run_monte_carlo(scenario, 2, 5, **options)
@@ -645,7 +645,7 @@ def test_pending_tasks_are_abandoned_at_the_end(fails, monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_study_of_which_no_sample_can_be_flown_says_why(tmp_path):
+def test_a_study_without_any_flown_sample_states_the_reason(tmp_path):
     with pytest.raises(RuntimeError, match=r"no sample can be flown; sample 0: .*broken.*; 0 of 3 samples are in"):
         run(tmp_path, num_samples=3, wind=broken)
     assert len((tmp_path / "failed.csv").read_text().splitlines()) == 1 + 3

@@ -1,4 +1,4 @@
-"""User systems in studies: inconsistent ones are refused, and those that hang are ended."""
+"""User systems in studies: inconsistent systems are refused, and hanging ones are ended."""
 
 import functools
 import multiprocessing
@@ -53,7 +53,7 @@ class Remembers(Own):
 
 
 class Mixes(Own):
-    """Controller that confuses rows and columns, which is correct only for one vehicle."""
+    """Controller that confuses rows and columns, so that it is correct only for one vehicle."""
 
     def command(self, time, error, rate):
         return super().command(time, error, rate).T.reshape(3, -1)
@@ -76,7 +76,7 @@ class Ends(Own):
 
 
 class Hangs(Own):
-    """Controller that hangs in a large fleet and leaves a file."""
+    """Controller that writes a file and hangs, in large fleets only."""
 
     def __init__(self, num_vehicles, file):
         super().__init__(num_vehicles)
@@ -99,7 +99,7 @@ def run(**options):
 
 
 @pytest.mark.slow
-def test_a_user_s_controller_flies_each_sample_as_if_alone():
+def test_a_user_s_controller_gives_each_sample_its_result_of_a_single_flight():
     found = run(position_controller=Own)
     alone = simulate(study(), seed=5, sample=6, position_controller=Own(1)).metrics
     np.testing.assert_allclose([values[6] for values in found.metrics], alone, rtol=1e-9)
@@ -169,7 +169,7 @@ def test_ctrl_c_ends_a_study_whose_controller_hangs(tmp_path):
 
 @pytest.mark.slow
 def test_a_time_limit_ends_a_batch_that_hangs(tmp_path, monkeypatch):
-    """Its halves fly. The fake clock reaches the limit as soon as a task hangs, on any machine."""
+    """The halves of the batch fly. The fake clock reaches the limit as soon as a task hangs, on any machine."""
     file = tmp_path / "hangs"
 
     class Clock:

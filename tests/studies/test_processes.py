@@ -49,7 +49,7 @@ def process_number(_):
 
 
 def meet(folder):
-    """Create a file, and wait for that of another process."""
+    """Create a file, and wait for a file of another process."""
     (folder / str(os.getpid())).touch()
     while len(list(folder.iterdir())) < 2:
         time.sleep(0.005)
@@ -103,7 +103,7 @@ def test_only_available_cores_are_counted(monkeypatch):
 
 
 def test_functions_of_an_interactive_session_require_a_fork(monkeypatch):
-    """A spawned process cannot import a function of a notebook, but that of a script."""
+    """A spawned process can import a function of a script, but not of a notebook."""
     session = types.ModuleType("__main__")
     exec("def maker(num_vehicles): return None", session.__dict__)
     monkeypatch.setitem(sys.modules, "__main__", session)
@@ -300,7 +300,7 @@ class Pipe:
 
 
 def test_a_process_ends_when_its_pipe_is_closed(monkeypatch):
-    """The argument is not sent back, since the parent has it."""
+    """The argument is not sent back, since the parent process already has it."""
     monkeypatch.setattr(processes, "_end_with_parent", lambda: None)
     pipe, before = Pipe((abs, -3)), signal.getsignal(signal.SIGINT)
     try:
@@ -311,7 +311,7 @@ def test_a_process_ends_when_its_pipe_is_closed(monkeypatch):
 
 
 def begin_and_tell(file):
-    """Start a parent process that gives a worker an endless task and prints the worker's number."""
+    """Start a worker with an endless task, and print the process number of the worker."""
     with Workers(1) as workers:
         workers.submit(hang, None)
         assert workers._workers[0]._pipe.poll(20.0)

@@ -1,4 +1,4 @@
-"""Tests that results files keep all written rows and reject foreign ones."""
+"""Tests that results files keep all written rows and reject foreign rows."""
 
 import resource
 import signal
@@ -55,7 +55,7 @@ def test_truncation_loses_only_the_incomplete_row(tmp_path, data):
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=200)
 @given(data=st.data())
 def test_any_alteration_of_a_row_is_detected(tmp_path, data):
-    """A character of the numbers, the sample or the checksum is replaced, added or removed."""
+    """A character of the index, a value or the checksum is replaced, added or removed."""
     path = tmp_path / "results.csv"
     write_results(path, FORM, ROWS)
     lines = path.read_bytes().split(b"\n")
@@ -114,7 +114,7 @@ def test_two_runs_cannot_write_to_the_same_file(tmp_path):
 
 
 def test_a_full_disk_leaves_only_complete_rows(tmp_path):
-    """A limit on the file size interrupts a write, like a full disk."""
+    """A limit on the file size interrupts a write, as a full disk does."""
     path = tmp_path / "results.csv"
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)

@@ -88,14 +88,14 @@ def test_the_interval_of_a_share_is_exact():
 @pytest.mark.slow
 @pytest.mark.parametrize("r", [-0.6, 0.0, 0.95])
 def test_the_interval_of_a_rank_correlation_has_its_coverage(r):
-    """The rank correlation of normal numbers with correlation r is 6 / π asin(r / 2)."""
+    """The rank correlation of normal variables with correlation r is 6 / π asin(r / 2)."""
     draw = lambda rng: rng.multivariate_normal([0.0, 0.0], [[1.0, r], [r, 1.0]], 60)  # noqa: E731
     share = coverage(lambda xy: rank_correlation(*xy.T), 6.0 / math.pi * math.asin(0.5 * r), draw)
     assert share == pytest.approx(0.95, abs=0.03)
 
 
-def test_the_interval_of_a_rank_correlation_is_that_of_bonett_and_wright():
-    """The squared differences of ten ranks add up to 20, so that ρ = 1 - 6 · 20 / 990 = 0.8788."""
+def test_the_interval_of_a_rank_correlation_is_bonett_and_wright_s():
+    """The squared differences of ten ranks add up to 20, so ρ = 1 - 6 · 20 / 990 = 0.8788."""
     y = np.array([2.0, 1.0, 5.0, 4.0, 3.0, 8.0, 6.0, 7.0, 9.0, 10.0])
     x = np.arange(1.0, 11.0)
     rho = 1.0 - 6.0 * np.sum((x - y) ** 2) / 990.0
@@ -116,7 +116,7 @@ def test_the_running_mean_is_the_mean_of_the_first_values():
         assert (mean[count - 1], low[count - 1], high[count - 1]) == pytest.approx(expected, rel=1e-12)
 
 
-def test_the_most_influential_number_comes_first():
+def test_the_most_influential_parameter_comes_first():
     rng = np.random.default_rng(3)
     mass, lag = rng.uniform(size=(2, 400))
     rmse = 1.0 + mass**2 + 0.1 * lag
@@ -134,7 +134,7 @@ def test_the_most_influential_number_comes_first():
 
 
 def test_negative_and_positive_influences_count_equally():
-    """A number that never changes has no correlation and comes last."""
+    """A constant parameter has no correlation and comes last."""
     rng = np.random.default_rng(6)
     gain, mass, lag = rng.uniform(size=(3, 400))
     found = influences(study(2.0 - gain + 0.3 * mass - 0.1 * lag, lag=lag, fixed=np.ones(400), mass=mass, gain=gain))
@@ -143,7 +143,7 @@ def test_negative_and_positive_influences_count_equally():
 
 
 def test_a_comparison_pairs_samples():
-    """The spread between samples, which is ten times that of the difference, cancels."""
+    """The spread between samples, which is ten times the spread of the differences, cancels."""
     rng = np.random.default_rng(4)
     common = rng.normal(10.0, 1.0, 200)
     baseline = study(common)
@@ -204,7 +204,7 @@ def test_intervals_have_the_given_confidence():
 
 
 def test_influences_exclude_crashed_flights():
-    """Without the crash and the flight in which no tick counts, the mass is the most influential."""
+    """If the crash and the flight without counted ticks are excluded, the mass is the most influential parameter."""
     mass = np.arange(20.0)
     rmse = 1.0 + mass
     rmse[[4, 7]] = -50.0, math.nan
@@ -226,7 +226,7 @@ def test_the_ratio_of_means_exists_even_if_a_baseline_value_is_zero():
     assert found.crash_significance == 1.0
 
 
-def test_samples_without_a_metric_are_the_least_bad():
+def test_samples_without_a_metric_are_the_last_of_the_worst():
     found = study([math.nan, 1.0, 9.0], samples=[4, 5, 6])
     assert worst(found) == [6, 5, 4]
     assert worst(study(np.arange(8.0))) == [7, 6, 5, 4, 3]

@@ -45,7 +45,7 @@ def metrics_of(crash_time):
     return Metrics(*numbers, np.array(crash_time))
 
 
-def test_a_study_has_sample_drawn_numbers_and_metrics(two_masses):
+def test_a_study_contains_indices_drawn_values_and_metrics(two_masses):
     metrics, batch = metrics_of([math.inf, 0.04]), Batch.draw(two_masses, [3, 1])
     rows = rows_of(batch, metrics)
     columns = columns_of(two_masses)
@@ -69,8 +69,8 @@ def test_a_study_has_sample_drawn_numbers_and_metrics(two_masses):
     )
 
 
-def test_drawn_numbers_are_compared_to_the_written_digits(two_masses):
-    """There are twelve digits; a number that differs in the eleventh was not drawn."""
+def test_drawn_values_are_compared_to_the_written_digits(two_masses):
+    """Twelve digits are written; a value that differs in the eleventh digit does not count as drawn."""
     samples = [4, 0, 2]
     rows = rows_of(Batch.draw(two_masses, samples), metrics_of([math.inf] * 3))
     rows[0, 1] *= 1.0 + 5e-12
@@ -82,7 +82,7 @@ def test_drawn_numbers_are_compared_to_the_written_digits(two_masses):
     assert check_draws(two_masses, nothing) is nothing
 
 
-def test_columns_have_meanings(two_masses):
+def test_columns_have_descriptions(two_masses):
     assert column_meaning(two_masses, "sample") == "index of the sample"
     assert column_meaning(two_masses, "crashed") == "1 if the vehicle crashed, else 0"
     assert column_meaning(two_masses, "checksum").startswith("CRC-32 of the row and its study")

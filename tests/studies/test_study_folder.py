@@ -34,8 +34,8 @@ def table(samples, crash_time=math.inf, value=0.5):
     return rows_of(batch, Metrics(*columns, np.full(len(samples), crash_time)))
 
 
-def test_a_sample_counts_as_present_whatever_its_numbers(hover):
-    """This includes samples in which no tick counts, so that there is no error."""
+def test_a_sample_counts_as_present_whatever_its_values(hover):
+    """This includes samples without counted ticks, which have no error."""
     rows = StudyRows(hover, 5, 2.0)
     assert (len(rows), [*rows.missing], rows.saved) == (0, [0, 1, 2, 3, 4], "nothing was written")
     rows.add(Outcome([3, 1], table([3, 1], value=np.nan)))
@@ -141,7 +141,7 @@ def test_a_folder_with_another_scenario_is_refused(hover, tmp_path):
 
 
 def test_scenario_and_record_are_written_before_the_first_row(hover, tmp_path, monkeypatch):
-    """The study can therefore be resumed whenever it ends."""
+    """Therefore, a study that was interrupted at any time can be resumed."""
 
     def ended(path, form):
         raise KeyboardInterrupt

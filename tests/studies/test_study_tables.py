@@ -167,7 +167,7 @@ def test_a_path_that_is_not_a_study_is_described(tmp_path):
         read_study(tmp_path / "nowhere")
 
 
-def test_a_damaged_table_of_failures_is_no_traceback(scenario, tmp_path):
+def test_a_damaged_table_of_failures_is_an_input_error(scenario, tmp_path):
     run_monte_carlo(scenario, 1, folder=tmp_path, num_workers=1)
     for text in ("sample,why\n1,x\n", "sample,reason\nfirst,x\n", "sample,reason\n1\n"):
         (tmp_path / "failed.csv").write_text(text, encoding="utf-8")
@@ -175,7 +175,7 @@ def test_a_damaged_table_of_failures_is_no_traceback(scenario, tmp_path):
             read_study(tmp_path)
 
 
-def test_a_study_that_goes_on_drops_the_parquet_of_what_it_was(scenario, tmp_path):
+def test_a_resumed_study_deletes_its_outdated_parquet_file(scenario, tmp_path):
     run_monte_carlo(scenario, 1, folder=tmp_path, num_workers=1).to_parquet(tmp_path / "results.parquet")
     run_monte_carlo(scenario, 2, folder=tmp_path, num_workers=1, resume=True)
     assert not (tmp_path / "results.parquet").exists()

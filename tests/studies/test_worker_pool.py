@@ -14,7 +14,7 @@ from drake_quad.studies.worker_pool import ExecutorPool, Outcome, WorkerPool, fl
 
 
 class Here(WorkerPool):
-    """Pool that runs tasks in this process, in their order, as many at a time as its capacity."""
+    """Pool that runs tasks in this process, in order; `capacity` tasks may be pending."""
 
     num_workers = 2
 
@@ -44,7 +44,7 @@ def fly(cursed):
 
 
 @given(st.sets(st.integers(0, 39), max_size=7), st.integers(1, 40), st.integers(1, 5))
-def test_exactly_the_samples_that_fail_alone_are_failures(cursed, size, capacity):
+def test_exactly_the_samples_that_fail_in_single_flights_are_failures(cursed, size, capacity):
     pool = Here(capacity)
     batches = [range(first, min(first + size, 40)) for first in range(0, 40, size)]
     outcomes = list(fly_batches(pool, fly(cursed), batches))
@@ -55,13 +55,13 @@ def test_exactly_the_samples_that_fail_alone_are_failures(cursed, size, capacity
     assert len(pool.done) <= len(batches) + 2 * len(cursed) * int(np.ceil(np.log2(max(size, 2))) + 1)
 
 
-def test_halves_are_flown_until_the_sample_is_alone():
+def test_a_failing_batch_is_halved_down_to_single_samples():
     pool = Here(1)
     list(fly_batches(pool, fly({5}), [range(8)]))
     assert pool.done == [[*range(8)], [0, 1, 2, 3], [4, 5, 6, 7], [4, 5], [4], [5], [6, 7]]
 
 
-def test_a_study_ends_when_eight_samples_have_failed_alone_and_none_has_flown():
+def test_a_study_ends_after_eight_failures_of_single_samples_without_a_success():
     pool = Here(3)
     with pytest.raises(RuntimeError, match="the first 8 samples all failed, each flown alone: ArithmeticError: cursed"):
         list(fly_batches(pool, fly(set(range(40))), [range(40)]))
@@ -71,7 +71,7 @@ def test_a_study_ends_when_eight_samples_have_failed_alone_and_none_has_flown():
 
 
 def invalid_input(samples):
-    raise InputError(f"samples {[*samples]} may not be said")
+    raise InputError(f"samples {[*samples]} are not allowed")
 
 
 def leaving(samples):
@@ -80,9 +80,9 @@ def leaving(samples):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("make", [lambda: Here(2), lambda: ExecutorPool(ThreadPoolExecutor(1), 1), lambda: Workers(1)])
-def test_a_sample_that_the_scenario_may_not_say_ends_all(make):
+def test_invalid_input_in_a_sample_ends_the_study(make):
     pool = make()
-    with pytest.raises(InputError, match=r"samples \[0\] may not be said"):
+    with pytest.raises(InputError, match=r"samples \[0\] are not allowed"):
         list(fly_batches(pool, invalid_input, [[0], [1]]))
     pool.abandon()
 
@@ -110,7 +110,7 @@ def test_a_given_executor_flies_all_batches():
     assert len(submitted) == 2
 
 
-def test_a_reason_is_one_short_line():
+def test_a_reason_is_shortened_to_one_line():
     def complain(samples):
         raise ValueError("many\nlines " + "and words " * 100)
 
