@@ -93,10 +93,10 @@ def register_controller(system: Any) -> str:
     """Register a Drake system class as a kind of controller, and return the name of the kind.
 
     The kind is called `MODULE.CLASS`. A class with the output port `acceleration_command` becomes a kind of position
-    controller, one with the port `wrench` or `attitude_target` a kind of control.
+    controller, and a class with the port `wrench` or `attitude_target` a kind of control.
 
     Args:
-        system: class whose ports are those of a `position_controller` or of a `control` of `simulate`. For studies and
+        system: class with the ports of a `position_controller` or a `control` of `simulate`. For studies and
             fleets, its constructor takes `num_vehicles`, the number N of vehicles.
 
     Raises:

@@ -276,7 +276,7 @@ def test_the_linear_model_of_a_slower_cascade_has_the_period_of_the_cascade():
             "autopilot.kind is 'none', but must be a kind that controls the attitude",
         ),
         ({"control.period": 0.03}, "control.period is 0.03, but must be a multiple of the period of the command link"),
-        ({"control.velocity.limit": [1.0, 1.0, 1.0]}, "velocity.limit .* must be left out: the command has limits"),
+        ({"control.velocity.limit": [1.0, 1.0, 1.0]}, "velocity.limit .* must be left out, since the command itself"),
         (
             {"control.velocity.k_p": [0.0, 1.0, 1.0]},
             r"velocity.k_p.0 is 0.0, but must be larger than 0, since the anti-windup",

@@ -348,7 +348,7 @@ def test_unstable_designs_cost_more_than_stable_ones(search_of):
     assert search_of(1, loop_of=failing).cost_of(np.zeros(1)) > max(unstable, worse)
     with pytest.raises(
         InputError,
-        match=r"no LQG design is stable for the nominal plant: the best one has a pole of magnitude 1\.\d{4}",
+        match=r"no LQG design is stable for the nominal plant: the best design has a pole of magnitude 1\.\d{4}",
     ):
         search_of(6).result()
 

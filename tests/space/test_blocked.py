@@ -73,7 +73,7 @@ def test_a_corridor_between_grid_points_may_contain_a_route():
     for low, would in ((0.51, "may"), (0.49, "would")):
         corridor = Box([0.0, low, 0.0], [2.0, low + 0.02, 1.0])
         said = explanation_of({"a": wall(1.0)}, [Box.point([x, low + 0.01, 0.5]) for x in (0.3, 1.7)], [corridor])
-        assert said.endswith(f"without a, there {would} be one")
+        assert said.endswith(f"without a, there {would} be a way")
 
 
 def test_a_gap_too_narrow_for_any_grid_is_reported_with_its_width():
