@@ -266,7 +266,7 @@ class FleetSystem(_Base):
         updates: periodic updates of the discrete state.
         initializations: computations at the start of a simulation.
         packed: layouts of the signals in the packed output port, by name; empty if there is no such port.
-        num_events: number of declared events, including those declared by Drake's own methods.
+        num_events: number of declared events, including events declared directly with Drake's methods.
     """
 
     scalar: type

@@ -315,7 +315,7 @@ REFUSED_SCENARIOS = [
     (
         (),
         {"record": True},
-        r"^recorder.log, a VectorLogSink\w*, cannot be compiled: it has no output, and its effect",
+        r"^recorder.log, a VectorLogSink\w*, cannot be compiled: it has no output ports, and its effect",
     ),
     (
         ("laboratory.motion_capture.position_noise=0.001",),
