@@ -31,8 +31,8 @@ def compile_diagram(
             and does not change it.
         ticks: largest number of ticks that one event may simulate, if no other system uses the results in between.
             Outputs are then updated only at the end of an event, and simulations must start at time zero. None for an
-            event at every instant at which an event of the diagram occurs, so that state and outputs equal those of the
-            original diagram at any time.
+            event at every instant at which an event of the diagram occurs, so that state and outputs equal the state
+            and outputs of the original diagram at any time.
         tick: period of the ticks, s, which must be one of the diagram's periods; by default, the least common multiple
             of all periods.
         record: True to record the output ports at every tick, with the values before the discrete updates.

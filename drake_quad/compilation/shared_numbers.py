@@ -31,6 +31,7 @@ class _Second(NamedTuple):
 # Types of shared numbers: the time, the number of a pair of ticks, the position in the pair, and an element of a port.
 _SharedNumber = str | TickOf | _Second | NumberSource
 TIME_NUMBER = "time"
+"""Shared number that is the time of the instant, s."""
 
 
 class SharedNumbers:

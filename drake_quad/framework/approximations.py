@@ -28,7 +28,7 @@ _SIGN_MASK = np.uint64(1 << 63)
 _SIGN_SHIFT = np.uint64(63)
 _BELOW_SIGN_SHIFT = np.uint64(62)
 _ONE_BIT = np.uint64(1)
-_MIN_NORMAL = 2.0**-1022
+_MIN_NORMAL = 2.0**-1022  # smallest positive normal double
 _BITS_OF_ONE = np.uint64(1023 << 52)
 _BITS_OF_SQRT_HALF = np.float64(math.sqrt(0.5)).view(np.uint64)
 # The lowest bits of the sum of 2**52 and a smaller whole number are the bits of this whole number.
@@ -37,7 +37,7 @@ _BITS_OF_TWO_52 = np.uint64(1075 << 52)
 
 # π/2 as a sum of two doubles.
 _HALF_PI_PARTS = (1.5707963267948966, 6.123233995736766e-17)
-_MAX_ANGLE = 2.0**20
+_MAX_ANGLE = 2.0**20  # rad; sines and cosines of larger angles are NaN
 _SINE_COEFFICIENTS = (
     -1.66666666666666307295e-1,
     8.33333333332211858878e-3,
@@ -135,7 +135,7 @@ _TANH_COEFFICIENTS = (
     7.959955735264808e-05,
     -1.724487449484433e-05,
 )
-_MAX_SMALL_TANH_ARGUMENT = 0.625
+_MAX_SMALL_TANH_ARGUMENT = 0.625  # largest |x| for which this polynomial is used
 # Polynomial of (erf x - 2/√π x) / x³ in x², for |x| <= 1. Its error in erf x is below 8e-18.
 _ERF_COEFFICIENTS = (
     -0.37612638903183754,

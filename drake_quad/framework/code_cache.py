@@ -19,7 +19,7 @@ from drake_quad.files import write_atomically
 
 # Largest total size of the cache. The size of a kernel is 5 to 200 kB, so the cache can contain thousands of kernels.
 MAX_BYTES = 256 * 2**20
-_DIGEST_SIZE = 32
+_DIGEST_SIZE = 32  # bytes of a SHA-256 digest
 # The pattern matches only files and temporary files of the cache, so that pruning deletes no other file.
 _CACHE_FILE_NAME = re.compile(r"\.?(kernel|result)_[0-9a-f]{32}(\.\d+)*\.(o|pickle)")
 # Opening a file must not follow a symbolic link or block on a FIFO. These flags do not exist on Windows, which needs

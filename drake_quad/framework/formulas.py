@@ -29,6 +29,7 @@ class _Time:
 
 
 TIME = _Time()
+"""Placeholder for the time (s) among the arguments of a formula."""
 
 
 class Tick(NamedTuple):

@@ -94,7 +94,9 @@ class Layout(NamedTuple):
 # Types that are rejected where a row is expected. A formula may return them by mistake.
 _NO_ROWS = (tuple, list, dict, str, bytes, complex)
 ROW = Layout(float, (), 1)
+"""Layout of a single row."""
 ABSENT = Layout(NoneType, (), 0)
+"""Layout of None, which has no rows."""
 
 
 def rows_layout(num_rows: int) -> Layout:

@@ -22,7 +22,7 @@ from drake_quad.framework import code_cache
 _Arguments = ParamSpec("_Arguments")
 _Value = TypeVar("_Value")
 _PACKAGE = Path(__file__).parent.parent
-_LIBRARIES = ("drake", "numpy", "scipy")
+_LIBRARIES = ("drake", "numpy", "scipy")  # libraries whose versions can affect results
 # Time, s, after which edited sources may differ from the modules that this process has imported.
 _START_TIME = time.time()
 

@@ -445,7 +445,7 @@ def test_the_tracking_reward_follows_its_formula():
         (lambda: envs_of(2, render_mode="human"), "render_mode is 'human', but must be None or one of"),
         (lambda: envs_of(2, action="magic"), "control.action.kind is 'magic', but must be one of"),
         (lambda: envs_of(2, observation={"history": 0}), "control.observation.history is 0"),
-        (lambda: envs_of(2, signals=["swing"]), "'swing' is not a signal of this scenario; its signals are reference, "),
+        (lambda: envs_of(2, signals=["swing"]), "'swing' is not a signal of this scenario; its signals are reference"),
         (lambda: QuadrotorVectorEnv("nowhere"), "nowhere"),
         (
             lambda: QuadrotorVectorEnv(load_scenario("hover"), {"duration": 1}),
@@ -457,7 +457,7 @@ def test_the_tracking_reward_follows_its_formula():
         ),
         (lambda: envs_of(2).step(np.zeros((2, 4))), "must be reset before its first step"),
         (lambda: rollout(envs_of(2), [np.zeros((2, 3))], 0), r"the shape \(2, 3\), but must have \(2, 4\)"),
-        (lambda: rollout(envs_of(2), [np.full((2, 4), [[0.0], [np.nan]])], 0), "that of vehicle 1 is .nan, nan"),
+        (lambda: rollout(envs_of(2), [np.full((2, 4), [[0.0], [np.nan]])], 0), "the action of vehicle 1 is .nan, nan"),
         (lambda: envs_of(2).reset(seed=-1), "seed is -1, but must be from 0 to 9223372036854775805"),
         (lambda: envs_of(2).reset(seed=[1, 2, 3]), "3 seeds are given, but there are 2 vehicles"),
         (
@@ -483,7 +483,7 @@ def test_the_tracking_reward_follows_its_formula():
         (lambda: envs_of(2).reset(seed="a"), "seed is 'a', but must be a whole number"),
         (lambda: envs_of(2).reset(seed=[1.5, 2]), "seed is 1.5, but must be a whole number"),
         (lambda: QuadrotorEnv("hover").reset(seed=-3), "seed is -3, but must be from 0"),
-        (lambda: rollout(envs_of(2), ["up"], 0), "actions are 'up', but must be real numbers"),
+        (lambda: rollout(envs_of(2), ["up"], 0), "actions are 'up', but must be an array of real numbers"),
         (lambda: rollout(envs_of(2), [[[0.0], [0.0, 1.0]]], 0), "must be an array of real numbers"),
         (lambda: rollout(envs_of(2), [np.full((2, 4), "0.1")], 0), "must be an array of real numbers"),
         (lambda: rollout(envs_of(2), [np.full((2, 4), 0.1 + 0.1j)], 0), "must be an array of real numbers"),
