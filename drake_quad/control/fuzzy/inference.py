@@ -24,7 +24,7 @@ from typing import NamedTuple
 from drake_quad.framework.elementary import exp, log, maximum, minimum, nearest, total, where
 from drake_quad.signals import Number, Row
 
-# Smallest argument of a logarithm.
+# Smallest argument of a logarithm; smaller arguments are replaced with it.
 _TINY = 1e-250
 # Largest double-precision number below 1.
 _BELOW_ONE = 1.0 - 2.0**-53
