@@ -1,5 +1,7 @@
 """Gymnasium environments for training policies on fleets that are simulated in machine code.
 
+This example creates 64 environments:
+
     import gymnasium
     import drake_quad.gym
 

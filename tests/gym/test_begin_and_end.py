@@ -46,7 +46,7 @@ def test_options_without_a_mask_reset_all_vehicles():
     envs.reset(seed=1, options={})
     envs.reset(options={"reset_mask": None})
     assert [envs.episode(i).sample for i in range(2)] == [1, 1]
-    with pytest.raises(InputError, match="reset_mask must be 2 truth values, some of them true"):
+    with pytest.raises(InputError, match="reset_mask must contain 2 Booleans, at least one of them True"):
         envs.reset(options={"reset_mask": np.array([False, False])})
 
 

@@ -64,7 +64,7 @@ def test_a_saved_controller_is_named_after_its_file(tmp_path):
         assert load_scenario("figure_eight", layers=[f"{path}:{name}"]).control.kind == "policy"
     assert sorted(each.name for each in tmp_path.iterdir()) == ["one.npz", "one.yaml", "task.npz", "task.yaml"]
     for wrong in (tmp_path / "mine", tmp_path / "my policy.yaml", tmp_path / ".yaml"):
-        with pytest.raises(InputError, match="a policy is written to a .yaml file with a name of letters and digits"):
+        with pytest.raises(InputError, match="a policy must be written to a .yaml file with a name of letters"):
             save_policy(env, [layer], wrong)
 
 
