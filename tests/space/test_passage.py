@@ -1,4 +1,4 @@
-"""Comparison of chains of regions, and of passages through them, with an enumeration in small mazes of boxes."""
+"""Chains of regions and passages through them, compared with an enumeration in small mazes of boxes."""
 
 import itertools
 
@@ -175,7 +175,7 @@ def test_random_passages_differ_only_if_their_lengths_are_similar():
     regions = Boxes(*BOXES_AROUND_PILLAR)
     middle = [np.array([[0.5, 2.0, 0.5]]), np.array([[3.5, 2.0, 0.5]])]
     assert set(other_passages(regions, middle, [None], count=12)) == {((2, 0, 3),), ((2, 1, 3),)}
-    # The centre of the bottom box is so far away that the route through it has 40 m. The route along the top has 5 m.
+    # The centre of the bottom box is so far away that the route through it is 40 m long; along the top it is 5 m.
     far = Boxes(([0, -40, 0], [4, 1, 1]), *BOXES_AROUND_PILLAR[1:])
     assert other_passages(far, middle, [None], count=12) == [((2, 1, 3),)]
     assert other_passages(far, middle, [Box([0, 0, 0], [4, 2.5, 1])], count=12) == [((2, 0, 3),)]
