@@ -55,7 +55,7 @@ ALL_IMPERFECTIONS = [
     " {kind: fan, position: [-1.2, -5.5, 1.5], direction: [0, 1, 0], flow: 3.0, diameter: 0.75},"
     " {kind: fan, position: [1.2, -5.5, 1.5], direction: [0, 1, 0], flow: 3.0, diameter: 0.75}]",
 ]
-# Additional inputs of a network beside the error and its rate. Each input has three sets, or two with `_TWO_SETS`.
+# Inputs of a network in addition to the error and its rate. Each input has three sets, or two with `_TWO_SETS`.
 _POSITION_INPUTS = ["control.network.inputs.x.scale=0.5", "control.network.inputs.y.scale=0.5"]
 _TWO_SETS = [
     f"control.network.inputs.{name}.{numbers}"

@@ -31,7 +31,7 @@ def wired(figure_eight):
 
 @pytest.fixture(scope="module")
 def compiled(wired):
-    """Return the compiled diagram with an event at every instant."""
+    """Return the compiled diagram with a separate event for each tick."""
     return compile_diagram(wired)
 
 

@@ -72,8 +72,7 @@ def test_error_figures_are_computed_per_axis_and_for_the_distance():
 
 
 def test_the_vehicle_that_flew_the_log_predicts_its_errors(scenario, flown):
-    """Flown and predicted errors differ only by the error of the fitted reference, whose acceleration is fed forward.
-    """
+    """Flown and predicted errors differ only by the error of the fitted reference, whose acceleration is fed forward."""
     found = compare_with_log(flown, scenario, samples=1, rest=REST)
     assert found.predicted.shape == (1, *found.flown.shape)
     assert np.abs(found.flown).max() > 0.02
@@ -109,7 +108,9 @@ def test_flights_without_random_parameters_do_not_vary(scenario, flown):
     assert not compare_with_log(flown, scenario, samples=3, rest=REST).varies
 
 
-def test_the_log_of_a_sample_is_within_the_predicted_interval_and_that_of_another_vehicle_outside(scenario, uncertain, flown):
+def test_the_log_of_a_sample_is_within_the_predicted_interval_and_that_of_another_vehicle_outside(
+    scenario, uncertain, flown
+):
     found = compare_with_log(flown, uncertain, samples=40, rest=REST)
     assert found.within("rmse")[[2, 3]].all()
     median, low, high = found.interval("rmse")

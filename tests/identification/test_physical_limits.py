@@ -56,7 +56,9 @@ def test_variables_are_second_moments_of_a_body_and_values_at_the_ends_of_a_thru
         ([0.3, 0.5, -0.1], [0.0002, 0.0002, -0.1]),
     ],
 )
-def test_second_moments_are_bounded_by_a_fraction_of_the_data_sheet_values(moments: list[float], least: list[float]) -> None:
+def test_second_moments_are_bounded_by_a_fraction_of_the_data_sheet_values(
+    moments: list[float], least: list[float]
+) -> None:
     parameters = parameters_with(inertia=sum(moments) - np.array(moments))
     found = SearchVariables.of(parameters)
     lower, upper = (variables_by_name(parameters, each) for each in (found.lower, found.upper))

@@ -97,7 +97,9 @@ def test_a_flight_of_three_windows_is_too_short(rotors: Scenario) -> None:
 @pytest.mark.parametrize(
     ("period", "split"), [(0.008, 1), (0.01, 1), (0.0104, 1), (0.0106, 2), (0.02, 2), (0.025, 3), (0.05, 5)]
 )
-def test_the_step_of_the_model_is_at_most_about_a_hundredth_of_a_second(rotors: Scenario, period: float, split: int) -> None:
+def test_the_step_of_the_model_is_at_most_about_a_hundredth_of_a_second(
+    rotors: Scenario, period: float, split: int
+) -> None:
     logs, _ = prepare([log_of(200 * period, *POSE, period=period)], rotors)
     predictor = logs.predictor((), logs.flying, horizon=True)
     assert predictor.split == split
@@ -120,7 +122,9 @@ def test_a_predictor_has_the_given_parameters_and_delay(rotors: Scenario) -> Non
 
 
 @pytest.mark.parametrize(("seconds", "blocks"), [(7.0, 13), (20.0, 15), (61.0, 15), (80.0, 20)])
-def test_blocks_last_at_most_four_seconds_and_there_are_at_least_fifteen(rotors: Scenario, seconds: float, blocks: int) -> None:
+def test_blocks_last_at_most_four_seconds_and_there_are_at_least_fifteen(
+    rotors: Scenario, seconds: float, blocks: int
+) -> None:
     """If there are few windows, each window is a block."""
     logs, _ = prepare([log_of(seconds, *POSE)], rotors)
     predictor = logs.predictor((), logs.flying)

@@ -90,7 +90,10 @@ def test_the_model_of_a_moving_vehicle_matches_differences(kinematics):
 
 
 def test_a_trim_leans_into_the_wind():
-    """The tilt is tan θ = D / m g. The thrust balances drag and weight, and torques balance the offset mass."""
+    """The tilt is tan θ = D / m g.
+
+    The thrust balances drag and weight, and the torques balance the offset of the centre of mass.
+    """
     wind = np.array([6.0, -3.0, 0.0])
     trim = find_trim(WITH_DRAG, wind=tuple(wind))
     speed = np.linalg.norm(wind)
@@ -159,7 +162,7 @@ def test_a_slow_swing_is_one_mode(swing, multiplicity):
 
 
 def test_modes_are_named_by_their_participating_states():
-    """One oscillator has a damping of 0.1 at 2 rad/s, the other of 0.5 at 5 rad/s, also after sampling."""
+    """One oscillator has a damping ratio of 0.1 at 2 rad/s, the other 0.5 at 5 rad/s, before and after sampling."""
     A = np.zeros((4, 4))
     A[0, 1], A[1, :2] = 1.0, (-4.0, -0.4)
     A[2, 3], A[3, 2:] = 1.0, (-25.0, -5.0)

@@ -50,8 +50,7 @@ def write(tmp_path):
 
 
 def assert_alike(one, other, start=0.0, atol=1e-12):
-    """Assert that the position, its derivatives up to snap, and the yaw agree, to within atol times the largest value of each.
-    """
+    """Assert that position, derivatives up to snap, and yaw agree, within `atol` relative to the largest values."""
     times = np.linspace(start, one.path.times[-1], 2001)[1:-1]
     for part, orders in (("path", 5), ("yaw", 2)):
         for order in range(orders):

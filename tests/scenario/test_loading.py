@@ -624,7 +624,7 @@ def test_a_scenario_written_and_read_again_is_the_same(diagrams, write):
 def test_a_vehicle_file_has_no_control(diagrams):
     assert not has_control(diagrams / "vehicles" / "crazyflie.yaml")
     assert has_control(diagrams / "figure_eight.yaml")
-    assert has_control(f"{diagrams / 'laboratory.yaml'}:low_wind")  # The control is inherited from the extended scenario.
+    assert has_control(f"{diagrams / 'laboratory.yaml'}:low_wind")  # inherited control
     with pytest.raises(InputError, match="cannot be read"):
         has_control(diagrams / "nothing.yaml")
 

@@ -1,5 +1,4 @@
-"""Tests of the explanation why there is no route: waypoints that are not connected, and obstacles that block the way.
-"""
+"""Tests of the explanation why there is no route: waypoints that are not connected, and blocking obstacles."""
 
 import pytest
 
