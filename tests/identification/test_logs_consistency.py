@@ -33,7 +33,7 @@ HALF_TURN = np.array([1.0, -1.0, -1.0])
 
 @functools.cache
 def flight(noise=1.0):
-    """Return a flight with linear drag and thrust along the body's z axis; acceleration and yaw determine the attitude."""
+    """Return a flight with linear drag and thrust along the body's z axis; its attitude follows from path and yaw."""
     random = np.random.default_rng(1)
     frequencies, sizes = np.array([1.1, 1.7, 0.9]), np.array([1.5, 0.8, 0.4])
     phase = np.outer(TIME, frequencies) + np.array([0.0, 0.3, 0.7])

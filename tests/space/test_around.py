@@ -336,8 +336,7 @@ def test_routes_around_a_pillar_lead_past_both_of_its_sides():
 
 
 def test_a_route_that_a_coarse_grid_misses_is_found_on_a_finer_one():
-    """The gap leaves 1 cm for the centre of mass. It lies between points of the first grid, and around one of the
-    second grid.
+    """The gap leaves 1 cm for the centre of mass, between points of the first grid, around one of the second grid.
 
     In the room of 1 m by 0.6 m by 0.4 m, the points have a spacing of 5 cm in the first grid and 3 cm in the second.
     """
