@@ -360,7 +360,7 @@ def planning_work() -> dict[str, Callable[[], object]]:
     points = np.cumsum(rng.normal(size=(50, 3)), axis=0)
     corridors = [Box(np.minimum(a, b) - 0.2, np.maximum(a, b) + 0.2) for a, b in itertools.pairwise(points)]
     hallways = PathProblem([Box.point(point) for point in points], corridors=corridors, limits=limits)
-    # Times below those of the fastest minimum-snap path activate the limits and the walls.
+    # Times shorter than those of the fastest minimum-snap path activate the limits and the walls.
     tight_times = GivenTimes(tuple(0.97 * plan_path(hallways, Shortest()).times))
     course = PathProblem([Box.point(point) for point in points[:21]], limits=limits)
     return {

@@ -169,7 +169,7 @@ class Example(NamedTuple):
 
     @property
     def other_numbers(self) -> Any:
-        """Numbers that differ from those of the example and between vehicles."""
+        """Numbers that differ from the example's numbers, and between vehicles."""
         if self.numbers is None:
             return None
         if isinstance(self.numbers, Samples):

@@ -74,7 +74,7 @@ def test_the_log_of_a_flight_has_the_signals_of_a_laboratory(kind, diagrams):
         assert record.rotor_speed_command is None
     elif kind == "battery":
         np.testing.assert_array_equal(record.motor_command, flight["throttle_command"])
-        # The voltage sags below that of the full battery by the current times 20 mΩ, and falls with the charge.
+        # The voltage is below the full voltage by the current times 20 mΩ, and decreases with the charge.
         assert 12.0 < record.battery_voltage.min() < record.battery_voltage.max() < 12.6
         assert record.rotor_speed_command is None
     else:

@@ -266,7 +266,7 @@ def test_a_time_shift_of_the_vertical_force_is_detected_in_small_motions(amplitu
     random = np.random.default_rng(2)
     phases = np.outer(TIME, [2.1, 3.4]) + np.array([0.0, 1.0])
     still = np.zeros((len(TIME), 2))
-    # The RMS value is that of a sum of two sines.
+    # The acceleration is a sum of two sines.
     acceleration = amplitude * np.sin(phases).sum(axis=1)
     velocity = -amplitude * (np.cos(phases) / [2.1, 3.4]).sum(axis=1)
     late = np.interp(TIME - 0.1, TIME, acceleration) + 0.01 * random.normal(size=len(TIME))

@@ -74,7 +74,7 @@ def test_the_jacobian_of_a_loop_with_an_autopilot_matches_differences(onboard, k
 
 
 def test_the_plant_on_board_is_a_double_integrator_behind_the_rotors(onboard):
-    """The expected response is that of a zero-order hold over a period of the autopilot, without delay."""
+    """The expected response includes a zero-order hold over a period of the autopilot, and no delay."""
     h, lag = 0.0025, 0.05
     A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0 / lag]])
     B = np.array([[0.0], [0.0], [1.0 / lag]])

@@ -265,7 +265,7 @@ ARBITRARY_ROTORS = (
 
 @pytest.mark.parametrize("layout", ["{kind: x}", "{kind: h, length: 0.2, width: 0.3}", ARBITRARY_ROTORS])
 def test_the_plant_of_a_nominal_vehicle_does_not_depend_on_its_layout(laboratory, layout):
-    """The allocation makes the wrench independent of the layout, so the response is that of the plus layout."""
+    """The allocation makes the wrench independent of the layout, so the response equals the one of the plus layout."""
     plus, _ = laboratory_plant(laboratory())
     plant, specific_thrust = laboratory_plant(laboratory(f"nominal.layout={layout}"))
     assert specific_thrust == pytest.approx(9.81, rel=1e-12)

@@ -90,7 +90,7 @@ def test_the_state_has_names_and_excludes_passive_systems(hover):
 
 
 def test_a_continuous_and_a_stepping_vehicle_have_the_same_model(hover):
-    """The slow poles of a vehicle with time steps agree with those of a vehicle that Drake integrates."""
+    """A vehicle with time steps and a vehicle that Drake integrates have the same slow poles."""
     poles_of_models = []
     for time_step in (0.01, 0.0):
         diagram = build_tracking_diagram(hover(f"vehicle.time_step={time_step}"))

@@ -93,8 +93,8 @@ def test_a_route_with_very_unequal_steps_is_flown_with_stops():
 def test_in_corridors_two_searches_are_better_than_one(points, room, duration):
     """The better search starts from the minimum-snap times on the first route, and from the heuristic on the second.
 
-    Its result is about 7 % better than that of the other search. A Nelder-Mead search over the durations found the same
-    totals from two initial points.
+    Its result is about 7 % better than the result of the other search. A Nelder-Mead search over the durations found
+    the same totals from two initial points.
     """
     points = np.array(points)
     halls = [Box(np.minimum(a, b) - room, np.maximum(a, b) + room) for a, b in itertools.pairwise(points)]

@@ -140,7 +140,7 @@ def test_routes_that_cannot_be_planned_are_skipped(monkeypatch):
 
 
 def test_waypoints_between_given_times_are_timed_by_length():
-    """The times are those of a polyline at constant speed, whose segments are lengthened by one millimetre."""
+    """The times follow from constant speed along a polyline whose segments are lengthened by one millimetre."""
     corners = [[0.5, 1.0, 1.0], [1.0, 1.0, 1.0], [1.0, 1.5, 1.0], [3.0, 1.5, 1.0], [3.5, 1.5, 1.0], [3.5, 1.0, 1.0]]
     way = RouteAround(PathProblem([Box.point(corner) for corner in corners]), np.array([0, 2, 5]))
     actual = around._timing_for(way, GivenTimes((1.0, 3.0, 6.0)))
@@ -358,7 +358,7 @@ def test_a_route_that_a_coarse_grid_misses_is_found_on_a_finer_one():
 
 
 def test_routes_that_select_regions_keep_the_clearance_with_its_slack(monkeypatch):
-    """The length of a route over a point is at least that of the straight lines between the point and both ends."""
+    """A route over a point is at least as long as the straight lines between the point and both ends."""
     recorded = []
     lengths_from = around.Grid.lengths_from
 

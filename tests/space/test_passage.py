@@ -235,7 +235,7 @@ def test_candidates_are_the_chain_and_then_regions_on_the_shortest_routes():
 
 @pytest.mark.parametrize("seed", range(6))
 def test_without_random_factors_random_passages_are_the_shortest_between_centres(monkeypatch, seed):
-    """The length is that of a route through the centres of regions and intersections, plus transition costs."""
+    """The cost is the length of a route through the centres of regions and intersections, plus transition costs."""
     monkeypatch.setattr(passage, "_LOG_FACTOR_DEVIATION", 0.0)
     random = np.random.default_rng([5, seed])
     low = random.uniform(0.0, 2.0, (6, 3))
