@@ -134,7 +134,7 @@ def test_the_log_that_is_identified_has_the_rows_of_its_condition(diagrams, monk
 
     def identify(records, *_, **__):
         logs.extend(records)
-        raise InputError("no")
+        raise InputError("refused by this test")
 
     monkeypatch.setattr(known_flights, "identify", identify)
     check_batch(Task("slow_log", diagrams, ["duration=0.1"], [4]))
@@ -143,7 +143,7 @@ def test_the_log_that_is_identified_has_the_rows_of_its_condition(diagrams, monk
 
 def test_a_flight_whose_log_is_refused_has_no_rows(diagrams, monkeypatch):
     def refuse(*_, **__):
-        raise InputError("no")
+        raise InputError("refused by this test")
 
     monkeypatch.setattr(known_flights, "identify", refuse)
     assert check_batch(Task("wind", diagrams, ["duration=0.3"], [4])) == {4: []}

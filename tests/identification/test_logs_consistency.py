@@ -24,7 +24,7 @@ from drake_quad.identification.logs.consistency import (
 from drake_quad.identification.logs.reading import read_log
 
 GRAVITY = 9.81
-PERIOD = 0.01
+PERIOD = 0.01  # s, sampling period
 TIME = PERIOD * np.arange(1500)
 # The search compares the log with about a hundred faults.
 pytestmark = pytest.mark.slow

@@ -21,7 +21,7 @@ from drake_quad.identification.position_law.regression import (
 from drake_quad.identification.result import Spread
 from drake_quad.identification.results.estimates import quantile
 
-PERIOD = 0.01
+PERIOD = 0.01  # s, sampling period
 BASIC = ("position", "velocity", "reference_velocity", "reference_acceleration", "displacement", "integral")
 GAINS = {
     "position": 4.0,

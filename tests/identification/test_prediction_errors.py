@@ -16,7 +16,7 @@ from drake_quad.identification.parameters import Parameter
 from drake_quad.identification.prediction_errors import FORCE, Output, PredictionNoise, Predictor
 from drake_quad.identification.windows import LogWindow, WindowSizes
 
-PERIOD = 0.01
+PERIOD = 0.01  # s, sampling period
 SIZES = WindowSizes(length=20, settle=10, warm_up=5)
 POSE = [Output(signal, column) for signal in ("position", "attitude") for column in range(3)]
 IMU = [Output(signal, column) for signal in ("body_rates", FORCE) for column in range(3)]

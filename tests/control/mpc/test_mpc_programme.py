@@ -28,7 +28,7 @@ from drake_quad.control.mpc.programme import Programme
 from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.signals import Jerk, Reference, Snap
 
-TIMING = Timing(0.01, 0.02, 2)
+TIMING = Timing(frame=0.01, tick=0.02, delay_ticks=2)
 NUM_TICKS = 7  # ticks of the horizon
 NUM_INSTANTS = 12  # times in the preview
 NOW = 3  # index of the preview time at which the horizon begins
