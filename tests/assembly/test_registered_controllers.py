@@ -92,7 +92,7 @@ def with_position(kind: str, *overrides: str):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("system", [Formula, Plain])
-def test_a_registered_position_controller_flies_like_one_given_as_an_object(system) -> None:
+def test_a_registered_position_controller_has_the_flight_of_one_given_as_an_object(system) -> None:
     kind = register_controller(system)
     assert kind == f"{__name__}.{system.__name__}"
     registered = simulate(with_position(kind))
@@ -121,7 +121,7 @@ def test_numbers_of_a_formula_are_fields_that_may_be_distributions() -> None:
     assert first.scenario.control.position.k_p != second.scenario.control.position.k_p
     alone = simulate(first.scenario)
     np.testing.assert_allclose(alone.signals["state"], first.signals["state"], atol=1e-9)
-    # A system in plain Python has no numbers that the scenario language knows.
+    # A system in plain Python has no parameters in the scenario language.
     assert set(type(with_position(register_controller(Plain)).control.position).model_fields) == {
         "kind",
         "feed_forward",
@@ -263,7 +263,7 @@ class MisnamedPort(LeafSystem):
 
 
 class OneVehiclePorts(Plain):
-    """A controller that has ports for one vehicle, also if more are requested."""
+    """A controller that has ports for one vehicle, even if more vehicles are requested."""
 
     def __init__(self, num_vehicles=1):
         super().__init__(1)

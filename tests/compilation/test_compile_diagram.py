@@ -31,7 +31,7 @@ def wired(figure_eight):
 
 @pytest.fixture(scope="module")
 def compiled(wired):
-    """Return the compiled diagram with an event at every instant."""
+    """Return the compiled diagram with a separate event for each tick."""
     return compile_diagram(wired)
 
 
@@ -288,7 +288,7 @@ def test_the_record_has_the_values_before_the_discrete_updates(wired, strided, c
     for name, values in logs[1].items():
         assert len(values) == 20
         np.testing.assert_array_equal(logs[0][name], values)
-    # Between two ticks, all outputs are those of the first tick, except for the moving vehicle.
+    # Between two ticks, all outputs keep their values of the first tick, except for the moving vehicle.
     simulator = Simulator(wired)
     simulator.AdvanceTo(0.3)
     assert_alike(logs[1]["wrench"][15], wired.GetOutputPort("wrench").Eval(simulator.get_context()))

@@ -29,7 +29,8 @@ def test_a_seed_also_seeds_the_generator_of_the_environment():
     envs = hover(num_envs=2)
     envs.reset(seed=7)
     assert envs.np_random_seed == 7
-    # The first reset also draws a seed for vehicles without one, so the generator is compared after the second reset.
+    # The first reset also draws a seed for vehicles without a seed, so the generator is compared after the second
+    # reset.
     envs.reset(seed=7)
     drawn = envs.np_random.random()
     # Seeds of single vehicles and resets without a seed do not change the generator.

@@ -56,7 +56,7 @@ def test_missing_fields_of_a_policy_are_not_taken_from_the_scenario(tmp_path):
 
 
 def test_a_saved_controller_is_named_after_its_file(tmp_path):
-    """This is the name in `drake-quad compare`."""
+    """`drake-quad compare` prints this name."""
     env = QuadrotorVectorEnv("figure_eight", observation={"signals": ["velocity"]})
     layer = Layer(np.zeros((3, 3)), np.zeros(3))
     for name in ("one", "task"):

@@ -397,7 +397,7 @@ def test_a_reset_clears_the_ended_episodes(mask):
     assert [envs.episode(i).sample for i in range(3)] == [0 if new[i] else initial[i] + 1 for i in range(3)]
 
 
-def test_the_last_action_before_the_first_step_is_that_of_hover():
+def test_the_last_action_before_the_first_step_is_the_hover_action():
     """The thrust in hover is the weight, and actions range from 0.5 to 1.75 times the weight."""
     transitions = []
     action = {"kind": "attitude", "min_thrust": 0.5, "max_thrust": 1.75}

@@ -26,7 +26,7 @@ from drake_quad.identification.logs.consistency import (
 from drake_quad.identification.logs.reading import read_log
 
 GRAVITY = 9.81
-PERIOD = 0.01
+PERIOD = 0.01  # s, sampling period
 TIME = PERIOD * np.arange(1500)
 # The search compares the log with about a hundred faults.
 pytestmark = pytest.mark.slow
@@ -35,7 +35,7 @@ HALF_TURN = np.array([1.0, -1.0, -1.0])
 
 @functools.cache
 def flight(noise=1.0):
-    """Return a flight with linear drag and thrust along the body's z axis; acceleration and yaw determine the attitude."""
+    """Return a flight with linear drag and thrust along the body's z axis; its attitude follows from path and yaw."""
     random = np.random.default_rng(1)
     frequencies, sizes = np.array([1.1, 1.7, 0.9]), np.array([1.5, 0.8, 0.4])
     phase = np.outer(TIME, frequencies) + np.array([0.0, 0.3, 0.7])
@@ -287,7 +287,7 @@ def test_a_time_shift_of_the_vertical_force_is_detected_in_small_motions(amplitu
     random = np.random.default_rng(2)
     phases = np.outer(TIME, [2.1, 3.4]) + np.array([0.0, 1.0])
     still = np.zeros((len(TIME), 2))
-    # The RMS value is that of a sum of two sines.
+    # The acceleration is a sum of two sines.
     acceleration = amplitude * np.sin(phases).sum(axis=1)
     velocity = -amplitude * (np.cos(phases) / [2.1, 3.4]).sum(axis=1)
     late = np.interp(TIME - 0.1, TIME, acceleration) + 0.01 * random.normal(size=len(TIME))

@@ -34,7 +34,7 @@ def test_the_clock_is_the_fastest_measured_one_that_lasts_half_of_the_longest_ti
     for channels in ([slow, fast, commands], [commands, fast, slow]):
         assert conversion._fastest(channels) is (fast if taken else slow).clock
     assert conversion._fastest([commands, channel("thrust_share", 0.0, 10.0, 0.01)]) is commands.clock
-    # The rate of a clock is that of its median step, so gaps do not matter.
+    # The rate of a clock follows from its median step, so gaps do not matter.
     gapped = slow._replace(clock=np.where(slow.clock > 5.0, slow.clock + 50.0, slow.clock))
     assert conversion._fastest([gapped, channel("velocity", 0.0, 60.0, 0.02)]) is gapped.clock
 
