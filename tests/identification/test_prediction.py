@@ -381,7 +381,7 @@ def test_motion_at_a_start_is_that_of_fifty_milliseconds_or_four_samples(scenari
     monkeypatch.setattr(prediction, "_starts", starts_of)
     log = moving([0.0, 0.0, 0.1])
     log = replace(log, time=period / 0.01 * log.time)
-    with pytest.raises(InputError, match="no airborne stretch of 0.7 s"):
+    with pytest.raises(InputError, match="no airborne stretch of at least 0.7 s"):
         predict(log, {"vehicle": scenario}, horizons=(0.2, 0.5), share=0.3)
     assert given == [(samples, 0.3)]
 
