@@ -291,7 +291,7 @@ def print_design(design: CascadeDesign) -> None:
                 f"{margins.bandwidth:.2f} rad/s",
                 f"{margins.sensitivity:.2f}",
                 (", ".join(loop.limits) or "as requested")
-                + (f"; cost {cost:.2f} × that of full state feedback" if cost is not None else ""),
+                + (f"; cost {cost:.2f} × the cost of full state feedback" if cost is not None else ""),
             )
         )
     rate_text = ", or rate" if design.on_board else ""

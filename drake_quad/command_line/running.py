@@ -54,7 +54,7 @@ def orderly_exit() -> Iterator[None]:
         status, has_exited = stop.code, True
     except InputError as error:
         status, message = 2, f"error: {error}"
-    except BrokenPipeError:  # the process that reads the pipe has ended, so nobody would see a message
+    except BrokenPipeError:  # the process that reads the pipe has ended, so a message would not be read
         status = 1
     except MemoryError as error:
         status, message = 1, f"failed: {str(error) or 'not enough memory'}"

@@ -104,7 +104,7 @@ def _candidates(scenario: Scenario, signals: set[str], own_throttles: bool) -> I
             yield "rotor_inertia", vehicle.rotor_inertia, "positive"
     if not responds and turning and FORCE in signals and vehicle.body_drag is not None:
         yield "body_drag.centre_of_pressure[2]", 0.2 * arm, "any"
-    # An accelerometer alone identifies only the product of drag and velocity.
+    # Without a measured velocity, an accelerometer identifies only the product of drag and velocity.
     if not moving:
         return
     if "attitude" in signals and "position" in signals:

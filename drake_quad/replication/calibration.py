@@ -180,5 +180,5 @@ def _fit(number: FreeNumber, errors: Callable[[list[str]], np.ndarray], target: 
 
 
 def _errors(scenario: Scenario, num_samples: int, *, compiled: bool = True) -> np.ndarray:
-    """Return the RMSE (n,) of the first n samples, m; infinite for those that crashed."""
+    """Return the RMSE (n,) of the first n samples, m; infinite for samples that crashed."""
     return values_with_crashes(fly_samples(scenario, range(num_samples), compiled=compiled), "rmse")

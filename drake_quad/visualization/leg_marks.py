@@ -31,7 +31,7 @@ class LegMark(NamedTuple):
 
 
 def leg_marks(plan: Plan) -> list[LegMark]:
-    """Return the marks of a plan's legs; none if the plan has a single leg."""
+    """Return the marks of a plan's legs; empty if the plan has a single leg."""
     position, velocity = plan.derivative(0), plan.derivative(1)
     marks = []
     for number, (start, end) in enumerate(_legs(plan), start=1):

@@ -246,7 +246,7 @@ def test_a_design_has_a_row_for_each_axis_in_order(capsys):
     assert rows == [
         ["roll rate", "9", "–", "–", *margins, "as requested"],
         ["z", "3", "4", "–", *margins, "as requested"],
-        ["x", "1.235", "2", "0.5", *margins, "phase, delay; cost 1.23 × that of full state feedback"],
+        ["x", "1.235", "2", "0.5", *margins, "phase, delay; cost 1.23 × the cost of full state feedback"],
     ]
     design.print_design(SimpleNamespace(loops=loops, on_board={}, all_loops=loops))
     title, header, *rows = cells(capsys.readouterr().out)
