@@ -300,7 +300,7 @@ def print_design(design: CascadeDesign) -> None:
 
 
 def print_modes(loop: ClosedLoop) -> None:
-    """Print the modes of the whole loop, sampled at each tick, in the order of increasing frequency."""
+    """Print the modes of the whole loop, sampled at each tick, from the slowest to the fastest mode."""
     system = loop.system
     rows = []
     for mode in modes(system.A, system.states, period=system.period):

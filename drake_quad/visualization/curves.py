@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-# Two curves overlap if their distance is below `_MAX_SEPARATION`, in points, over more than a fraction of their length.
+# Two curves overlap if their distance is below this value, in points, over more than `_MIN_OVERLAP` of their length.
 _MAX_SEPARATION = 1.2
 _MIN_OVERLAP = 0.25
 # Unit of the dash length of overlapping curves, in line widths.

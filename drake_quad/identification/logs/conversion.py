@@ -351,7 +351,7 @@ def _turn_to_signal_frames(signals: dict[str, Any], channels: Sequence[_Channel]
         if "attitude" in signals:
             turned = rotations(signals["attitude"]).apply(signals[channel.signal], inverse=not to_world)
             signals[channel.signal] = turned
-            yield (f"{channel.signal} is turned from {source_axes} axes to {target_axes} axes by the attitude")
+            yield f"{channel.signal} is turned from {source_axes} axes to {target_axes} axes by the attitude"
         else:
             del signals[channel.signal]
             yield f"{channel.signal} is left out: it is along {source_axes} axes, and no attitude is logged"
