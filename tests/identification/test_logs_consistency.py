@@ -241,9 +241,9 @@ def test_each_wrong_frame_is_named():
     to_world = rotations(clean["attitude"]).apply
     to_body = rotations(clean["attitude"]).inv().apply
     for name, turned, words in (
-        ("body_rates", to_world, "body_rates looks as if it were along the axes of the world"),
-        ("specific_force", to_world, "specific_force looks as if it were along the axes of the world"),
-        ("velocity", to_body, "velocity looks as if it were along the axes of the body"),
+        ("body_rates", to_world, "body_rates looks as if it were along world axes"),
+        ("specific_force", to_world, "specific_force looks as if it were along world axes"),
+        ("velocity", to_body, "velocity looks as if it were along body axes"),
         ("velocity", lambda v: v[:, [1, 0, 2]] * [1.0, 1.0, -1.0], "velocity looks as if NED was taken for ENU"),
         ("attitude", lambda a: a + np.array([0.0, 0.0, 0.5 * np.pi]), "the yaw of attitude looks 90° too large"),
     ):

@@ -221,16 +221,16 @@ def test_vectors_along_the_axes_of_the_other_frame_are_turned_by_the_attitude():
     ]
     signals = dict(given)
     assert list(conversion._turn_to_signal_frames(signals, channels)) == [
-        "velocity is turned from the axes of the body to those of the world by the attitude",
-        "specific_force is turned from the axes of the world to those of the body by the attitude",
+        "velocity is turned from body axes to world axes by the attitude",
+        "specific_force is turned from world axes to body axes by the attitude",
     ]
     np.testing.assert_allclose(signals["velocity"], to_world.apply(velocity), atol=1e-12)
     np.testing.assert_allclose(signals["specific_force"], to_world.inv().apply(force), atol=1e-12)
     assert (signals["attitude"] is attitude, signals["body_rates"] is rates) == (True, True)
     signals = {name: values for name, values in given.items() if name != "attitude"}
     assert list(conversion._turn_to_signal_frames(signals, channels[1:])) == [
-        "velocity is left out: it is along the axes of the body, and no attitude is logged",
-        "specific_force is left out: it is along the axes of the world, and no attitude is logged",
+        "velocity is left out: it is along body axes, and no attitude is logged",
+        "specific_force is left out: it is along world axes, and no attitude is logged",
     ]
     assert set(signals) == {"body_rates"}
 
