@@ -183,7 +183,7 @@ def _family_section(evaluation: Evaluation, name: str, family: LaboratoryFamily)
         *_TRAIT_HEADINGS,
     )
     shares = _crash_shares(evaluation, family, traits)
-    return f"### {name}\n\n{table(header, rows)}" + (f"\n\nCrash probabilities, with 95 % intervals: {shares}." if shares else "")
+    return f"### {name}\n\n{table(header, rows)}" + (f"\n\nCrash probabilities: {shares}." if shares else "")
 
 
 _TRAIT_HEADINGS = (
