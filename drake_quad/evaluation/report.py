@@ -183,7 +183,7 @@ def _family_section(evaluation: Evaluation, name: str, family: LaboratoryFamily)
         *_TRAIT_HEADINGS,
     )
     shares = _crash_shares(evaluation, family, traits)
-    return f"### {name}\n\n{table(header, rows)}" + (f"\n\nCrashes: {shares}." if shares else "")
+    return f"### {name}\n\n{table(header, rows)}" + (f"\n\nCrash probabilities: {shares}." if shares else "")
 
 
 _TRAIT_HEADINGS = (
@@ -208,7 +208,7 @@ def _trait_texts(each: Traits) -> tuple[str, ...]:
 def _crash_shares(evaluation: Evaluation, family: LaboratoryFamily, traits: Mapping[str, Traits]) -> str:
     """Return, as text, the crash probability with its interval for all controllers and laboratories with a crash."""
     shares = [
-        f"{CONTROLLER_NAMES[name]} in {laboratory} {crash_probability(evaluation.flights[laboratory][name]).percent()}"
+        f"{CONTROLLER_NAMES[name]} ({laboratory}): {crash_probability(evaluation.flights[laboratory][name]).percent()}"
         for laboratory in family.laboratories
         for name in traits
         if evaluation.flights[laboratory][name].crashed.any()

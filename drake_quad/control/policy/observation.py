@@ -134,9 +134,7 @@ OBSERVABLE_SIGNALS = {
     "position": ObservableSignal(3, _position, "position of the vehicle along X, Y, Z, in any frame (m)"),
     "position_error": ObservableSignal(3, _position_error, "from the vehicle to the reference (m)"),
     "velocity": ObservableSignal(3, _velocity, "velocity of the vehicle (m/s)"),
-    "velocity_error": ObservableSignal(
-        3, _velocity_error, "velocity of the reference minus velocity of the vehicle (m/s)"
-    ),
+    "velocity_error": ObservableSignal(3, _velocity_error, "velocity of the reference relative to the vehicle (m/s)"),
     "reference_velocity": ObservableSignal(3, _reference_velocity, "velocity of the reference (m/s)"),
     "reference_acceleration": ObservableSignal(3, _reference_acceleration, "acceleration of the reference (m/s²)"),
     "reference_ahead": ObservableSignal(
