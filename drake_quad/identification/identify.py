@@ -47,6 +47,7 @@ from drake_quad.identification.sampling import (
     attenuated,
     fast_command_remarks,
     synchronised,
+    with_averaging_error,
 )
 from drake_quad.identification.windows import held_out, steep_remarks
 from drake_quad.scenario.models import Scenario
@@ -163,6 +164,7 @@ def _result(
     differences = flight_differences(logs, predictor, fitted, evidence)
     variation = variation_of(within_flights(evidence, predictor, differences))
     uncertainty = uncertainty_of_mean(fitted.uncertainty(blocks), evidence, variation)
+    uncertainty = with_averaging_error(uncertainty, names, fitted.values, logs.averaging_period)
     remarks = [*_remarks(predictor, fitted, names), *steep_remarks(logs.records)]
     unidentified = not_identified(parameters, fitted.values, uncertainty)
     unidentified |= attenuated(logs.records, parameters, fitted.noise)

@@ -53,6 +53,7 @@ class PreparedLogs(NamedTuple):
         outputs: outputs that are predicted.
         flying: (n,) mask of the usable airborne samples of each record.
         own_throttles: True if the logs contain a throttle for each motor.
+        averaging_period: period over which the samples of faster logs were averaged, s; 0 if none were.
     """
 
     records: list[FlightRecord]
@@ -60,6 +61,7 @@ class PreparedLogs(NamedTuple):
     outputs: list[Output]
     flying: list[np.ndarray]
     own_throttles: bool
+    averaging_period: float = 0.0
 
     @property
     def period(self) -> float:
@@ -198,13 +200,15 @@ def prepare(
     believed = believed or scenario
     prepared = [_with_specific_force(record, believed) for record in records]
     prepared = [with_commands(record, model_scenario, believed) for record in prepared]
-    prepared = [coarser(record, max(1, int(_MIN_PERIOD / record.period + 0.05))) for record in prepared]
+    steps = [max(1, int(_MIN_PERIOD / record.period + 0.05)) for record in prepared]
+    prepared = [coarser(record, step) for record, step in zip(prepared, steps, strict=True)]
     logs = PreparedLogs(
         prepared,
         model_scenario,
         _outputs(prepared, late_attitude),
         [airborne(record) for record in prepared],
         own_throttles,
+        max((record.period for record, step in zip(prepared, steps, strict=True) if step > 1), default=0.0),
     )
     common_period(prepared)  # raises an error if the logs have different rates
     return logs, scenario

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
+from drake_quad.identification.evidence import Uncertainty
 from drake_quad.identification.fit import NEGLIGIBLE_DISTURBANCE
 from drake_quad.identification.logs.consistency import clock_shifts
 from drake_quad.identification.logs.record import FlightRecord
@@ -145,3 +146,24 @@ def fast_command_share(record: FlightRecord) -> float:
     frequency, power = scipy.signal.welch(differences, nperseg=_SPECTRUM_LENGTH, axis=0, detrend="linear")
     total = float(power.sum())
     return float(power[frequency > 0.25].sum()) / total if total > 0.0 else 0.0
+
+
+def with_averaging_error(
+    uncertainty: Uncertainty, names: Sequence[str], values: np.ndarray, period: float
+) -> Uncertainty:
+    """Return the uncertainty with the error of rotor lags that averaged commands cause.
+
+    A lag with the time constant τ is τ behind a ramp. If the ramp is averaged over a period h and held, the same lag is
+    τ + h² / (12 τ) behind it, as one can compute from the response to a held input. The difference is an error of the
+    identified time constant, which is smaller for commands that change faster or not at all.
+
+    Args:
+        uncertainty: uncertainty of p parameters.
+        names: names of the parameters.
+        values: (p,) estimates.
+        period: period over which commands were averaged, s; 0 if they were not.
+    """
+    is_lag = np.array([name.startswith("rotor_time_constant") for name in names])
+    error = np.where(is_lag, period**2 / (12.0 * np.where(is_lag, values, 1.0)), 0.0)
+    factors = np.sqrt(1.0 + error**2 / np.diag(uncertainty.covariance))
+    return uncertainty._replace(covariance=uncertainty.covariance * np.outer(factors, factors))

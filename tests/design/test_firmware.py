@@ -250,7 +250,7 @@ def test_the_command_writes_the_layer_and_the_scenario(tmp_path, run):
     completed = run(*call)
     assert completed.returncode == 0
     assert "the multicopter controllers of PX4, 1.15" in completed.stdout
-    assert "parameters have the defaults of the firmware: MPC_XY_P" in completed.stderr
+    assert "parameters are missing in the file and set to the firmware's default: MPC_XY_P" in completed.stderr
     scenario = load_scenario(folder / "scenario.yaml")
     assert scenario.laboratory.autopilot.k_attitude == (7.25, 6.5, 2.8)
     assert not scenario.control.command.decouples_vertical

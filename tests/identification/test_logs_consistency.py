@@ -96,7 +96,7 @@ def test_windows_that_touch_a_gap_are_left_out():
     grid = _on_grid({"position": flight()["position"][kept]}, TIME[kept])
     edges = TIME[0] + grid.step * np.arange(len(grid.usable))
     np.testing.assert_allclose(edges[~grid.usable][[0, -1]], [7.99, 9.5], atol=0.011)
-    whole = grid.whole(20)
+    whole = grid.is_complete(20)
     assert (whole.sum(), len(whole)) == (len(whole) - (~grid.usable).sum() - 20, len(grid.usable) - 20)
 
 
@@ -267,7 +267,7 @@ def test_a_wrong_frame_is_named_at_small_tilts_if_the_other_frame_is_exact():
     in_body = rotations(attitude).apply(velocity, inverse=True)
     assert list(contradictions({"position": position, "attitude": attitude, "velocity": velocity}, TIME)) == []
     (remark,) = contradictions({"position": position, "attitude": attitude, "velocity": in_body}, TIME)
-    assert remark.endswith("velocity looks as if it were along the axes of the body")
+    assert remark.endswith("velocity looks as if it were along body axes")
 
 
 @pytest.mark.parametrize("shift", [-0.1, 0.04, 0.15])

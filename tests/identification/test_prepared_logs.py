@@ -39,6 +39,7 @@ def attitudes() -> Scenario:
 def test_logs_faster_than_125_hertz_are_averaged(rotors: Scenario, period: float, averaged: int) -> None:
     logs, _ = prepare([log_of(3.0, *POSE, period=period)], rotors)
     assert logs.period == pytest.approx(averaged * period)
+    assert logs.averaging_period == (logs.period if averaged > 1 else 0.0)
     assert logs.records[0].motor_command is None
     (flying,) = logs.flying
     assert flying.all()

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from drake_quad.identification import sampling
+from drake_quad.identification.evidence import Uncertainty
 from drake_quad.identification.logs.consistency import clock_shifts
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.parameters import Parameter
@@ -16,6 +17,7 @@ from drake_quad.identification.sampling import (
     fast_command_remarks,
     fast_command_share,
     synchronised,
+    with_averaging_error,
 )
 
 PERIOD = 0.01  # s, sampling period
@@ -202,3 +204,22 @@ def test_the_fraction_of_fast_commands_is_large_for_white_and_small_for_smooth_c
     assert attenuated([smooth, white], parameters, noise_with(disturbance=[0.2, 0.2, 0.2, 1e-3, 1e-3, 1e-3])) == {}
     (remark,) = fast_command_remarks([smooth, white])
     assert remark.startswith(("rolling: 50% of the power", "rolling: 49% of the power"))
+
+
+def test_a_rotor_lag_has_the_error_of_a_ramp_that_is_averaged_and_held():
+    """The ramp is simulated, and the error is added as a variance; correlations and other parameters stay."""
+    lag, period = 0.05, 0.02
+    decay, response = np.exp(-period / lag), 0.0
+    for sample in range(400):
+        response = decay * response + (1.0 - decay) * (sample + 0.5) * period
+    error = 400 * period - response - lag
+    own = np.array([[4e-6, 1e-6, 0.0], [1e-6, 9e-6, 0.0], [0.0, 0.0, 1e-6]])
+    names, values = (
+        ["thrust_factor", "rotor_time_constant", "rotor_time_constant_down"],
+        np.array([1.0, lag, 2.0 * lag]),
+    )
+    uncertainty = Uncertainty(own, np.full(3, np.inf), own)
+    covariance = with_averaging_error(uncertainty, names, values, period).covariance
+    np.testing.assert_allclose(np.diag(covariance), [4e-6, 9e-6 + error**2, 1e-6 + 0.25 * error**2], rtol=1e-2)
+    assert covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1]) == pytest.approx(1.0 / 6.0)
+    np.testing.assert_array_equal(with_averaging_error(uncertainty, names, values, 0.0).covariance, own)

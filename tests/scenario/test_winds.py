@@ -196,7 +196,7 @@ def test_a_command_imports_a_user_s_wind(run, tmp_path):
     for given, words in (
         ("none.py", "is not an existing Python file"),
         ("broken.py", "ZeroDivisionError: division by zero"),
-        ("random.py", "another module is called random; rename the file"),
+        ("random.py", "another module is also called random; rename the file"),
     ):
         result = run(*study, "--output", tmp_path, "--import", tmp_path / given)
         assert result.returncode == 2
