@@ -12,7 +12,7 @@ from drake_quad.flight.flight import Flight
 from drake_quad.flight.mission import plan_route
 from drake_quad.flight.simulation import simulate
 from drake_quad.identification.flown_again.flown_part import flown_part
-from drake_quad.identification.flown_again.reference import LoggedReference, logged_reference
+from drake_quad.identification.flown_again.reference import LoggedReference, is_slow, logged_reference
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.planning.duration import flight_duration
@@ -151,19 +151,21 @@ def compare_with_log(
         raise InputError("vehicle.time_step is 0; flights are compared with a log only with a time step")
     part = flown_part(record)
     record = record.part(slice(part.end))
-    flown = record.of("reference_position") - record.of("position")
     reference = logged_reference(record, rest=rest, lift_off=part.lift_off)
     begin = max(_first_movement(record), float(record.time[part.first])) if start is None else start
-    chosen = record.time >= max(begin, -reference.start)
+    chosen = (record.time >= max(begin, -reference.start)) & (record.time <= reference.end)
     if chosen.sum() < 2:
         raise InputError(f"nothing of the log {shown(record.name)} is left to compare from {begin:g} s on")
     flying = on_route(scenario, reference)
     plan = plan_route(flying)
     instants = record.time[chosen] + reference.start
     target = evaluate(plan.flown_path, instants).T
+    # Between the samples of a slow reference, only the path shows where the reference was.
+    followed = target if is_slow(record) else record.of("reference_position")[chosen]
+    flown = followed - record.of("position")[chosen]
     predicted = _positions(flying, plan, instants, samples, progress)
     return LogComparison(
-        record, flying, reference, plan, record.time[chosen], target, flown[chosen], target - predicted
+        record, flying, reference, plan, record.time[chosen], target, flown, target - predicted
     )
 
 

@@ -36,7 +36,7 @@ def flown_part(record: FlightRecord) -> FlownPart:
     A log begins or ends on the ground if the rotors idle there, that is, if their command is less than half of its
     median. The height of the vehicle at that end is the height of the ground. In free flight, vehicle and reference are
     more than 0.25 m above the ground. If the rotors idle at neither end, or no command is logged, the whole log is in
-    the air.
+    the air. The lift-off is found by the height at which the rotors last idle, since an estimated height drifts.
 
     Args:
         record: record with position and reference position.
@@ -62,5 +62,6 @@ def flown_part(record: FlightRecord) -> FlownPart:
     first, end = int(flying[0]), int(flying[-1]) + 1
     if not idle[0]:
         return FlownPart(0, end, None)
-    standing = np.flatnonzero(height[:first] < ground + _LIFT_OFF_HEIGHT)
+    last_idle = int(np.flatnonzero(idle[:first])[-1])
+    standing = np.flatnonzero(height[:first] < height[last_idle] + _LIFT_OFF_HEIGHT)
     return FlownPart(first, end if idle[-1] else count, int(standing[-1]))

@@ -1,6 +1,7 @@
 """Conversion of a logged reference to a route: a smooth path through its samples, or held setpoints."""
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,8 +17,12 @@ from drake_quad.scenario.routes.trajectory import Knot, TrajectoryRoute, YawKnot
 _SPACINGS = (0.5, 0.25, 0.125, 0.0625)
 TOLERANCE = 2e-3
 """Largest distance from the logged reference, m. Truncation of positions to mm causes an error of up to 1.7 mm."""
-# References are sent at 20 Hz or faster. A value that is constant for longer belongs to a reference at rest.
+# References are sent at 20 Hz or faster. A value that is constant for longer belongs to a reference at rest, unless the
+# log has only some of the values that were sent.
 _MAX_HOLD = 0.05  # s
+# Largest acceleration of a smooth path through values that are logged more slowly, m/s². Such a path follows any jump,
+# and 5 g is beyond the position references of multicopters.
+_MAX_ACCELERATION = 5.0 * 9.81
 # Weight of the snap relative to that of the position. It determines the path where there are no samples, as in a gap.
 _SNAP_WEIGHT = 1e-9
 # Share of the rest before the log in which the vehicle accelerates to the first velocity of the log.
@@ -32,13 +37,18 @@ class LoggedReference(NamedTuple):
     Attributes:
         route: smooth path from rest through the logged reference; or the logged setpoints, each held until the next.
         start: time of the first sample of the log on the route, s; negative if the route begins later in the log.
+        end: time in the log up to which the reference is known, s.
         deviation: largest distance of the route from the logged position, m.
+        velocity_deviation: largest difference of the velocity of a smooth path from the logged one, m/s; None if the
+            path is fitted to the logged velocities, or none are logged.
         jump: time in the log at which the reference jumps most, s; None for a smooth path.
     """
 
     route: TrajectoryRoute | SetpointsRoute
     start: float
+    end: float
     deviation: float
+    velocity_deviation: float | None = None
     jump: float | None = None
 
     def __str__(self) -> str:
@@ -46,7 +56,13 @@ class LoggedReference(NamedTuple):
             number = len(self.route.setpoints)
             return f"{number:,} setpoints, each held until the next, since they jump at {self.jump:.2f} s"
         pieces = len(self.route.knots or ()) - 1
-        return f"{pieces} pieces of degree 7, within {1e3 * self.deviation:.2f} mm of the log's"
+        text = f"{pieces} pieces of degree 7, within {1e3 * self.deviation:.2f} mm of the log's"
+        if self.velocity_deviation is None:
+            return text
+        return (
+            f"{text}; the logged velocities are left out, since they differ from those of the logged positions by up to"
+            f" {self.velocity_deviation:.2g} m/s"
+        )
 
 
 def logged_reference(
@@ -55,17 +71,22 @@ def logged_reference(
     """Return the reference of a log as a path of degree 7 with a continuous jerk, or as setpoints.
 
     The path is the least-squares fit to the logged positions, and to the velocities if they are logged. Its knots are
-    as far apart as the tolerance allows. A value that is repeated for some samples, because the reference is logged
-    faster than it is sent, counts once, in the middle of these samples. Yaw is the logged yaw of the reference, or the
-    median yaw of the vehicle if the former is not logged.
+    as far apart as the tolerance allows. If no such path is within the tolerance, the velocities are left out: PX4, for
+    example, logs velocities that differ from those of its positions while the vehicle lags behind. Yaw is the logged
+    yaw of the reference, or the median yaw of the vehicle if the former is not logged.
+
+    A value that is repeated for some samples, because the reference is logged faster than it is sent, counts once, in
+    the middle of these samples. If the reference is logged more slowly than 20 Hz, each of its logged values counts
+    once, at the time at which it was logged, and the velocities are left out, since a path through so few samples would
+    oscillate to follow velocities that contradict the positions.
 
     Before the log, the route is at rest, so that the integrators of the controller settle. If the log starts in motion,
-    the route accelerates to the first velocity.
+    the route accelerates to the first velocity. If the vehicle takes off in the log, the lift-off is the start of the
+    log in this sense, since the simulation has no ground on which a vehicle could stand.
 
     If no smooth path is within the tolerance, for example because the reference jumps, and no velocity of the reference
     is logged, the route consists of the logged setpoints. Each is held until the next one, as in an autopilot. If the
-    vehicle takes off in the log, the setpoints begin at the lift-off, with the vehicle at rest at that point, since the
-    simulation has no ground on which a vehicle could stand.
+    vehicle takes off in the log, the route begins with the vehicle at rest where it lifts off.
 
     Args:
         record: record of a flight, with the position of the reference.
@@ -77,17 +98,20 @@ def logged_reference(
         InputError: if no reference position is logged, if the reference moves at the first sample and `rest` is 0, or
             if the reference jumps and its velocity is logged.
     """
-    logged = [record.of("reference_position")]
-    if record.reference_velocity is not None:
-        logged.append(record.reference_velocity)
+    begin = 0.0 if lift_off is None else float(record.time[lift_off])
+    flying = record.part(slice(lift_off, None))
+    flying = _as_logged(replace(flying, time=flying.time - begin))
+    logged = [flying.of("reference_position")]
+    if flying.reference_velocity is not None:
+        logged.append(flying.reference_velocity)
     # If a gap follows the first samples, only their values show that the reference is at rest.
     at_rest = np.array_equal(logged[0][0], logged[0][1]) and not any(values[0].any() for values in logged[1:])
-    time, position, *faster = _sent(record.time, logged)
-    samples, end = [position, *faster], float(record.time[-1])
-    for spacing in _SPACINGS:
-        path = _fitted(time, samples, end=end, spacing=spacing, orders=4, at_rest=at_rest)
-        distance = np.linalg.norm(evaluate(path, time).T - position, axis=1)
-        if distance.max() <= tolerance:
+    time, *samples = _sent(flying.time, logged)
+    end, slow = float(flying.time[-1]), is_slow(record)
+    largest_acceleration = _MAX_ACCELERATION if slow else math.inf
+    for known in (samples[:1],) if slow else (samples, samples[:1])[: len(samples)]:
+        path, distance = _nearest(time, known, end=end, tolerance=tolerance, at_rest=at_rest)
+        if distance.max() <= tolerance and _largest_acceleration(path) <= largest_acceleration:
             break
     else:
         if record.reference_velocity is None:
@@ -95,16 +119,63 @@ def logged_reference(
         worst = int(np.argmax(distance))
         raise InputError(
             f"no smooth path follows the reference of the log {shown(record.name)} to within {1e3 * tolerance:g} mm:"
-            f" at {time[worst]:.3f} s the nearest is {1e3 * distance[worst]:.1f} mm away; does the reference jump,"
-            f" is it logged at less than {1.0 / _MAX_HOLD:.0f} Hz, or is the vehicle on the ground?"
+            f" at {begin + time[worst]:.3f} s the nearest is {1e3 * distance[worst]:.1f} mm away; does the reference"
+            " jump?"
         )
+    velocity_deviation = None
+    if len(known) < len(samples):
+        velocity_deviation = float(np.linalg.norm(evaluate(path, time, 1).T - samples[1], axis=1).max())
     knots = _knots(path)
     if rest > 0.0:
         knots = [*_approach(knots[0], rest), *(knot.model_copy(update={"time": knot.time + rest}) for knot in knots)]
     elif np.linalg.norm(knots[0].velocity) > tolerance:
         raise InputError(f"the reference of the log {shown(record.name)} is on its way at once: rest must not be 0")
-    route = TrajectoryRoute(kind="trajectory", knots=tuple(knots), yaw_knots=_yaw_knots(record, rest))
-    return LoggedReference(route, rest, float(distance.max()))
+    route = TrajectoryRoute(kind="trajectory", knots=tuple(knots), yaw_knots=_yaw_knots(flying, rest))
+    return LoggedReference(route, rest - begin, begin + end, float(distance.max()), velocity_deviation)
+
+
+def _nearest(
+    time: np.ndarray, samples: list[np.ndarray], *, end: float, tolerance: float, at_rest: bool
+) -> tuple[PolynomialPath, np.ndarray]:
+    """Return the path with the largest knot spacing within the tolerance, and its distances (n,) to the positions.
+
+    If no path is within the tolerance, the path with the smallest spacing is returned.
+    """
+    for spacing in _SPACINGS:
+        path = _fitted(time, samples, end=end, spacing=spacing, orders=4, at_rest=at_rest)
+        distance = np.linalg.norm(evaluate(path, time).T - samples[0], axis=1)
+        if distance.max() <= tolerance:
+            break
+    return path, distance
+
+
+def _largest_acceleration(path: PolynomialPath) -> float:
+    times = np.linspace(path.times[0], path.times[-1], 8 * len(path.times))
+    return float(np.linalg.norm(evaluate(path, times, 2), axis=0).max())
+
+
+def is_slow(record: FlightRecord) -> bool:
+    """Return whether the reference is logged more slowly than a controller receives it."""
+    return record.reference_period > max(_MAX_HOLD, record.period)
+
+
+def _as_logged(record: FlightRecord) -> FlightRecord:
+    """Return a record with the samples at which a slow reference was logged; other records are returned unchanged.
+
+    Each value of the reference begins at a sample of its topic, and is held for a whole number of periods. Several
+    periods mean that equal values were logged.
+    """
+    if not is_slow(record):
+        return record
+    signals = [record.of("reference_position"), record.reference_velocity]
+    values = np.hstack([each for each in signals if each is not None])
+    first = np.flatnonzero(np.append(True, np.any(np.diff(values, axis=0) != 0.0, axis=1)))
+    ends = np.append(record.time[first[1:]], record.time[-1] + record.period)
+    run = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(record.time))))
+    begin, duration = record.time[first], ends - record.time[first]
+    periods = np.maximum(np.rint(duration / record.reference_period), 1.0)
+    number = np.floor((record.time - begin[run]) / duration[run] * periods[run] + 1e-6)
+    return record.part(np.append(True, (np.diff(run) > 0) | (np.diff(number) > 0.0)))
 
 
 def _held(record: FlightRecord, rest: float, lift_off: int | None) -> LoggedReference:
@@ -125,7 +196,8 @@ def _held(record: FlightRecord, rest: float, lift_off: int | None) -> LoggedRefe
     rows[0, 0] = 0.0
     last_hold = max(_LIFT_OFF_STEP, float(record.time[-1]) + start - rows[-1, 0])
     route = SetpointsRoute(kind="setpoints", setpoints=tuple(map(tuple, rows.tolist())), last_hold=last_hold)
-    return LoggedReference(route, start, 0.0, float(record.time[int(np.argmax(steps)) + 1]))
+    jump = float(record.time[int(np.argmax(steps)) + 1])
+    return LoggedReference(route, start, float(record.time[-1]), 0.0, jump=jump)
 
 
 def _flown_yaw(record: FlightRecord) -> float:
