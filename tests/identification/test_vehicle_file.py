@@ -3,6 +3,7 @@
 import itertools
 import os
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -497,3 +498,32 @@ def test_a_number_beyond_its_limit_is_written_as_the_limit_which_is_said(value, 
     assert number["normal"]["mean"] == written
     comment = vehicle_file._comment(estimates, "linear_drag", number)
     assert comment.endswith("; the estimate is outside the limits of the language, and the limit is written") == said
+
+
+@pytest.mark.parametrize("unknown", [("inertia[0]",), ("inertia[0]", "inertia[1]"), ("rotor_inertia", "motors.curve[1]")])
+def test_numbers_that_are_not_identified_are_not_believed(base, tmp_path, unknown):
+    """A curve is believed as a whole, since its coefficients are correlated, unless none of them is identified."""
+    sheet = load_undesigned(base)
+    found = {"inertia[0]": (1.7e-5, 1e-6), "inertia[1]": (1.8e-5, 1e-6), "rotor_inertia": (2e-8, 1e-9)}
+    curve = {f"motors.curve[{place}]": FOUND[f"motors.curve[{place}]"] for place in range(3)}
+    estimates = replace(estimates_of(found | curve), not_identified=dict.fromkeys(unknown, "it hardly moves"))
+    believed = load_undesigned(write_vehicle(tmp_path / "new.yaml", "new", estimates, base=base, nominal=True)).nominal
+    for place in range(2):
+        name = f"inertia[{place}]"
+        expected = sheet.nominal.inertia[place] if name in unknown else found[name][0]
+        assert believed.inertia[place] == pytest.approx(expected)
+    assert believed.inertia[2] == sheet.nominal.inertia[2]
+    expected = sheet.nominal.rotor_inertia if "rotor_inertia" in unknown else 2e-8
+    assert believed.rotor_inertia == pytest.approx(expected)
+    assert believed.motors.curve == pytest.approx((0.0227, 0.0019, 0.1284))
+
+
+def test_a_curve_of_which_nothing_is_identified_is_not_believed(base, tmp_path):
+    """Neither the curve of the data sheet nor the limits of the rotors change."""
+    curve = {f"motors.curve[{place}]": FOUND[f"motors.curve[{place}]"] for place in range(3)}
+    estimates = replace(estimates_of(curve), not_identified=dict.fromkeys(curve, "it hardly moves"))
+    found, plain = (
+        load_undesigned(write_vehicle(tmp_path / "new.yaml", "new", estimates, base=base, nominal=nominal))
+        for nominal in (True, False)
+    )
+    assert found == plain

@@ -81,7 +81,8 @@ def write_vehicle(
         name: name of the scenario in the file.
         estimates: at least one estimate.
         base: FILE or FILE:NAME of the vehicle that the file extends, or a shipped one.
-        nominal: True to write the estimates also to `nominal`, which the planner and the controllers believe.
+        nominal: True to write the estimates also to `nominal`, which the planner and the controllers believe. Numbers
+            that the logs do not identify stay as in `base` there.
         given: overrides of the base, such as a weighed mass, `nominal.mass=0.03`, with values in YAML.
         voltage: voltage of the battery for which an identified thrust curve holds, V; None if it is unknown.
 
@@ -143,15 +144,18 @@ def _fields(
         for step in steps:
             node = node.setdefault(step, {})
         node[last] = value
-        if nominal and path in Nominal.model_fields:
-            # An item that is not estimated keeps its value in `nominal`.
+        if nominal and path in Nominal.model_fields and any(each in estimates.identified for each in whole):
+            # An item that is not identified keeps its value in `nominal`.
             own: Any = getattr(base.nominal, path)
             names = [f"{path}[{place}]" for place in range(declaration_at(path).items)]
-            items = [_Entry(_median(written.get(each, own[i]))) for i, each in enumerate(names)]
+            known = {each: written[each] for each in names if each in estimates.identified}
+            items = [_Entry(_median(known.get(each, own[i]))) for i, each in enumerate(names)]
             tree["nominal"][path] = _rigid(path, items) if items else _Entry(_median(written[path]))
     for assignment in given:
         _put(tree, assignment)
-    _with_motors(tree, base, nominal, voltage)
+    # A thrust curve is written as a whole, since its coefficients are correlated.
+    curve_known = any(split_name(each)[0] == "motors.curve" for each in estimates.identified)
+    _with_motors(tree, base, nominal and curve_known, voltage)
     _with_response(tree, base)
     _without_contradictions(tree["vehicle"])
     return {field: value for field, value in tree.items() if value}
