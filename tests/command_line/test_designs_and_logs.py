@@ -3,6 +3,7 @@
 import importlib
 import math
 import multiprocessing
+import re
 import signal
 import warnings
 from pathlib import Path
@@ -15,6 +16,9 @@ from test_passed_arguments import replaced  # noqa: F401 - a fixture
 
 from drake_quad import load_scenario
 from drake_quad.command_line import identify, interruption, running
+from drake_quad.command_line.design import design_remarks
+from drake_quad.design.cascade import CascadeDesign
+from drake_quad.design.gains import SLOWER_POLE
 from drake_quad.design.lqg import LqgLimits
 from drake_quad.errors import InputWarning
 from drake_quad.flight.mission import plan_route
@@ -89,6 +93,41 @@ def test_a_pid_has_its_integral_designed(run, designed, monkeypatch, tmp_path):
         assert (scenario.control.position.kind, named["integral"]) == ("pid", integral)
         saved = load_scenario(tmp_path / "scenario.yaml").control.position
         assert (saved.kind, saved.k_i) == ("pid", (7.0, 8.0, 9.0))
+
+
+ATTITUDE_LOOPS = "laboratory.autopilot={kind: attitude, k_attitude: [6, 6, 3], k_rate: [14, 14, 8]}"
+INTEGRAL_ON_BOARD = "laboratory.autopilot.rate_terms={k_i: [9, 9, 9]}"
+PID = "control.position={kind: pid, k_p: [1, 1, 1], k_d: [2, 2, 2], k_i: [0.1, 0.1, 0.1]}"
+
+
+@pytest.mark.parametrize(
+    ("overrides", "on_board", "is_told"),
+    [
+        ([], True, True),
+        ([], False, False),
+        ([INTEGRAL_ON_BOARD], True, False),
+        ([PID], True, False),
+        (["vehicle.centre_of_mass=[0, 0]"], True, False),
+    ],
+)
+def test_a_design_without_an_integral_tells_the_error_that_remains(overrides, on_board, is_told):
+    designed = load_scenario(
+        "onboard", [ATTITUDE_LOOPS, "vehicle.centre_of_mass=[0.002, 0]", "control.attitude=null", *overrides]
+    )
+    told = design_remarks(CascadeDesign({}, {"roll": None} if on_board else {}), designed)
+    words = r"will hover \d+ cm beside its reference, because .*; --integral adds one to the position loops"
+    assert [bool(re.search(words, sentence)) for sentence in told] == [True] * is_told
+
+
+@pytest.mark.parametrize("scenario", ["onboard", "hover"])
+def test_a_loop_that_a_slow_pole_on_board_limits_points_to_the_other_method(scenario):
+    limits = {"z": ("phase margin",), "x": (SLOWER_POLE,), "y": (SLOWER_POLE,)}
+    design = CascadeDesign({axis: SimpleNamespace(limits=own) for axis, own in limits.items()})
+    told = design_remarks(design, load_scenario(scenario))
+    assert [sentence.partition(", and not")[0] for sentence in told] == (
+        ["a slow pole of the loops on board limits x, y"] if scenario == "onboard" else []
+    )
+    assert all("--method lqr" in sentence for sentence in told)
 
 
 @pytest.mark.slow

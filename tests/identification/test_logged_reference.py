@@ -396,7 +396,9 @@ def test_a_smooth_reference_begins_at_the_lift_off():
     record = logged(PATH)
     place, speed = record.reference_position.copy(), record.reference_velocity.copy()
     place[:300], speed[:300] = [5.0, 5.0, 0.0], [0.0, 0.0, -0.7]
-    found = logged_reference(replace(record, reference_position=place, reference_velocity=speed), rest=2.0, lift_off=300)
+    found = logged_reference(
+        replace(record, reference_position=place, reference_velocity=speed), rest=2.0, lift_off=300
+    )
     assert found.start == pytest.approx(2.0 - record.time[300])
     assert found.end == pytest.approx(record.time[-1])
     time = np.linspace(record.time[310], record.time[-1] - 0.1, 200)

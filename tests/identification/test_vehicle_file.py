@@ -500,7 +500,9 @@ def test_a_number_beyond_its_limit_is_written_as_the_limit_which_is_said(value, 
     assert comment.endswith("; the estimate is outside the limits of the language, and the limit is written") == said
 
 
-@pytest.mark.parametrize("unknown", [("inertia[0]",), ("inertia[0]", "inertia[1]"), ("rotor_inertia", "motors.curve[1]")])
+@pytest.mark.parametrize(
+    "unknown", [("inertia[0]",), ("inertia[0]", "inertia[1]"), ("rotor_inertia", "motors.curve[1]")]
+)
 def test_numbers_that_are_not_identified_are_not_believed(base, tmp_path, unknown):
     """A curve is believed as a whole, since its coefficients are correlated, unless none of them is identified."""
     sheet = load_undesigned(base)

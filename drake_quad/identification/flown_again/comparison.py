@@ -164,9 +164,7 @@ def compare_with_log(
     followed = target if is_slow(record) else record.of("reference_position")[chosen]
     flown = followed - record.of("position")[chosen]
     predicted = _positions(flying, plan, instants, samples, progress)
-    return LogComparison(
-        record, flying, reference, plan, record.time[chosen], target, flown, target - predicted
-    )
+    return LogComparison(record, flying, reference, plan, record.time[chosen], target, flown, target - predicted)
 
 
 def on_route(scenario: Scenario, reference: LoggedReference) -> Scenario:
