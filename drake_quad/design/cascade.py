@@ -143,7 +143,8 @@ def hover_offset(scenario: Scenario) -> float:
         scenario: scenario without distributions, with an autopilot of kind `attitude` and a position controller with
             k_P.
     """
-    vehicle, nominal, autopilot = scenario.vehicle, scenario.nominal, scenario.laboratory.autopilot
+    vehicle, nominal = scenario.vehicle, scenario.nominal
+    autopilot: Any = scenario.laboratory.autopilot
     gains: Any = scenario.cascade.position
     offsets = []
     for place, axis in enumerate(_POSITION[:2]):

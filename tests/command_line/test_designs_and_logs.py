@@ -252,6 +252,31 @@ def test_a_log_provides_the_route_of_a_scenario_without_one(run, replaced, tmp_p
     assert calls["compare_with_log"][0][0][1].name == "mine"
 
 
+@pytest.mark.parametrize(
+    ("nominal", "commands", "is_told"),
+    [(2e-8, {}, True), (3e-8, {}, False), (2e-8, {"rotor_speed_command": np.ones((3, 4))}, False)],
+)
+def test_a_prediction_by_another_belief_than_that_of_the_firmware_is_told(
+    run,
+    replaced,  # noqa: F811
+    tmp_path,
+    nominal,
+    commands,
+    is_told,
+):
+    """Rotor commands follow from the logged thrust by `nominal`, into which `identify --nominal` writes estimates."""
+    record = FlightRecord("log7", np.arange(3.0), thrust_command=np.ones(3), **commands)
+    replaced("compare_log", read_log=record, predict=None, print_predictions=None)
+    vehicle = "vehicle: {thrust_factor: {normal: {mean: 2e-8, standard_deviation: 1e-10, min: 1e-9}}}"
+    (tmp_path / "mine.yaml").write_text(
+        f"mine:\n  extends: vehicles/crazyflie\n  nominal: {{thrust_factor: {nominal}}}\n  {vehicle}\n"
+    )
+    result = run("compare-log", "log.csv", tmp_path / "mine.yaml", "--output", tmp_path)
+    assert result.returncode == 0
+    words = "`nominal` of mine, which has identified numbers (thrust_factor)"
+    assert (words in result.stderr) == is_told
+
+
 def test_a_vehicle_is_identified_with_the_given_options(run, replaced, tmp_path):  # noqa: F811
     time = np.arange(3.0)
     records = {

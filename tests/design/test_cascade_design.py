@@ -83,6 +83,7 @@ def test_a_position_follows_its_acceleration_through_the_tilt(plants):
         assert rate == pytest.approx(s * value, rel=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("centre", [(0.0004, 0.0), (0.0, -0.0006), (0.0003, 0.0004)])
 def test_a_vehicle_hovers_beside_its_reference_as_its_centre_of_mass_says(diagrams, centre):
     """The expected offset is the distance from a vehicle without such an error that hovers in the same conditions."""

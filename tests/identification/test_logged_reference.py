@@ -394,6 +394,7 @@ def test_a_slow_reference_that_jumps_is_not_taken_for_a_path(velocity):
 def test_a_smooth_reference_begins_at_the_lift_off():
     """On the ground, the reference of PX4 is that of a vehicle that sinks; it jumps to the vehicle at the take-off."""
     record = logged(PATH)
+    record = replace(record, position=record.reference_position)
     place, speed = record.reference_position.copy(), record.reference_velocity.copy()
     place[:300], speed[:300] = [5.0, 5.0, 0.0], [0.0, 0.0, -0.7]
     found = logged_reference(
@@ -403,6 +404,16 @@ def test_a_smooth_reference_begins_at_the_lift_off():
     assert found.end == pytest.approx(record.time[-1])
     time = np.linspace(record.time[310], record.time[-1] - 0.1, 200)
     np.testing.assert_allclose(evaluate(route_path(found.route), time + found.start), evaluate(PATH, time), atol=1e-3)
+
+
+@pytest.mark.parametrize(("away", "kind"), [(0.3, "setpoints"), (0.2, "trajectory")])
+def test_a_step_at_the_take_off_makes_setpoints_of_a_reference_that_is_smooth_after_it(away, kind):
+    """The vehicle would otherwise not have to climb to its reference."""
+    flown = logged(PATH, velocity=False).reference_position
+    place = np.vstack([np.zeros((100, 3)), np.tile(POINTS[0], (200, 1)), flown])
+    standing = np.tile(POINTS[0] - [0.0, 0.0, away], (len(place), 1))
+    record = FlightRecord("a", 0.004 * np.arange(len(place)), position=standing, reference_position=place)
+    assert logged_reference(record, rest=1.0, lift_off=150).route.kind == kind
 
 
 def test_the_reference_of_a_shipped_ulog_is_a_path_that_can_be_flown(root):

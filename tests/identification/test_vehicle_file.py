@@ -13,7 +13,7 @@ from drake_quad import InputError, load_scenario, run_monte_carlo, simulate
 from drake_quad.identification.random_effects import Variation
 from drake_quad.identification.results import vehicle_file
 from drake_quad.identification.results.estimates import Estimates, Explained, Source, scenario_path
-from drake_quad.identification.results.vehicle_file import write_vehicle
+from drake_quad.identification.results.vehicle_file import believed_estimates, write_vehicle
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.correlation import joint_normal
 from drake_quad.scenario.distributions import Normal
@@ -529,3 +529,10 @@ def test_a_curve_of_which_nothing_is_identified_is_not_believed(base, tmp_path):
         for nominal in (True, False)
     )
     assert found == plain
+
+
+def test_a_vehicle_tells_which_estimates_its_controllers_believe(vehicle, believed):
+    """Of the estimates, only these have a place in `nominal`."""
+    names = ["mass", "inertia.0", "inertia.1", *(f"motors.curve.{place}" for place in range(3))]
+    assert sorted(believed_estimates(believed)) == sorted(names)
+    assert believed_estimates(vehicle) == []

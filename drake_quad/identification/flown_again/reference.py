@@ -27,6 +27,9 @@ _MAX_ACCELERATION = 5.0 * 9.81
 _SNAP_WEIGHT = 1e-9
 # Share of the rest before the log in which the vehicle accelerates to the first velocity of the log.
 _ACCELERATION_SHARE = 0.5
+# Largest distance of the reference from the vehicle at the lift-off, m, with which the route can begin on the reference.
+# A reference that is farther away is a step to the height of the flight.
+_MAX_LIFT_OFF_DISTANCE = 0.25
 _REST_WEIGHT = 1e3  # weight of the derivatives at a first knot that is at rest
 _LIFT_OFF_STEP = 2.0 * SHORTEST  # s, from lift-off to the first setpoint; shorter than the period of any controller
 
@@ -84,8 +87,8 @@ def logged_reference(
     the route accelerates to the first velocity. If the vehicle takes off in the log, the lift-off is the start of the
     log in this sense, since the simulation has no ground on which a vehicle could stand.
 
-    If no smooth path is within the tolerance, for example because the reference jumps, and no velocity of the reference
-    is logged, the route consists of the logged setpoints. Each is held until the next one, as in an autopilot. If the
+    If no smooth path is within the tolerance, for example because the reference jumps, or if the reference is more than
+    0.25 m away from the vehicle at the lift-off, and no velocity of the reference is logged, the route consists of the logged setpoints. Each is held until the next one, as in an autopilot. If the
     vehicle takes off in the log, the route begins with the vehicle at rest where it lifts off.
 
     Args:
@@ -98,6 +101,8 @@ def logged_reference(
         InputError: if no reference position is logged, if the reference moves at the first sample and `rest` is 0, or
             if the reference jumps and its velocity is logged.
     """
+    if record.reference_velocity is None and lift_off is not None and _is_far(record, lift_off):
+        return _held(record, rest, lift_off)
     begin = 0.0 if lift_off is None else float(record.time[lift_off])
     flying = record.part(slice(lift_off, None))
     flying = _as_logged(replace(flying, time=flying.time - begin))
@@ -132,6 +137,12 @@ def logged_reference(
         raise InputError(f"the reference of the log {shown(record.name)} is on its way at once: rest must not be 0")
     route = TrajectoryRoute(kind="trajectory", knots=tuple(knots), yaw_knots=_yaw_knots(flying, rest))
     return LoggedReference(route, rest - begin, begin + end, float(distance.max()), velocity_deviation)
+
+
+def _is_far(record: FlightRecord, lift_off: int) -> bool:
+    """Return whether the reference is far away from the vehicle at the lift-off."""
+    distance = record.of("reference_position")[lift_off] - record.of("position")[lift_off]
+    return bool(np.linalg.norm(distance) > _MAX_LIFT_OFF_DISTANCE)
 
 
 def _nearest(

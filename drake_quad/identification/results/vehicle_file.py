@@ -35,10 +35,11 @@ from drake_quad.identification.results.estimates import (
     split_name,
 )
 from drake_quad.scenario.correlation import correlated_normals
+from drake_quad.scenario.distributions import Normal
 from drake_quad.scenario.files.library import Library, is_shipped, split_spec
 from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.models import NAME, Nominal, Scenario, Vehicle
-from drake_quad.scenario.paths import value_at
+from drake_quad.scenario.paths import distributions_in, value_at
 from drake_quad.statistics.interval import Interval
 from drake_quad.vehicle.motors import ThrustCurve, thrust_of
 from drake_quad.vehicle.rigid_body import inertia_flaw, nearest_rigid
@@ -113,6 +114,17 @@ def write_vehicle(
             raise InputError(f"the vehicle cannot be written: {reason}") from None
 
     return write_atomically(path, write)
+
+
+def believed_estimates(scenario: Scenario) -> list[str]:
+    """Return the names of the parameters whose estimates are also in `nominal`, as `write_vehicle` can write them."""
+    found = []
+    for path, drawn in distributions_in(scenario).items():
+        part, _, name = path.partition(".")
+        is_believed = part == "vehicle" and name.partition(".")[0] in Nominal.model_fields
+        if is_believed and isinstance(drawn, Normal) and value_at(scenario, f"nominal.{name}") == drawn.normal.mean:
+            found.append(name)
+    return found
 
 
 def _relative(base: str | Path, folder: Path) -> str:
