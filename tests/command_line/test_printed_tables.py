@@ -153,7 +153,7 @@ def compared():
     predicted = 0.01 + 0.001 * rng.normal(size=(20, 50, 3))
     flown = predicted[0] * [1.0, 1.0, 0.1]
     predicted[[3, 7], 30:] = np.nan
-    reference = LoggedReference(SimpleNamespace(knots=(0.0, 1.0, 2.0)), 0.0, 0.00123)
+    reference = LoggedReference(SimpleNamespace(knots=(0.0, 1.0, 2.0)), 0.0, 4.0, 0.00123)
     record = FlightRecord("log7", np.arange(2.0))
     return LogComparison(record, None, reference, None, time, np.zeros((50, 3)), flown, predicted)
 

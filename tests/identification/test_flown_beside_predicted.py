@@ -121,7 +121,7 @@ def test_the_log_of_a_sample_lies_within_the_study_and_one_of_another_vehicle_wi
 
 def comparison_of(flown, predicted):
     """A comparison of errors alone."""
-    nothing = LoggedReference(None, 0.0, 0.0)
+    nothing = LoggedReference(None, 0.0, 0.0, 0.0)
     time = np.arange(float(len(flown)))
     return LogComparison(None, None, nothing, None, time, np.zeros_like(flown), flown, predicted)
 

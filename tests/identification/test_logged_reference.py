@@ -354,7 +354,7 @@ def test_a_reference_that_is_logged_slowly_is_found_again_without_a_delay(period
 def test_velocities_that_contradict_the_positions_are_left_out_and_that_is_told():
     """As those of PX4, which are not those of its positions while the vehicle lags behind."""
     record = logged(PATH)
-    lagging = replace(record, reference_velocity=record.reference_velocity + [0.0, 0.0, 0.3])
+    lagging = replace(record, reference_velocity=record.reference_velocity + np.array([0.0, 0.0, 0.3]))
     for each in (lagging, slowly_logged(lagging, 0.1)):
         found = logged_reference(each, rest=1.0)
         assert found.velocity_deviation == pytest.approx(0.3, abs=0.05)

@@ -27,8 +27,8 @@ _MAX_ACCELERATION = 5.0 * 9.81
 _SNAP_WEIGHT = 1e-9
 # Share of the rest before the log in which the vehicle accelerates to the first velocity of the log.
 _ACCELERATION_SHARE = 0.5
-# Largest distance of the reference from the vehicle at the lift-off, m, with which the route can begin on the reference.
-# A reference that is farther away is a step to the height of the flight.
+# Largest distance of the reference from the vehicle at the lift-off, m, if the route begins on the reference. If it is
+# farther away, it has jumped to the height of the flight.
 _MAX_LIFT_OFF_DISTANCE = 0.25
 _REST_WEIGHT = 1e3  # weight of the derivatives at a first knot that is at rest
 _LIFT_OFF_STEP = 2.0 * SHORTEST  # s, from lift-off to the first setpoint; shorter than the period of any controller
@@ -87,9 +87,10 @@ def logged_reference(
     the route accelerates to the first velocity. If the vehicle takes off in the log, the lift-off is the start of the
     log in this sense, since the simulation has no ground on which a vehicle could stand.
 
-    If no smooth path is within the tolerance, for example because the reference jumps, or if the reference is more than
-    0.25 m away from the vehicle at the lift-off, and no velocity of the reference is logged, the route consists of the logged setpoints. Each is held until the next one, as in an autopilot. If the
-    vehicle takes off in the log, the route begins with the vehicle at rest where it lifts off.
+    The route consists of the logged setpoints if no velocity of the reference is logged, and no smooth path is within
+    the tolerance, for example because the reference jumps, or the reference is more than 0.25 m away from the vehicle
+    at the lift-off. Each setpoint is held until the next one, as in an autopilot. If the vehicle takes off in the log,
+    the route then begins with the vehicle at rest where it lifts off.
 
     Args:
         record: record of a flight, with the position of the reference.
@@ -106,37 +107,60 @@ def logged_reference(
     begin = 0.0 if lift_off is None else float(record.time[lift_off])
     flying = record.part(slice(lift_off, None))
     flying = _as_logged(replace(flying, time=flying.time - begin))
-    logged = [flying.of("reference_position")]
-    if flying.reference_velocity is not None:
-        logged.append(flying.reference_velocity)
-    # If a gap follows the first samples, only their values show that the reference is at rest.
-    at_rest = np.array_equal(logged[0][0], logged[0][1]) and not any(values[0].any() for values in logged[1:])
-    time, *samples = _sent(flying.time, logged)
-    end, slow = float(flying.time[-1]), is_slow(record)
-    largest_acceleration = _MAX_ACCELERATION if slow else math.inf
-    for known in (samples[:1],) if slow else (samples, samples[:1])[: len(samples)]:
-        path, distance = _nearest(time, known, end=end, tolerance=tolerance, at_rest=at_rest)
-        if distance.max() <= tolerance and _largest_acceleration(path) <= largest_acceleration:
-            break
-    else:
+    try:
+        path, deviation, velocity_deviation = _smooth_path(flying, tolerance, begin)
+    except InputError:
         if record.reference_velocity is None:
             return _held(record, rest, lift_off)
-        worst = int(np.argmax(distance))
-        raise InputError(
-            f"no smooth path follows the reference of the log {shown(record.name)} to within {1e3 * tolerance:g} mm:"
-            f" at {begin + time[worst]:.3f} s the nearest is {1e3 * distance[worst]:.1f} mm away; does the reference"
-            " jump?"
-        )
-    velocity_deviation = None
-    if len(known) < len(samples):
-        velocity_deviation = float(np.linalg.norm(evaluate(path, time, 1).T - samples[1], axis=1).max())
+        raise
     knots = _knots(path)
     if rest > 0.0:
         knots = [*_approach(knots[0], rest), *(knot.model_copy(update={"time": knot.time + rest}) for knot in knots)]
     elif np.linalg.norm(knots[0].velocity) > tolerance:
         raise InputError(f"the reference of the log {shown(record.name)} is on its way at once: rest must not be 0")
     route = TrajectoryRoute(kind="trajectory", knots=tuple(knots), yaw_knots=_yaw_knots(flying, rest))
-    return LoggedReference(route, rest - begin, begin + end, float(distance.max()), velocity_deviation)
+    return LoggedReference(route, rest - begin, begin + float(flying.time[-1]), deviation, velocity_deviation)
+
+
+def _smooth_path(record: FlightRecord, tolerance: float, begin: float) -> tuple[PolynomialPath, float, float | None]:
+    """Return the path through a reference, with `deviation` and `velocity_deviation` of `LoggedReference`.
+
+    Args:
+        record: record whose time begins at 0.
+        tolerance: largest distance from the logged position, m.
+        begin: time in the log at which the record begins, s.
+
+    Raises:
+        InputError: if no path is within the tolerance, or that through a slow reference has too large accelerations.
+    """
+    logged = [record.of("reference_position")]
+    if record.reference_velocity is not None:
+        logged.append(record.reference_velocity)
+    # If a gap follows the first samples, only their values show that the reference is at rest.
+    at_rest = np.array_equal(logged[0][0], logged[0][1]) and not any(values[0].any() for values in logged[1:])
+    time, *samples = _sent(record.time, logged)
+    end, slow = float(record.time[-1]), is_slow(record)
+    for known in (samples[:1],) if slow else (samples, samples[:1])[: len(samples)]:
+        path, distance = _nearest(time, known, end=end, tolerance=tolerance, at_rest=at_rest)
+        if distance.max() <= tolerance:
+            break
+    else:
+        worst = int(np.argmax(distance))
+        raise InputError(
+            f"no smooth path follows the reference of the log {shown(record.name)} to within {1e3 * tolerance:g} mm:"
+            f" at {begin + time[worst]:.3f} s the nearest is {1e3 * distance[worst]:.1f} mm away; does the reference"
+            " jump?"
+        )
+    largest = _largest_acceleration(path)
+    if slow and largest > _MAX_ACCELERATION:
+        raise InputError(
+            f"the reference of the log {shown(record.name)} cannot be flown: between samples"
+            f" {record.reference_period:.2g} s apart it moves with {largest:.0f} m/s²; does the reference jump?"
+        )
+    if len(known) == len(samples):
+        return path, float(distance.max()), None
+    difference = np.linalg.norm(evaluate(path, time, 1).T - samples[1], axis=1)
+    return path, float(distance.max()), float(difference.max())
 
 
 def _is_far(record: FlightRecord, lift_off: int) -> bool:
@@ -167,7 +191,7 @@ def _largest_acceleration(path: PolynomialPath) -> float:
 
 def is_slow(record: FlightRecord) -> bool:
     """Return whether the reference is logged more slowly than a controller receives it."""
-    return record.reference_period > max(_MAX_HOLD, record.period)
+    return record.reference_period > _MAX_HOLD
 
 
 def _as_logged(record: FlightRecord) -> FlightRecord:

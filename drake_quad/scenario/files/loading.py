@@ -325,8 +325,8 @@ def _explain(problems: Sequence[Any], model: type[Model], tree: Tree, data: Any)
     missing = {_document_path(each, data) for each in problems if each["type"] in _MISSING_TYPES}
     if missing >= {("route",), ("control",)}:
         return (
-            f"{tree.mark}: has neither a route nor a control, so it describes only a vehicle; `drake-quad design` designs"
-            " gains for it and writes a scenario that flies, or extend it by a scenario with a route and a control"
+            f"{tree.mark}: has neither a route nor a control, so it describes only a vehicle; `drake-quad design`"
+            " designs gains for it and writes a scenario that flies, or extend it by a scenario that has both"
         )
     path = _document_path(problem, data)
     path = (*path, *context.get("path", ()))
