@@ -375,6 +375,15 @@ def test_estimates_are_printed_with_intervals_and_explained_variance(capsys):
     assert printed.err == "remark: of the flights\nremark: of the estimates\n"
 
 
+@pytest.mark.parametrize(("weak", "is_told"), [(["mass"], False), (["mass", "linear_drag"], True)])
+def test_a_vehicle_that_is_hardly_identified_is_told(capsys, weak, is_told):
+    found = identified()
+    estimates = replace(found.estimates, not_identified=dict.fromkeys(weak, "it hovers"))
+    identify.print_estimates(replace(found, estimates=estimates))
+    told = "remark: the logs identify only 1 of 3 parameters; " in capsys.readouterr().err
+    assert told == is_told
+
+
 def test_explained_variances_of_outputs_are_printed(capsys):
     identify.print_score(identified())
     _, header, *rows = cells(capsys.readouterr().out)
