@@ -161,7 +161,7 @@ def design_remarks(design: CascadeDesign, designed: Scenario) -> list[str]:
     offset = hover_offset(middle_of(designed)) if design.on_board and not integrates else 0.0
     if offset > _MIN_REMARKED_OFFSET:
         remarks.append(
-            f"the vehicle will hover {100.0 * offset:.2g} cm beside its reference, because its centre of mass is not in"
+            f"the vehicle will hover {100.0 * offset:.0f} cm beside its reference, because its centre of mass is not in"
             " the middle and neither the loops on board nor the position loops have an integral; --integral adds"
             " one to the position loops"
         )

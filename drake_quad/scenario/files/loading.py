@@ -326,7 +326,7 @@ def _explain(problems: Sequence[Any], model: type[Model], tree: Tree, data: Any)
     if missing >= {("route",), ("control",)}:
         return (
             f"{tree.mark}: has neither a route nor a control, so it describes only a vehicle; `drake-quad design`"
-            " designs gains for it and writes a scenario that flies, or extend it by a scenario that has both"
+            " designs gains for it and writes a scenario that flies, or write a scenario with both that extends it"
         )
     path = _document_path(problem, data)
     path = (*path, *context.get("path", ()))
