@@ -11,7 +11,7 @@ class ThreadSafeCache(Generic[Value]):
     """Cache that computes each value only once per process, even if several threads request it at the same time.
 
     If several threads request a value before it is cached, `functools.cache` computes it in each of them and keeps one
-    of the results. This is wasteful for values that take seconds to compute. It is wrong for values that own memory
+    of the results. This wastes time if a value takes seconds to compute, and is wrong for values that own memory
     outside Python, such as machine code.
 
     Reading a cached value never waits. While one thread computes a value, other threads that need to compute a value
@@ -35,7 +35,7 @@ class ThreadSafeCache(Generic[Value]):
             self._values.clear()
 
     def get(self, key: Hashable, make: Callable[[], Value]) -> Value:
-        """Return the value of a key; if it is not cached, compute it by `make`, whose exceptions are not cached."""
+        """Return the value of a key; if it is not cached, compute it by `make`. Exceptions are not cached."""
         try:
             return self._values[key]
         except KeyError:

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 _Entry = TypeVar("_Entry")
 
-# Largest length of a message, in characters. It leaves room for a sentence with a long path.
+# Largest length of a message, in characters. A sentence with a long path is shorter.
 _MAX_MESSAGE_LENGTH = 400
 
 
@@ -55,7 +55,7 @@ def entry(table: Mapping[str, _Entry], name: str, kind: str) -> _Entry:
     Args:
         table: entries by name.
         name: name of the entry.
-        kind: word for an entry in the error message, such as "signal".
+        kind: noun for an entry in the error message, such as "signal".
 
     Raises:
         InputError: if the table has no such entry; the message lists similar names, or all names.
@@ -72,7 +72,7 @@ def shortened(text: str, max_length: int = 60) -> str:
 
     Args:
         text: text of any length, with any characters.
-        max_length: largest number of characters that are kept; escaping unprintable ones can make the result longer.
+        max_length: largest number of characters that are kept; escaped characters can make the result longer.
     """
     if len(text) > max_length:
         end = (max_length - 3) // 3
@@ -89,7 +89,7 @@ def shown(value: Any) -> str:
 
 
 def listed(names: list[str], max_names: int = 8) -> str:
-    """Return names separated by commas for a message: the first `max_names`, and the number of the others."""
+    """Return names separated by commas for a message: the first `max_names`, and the number of further names."""
     num_others = len(names) - max_names
     others = [f"and {num_others} more"] if num_others > 0 else []
     return ", ".join([shortened(name) for name in names[:max_names]] + others)

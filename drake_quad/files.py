@@ -116,8 +116,8 @@ def read_arrays(file: IO[bytes], *, max_bytes: int | None = None) -> dict[str, n
         max_bytes: largest total size of the decompressed arrays, bytes; None for no limit.
 
     Raises:
-        ValueError: if the arrays are too large, two arrays have the same name, or the file has another format or is
-            damaged.
+        ValueError: if the arrays are too large, two arrays have the same name, or the file is damaged or not an .npz
+            file.
     """
     try:
         with ZipFile(file) as packed, without_warnings():
@@ -134,7 +134,7 @@ def read_arrays(file: IO[bytes], *, max_bytes: int | None = None) -> dict[str, n
         raise ValueError(f"is too large: its arrays have more than {max_bytes:,} bytes")
     repeated = [name for i, name in enumerate(names) if name in names[:i]]
     if repeated:
-        raise ValueError(f"has two arrays of the name {shown(repeated[0])}")
+        raise ValueError(f"contains two arrays named {shown(repeated[0])}")
     return arrays
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from drake_quad.errors import InputError
 
-# Lower bound for the memory that a fleet needs per vehicle, bytes. In measurements with 20,000 vehicles, a learning
-# environment took 8 kB (figure_eight) to 19 kB (robustness) per vehicle, and the fleet of a study took 15 to 37 kB.
+# Smallest memory that a fleet needs per vehicle, bytes. In measurements with 20,000 vehicles, a learning
+# environment needed 8 kB (figure_eight) to 19 kB (robustness) per vehicle, and the fleet of a study 15 to 37 kB.
 _MIN_BYTES_PER_VEHICLE = 8_000
 # File in which Linux reports the available memory, in kB.
 _MEMORY_INFO = Path("/proc/meminfo")

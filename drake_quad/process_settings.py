@@ -1,6 +1,6 @@
 """Process-wide settings that the library changes temporarily.
 
-A `with` statement such as `with single_threaded_blas():` changes a setting, and restores it at its end.
+A `with` statement such as `with single_threaded_blas():` changes a setting, and restores it when the statement ends.
 """
 
 import functools
@@ -20,10 +20,10 @@ _ERROR_OUTPUT = 2  # file descriptor of the standard error output
 
 
 class ProcessSetting:
-    """Context manager that changes a process-wide setting as long as at least one thread is inside it.
+    """Context manager that changes a process-wide setting while at least one thread is inside it.
 
     The first thread to enter changes the setting and the last thread to leave restores it. If each thread saved and
-    restored the setting itself, threads that overlap in time could leave it changed forever.
+    restored the setting itself, threads that overlap in time could leave the setting changed forever.
 
     Args:
         change: function that returns a context manager, which changes the setting and restores it on exit.
@@ -83,7 +83,7 @@ single_threaded_blas = ProcessSetting(lambda: _blas_controller().limit(limits=1,
 """Restriction of BLAS to one thread; on small matrices, two threads can take a hundred times as long."""
 
 without_drake_remarks = ProcessSetting(_drake_warnings_only)
-"""Log level at which Drake logs only warnings and errors, but no solver progress and server addresses."""
+"""Log level at which Drake logs warnings and errors, but neither solver progress nor server addresses."""
 
 
 without_prints = ProcessSetting(lambda: redirect_stdout(io.StringIO()))

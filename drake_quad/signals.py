@@ -12,7 +12,7 @@ Row = float
 """Type of one number per vehicle.
 
 A row is a float for one vehicle and an array for a fleet. Drake and the compiler use their own types in its place, see
-`drake_quad.framework.elementary`. Type checkers treat a formula as one for a single vehicle, on floats.
+`drake_quad.framework.elementary`. Type checkers treat a formula as a formula for a single vehicle, on floats.
 """
 
 
@@ -177,7 +177,7 @@ class PositionErrorRate(NamedTuple):
 
 
 class Acceleration(NamedTuple):
-    """Commanded acceleration, a term of this command, or the estimated acceleration that disturbances cause."""
+    """Commanded acceleration, a term of the command, or the estimated acceleration due to disturbances."""
 
     x: AccelerationW
     y: AccelerationW
@@ -267,7 +267,7 @@ class Signals(dict[str, Any]):
     """
 
     def __contains__(self, name: object) -> bool:
-        """Return whether there is a signal of this name, which may end with the number of a sensor."""
+        """Return whether a signal has this name, which may end with the number of a sensor."""
         return super().__contains__(name) or super().__contains__(_without_number(name))
 
     def __missing__(self, name: str) -> Any:
@@ -330,7 +330,7 @@ SIGNALS |= {
 
 
 def row_names(name: str, num_rows: int) -> list[str]:
-    """Return the names of the rows of a signal; rows without names of their own are numbered from 1.
+    """Return the names of the rows of a signal; rows without names are numbered from 1.
 
     Args:
         name: name of the signal.

@@ -16,7 +16,7 @@ from drake_quad.compilation.compile_diagram import compile_diagram
 _NUM_TIMES = 6
 # Time between comparisons for a system without a periodic event, s.
 _DEFAULT_PERIOD = 0.02
-# Tolerance on outputs, relative to the largest output or to 1. It covers several thousand rounding errors.
+# Tolerance on outputs, relative to the largest output or to 1. It allows several thousand rounding errors.
 _TOLERANCE = 1e-12
 # Tolerance on the outputs of compiled diagrams, whose elementary functions may round differently.
 _COMPILED_TOLERANCE = 1e-9
@@ -44,16 +44,17 @@ def check_system(make: Callable[[int], Any], *, num_vehicles: int = 3, seed: int
     """Check that a system obeys the rules on which flights, fleets, studies and linear models rely.
 
     - ports: each port of a fleet has as many rows as the port of one vehicle, and a column for each vehicle.
-    - context: outputs depend on the context alone, not on earlier computations.
-    - vehicles: each vehicle has the same outputs in a fleet as on its own.
+    - context: outputs depend only on the context, not on earlier computations.
+    - vehicles: the outputs of a vehicle in a fleet equal its outputs when it is simulated alone.
     - numbers: outputs are not NaN if the inputs are finite.
-    - derivatives: if the system can be converted to AutoDiffXd, the values of the outputs are the same.
+    - derivatives: if the system can be converted to AutoDiffXd, the conversion does not change the values of the
+      outputs.
     - compiled: if the system is a `FleetSystem` or a diagram of such systems, machine code computes the same outputs.
 
     Inputs are random numbers between 0.1 and 0.9.
 
     Args:
-        make: function that returns the system for a given number of vehicles; the class of the system is one.
+        make: function that returns the system for a given number of vehicles, such as the class of the system.
         num_vehicles: number N of vehicles of the fleet.
         seed: seed of the inputs.
 
@@ -94,7 +95,7 @@ def _check_ports(single: Any, fleet: Any, num_vehicles: int) -> dict[str, int]:
         for name, port in one.items():
             assert port.get_data_type() == PortDataType.kVectorValued, f"ports: `{name}` is not vector-valued"
             size, expected_size = many[name].size(), num_vehicles * port.size()
-            fault = f"ports: `{name}` has {size} elements for {num_vehicles} vehicles, but needs {expected_size}"
+            fault = f"ports: `{name}` has {size} elements for {num_vehicles} vehicles, but must have {expected_size}"
             assert size == expected_size, fault
     return {name: port.size() for name, port in _inputs_of(single).items()}
 

@@ -39,8 +39,8 @@ from drake_quad.studies.monte_carlo import run_monte_carlo
 
 _DIAGRAMS = Path(__file__).parent.parent / "diagrams"
 _NETWORK = _DIAGRAMS / "controllers" / "paper.yaml:pd_t2fnn"
-# These overrides give the vehicle and the laboratory every imperfection.
-EVERYTHING = [
+# Overrides that enable every imperfection of the vehicle and the laboratory.
+ALL_IMPERFECTIONS = [
     "vehicle.mass={normal: {mean: 0.68, standard_deviation: 0.02, min: 0.6}}",
     "vehicle.inertia=[{uniform: {min: 0.0065, max: 0.0075}}, 0.007, 0.012]",
     "vehicle.thrust_factor_error=[0.002, -0.001, 0.001, 0.0]",
@@ -63,11 +63,11 @@ _TWO_SETS = [
     for numbers in ("centres=[-1.0, 1.0]", "widths=[2.0, 2.0]")
 ]
 # With 81 rules, updates of the covariance would take most of the time (docs/background/performance.md).
-_GRADIENT = "control.network.learning={kind: gradient, slope: 2.1, rate: 0.7}"
-_COSTLIER: dict[str, tuple[Path, list[str]]] = {
+_GRADIENT_LAW = "control.network.learning={kind: gradient, slope: 2.1, rate: 0.7}"
+_COMPARED_CONTROLLERS: dict[str, tuple[Path, list[str]]] = {
     "the paper's network, 9 rules on two inputs": (_NETWORK, []),
     "the same on four inputs, 16 rules": (_NETWORK, [*_POSITION_INPUTS, *_TWO_SETS]),
-    "on four inputs, 81 rules, gradient law": (_NETWORK, [*_POSITION_INPUTS, _GRADIENT]),
+    "on four inputs, 81 rules, gradient law": (_NETWORK, [*_POSITION_INPUTS, _GRADIENT_LAW]),
     "linear-quadratic-Gaussian control": (_DIAGRAMS / "controllers" / "lqg.yaml:lqg", []),
 }
 
@@ -86,11 +86,11 @@ def main() -> None:
     print_obstacles(repetitions)
     print_studies(repetitions // 3, 3_000 if quick else 10_000)
     print_planning(repetitions)
-    print_waits(2 if quick else 5)
+    print_commands(2 if quick else 5)
 
 
-# Commands whose waiting times are measured, with their options.
-_WAITS = {
+# Timed commands, with their options.
+_TIMED_COMMANDS = {
     "fly figure_eight": [],
     "study robustness": ["--samples", "1000"],
     "replay forest": [
@@ -102,21 +102,21 @@ _WAITS = {
 }
 
 
-def print_waits(repetitions: int) -> None:
-    """Print how long commands take in new processes, with and without a cache of machine code and plans."""
-    print("\n| a command, from its start to its end: seconds | elapsed | of the processors | elapsed without a cache |")
+def print_commands(repetitions: int) -> None:
+    """Print the run times of commands in new processes, with and without a cache of machine code and plans."""
+    print("\n| run time of a command (s) | elapsed | processor | elapsed with an empty cache |")
     print("|---|---|---|---|")
-    for command, options in _WAITS.items():
+    for command, options in _TIMED_COMMANDS.items():
         with tempfile.TemporaryDirectory() as folder:
             empty = {"DRAKE_QUAD_CACHE": str(Path(folder) / "cache")}
-            # The first process is measured apart, because it fills the cache for the others.
-            first, *others = [waited([*command.split(), *options], empty) for _ in range(repetitions + 1)]
+            # The first run fills the cache for the others, so its time is reported separately.
+            first, *others = [command_times([*command.split(), *options], empty) for _ in range(repetitions + 1)]
         elapsed, busy = zip(*others, strict=True)
         cells = [f"{statistics.median(each):.2f} ({min(each):.2f})" for each in (elapsed, busy)]
         print(f"| `{' '.join([command, *options[:2]])}` | {' | '.join(cells)} | {first[0]:.2f} |", flush=True)
 
 
-def waited(arguments: Sequence[str], variables: dict[str, str]) -> tuple[float, float]:
+def command_times(arguments: Sequence[str], variables: dict[str, str]) -> tuple[float, float]:
     """Return the elapsed time and the processor time of a command, s."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "drake_quad", *arguments, "--output", folder]
@@ -127,24 +127,24 @@ def waited(arguments: Sequence[str], variables: dict[str, str]) -> tuple[float, 
 
 
 def print_flights(repetitions: int, sizes: Sequence[int]) -> None:
-    """Print the simulation speed of fleets by their size, compiled and wired."""
+    """Print the simulation speed of fleets by their size, compiled and uncompiled."""
     ideal = load_scenario(_DIAGRAMS / "figure_eight.yaml")
     real, learning = (
-        load_scenario(_DIAGRAMS / "laboratory.yaml:nominal", EVERYTHING, layers=[layer])
+        load_scenario(_DIAGRAMS / "laboratory.yaml:nominal", ALL_IMPERFECTIONS, layers=[layer])
         for layer in (_DIAGRAMS / "gains" / "laboratory.yaml", _NETWORK)
     )
     print("| | ideal laboratory | with every imperfection, noise and wind | and type-2 networks on X and Y |")
     print("|---|---|---|---|")
     for size, compiled in itertools.product(sizes, (True, False)):
         name = f"fleet of {size:,}, vehicle-seconds per second" if size > 1 else "one recorded flight, × real time"
-        how = "compiled" if compiled else "as it is wired"
+        mode = "compiled" if compiled else "uncompiled"
         steppers = [Stepper(scenario, size, compiled=compiled) for scenario in (ideal, real, learning)]
         costs = interleaved(steppers, repetitions)
-        print(f"| {name}, {how} | {' | '.join(spread(cost, size) for cost in costs)} |", flush=True)
+        print(f"| {name}, {mode} | {' | '.join(spread(cost, size) for cost in costs)} |", flush=True)
 
 
 def print_plain_python(repetitions: int) -> None:
-    """Print the simulation speed of fleets with a position controller in plain Python, compiled and wired."""
+    """Print the simulation speed of fleets with a position controller in plain Python, compiled and uncompiled."""
     print("\n| position controller in plain Python, vehicle-seconds per second | one vehicle | 1,024 |")
     print("|---|---|---|")
     scenario = load_scenario(_DIAGRAMS / "laboratory.yaml:nominal", layers=[_DIAGRAMS / "gains" / "laboratory.yaml"])
@@ -156,11 +156,11 @@ def print_plain_python(repetitions: int) -> None:
         ]
         costs = interleaved(steppers, repetitions)
         cells = [spread(cost, size) for cost, size in zip(costs, sizes, strict=True)]
-        print(f"| {'compiled' if compiled else 'as it is wired'} | {' | '.join(cells)} |", flush=True)
+        print(f"| {'compiled' if compiled else 'uncompiled'} | {' | '.join(cells)} |", flush=True)
 
 
 class PlainPython(LeafSystem):
-    """Position controller as a user would write it: PD and feed-forward in NumPy."""
+    """Position controller in NumPy without the library's formulas: PD and feed-forward."""
 
     def __init__(self, num_vehicles: int) -> None:
         super().__init__()
@@ -205,39 +205,42 @@ def with_rules(sets: int) -> Scenario:
 
 
 def print_controllers(repetitions: int) -> None:
-    """Print the simulation speed of compiled fleets with costlier controllers, also relative to the first."""
+    """Print the simulation speed of compiled fleets with several controllers, also relative to the paper's network."""
     size = 1024
-    laboratories: dict[str, tuple[str, list[str]]] = {"low_wind": ("low_wind", []), "all": ("nominal", EVERYTHING)}
+    laboratories: dict[str, tuple[str, list[str]]] = {
+        "low_wind": ("low_wind", []),
+        "all": ("nominal", ALL_IMPERFECTIONS),
+    }
     costs: dict[str, list[list[float]]] = {}
     for laboratory, (name, overrides) in laboratories.items():
-        flown = [
+        scenarios = [
             load_scenario(_DIAGRAMS / f"laboratory.yaml:{name}", [*overrides, *inputs], layers=[controller])
-            for controller, inputs in _COSTLIER.values()
+            for controller, inputs in _COMPARED_CONTROLLERS.values()
         ]
-        costs[laboratory] = interleaved([Stepper(each, size, compiled=True) for each in flown], repetitions)
-    print(
-        "\n| fleet of 1,024, vehicle-seconds per second, and the share of the first | `low_wind` | every imperfection |"
-    )
+        costs[laboratory] = interleaved([Stepper(each, size, compiled=True) for each in scenarios], repetitions)
+    print("\n| fleet of 1,024, vehicle-seconds per second, and ratio to the first | `low_wind` | every imperfection |")
     print("|---|---|---|")
-    for row, what in enumerate(_COSTLIER):
-        cells = [f"{spread(found[row], size)}, {min(found[0]) / min(found[row]):.2f}" for found in costs.values()]
-        print(f"| {what} | {' | '.join(cells)} |", flush=True)
+    for row, name in enumerate(_COMPARED_CONTROLLERS):
+        cells = [f"{spread(each[row], size)}, {min(each[0]) / min(each[row]):.2f}" for each in costs.values()]
+        print(f"| {name} | {' | '.join(cells)} |", flush=True)
 
 
 def print_obstacles(repetitions: int) -> None:
-    """Print the simulation speed of compiled fleets with and without 20 obstacles."""
+    """Print the simulation speed of compiled fleets with and without obstacles."""
     size = 512
-    print("\n| fleet of 512, vehicle-seconds per second | no obstacles | 20 of all kinds around the path | share |")
+    print("\n| fleet of 512, vehicle-seconds per second | no obstacles | 20 of all kinds around the path | ratio |")
     print("|---|---|---|---|")
     for name in ("figure_eight", "robustness"):
-        flown = [load_scenario(_DIAGRAMS / f"{name}.yaml", changes) for changes in ({}, {"space": around(20)})]
-        without, among = interleaved([Stepper(each, size, compiled=True) for each in flown], repetitions)
-        share = statistics.median(without) / statistics.median(among)
-        print(f"| `{name}` | {spread(without, size)} | {spread(among, size)} | {share:.2f} |", flush=True)
+        scenarios = [
+            load_scenario(_DIAGRAMS / f"{name}.yaml", changes) for changes in ({}, {"space": obstacle_ring(20)})
+        ]
+        free, obstructed = interleaved([Stepper(each, size, compiled=True) for each in scenarios], repetitions)
+        ratio = statistics.median(free) / statistics.median(obstructed)
+        print(f"| `{name}` | {spread(free, size)} | {spread(obstructed, size)} | {ratio:.2f} |", flush=True)
 
 
-def around(count: int) -> dict[str, object]:
-    """Return obstacles in a ring around the figure eight, half a metre from most paths."""
+def obstacle_ring(count: int) -> dict[str, object]:
+    """Return a ring of obstacles around the figure eight, half a metre from most of its path."""
     kinds: list[dict[str, object]] = [
         {"kind": "cylinder", "radius": 0.2, "height": 2.0},
         {"kind": "box", "size": [0.5, 0.4, 1.0], "rotation": [0.1, 0.2, 0.3]},
@@ -264,8 +267,8 @@ def print_studies(repetitions: int, largest: int) -> None:
         cells = [spread([times[size, n].cost for times in rounds], 1) for n in workers]
         print(f"| {size:,} flights, from the start of the workers to the result | {' | '.join(cells)} |")
     # The start-up time cancels in the difference.
-    further = [spread([times[largest, n].beyond(times[2_000, n]) for times in rounds], 1) for n in workers]
-    print(f"| from 2,000 to {largest:,} flights | {' | '.join(further)} |")
+    further = [spread([times[largest, n].marginal_cost(times[2_000, n]) for times in rounds], 1) for n in workers]
+    print(f"| additional flights, from 2,000 to {largest:,} | {' | '.join(further)} |")
 
 
 class StudyTime(NamedTuple):
@@ -284,8 +287,8 @@ class StudyTime(NamedTuple):
         """Computing time per simulated second, s."""
         return self.seconds / self.flown
 
-    def beyond(self, shorter: "StudyTime") -> float:
-        """Return the computing time per simulated second (s) of the flights beyond a shorter study."""
+    def marginal_cost(self, shorter: "StudyTime") -> float:
+        """Return the additional computing time per additional simulated second, compared with a shorter study, s."""
         return (self.seconds - shorter.seconds) / (self.flown - shorter.flown)
 
 
@@ -303,8 +306,8 @@ def print_planning(repetitions: int) -> None:
     print("|---|---|")
     for count in (10, 50, 200):
         print(f"| minimum snap through {count} waypoints | {milliseconds(fast_path(count), 9 * repetitions)} |")
-    for what, work in planning_work().items():
-        print(f"| {what} | {milliseconds(work, repetitions)} |")
+    for name, work in planning_work().items():
+        print(f"| {name} | {milliseconds(work, repetitions)} |")
 
 
 def spread(costs: list[float], size: int) -> str:
@@ -313,13 +316,13 @@ def spread(costs: list[float], size: int) -> str:
 
 
 class Stepper:
-    """Fleet whose flight is repeated: a single vehicle flies to the end, a larger fleet for 1 s.
+    """Fleet that repeats a flight: a single vehicle flies the whole route, a larger fleet 1 s of it.
 
     Args:
-        scenario: scenario that is flown; each vehicle is a sample.
+        scenario: scenario of the flight, of which each vehicle is a sample.
         num_vehicles: number of vehicles.
         compiled: whether the diagram is compiled.
-        own: systems that replace parts of the loop.
+        own: user-defined systems that replace parts of the loop.
     """
 
     def __init__(
@@ -336,14 +339,14 @@ class Stepper:
 
 
 def interleaved(steppers: list[Stepper], repetitions: int) -> list[list[float]]:
-    """Return the costs of each stepper, measured in turns so that a change of the machine's speed affects all."""
+    """Return the costs of each stepper, interleaved so that a change of the machine's speed affects all."""
     gc.collect()
     rounds = [[stepper.cost() for stepper in steppers] for _ in range(repetitions)]
     return [list(costs) for costs in zip(*rounds, strict=True)]
 
 
 def fast_path(count: int) -> Callable[[], object]:
-    """Return a function that plans minimum snap through waypoints at given times, as a Drake trajectory."""
+    """Return a function that plans a minimum-snap path through waypoints at given times, as a Drake trajectory."""
     rng = np.random.default_rng(0)
     waypoints = np.cumsum(rng.normal(size=(count, 3)), axis=0)
     times = np.cumsum(rng.uniform(0.5, 2.0, count))
@@ -351,17 +354,19 @@ def fast_path(count: int) -> Callable[[], object]:
 
 
 def planning_work() -> dict[str, Callable[[], object]]:
-    """Return further tasks of the planner by name: random routes with steps of a metre, and the forest."""
+    """Return further planning tasks by name: random routes with waypoints about a metre apart, and the forest."""
     rng = np.random.default_rng(0)
     limits = PathLimits(speed=1.2, acceleration=0.7)
     points = np.cumsum(rng.normal(size=(50, 3)), axis=0)
     corridors = [Box(np.minimum(a, b) - 0.2, np.maximum(a, b) + 0.2) for a, b in itertools.pairwise(points)]
     hallways = PathProblem([Box.point(point) for point in points], corridors=corridors, limits=limits)
-    # Times shorter than those of the shortest minimum-snap path make limits and walls active.
-    hurried = GivenTimes(tuple(0.97 * plan_path(hallways, Shortest()).times))
+    # Times below those of the fastest minimum-snap path activate the limits and the walls.
+    tight_times = GivenTimes(tuple(0.97 * plan_path(hallways, Shortest()).times))
     course = PathProblem([Box.point(point) for point in points[:21]], limits=limits)
     return {
-        "50 waypoints at given times within speed, acceleration and corridors": lambda: plan_path(hallways, hurried),
+        "50 waypoints at given times within speed, acceleration and corridors": lambda: plan_path(
+            hallways, tight_times
+        ),
         "times of 20 segments, least snap in 60 s": lambda: plan_path(PathProblem(course.waypoints), LeastSnap(60.0)),
         "times of 20 segments, shortest within speed and acceleration": lambda: plan_path(course, Shortest()),
         "three legs around 20 obstacles, shortest": through_forest(Shortest()),
@@ -370,7 +375,7 @@ def planning_work() -> dict[str, Callable[[], object]]:
 
 
 def through_forest(timing: Timing) -> Callable[[], object]:
-    """Return a function that plans the whole way through the forest: regions, passages and paths."""
+    """Return a function that plans a route through the forest, including the regions and passages of free space."""
     forest = load_scenario("forest")
     space = space_of(forest)
     assert isinstance(forest.route, WaypointRoute)

@@ -1,6 +1,6 @@
 """Build the closed loop block by block with DiagramBuilder, fly it, and log and plot the path of the vehicle.
 
-The blocks are a PD on the position, thrust and attitude for its command, a PD on the attitude, and the laboratory.
+The blocks are a position PD, thrust vectoring, an attitude PD, and the laboratory.
 """
 
 from pathlib import Path
@@ -21,16 +21,16 @@ from drake_quad.planning.believed import nominal_parameters
 from drake_quad.reference.source import build_reference
 
 scenario = load_scenario("laboratory:low_wind")
-plan, believed = plan_route(scenario), nominal_parameters(scenario)
+plan, nominal = plan_route(scenario), nominal_parameters(scenario)
 gains = PdGains(k_p=PerAxis(1.0, 1.0, 6.0), k_d=PerAxis(1.5, 1.5, 3.5))
 limits = ThrustLimits(slope=0.7, min_thrust=2.0, max_thrust=12.0)  # N; hover takes 6.7 N
-angles = AttitudeNumbers(PerAngle(25.0, 25.0, 5.0), PerAngle(8.0, 8.0, 3.5), *believed.inertia)
+angles = AttitudeNumbers(PerAngle(25.0, 25.0, 5.0), PerAngle(8.0, 8.0, 3.5), *nominal.inertia)
 
 builder = DiagramBuilder()
 reference = builder.AddSystem(build_reference(plan))
 position = builder.AddSystem(build_position_controller(ProportionalDerivative(feeds_forward=True, numbers=gains)))
-vectoring = ThrustVectoring(numbers=VectoringNumbers(believed.mass, believed.gravity, limits))
-commands = split_output(builder, "vectoring", vectoring)  # adds the system, and splits its output into signals
+vectoring = ThrustVectoring(numbers=VectoringNumbers(nominal.mass, nominal.gravity, limits))
+commands = split_output(builder, "vectoring", vectoring)  # adds the system and splits its output into signals
 attitude = builder.AddSystem(AttitudeController(numbers=angles))
 wrench = builder.AddSystem(Multiplexer([1, 3]))
 laboratory = builder.AddSystem(build_laboratory_diagram(scenario))
@@ -51,7 +51,7 @@ logger = LogVectorOutput(laboratory.GetOutputPort("state"), builder, publish_per
 simulator = Simulator(builder.Build())
 simulator.AdvanceTo(plan.duration)
 log = logger.FindLog(simulator.get_context())
-# A log is written before the updates of its instant, so it has the state of the previous time step.
+# Drake logs before it updates discrete states, so each logged state is that of the previous time step.
 flown, planned = log.data()[:3], plan.derivative(0).vector_values(log.sample_times() - scenario.vehicle.time_step)
 print(f"RMSE {100.0 * np.sqrt(np.mean(np.sum((flown - planned) ** 2, axis=0))):.1f} cm in low wind")
 plt.plot(*planned[:2], "--", *flown[:2])

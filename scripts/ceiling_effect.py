@@ -1,6 +1,6 @@
-"""An effect of your own on the vehicle: rotors gain thrust below a ceiling.
+"""Add an effect on the vehicle to the scenario language: rotors gain thrust below a ceiling.
 
-Commands know it after `--import scripts/ceiling_effect.py`.
+The option `--import scripts/ceiling_effect.py` registers it for a command.
 """
 
 from typing import Annotated, Any, ClassVar, NamedTuple
@@ -16,20 +16,20 @@ from drake_quad.vehicle.aerodynamics import Flow, Load
 
 
 class Ceiling(NamedTuple):
-    """Ceiling above the rotors. The names of the numbers are those of the fields in the scenario language."""
+    """Ceiling above the rotors. Its field names are those of the scenario language."""
 
     rotor_radius: Annotated[Row, Quantity("m")]
     height: PositionW
 
     def load(self, flow: Flow) -> Load:
-        """Return the thrust that is gained, (R / 4d)² of the thrust at the distance d, which is at least R / 2."""
+        """Return the additional thrust, (R / 4d)² times the thrust, at a distance d of at least R / 2."""
         ratio = 0.25 * self.rotor_radius / maximum(self.height - flow.height, 0.5 * self.rotor_radius)
         return Load(Vector(0.0, 0.0, ratio * ratio * flow.wrench.thrust), Vector(0.0, 0.0, 0.0))
 
 
 @EFFECTS.member
 class CeilingEffect(AirLoadEffect):
-    """Thrust that rotors gain below a ceiling."""
+    """Additional thrust of rotors below a ceiling."""
 
     rotor_radius: NonNegative = Field(description="R (m)")
     height: Number = Field(default=2.0, description="z of the ceiling in W (m)")
@@ -37,7 +37,7 @@ class CeilingEffect(AirLoadEffect):
     meaning: ClassVar = "above the vehicle, if any"
     record: ClassVar = Ceiling
     is_believed: ClassVar = False
-    depends_on_time: ClassVar = True  # the vehicle rises, since its controller does not know the thrust
+    depends_on_time: ClassVar = True  # the controller ignores the gain, so the vehicle rises
     couples_axes: ClassVar = False
     belongs_to_airframe: ClassVar = False
 

@@ -5,29 +5,33 @@ from pathlib import Path
 
 from drake_quad import design_cascade, load_undesigned, save_scenario, simulate, with_gains
 
-# Mass of the drone with its battery (kg), and distance of its motors from the middle (m). Its layout is an x.
-MASS, ARM = 1.05, 0.177
-# Thrust (N), mechanical power (W) and speed (rad/s) of a rotor at full throttle, from the data sheet of the motor.
-THRUST, POWER, SPEED = 7.6, 110.0, 8600.0 * 2.0 * math.pi / 60.0
-# Mass (kg) and diameter (m) of a propeller; mass of a motor and of its rotating bell (kg), and radius of the bell (m).
-PROPELLER, DIAMETER, MOTOR, BELL, RADIUS = 0.009, 0.24, 0.055, 0.025, 0.014
-# Frame and battery are a box of this size (m).
-LENGTH, WIDTH, HEIGHT = 0.16, 0.10, 0.07
+MASS = 1.05  # kg, drone with its battery
+ARM = 0.177  # m, distance of the motors from the centre; the rotors form an X
+# The data sheet of the motor has these values for a rotor at full throttle.
+THRUST = 7.6  # N
+POWER = 110.0  # W, mechanical
+SPEED = 8600.0 * 2.0 * math.pi / 60.0  # rad/s
+PROPELLER_MASS = 0.009  # kg
+PROPELLER_DIAMETER = 0.24  # m
+MOTOR_MASS = 0.055  # kg, including its bell
+BELL_MASS = 0.025  # kg, the rotating part of a motor
+BELL_RADIUS = 0.014  # m
+LENGTH, WIDTH, HEIGHT = 0.16, 0.10, 0.07  # m, box that represents the frame and the battery
 
-rotors = 4.0 * (PROPELLER + MOTOR)
-box = (MASS - rotors) / 12.0
+rotor_mass = 4.0 * (PROPELLER_MASS + MOTOR_MASS)
+box = (MASS - rotor_mass) / 12.0
 nominal = {
     "mass": MASS,
     "arm_length": ARM,
     "layout": {"kind": "x"},
     "inertia": [
-        0.5 * rotors * ARM**2 + box * (WIDTH**2 + HEIGHT**2),
-        0.5 * rotors * ARM**2 + box * (LENGTH**2 + HEIGHT**2),
-        rotors * ARM**2 + box * (LENGTH**2 + WIDTH**2),
+        0.5 * rotor_mass * ARM**2 + box * (WIDTH**2 + HEIGHT**2),
+        0.5 * rotor_mass * ARM**2 + box * (LENGTH**2 + HEIGHT**2),
+        rotor_mass * ARM**2 + box * (LENGTH**2 + WIDTH**2),
     ],
     "thrust_factor": THRUST / SPEED**2,
     "drag_factor": POWER / SPEED**3,
-    "rotor_inertia": PROPELLER * DIAMETER**2 / 12.0 + BELL * RADIUS**2,
+    "rotor_inertia": PROPELLER_MASS * PROPELLER_DIAMETER**2 / 12.0 + BELL_MASS * BELL_RADIUS**2,
     "min_rotor_speed": 0.1 * SPEED,
     "max_rotor_speed": SPEED,
 }

@@ -1,6 +1,6 @@
-"""Linearise a vehicle around hover, choose PD gains by the poles of the loop, and fly 0.5 m beside the linear model.
+"""Linearise a vehicle around hover, choose PD gains by the poles, and compare a step of 0.5 m with the linear model.
 
-The attitude is made as fast as the lag of the rotors allows, and the position six times slower than the attitude.
+The attitude loop is as fast as the lag of the rotors allows, and the position loop six times slower.
 """
 
 from pathlib import Path
@@ -16,23 +16,23 @@ from drake_quad import build_vehicle, load_scenario
 from drake_quad.signals import State, Wrench
 
 scenario = load_scenario("hover", ["vehicle.time_step=0"])
-believed, damping = scenario.nominal, 0.8
+nominal, damping = scenario.nominal, 0.8
 vehicle = build_vehicle(scenario)
 context, command = vehicle.CreateDefaultContext(), vehicle.GetInputPort("rotor_speed_command")
 hover, speeds = (vehicle.GetOutputPort(name).Eval(context) for name in ("state", "rotor_speed"))
 command.FixValue(context, speeds)
 model = Linearize(vehicle, context, command.get_index(), vehicle.GetOutputPort("state").get_index())
-b, d, arm = believed.thrust_factor, believed.drag_factor, believed.arm_length * believed.thrust_factor
+b, d, arm = nominal.thrust_factor, nominal.drag_factor, nominal.arm_length * nominal.thrust_factor
 wrench_of_speeds = 2.0 * speeds * np.array([[b, b, b, b], [0, -arm, 0, arm], [-arm, 0, arm, 0], [d, -d, d, -d]])
 
 
 def pd(e: State, fast: float) -> Wrench:
-    """Return the change of the wrench for a deviation from hover, by the natural frequency of the attitude (rad/s)."""
-    slow, g = fast / 6.0, believed.gravity
+    """Return the change of the wrench for a deviation e; the attitude loop has the natural frequency `fast` (rad/s)."""
+    slow, g = fast / 6.0, nominal.gravity
     a_x, a_y, a_z = (-slow * (slow * p + 2.0 * damping * v) for p, v in ((e.x, e.v_x), (e.y, e.v_y), (e.z, e.v_z)))
     angles = np.array([-a_y / g - e.roll, a_x / g - e.pitch, -e.yaw])
     turns = fast * (fast * angles - 2.0 * damping * np.array([e.p, e.q, e.r]))
-    return Wrench(believed.mass * a_z, *(believed.inertia * turns))
+    return Wrench(nominal.mass * a_z, *(nominal.inertia * turns))
 
 
 for fast in np.arange(15.0, 1.0, -0.1):

@@ -1,6 +1,6 @@
 """Fly the figure eight in Drake's Simulator, print its errors, and write a recording for the browser.
 
-The closed loop of a scenario is a Drake diagram. Here it is a block of a larger one, beside a visualizer and a log.
+The closed loop of a scenario is a Drake diagram. Here it is a subsystem of a diagram with a visualizer and a log.
 """
 
 from pathlib import Path
@@ -14,7 +14,7 @@ from drake_quad import build_tracking_diagram, load_scenario, plan_route
 from drake_quad.visualization.replay.scene import local_meshcat
 from drake_quad.visualization.replay.visualizer import QuadrotorVisualizer
 
-scenario = load_scenario("figure_eight", ["vehicle.mass=0.7"])  # the controller believes in 0.68 kg
+scenario = load_scenario("figure_eight", ["vehicle.mass=0.7"])  # kg; the controller assumes 0.68 kg
 plan = plan_route(scenario)
 
 builder = DiagramBuilder()
@@ -29,7 +29,7 @@ simulator.AdvanceTo(plan.duration)
 meshcat.PublishRecording()
 
 log = logger.FindLog(simulator.get_context())
-# A log is written before the updates of its instant, so it has the state of the previous time step.
+# Drake logs before it updates discrete states, so each logged state is that of the previous time step.
 planned = plan.derivative(0).vector_values(log.sample_times() - scenario.vehicle.time_step)
 error = np.linalg.norm(log.data()[:3] - planned, axis=0)
 print(f"RMSE {100.0 * np.sqrt(np.mean(error**2)):.2f} cm, largest error {100.0 * error.max():.2f} cm")

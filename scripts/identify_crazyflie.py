@@ -4,28 +4,27 @@ from pathlib import Path
 
 from drake_quad import compare_with_log, identify, load_scenario, load_undesigned, predict, read_log, write_vehicle
 
-# This scenario has the vehicle of the data sheet, with the mass and the gains of the flown vehicle.
+# This scenario describes the vehicle by its data sheet, with the mass and the gains of the logged flight.
 SHEET = "crazyswarm2:sheet_100"
 
 record = read_log(Path(__file__).parent.parent / "tests/data/crazyflie/crazyswarm2/log100.xz")
 sheet = load_undesigned(SHEET)
-found = identify([record], sheet, held_out_share=1.0 / 3.0)
-print(found.estimates)
+result = identify([record], sheet, held_out_share=1.0 / 3.0)
+print(result.estimates)
 
-# The prediction starts from the logged state and takes the logged commands, in the last third of the flight,
-# which the final fit has used as well.
-ahead = predict(record, {"identified": found.vehicle, "sheet": sheet}, believed=sheet, share=1.0 / 3.0)
+# In the last third of the flight, predictions start from logged states and use logged commands. The fit also used
+# this part of the log.
+predictions = predict(record, {"identified": result.vehicle, "sheet": sheet}, believed=sheet, share=1.0 / 3.0)
 for horizon in (0.1, 0.2, 0.5):
-    off = ahead.rmse("position", "identified", horizon).text(unit="cm", size=0.01)
-    less = ahead.better("position", "identified", "sheet", horizon).percent()
-    print(f"after {horizon} s: {off} off, {less} less than the data sheet")
+    error = predictions.rmse("position", "identified", horizon).text(unit="cm", size=0.01)
+    improvement = predictions.better("position", "identified", "sheet", horizon).percent()
+    print(f"after {horizon} s: error {error}, {improvement} below that of the data sheet")
 
-# The controller that flew the log flies 400 vehicles that are drawn from the estimates. Some oscillate and crash.
+# The controller of the logged flight flies 400 vehicles drawn from the estimates. Some of them oscillate and crash.
 Path("out").mkdir(exist_ok=True)
-path = write_vehicle(Path("out/identified.yaml"), "identified", found.estimates, base=SHEET)
-again = compare_with_log(record, load_scenario(path), samples=400)
-median, low, _ = again.interval("rmse")
-print(f"RMSE flown {100.0 * again.flown_figures.rmse[-1]:.2f} cm")
-print(
-    f"flown again {100.0 * median[-1]:.2f} cm in the median, at least {100.0 * low[-1]:.2f} cm; {again.crashes} crash"
-)
+path = write_vehicle(Path("out/identified.yaml"), "identified", result.estimates, base=SHEET)
+comparison = compare_with_log(record, load_scenario(path), samples=400)
+median, low, _ = comparison.interval("rmse")
+print(f"RMSE of the log {100.0 * comparison.flown_figures.rmse[-1]:.2f} cm")
+print(f"RMSE of 400 simulations: median {100.0 * median[-1]:.2f} cm, 2.5 % quantile {100.0 * low[-1]:.2f} cm")
+print(f"crashed simulations: {comparison.crashes}")

@@ -1,7 +1,7 @@
-"""Design an LQR with a Kalman filter on the linear plant of a laboratory, and fly it beside the built-in controller.
+"""Design an LQR with a Kalman filter on the linear plant of a laboratory, and compare it with the built-in controller.
 
-The plant is the linear model from the wrench to the measurement over a tick of the control: link, rotors, body and
-cameras. It is linearised at a yaw of zero, so the yaw of the reference must be zero.
+The plant is the linear model from the wrench to the measurement over a control period. It includes the link, the
+rotors, the body and the cameras. It is linearised at zero yaw, so the yaw of the reference must be zero.
 """
 
 import numpy as np
@@ -13,10 +13,10 @@ from drake_quad import compare_studies, laboratory_plant, load_scenario, mean_in
 from drake_quad.signals import Reference, State, Wrench
 
 LABORATORY, UNCERTAIN = "laboratory:low_wind", "vehicle.mass={uniform: {min: 0.66, max: 0.70}}"
-BELIEVED = load_scenario(LABORATORY)
-MASS, GRAVITY = BELIEVED.nominal.mass, BELIEVED.nominal.gravity
-PLANT = laboratory_plant(BELIEVED).system
-# Errors and commands of equal cost, and standard deviations of noise, in m, rad, m/s and rad/s, or N and N m.
+NOMINAL = load_scenario(LABORATORY)
+MASS, GRAVITY = NOMINAL.nominal.mass, NOMINAL.nominal.gravity
+PLANT = laboratory_plant(NOMINAL).system
+# Errors (m, rad, m/s, rad/s) and commands (N, N m) that have equal cost, and standard deviations of the noise.
 ERROR = np.array([*State(0.05, 0.05, 0.05, 0.5, 0.5, 0.2, 0.5, 0.5, 0.5, 2.0, 2.0, 2.0)])
 COMMAND = np.array([*Wrench(3.0, 0.3, 0.3, 0.1)])
 NOISE = np.array([*State(*3 * [0.001], *3 * [0.004], *3 * [0.01], *3 * [0.04])])
@@ -26,7 +26,7 @@ L = DiscreteTimeSteadyStateKalmanFilter(PLANT.A, PLANT.C, DISTURBANCE @ DISTURBA
 
 
 class Lqr(LeafSystem):
-    """Regulator of N vehicles, whose state has the deviations of the plant's states, with a column for each vehicle."""
+    """Regulator of N vehicles. Its state is an estimate of the plant's state, with a column for each vehicle."""
 
     def __init__(self, num_vehicles: int = 1) -> None:
         super().__init__()
@@ -53,6 +53,6 @@ class Lqr(LeafSystem):
 if __name__ == "__main__":  # worker processes import this file
     uncertain = load_scenario(LABORATORY, [UNCERTAIN])
     mine, built_in = run_monte_carlo(uncertain, 200, seed=1, control=Lqr), run_monte_carlo(uncertain, 200, seed=1)
-    for name, study in {"LQR": mine, BELIEVED.cascade.position.kind: built_in}.items():
+    for name, study in {"LQR": mine, NOMINAL.cascade.position.kind: built_in}.items():
         print(f"RMSE, {name}: {mean_interval(study.metrics.rmse).text(unit='cm', size=0.01)}")
-    print(f"that is {compare_studies(mine, built_in).share.ratio()} times as much")
+    print(f"ratio of the errors: {compare_studies(mine, built_in).ratio.ratio()}")

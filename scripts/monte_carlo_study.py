@@ -1,4 +1,4 @@
-"""Fly 1,000 samples of an uncertain vehicle in low wind, estimate its error and its crashes, and plot what matters.
+"""Fly 1,000 samples of an uncertain vehicle in low wind, estimate its RMSE and crash probability, and plot the RMSE.
 
 `drake-quad study` does the same with more tables and plots.
 """
@@ -21,10 +21,10 @@ if __name__ == "__main__":  # worker processes import this file
     scenario = load_scenario("laboratory:low_wind", UNCERTAIN)
     study = run_monte_carlo(scenario, num_samples=1000, seed=1)
     crashed, rmse = study.metrics.crashed > 0, study.metrics.rmse
-    print(f"RMSE: {mean_interval(rmse[~crashed]).text(unit='cm', size=0.01)} of those that do not crash")
+    print(f"RMSE without crashes: {mean_interval(rmse[~crashed]).text(unit='cm', size=0.01)}")
     print(f"crashes: {share_interval(int(crashed.sum()), len(crashed)).percent()}")
     worst = int(np.argmax(np.where(crashed, -np.inf, rmse)))
-    flight = simulate(scenario, seed=1, sample=worst, compiled=True)  # any sample can be repeated alone
+    flight = simulate(scenario, seed=1, sample=worst, compiled=True)  # repeats a single sample
     print(f"sample {worst}: {flight.scenario.vehicle.mass:.3f} kg, {100.0 * flight.metrics.rmse:.2f} cm")
     delays = study.parameters["laboratory.command_link.delay_ticks"]
     for delay in np.unique(delays):

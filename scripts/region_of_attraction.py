@@ -18,7 +18,7 @@ from pydrake.systems.primitives import LogVectorOutput, SymbolicVectorSystem
 from drake_quad import load_scenario
 
 G = load_scenario("hover").nominal.gravity
-# Values of e (m, rad, m/s, rad/s), upward acceleration (m/s²) and angular acceleration (rad/s²) of equal cost.
+# Errors e (m, rad, m/s, rad/s) that have equal cost, and likewise vertical (m/s²) and angular (rad/s²) acceleration.
 ERROR, COMMAND = np.array([2.5, 2.5, 0.2, 2.5, 2.5, 4.0]), np.array([1.6, 5.5])
 A = np.diag([1.0, 1.0, 1.0], 3) + G * np.outer(np.eye(6)[3], np.eye(6)[2])
 K, S = LinearQuadraticRegulator(A, np.eye(6)[:, 4:], np.diag(ERROR**-2), np.diag(COMMAND**-2))
@@ -44,7 +44,7 @@ output = [x, z, sin(theta), v_x, v_z, q, 1 - cos(theta)]
 plant = builder.AddSystem(SymbolicVectorSystem(state=state, dynamics=dynamics, output=output))
 logger, diagram = LogVectorOutput(plant.get_output_port(), builder, publish_period=0.1), builder.Build()
 for e in np.random.default_rng(0).normal(size=(100, 6)) @ np.linalg.cholesky(np.linalg.inv(S)).T:
-    # V = ρ on the ray of e is quadratic in c, since s² = 2 c - c².
+    # Along the ray of e, V = ρ is a quadratic equation in c, since s² = 2 c - c².
     slope = e @ S @ e / e[2] ** 2
     height = rho / (slope + np.sqrt(slope**2 + rho * (S[2, 2] - slope)))
     e *= np.sqrt(2 * height - height**2) / abs(e[2])
@@ -52,9 +52,9 @@ for e in np.random.default_rng(0).normal(size=(100, 6)) @ np.linalg.cholesky(np.
     simulator.get_mutable_context().SetContinuousState([*e[:2], np.arcsin(e[2]), *e[3:]])
     simulator.AdvanceTo(15.0)
     log = logger.FindLog(simulator.get_context())
-    share = Polynomial(V).EvaluateIndeterminates(y, log.data()) / rho
-    assert np.all(np.diff(share) < 0.0)
-    plt.semilogy(log.sample_times(), share, linewidth=0.5)
-plt.gca().set(xlabel="time (s)", ylabel="V / ρ", title="from 100 states on the boundary")
+    ratio = Polynomial(V).EvaluateIndeterminates(y, log.data()) / rho
+    assert np.all(np.diff(ratio) < 0.0)
+    plt.semilogy(log.sample_times(), ratio, linewidth=0.5)
+plt.gca().set(xlabel="time (s)", ylabel="V / ρ", title="simulations from 100 states on the boundary")
 Path("out").mkdir(exist_ok=True)
 plt.savefig("out/region_of_attraction.png")

@@ -1,4 +1,4 @@
-"""Fly the figure eight under a position controller of your own, a sliding mode, and under the scenario's PD."""
+"""Write a sliding-mode position controller as a Drake system, and compare it with the PD of the figure eight."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ from drake_quad.signals import Acceleration, Reference, State
 
 
 class SlidingMode(LeafSystem):
-    """u = a_r + η tanh(s / w) + λ ė with s = ė + λ e: a boundary layer in place of the sign."""
+    """Sliding-mode controller u = a_r + η tanh(s / w) + λ ė with s = ė + λ e; tanh replaces the sign of s."""
 
     def __init__(self, num_vehicles: int = 1) -> None:
         super().__init__()

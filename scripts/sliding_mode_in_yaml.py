@@ -1,4 +1,4 @@
-"""A kind of position controller of your own for scenarios: a sliding mode with a boundary layer."""
+"""Add a position controller to the scenario language: a sliding mode with a boundary layer."""
 
 from typing import ClassVar, Literal, NamedTuple
 
@@ -26,10 +26,10 @@ class SlidingNumbers(NamedTuple):
 def sliding_law(measurement: State, reference: Reference, numbers: SlidingNumbers) -> Acceleration:
     """Return a_r + λ ė + K sat(s / φ) with s = ė + λ e (J.-J. Slotine and W. Li, Applied Nonlinear Control, 7.2)."""
     ones = PdGains(PerAxis(1.0, 1.0, 1.0), PerAxis(1.0, 1.0, 1.0))  # the errors do not depend on gains
-    seen = pd_law(measurement, reference, ones, "tracking_error", feeds_forward=True)
+    errors = pd_law(measurement, reference, ones, "tracking_error", feeds_forward=True)
     return Acceleration._make(
         a + slope * rate + gain * maximum(minimum((rate + slope * error) / width, 1.0), -1.0)
-        for a, error, rate, slope, gain, width in zip(seen.feed_forward, seen.error, seen.error_rate, *numbers)
+        for a, error, rate, slope, gain, width in zip(errors.feed_forward, errors.error, errors.error_rate, *numbers)
     )
 
 
@@ -49,7 +49,7 @@ class SlidingPosition(PositionController):
 
     kind: Literal["sliding_mode"]
     slope: Positives = Field(description="λ of the sliding surface on X, Y, Z (1/s)")
-    gain: Positives = Field(description="K, largest answer beyond λ ė on X, Y, Z (m/s²)")
+    gain: Positives = Field(description="K, largest acceleration beyond λ ė on X, Y, Z (m/s²)")
     width: Positives = Field(description="φ of the boundary layer on X, Y, Z (m/s)")
     feed_forward: ClassVar = "snap"
     takes_correction: ClassVar = False

@@ -1,6 +1,6 @@
-"""Track the figure eight by Drake's time-varying linear-quadratic regulator of the nonlinear vehicle.
+"""Track the figure eight with Drake's time-varying linear-quadratic regulator for the nonlinear vehicle.
 
-The regulator knows the state of the vehicle and commands its rotors. The vehicle starts 0.5 m beside the reference.
+The regulator receives the true state and commands the rotors. The vehicle starts 0.5 m away from the reference.
 """
 
 import numpy as np
@@ -19,11 +19,11 @@ from drake_quad.signals import Jerk, Reference, Snap, State
 from drake_quad.vehicle.inverse_dynamics import rotor_demand
 
 HORIZON = 6.0  # s, duration of the flight
-# Errors (m, rad, m/s, rad/s) and commands (rad/s) of equal cost.
+# Errors (m, rad, m/s, rad/s) and commands (rad/s) that have equal cost.
 ERROR = np.array([*State(0.05, 0.05, 0.05, 0.2, 0.2, 0.2, 0.5, 0.5, 0.5, 2.0, 2.0, 2.0), *4 * [100.0]])
 COMMAND = np.array(4 * [30.0])
 
-# Differential flatness gives the state and the command along the plan. Rotors lag behind their commands.
+# Differential flatness gives the states and rotor speeds along the plan. Commands lead these speeds by the rotor lag.
 scenario = load_scenario("figure_eight", ["vehicle.time_step=0"])
 plan = plan_route(scenario)
 times = np.linspace(0.0, HORIZON, 300)
@@ -56,4 +56,4 @@ simulator.AdvanceTo(HORIZON)
 flown = log.FindLog(simulator.get_context())
 errors = flown.data()[:3] - plan.reference().vector_values(flown.sample_times())[:3]
 for time, distance in zip(flown.sample_times()[::100], np.linalg.norm(errors, axis=0)[::100], strict=True):
-    print(f"{time:.0f} s: {100.0 * distance:.3f} cm beside the reference")
+    print(f"{time:.0f} s: {100.0 * distance:.3f} cm from the reference")

@@ -1,6 +1,6 @@
-"""A kind of wind of your own for scenarios: it grows with height by the power law of the boundary layer over land.
+"""Add a wind to the scenario language: it grows with height by the power law of the boundary layer over land.
 
-The option `--import scripts/wind_shear.py` makes it known to a command.
+The option `--import scripts/wind_shear.py` registers it for a command.
 """
 
 from typing import Annotated, ClassVar, Literal, NamedTuple
@@ -16,7 +16,7 @@ from drake_quad.signals import Number, Quantity, State, VelocityW, Wind
 
 
 class ShearNumbers(NamedTuple):
-    """Parameters of the power law. The velocity is that of the air at the reference height."""
+    """Parameters of the power law, with the wind velocity at the reference height."""
 
     velocity: Wind
     reference_height: Annotated[float, Quantity("m")]
@@ -24,9 +24,9 @@ class ShearNumbers(NamedTuple):
 
 
 def shear_wind(state: State, shear: ShearNumbers) -> Wind:
-    """Return the velocity of the air at a vehicle, v (z / h)^a."""
-    share = exp(shear.exponent * log(maximum(state.z, 0.01) / shear.reference_height))  # its slope is infinite at 0 m
-    return Wind._make(share * part for part in shear.velocity)
+    """Return the wind velocity v (z / h)^a at the height of a vehicle."""
+    factor = exp(shear.exponent * log(maximum(state.z, 0.01) / shear.reference_height))  # the slope is infinite at 0 m
+    return Wind._make(factor * part for part in shear.velocity)
 
 
 @fleet_system(float, AutoDiffXd)
@@ -43,7 +43,7 @@ class ShearWind(FleetSystem):
 
 @WINDS.member
 class ShearSource(BlowingSource):
-    """Wind that grows with height by a power law; its velocity is that at the reference height."""
+    """Wind that grows with height by a power law; `velocity` is the wind at the reference height."""
 
     kind: Literal["shear"]
     reference_height: Positive = Field(default=10.0, description="height at which the velocity is given (m)")

@@ -1,4 +1,4 @@
-"""Table of all systems: examples of each FleetSystem, and of each diagram that a function builds."""
+"""Examples of all systems: of each FleetSystem, and of each diagram that a function of the package builds."""
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
@@ -135,48 +135,48 @@ class Example(NamedTuple):
 
     Attributes:
         system: class of the system.
-        numbers: different numbers that are neither zero nor infinite; None for a system without numbers.
-        structure: arguments of the constructor that determine ports and events.
+        numbers: numbers of the system, all different and neither zero nor infinite; None if it has no numbers.
+        structure: arguments of the constructor that determine the ports and events.
         num_vehicles: number N of vehicles.
-        whole: True if the example has all ports that its class can have.
+        has_all_ports: whether the example has all ports that its class can have.
     """
 
     system: Any
     numbers: Any = None
     structure: Mapping[str, Any] = MappingProxyType({})
     num_vehicles: int = 1
-    whole: bool = True
+    has_all_ports: bool = True
 
     def make(self) -> Any:
-        return self.made_of(self.numbers)
+        return self.make_with(self.numbers)
 
-    def made_of(self, numbers: Any) -> Any:
-        """Return the system with other numbers."""
+    def make_with(self, numbers: Any) -> Any:
+        """Return the system with given numbers."""
         given = {} if numbers is None else {"numbers": numbers}
         return self.system(num_vehicles=self.num_vehicles, **self.structure, **given)
 
     @property
     def flat_numbers(self) -> list[Any]:
-        """Return all numbers of the example in a list."""
+        """Numbers of the example in a flat list."""
         if self.numbers is None or isinstance(self.numbers, Samples):
             return []
         return layout_of(type(self.numbers), self.numbers).flatten(self.numbers)
 
     @property
     def is_compiled(self) -> bool:
-        """True unless the system has a continuous state or solves an optimisation problem."""
+        """Whether the system is compiled: it has no continuous state and solves no optimisation problem."""
         return self.structure.get("time_step") != 0.0 and self.system is not PredictiveProgramme
 
     @property
     def other_numbers(self) -> Any:
-        """Return numbers that all differ from those of the example, and from vehicle to vehicle."""
+        """Numbers that differ from those of the example and between vehicles."""
         if self.numbers is None:
             return None
         if isinstance(self.numbers, Samples):
             return Samples(self.numbers.seed + 1, [sample + 10 for sample in self.numbers.numbers])
         layout = layout_of(type(self.numbers), self.numbers)
         growth = 1.1 + 0.05 * np.arange(self.num_vehicles)
-        # Every row has its own factor, so that ratios of two rows differ, too.
+        # Every row has its own factor, so that the ratios of two rows also differ.
         rows = [(growth + 0.01 * i) * row for i, row in enumerate(layout.flatten(self.numbers))]
         return layout.build([float(row[0]) for row in rows] if self.num_vehicles == 1 else rows)
 
@@ -184,21 +184,25 @@ class Example(NamedTuple):
 GAINS = PdGains(PerAxis(1.3, 1.0, 5.0), PerAxis(1.5, 1.2, 3.2))
 ATTITUDE = AttitudeNumbers(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), 0.0065, 0.0085, 0.0126)
 INCREMENTAL = IncrementalAttitudeNumbers(ATTITUDE, IncrementalLaw(6.1), 0.07, 41.0)
-LAGS = (AxisCommand(0.21, 0.06), AxisCommand(0.23, 0.07), AxisCommand(0.05, 0.04))
-START = PerAxis(0.3, -0.2, 1.1)
-KALMAN = EstimatorNumbers(
+AXIS_LAGS = (AxisCommand(0.21, 0.06), AxisCommand(0.23, 0.07), AxisCommand(0.05, 0.04))
+START_POSITION = PerAxis(0.3, -0.2, 1.1)
+KALMAN_ESTIMATOR = EstimatorNumbers(
     (
         KalmanLaw(0.4, KalmanMemory(0.31, 2.2, 5.1)),
         KalmanLaw(0.5, KalmanMemory(0.33, 2.4, 5.3)),
         KalmanLaw(0.6, KalmanMemory(0.36, 2.7, 5.6)),
     ),
-    LAGS,
+    AXIS_LAGS,
     4.1,
-    START,
+    START_POSITION,
 )
-ADAPTIVE = EstimatorNumbers((AdaptiveLaw(1.2, 2.1), AdaptiveLaw(1.3, 2.5), AdaptiveLaw(1.4, 3.7)), LAGS, 4.2, START)
-INVERTING = EstimatorNumbers((IncrementalLaw(4.1), IncrementalLaw(4.6), IncrementalLaw(5.3)), LAGS, 4.3, START)
-BY_TILT = TiltEstimatorNumbers(ADAPTIVE.laws, 0.06, 9.79, 4.4, START)
+ADAPTIVE_ESTIMATOR = EstimatorNumbers(
+    (AdaptiveLaw(1.2, 2.1), AdaptiveLaw(1.3, 2.5), AdaptiveLaw(1.4, 3.7)), AXIS_LAGS, 4.2, START_POSITION
+)
+INCREMENTAL_ESTIMATOR = EstimatorNumbers(
+    (IncrementalLaw(4.1), IncrementalLaw(4.6), IncrementalLaw(5.3)), AXIS_LAGS, 4.3, START_POSITION
+)
+TILT_ESTIMATOR = TiltEstimatorNumbers(ADAPTIVE_ESTIMATOR.laws, 0.06, 9.79, 4.4, START_POSITION)
 VECTORING = VectoringNumbers(0.68, 9.81, ThrustLimits(0.7, 2.0, 12.0))
 VEHICLE = QuadrotorNumbers(
     QuadrotorParameters(
@@ -229,14 +233,16 @@ EFFECTS = Effects(
     ReactionTorque(9.1e-5),
     SpinDown(0.05),
 )
-AFFECTED = VEHICLE._replace(
+VEHICLE_WITH_EFFECTS = VEHICLE._replace(
     effects=EFFECTS._replace(
         battery=Battery(12.5, 10.1, 1.3, 0.03, 0.71),
         slung_load=SlungLoad(0.16, 0.77),
     )
 )
-THROTTLED = AFFECTED._replace(effects=AFFECTED.effects._replace(thrust_curve=ThrustCurve(0.1, 0.9, 3.1)))
-LADEN = VEHICLE._replace(
+VEHICLE_WITH_THROTTLE = VEHICLE_WITH_EFFECTS._replace(
+    effects=VEHICLE_WITH_EFFECTS.effects._replace(thrust_curve=ThrustCurve(0.1, 0.9, 3.1))
+)
+VEHICLE_WITH_PAYLOAD = VEHICLE._replace(
     effects=EFFECTS._replace(
         payload=Payload(0.17, PayloadPosition(0.034, 0.035, 0.036), Inertia(1.1e-4, 1.2e-4, 1.3e-4), 0.9, 1.9)
     )
@@ -259,7 +265,7 @@ CAMERAS = CameraNumbers(
     0.4,
 )
 LINK = LinkNumbers(2.0, 0.1, Wrench(6.0, 0.1, 0.2, 0.3))
-TARGETS = LinkNumbers(2.0, 0.1, AttitudeTarget(6.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6))
+TARGET_LINK = LinkNumbers(2.0, 0.1, AttitudeTarget(6.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6))
 AUTOPILOT = AutopilotNumbers(
     LoopGains(6.0, 5.5, 2.8),
     LoopGains(14.0, 12.0, 9.0),
@@ -271,7 +277,7 @@ AUTOPILOT = AutopilotNumbers(
 
 
 def _terms(scale: float) -> tuple[Terms, Terms, Terms]:
-    """Return terms of three axes, all of whose numbers differ."""
+    """Return PID terms of three axes. All numbers differ."""
     first, second, third = (
         Terms(
             Integral(scale * k, 0.7 * scale * k, 3.1 + k),
@@ -284,9 +290,9 @@ def _terms(scale: float) -> tuple[Terms, Terms, Terms]:
     return first, second, third
 
 
-def _of_first_order(terms: Terms) -> Terms:
+def _with_first_order_filter(terms: Terms) -> Terms:
     lag = first_order(55.0, 0.005)
-    # Numbers must not be zero.
+    # No number of an example may be zero.
     low_pass = lag._replace(b_1=1e-3, b_2=2e-3, a_2=3e-3)
     return Terms(Integral(terms.integral.k_i, terms.integral.limit), Derivative(terms.derivative.k_d, low_pass))
 
@@ -298,9 +304,9 @@ PID_AUTOPILOT = AUTOPILOT._replace(
     max_rates=BodyRates(3.1, 3.3, 2.2),
 )
 PX4_AUTOPILOT = AUTOPILOT._replace(
-    rate=LoopAxisTerms(*map(_of_first_order, _terms(22.0))), max_rates=BodyRates(3.2, 3.4, 2.1), yaw_weight=0.4
+    rate=LoopAxisTerms(*map(_with_first_order_filter, _terms(22.0))), max_rates=BodyRates(3.2, 3.4, 2.1), yaw_weight=0.4
 )
-TILTING = CascadeNumbers(
+TILT_CASCADE = CascadeNumbers(
     PidLoopGains(PerAxis(2.1, 1.9, 2.3), _terms(0.4)),
     PidLoopGains(PerAxis(0.43, 0.41, 5.7), _terms(0.2)),
     0.3,
@@ -308,31 +314,33 @@ TILTING = CascadeNumbers(
     9.79,
     TiltNumbers(6.1, 2.2, 11.0),
 )
-ACCELERATING = CascadeNumbers(
+ACCELERATION_CASCADE = CascadeNumbers(
     PidLoopGains(PerAxis(0.95, 0.93, 1.1)),
-    PidLoopGains(PerAxis(1.8, 1.7, 4.1), tuple(map(_of_first_order, _terms(0.6)))),
+    PidLoopGains(PerAxis(1.8, 1.7, 4.1), tuple(map(_with_first_order_filter, _terms(0.6)))),
     0.9,
     0.71,
     9.78,
     AccelerationNumbers(0.8, 1.2, 0.7, 0.5, 0.6, 2.1, 11.5, 3.3),
 )
-RESPONDING = RespondingNumbers(
+RESPONDING_VEHICLE = RespondingNumbers(
     VEHICLE, AttitudeResponse(NaturalFrequencies(6.8, 6.4, 3.1), DampingRatios(0.5, 0.7, 1.1))
 )
-SETS = Antecedents(
+ANTECEDENTS = Antecedents(
     1.4,
     0.6,
     0.3,
     (FuzzySets(1.8, (-1.0, 0.1, 1.2), (1.1, 0.9, 1.3)), FuzzySets(0.7, (-0.9, 0.2, 0.8), (1.2, 1.0, 1.4))),
 )
-AROUND = SETS._replace(inputs=(SETS.inputs[0], CircularSets(1.3, (-0.1, 0.4, 0.8), (0.5, 0.6, 0.7))))
+CIRCULAR_ANTECEDENTS = ANTECEDENTS._replace(
+    inputs=(ANTECEDENTS.inputs[0], CircularSets(1.3, (-0.1, 0.4, 0.8), (0.5, 0.6, 0.7)))
+)
 LIMITS = LearningLimits(0.9, 0.01, 0.02)
 SAMPLES = Samples(3, (5, 6))
 STREAMS = (
     Stream("here", StreamKind.WIND, 3, RandomDistribution.kGaussian, 0.01),
     Stream("there", StreamKind.NOISE, 1, RandomDistribution.kUniform, 0.02),
 )
-ALL_ERRORS = {
+ALL_CAMERA_ERRORS = {
     "noisy": True,
     "loses_frames": True,
     "misaligned": True,
@@ -341,9 +349,11 @@ ALL_ERRORS = {
     "drifts": True,
     "longest_latency": 2,
 }
-SENSED = AccelerometerNumbers(SensorPosition(0.03, -0.02, 0.05), 9.79, SpecificForce(0.1, -0.2, 0.15), 0.07, 2.0)
-ON_BOARD = {"name": "accelerometer", "law": ACCELEROMETER}
-LOSSY = {"longest_delay": 3, "loses_packets": True}
+ACCELEROMETER_NUMBERS = AccelerometerNumbers(
+    SensorPosition(0.03, -0.02, 0.05), 9.79, SpecificForce(0.1, -0.2, 0.15), 0.07, 2.0
+)
+ACCELEROMETER_STRUCTURE = {"name": "accelerometer", "law": ACCELEROMETER}
+LOSSY_LINK = {"longest_delay": 3, "loses_packets": True}
 
 
 THRUSTS = ThrustRange(2.0, 12.0)
@@ -358,13 +368,13 @@ SPEEDS = SpeedScale(
         Wrench(4.4e-5, 7.3e-6, 1.7e-6, -1.8e-6),
     ),
 )
-OBSERVED = ObservationNumbers(290.0, (0.1, -0.2, 0.3))
-SEEN = ObservationSpec(
+OBSERVATION_NUMBERS = ObservationNumbers(290.0, (0.1, -0.2, 0.3))
+OBSERVATION_SPEC = ObservationSpec(
     ("position_error", "rotation", "reference_ahead", "rotor_speed", "wind", "action"), "body", 3, 0.4
 )
 HEADING_OBSERVATION = {"spec": ObservationSpec(("velocity", "rotation"), "reference_heading"), "num_actions": 3}
 ACCELERATION_SCALE = AccelerationScale(5.0, 4.0, 3.0)
-SEES = {"spec": SEEN, "num_actions": 3, "num_ahead": 2}
+OBSERVATION_STRUCTURE = {"spec": OBSERVATION_SPEC, "num_actions": 3, "num_ahead": 2}
 
 
 def _network_of(inputs, outputs) -> Network:
@@ -383,7 +393,7 @@ def _network_of(inputs, outputs) -> Network:
 
 
 def _loop(kind, measured, delay, seed) -> AxisLoop:
-    """Return a loop, all of whose numbers differ."""
+    """Return a control loop of an axis. All numbers differ."""
     rng = np.random.default_rng(seed)
 
     def rows() -> Any:
@@ -394,21 +404,21 @@ def _loop(kind, measured, delay, seed) -> AxisLoop:
     return AxisLoop(A, rows(), L, rows(), tuple(rng.uniform(0.1, 0.3, delay).tolist()), 1.7 + 0.1 * seed)
 
 
-BELIEVED = ThrustNumbers(0.68, 9.81, 0.7, 2.0, 12.0, 0.07)
-WITH_TORQUES = LqgNumbers(
+NOMINAL_THRUST = ThrustNumbers(0.68, 9.81, 0.7, 2.0, 12.0, 0.07)
+TORQUE_LQG = LqgNumbers(
     _loop(TorqueChain, 2, 2, 1),
     _loop(VerticalChain, 1, 2, 2),
-    BELIEVED,
+    NOMINAL_THRUST,
     TorqueNumbers(0.0065, 0.0085, 0.0126, 5.0, 3.1, 400.0, 0.09),
     None,
 )
-WITH_TARGETS = LqgNumbers(
-    _loop(AttitudeChain, 2, 1, 3), _loop(VerticalChain, 1, 1, 4), BELIEVED, None, TargetNumbers(0.2, 0.03)
+TARGET_LQG = LqgNumbers(
+    _loop(AttitudeChain, 2, 1, 3), _loop(VerticalChain, 1, 1, 4), NOMINAL_THRUST, None, TargetNumbers(0.2, 0.03)
 )
 
 
 def _regulator(loop: AxisLoop) -> Regulator:
-    """Return a stable regulator, all of whose numbers differ."""
+    """Return a stable regulator. All numbers differ."""
     count = len(loop.K) + len(loop.K_pending)
     rng = np.random.default_rng(count)
     A = np.eye(count) * 0.7 + rng.uniform(0.0, 0.2 / count, (count, count))
@@ -416,10 +426,10 @@ def _regulator(loop: AxisLoop) -> Regulator:
     return Regulator(tuple(map(tuple, A.tolist())), tuple(B.tolist()), tuple(K.tolist()), 0.3)
 
 
-LOOKING_AHEAD: dict[str, Any] = {
-    "believed": WITH_TORQUES,
-    "lateral": _regulator(WITH_TORQUES.lateral),
-    "vertical": _regulator(WITH_TORQUES.vertical),
+MPC_STRUCTURE: dict[str, Any] = {
+    "believed": TORQUE_LQG,
+    "lateral": _regulator(TORQUE_LQG.lateral),
+    "vertical": _regulator(TORQUE_LQG.vertical),
     "preview": (
         Preview(
             Reference(*[0.1 * i for i in range(11)]), Jerk(0.1, 0.2, 0.3), Snap(0.1, 0.2, 0.3, 0.4), Snap(*[0.0] * 4)
@@ -428,40 +438,49 @@ LOOKING_AHEAD: dict[str, Any] = {
     "num_ticks": 4,
     "corridor": Corridor(PerAxis(-0.3, -0.4, -np.inf), PerAxis(0.2, np.inf, 0.1), follows_reference=True, weight=20.0),
 }
-TARGETED = {"lateral": _regulator(WITH_TARGETS.lateral), "vertical": _regulator(WITH_TARGETS.vertical)}
-NEAR_GROUND = Effects(ground_effect=GroundEffect(0.11, 0.05))
+TARGET_REGULATORS = {"lateral": _regulator(TARGET_LQG.lateral), "vertical": _regulator(TARGET_LQG.vertical)}
+GROUND_EFFECT = Effects(ground_effect=GroundEffect(0.11, 0.05))
 FLEET_SYSTEMS = [
     Example(Allocation, RotorModel.of(VEHICLE.parameters)),
     Example(Allocation, RotorModel.of(VEHICLE.parameters), {"paired": True, "priority": "thrust"}, num_vehicles=2),
     Example(AttitudeAutopilot, AUTOPILOT, {"noisy": True}, num_vehicles=2),
-    Example(AttitudeAutopilot, AUTOPILOT, {"period": 0.005}, whole=False),
-    Example(AttitudeAutopilot, PID_AUTOPILOT, {"rules": LoopRules(False, True, True)}, num_vehicles=2, whole=False),
-    Example(AttitudeAutopilot, PX4_AUTOPILOT, whole=False),
+    Example(AttitudeAutopilot, AUTOPILOT, {"period": 0.005}, has_all_ports=False),
+    Example(
+        AttitudeAutopilot, PID_AUTOPILOT, {"rules": LoopRules(False, True, True)}, num_vehicles=2, has_all_ports=False
+    ),
+    Example(AttitudeAutopilot, PX4_AUTOPILOT, has_all_ports=False),
     Example(AttitudeController, ATTITUDE),
     Example(Broadcast, structure={"num_rows": 2}, num_vehicles=3),
-    Example(CommandLink, LINK, LOSSY, num_vehicles=2),
-    Example(CommandLink, LINK, whole=False),
+    Example(CommandLink, LINK, LOSSY_LINK, num_vehicles=2),
+    Example(CommandLink, LINK, has_all_ports=False),
     Example(AccelerationActuation, ACCELERATION_SCALE, {"frame": "reference_heading", "turn": -0.7}, num_vehicles=2),
-    Example(AccelerationActuation, ACCELERATION_SCALE, whole=False),
+    Example(AccelerationActuation, ACCELERATION_SCALE, has_all_ports=False),
     Example(AttitudeActuation, AttitudeScale(THRUSTS, 0.6, 0.5), num_vehicles=2),
     Example(RatesFromTheGround, RATES, num_vehicles=2),
     Example(RatesOnBoard, RATES, num_vehicles=2),
     Example(RotorSpeedActuation, SPEEDS, {"order": (2, 0, 3, 1)}, num_vehicles=2),
-    Example(Observation, OBSERVED, SEES, num_vehicles=2),
-    Example(Observation, OBSERVED, HEADING_OBSERVATION, whole=False),
+    Example(Observation, OBSERVATION_NUMBERS, OBSERVATION_STRUCTURE, num_vehicles=2),
+    Example(Observation, OBSERVATION_NUMBERS, HEADING_OBSERVATION, has_all_ports=False),
     Example(Policy, structure={"network": _network_of(7, 3)}, num_vehicles=2),
-    Example(CommandLink, TARGETS, {"signal": "attitude_target", **LOSSY}, num_vehicles=2, whole=False),
-    Example(CommandLink, LINK._replace(delay_ticks=np.array([3.0, 1.0])), LOSSY, num_vehicles=2, whole=False),
-    Example(DisturbanceEstimator, KALMAN, {"delay_ticks": 2}),
-    Example(DisturbanceEstimator, ADAPTIVE, {"delay_ticks": 1}, num_vehicles=2),
-    Example(DisturbanceEstimator, INVERTING, num_vehicles=2),
+    Example(CommandLink, TARGET_LINK, {"signal": "attitude_target", **LOSSY_LINK}, num_vehicles=2, has_all_ports=False),
+    Example(
+        CommandLink, LINK._replace(delay_ticks=np.array([3.0, 1.0])), LOSSY_LINK, num_vehicles=2, has_all_ports=False
+    ),
+    Example(DisturbanceEstimator, KALMAN_ESTIMATOR, {"delay_ticks": 2}),
+    Example(DisturbanceEstimator, ADAPTIVE_ESTIMATOR, {"delay_ticks": 1}, num_vehicles=2),
+    Example(DisturbanceEstimator, INCREMENTAL_ESTIMATOR, num_vehicles=2),
     Example(DrydenTurbulence, TURBULENCE, num_vehicles=2),
     Example(Fans, JETS, num_vehicles=2),
     Example(Fans, JETS),
     Example(FlightMonitor),
     Example(FlightMonitor, num_vehicles=3),
-    Example(FuzzyRules, RulesNumbers((SETS,), Lead(0.13)), {"leads": True}, num_vehicles=2),
-    Example(FuzzyRules, RulesNumbers((AROUND,)), {"inputs": ("z", "phase"), "lap_times": (0.0, 3.0, 7.0)}, whole=False),
+    Example(FuzzyRules, RulesNumbers((ANTECEDENTS,), Lead(0.13)), {"leads": True}, num_vehicles=2),
+    Example(
+        FuzzyRules,
+        RulesNumbers((CIRCULAR_ANTECEDENTS,)),
+        {"inputs": ("z", "phase"), "lap_times": (0.0, 3.0, 7.0)},
+        has_all_ports=False,
+    ),
     Example(GeometricAttitudeController, ATTITUDE),
     Example(GeometricAttitudeController, ATTITUDE, {"transports": False}, num_vehicles=2),
     Example(Gust, GUST),
@@ -478,43 +497,63 @@ FLEET_SYSTEMS = [
         num_vehicles=2,
     ),
     Example(
-        LinearQuadraticGaussian, WITH_TORQUES, {"takes_correction": True, "takes_perturbation": True}, num_vehicles=2
+        LinearQuadraticGaussian, TORQUE_LQG, {"takes_correction": True, "takes_perturbation": True}, num_vehicles=2
     ),
     Example(
         LinearQuadraticGaussian,
-        WITH_TORQUES,
+        TORQUE_LQG,
         {"takes_correction": True, "loses_frames": True},
         num_vehicles=2,
-        whole=False,
+        has_all_ports=False,
     ),
-    Example(LinearQuadraticGaussian, WITH_TARGETS, {"signal": "attitude_target", "period": 0.005}, whole=False),
-    Example(MotionCapture, CAMERAS, ALL_ERRORS, num_vehicles=2),
-    Example(MotionCapture, CAMERAS, ALL_ERRORS),
-    Example(MotionCapture, CAMERAS, whole=False),
+    Example(LinearQuadraticGaussian, TARGET_LQG, {"signal": "attitude_target", "period": 0.005}, has_all_ports=False),
+    Example(MotionCapture, CAMERAS, ALL_CAMERA_ERRORS, num_vehicles=2),
+    Example(MotionCapture, CAMERAS, ALL_CAMERA_ERRORS),
+    Example(MotionCapture, CAMERAS, has_all_ports=False),
     Example(NoiseSource, SAMPLES, {"streams": STREAMS}, num_vehicles=2),
-    Example(PidCascade, TILTING, {"num_ticks": 5, "tick": 0.002, "rules": CascadeRules(True, True)}, num_vehicles=2),
-    Example(PidCascade, ACCELERATING),
-    Example(PidCascade, ACCELERATING, {"rules": CascadeRules(decouples_vertical=False)}, num_vehicles=2),
-    Example(PredictiveProgramme, structure=LOOKING_AHEAD, num_vehicles=2),
-    Example(PredictiveProgramme, structure={**LOOKING_AHEAD, "believed": WITH_TARGETS, **TARGETED}),
-    Example(ProportionalDerivative, GAINS, {"feeds_forward": True}),
-    Example(Quadrotor, VEHICLE, {"faulty": True}, whole=False),
-    Example(Quadrotor, AFFECTED, {"faulty": True, "effects": AFFECTED.effects.names}),
-    Example(Quadrotor, THROTTLED, {"time_step": 0.0, "effects": THROTTLED.effects.names}, num_vehicles=2, whole=False),
-    Example(Quadrotor, LADEN, {"effects": LADEN.effects.names}, num_vehicles=2, whole=False),
-    Example(Quadrotor, VEHICLE, num_vehicles=2, whole=False),
     Example(
-        Quadrotor, VEHICLE, {"time_step": 0.0, "kinematics": "small_angle", "faulty": True}, num_vehicles=2, whole=False
+        PidCascade, TILT_CASCADE, {"num_ticks": 5, "tick": 0.002, "rules": CascadeRules(True, True)}, num_vehicles=2
     ),
-    Example(RespondingQuadrotor, RESPONDING, {"faulty": True}),
+    Example(PidCascade, ACCELERATION_CASCADE),
+    Example(PidCascade, ACCELERATION_CASCADE, {"rules": CascadeRules(decouples_vertical=False)}, num_vehicles=2),
+    Example(PredictiveProgramme, structure=MPC_STRUCTURE, num_vehicles=2),
+    Example(PredictiveProgramme, structure={**MPC_STRUCTURE, "believed": TARGET_LQG, **TARGET_REGULATORS}),
+    Example(ProportionalDerivative, GAINS, {"feeds_forward": True}),
+    Example(Quadrotor, VEHICLE, {"faulty": True}, has_all_ports=False),
+    Example(Quadrotor, VEHICLE_WITH_EFFECTS, {"faulty": True, "effects": VEHICLE_WITH_EFFECTS.effects.names}),
+    Example(
+        Quadrotor,
+        VEHICLE_WITH_THROTTLE,
+        {"time_step": 0.0, "effects": VEHICLE_WITH_THROTTLE.effects.names},
+        num_vehicles=2,
+        has_all_ports=False,
+    ),
+    Example(
+        Quadrotor,
+        VEHICLE_WITH_PAYLOAD,
+        {"effects": VEHICLE_WITH_PAYLOAD.effects.names},
+        num_vehicles=2,
+        has_all_ports=False,
+    ),
+    Example(Quadrotor, VEHICLE, num_vehicles=2, has_all_ports=False),
+    Example(
+        Quadrotor,
+        VEHICLE,
+        {"time_step": 0.0, "kinematics": "small_angle", "faulty": True},
+        num_vehicles=2,
+        has_all_ports=False,
+    ),
+    Example(RespondingQuadrotor, RESPONDING_VEHICLE, {"faulty": True}),
     Example(
         RespondingQuadrotor,
-        RESPONDING._replace(vehicle=RESPONDING.vehicle._replace(effects=NEAR_GROUND)),
+        RESPONDING_VEHICLE._replace(vehicle=RESPONDING_VEHICLE.vehicle._replace(effects=GROUND_EFFECT)),
         {"effects": ("ground_effect",)},
     ),
-    Example(RespondingQuadrotor, RESPONDING, {"time_step": 0.0, "kinematics": "small_angle"}, num_vehicles=2),
-    Example(Sensor, SENSED, {**ON_BOARD, "noisy": True, "longest_latency": 2}, num_vehicles=2),
-    Example(Sensor, SENSED, ON_BOARD, whole=False),
+    Example(RespondingQuadrotor, RESPONDING_VEHICLE, {"time_step": 0.0, "kinematics": "small_angle"}, num_vehicles=2),
+    Example(
+        Sensor, ACCELEROMETER_NUMBERS, {**ACCELEROMETER_STRUCTURE, "noisy": True, "longest_latency": 2}, num_vehicles=2
+    ),
+    Example(Sensor, ACCELEROMETER_NUMBERS, ACCELEROMETER_STRUCTURE, has_all_ports=False),
     Example(SteadyWind, Wind(0.7, -0.5, 0.3), num_vehicles=2),
     Example(TickByTick, structure={"stream": STREAMS[0], "period": 4.0 * STREAMS[0].period}, num_vehicles=2),
     Example(
@@ -525,8 +564,8 @@ FLEET_SYSTEMS = [
     Example(ThrustVectoring, VECTORING),
     Example(ThrustVectoring, VECTORING, {"projects": True}, num_vehicles=2),
     Example(ThrustVectoring, VECTORING, {"projects": True, "sequence": "zxy"}, num_vehicles=2),
-    Example(TiltDisturbanceEstimator, BY_TILT, {"delay_ticks": 2}),
-    Example(TiltDisturbanceEstimator, BY_TILT, num_vehicles=2),
+    Example(TiltDisturbanceEstimator, TILT_ESTIMATOR, {"delay_ticks": 2}),
+    Example(TiltDisturbanceEstimator, TILT_ESTIMATOR, num_vehicles=2),
     Example(
         WeightLearning,
         LearningNumbers(1.4, CovarianceLaw(0.8, 5.0, 0.997), LIMITS, 0.05),
@@ -536,15 +575,15 @@ FLEET_SYSTEMS = [
     Example(
         SetLearning,
         AdaptationNumbers(
-            (SETS, SETS._replace(a1=1.7)),
+            (ANTECEDENTS, ANTECEDENTS._replace(a1=1.7)),
             AdaptationRates(0.3, 0.2, 0.1),
             LearningNumbers(1.4, GradientLaw(0.4), LIMITS, 0.05),
         ),
         {"axes": ("x", "z")},
         num_vehicles=2,
     ),
-    Example(WeightLearning, LearningNumbers(1.4, GradientLaw(0.4), LIMITS, 0.05), whole=False),
-    Example(WeightLearning, LearningNumbers(1.4, SignLaw(0.4, 0.2), LIMITS, 0.05), num_vehicles=2, whole=False),
+    Example(WeightLearning, LearningNumbers(1.4, GradientLaw(0.4), LIMITS, 0.05), has_all_ports=False),
+    Example(WeightLearning, LearningNumbers(1.4, SignLaw(0.4, 0.2), LIMITS, 0.05), num_vehicles=2, has_all_ports=False),
 ]
 
 
@@ -567,7 +606,7 @@ def _cascade() -> Any:
 
 
 def _corrected_pid() -> Any:
-    """Return a PID with both kinds of corrections, which has all ports."""
+    """Return a PID with all ports: it has an integral, and takes a correction."""
     integral = IntegralCorrection(numbers=IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6))
     return build_position_controller(ProportionalDerivative(numbers=GAINS), integral=integral, takes_correction=True)
 
@@ -593,7 +632,9 @@ def _wind() -> Any:
 
 
 def _sensors() -> Any:
-    sensors = {"accelerometer": Sensor(num_vehicles=2, **ON_BOARD, noisy=True, numbers=SENSED)}
+    sensors = {
+        "accelerometer": Sensor(num_vehicles=2, **ACCELEROMETER_STRUCTURE, noisy=True, numbers=ACCELEROMETER_NUMBERS)
+    }
     streams = random_streams(sensors, StreamKind.NOISE)
     return build_sensors(sensors, streams=streams, available=ACCELEROMETER.reads)
 
@@ -602,29 +643,29 @@ def _laboratory() -> Any:
     return build_laboratory(
         vehicle=Quadrotor(num_vehicles=2),
         allocation=Allocation(num_vehicles=2),
-        motion_capture=MotionCapture(num_vehicles=2, **ALL_ERRORS, numbers=CAMERAS),
-        command_link=CommandLink(num_vehicles=2, **LOSSY, numbers=LINK),
+        motion_capture=MotionCapture(num_vehicles=2, **ALL_CAMERA_ERRORS, numbers=CAMERAS),
+        command_link=CommandLink(num_vehicles=2, **LOSSY_LINK, numbers=LINK),
         wind=_sources(),
         samples=SAMPLES,
     )
 
 
-def _along(state: State) -> Wind:
+def _position_wind(state: State) -> Wind:
     return Wind(0.1 * state.x, 0.2 * state.y, 0.3 * state.z)
 
 
 @fleet_system(float, AutoDiffXd)
-class Along(FleetSystem):
-    """Wind that depends on the position, as a user could write it."""
+class PositionWind(FleetSystem):
+    """User-defined wind that depends on the position."""
 
     def declare(self) -> None:
-        self.output("wind", _along, self.input("state"))
+        self.output("wind", _position_wind, self.input("state"))
 
 
 DIAGRAMS: list[tuple[Callable[..., Any], Callable[[], Any]]] = [
     (build_cascade, _cascade),
     (build_fuzzy_network, _network),
-    (build_held_wind, lambda: build_held_wind(Along(), period=0.01)),
+    (build_held_wind, lambda: build_held_wind(PositionWind(), period=0.01)),
     (build_laboratory, _laboratory),
     (build_policy_control, _policy_control),
     (build_position_controller, _corrected_pid),
@@ -636,5 +677,5 @@ DIAGRAMS: list[tuple[Callable[..., Any], Callable[[], Any]]] = [
     ),
 ]
 
-SYSTEMS = [(each.system, each.make) for each in FLEET_SYSTEMS if each.whole] + DIAGRAMS
-"""What has a port block, and an example with all of its ports."""
+SYSTEMS = [(each.system, each.make) for each in FLEET_SYSTEMS if each.has_all_ports] + DIAGRAMS
+"""Classes and functions with a port block in their docstring, each with a function that makes a complete example."""

@@ -1,3 +1,5 @@
+"""Fixtures and settings of all tests."""
+
 import gc
 import hashlib
 import os
@@ -11,8 +13,8 @@ from typing import NamedTuple
 import pytest
 from PIL import Image
 
-# The processes of pytest use all cores, so further threads of linear algebra would only slow them down. NumPy reads
-# this variable at its import.
+# The processes of pytest use all cores, so threads of linear algebra would only slow them down. NumPy reads this
+# variable when it is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
@@ -26,43 +28,46 @@ from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParame
 from drake_quad.vehicle.rotors import Rotor, Rotors
 
 _ROOT = Path(__file__).parent.parent
-# Files with long tests, or tests that wait for other processes, start first.
-_FIRST = ("test_cluster", "test_wheel", "test_docs", "test_commands", "test_replay", "test_report", "test_fuzz")
+# These files start first, because they have long tests or tests that wait for other processes.
+_LONG_FILES = ("test_cluster", "test_wheel", "test_docs", "test_commands", "test_replay", "test_report", "test_fuzz")
 
 
 @pytest.hookimpl(optionalhook=True)  # xdist is optional
 def pytest_xdist_auto_num_workers() -> int:
-    """Return one process more than there are cores, since some tests wait; each takes a few hundred MB."""
+    """Return the number of worker processes: one more than there are cores, since some tests wait, and at most 4.
+
+    Each process needs a few hundred MB of memory.
+    """
     return min(4, (os.cpu_count() or 1) + 1)
 
 
 def pytest_collection_modifyitems(items) -> None:
-    items.sort(key=lambda item: item.path.stem not in _FIRST)
+    items.sort(key=lambda item: item.path.stem not in _LONG_FILES)
 
 
 def pytest_configure() -> None:
-    """Switch garbage collection off during the collection of tests, whose modules stay until the end."""
+    """Disable garbage collection while tests are collected, because their modules stay in memory until the end."""
     gc.disable()
 
 
 def pytest_collection_finish() -> None:
-    """Freeze imported objects, since searching them for garbage would take a quarter of the time."""
+    """Freeze imported objects, because searching them for garbage would take a quarter of the time of the tests."""
     gc.freeze()
     gc.set_threshold(100_000, 50, 100)
     gc.enable()
 
 
 @pytest.fixture(autouse=True, scope="session")
-def _no_kept_results():
-    """Disable the cache of results, since tests and mutants change parts of the planner."""
+def _no_result_cache():
+    """Disable the cache of results on disk, because tests and mutants change parts of the planner."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(result_cache, "_program", lambda: None)
         yield
 
 
 @pytest.fixture(autouse=True)
-def _process_as_before():
-    """Make Ctrl-C an exception in every test, and restore process-wide settings of commands after it."""
+def _restored_process_settings():
+    """Let Ctrl-C raise an exception in every test, and restore the process-wide settings that commands change."""
     handler, thresholds = signal.signal(signal.SIGINT, signal.default_int_handler), gc.get_threshold()
     yield
     signal.signal(signal.SIGINT, handler)
@@ -70,8 +75,8 @@ def _process_as_before():
 
 
 @pytest.fixture(autouse=True)
-def _no_further_members():
-    """Remove members of unions and effects that a test registers."""
+def _restored_registries():
+    """Remove the members of unions and the effects that a test has registered."""
     before = {registry: {*registry.members} for registry in REGISTRIES}
     yield
     for registry, names in before.items():
@@ -81,7 +86,7 @@ def _no_further_members():
 
 @pytest.fixture(scope="session")
 def root() -> Path:
-    """Return the folder of the repository, so that tests do not depend on the working directory."""
+    """Return the root folder of the repository; with it, tests do not depend on the working directory."""
     return Path(__file__).parent.parent
 
 
@@ -93,13 +98,13 @@ def diagrams(root) -> Path:
 
 @pytest.fixture(scope="session")
 def asymmetric(root):
-    """Return a function that loads a scenario of tests/asymmetric.yaml, by name and overrides."""
+    """Return a function that loads a scenario of tests/asymmetric.yaml, given its name and overrides."""
     return lambda name, *overrides: load_scenario(root / "tests" / f"asymmetric.yaml:{name}", overrides)
 
 
 @pytest.fixture(scope="session")
 def asymmetric_vehicle() -> QuadrotorParameters:
-    """Return a vehicle, all of whose numbers differ."""
+    """Return the parameters of a vehicle. All numbers differ."""
     return QuadrotorParameters(
         mass=0.74,
         inertia=Inertia(0.0071, 0.0079, 0.0131),
@@ -121,7 +126,7 @@ def asymmetric_vehicle() -> QuadrotorParameters:
 
 
 class Result(NamedTuple):
-    """Result of a command: its exit status and output."""
+    """Exit status and output of a command."""
 
     returncode: int
     stdout: str
@@ -130,7 +135,7 @@ class Result(NamedTuple):
 
 @pytest.fixture
 def run(capsys, monkeypatch):
-    """Return a function that runs a command or script in this process, which has imported Drake already."""
+    """Return a function that runs a command or script in this process, which has already imported Drake."""
     monkeypatch.chdir(_ROOT)
     monkeypatch.syspath_prepend(_ROOT / "scripts")
 
@@ -152,7 +157,7 @@ def run(capsys, monkeypatch):
 
 @pytest.fixture
 def shared_fits(tmp_path_factory, monkeypatch):
-    """Pages, scripts and commands identify the same vehicles: a fit that another process has made is not repeated."""
+    """Save and reuse the results of identifications, because pages, scripts and commands identify the same vehicles."""
     from drake_quad.identification import identify
 
     folder, fit = tmp_path_factory.getbasetemp(), identify._identified
@@ -162,11 +167,11 @@ def shared_fits(tmp_path_factory, monkeypatch):
     def shared(given, scenario, share):
         values = [value for log in given.records for value in vars(log).values()]
         logged = [value.tobytes() if isinstance(value, np.ndarray) else value for value in values]
-        made_of = repr((logged, given[1:], scenario.model_dump_json(), share))
-        path = folder / f"fit_{hashlib.sha256(made_of.encode()).hexdigest()}.pickle"
+        key = repr((logged, given[1:], scenario.model_dump_json(), share))
+        path = folder / f"fit_{hashlib.sha256(key.encode()).hexdigest()}.pickle"
         if not path.exists():
-            found = fit(given, scenario, share)
-            write_atomically(path, lambda whole: whole.write_bytes(pickle.dumps(found)))
+            result = fit(given, scenario, share)
+            write_atomically(path, lambda target: target.write_bytes(pickle.dumps(result)))
         return pickle.loads(path.read_bytes())
 
     monkeypatch.setattr(identify, "_identified", shared)
@@ -174,13 +179,13 @@ def shared_fits(tmp_path_factory, monkeypatch):
 
 @pytest.fixture
 def undrawn(monkeypatch):
-    """Write empty pictures instead of drawing figures, which have their own tests."""
+    """Save blank pictures instead of figures. Other tests draw the figures."""
     monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda figure, file, **_: _write_blank(file))
 
 
 @pytest.fixture
 def unpainted(monkeypatch):
-    """Draw figures without layout and rendering, which take three quarters of the time."""
+    """Draw figures without layout and rendering, and save blank pictures, which takes a quarter of the time."""
 
     def drawn_only(figure, file, **_):
         figure.set_layout_engine("none")
@@ -191,5 +196,5 @@ def unpainted(monkeypatch):
 
 
 def _write_blank(file) -> None:
-    """Write an empty picture."""
+    """Write a blank picture."""
     Image.new("RGB", (8, 8)).save(file, format="png")

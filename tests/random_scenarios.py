@@ -1,4 +1,4 @@
-"""Random scenarios with all combinations of the elements of the scenario language."""
+"""Random scenarios that combine the options of the scenario language."""
 
 import json
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from drake_quad import load_scenario
 
-# Elements of a scenario. All elements of a list are used before one is used again.
+# Options for each part of a scenario. Every option of a list is used before one is used again.
 STRUCTURES = {
     "position": [
         "pd",
@@ -92,18 +92,22 @@ STRUCTURES = {
 }
 
 
-# Replacements of feed-forward terms that an autopilot does not support.
-FED_FORWARD = {"none": {}, "attitude": {"snap": "jerk"}, "response": {"snap": "acceleration", "jerk": "none"}}
+# Replacements for feed-forward terms that an autopilot does not support.
+FEED_FORWARD_REPLACEMENTS = {
+    "none": {},
+    "attitude": {"snap": "jerk"},
+    "response": {"snap": "acceleration", "jerk": "none"},
+}
 
 
 def structures(rng, count):
-    """Return a number of structures."""
+    """Return a number of structures, each of which maps the parts of a scenario to options."""
     columns = {name: rng.permutation(np.arange(count) % len(options)) for name, options in STRUCTURES.items()}
     return [{name: STRUCTURES[name][column[i]] for name, column in columns.items()} for i in range(count)]
 
 
 def scenario_of(structure, rng, folder, *, duration):
-    """Return a scenario with a structure, whose quantities are distributed about random numbers.
+    """Return a scenario with the options of a structure. Its quantities have random distributions.
 
     Args:
         structure: structure from `structures`.
@@ -216,13 +220,13 @@ def _effect(name, draw, duration):
 
 
 class _Draw:
-    """Random distributions about random numbers."""
+    """Generator of random uniform distributions."""
 
     def __init__(self, rng):
         self._rng = rng
 
     def __call__(self, low, high):
-        """Return a distribution within a part of an interval."""
+        """Return a uniform distribution over a random part of an interval."""
         ends = sorted(self._rng.uniform(low, high, 2).tolist())
         return {"uniform": {"min": ends[0], "max": ends[1]}}
 
@@ -230,14 +234,14 @@ class _Draw:
         return self(-size, size)
 
 
-def _layout(kind, about):
-    """Return a layout, given the function that writes a number."""
+def _layout(kind, length_of):
+    """Return a layout of rotors, given a function from a nominal length to a number or a distribution."""
     if kind != "rotors":
-        return {"kind": kind, "length": about(0.3), "width": about(0.26), "rotor_1_turns": "anticlockwise"}
+        return {"kind": kind, "length": length_of(0.3), "width": length_of(0.26), "rotor_1_turns": "anticlockwise"}
     places = ((0.14, -0.12), (-0.12, -0.13), (-0.13, 0.11), (0.11, 0.14))
     turns = ("clockwise", "anticlockwise") * 2
     rotors = [
-        {"position": [about(x), about(y), about(0.02)], "turns": turn}
+        {"position": [length_of(x), length_of(y), length_of(0.02)], "turns": turn}
         for (x, y), turn in zip(places, turns, strict=True)
     ]
     return {"kind": kind, "rotors": rotors}
@@ -259,7 +263,7 @@ def _autopilot(structure, draw, period):
 
 
 def _term(name, draw):
-    """Return an optional field of an autopilot and its value."""
+    """Return the name and the value of an optional field of an autopilot."""
     match name:
         case "weight":
             return "yaw_weight", draw(0.3, 0.6)
@@ -300,7 +304,9 @@ def _position(structure, draw):
         "k_p": [draw(1.0, 2.0), draw(1.0, 2.0), draw(4.0, 6.0)],
         "k_d": [draw(1.2, 1.8), draw(1.2, 1.8), draw(2.5, 3.5)],
         "derivative": structure["derivative"],
-        "feed_forward": FED_FORWARD[structure["autopilot"]].get(structure["feed_forward"], structure["feed_forward"]),
+        "feed_forward": FEED_FORWARD_REPLACEMENTS[structure["autopilot"]].get(
+            structure["feed_forward"], structure["feed_forward"]
+        ),
     }
     if kind == "pid":
         position |= {"k_i": [draw(0.1, 1.0) for _ in range(3)], "integral_limit": draw(0.01, 0.1)}
@@ -327,7 +333,7 @@ def _network(structure, draw):
     network = {
         "kind": kind,
         "axes": structure["axes"],
-        "inputs": {name: _sets(count, draw, turns=name == "phase") for name, count in structure["inputs"].items()},
+        "inputs": {name: _sets(count, draw, circular=name == "phase") for name, count in structure["inputs"].items()},
         "learning": _learning(law, structure, draw),
     }
     adapts = [part for part in structure["adapts"].split() if kind == "type_2" or part != "exponents"]
@@ -340,8 +346,8 @@ def _network(structure, draw):
     return network
 
 
-def _sets(count, draw, *, turns):
-    if turns:
+def _sets(count, draw, *, circular):
+    if circular:
         centres = [-0.1, 0.3, 0.6] if count == 3 else [0.1, 0.6]
         return {"centres": centres, "widths": [draw(0.5, 0.7) for _ in centres]}
     centres = [-1.0, 0.1, 1.2] if count == 3 else [-0.8, 0.9]

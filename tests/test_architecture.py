@@ -1,4 +1,4 @@
-"""Tests of the table of folders in CONTRIBUTING.md and the order of imports, and of the commands in README.md."""
+"""Tests of the tables of folders in CONTRIBUTING.md and of commands in README.md, and of the direction of imports."""
 
 import ast
 import functools
@@ -11,32 +11,32 @@ from drake_quad.command_line.main import COMMANDS
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "drake_quad"
 # Rows of the table: | level | `folder/` | contents |
-ROW = re.compile(r"^\| (\d+) \| `(\w+)/` \| (.+) \|$", re.MULTILINE)
-LEVELS = {folder: int(level) for level, folder, _ in ROW.findall((ROOT / "CONTRIBUTING.md").read_text())}
-# Modules beside the folders are at level 0, except for these, which are above all folders.
-ABOVE = ("__init__", "__main__", "testing")
+ROW_PATTERN = re.compile(r"^\| (\d+) \| `(\w+)/` \| (.+) \|$", re.MULTILINE)
+LEVELS = {folder: int(level) for level, folder, _ in ROW_PATTERN.findall((ROOT / "CONTRIBUTING.md").read_text())}
+# Modules outside the folders are at level 0, except for these modules, which are above all folders.
+TOP_MODULES = ("__init__", "__main__", "testing")
 
 
 def folder_of(module):
-    """Return the folder of a module, or its name if it is beside the folders."""
+    """Return the folder of a module, or its own name if it is not in a folder."""
     return module.removeprefix("drake_quad").lstrip(".").partition(".")[0] or "__init__"
 
 
 def level_of(module):
     folder = folder_of(module)
-    return LEVELS.get(folder, max(LEVELS.values()) + 1 if folder in ABOVE else 0)
+    return LEVELS.get(folder, max(LEVELS.values()) + 1 if folder in TOP_MODULES else 0)
 
 
 def imported_modules(path):
-    """Return the modules of the package that a file imports, also inside of functions."""
-    found = set()
+    """Return the modules of the package that a file imports, including imports inside functions."""
+    names = set()
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.ImportFrom) and node.module:
             submodules = [f"{node.module}.{alias.name}" for alias in node.names]
-            found |= {name if is_module(name) else node.module for name in submodules}
+            names |= {name if is_module(name) else node.module for name in submodules}
         elif isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-    return {name for name in found if name.partition(".")[0] == "drake_quad"}
+            names |= {alias.name for alias in node.names}
+    return {name for name in names if name.partition(".")[0] == "drake_quad"}
 
 
 def is_module(name):
@@ -47,15 +47,15 @@ def is_module(name):
 @functools.cache
 def imports():
     """Return the imports of each module of the package."""
-    found = {}
+    modules = {}
     for path in sorted(PACKAGE.rglob("*.py")):
         name = ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
-        found[name] = imported_modules(path)
-    return found
+        modules[name] = imported_modules(path)
+    return modules
 
 
 def test_the_table_lists_each_folder_with_its_docstring():
-    rows = {folder: contents for _, folder, contents in ROW.findall((ROOT / "CONTRIBUTING.md").read_text())}
+    rows = {folder: contents for _, folder, contents in ROW_PATTERN.findall((ROOT / "CONTRIBUTING.md").read_text())}
     docstrings = {
         path.parent.name: ast.get_docstring(ast.parse(path.read_text())).partition("\n")[0].rstrip(".")
         for path in PACKAGE.glob("*/__init__.py")
@@ -75,7 +75,7 @@ def test_imports_are_from_lower_levels():
     assert not upward
 
 
-def test_modules_beside_the_folders_import_no_folder():
+def test_modules_outside_the_folders_import_no_folder():
     upward = [
         (module, target)
         for module, targets in imports().items()

@@ -1,4 +1,4 @@
-"""Tests that a cached value is computed once, however many threads request it."""
+"""Tests that concurrent threads compute a cached value once, and share process-wide settings."""
 
 import os
 import subprocess
@@ -22,29 +22,29 @@ def in_threads(*functions):
 
 def test_threads_that_request_a_value_at_once_share_it():
     cache = ThreadSafeCache()
-    found = []
+    values = []
     gate = threading.Barrier(4)
-    made = []
+    makers = []
 
     def make():
-        made.append(threading.get_ident())
-        threading.Event().wait(0.02)  # the other threads request the value meanwhile
+        makers.append(threading.get_ident())
+        threading.Event().wait(0.02)  # meanwhile the other threads request the value
         return object()
 
-    def ask():
+    def request():
         gate.wait()
-        found.append(cache.get("key", make))
+        values.append(cache.get("key", make))
 
-    in_threads(*[ask] * 4)
-    assert len(made) == 1
-    assert found == [found[0]] * 4
+    in_threads(*[request] * 4)
+    assert len(makers) == 1
+    assert values == [values[0]] * 4
 
 
 def test_a_cached_value_is_returned_while_another_one_is_computed():
     cache = ThreadSafeCache()
     begun = threading.Event()
     done = threading.Event()
-    cache.get("there", lambda: 1)
+    cache.get("cached", lambda: 1)
 
     def slow():
         begun.set()
@@ -54,7 +54,7 @@ def test_a_cached_value_is_returned_while_another_one_is_computed():
     thread = threading.Thread(target=lambda: cache.get("slow", slow))
     thread.start()
     assert begun.wait(10.0)
-    assert cache.get("there", lambda: 3) == 1
+    assert cache.get("cached", lambda: 3) == 1
     done.set()
     thread.join()
     assert cache.get("slow", lambda: 4) == 2
@@ -77,11 +77,11 @@ def test_the_oldest_values_are_dropped():
     for key in (1, 2, 3):
         assert cache.get(key, lambda key=key: key) == key
     assert len(cache) == 2
-    assert [cache.get(key, lambda: "anew") for key in (2, 3, 1)] == [2, 3, "anew"]
+    assert [cache.get(key, lambda: "new") for key in (2, 3, 1)] == [2, 3, "new"]
 
 
 class Setting:
-    """Context manager that saves, changes and restores a setting, like those of libraries."""
+    """Context manager that changes and restores a setting, as libraries provide."""
 
     value = "usual"
 
@@ -93,7 +93,7 @@ class Setting:
 
 
 def test_overlapping_threads_restore_a_setting():
-    """The first thread leaves before the second one."""
+    """The first thread leaves the context before the second one."""
     changed = ProcessSetting(Setting)
     one_is_in, two_is_in, one_is_out = (threading.Event() for _ in range(3))
     seen = []
@@ -187,6 +187,6 @@ def fresh_process(program, cache):
     ("program", "printed"), [(KERNELS_PROGRAM, "0 0\n"), (FLIGHTS_PROGRAM, "alike\n")], ids=["kernels", "flights"]
 )
 def test_threads_of_a_fresh_process_share_their_machine_code(program, printed, tmp_path):
-    """The cache on the disk is empty, so that all threads start to compile at once."""
-    done = fresh_process(program, tmp_path / "cache")
-    assert (done.returncode, done.stdout, done.stderr) == (0, printed, "")
+    """The cache on disk is empty, so all threads start compiling at the same time."""
+    result = fresh_process(program, tmp_path / "cache")
+    assert (result.returncode, result.stdout, result.stderr) == (0, printed, "")

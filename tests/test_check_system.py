@@ -1,4 +1,4 @@
-"""Tests that the check of systems accepts our systems, and names the rule that a faulty one breaks."""
+"""Tests that `check_system` accepts the systems of the package, and names the rule that a faulty system breaks."""
 
 import math
 
@@ -15,15 +15,15 @@ from drake_quad.framework.symbols import Symbol
 from drake_quad.randomness.noise import NoiseSource
 from drake_quad.testing import check_system
 
-TWO = rows_layout(2)
-ALL = ("ports", "context", "vehicles", "numbers", "derivatives", "compiled")
-# A broadcast is there to give one vehicle's numbers to a fleet, and a source of noise is made for given samples. Some
-# examples have numbers for two vehicles.
-OTHERS = (Broadcast, NoiseSource)
+TWO_ROWS = rows_layout(2)
+ALL_RULES = ("ports", "context", "vehicles", "numbers", "derivatives", "compiled")
+# The check varies the number of vehicles. A broadcast always has one vehicle at its input, and a noise source has a
+# vehicle for each of its samples. Examples with numbers for exactly two vehicles are not checked either.
+UNCHECKED_SYSTEMS = (Broadcast, NoiseSource)
 EXAMPLES = [
     example
     for example in FLEET_SYSTEMS
-    if example.system not in OTHERS and not any(np.ndim(number) for number in example.flat_numbers)
+    if example.system not in UNCHECKED_SYSTEMS and not any(np.ndim(number) for number in example.flat_numbers)
 ]
 
 
@@ -31,36 +31,36 @@ EXAMPLES = [
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.system.__name__)
 def test_every_system_obeys_the_rules(example):
     """Systems with a continuous state and systems that solve optimization problems are not compiled."""
-    laws = check_system(lambda n: example._replace(num_vehicles=n).make())
-    assert laws in (ALL, ALL[:-1])
-    assert (laws == ALL) == example.is_compiled
+    rules = check_system(lambda n: example._replace(num_vehicles=n).make())
+    assert rules in (ALL_RULES, ALL_RULES[:-1])
+    assert (rules == ALL_RULES) == example.is_compiled
 
 
 def system_with(law, **options):
-    """Return the class of a system with the output `y` = law(u) of two rows."""
+    """Return the class of a system with two rows of output, y = law(u)."""
 
     @fleet_system(float, AutoDiffXd)
-    class Made(FleetSystem):
+    class CustomSystem(FleetSystem):
         def declare(self):
-            self.output("y", law, self.input("u", layout=TWO), layout=TWO, **options)
+            self.output("y", law, self.input("u", layout=TWO_ROWS), layout=TWO_ROWS, **options)
 
-    return Made
+    return CustomSystem
 
 
 def doubled(u):
     return 2.0 * u[0], 2.0 * u[1]
 
 
-def not_a_number(u):
+def nan_for_some_inputs(u):
     return sqrt(u[0] - 1.0), u[1]
 
 
-def other_with_derivatives(u):
+def different_with_derivatives(u):
     return u[0] * (1.0 if isinstance(u[0], Symbol | float) else 1.5), u[1]
 
 
 class Plain(LeafSystem):
-    """System in plain Python whose output is a function of its input (rows, N)."""
+    """System in plain Python. Its output is a function of its input (rows, N)."""
 
     def __init__(self, num_vehicles=1, law=np.sin, rows=2):
         super().__init__()
@@ -74,7 +74,7 @@ class Plain(LeafSystem):
 
 
 class Counting(Plain):
-    """System whose output depends on the number of its evaluations, which is an attribute."""
+    """System whose output depends on a hidden state, the number of its evaluations."""
 
     def __init__(self, num_vehicles=1):
         self._calls = 0
@@ -85,9 +85,9 @@ class Counting(Plain):
         return rows + 1e-9 * self._calls
 
 
-def test_systems_of_any_kind_are_checked():
-    assert check_system(system_with(doubled)) == ALL
-    assert check_system(Plain) == ALL[:4]
+def test_compiled_systems_python_systems_and_diagrams_are_checked():
+    assert check_system(system_with(doubled)) == ALL_RULES
+    assert check_system(Plain) == ALL_RULES[:4]
 
     def two_in_series(num_vehicles):
         builder = DiagramBuilder()
@@ -97,23 +97,23 @@ def test_systems_of_any_kind_are_checked():
         builder.ExportOutput(second.get_output_port(), "y")
         return builder.Build()
 
-    assert check_system(two_in_series) == ALL
+    assert check_system(two_in_series) == ALL_RULES
 
 
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda n: Plain(1), "ports: `u` has 2 elements for 3 vehicles, but needs 6"),
-        (lambda n: Plain(n, rows=n, law=lambda rows: rows[:1].repeat(n, axis=0)), "ports: `y` has 9 .* needs 3"),
+        (lambda n: Plain(1), "ports: `u` has 2 elements for 3 vehicles, but must have 6"),
+        (lambda n: Plain(n, rows=n, law=lambda rows: rows[:1].repeat(n, axis=0)), "ports: `y` has 9 .* must have 3"),
         (Counting, "context: `y` differs by .* after other inputs"),
         (lambda n: Plain(n, law=lambda rows: rows - rows.mean(axis=1, keepdims=True)), "vehicles: `y` differs by"),
         (
             lambda n: Plain(n, law=lambda rows: rows.T.reshape(2, -1)),
             "vehicles: `y` differs by .* if vehicle 0 is",
         ),
-        (system_with(not_a_number), "numbers: `y` is NaN"),
+        (system_with(nan_for_some_inputs), "numbers: `y` is NaN"),
         (lambda n: Plain(n, law=lambda rows: np.where(rows > 0.5, math.nan, rows)), "numbers: `y` is NaN"),
-        (system_with(other_with_derivatives), "derivatives: `y` differs by .* with AutoDiffXd"),
+        (system_with(different_with_derivatives), "derivatives: `y` differs by .* with AutoDiffXd"),
     ],
 )
 def test_the_rule_that_a_system_breaks_is_named(make, words):

@@ -1,4 +1,4 @@
-"""Tests of README and docs: their code runs, their commands are parsed, and names and links exist."""
+"""Tests of README and docs: code blocks run, commands are parsed, and names and links exist."""
 
 import argparse
 import csv
@@ -24,13 +24,13 @@ from drake_quad.scenario.sensors.sensor import SENSORS
 from drake_quad.signals import SIGNALS
 
 ROOT = Path(__file__).parent.parent
-GENERATED = (ROOT / "docs" / "controllers", ROOT / "docs" / "replication")
-DOCS = [page for page in sorted((ROOT / "docs").rglob("*.md")) if page.parent not in GENERATED]
+GENERATED_FOLDERS = (ROOT / "docs" / "controllers", ROOT / "docs" / "replication")
+DOCS = [page for page in sorted((ROOT / "docs").rglob("*.md")) if page.parent not in GENERATED_FOLDERS]
 PAGES = [ROOT / "README.md", *DOCS]
-# Links and names of these pages are checked, but not their commands, which are not for users.
+# The links and names of these pages are checked, but not their commands, which are not for users.
 OTHER_PAGES = [ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]
-# These options shorten the commands of the pages; a later option replaces an earlier one.
-SHORT = {
+# Options that shorten the commands of the pages, to which they are appended. A later option replaces an earlier one.
+SHORT_OPTIONS = {
     "fly": ["--set", "duration=1"],
     "sensitivities": ["--set", "duration=1"],
     "study": ["--samples", "4", "--set", "duration=1"],
@@ -42,7 +42,7 @@ SHORT = {
     "identify_crazyswarm2.py": ["--log", "180", "--output", "mine.yaml"],
     "tune": ["--rounds", "1", "--samples", "1", "--set", "duration=1", "--sensitivity", "100"],
 }
-# Two waypoints between the trunks of the forest, since planning its whole route takes several seconds.
+# A route of two waypoints, because planning the whole route through the forest takes several seconds.
 SHORT_FOREST = ["--set", "route.waypoints=[[-1, -2.7, 1.2], [1, -1.9, 1.4]]"]
 
 
@@ -52,18 +52,18 @@ WALKTHROUGHS = [page for page in PAGES if re.search(f"```yaml\n{FILE_NAME}", pag
 
 
 def blocks(language):
-    found = []
+    parameters = []
     for page in PAGES:
         if page in WALKTHROUGHS and language != "yaml":
             continue
         texts = re.findall(rf"```{language}\n(?!{FILE_NAME})(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
-        found += [pytest.param(text, id=f"{page.stem}-{i}") for i, text in enumerate(texts)]
-    return found
+        parameters += [pytest.param(text, id=f"{page.stem}-{i}") for i, text in enumerate(texts)]
+    return parameters
 
 
 @pytest.fixture
 def elsewhere(tmp_path, monkeypatch):
-    """Return a folder with the files that the pages mention."""
+    """Return a temporary working directory with links to the files that the pages mention."""
     for name in ("diagrams", "scripts", "Makefile", "pyproject.toml", "constraints.txt", ".ci", "docs", "tests"):
         (tmp_path / name).symlink_to(ROOT / name)
     monkeypatch.chdir(tmp_path)
@@ -84,16 +84,18 @@ def few_samples(monkeypatch):
 @pytest.mark.usefixtures("undrawn", "few_samples", "shared_fits")
 @pytest.mark.parametrize("block", blocks("python"))
 def test_every_python_block_runs(block, elsewhere, capsys):
-    (elsewhere / "block.py").write_text(block, encoding="utf-8")
-    # This replaces sys.modules["__main__"], where worker processes look up the classes of a block.
-    runpy.run_path("block.py", run_name="__main__")
+    path = elsewhere / "block.py"
+    path.write_text(block, encoding="utf-8")
+    # run_path replaces sys.modules["__main__"], where worker processes look up the classes of a block. A process that
+    # is spawned looks up relative paths in the folder where pytest was started.
+    runpy.run_path(str(path), run_name="__main__")
     printed = capsys.readouterr().out
     assert re.search(r"\w", printed)
     assert "nan" not in printed
 
 
 @pytest.mark.parametrize("block", [*blocks("python"), *blocks("yaml")])
-def test_files_that_a_page_loads_are_found_without_a_checkout(block):
+def test_code_blocks_load_no_files_of_the_checkout(block):
     assert "diagrams/" not in block
 
 
@@ -102,7 +104,7 @@ def test_every_scenario_loads(block, elsewhere):
     path = elsewhere / "mine" / "loop.yaml"
     path.parent.mkdir()
     path.write_text(block, encoding="utf-8")
-    # A block can also contain a vehicle only.
+    # A block may contain only a vehicle, which is not a complete scenario.
     load_undesigned(path)
     if "nominal:" not in block:
         load_scenario(path)
@@ -115,11 +117,11 @@ def test_every_block_of_commands_runs(block, monkeypatch):
     for line in block.splitlines():
         program, *arguments = shlex.split(line, comments=True)
         if program == "make":
-            # With the path of a Python, the command does not search for installed ones.
+            # With PYTHON, make does not search for installed versions of Python.
             subprocess.run(["make", "--dry-run", "PYTHON=python", *arguments], check=True, capture_output=True)
             continue
-        short = [*SHORT.get(Path(arguments[0]).name, []), *(SHORT_FOREST if "forest" in arguments else [])]
-        called(program, [*arguments, *short], monkeypatch)
+        options = [*SHORT_OPTIONS.get(Path(arguments[0]).name, []), *(SHORT_FOREST if "forest" in arguments else [])]
+        run_program(program, [*arguments, *options], monkeypatch)
 
 
 @pytest.mark.slow
@@ -135,7 +137,7 @@ def test_every_walkthrough_prints_what_it_shows(page, monkeypatch, capsys):
         elif language == "sh":
             for line in text.splitlines():
                 program, *arguments = shlex.split(line)
-                called(program, arguments, monkeypatch)
+                run_program(program, arguments, monkeypatch)
             printed = capsys.readouterr().out
         else:
             assert language == "text"
@@ -154,7 +156,7 @@ def begins(printed, shown):
     )
 
 
-def called(program, arguments, monkeypatch):
+def run_program(program, arguments, monkeypatch):
     """Run a command, or a script of the checkout, in this process."""
     monkeypatch.syspath_prepend(ROOT / "scripts")
     if program == "drake-quad":
@@ -180,23 +182,21 @@ def commands():
 @pytest.mark.parametrize("command", commands())
 @pytest.mark.usefixtures("elsewhere")
 def test_every_command_is_parsed(command, monkeypatch):
-    program, *arguments = shlex.split(
-        command.partition(" > ")[0], comments=True
-    )  # the output can be redirected to a file
+    program, *arguments = shlex.split(command.partition(" > ")[0], comments=True)  # without a redirection of the output
     if program == "drake-quad" and len(arguments) == 1:
         assert arguments[0] in COMMANDS
         return
     parse = argparse.ArgumentParser.parse_args
 
     def parse_only(parser, *arguments):
-        found = parse(parser, *arguments)
-        if "command" in found:  # this is only the first word
-            return found
+        namespace = parse(parser, *arguments)
+        if "command" in namespace:  # this parser reads only the name of the command
+            return namespace
         raise ParsedError
 
     monkeypatch.setattr(argparse.ArgumentParser, "parse_args", parse_only)
     with pytest.raises(ParsedError):
-        called(program, arguments, monkeypatch)
+        run_program(program, arguments, monkeypatch)
     for file in re.findall(r" (diagrams/[\w./]+)", command):
         assert Path(file).exists()
 
@@ -232,78 +232,78 @@ def test_every_environment_variable_is_read():
     assert set(re.findall(r"DRAKE_QUAD_\w+", ALL_TEXT)) == {name for name in read if name.startswith("DRAKE_QUAD")}
 
 
-@pytest.mark.parametrize("folder", GENERATED, ids=lambda folder: folder.name)
-def test_both_forms_of_a_report_agree(folder):
+@pytest.mark.parametrize("folder", GENERATED_FOLDERS, ids=lambda folder: folder.name)
+def test_the_markdown_and_html_reports_agree(folder):
     text = (folder / "report.md").read_text(encoding="utf-8")
     assert (folder / "report.html").read_text(encoding="utf-8") == as_html(text, folder)
 
 
-# The index is the first page of the site, and that of the names of the package has a page for each of its folders.
-LISTED = [page.relative_to(ROOT / "docs") for page in DOCS if page.parent.name not in ("docs", "api")]
+# Pages to which the README and the index must link: all except the index itself and the pages of the API.
+LINKED_PAGES = [page.relative_to(ROOT / "docs") for page in DOCS if page.parent.name not in ("docs", "api")]
 
 
 def test_every_page_is_linked_from_the_readme():
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert {str(page) for page in LISTED} <= set(re.findall(r"\(docs/([^)#]+)\)", readme))
+    assert {str(page) for page in LINKED_PAGES} <= set(re.findall(r"\(docs/([^)#]+)\)", readme))
 
 
 def test_every_page_is_linked_from_the_index():
     index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
-    assert {str(page.with_suffix("")) for page in LISTED} <= set(index.split())
+    assert {str(page.with_suffix("")) for page in LINKED_PAGES} <= set(index.split())
 
 
 def row_of(system):
-    """Return the cells of a system on the page of systems: names, with numbers of rows if they are given."""
+    """Return a system's cells on the page of systems, as lists of names and numbers of rows (empty if not given)."""
     page = (ROOT / "docs" / "reference" / "systems.md").read_text(encoding="utf-8")
     cells = re.search(rf"^\| `{system.__name__}` \|(.*)\|(.*)\|(.*)\|(.*)\|$", page, re.MULTILINE).groups()
     return [re.findall(r"`([\w.]+)`(?: (\d+))?", cell) for cell in cells]
 
 
 @pytest.mark.parametrize(("documented", "make"), SYSTEMS, ids=lambda value: getattr(value, "__name__", ""))
-def test_the_page_of_systems_has_the_ports_of_each(documented, make):
+def test_the_page_of_systems_lists_the_ports_of_each_system(documented, make):
     inputs, outputs, _, _ = row_of(documented)
     system, widths = make(), set()
-    for said, ports in (
+    for documented_names, ports in (
         (inputs, [system.get_input_port(i) for i in range(system.num_input_ports())]),
         (outputs, [system.get_output_port(i) for i in range(system.num_output_ports())]),
     ):
-        assert [name for name, _ in said] == [port.get_name() for port in ports]
-        widths |= {port.size() / int(rows) for (_, rows), port in zip(said, ports, strict=True) if rows}
+        assert [name for name, _ in documented_names] == [port.get_name() for port in ports]
+        widths |= {port.size() / int(rows) for (_, rows), port in zip(documented_names, ports, strict=True) if rows}
     assert widths <= {float(getattr(system, "num_vehicles", max(widths, default=1.0)))}
 
 
 @pytest.mark.parametrize("system", dict.fromkeys(each.system for each in FLEET_SYSTEMS), ids=lambda each: each.__name__)
-def test_the_page_of_systems_has_the_parameters_and_states_of_each(system):
-    """The page lists the parameters and states of all examples; their presence depends on the structure."""
+def test_the_page_of_systems_lists_the_parameters_and_states_of_each_system(system):
+    """The page lists those of all examples, because the structure of a system determines which of them it has."""
     _, _, parameters, states = row_of(system)
     made = [example.make() for example in FLEET_SYSTEMS if example.system is system]
-    for said, groups in (
+    for documented_names, groups in (
         (parameters, [each.parameters for each in made]),
         (states, [each.states for each in made]),
     ):
-        assert {name for name, _ in said} == {name for group in groups for name in group}
-        for name, rows in said:
+        assert {name for name, _ in documented_names} == {name for group in groups for name in group}
+        for name, rows in documented_names:
             sizes = {group[name].layout.num_rows for group in groups if name in group}
             assert not rows or sizes == {int(rows)}, name
 
 
-def test_the_page_of_systems_has_the_observations_of_policies():
+def test_the_page_of_systems_lists_the_observations_of_policies():
     page = (ROOT / "docs" / "reference" / "systems.md").read_text(encoding="utf-8")
     table = page.partition("| signal | rows | what it is |")[2].partition("\n\n")[0]
-    found = re.findall(r"^\| `(\w+)` \| (\d*) \| (.+) \|$", table, re.MULTILINE)
-    assert found == [(name, str(seen.rows or ""), seen.meaning) for name, seen in OBSERVABLE_SIGNALS.items()]
+    rows = re.findall(r"^\| `(\w+)` \| (\d*) \| (.+) \|$", table, re.MULTILINE)
+    assert rows == [(name, str(signal.rows or ""), signal.meaning) for name, signal in OBSERVABLE_SIGNALS.items()]
 
 
-def test_the_page_of_systems_has_the_signals():
+def test_the_page_of_systems_lists_the_signals():
     page = (ROOT / "docs" / "reference" / "systems.md").read_text(encoding="utf-8")
     table = page.partition("## Signals")[2].partition("\n\n| signal |")[2].partition("\n\n")[0]
-    said = {
+    documented_names = {
         name: (rows, fields)
         for names, rows, fields in re.findall(r"^\| (`.*?) \| (.*?) \| (.*) \|$", table, re.MULTILINE)
         for name in re.findall(r"`(\w+)`", names)
     }
-    # Internal signals of a diagram are left out, and so are sensors, which the page of the language lists.
-    assert SIGNALS.keys() - said.keys() - SENSORS.members.keys() == {
+    # The page omits internal signals of a diagram, and sensors, which the page of the scenario language lists.
+    assert SIGNALS.keys() - documented_names.keys() - SENSORS.members.keys() == {
         "feed_forward",
         "thrust",
         "torque",
@@ -311,7 +311,7 @@ def test_the_page_of_systems_has_the_signals():
         "firing_ahead",
         "learned_disturbance",
     }
-    for name, (rows, fields) in said.items():
+    for name, (rows, fields) in documented_names.items():
         if rows.isdigit():
             assert layout_of(SIGNALS[name]).num_rows == int(rows)
             assert set(re.findall(r"`(\w+)`", fields)) <= set(SIGNALS[name]._fields), name
@@ -319,12 +319,12 @@ def test_the_page_of_systems_has_the_signals():
 
 def test_the_page_of_systems_lists_all_systems():
     block = ".. pydrake_system::\n"
-    found = [path.read_text(encoding="utf-8").count(block) for path in (ROOT / "drake_quad").rglob("*.py")]
-    assert sum(found) == len({documented for documented, _ in SYSTEMS})
+    counts = [path.read_text(encoding="utf-8").count(block) for path in (ROOT / "drake_quad").rglob("*.py")]
+    assert sum(counts) == len({documented for documented, _ in SYSTEMS})
 
 
-def test_the_table_at_the_top_of_the_readme_has_the_committed_numbers():
-    """The command below the table flies the controllers of the table."""
+def test_the_table_at_the_top_of_the_readme_agrees_with_the_committed_results():
+    """The command below the table names the controllers of its rows."""
     page = (ROOT / "README.md").read_text(encoding="utf-8")
     table = re.findall(r"^\| .+ \| ([\d.]+) cm \| (\d+) ms \|$", page, re.MULTILINE)
     flown = re.findall(r"--controller controllers/designed/laboratory:(\w+)", page)
@@ -340,20 +340,20 @@ NOTEBOOKS = [page for page in DOCS if "{code-cell}" in page.read_text(encoding="
 
 
 @pytest.mark.parametrize("page", NOTEBOOKS, ids=lambda page: page.stem)
-def test_notebooks_with_their_figures_are_those_of_the_pages(page):
-    again = "python scripts/development/run_notebooks.py --output docs/notebooks writes it again"
+def test_notebooks_with_results_are_up_to_date(page):
+    advice = "run python scripts/development/run_notebooks.py --output docs/notebooks to update the notebook"
     text = page.read_text(encoding="utf-8")
     notebook = json.loads((ROOT / "docs" / "notebooks" / f"{page.stem}.ipynb").read_text(encoding="utf-8"))
     cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
     given = re.findall(r"```\{code-cell\} ipython3\n(.*?)\n```", text, re.DOTALL)
     sources = ["".join(cell["source"]) for cell in cells]
-    # A page may hide or name cells, by lines before their code.
-    assert sources == [re.sub(r"\A(:[\w-]+:.*\n)+\n?", "", cell) for cell in given], again
+    # Lines before the code of a cell may hide or name it.
+    assert sources == [re.sub(r"\A(:[\w-]+:.*\n)+\n?", "", cell) for cell in given], advice
     outputs = [output for cell in cells for output in cell["outputs"]]
     assert outputs
     assert not any(output["output_type"] == "error" for output in outputs)
     words = "".join("".join(cell["source"]) for cell in notebook["cells"] if cell["cell_type"] == "markdown")
     headings = re.findall(r"^#+ .*$", text.partition("\n---\n")[2], re.MULTILINE)
-    assert [heading for heading in headings if heading not in words] == [], again
+    assert [heading for heading in headings if heading not in words] == [], advice
     for target in re.findall(r"\]\((?!http|#)([^)#]+)", words):
         assert (ROOT / "docs" / "notebooks" / target).exists()

@@ -1,3 +1,5 @@
+"""Tests of the error for an optional library that is not installed."""
+
 import sys
 
 import pytest
@@ -5,8 +7,10 @@ import pytest
 from drake_quad.extras import import_extra
 
 
-def test_a_missing_library_is_named_with_the_extra_that_has_it():
-    with pytest.raises(ImportError, match=r"^no_library is not installed; pip install 'drake_quad\[plots\]' has it$"):
+def test_the_error_for_a_missing_library_names_the_extra_that_installs_it():
+    with pytest.raises(
+        ImportError, match=r"^no_library is not installed; install it with: pip install 'drake_quad\[plots\]'$"
+    ):
         import_extra("no_library.part", "plots")
 
 

@@ -1,4 +1,4 @@
-"""Tests of writing files and of the errors of folders and arrays."""
+"""Tests of atomic writing, and of the errors for folders and arrays that cannot be read or written."""
 
 import io
 import threading
@@ -49,7 +49,7 @@ def test_threads_that_write_the_same_file_leave_a_complete_one(tmp_path):
 
 
 def npz(*members):
-    """Return an .npz file with the given names and bytes of arrays."""
+    """Return an .npz file with given pairs of a name and the bytes of an array."""
     file = io.BytesIO()
     with warnings.catch_warnings(action="ignore"), zipfile.ZipFile(file, "w") as packed:
         for name, data in members:
@@ -64,8 +64,8 @@ def npy(array):
     return file.getvalue()
 
 
-def headed(shape, kind="'<f8'"):
-    """Return the bytes of an array without numbers, with a header that NumPy would not write."""
+def npy_header(shape, kind="'<f8'"):
+    """Return the bytes of an .npy file without data, with a header that NumPy would not write."""
     header = f"{{'descr': {kind}, 'fortran_order': False, 'shape': {shape}, }}\n".encode()
     return b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header
 
@@ -85,16 +85,16 @@ def test_arrays_are_read_by_name():
     [
         (npz(("a.npy", b"no magic")), "is not an .npz file of arrays"),
         (npz(("a", ARRAY[1:])), "is not an .npz file of arrays"),
-        (npz(("a.npy", headed("(" * 300 + ")" * 300))), "is not an .npz file of arrays"),
-        (npz(("a.npy", headed("(" * 300))), "is not an .npz file of arrays"),
-        (npz(("a.npy", headed("(-1, 99999999999999999999)"))), "is not an .npz file of arrays"),
+        (npz(("a.npy", npy_header("(" * 300 + ")" * 300))), "is not an .npz file of arrays"),
+        (npz(("a.npy", npy_header("(" * 300))), "is not an .npz file of arrays"),
+        (npz(("a.npy", npy_header("(-1, 99999999999999999999)"))), "is not an .npz file of arrays"),
         (
-            npz(("a.npy", headed("(3L,)"))),
+            npz(("a.npy", npy_header("(3L,)"))),
             "is not an .npz file of arrays",
-        ),  # Python 2 wrote this header, for which NumPy emits a warning
+        ),  # Python 2 wrote such headers; NumPy emits a warning for them
         (npz(("a.npy", npy(np.array([object()])))), "is not an .npz file of arrays"),
-        (npz(("a.npy", ARRAY), ("a.npy", ARRAY)), "has two arrays of the name 'a'"),
-        (npz(("a.npy", ARRAY), ("a", ARRAY)), "has two arrays of the name 'a'"),
+        (npz(("a.npy", ARRAY), ("a.npy", ARRAY)), "contains two arrays named 'a'"),
+        (npz(("a.npy", ARRAY), ("a", ARRAY)), "contains two arrays named 'a'"),
         (npz(("a.npy", npy(np.zeros(100)))), "is too large: its arrays have more than 800 bytes"),
         (io.BytesIO(b"PK"), "is not an .npz file of arrays"),
     ],
@@ -107,11 +107,11 @@ def test_arrays_that_cannot_be_read_are_reported_in_one_sentence(file, words):
 def test_a_failed_write_does_not_change_the_file(tmp_path):
     path = write_text(tmp_path / "kept.txt", "before")
 
-    def half(target):
+    def write_half(target):
         target.write_text("half", encoding="utf-8")
         raise OSError("the disk is full")
 
     with pytest.raises(OSError, match="the disk is full"):
-        write_atomically(path, half)
+        write_atomically(path, write_half)
     assert [file.name for file in tmp_path.iterdir()] == ["kept.txt"]
     assert path.read_text(encoding="utf-8") == "before"

@@ -1,4 +1,4 @@
-"""Tests that fleets that do not fit into memory are refused before anything is drawn or built."""
+"""Tests that fleets that exceed the memory are refused before samples are drawn or diagrams are built."""
 
 import pytest
 
@@ -20,7 +20,7 @@ FLEETS = [
 
 @pytest.mark.parametrize(("name", "fly"), FLEETS)
 def test_a_fleet_that_does_not_fit_into_memory_is_refused(name, fly):
-    words = r" is 1,000,000,000, but a fleet of this size needs at least 8,000 GB of memory, and [\d.,]+ GB are"
+    words = r" is 1,000,000,000, but a fleet of this size needs at least 8,000 GB of memory, and only [\d.,]+ GB are"
     with pytest.raises(InputError, match=name + words):
         fly(load_scenario("figure_eight"))
 
@@ -60,7 +60,7 @@ def test_without_a_reported_memory_every_fleet_is_accepted(monkeypatch):
 
 @pytest.mark.slow
 def test_a_study_needs_memory_for_a_batch_and_not_for_all_samples(monkeypatch):
-    monkeypatch.setattr(memory, "available_memory", lambda: 20_000)  # for two vehicles
+    monkeypatch.setattr(memory, "available_memory", lambda: 20_000)  # bytes, for two vehicles
     scenario = load_scenario("hover", ["route.duration=0.1"])
     with pytest.raises(InputError, match=r"^batch is 3, but a fleet of this size needs"):
         run_monte_carlo(scenario, 3, num_workers=1, batch_size=3)

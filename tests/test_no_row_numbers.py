@@ -1,4 +1,4 @@
-"""Tests that the code accesses rows of signals and records by name, not by number."""
+"""Tests that code accesses rows of signals and records by name, not by number."""
 
 import ast
 from collections.abc import Iterator
@@ -8,8 +8,8 @@ import pytest
 
 from drake_quad.signals import SIGNALS
 
-# Folders of formulas and metrics, in which no integer index is allowed.
-FORMULAS = ("geometry", "vehicle", "control", "laboratory", "signals.py")
+# Folders and files of formulas and metrics, in which no integer index is allowed.
+FORMULA_PATHS = ("geometry", "vehicle", "control", "laboratory", "signals.py")
 
 
 def files(root: Path, *places: str) -> list[Path]:
@@ -18,7 +18,7 @@ def files(root: Path, *places: str) -> list[Path]:
 
 
 def integer_indices(tree: ast.AST) -> Iterator[ast.Subscript]:
-    """Return the positions of indices and slices with whole numbers."""
+    """Return the subscripts with integers, as indices or in slices."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Subscript):
             numbers = (part.value for part in ast.walk(node.slice) if isinstance(part, ast.Constant))
@@ -36,16 +36,16 @@ def is_signal(node: ast.AST) -> bool:
 
 
 def test_formulas_and_metrics_access_rows_by_name(root):
-    found = [
+    violations = [
         f"{file}:{node.lineno}: {ast.unparse(node)}"
-        for file in files(root, *FORMULAS)
+        for file in files(root, *FORMULA_PATHS)
         for node in integer_indices(ast.parse(file.read_text(encoding="utf-8")))
     ]
-    assert found == []
+    assert violations == []
 
 
-def counted_states(tree: ast.AST) -> Iterator[ast.Subscript]:
-    """Return the positions at which rows of a state, or of a signal of a flight, are accessed by number."""
+def numbered_states(tree: ast.AST) -> Iterator[ast.Subscript]:
+    """Return the subscripts that access rows of a state by number, such as `state[3]`."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name):
             first = node.slice.elts[0] if isinstance(node.slice, ast.Tuple) else node.slice
@@ -56,32 +56,32 @@ def counted_states(tree: ast.AST) -> Iterator[ast.Subscript]:
 
 
 def test_identification_accesses_rows_of_states_by_name(root):
-    found = [
+    violations = [
         f"{file}:{node.lineno}: {ast.unparse(node)}"
         for file in files(root, "identification")
         for tree in [ast.parse(file.read_text(encoding="utf-8"))]
-        for node in [*counted_states(tree), *(each for each in integer_indices(tree) if is_signal(each.value))]
+        for node in [*numbered_states(tree), *(each for each in integer_indices(tree) if is_signal(each.value))]
         if not ast.unparse(node).endswith(("[:, ::-1]", "[::-1]", "attitude[:, 2]", "attitude[:, 1]"))
     ]
-    assert found == []
+    assert violations == []
 
 
 @pytest.mark.parametrize(
     ("text", "counts"), [("state[5:2:-1]", 1), ("state[3, w]", 1), ("state[:, 1:]", 0), ("state[row : row + 3]", 0)]
 )
 def test_an_index_of_a_state_is_found(text, counts):
-    assert len([*counted_states(ast.parse(text))]) == counts
+    assert len([*numbered_states(ast.parse(text))]) == counts
 
 
 @pytest.mark.slow
 def test_code_that_reads_flights_accesses_rows_by_name(root):
-    found = [
+    violations = [
         f"{file}:{node.lineno}: {ast.unparse(node)}"
         for file in [*files(root, "."), *sorted((root / "scripts").rglob("*.py"))]
         for node in integer_indices(ast.parse(file.read_text(encoding="utf-8")))
         if is_signal(node.value)
     ]
-    assert found == []
+    assert violations == []
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Docstrings and comments of the package are sentences or noun phrases with a subject."""
+"""Tests that docstrings and comments of the package are sentences or noun phrases with a subject."""
 
 import ast
 import io
@@ -9,28 +9,28 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).parent.parent / "drake_quad"
-# A first line that begins so has no subject, or is a riddle.
+# Patterns of texts without a subject, by kind of text.
 FIRST_LINE = re.compile(r"(Of|What|Who|The same|How|Why|Where|Whether|By|As)\b|.*\?$")
 COMMENT = re.compile(r"# (Of|What|Whether|And|Nor|By which|Over which|To which|From which) ")
 ARGUMENT = re.compile(r"(of|that|to|by|which|what|how|likewise)\b")
 
 
 def texts_of(path: Path) -> list[tuple[str, str, int]]:
-    """Return kind, text and line of docstrings' first lines, of described arguments, and of comments."""
+    """Return the kind, text and line number of first lines of docstrings, descriptions of arguments, and comments."""
     source = path.read_text(encoding="utf-8")
-    found = []
+    texts = []
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
             text, line = ast.get_docstring(node) or "", getattr(node, "lineno", 1)
-            found.append(("first line", text.partition("\n")[0], line))
-            found += [("argument", described, line) for described in re.findall(r"^    \w+: (.*)$", text, re.MULTILINE)]
+            texts.append(("first line", text.partition("\n")[0], line))
+            texts += [("argument", described, line) for described in re.findall(r"^    \w+: (.*)$", text, re.MULTILINE)]
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
         if token.type == tokenize.COMMENT:
-            found.append(("comment", token.string, token.start[0]))
-    return found
+            texts.append(("comment", token.string, token.start[0]))
+    return texts
 
 
-def is_riddle(kind: str, text: str) -> bool:
+def lacks_subject(kind: str, text: str) -> bool:
     pattern = {"first line": FIRST_LINE, "argument": ARGUMENT, "comment": COMMENT}[kind]
     return pattern.match(text) is not None
 
@@ -39,14 +39,14 @@ def is_riddle(kind: str, text: str) -> bool:
 def test_texts_have_a_subject():
     texts = [(path, *text) for path in sorted(PACKAGE.rglob("*.py")) for text in texts_of(path)]
     assert len(texts) > 5000
-    riddles = [
-        f"{path.relative_to(PACKAGE)}:{line}: {text}" for path, kind, text, line in texts if is_riddle(kind, text)
+    unclear = [
+        f"{path.relative_to(PACKAGE)}:{line}: {text}" for path, kind, text, line in texts if lacks_subject(kind, text)
     ]
-    assert riddles == []
+    assert unclear == []
 
 
 @pytest.mark.parametrize(
-    ("kind", "text", "riddle"),
+    ("kind", "text", "expected"),
     [
         ("first line", "What the thrust of the frame before has acted since.", True),
         ("first line", "Where a path can go no faster.", True),
@@ -59,5 +59,5 @@ def test_texts_have_a_subject():
         ("argument", "sizes of the groups, samples.", False),
     ],
 )
-def test_the_check_knows_riddles_from_sentences(kind: str, text: str, riddle: bool):
-    assert is_riddle(kind, text) == riddle
+def test_texts_without_a_subject_are_recognised(kind: str, text: str, expected: bool):
+    assert lacks_subject(kind, text) == expected

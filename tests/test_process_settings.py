@@ -1,3 +1,5 @@
+"""Tests that process-wide settings are changed for a while and then restored."""
+
 import gc
 import logging
 
@@ -6,7 +8,7 @@ import pytest
 from drake_quad.process_settings import without_drake_remarks, without_garbage_collection
 
 
-def test_drakes_remarks_are_hidden_until_the_last_user_leaves():
+def test_messages_of_drake_are_hidden_until_the_last_context_is_left():
     logger = logging.getLogger("drake")
     before = logger.level
     logger.setLevel(logging.INFO)

@@ -1,4 +1,4 @@
-"""Tests of the scripts for users, which are run as a newcomer runs them, and of development tools."""
+"""Tests of the example scripts, which are run as users run them, and of the development tools."""
 
 import ast
 import re
@@ -55,7 +55,7 @@ def test_the_help_of_a_tool_ends_with_an_example(run, tool):
 
 @tools
 def test_a_tool_handles_interruptions_before_slow_imports(tool):
-    """After the standard library, the first import handles interruptions, or imports that module first."""
+    """The first import after the standard library handles interruptions, directly or as its own first import."""
     imports = re.findall(r"^(?:import|from) ([\w.]+)", tool.read_text(encoding="utf-8"), re.MULTILINE)
     others = [name for name in imports if name.partition(".")[0] not in sys.stdlib_module_names]
     assert others[0] in ("drake_quad.command_line.running", "benchmark")
@@ -69,37 +69,37 @@ def test_commands_import_the_handler_of_interruptions_first():
 
 
 @pytest.fixture
-def printed(tmp_path, monkeypatch, capsys):
-    """Return a function that runs a script in an empty folder, and returns its output and global variables."""
+def run_script(tmp_path, monkeypatch, capsys):
+    """Return a function that runs a script in an empty folder and returns its output and global variables."""
     monkeypatch.chdir(tmp_path)
 
     def call(name):
-        found = runpy.run_path(str(ROOT / "scripts" / name), run_name="__main__")
-        return capsys.readouterr().out, found
+        variables = runpy.run_path(str(ROOT / "scripts" / name), run_name="__main__")
+        return capsys.readouterr().out, variables
 
     yield call
     plt.close("all")
 
 
 def numbers(pattern, text):
-    """Return the numbers that a pattern finds, where `#` stands for a number."""
+    """Return the numbers in the part of a text that matches a pattern, in which `#` stands for a number."""
     return [float(number) for number in re.search(pattern.replace("#", r"(-?\d[\d.]*)"), text).groups()]
 
 
 @pytest.mark.slow
-def test_the_script_of_the_figure_eight_has_the_flight_of_simulate(printed, tmp_path):
-    text, found = printed("fly_figure_eight.py")
+def test_the_figure_eight_in_drakes_simulator_has_the_errors_of_simulate(run_script, tmp_path):
+    text, variables = run_script("fly_figure_eight.py")
     rmse, largest = numbers("RMSE # cm, largest error # cm", text)
     # The times of the logs differ from those of the metrics, which start after a second.
-    flight = simulate(found["scenario"], compiled=True)
+    flight = simulate(variables["scenario"], compiled=True)
     assert rmse == pytest.approx(100.0 * flight.metrics.rmse, rel=0.05)
     assert largest == pytest.approx(100.0 * flight.metrics.peak_error, rel=0.05)
     assert "</html>" in (tmp_path / "out" / "figure_eight.html").read_text(encoding="utf-8").lower()
 
 
 @pytest.mark.slow
-def test_a_diagram_of_own_blocks_flies_like_a_scenario_with_its_gains(printed, tmp_path):
-    text, _ = printed("build_diagram.py")
+def test_a_diagram_built_block_by_block_flies_like_a_scenario_with_its_gains(run_script, tmp_path):
+    text, _ = run_script("build_diagram.py")
     (rmse,) = numbers("RMSE # cm in low wind", text)
     attitude = {"kind": "pd", "k_p": [25.0, 25.0, 5.0], "k_d": [8.0, 8.0, 3.5]}
     position = {"kind": "pd", "derivative": "tracking_error", "feed_forward": "snap"}
@@ -112,21 +112,21 @@ def test_a_diagram_of_own_blocks_flies_like_a_scenario_with_its_gains(printed, t
 
 
 @pytest.mark.slow
-def test_pd_gains_have_the_requested_damping_and_fly_like_their_linear_model(printed):
-    text, found = printed("design_pd_gains.py")
+def test_pd_gains_have_the_requested_damping_and_fly_like_their_linear_model(run_script):
+    text, variables = run_script("design_pd_gains.py")
     k_p, k_d = numbers("attitude: k_p # 1/s², k_d # 1/s", text)
     assert k_d == pytest.approx(2.0 * 0.8 * np.sqrt(k_p), abs=0.01)
-    poles = found["poles"]
+    poles = variables["poles"]
     ratios = -poles.real / np.abs(poles)
-    assert 0.5 < ratios.min() < 0.51  # the fastest attitude loop with this damping
+    assert 0.5 < ratios.min() < 0.51  # the attitude loop is the fastest one with this damping
     # The amplitude is small, since half a metre already tilts the vehicle by 5 degrees.
-    np.testing.assert_allclose(found["log"].data()[0], found["linear"], atol=0.01)
-    assert abs(found["linear"][0] + 0.5) < 1e-9
-    assert abs(found["linear"][-1]) < 0.01
+    np.testing.assert_allclose(variables["log"].data()[0], variables["linear"], atol=0.01)
+    assert abs(variables["linear"][0] + 0.5) < 1e-9
+    assert abs(variables["linear"][-1]) < 0.01
 
 
 class PlanarRegulator(LeafSystem):
-    """Regulator of the script for N vehicles, from their states to their rotor speeds."""
+    """The script's regulator for N vehicles, from their states to their rotor speeds."""
 
     def __init__(self, gains, vehicle, num_vehicles):
         super().__init__()
@@ -137,35 +137,35 @@ class PlanarRegulator(LeafSystem):
     def command(self, context, output):
         up, turn = -self.gains @ deviation(self.state.Eval(context))
         vehicle = self.vehicle
-        each = vehicle.mass * (vehicle.gravity + up) / 4.0
+        force_per_rotor = vehicle.mass * (vehicle.gravity + up) / 4.0
         pair = vehicle.inertia[1] * turn / (2.0 * vehicle.arm_length)
-        forces = np.array([each - pair, each, each + pair, each])
+        forces = np.array([force_per_rotor - pair, force_per_rotor, force_per_rotor + pair, force_per_rotor])
         assert (forces > vehicle.thrust_factor * vehicle.min_rotor_speed**2).all()  # rotors do not saturate
         assert (forces < vehicle.thrust_factor * vehicle.max_rotor_speed**2).all()
         output.SetFromVector(np.sqrt(forces / vehicle.thrust_factor).ravel())
 
 
 def deviation(states):
-    """Return x, z - 1 m, sin θ, v_x, v_z and q, (6, N), of the states of N vehicles."""
+    """Return the deviations (6, N) from hover at 1 m: x, z - 1 m, sin θ, v_x, v_z and q."""
     state = State(*states.reshape(12, -1))
     return np.array([state.x, state.z - 1.0, np.sin(state.pitch), state.v_x, state.v_z, state.q])
 
 
-# Drake ignores these warnings on import, because products of its expressions set the flag of invalid operations.
+# Products of Drake's expressions set the flag of invalid operations. Drake itself ignores the resulting warnings.
 @pytest.mark.filterwarnings("ignore:invalid value encountered:RuntimeWarning")
 @pytest.mark.slow
-def test_a_region_of_attraction_is_certified_and_holds_in_the_scenarios_vehicle(printed, tmp_path):
-    """The certificate is checked by sampling V', and by flights of the vehicle from its boundary.
+def test_a_region_of_attraction_is_certified_and_holds_in_the_scenarios_vehicle(run_script, tmp_path):
+    """The certificate is checked by samples of V', and by flights of the scenario's vehicle from the boundary.
 
-    The vehicle is the scenario's, with almost no lag, which the certificate neglects. Its rotors have no angular
-    momentum and almost no drag, whose torques would turn it out of the plane.
+    The vehicle has almost no rotor lag, which the certificate neglects. Its rotors have no angular momentum and almost
+    no drag, because their torques would turn the vehicle out of the plane.
     """
-    text, found = printed("region_of_attraction.py")
+    text, variables = run_script("region_of_attraction.py")
     metres, degrees = numbers("certified: # m, or # degrees", text)
     assert metres > 0.62
     assert degrees > 45.0
     assert (tmp_path / "out" / "region_of_attraction.png").exists()
-    K, S, rho, g = found["K"], found["S"], found["rho"], found["G"]
+    K, S, rho, g = variables["K"], variables["S"], variables["rho"], variables["G"]
 
     def value(x, z, theta, v_x, v_z, q):
         e = np.array([x, z, np.sin(theta), v_x, v_z, q])
@@ -173,14 +173,14 @@ def test_a_region_of_attraction_is_certified_and_holds_in_the_scenarios_vehicle(
 
     # The boundary is found by bisection along random directions.
     random = np.random.default_rng(5)
-    ways = np.linalg.cholesky(np.linalg.inv(S)) @ random.normal(size=(6, 20_000))
-    low, high = np.zeros(ways.shape[1]), 0.5 * np.pi / np.abs(ways[2])
-    assert value(*(high * ways)).min() > rho
+    rays = np.linalg.cholesky(np.linalg.inv(S)) @ random.normal(size=(6, 20_000))
+    low, high = np.zeros(rays.shape[1]), 0.5 * np.pi / np.abs(rays[2])
+    assert value(*(high * rays)).min() > rho
     for _ in range(60):
         middle = 0.5 * (low + high)
-        inside = value(*(middle * ways)) < rho
+        inside = value(*(middle * rays)) < rho
         low, high = np.where(inside, middle, low), np.where(inside, high, middle)
-    starts = low * ways
+    starts = low * rays
     states = starts * random.uniform(0.0, 1.0, starts.shape[1]) ** (1.0 / 6.0)
 
     def flow(state):
@@ -192,10 +192,10 @@ def test_a_region_of_attraction_is_certified_and_holds_in_the_scenarios_vehicle(
     step = 1e-6
     rate = (value(*(states + step * flow(states))) - value(*(states - step * flow(states)))) / (2.0 * step)
     assert (rate < 0.0).all()
-    # The polynomial of the certificate equals this rate.
+    # The polynomial in the certificate equals this rate.
     x, z, theta, v_x, v_z, q = states
     points = np.array([x, z, np.sin(theta), v_x, v_z, q, 1.0 - np.cos(theta)])
-    polynomial = Polynomial(found["decrease"]).EvaluateIndeterminates(found["y"], points)
+    polynomial = Polynomial(variables["decrease"]).EvaluateIndeterminates(variables["y"], points)
     np.testing.assert_allclose(polynomial, rate, rtol=1e-4, atol=1e-6)
 
     overrides = {"rotor_time_constant": 0.001, "rotor_inertia": 0.0, "drag_factor": 1e-12, "time_step": 0.005}
@@ -207,10 +207,12 @@ def test_a_region_of_attraction_is_certified_and_holds_in_the_scenarios_vehicle(
     builder.Connect(regulator.get_output_port(), vehicle.GetInputPort("rotor_speed_command"))
     logger = LogVectorOutput(vehicle.GetOutputPort("state"), builder, publish_period=0.1)
     simulator = Simulator(builder.Build())
-    own = vehicle.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    vehicle_context = vehicle.GetMyMutableContextFromRoot(simulator.get_mutable_context())
     x, z, theta, v_x, v_z, q = starts[:, :num_vehicles]
-    still = np.zeros(num_vehicles)
-    vehicle.set_state(own, "state", State(x, still, 1.0 + z, still, theta, still, v_x, still, v_z, still, q, still))
+    zeros = np.zeros(num_vehicles)
+    vehicle.set_state(
+        vehicle_context, "state", State(x, zeros, 1.0 + z, zeros, theta, zeros, v_x, zeros, v_z, zeros, q, zeros)
+    )
     simulator.AdvanceTo(6.0)
     flown = logger.FindLog(simulator.get_context()).data().reshape(12, num_vehicles, -1)
     for rows in flown[[1, 3, 5]]:
@@ -224,9 +226,9 @@ def test_a_region_of_attraction_is_certified_and_holds_in_the_scenarios_vehicle(
 
 
 @pytest.mark.slow
-def test_a_study_finds_crashes_and_repeats_its_worst_sample(printed, tmp_path):
-    text, _ = printed("monte_carlo_study.py")
-    rmse, low, high = numbers(r"RMSE: # cm \[#, #\] of those", text)
+def test_a_study_finds_crashes_and_repeats_its_worst_sample(run_script, tmp_path):
+    text, _ = run_script("monte_carlo_study.py")
+    rmse, low, high = numbers(r"RMSE without crashes: # cm \[#, #\]", text)
     assert 3.0 < low < rmse < high < 5.0
     share, least, most = numbers(r"crashes: # % \[#, #\]", text)
     assert 0.0 < least < share < most < 2.0
@@ -237,30 +239,30 @@ def test_a_study_finds_crashes_and_repeats_its_worst_sample(printed, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_network_halves_the_error_of_the_pd_in_low_wind(printed, tmp_path):
-    text, _ = printed("type2_network_beside_pd.py")
+def test_the_network_halves_the_error_of_the_pd_in_low_wind(run_script, tmp_path):
+    text, _ = run_script("type2_network_beside_pd.py")
     (alone,), (learning,) = numbers("PD: RMSE # cm", text), numbers("T2FNN: RMSE # cm", text)
-    share, low, high = numbers(r"leaves # % \[#, #\]", text)
+    share, low, high = numbers(r"relative to the PD: # % \[#, #\]", text)
     assert low < share < high < 60.0
     assert share == pytest.approx(100.0 * learning / alone, abs=1.0)
     assert (tmp_path / "out" / "type2_network_beside_pd.png").exists()
 
 
 @pytest.mark.slow
-def test_a_program_plans_through_gates_within_its_speed_and_the_plan_is_flown(printed, tmp_path):
-    text, found = printed("plan_with_mathematical_program.py")
-    assert numbers("flown with an RMSE of # cm", text)[0] < 4.0
-    plan, spline = found["plan"], found["spline"]
-    times = np.linspace(0.0, found["DURATION"], 500)
+def test_a_program_plans_through_gates_within_its_speed_and_the_plan_is_flown(run_script, tmp_path):
+    text, variables = run_script("plan_with_mathematical_program.py")
+    assert numbers("RMSE of the flight # cm", text)[0] < 4.0
+    plan, spline = variables["plan"], variables["spline"]
+    times = np.linspace(0.0, variables["DURATION"], 500)
     path, velocity = (plan.derivative(order).vector_values(times) for order in (0, 1))
     # The plan equals the spline up to rounding.
     np.testing.assert_allclose(path, np.hstack([spline.value(time) for time in times]), atol=1e-9)
-    assert np.abs(velocity).max() < found["MAX_SPEED"]
-    assert numbers("the fastest is # m/s", text)[0] == pytest.approx(np.linalg.norm(velocity, axis=0).max(), abs=0.02)
-    for time, middle in found["GATES"].items():
+    assert np.abs(velocity).max() < variables["MAX_SPEED"]
+    assert numbers("maximum speed # m/s", text)[0] == pytest.approx(np.linalg.norm(velocity, axis=0).max(), abs=0.02)
+    for time, middle in variables["GATES"].items():
         place = plan.derivative(0).value(time).ravel()
-        assert (np.abs(place - middle) < found["ROOM"] + 1e-6).all()
-    for time, place in ((0.0, found["START"]), (found["DURATION"], found["END"])):
+        assert (np.abs(place - middle) < variables["TOLERANCE"] + 1e-6).all()
+    for time, place in ((0.0, variables["START"]), (variables["DURATION"], variables["END"])):
         np.testing.assert_allclose(plan.derivative(0).value(time).ravel(), place, atol=1e-6)
         for order in (1, 2, 3):
             np.testing.assert_allclose(plan.derivative(order).value(time), 0.0, atol=1e-4)
@@ -268,16 +270,16 @@ def test_a_program_plans_through_gates_within_its_speed_and_the_plan_is_flown(pr
 
 
 @pytest.mark.slow
-def test_an_own_controller_is_compared_with_that_of_the_scenario(printed):
+def test_a_custom_controller_is_compared_with_that_of_the_scenario(run_script):
     """Both errors are slightly more than a centimetre."""
-    text, _ = printed("sliding_mode_controller.py")
-    (pd,), (own,) = numbers("RMSE, pd: # cm", text), numbers("RMSE, sliding mode: # cm", text)
-    assert (pd, own) == (pytest.approx(1.33, abs=0.05), pytest.approx(1.58, abs=0.05))
+    text, _ = run_script("sliding_mode_controller.py")
+    (pd,), (custom,) = numbers("RMSE, pd: # cm", text), numbers("RMSE, sliding mode: # cm", text)
+    assert (pd, custom) == (pytest.approx(1.33, abs=0.05), pytest.approx(1.58, abs=0.05))
 
 
 @pytest.mark.slow
-def test_a_drone_from_a_data_sheet_has_margins_and_flies(printed, tmp_path):
-    text, _ = printed("design_from_data_sheet.py")
+def test_a_drone_from_a_data_sheet_has_margins_and_flies(run_script, tmp_path):
+    text, _ = run_script("design_from_data_sheet.py")
     margins = re.findall(r"^(\w+): (\d+)°, (\S+) dB, (\d+) ms$", text, re.MULTILINE)
     assert {axis for axis, *_ in margins} == {"roll", "pitch", "yaw", "x", "y", "z"}
     for _, phase, gain, delay in margins:
@@ -296,21 +298,21 @@ def test_a_drone_from_a_data_sheet_has_margins_and_flies(printed, tmp_path):
 
 
 @pytest.mark.slow
-def test_an_own_regulator_is_compared_with_the_built_in_controller(printed):
-    text, _ = printed("lqr_with_kalman_filter.py")
-    own, low, high = numbers(r"RMSE, LQR: # cm \[#, #\]", text)
-    assert 4.0 < low < own < high < 5.0
+def test_a_custom_regulator_is_compared_with_the_built_in_controller(run_script):
+    text, _ = run_script("lqr_with_kalman_filter.py")
+    custom, low, high = numbers(r"RMSE, LQR: # cm \[#, #\]", text)
+    assert 4.0 < low < custom < high < 5.0
     assert high - low < 0.1
     other, least, most = numbers(r"RMSE, indi: # cm \[#, #\]", text)
     assert 3.0 < least < other < most < 4.0
-    share, least, most = numbers(r"that is # \[#, #\] times", text)
+    share, least, most = numbers(r"ratio of the errors: # \[#, #\]", text)
     assert least <= share <= most
-    assert share == pytest.approx(own / other, abs=0.02)
+    assert share == pytest.approx(custom / other, abs=0.02)
 
 
 @pytest.mark.slow
-def test_a_time_varying_regulator_of_drake_brings_the_vehicle_to_its_trajectory(printed):
-    text, _ = printed("time_varying_lqr.py")
+def test_a_time_varying_regulator_of_drake_removes_the_initial_error(run_script):
+    text, _ = run_script("time_varying_lqr.py")
     distances = [float(distance) for distance in re.findall(r"^\d s: ([\d.]+) cm", text, re.MULTILINE)]
     assert distances[0] == 50.0
     assert distances[1] < 5.0
@@ -318,25 +320,25 @@ def test_a_time_varying_regulator_of_drake_brings_the_vehicle_to_its_trajectory(
 
 
 @pytest.mark.slow
-def test_an_identified_vehicle_predicts_and_repeats_its_log(printed, tmp_path):
-    text, _ = printed("identify_crazyflie.py")
+def test_an_identified_vehicle_predicts_its_log_and_its_tracking_error(run_script, tmp_path):
+    text, _ = run_script("identify_crazyflie.py")
     number = r"(\S+)"
     low, high = map(float, re.search(rf"rotor_time_constant: \S+ s \[{number}, {number}\]", text).groups())
-    # Another method found 72 ms from other flights, and 65 ms with another delay. The whole log gives 54 ms.
+    # The whole log gives 54 ms. Another method gives 72 ms for other flights, or 65 ms with another delay.
     assert low < 0.054 < high < 0.072
     ahead = re.findall(
-        rf"after {number} s: {number} cm \[{number}, {number}\] off, {number} % \[{number}, {number}\]", text
+        rf"after {number} s: error {number} cm \[{number}, {number}\], {number} % \[{number}, {number}\]", text
     )
     assert [row[0] for row in ahead] == ["0.1", "0.2", "0.5"]
     assert all(float(least) > 50.0 for *_, least, _ in ahead)
     assert [float(row[1]) for row in ahead] == sorted(float(row[1]) for row in ahead)
-    flown = float(re.search(rf"RMSE flown {number} cm", text)[1])
+    flown = float(re.search(rf"RMSE of the log {number} cm", text)[1])
     median, least, crashes = re.search(
-        rf"again {number} cm in the median, at least {number} cm; {number} crash", text
+        rf"median {number} cm, 2.5 % quantile {number} cm\ncrashed simulations: {number}", text
     ).groups()
-    assert flown == 3.58  # the page on real flights has the same numbers
+    assert flown == 3.58  # the page on real flights quotes this number
     assert float(least) < flown
-    # The scenario uses the true velocity. About half of the flown error is due to the estimated velocity.
+    # The scenario uses the true velocity, whereas about half of the logged error is due to the estimated velocity.
     assert 1.7 < float(median) < 2.4
     assert int(crashes) < 10
     assert distributions_in(load_undesigned(tmp_path / "out" / "identified.yaml"))

@@ -36,17 +36,17 @@ examples = pytest.mark.parametrize("example", FLEET_SYSTEMS, ids=lambda example:
 def fleet_systems_of_the_package():
     """Return all classes with the decorator `fleet_system`, in all modules."""
     modules = pkgutil.walk_packages(drake_quad.__path__, "drake_quad.")
-    found = [
+    classes = [
         value
         for module in modules
         for value in contents(module.name)
         if inspect.isclass(value) and issubclass(value, FleetSystem) and hasattr(value, "template")
     ]
-    return set(found)
+    return set(classes)
 
 
 def contents(module):
-    """Return the contents of a module; none if it needs an optional library that is not installed."""
+    """Return the contents of a module, or nothing if it needs an optional library that is not installed."""
     try:
         return vars(importlib.import_module(module)).values()
     except ImportError as error:
@@ -54,18 +54,18 @@ def contents(module):
         return ()
 
 
-def test_the_table_lists_every_system():
+def test_the_examples_include_every_system():
     assert {example.system for example in FLEET_SYSTEMS} == fleet_systems_of_the_package()
-    assert {example.system for example in FLEET_SYSTEMS if example.whole} == fleet_systems_of_the_package()
+    assert {example.system for example in FLEET_SYSTEMS if example.has_all_ports} == fleet_systems_of_the_package()
 
 
 def documented_ports(docstring):
-    """Return the names in the port block of a docstring, by direction."""
+    """Return the port names in the port block of a docstring, by direction."""
     block = docstring.split(".. pydrake_system::")[1]
     ports = {}
     for direction in ("input", "output"):
-        found = re.search(rf"{direction}_ports:\n((?:\s*- [\w.]+\n)+)", block)
-        ports[direction] = re.findall(r"- ([\w.]+)", found.group(1)) if found else []
+        names = re.search(rf"{direction}_ports:\n((?:\s*- [\w.]+\n)+)", block)
+        ports[direction] = re.findall(r"- ([\w.]+)", names.group(1)) if names else []
     return ports
 
 
@@ -78,7 +78,7 @@ def ports_of(system):
 
 @examples
 def test_a_constructor_has_the_signature_of_its_declaration(example):
-    """Without it, help() and editors would show `*args, **kwargs`."""
+    """Otherwise help() and editors would show `*args, **kwargs`."""
     signature = inspect.signature(example.system)
     given = {} if example.numbers is None else {"numbers": example.numbers}
     bound = signature.bind(num_vehicles=example.num_vehicles, **example.structure, **given)
@@ -89,7 +89,7 @@ def test_a_constructor_has_the_signature_of_its_declaration(example):
 
 
 @systems
-def test_the_port_block_names_the_ports(documented, make):
+def test_the_port_block_lists_the_ports(documented, make):
     assert documented_ports(documented.__doc__) == ports_of(make())
 
 
@@ -115,16 +115,16 @@ def test_systems_convert_to_autodiff_with_the_same_ports_and_defaults(documented
     for i in range(system.num_output_ports()):
         assert converted.get_output_port(i).size() == system.get_output_port(i).size()
     context, converted_context = system.CreateDefaultContext(), converted.CreateDefaultContext()
-    for found, expected in zip(elements_of(converted_context), elements_of(context), strict=True):
-        np.testing.assert_array_equal(ExtractValue(found).ravel() if len(found) else found, expected)
+    for actual, expected in zip(elements_of(converted_context), elements_of(context), strict=True):
+        np.testing.assert_array_equal(ExtractValue(actual).ravel() if len(actual) else actual, expected)
 
 
-EVERY = [(example.system, example.make) for example in FLEET_SYSTEMS] + DIAGRAMS
+ALL_EXAMPLES = [(example.system, example.make) for example in FLEET_SYSTEMS] + DIAGRAMS
 
 
-@pytest.mark.parametrize(("documented", "make"), EVERY, ids=name_of)
-def test_values_are_the_same_with_derivatives(documented, make):
-    """All outputs and the state after a tick are compared, for random inputs and states."""
+@pytest.mark.parametrize(("documented", "make"), ALL_EXAMPLES, ids=name_of)
+def test_values_are_equal_with_and_without_derivatives(documented, make):
+    """All outputs and the state after a tick are compared for random inputs and states."""
     system = make()
     converted = system.ToScalarType[AutoDiffXd]()
     contexts = system.CreateDefaultContext(), converted.CreateDefaultContext()
@@ -146,20 +146,20 @@ def test_values_are_the_same_with_derivatives(documented, make):
             for each, context in zip((system, converted), contexts, strict=True)
         ]
         for group in groups:
-            same_values(after[1].get_vector(group).CopyToVector(), after[0].get_vector(group).CopyToVector())
+            assert_equal_values(after[1].get_vector(group).CopyToVector(), after[0].get_vector(group).CopyToVector())
         changed = [(after[0].get_vector(group).CopyToVector() != before[group]).any() for group in groups]
         assert any(changed)
     for i in range(system.num_output_ports()):
         outputs = [each.get_output_port(i).Eval(context) for each, context in zip((system, converted), contexts)]
-        same_values(outputs[1], outputs[0])
+        assert_equal_values(outputs[1], outputs[0])
 
 
-def same_values(with_derivatives, numbers):
+def assert_equal_values(with_derivatives, numbers):
     values = [getattr(value, "value", lambda value=value: value)() for value in with_derivatives]
     np.testing.assert_allclose(values, numbers, rtol=1e-12, atol=1e-12)
 
 
-def spoil(context):
+def overwrite(context):
     """Overwrite all numeric parameters and states of a context with other numbers."""
 
     def other(vector):
@@ -175,28 +175,28 @@ def spoil(context):
 
 
 @examples
-def test_a_reset_context_is_the_default_one_of_a_system_with_those_numbers(example):
-    """All rows of all parameters and states of all vehicles are compared, after they had other values."""
+def test_a_reset_context_equals_the_default_context_of_a_system_with_those_numbers(example):
+    """All parameters and states of all vehicles are overwritten before the reset, and compared after it."""
     numbers = example.other_numbers
-    system, other = example.make(), example.made_of(numbers)
+    system, other = example.make(), example.make_with(numbers)
     context, expected = system.CreateDefaultContext(), other.CreateDefaultContext()
-    spoil(context)
+    overwrite(context)
     context.SetTime(3.0)
     system.reset(context, numbers)
-    for found, wanted in zip(elements_of(context), elements_of(expected), strict=True):
-        np.testing.assert_array_equal(found, wanted)
+    for actual, desired in zip(elements_of(context), elements_of(expected), strict=True):
+        np.testing.assert_array_equal(actual, desired)
     # The system itself does not change.
-    for found, wanted in zip(
+    for actual, desired in zip(
         elements_of(system.CreateDefaultContext()), elements_of(example.make().CreateDefaultContext()), strict=True
     ):
-        np.testing.assert_array_equal(found, wanted)
+        np.testing.assert_array_equal(actual, desired)
 
 
 @examples
-def test_every_parameter_depends_on_the_numbers_of_the_examples(example):
+def test_every_parameter_depends_on_the_numbers_of_an_example(example):
     """Otherwise the test of resets could miss a parameter that is not reset."""
     both = example.numbers, example.other_numbers
-    contexts = [example.made_of(numbers).CreateDefaultContext() for numbers in both]
+    contexts = [example.make_with(numbers).CreateDefaultContext() for numbers in both]
     assert (contexts[0].num_numeric_parameter_groups() > 0) == bool(example.numbers)
     for i in range(contexts[0].num_numeric_parameter_groups()):
         first, second = (context.get_numeric_parameter(i).CopyToVector() for context in contexts)
@@ -206,17 +206,17 @@ def test_every_parameter_depends_on_the_numbers_of_the_examples(example):
 @examples
 def test_a_differentiable_context_is_reset_too(example):
     system = example.make().ToScalarType[AutoDiffXd]()
-    context, expected = system.CreateDefaultContext(), example.made_of(example.other_numbers).CreateDefaultContext()
-    spoil(context)
+    context, expected = system.CreateDefaultContext(), example.make_with(example.other_numbers).CreateDefaultContext()
+    overwrite(context)
     system.reset(context, example.other_numbers)
-    for found, wanted in zip(elements_of(context), elements_of(expected), strict=True):
-        np.testing.assert_array_equal(ExtractValue(found).ravel() if len(found) else found, wanted)
+    for actual, desired in zip(elements_of(context), elements_of(expected), strict=True):
+        np.testing.assert_array_equal(ExtractValue(actual).ravel() if len(actual) else actual, desired)
 
 
 @examples
 def test_parameters_and_states_are_read_back_unchanged(example):
     """Records have numbers for one vehicle and arrays for a fleet."""
-    system, other = example.make(), example.made_of(example.other_numbers)
+    system, other = example.make(), example.make_with(example.other_numbers)
     context, source = system.CreateDefaultContext(), other.CreateDefaultContext()
     assert len(system.parameters) == context.num_numeric_parameter_groups()
     for name in system.parameters:
@@ -225,20 +225,20 @@ def test_parameters_and_states_are_read_back_unchanged(example):
         assert type(record) is type(system.get_parameter(context, name))
     for name in system.states:
         system.set_state(context, name, other.get_state(source, name))
-    for found, wanted in zip(elements_of(context), elements_of(source), strict=True):
-        np.testing.assert_array_equal(found, wanted)
+    for actual, desired in zip(elements_of(context), elements_of(source), strict=True):
+        np.testing.assert_array_equal(actual, desired)
 
 
-DRAKE = tuple(map(int, importlib.metadata.version("drake").split(".")[:2]))
+DRAKE_VERSION = tuple(map(int, importlib.metadata.version("drake").split(".")[:2]))
 
 
 def parts_of(system):
     """Return a system and all its subsystems."""
-    inside = system.GetSystems() if hasattr(system, "GetSystems") else []
-    return [system, *(part for each in inside for part in parts_of(each))]
+    subsystems = system.GetSystems() if hasattr(system, "GetSystems") else []
+    return [system, *(part for each in subsystems for part in parts_of(each))]
 
 
-def use(system, context):
+def evaluate_outputs(system, context):
     """Evaluate all outputs of a system with constant inputs."""
     for i in range(system.num_input_ports()):
         port = system.get_input_port(i)
@@ -248,42 +248,42 @@ def use(system, context):
 
 
 @pytest.fixture(scope="module")
-def swept():
-    """Freeze existing objects, so that garbage collection is fast."""
+def frozen_objects():
+    """Exempt existing objects from garbage collection, so that it is fast."""
     gc.collect()
     gc.freeze()
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("swept")
-@pytest.mark.skipif(DRAKE < (1, 56), reason="callbacks keep their systems alive in earlier versions of Drake")
+@pytest.mark.usefixtures("frozen_objects")
+@pytest.mark.skipif(DRAKE_VERSION < (1, 56), reason="in earlier versions of Drake, callbacks keep their systems alive")
 @systems
 def test_a_deleted_system_leaves_no_garbage(documented, make):
-    """This includes its context, cached values, AutoDiffXd copy and subsystems."""
+    """Its context, cached values, AutoDiffXd copy and subsystems are deleted as well."""
     system = make()
     context = system.CreateDefaultContext()
-    use(system, context)
+    evaluate_outputs(system, context)
     converted = system.ToScalarType[AutoDiffXd]()
     alive = [weakref.ref(part) for each in (system, converted) for part in parts_of(each)]
     del system, context, converted
     gc.collect()
-    left = [reference() for reference in alive]
-    assert [type(part).__name__ for part in left if part is not None] == []
+    remaining = [reference() for reference in alive]
+    assert [type(part).__name__ for part in remaining if part is not None] == []
 
 
 def loop_period(system, argument):
-    """Return the default period of a system in the scenario language, s."""
+    """Return a system's default period in the scenario language, s."""
     if system is AttitudeAutopilot:
         return AttitudeAutopilotModel.model_fields["period"].default
     if system in (MotionCapture, Sensor) or (system is LinearQuadraticGaussian and argument == "period"):
         return Laboratory().motion_capture.period
-    of_motion = system.__module__.startswith(("drake_quad.laboratory.wind.", "drake_quad.vehicle."))
-    return Vehicle().time_step if of_motion else Laboratory().command_link.period
+    is_simulated_motion = system.__module__.startswith(("drake_quad.laboratory.wind.", "drake_quad.vehicle."))
+    return Vehicle().time_step if is_simulated_motion else Laboratory().command_link.period
 
 
 @examples
 def test_defaults_are_those_of_the_scenario_language(example):
-    """Arguments with a default in the scenario language have the same default in the system."""
+    """The constructor of a system has the same defaults as the scenario language."""
     system = example.system
     parameters = inspect.signature(system.declare).parameters.values()
     defaults = {each.name: each.default for each in parameters if each.default is not inspect.Parameter.empty}
@@ -293,20 +293,20 @@ def test_defaults_are_those_of_the_scenario_language(example):
     for value in defaults.values():
         if hasattr(value, "_field_defaults") and value._field_defaults.keys() == {*value._fields}:
             assert value == type(value)()
-    needed = {each.name for each in parameters} - {"self", *defaults}
+    required = {each.name for each in parameters} - {"self", *defaults}
     numbers = example.numbers._replace(numbers=(5,)) if system is NoiseSource else example.numbers
-    assert system(**{name: {"numbers": numbers, **example.structure}[name] for name in needed}).num_vehicles == 1
+    assert system(**{name: {"numbers": numbers, **example.structure}[name] for name in required}).num_vehicles == 1
 
 
 @examples
 def test_unconnected_inputs_count_as_zero(example, monkeypatch):
-    absent = []
-    declared = FleetSystem.input
+    absent_values = []
+    original = FleetSystem.input
 
-    def noted(system, name, **given):
-        absent.append(given.get("absent"))
-        return declared(system, name, **given)
+    def recording_input(system, name, **given):
+        absent_values.append(given.get("absent"))
+        return original(system, name, **given)
 
-    monkeypatch.setattr(FleetSystem, "input", noted)
+    monkeypatch.setattr(FleetSystem, "input", recording_input)
     example.make()
-    assert not any(np.any(np.hstack(value) != 0.0) for value in absent if value is not None)
+    assert not any(np.any(np.hstack(value) != 0.0) for value in absent_values if value is not None)

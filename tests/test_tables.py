@@ -1,3 +1,5 @@
+"""Tests that tables in CSV files are read back unchanged."""
+
 import numpy as np
 import pytest
 
@@ -18,7 +20,7 @@ def test_columns_are_read_back_unchanged(tmp_path):
 def test_files_that_are_not_tables_are_refused(tmp_path, text):
     path = tmp_path / "table.csv"
     path.write_text(text)
-    with pytest.raises(InputError, match="is not a table"):
+    with pytest.raises(InputError, match="is not a CSV table"):
         read_table(path)
     with pytest.raises(InputError, match="cannot be read"):
         read_table(tmp_path / "none.csv")

@@ -1,4 +1,4 @@
-"""Tests of the shipped vehicles with gains that are designed for each of them."""
+"""Tests that each shipped vehicle flies with gains that are designed for it."""
 
 from pathlib import Path
 
@@ -10,7 +10,8 @@ from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.files.shipped import shipped_scenarios
 
 FOLDER = Path(__file__).parent.parent / "diagrams" / "vehicles"
-# Largest RMSE, m. A Crazyflie without its own attitude control responds within a third of a second.
+# Limits of the RMSE, m. The limit is wide for a Crazyflie without onboard attitude control, whose attitude takes a
+# third of a second to respond.
 MAX_RMSE = {
     "paper": 0.02,
     "paper_with_drag": 0.4,
@@ -21,12 +22,12 @@ MAX_RMSE = {
 }
 
 
-def test_every_vehicle_is_flown_here_or_compared_with_real_flights():
+def test_every_vehicle_is_simulated_here_or_compared_with_real_flights():
     assert {path.stem for path in FOLDER.glob("*.yaml")} == {*MAX_RMSE, "neural_fly"}
 
 
-# Largest share of 200 samples that crash. A Crazyflie without its own attitude control has rotors with a lag of 80 to
-# 220 ms, and a radio link with a delay of 20 to 60 ms.
+# Limits of the share of 200 samples that crash. The limit is wide for a Crazyflie without onboard attitude control,
+# whose rotors lag by 80 to 220 ms behind commands that a radio link delays by 20 to 60 ms.
 MAX_CRASH_SHARE = {
     "crazyflie": 0.05,
     "crazyflie_onboard": 0.005,
@@ -38,12 +39,12 @@ MAX_CRASH_SHARE = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MAX_CRASH_SHARE)
-def test_a_vehicle_flies_a_bad_day_with_the_controller_designed_for_it(name):
+def test_a_vehicle_rarely_crashes_in_its_bad_day_scenario(name):
     metrics = run_monte_carlo(load_scenario(f"bad_day:{name}"), 200, num_workers=1).metrics
     assert metrics.crashed.mean() <= MAX_CRASH_SHARE[name]
 
 
-def test_every_vehicle_except_the_papers_has_a_bad_day():
+def test_every_vehicle_except_those_of_the_paper_has_a_bad_day_scenario():
     others = {*MAX_RMSE, "neural_fly"} - {"paper", "paper_with_drag"}
     shipped = {name for name in shipped_scenarios() if name.startswith("bad_day:")}
     assert shipped == {f"bad_day:{name}" for name in others}

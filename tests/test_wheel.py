@@ -1,4 +1,4 @@
-"""Tests of the wheel in an empty environment, without the checkout."""
+"""Tests of the wheel in a new environment, without the checkout."""
 
 import itertools
 import os
@@ -21,11 +21,11 @@ COMMANDS = [
     ["study", "robustness", "--samples", "4", "--set", "duration=1"],
     ["design", "vehicles/hummingbird"],
 ]
-# Variables that lead to the checkout or the environment of the tests are removed.
+# Environment variables, without those that point to the checkout or to the environment of the tests.
 ENVIRONMENT = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
 
 
-def called(*command, cwd):
+def run_checked(*command, cwd):
     result = subprocess.run([*map(str, command)], cwd=cwd, env=ENVIRONMENT, capture_output=True, text=True, check=False)
     assert result.returncode == 0, result.stderr
     return result.stdout
@@ -35,38 +35,38 @@ def called(*command, cwd):
 def wheel(tmp_path_factory):
     folder = tmp_path_factory.mktemp("wheel")
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check"]
-    called(*pip, "wheel", "--no-deps", "--wheel-dir", folder, ROOT, cwd=folder)
-    (found,) = folder.glob("*.whl")
-    return found
+    run_checked(*pip, "wheel", "--no-deps", "--wheel-dir", folder, ROOT, cwd=folder)
+    (path,) = folder.glob("*.whl")
+    return path
 
 
 def link_required(distribution, extras, site):
-    """Link the dependencies of a distribution and its extras, recursively, in a folder of packages."""
+    """Link the dependencies of a distribution and its extras, recursively, into a folder of packages."""
     for text in distribution.requires or ():
         required = Requirement(text)
         if required.marker and not any(required.marker.evaluate({"extra": extra}) for extra in ("", *extras)):
             continue
-        found = metadata.distribution(required.name)
-        assert required.specifier.contains(found.version), text
-        # This is a module or package, or a folder beside it.
-        names = {path.parts[0] for path in found.files} - {"..", "__pycache__"}
+        dependency = metadata.distribution(required.name)
+        assert required.specifier.contains(dependency.version), text
+        # Each name is that of a module, a package, or a folder with metadata or libraries.
+        names = {path.parts[0] for path in dependency.files} - {"..", "__pycache__"}
         missing = [name for name in names if not (site / name).exists()]
         for name in missing:
-            (site / name).symlink_to(found.locate_file(name))
+            (site / name).symlink_to(dependency.locate_file(name))
         if missing:
-            link_required(found, required.extras, site)
+            link_required(dependency, required.extras, site)
 
 
 @pytest.fixture(scope="module")
 def installed(wheel, tmp_path_factory):
-    """Return the programs of an environment with nothing but the wheel and its dependencies.
+    """Return the folder of programs of an environment that contains only the wheel and its dependencies.
 
-    Dependencies are linked, which is faster than installing them again.
+    The dependencies are linked, which is faster than installing them again.
     """
     folder = tmp_path_factory.mktemp("environment")
-    called(sys.executable, "-m", "venv", "--without-pip", folder / "venv", cwd=folder)
+    run_checked(sys.executable, "-m", "venv", "--without-pip", folder / "venv", cwd=folder)
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--python", folder / "venv" / "bin" / "python"]
-    called(*pip, "install", "--no-compile", "--no-deps", "--no-index", wheel, cwd=folder)
+    run_checked(*pip, "install", "--no-compile", "--no-deps", "--no-index", wheel, cwd=folder)
     (site,) = (folder / "venv").glob("lib/python*/site-packages")
     (distribution,) = metadata.distributions(name="drake_quad", path=[str(site)])
     link_required(distribution, (), site)
@@ -84,8 +84,8 @@ def test_the_wheel_contains_exactly_the_shipped_files(wheel):
     assert names == shipped | {name for name in sources if "__pycache__" not in name}
 
 
-# Commands and blocks run one after another in one process, since importing and compiling take most of their time.
-# Figures are not rendered, since rendering takes most of the remaining time.
+# All commands and code blocks run in one process, because importing and compiling take most of the time. Figures are
+# not rendered, because rendering takes most of the remaining time.
 RUN_ALL = """
 import sys
 from matplotlib.figure import Figure
@@ -101,9 +101,9 @@ for command in {commands!r}:
 
 @pytest.fixture(scope="module")
 def printed(installed, tmp_path_factory):
-    """Return the output of the README's blocks and of the commands in an empty folder, and the folder."""
+    """Return the output of the README's code blocks and of the commands in an empty folder, and that folder."""
     folder = tmp_path_factory.mktemp("elsewhere")
-    return called(installed / "python", "-c", RUN_ALL.format(blocks=BLOCKS, commands=COMMANDS), cwd=folder), folder
+    return run_checked(installed / "python", "-c", RUN_ALL.format(blocks=BLOCKS, commands=COMMANDS), cwd=folder), folder
 
 
 @pytest.mark.slow
@@ -124,7 +124,7 @@ def test_commands_run_without_a_checkout(printed):
 
 
 @pytest.mark.slow
-def test_the_version_is_that_of_the_wheel(installed, tmp_path):
-    printed = called(installed / "drake-quad", "--version", cwd=tmp_path)
+def test_the_installed_program_prints_the_version_of_the_wheel(installed, tmp_path):
+    printed = run_checked(installed / "drake-quad", "--version", cwd=tmp_path)
     assert printed.startswith(f"drake_quad {drake_quad.__version__} ")
-    assert called(installed / "python", "-m", "drake_quad", "scenarios", cwd=tmp_path).startswith("bad_day:")
+    assert run_checked(installed / "python", "-m", "drake_quad", "scenarios", cwd=tmp_path).startswith("bad_day:")

@@ -1,4 +1,4 @@
-"""Tests that numbers must have ASCII digits, although Python also accepts "1_0" and digits of other scripts."""
+"""Tests that written numbers must have ASCII digits. Python itself also accepts "1_0" and digits of other scripts."""
 
 import re
 from pathlib import Path
@@ -56,7 +56,7 @@ def test_a_column_with_another_notation_is_text(tmp_path):
 
 
 @pytest.mark.parametrize("arguments", [["study", "--samples"], ["fly", "--rate"], ["study", "--seed"]])
-def test_options_are_numbers_in_ascii_digits(arguments, capsys):
+def test_numbers_in_options_must_have_ascii_digits(arguments, capsys):
     command, option = arguments
     for value in ("1_0", "١"):
         with pytest.raises(SystemExit):

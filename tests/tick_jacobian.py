@@ -1,18 +1,18 @@
-"""Jacobian of a tick of a diagram by finite differences of simulations."""
+"""Jacobian of a diagram's state over one tick, by finite differences of simulations."""
 
 import numpy as np
 from pydrake.systems.analysis import InitializeParams, Simulator
 
 
 def jacobian_of_tick(diagram, context, layout, *, until, step=1e-5):
-    """Return the (n, n) derivatives of the state at a time with respect to that of a context, by differences.
+    """Return the Jacobian (n, n) of the state at the end of a tick with respect to the state of a context.
 
     Args:
         diagram: diagram of the context.
         context: context at the beginning of the tick.
-        layout: `ContextVector` of the state.
+        layout: `ContextVector` that reads and writes the state.
         until: end of the tick, s.
-        step: half of the difference of each element.
+        step: step of the central differences, in the units of the state.
     """
     start = layout.read(diagram, context)
 
@@ -20,9 +20,9 @@ def jacobian_of_tick(diagram, context, layout, *, until, step=1e-5):
         root = context.Clone()
         layout.write(diagram, root, state)
         simulator = Simulator(diagram, root)
-        keep = InitializeParams()
-        keep.suppress_initialization_events = True
-        simulator.Initialize(keep)
+        options = InitializeParams()
+        options.suppress_initialization_events = True
+        simulator.Initialize(options)
         simulator.AdvanceTo(until)
         return layout.read(diagram, root)
 

@@ -1,4 +1,4 @@
-"""Tumbling vehicles, integrated independently by SciPy: Newton's and Euler's equations with quaternions."""
+"""Independent integration of tumbling vehicles by SciPy: the Newton-Euler equations with quaternions."""
 
 from typing import NamedTuple
 
@@ -8,11 +8,11 @@ from scipy.spatial.transform import Rotation
 
 
 class Tumbles(NamedTuple):
-    """N vehicles at the beginning of a tumble, and their constant inputs.
+    """Initial states and constant inputs of N tumbling vehicles.
 
     Attributes:
-        states: (N, 12) states in the order of `State`.
-        speeds: (N, 4) rotor speeds at the beginning, rad/s.
+        states: (N, 12) initial states in the order of `State`.
+        speeds: (N, 4) initial rotor speeds, rad/s.
         commands: (N, 4) commanded rotor speeds, rad/s.
         winds: (N, 3) wind, m/s.
     """
@@ -31,17 +31,17 @@ class Tumbles(NamedTuple):
 def random_tumbles(count, seed, *, rates=(2.0, 10.0)):
     """Return tumbles that start at random attitudes.
 
-    A fifth of them start at a pitch of ±90° to the bit, and a fifth within 1e-9 of it.
+    A fifth of the vehicles start at a pitch of exactly ±90°, and another fifth within 1e-9 of it (relative).
     """
     rng = np.random.default_rng(seed)
     roll, pitch, yaw = rng.uniform(-3.0, 3.0, count), rng.uniform(-1.5, 1.5, count), rng.uniform(-9.0, 9.0, count)
-    straight = 0.5 * np.pi * rng.choice([-1.0, 1.0], count)
-    pitch[::5] = straight[::5]
-    pitch[1::5] = straight[1::5] * (1.0 - 1e-9 * rng.uniform(size=len(pitch[1::5])))
-    turning = rng.normal(size=(count, 3))
-    turning *= rng.uniform(*rates, (count, 1)) / np.linalg.norm(turning, axis=1, keepdims=True)
+    vertical = 0.5 * np.pi * rng.choice([-1.0, 1.0], count)
+    pitch[::5] = vertical[::5]
+    pitch[1::5] = vertical[1::5] * (1.0 - 1e-9 * rng.uniform(size=len(pitch[1::5])))
+    body_rates = rng.normal(size=(count, 3))
+    body_rates *= rng.uniform(*rates, (count, 1)) / np.linalg.norm(body_rates, axis=1, keepdims=True)
     linear = rng.normal(size=(count, 6))
-    states = np.column_stack([linear[:, :3], roll, pitch, yaw, linear[:, 3:], turning])
+    states = np.column_stack([linear[:, :3], roll, pitch, yaw, linear[:, 3:], body_rates])
     return Tumbles(
         states,
         rng.uniform(120.0, 260.0, (count, 4)),
@@ -51,27 +51,27 @@ def random_tumbles(count, seed, *, rates=(2.0, 10.0)):
 
 
 def rotations(angles):
-    """Return the rotations Rz Ry Rx from B to W of (..., 3) roll, pitch and yaw."""
+    """Return the rotations Rz Ry Rx from B to W for angles (..., 3) of roll, pitch and yaw."""
     return Rotation.from_euler("ZYX", np.asarray(angles)[..., ::-1])
 
 
 def degrees_apart(angles, rotation):
-    """Return the (N,) angles between attitudes, (N, 3) roll, pitch and yaw, and rotations, in degrees."""
+    """Return the angles (N,) in degrees between attitudes (N, 3) of roll, pitch and yaw, and rotations."""
     return np.degrees((rotations(angles).inv() * rotation).magnitude())
 
 
 def flown(parameters, tumbles, duration, load=None, swings=None):
-    """Return the final positions, rotations, velocities and body rates, and the load's positions and velocities.
+    """Integrate tumbles, and return the final positions, rotations, velocities and body rates, and those of the load.
 
     Args:
         parameters: `QuadrotorParameters` of all vehicles.
         tumbles: tumbles of N vehicles.
         duration: duration of the flight, s.
-        load: `SlungLoad` on a rod from the centre of mass, or None.
-        swings: (N, 3) initial direction of the rod, and (N, 3) its rate.
+        load: `SlungLoad` on a rigid rod from the centre of mass, or None.
+        swings: (N, 3) initial directions of the rod, and (N, 3) their rates, 1/s.
     """
     N, inertia = tumbles.count, np.array(parameters.inertia)
-    places = np.array([rotor[:3] for rotor in parameters.rotors]) - [*parameters.centre_of_mass, 0.0]
+    rotor_positions = np.array([rotor[:3] for rotor in parameters.rotors]) - [*parameters.centre_of_mass, 0.0]
     directions, thrust_factors, drag_factors = (np.array([rotor[i] for rotor in parameters.rotors]) for i in (3, 4, 5))
     weight = np.array([0.0, 0.0, -parameters.gravity])
 
@@ -82,14 +82,18 @@ def flown(parameters, tumbles, duration, load=None, swings=None):
         speeds = tumbles.commands + (tumbles.speeds - tumbles.commands) * decay
         thrusts = thrust_factors * speeds**2
         torque = np.column_stack(
-            [thrusts @ places[:, 1], -thrusts @ places[:, 0], -(drag_factors * directions * speeds**2).sum(axis=1)]
+            [
+                thrusts @ rotor_positions[:, 1],
+                -thrusts @ rotor_positions[:, 0],
+                -(drag_factors * directions * speeds**2).sum(axis=1),
+            ]
         )
         air = tumbles.winds - velocity
-        size = np.linalg.norm(air, axis=1, keepdims=True)
-        along = Rotation.from_quat(quaternion).apply([[0.0, 0.0, 1.0]] * N)
+        airspeed = np.linalg.norm(air, axis=1, keepdims=True)
+        thrust_axis = Rotation.from_quat(quaternion).apply([[0.0, 0.0, 1.0]] * N)
         force = (
-            thrusts.sum(axis=1, keepdims=True) * along
-            + (parameters.linear_drag + parameters.quadratic_drag * size) * air
+            thrusts.sum(axis=1, keepdims=True) * thrust_axis
+            + (parameters.linear_drag + parameters.quadratic_drag * airspeed) * air
         )
         load_acceleration = np.zeros((N, 3))
         if load is not None:
@@ -104,13 +108,14 @@ def flown(parameters, tumbles, duration, load=None, swings=None):
             load_acceleration = weight - tension / load.mass
         spin = parameters.rotor_inertia * (directions * speeds).sum(axis=1)
         momentum = inertia * rates + spin[:, None] * np.array([0.0, 0.0, 1.0])
-        turning = (torque - np.cross(rates, momentum)) / inertia
+        angular_acceleration = (torque - np.cross(rates, momentum)) / inertia
         v, w = quaternion[:, :3], quaternion[:, 3:]
         quaternion_rate = 0.5 * np.column_stack(
             [w * rates + np.cross(v, rates), -(v * rates).sum(axis=1, keepdims=True)]
         )
-        parts = velocity, force / parameters.mass + weight, turning, load_velocity, load_acceleration, quaternion_rate
-        return np.concatenate([part.ravel() for part in parts])
+        accelerations = force / parameters.mass + weight, angular_acceleration
+        derivatives = velocity, *accelerations, load_velocity, load_acceleration, quaternion_rate
+        return np.concatenate([part.ravel() for part in derivatives])
 
     states = tumbles.states
     rod, rod_rate = (np.zeros((N, 3)), np.zeros((N, 3))) if swings is None else swings

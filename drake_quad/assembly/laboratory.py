@@ -30,7 +30,8 @@ from drake_quad.vehicle.motors import ThrottleAllocation, ThrottleModel
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Place, QuadrotorNumbers
 
-# Largest time step relative to the time constant of a decay. The fourth-order Runge-Kutta method is stable up to 2.78.
+# Largest ratio of the time step to the time constant of a decay. The fourth-order Runge-Kutta method is stable up to
+# 2.78.
 _MAX_STABLE_STEP = 2.5
 # Prefixes of the paths of systems in the laboratory.
 _WIND_PREFIX = "wind."
@@ -71,7 +72,7 @@ def build_laboratory_of(
         num_vehicles: number of vehicles N.
         samples: source of the random numbers: samples of a study, None for Drake's random sources, or `Exported` for
             input ports.
-        own_wind: user's source of wind, in addition to those of the recipes.
+        own_wind: user's source of wind, in addition to the sources in the recipes.
     """
     systems = {path: recipe.build(num_vehicles) for path, recipe in recipes.items()}
     sources, sensors = (
@@ -134,10 +135,10 @@ def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Rec
         "effects": effects.names,
     }
     parameters = vehicle_parameters(fleet.vehicle)
-    # Paired rotors produce every torque for all drawn numbers.
+    # Paired rotors produce every torque for all values that can be drawn.
     if not vehicle.layout.is_paired and (missing := missing_direction(parameters.rotors)):
         raise InputError(
-            f"vehicle.layout produces no {missing} for some of the drawn numbers; narrow the distributions"
+            f"vehicle.layout cannot produce {missing} for some of the drawn values; narrow the distributions"
         )
     x, y, z = plan.waypoints[0]
     place = Place(float(x), float(y), float(z), plan.initial_yaw)
@@ -148,8 +149,8 @@ def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Rec
 def jump_times(batch: Batch) -> tuple[float, ...]:
     """Return the sorted times at which the forces on vehicles with a continuous state are discontinuous, s.
 
-    An integrator with error control cannot cross such a time with any step. A simulation must stop just before the time
-    and continue from it. Vehicles with a time step have no such times.
+    An integrator with error control cannot step across such a time. A simulation must stop just before the time and
+    continue from the time itself. Vehicles with a time step have no such times.
     """
     if batch.scenario.vehicle.time_step > 0.0:
         return ()
@@ -187,7 +188,7 @@ def _check_step(fleet: Any) -> None:
 
 
 def _command_link(scenario: Scenario, fleet: Any, yaw: float) -> Recipe:
-    """Return the recipe for the command link, with a command of hover before the first packet arrives.
+    """Return the recipe for the command link, which outputs a hover command until the first packet arrives.
 
     Args:
         scenario: scenario with the link.

@@ -1,11 +1,11 @@
 """Controllers in Python as kinds of the scenario language.
 
 In a module `mine`, `register_controller(SlidingMode)` makes the kind `mine.SlidingMode` of a position controller, or of
-a whole control if the system has the output port of one. Scenarios name it like the kinds of this library, so that
-every command and every function flies it. If the system is a `FleetSystem` that declares a record of numbers with
-defaults, as in `def declare(self, *, numbers=Gains())`, these numbers are fields of the kind.
+a whole control if the system has the output port of a control. Scenarios use this kind like the kinds of this library,
+so that all commands and functions can fly it. If the system is a `FleetSystem` that declares a record of parameters
+with defaults, as in `def declare(self, *, numbers=Gains())`, these parameters are fields of the kind.
 
-A kind is known only after its module was imported. A scenario never imports one.
+A kind is known only after its module was imported. A scenario never imports a module.
 """
 
 import inspect
@@ -33,7 +33,7 @@ _CONTROL_COMMANDS = ("wrench", "attitude_target")
 
 
 class _UserSystemSettings(Model):
-    """Settings of a system in Python.
+    """Settings of a user's Python system.
 
     Attributes:
         system: class of the system.
@@ -50,7 +50,7 @@ class RegisteredPositionController(_UserSystemSettings, PositionController):
     """Position controller in Python."""
 
     feed_forward: FeedForward = Field(  # type: ignore[misc]
-        default="none", description="up to which derivative of the reference the attitude control feeds forward"
+        default="none", description="highest derivative of the reference that the attitude control feeds forward"
     )
     takes_correction: ClassVar = False
     is_user_system: ClassVar = True
@@ -99,7 +99,7 @@ def register_controller(system: Any) -> str:
             fleets, its constructor takes `num_vehicles`, the number N of vehicles.
 
     Raises:
-        InputError: if it is no such class.
+        InputError: if the class has none of these output ports or cannot be constructed.
     """
     if not isinstance(system, type):
         raise InputError(f"a controller must be the class of a Drake system, not {system!r}")
@@ -122,7 +122,7 @@ def register_controller(system: Any) -> str:
             "__doc__": inspect.getdoc(system),
             "__annotations__": annotations,
             "system": system,
-            **{name: Field(default=value, description="number of the controller") for name, value in fields.items()},
+            **{name: Field(default=value, description="parameter of the controller") for name, value in fields.items()},
         },
     )
     (CONTROLS if place == "control" else POSITION_CONTROLLERS).member(model)
@@ -130,7 +130,7 @@ def register_controller(system: Any) -> str:
 
 
 def _built(system: type, num_vehicles: int, **numbers: Any) -> Any:
-    """Return an object of a class. A class whose constructor takes no number of vehicles is for a single one.
+    """Return an object of a class; if the constructor does not take a number of vehicles, it is for one vehicle.
 
     Raises:
         InputError: if the constructor fails.
@@ -144,8 +144,8 @@ def _built(system: type, num_vehicles: int, **numbers: Any) -> Any:
         return system(num_vehicles=num_vehicles, **numbers) if takes_number else system(**numbers)
     except TypeError as error:
         raise InputError(
-            f"{system.__name__} cannot be built: {error}; the constructor of a controller takes at most the number of"
-            " vehicles, num_vehicles, and everything else has a default"
+            f"{system.__name__} cannot be built: {error}; the constructor of a controller must work without"
+            " arguments, or with num_vehicles, the number of vehicles"
         ) from error
 
 
@@ -153,15 +153,15 @@ def _takes_number(system: type) -> bool:
     """Return whether the constructor of a class takes the number of vehicles."""
     try:
         return "num_vehicles" in inspect.signature(system).parameters
-    except ValueError:  # some classes that are written in C have no signature
+    except ValueError:  # some classes implemented in C++ have no signature
         return False
 
 
 def _place_of(system: Any) -> tuple[str, str]:
-    """Return the place of a system in the loop, and its command over the link.
+    """Return the part of the loop that a system replaces, and its command over the link.
 
     Raises:
-        InputError: if it has the output port of neither place.
+        InputError: if it has the output port of neither a position controller nor a control.
     """
     count = system.num_output_ports() if hasattr(system, "num_output_ports") else 0
     ports = {system.get_output_port(i).get_name() for i in range(count)}
@@ -176,7 +176,7 @@ def _place_of(system: Any) -> tuple[str, str]:
 
 
 def _default_numbers(system: Any) -> Any:
-    """Return the default record of the numbers that a `FleetSystem` declares; None if they are not plain numbers."""
+    """Return the default record of the parameters that a `FleetSystem` declares; None if they are not plain numbers."""
     if not hasattr(system, "declare"):
         return None
     parameter = inspect.signature(system.declare).parameters.get("numbers")

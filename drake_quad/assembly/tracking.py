@@ -27,7 +27,8 @@ from drake_quad.reference.source import build_reference
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.models import Scenario
 
-# Signals of a control that are exported and recorded. A user's control only needs the signal for the command link.
+# Signals of a control that are exported and recorded. A user's control must only provide the signal for the command
+# link.
 _CONTROL_SIGNALS = (
     *POSITION_SIGNALS,
     *("observation", "action", "acceleration_command", "attitude_command", "wrench", "attitude_target"),
@@ -52,14 +53,15 @@ def build_fleet_diagram(
         plan: plan that is flown.
         own: user's systems for the same number of vehicles, which the diagram will own.
         record: True to add a recorder of all signals, sampled at every tick of the control.
-        drake_random: True to use Drake's random sources for wind and noise instead of those of the samples.
+        drake_random: True to use Drake's random sources for wind and noise instead of the random numbers of the
+            samples.
         injects: True to add an input port `injection`, which is added to the command over the link, and an output port
             `injected` with the sum.
         exported: declaration of input ports for the random numbers of the laboratory.
         open_action: True to add an input port `action` for the action of a policy.
 
     Raises:
-        InputError: if the control needs a policy and has none, a user's system does not fit, or the time step of the
+        InputError: if the control requires a policy and has none, a user's system does not fit, or the time step of the
             vehicle is too long.
     """
     scenario, num_vehicles = batch.scenario, len(batch)
@@ -159,14 +161,14 @@ def reset_fleet(
 def set_fleet_numbers(
     diagram: Diagram, context: Context, batch: Batch, plan: Plan, *, own: UserSystems = UserSystems()
 ) -> None:
-    """Give the systems of a diagram the numbers of another batch, while they keep their state.
+    """Set the numeric parameters of the systems of a diagram for another batch; the states do not change.
 
     Args:
         diagram: diagram from `build_fleet_diagram`, for a batch of the same scenario and size, and with the same plan.
         context: context of the diagram.
-        batch: batch with the numbers.
+        batch: batch that determines the parameters.
         plan: plan that is flown.
-        own: user's systems that were given, which keep their numbers.
+        own: user's systems in the diagram, whose parameters do not change.
     """
     recipes = {
         "laboratory": laboratory_recipes(batch, plan, flight_duration(batch.scenario, plan)),
@@ -185,7 +187,7 @@ def _samples(batch: Batch) -> Samples:
 
 
 def _sampled(wind: Any, scenario: Scenario) -> Any:
-    """Return a user's source of wind, with a hold unless it samples the wind itself; None without a source."""
+    """Return a user's source of wind, with a hold unless the source itself samples the wind; None without a source."""
     if wind is None or (isinstance(wind, FleetSystem) and wind.updates):
         return wind
     return build_held_wind(wind, period=wind_period(scenario))

@@ -19,10 +19,9 @@ class UserSystems(NamedTuple):
         control: replaces the whole control of the scenario. Input ports: any of `measurement`, `reference`,
             `reference_jerk`, `reference_snap` and the sensors of the scenario. Output port: `wrench` or, with an
             autopilot on board, `attitude_target`.
-        wind: source of wind in addition to those of the scenario. Input port: optionally `state`. The single output
-            port, with any name, is the velocity of the air. The output is sampled at the time step of the vehicle,
-            unless the source is a `FleetSystem` with discrete updates of its own, like those of
-            `drake_quad.laboratory`.
+        wind: source of wind in addition to the sources of the scenario. Input port: optionally `state`. The single
+            output port, with any name, is the velocity of the air. The output is sampled at the time step of the
+            vehicle, unless the source is a `FleetSystem` with discrete updates, as in `drake_quad.laboratory`.
         policy: replaces the network of a control of kind `policy`. Input port: optionally `observation`. The single
             output port, with any name, is the action.
     """
@@ -41,8 +40,8 @@ class UserSystems(NamedTuple):
         """Return the systems that these functions build for N vehicles.
 
         Raises:
-            InputError: if a function cannot be called with the number of vehicles alone, or does not return a Drake
-                system.
+            InputError: if a function cannot be called with the number of vehicles as its only argument, or does not
+                return a Drake system.
         """
         systems = {}
         for name, make in self.given.items():
@@ -108,10 +107,12 @@ def check_user_systems(
         InputError: if a system has ports that do not fit, or two systems exclude each other.
     """
     if systems.control is not None and systems.position_controller is not None:
-        raise InputError("control replaces the whole control, so position_controller must not be given with it")
+        raise InputError(
+            "control replaces the whole control, so it must not be given together with position_controller"
+        )
     if systems.policy is not None and (not rows or systems.control is not None):
         raise InputError(
-            "a policy can only be given for a scenario with control of kind policy, and not with a control"
+            "a policy requires a scenario with control of kind policy, and must not be given together with a control"
         )
     for name, system in systems.given.items():
         ports = PORTS[name]
@@ -132,7 +133,7 @@ def _check_ports(name: str, system: Any, ports: SystemPorts, sizes: Mapping[str,
     outputs = {port.get_name(): port.size() for port in map(system.get_output_port, range(system.num_output_ports()))}
     if (ports.output not in outputs) if ports.named else (len(outputs) != 1):
         required = f"the output port `{ports.output}`" if ports.named else "a single output port"
-        raise InputError(f"{name} needs {required}, but has {_listed(outputs)}")
+        raise InputError(f"{name} must have {required}, but has {_listed(outputs)}")
     # Ports of random numbers are connected to sources of random numbers.
     random = getattr(system, "random_inputs", {})
     allowed = {port: sizes[port] for port in ports.inputs}
@@ -141,7 +142,7 @@ def _check_ports(name: str, system: Any, ports: SystemPorts, sizes: Mapping[str,
             raise InputError(f"{name} has the input port `{port}`, but may only have {_listed(allowed)}")
     for port in allowed:
         if ports.all_inputs and port not in inputs:
-            raise InputError(f"{name} needs the input port `{port}`, but has {_listed(inputs)}")
+            raise InputError(f"{name} must have the input port `{port}`, but has {_listed(inputs)}")
     output = ports.output if ports.named else next(iter(outputs))
     connected = [(port, inputs[port], rows) for port, rows in allowed.items() if port in inputs]
     for port, size, rows in [*connected, (output, outputs[output], sizes[ports.output])]:

@@ -25,7 +25,7 @@ from drake_quad.laboratory.metrics import Metrics
 from drake_quad.statistics.estimates import mean_interval
 from drake_quad.statistics.interval import plus_minus
 from drake_quad.studies.comparison import fly_samples
-from drake_quad.studies.statistics import compare, of_survivors
+from drake_quad.studies.statistics import compare, values_without_crashes
 from drake_quad.visualization.comparison_plots import plot_comparison
 from drake_quad.visualization.style import save_figures
 
@@ -111,11 +111,11 @@ def print_comparison(flights: Mapping[str, Mapping[str, Metrics]]) -> None:
                 (
                     laboratory,
                     name,
-                    f"{mean_and_deviation(100.0 * of_survivors(metrics, 'rmse'))} cm",
-                    f"{mean_and_deviation(100.0 * of_survivors(metrics, 'peak_error'))} cm",
-                    mean_and_deviation(of_survivors(metrics, "effort_x")),
-                    mean_and_deviation(of_survivors(metrics, "effort_y")),
-                    "100 %" if metrics is first else compare(metrics, first).share.percent(),
+                    f"{mean_and_deviation(100.0 * values_without_crashes(metrics, 'rmse'))} cm",
+                    f"{mean_and_deviation(100.0 * values_without_crashes(metrics, 'peak_error'))} cm",
+                    mean_and_deviation(values_without_crashes(metrics, "effort_x")),
+                    mean_and_deviation(values_without_crashes(metrics, "effort_y")),
+                    "100 %" if metrics is first else compare(metrics, first).ratio.percent(),
                     f"{int(metrics.crashed.sum())} crashed" if metrics.crashed.any() else "",
                 )
             )

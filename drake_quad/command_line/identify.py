@@ -25,10 +25,11 @@ from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.result import Identification
 from drake_quad.identification.results.vehicle_file import write_vehicle
+from drake_quad.identification.windows import airborne
 from drake_quad.scenario.files.loading import Override, load_undesigned
 from drake_quad.scenario.models import NAME
 from drake_quad.scenario.paths import distributions_in
-from drake_quad.statistics.interval import plus_minus, spread_alone
+from drake_quad.statistics.interval import plus_minus, spread_text
 from drake_quad.visualization import identification_plots as plots
 from drake_quad.visualization.style import save_figures
 from drake_quad.written_numbers import parse_float
@@ -194,9 +195,14 @@ def load_initial_vehicle(spec: str, overrides: list[Override]) -> Scenario:
 
 
 def throttles(records: list[FlightRecord]) -> np.ndarray | None:
-    """Return the commanded throttles in all logs, (n,); None if the logs contain none."""
-    commands = [each for record in records for each in (record.motor_command, record.thrust_share) if each is not None]
-    return np.concatenate([each.ravel() for each in commands]) if commands else None
+    """Return the throttles that were commanded in flight in all logs, (n,); None if the logs contain none."""
+    commands = [
+        command[airborne(record)].ravel()
+        for record in records
+        for command in (record.motor_command, record.thrust_share)
+        if command is not None
+    ]
+    return np.concatenate(commands) if commands else None
 
 
 def predict_held_out(records: list[FlightRecord], identification: Identification, base: Scenario) -> Predictions:
@@ -235,7 +241,7 @@ def print_estimates(identification: Identification) -> None:
             if explained is None or explained.share < 5e-4
             else f"{100.0 * explained.share:.1f} % of {explained.output}"
         )
-        new_flight_text = spread_alone(new_flight_half_width) if varies else "–"
+        new_flight_text = spread_text(new_flight_half_width) if varies else "–"
         rows.append(
             (
                 name,

@@ -13,18 +13,18 @@ from drake_quad.command_line.options import add_controller, bare_parser, check_r
 from drake_quad.command_line.output import print_columns, print_files, remark
 from drake_quad.command_line.progress import progress_bar
 from drake_quad.design.tuning import Budget
-from drake_quad.evaluation.claims import WORDS
+from drake_quad.evaluation.claims import CONTROLLER_NAMES
 from drake_quad.evaluation.designs import design_file
-from drake_quad.evaluation.experiment import QUICK, EvaluationSizes, OwnController, fly_evaluation, missing_designs
+from drake_quad.evaluation.experiment import QUICK, EvaluationSizes, UserController, fly_evaluation, missing_designs
 from drake_quad.evaluation.families import FAMILIES, FAMILY_OF
-from drake_quad.evaluation.protocol import design_family, design_prices, tunable
+from drake_quad.evaluation.protocol import design_family, design_priced, tunable_entries
 from drake_quad.evaluation.report import write_report
-from drake_quad.evaluation.results import PRICED, Evaluation
+from drake_quad.evaluation.results import PRICED_DESIGNS, Evaluation
 from drake_quad.files import output_folder
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario.files.shipped import shipped_folder
 from drake_quad.statistics.estimates import mean_interval
-from drake_quad.studies.statistics import crash_probability, of_survivors
+from drake_quad.studies.statistics import crash_probability, values_without_crashes
 
 _RANGES = {"samples": (2, 10_000), "rounds": (1, 1000)}
 
@@ -54,9 +54,9 @@ def options() -> argparse.ArgumentParser:
     result.add_argument(
         "--tune",
         nargs="*",
-        choices=[*FAMILIES, PRICED],
+        choices=[*FAMILIES, PRICED_DESIGNS],
         help="design the controllers for these families, or for all if none is named;"
-        f" {PRICED} designs the controllers under other stability limits",
+        f" {PRICED_DESIGNS} designs the controllers under other stability limits",
     )
     result.add_argument(
         "--rounds", type=int, default=Budget().rounds, help="number of rounds of each search (default: %(default)s)"
@@ -92,7 +92,7 @@ def main(arguments: argparse.Namespace) -> None:
     print_files(files)
 
 
-def own_controllers(specs: list[str]) -> list[OwnController]:
+def own_controllers(specs: list[str]) -> list[UserController]:
     """Return the controllers that `--controller` names.
 
     A controller with the same short name as a designed one keeps its full name.
@@ -101,13 +101,13 @@ def own_controllers(specs: list[str]) -> list[OwnController]:
         InputError: if a controller cannot be loaded, or two controllers have the same name.
     """
     laboratory = str(shipped_folder() / "laboratory.yaml:nominal")
-    controllers: list[OwnController] = []
+    controllers: list[UserController] = []
     for spec in specs:
         name, layers, overrides = controller_of(spec, laboratory)
-        name = spec if name in WORDS else name
+        name = spec if name in CONTROLLER_NAMES else name
         if name in (each.name for each in controllers):
             raise InputError(f"--controller {spec}: another controller is also called {name}; rename one of them")
-        controllers.append(OwnController(name, layers, overrides))
+        controllers.append(UserController(name, layers, overrides))
     return controllers
 
 
@@ -119,18 +119,22 @@ def tune(arguments: argparse.Namespace) -> None:
             " checkout"
         )
     budget = Budget(rounds=arguments.rounds)
-    for name in arguments.tune or [*FAMILIES, PRICED]:
+    for name in arguments.tune or [*FAMILIES, PRICED_DESIGNS]:
         path = design_file(shipped_folder(), name)
-        if name == PRICED:
-            designs = design_prices(shipped_folder(), budget=budget)
+        if name == PRICED_DESIGNS:
+            designs = design_priced(shipped_folder(), budget=budget)
         else:
             designs = design_family(
-                shipped_folder(), name, FAMILIES[name], tunable(FAMILIES[name], path, arguments.only), budget=budget
+                shipped_folder(),
+                name,
+                FAMILIES[name],
+                tunable_entries(FAMILIES[name], path, arguments.only),
+                budget=budget,
             )
         start_time = time.monotonic()
         for design in designs:
             duration = time.monotonic() - start_time
-            print(f"{name}: {design.name}, {design.words}, {duration:.0f} s", flush=True)
+            print(f"{name}: {design.name}, {design.description}, {duration:.0f} s", flush=True)
             start_time = time.monotonic()
         print_files([path])
 
@@ -139,7 +143,7 @@ def print_errors(evaluation: Evaluation) -> None:
     """Print the mean errors of all controllers in all laboratories."""
     laboratories = [laboratory for laboratory in FAMILY_OF if laboratory in evaluation.flights]
     rows = [
-        (WORDS[name], *(error_text(evaluation.flights[laboratory].get(name)) for laboratory in laboratories))
+        (CONTROLLER_NAMES[name], *(error_text(evaluation.flights[laboratory].get(name)) for laboratory in laboratories))
         for name in evaluation.controllers
     ]
     print("mean RMSE in cm, followed by the share of crashes if there are any")
@@ -150,5 +154,5 @@ def error_text(metrics: Metrics | None) -> str:
     """Return the mean error in cm as text, with the share of crashes; a dash if the controller did not fly."""
     if metrics is None:
         return "–"
-    error = mean_interval(of_survivors(metrics, "rmse")).alone().text(size=0.01)
-    return f"{error} {crash_probability(metrics).alone().percent()}" if metrics.crashed.any() else error
+    error = mean_interval(values_without_crashes(metrics, "rmse")).without_interval().text(size=0.01)
+    return f"{error} {crash_probability(metrics).without_interval().percent()}" if metrics.crashed.any() else error

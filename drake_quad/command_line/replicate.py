@@ -11,7 +11,7 @@ from drake_quad.command_line.progress import new_bar, progress_bar
 from drake_quad.files import output_folder
 from drake_quad.replication.experiment import QUICK, ExperimentSizes, fly_experiment
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell
-from drake_quad.replication.report import FIGURES, findings_of, write_report
+from drake_quad.replication.report import CAPTIONS, findings_of, write_report
 from drake_quad.replication.results import read_experiment
 from drake_quad.replication.table_ii import TableEntry, number_or_dash, percent_or_dash
 from drake_quad.studies.processes import Workers
@@ -52,10 +52,10 @@ def main(arguments: argparse.Namespace) -> None:
         ) from None
     experiment = read_experiment(folder)
     findings = findings_of(experiment)
-    with new_bar(total=len(FIGURES), desc="drawing") as bar:
+    with new_bar(total=len(CAPTIONS), desc="drawing") as bar:
         files = write_report(folder, experiment, findings, flights, vector=arguments.vector, progress=bar.update)
     print_errors(findings.entries)
-    print_columns(("claim", "verdict"), [(claim.words, claim.verdict) for claim in findings.claims])
+    print_columns(("claim", "verdict"), [(claim.statement, claim.verdict) for claim in findings.claims])
     print_files(files)
 
 
@@ -72,7 +72,7 @@ def print_errors(entries: Sequence[TableEntry]) -> None:
             CONTROLLERS[entry.cell.controller],
             entry.mean.text(),
             number_or_dash(entry.printed.mean),
-            percent_or_dash(entry.off),
+            percent_or_dash(entry.deviation),
         )
         for entry in entries
         if entry.quantity == "rmse"

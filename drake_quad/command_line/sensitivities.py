@@ -5,6 +5,7 @@ The derivatives are exact, since automatic differentiation computes them through
 
 import argparse
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -41,11 +42,12 @@ def default_fields(scenario: Scenario) -> tuple[str, ...]:
         *_COMMON_FIELDS,
         *(path for path, value in leaves(scenario) if path.startswith(_DRAG_FIELDS) and value),
         *(
-            f"control.{part}.{gain}.{axis}"
+            path
             for part in ("position", "velocity")
             for gain in _GAINS
-            for axis, value in enumerate(getattr(getattr(scenario.control, part, None), gain, None) or ())
-            if value != 0.0
+            for path, value in leaves(scenario)
+            # A gain is one number in some controllers, and one number per axis in others.
+            if re.fullmatch(rf"control\.{part}\.{gain}(\.\d)?", path) and value
         ),
     ]
     loop_gains = [f"control.attitude.{gain}" for gain in _GAINS]

@@ -25,13 +25,13 @@ from drake_quad.errors import listed
 from drake_quad.laboratory.metrics import METRICS
 from drake_quad.scenario.correlation import correlated_pairs
 from drake_quad.scenario.paths import distributions_in
-from drake_quad.studies.cluster import dask_crew
-from drake_quad.studies.crew import Crew
+from drake_quad.studies.cluster import dask_pool
 from drake_quad.studies.monte_carlo import run_monte_carlo
 from drake_quad.studies.processes import Workers
-from drake_quad.studies.statistics import most_influential, of_survivors, worst
-from drake_quad.studies.study import PARQUET, Study
-from drake_quad.studies.summary import Summary, comparison_of, crashes_of, summary_of, touches_of
+from drake_quad.studies.statistics import most_influential_path, values_without_crashes, worst
+from drake_quad.studies.study import PARQUET_FILE, Study
+from drake_quad.studies.summary import Summary, comparison_table, crash_text, metric_table, obstacle_table
+from drake_quad.studies.worker_pool import WorkerPool
 from drake_quad.visualization.style import save_figures
 
 
@@ -74,7 +74,9 @@ def options() -> argparse.ArgumentParser:
         help="random parameter over which the crash probability is plotted (default: the one with the largest influence"
         " on crashes)",
     )
-    result.add_argument("--parquet", action="store_true", help=f"also write the table as {PARQUET}, for large studies")
+    result.add_argument(
+        "--parquet", action="store_true", help=f"also write the table as {PARQUET_FILE}, for large studies"
+    )
     add_vector(result)
     return result
 
@@ -105,11 +107,11 @@ def main(arguments: argparse.Namespace) -> None:
     seconds = time.perf_counter() - began
     files = [folders[name] / "results.csv" for name in studies]
     if arguments.parquet:
-        files += [study.to_parquet(folders[name] / PARQUET) for name, study in studies.items()]
+        files += [study.to_parquet(folders[name] / PARQUET_FILE) for name, study in studies.items()]
     files += save_plots(studies, folder, arguments)
     for name, study in studies.items():
-        if study.misfits:
-            lines = ", ".join(map(str, study.misfits[:5])) + (", ..." if len(study.misfits) > 5 else "")
+        if study.invalid_lines:
+            lines = ", ".join(map(str, study.invalid_lines[:5])) + (", ..." if len(study.invalid_lines) > 5 else "")
             remark(
                 f"{folders[name] / 'results.csv'}: lines {lines} had been altered, so their samples were flown again"
             )
@@ -148,7 +150,7 @@ def python_options(arguments: argparse.Namespace, name: str) -> list[str]:
 
 
 @contextmanager
-def open_executor(arguments: argparse.Namespace) -> Iterator[Crew]:
+def open_executor(arguments: argparse.Namespace) -> Iterator[WorkerPool]:
     """Open the workers that fly the batches: processes on this machine, or those of a Dask cluster."""
     if arguments.cluster is None:
         with Workers(arguments.workers, time_limit=arguments.time_limit) as workers:
@@ -156,7 +158,7 @@ def open_executor(arguments: argparse.Namespace) -> Iterator[Crew]:
     elif arguments.time_limit is not None:
         raise InputError("--time-limit works for processes on this machine only; leave it out with --cluster")
     else:
-        with dask_crew(arguments.cluster, arguments.workers) as crew:
+        with dask_pool(arguments.cluster, arguments.workers) as crew:
             yield crew
 
 
@@ -177,11 +179,11 @@ def save_plots(studies: Mapping[str, Study], folder: Path, arguments: argparse.N
     figures = {"distribution": plot_distribution(studies, metric), "convergence": plot_convergence(studies, metric)}
     for name, study in studies.items():
         suffix = f"_{name}" if len(studies) > 1 else ""
-        if study.parameters and len(of_survivors(study.metrics, metric)):
+        if study.parameters and len(values_without_crashes(study.metrics, metric)):
             figures[f"influences{suffix}"] = plot_influences(study, metric)
         if study.parameters and study.metrics.crashed.any():
             figures[f"crash_influences{suffix}"] = plot_influences(study, "crashed")
-    common = most_influential(studies.values())
+    common = most_influential_path(studies.values())
     if common and any(study.metrics.crashed.any() for study in studies.values()):
         figures["crash_probability"] = plot_crash_probability(studies, arguments.over or common)
     return save_figures(figures, folder, vector=arguments.vector)
@@ -191,10 +193,10 @@ def print_study(name: str, study: Study, folder: Path, method: str, *, imports: 
     """Print estimates of the metrics, and commands that repeat the flights of the worst samples."""
     print(
         f"{name}: {len(study.samples):,} samples of seed {study.scenario.seed}, {study.duration:.2f} s each, diagrams"
-        f" {method}; {crashes_of(study)}"
+        f" {method}; {crash_text(study)}"
     )
-    print_summary(summary_of(study))
-    if (touches := touches_of(study)).rows:
+    print_summary(metric_table(study))
+    if (touches := obstacle_table(study)).rows:
         print_summary(touches)
     if pairs := correlated_pairs(distributions_in(study.scenario)):
         first, others = pairs[0], f"; {len(pairs) - 1:,} more pairs" if len(pairs) > 1 else ""
@@ -222,7 +224,7 @@ def _outcome_of(study: Study, index: int) -> str:
 def print_comparison(studies: Mapping[str, Study], metric: str) -> None:
     """Print a paired comparison of each controller with the first, on the samples that neither crashes."""
     print(f"paired comparison with {next(iter(studies))} on the same samples:")
-    print_summary(comparison_of(studies, metric))
+    print_summary(comparison_table(studies, metric))
 
 
 def print_summary(summary: Summary) -> None:

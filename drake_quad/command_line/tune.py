@@ -15,7 +15,7 @@ from drake_quad.linear.link_margins import link_margins
 from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.paths import value_at
 from drake_quad.studies.comparison import fly_samples
-from drake_quad.studies.statistics import of_survivors
+from drake_quad.studies.statistics import values_without_crashes
 
 # A parameter without a given range is searched from its value divided by this factor to its value times this factor.
 _DEFAULT_RANGE_FACTOR = 4.0
@@ -121,6 +121,6 @@ def knob_of(text: str, scenario: Scenario) -> Knob:
 def rmse_text(scenario: Scenario, samples: range) -> str:
     """Return the mean RMSE of the samples that do not crash, and the number of crashes, as text."""
     metrics = fly_samples(scenario, samples)
-    errors, crashed = of_survivors(metrics, "rmse"), int(metrics.crashed.sum())
+    errors, crashed = values_without_crashes(metrics, "rmse"), int(metrics.crashed.sum())
     mean = f"{100.0 * errors.mean():.2f} cm" if len(errors) else "–"
     return f"{mean}, {crashed} crashed" if crashed else mean

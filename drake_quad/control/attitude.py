@@ -1,4 +1,4 @@
-"""Attitude control (the inner loop): from the attitude error to a torque."""
+"""Attitude control (inner loop): from the attitude error to a torque."""
 
 from typing import Annotated, Any, NamedTuple
 
@@ -61,7 +61,7 @@ def attitude_law(
     acceleration: AngularAcceleration,
     numbers: AttitudeNumbers,
 ) -> Torque:
-    """Return the torque of an `AttitudeController`; arguments are those of `pd_angular_acceleration`."""
+    """Return the torque of an `AttitudeController`; the arguments are as in `pd_angular_acceleration`."""
     k_p, k_d, *inertia = numbers
     commanded = pd_angular_acceleration(measurement, attitude, rates, acceleration, k_p, k_d)
     return torque_of(commanded, rates, *inertia)
@@ -98,8 +98,8 @@ class AttitudeController(FleetSystem):
         - torque
 
     e is `attitude_command` minus the measured attitude, with the yaw error in [-π, π]. ė is `body_rate_command` ω_r
-    minus the measured body rates. ω̇_r is `angular_acceleration_command`, zero if not connected. `torque` is scaled by
-    the moments of inertia, so that the gains are those of a double integrator.
+    minus the measured body rates. ω̇_r is `angular_acceleration_command`, zero if not connected. `torque` is multiplied
+    by the moments of inertia, so that the gains apply to a double integrator and do not depend on the vehicle.
 
     The only parameter of the context is `numbers`.
 

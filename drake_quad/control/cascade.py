@@ -1,6 +1,6 @@
-"""The cascade as a diagram: position control, an optional network, thrust vectoring and attitude control.
+"""Diagram of the cascade: position control, an optional network, thrust vectoring and attitude control.
 
-An autopilot on board replaces attitude control.
+With an autopilot on board, the cascade contains no attitude control.
 """
 
 from collections.abc import Mapping
@@ -12,15 +12,15 @@ from pydrake.systems.primitives import Multiplexer
 from drake_quad.control.position import FeedForward
 from drake_quad.framework.wiring import append, build, connect_inputs, split_output
 
-# Optional outputs of a position controller, and of a network around it.
+# Optional outputs of a position controller or of a network.
 POSITION_SIGNALS = (
     *("error", "error_rate", "pd", "correction", "disturbance"),
     *("weights", "covariance_trace", "antecedents"),
 )
 
-# Optional inputs of the cascade for each kind of feed-forward, in addition to the reference.
+# Inputs of the cascade in addition to the reference, for each type of feed-forward.
 _FEED_FORWARD_PORTS = {"jerk": ("reference_jerk",), "snap": ("reference_jerk", "reference_snap")}
-# Parts of the signal `attitude_target`, in its order.
+# Signals that form `attitude_target`, in the order of its rows.
 _ATTITUDE_TARGET_PARTS = ("thrust", "attitude_command", "body_rate_command")
 
 
@@ -46,18 +46,18 @@ def build_cascade(
         - pd
         - correction
 
-    The last four outputs exist if the position controller or the network has them. The same holds for the `disturbance`
-    of an estimator, and for `weights` and `covariance_trace` of a network. `reference_jerk` and `reference_snap` exist
-    if they are fed forward. Without an attitude controller the diagram has the output `attitude_target`, for the
-    autopilot, instead of `wrench`.
+    The last four outputs exist if they are outputs of the position controller or the network. The same holds for the
+    output `disturbance` of an estimator, and for the outputs `weights`, `covariance_trace` and `antecedents` of a
+    network. The inputs `reference_jerk` and `reference_snap` exist if these signals are fed forward. Without an
+    attitude controller, the output `attitude_target`, for the autopilot, replaces `wrench`.
 
     Args:
         position: system from `measurement` and `reference` to `acceleration_command`.
-        network: network around the position controller, which subtracts the network's correction; None without one.
+        network: network whose correction the position controller subtracts; None without a network.
         thrust_vectoring: a `ThrustVectoring`.
-        attitude: an `AttitudeController`; None if an autopilot on board controls the attitude.
-        feed_forward: with "jerk" the body rates follow the jerk of the reference; with "snap" the torques of an
-            attitude controller also follow its snap.
+        attitude: an attitude controller; None if an autopilot on board controls the attitude.
+        feed_forward: with "jerk", the jerk of the reference is fed forward to the body rates; with "snap", the snap of
+            the reference is also fed forward to the angular accelerations.
     """
     builder = DiagramBuilder()
     builder.AddNamedSystem("position", position)
@@ -81,7 +81,7 @@ def build_cascade(
 
 
 def connect_inner_loop(builder: DiagramBuilder, commanded: Mapping[str, Any], attitude: Any | None) -> tuple[Any, str]:
-    """Connect the attitude controller, if any, and return the port of the command to the vehicle, and its name.
+    """Connect the attitude controller, if any, and return the port and the name of the command to the vehicle.
 
     The command is a `wrench`, or an `attitude_target` for an autopilot on board.
 
@@ -99,12 +99,12 @@ def connect_inner_loop(builder: DiagramBuilder, commanded: Mapping[str, Any], at
 
 
 def add_network(builder: DiagramBuilder, controller: Any, network: Any) -> None:
-    """Add a network that reads the outputs of a controller, and connect its correction to the controller.
+    """Add a network, connect its inputs to the outputs of a controller, and its correction to the controller.
 
     Args:
         builder: builder that contains the controller and has the input `measurement`.
-        controller: system with the input `correction` and, optionally, `learned_disturbance`. It must have an output
-            for each of the network's inputs except `measurement` and, optionally, `disturbance`.
+        controller: system with the input `correction` and, optionally, `learned_disturbance`. For each input of the
+            network except `measurement`, it must have an output of the same name; `disturbance` is optional.
         network: network to add.
     """
     builder.AddNamedSystem("network", network)

@@ -13,12 +13,12 @@ from drake_quad.signals import AngularAcceleration, Attitude, BodyAccelerationB,
 
 
 class IntegratingAttitudeNumbers(NamedTuple):
-    """Numbers of an `IntegratingAttitudeController`.
+    """Parameters of an `IntegratingAttitudeController`.
 
     Attributes:
         attitude: gains and inertia.
         k_i: gains on the integrated error about each axis, 1/s³.
-        limit: largest angular acceleration by the integral, on each axis.
+        limit: largest absolute value of the integral on each axis.
     """
 
     attitude: AttitudeNumbers
@@ -27,7 +27,7 @@ class IntegratingAttitudeNumbers(NamedTuple):
 
 
 def _target_axes(measurement: State, attitude: Attitude) -> BodyAxes:
-    """Return Rᵀ R_d, the axes of the commanded attitude along the axes of the measured one."""
+    """Return Rᵀ R_d, the axes of the commanded attitude along the axes of the measured attitude."""
     body = BodyAxes.of(measurement.roll, measurement.pitch, measurement.yaw)
     return BodyAxes(*(body.in_body(axis) for axis in BodyAxes.of(*attitude)))
 
@@ -59,7 +59,7 @@ def geometric_law(
         acceleration: commanded angular acceleration along the same axes.
         numbers: gains and inertia.
         transports: True if the law contains the transport term Ω̂ Rᵀ R_d Ω_d.
-        integral: angular acceleration that is subtracted, if any.
+        integral: integral that is subtracted from the angular acceleration; None without an integral.
     """
     k_p, k_d, *inertia = numbers
     target_axes = _target_axes(measurement, attitude)
@@ -73,7 +73,8 @@ def geometric_law(
         -k * e - d * (w - w_d) for k, d, e, w, w_d in zip(k_p, k_d, error, measured_rates, target_rates, strict=True)
     ]
     if transports:
-        # The commanded rates are constant along the commanded axes, relative to which the body rotates.
+        # The commanded rates are constant along the commanded axes. Since the body rotates relative to these axes, they
+        # change along the axes of the body.
         transport = cross(measured_rates, target_rates)
         total = [value - term for value, term in zip(total, transport, strict=True)]
     total = [value + w_dot for value, w_dot in zip(total, target_acceleration, strict=True)]
@@ -92,9 +93,9 @@ def integrating_law(
     transports: bool = True,
     period: float = 0.0,
 ) -> Torque:
-    """Return the torque of an `IntegratingAttitudeController`, that of `geometric_law` minus I times the integral.
+    """Return the torque of an `IntegratingAttitudeController`: `geometric_law` minus I times the integral.
 
-    With a period (s) the integral includes the error of this tick.
+    If the period (s) is not zero, the integral includes the error of this tick.
     """
     if period > 0.0:
         integral = integrated_rotation(integral, measurement, attitude, numbers, period)
@@ -108,7 +109,7 @@ def integrated_rotation(
     numbers: IntegratingAttitudeNumbers,
     period: float,
 ) -> AngularAcceleration:
-    """Return the integral after adding the rotation error of one tick; period in s."""
+    """Return the integral after adding the rotation error of one tick of the given period (s)."""
     error = _rotation_error(_target_axes(measurement, attitude))
     return AngularAcceleration._make(
         maximum(minimum(before + period * k_i * e, numbers.limit), -numbers.limit)
@@ -138,10 +139,10 @@ class GeometricAttitudeController(FleetSystem):
         e_R = ½ (R_dᵀ R - Rᵀ R_d)^∨,    e_Ω = Ω - Rᵀ R_d Ω_d
 
     The law converges from almost any attitude (T. Lee, M. Leok and N. H. McClamroch, "Geometric tracking control of a
-    quadrotor UAV on SE(3)", CDC 2010, eqs (10), (11), (16)). Their k_R and k_Ω are k_P I and k_D I here, so that gains
-    are those of a double integrator. Near the commanded attitude the law is the PD on roll, pitch and yaw. The
-    transport term with Ω̂ accounts for the rotation of the body relative to the commanded rates. It can be omitted, as
-    in the Crazyflie's firmware.
+    quadrotor UAV on SE(3)", CDC 2010, eqs (10), (11), (16)). The gains k_R and k_Ω of the paper are k_P I and k_D I
+    here, so that k_P and k_D apply to a double integrator. Near the commanded attitude the law equals a PD on roll,
+    pitch and yaw. The transport term with Ω̂ accounts for the rotation of the body relative to the commanded axes. It
+    can be omitted, as in the Crazyflie's firmware.
 
     The only parameter of the context is `numbers`.
 
@@ -172,13 +173,13 @@ class IntegratingAttitudeController(FleetSystem):
         - torque
 
     At every tick i⁺ = i + h k_I e_R about each axis of B, saturated at plus and minus the limit. With the integration
-    `backward_euler` the torque contains -I i⁺ instead of -I i. The integral rejects constant torques, such as those of
-    an offset centre of mass and of unequal rotors.
+    `backward_euler` the torque contains -I i⁺ instead of -I i. The integral compensates constant torques, for example
+    due to an offset of the centre of mass or to unequal rotors.
 
     F. Goodarzi, D. Lee and T. Lee, "Geometric nonlinear PID control of a quadrotor UAV on SE(3)", ECC 2013, integrate
     e_Ω + c e_R. The Crazyflie's firmware integrates e_R by backward Euler, without a limit.
 
-    The only state is `integral`, the only parameter of the context `numbers`.
+    The only state is `integral`; the only parameter of the context is `numbers`.
 
     Args:
         num_vehicles: number of vehicles N.

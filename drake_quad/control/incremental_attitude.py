@@ -13,13 +13,13 @@ from drake_quad.signals import AngularAcceleration, Attitude, BodyAccelerationB,
 
 
 class IncrementalAttitudeNumbers(NamedTuple):
-    """Numbers of an `IncrementalAttitudeController`.
+    """Parameters of an `IncrementalAttitudeController`.
 
     Attributes:
         attitude: gains and inertia.
         law: filter of the measured and the modelled angular accelerations.
         lag: modelled time constant from a torque command to the angular acceleration.
-        limit: largest disturbance that is compensated on an axis.
+        limit: largest angular acceleration that is compensated on each axis.
     """
 
     attitude: AttitudeNumbers
@@ -31,7 +31,7 @@ class IncrementalAttitudeNumbers(NamedTuple):
 def _corrected_command(memory: tuple[Any, ...], *arguments: Any) -> tuple[tuple[Any, ...], AngularAcceleration]:
     """Return the memory after the measurement, and the commanded angular acceleration.
 
-    Arguments are those of `incremental_torque`.
+    The arguments are as in `incremental_torque`.
     """
     measurement, attitude, rates, acceleration, numbers, period = arguments
     gains = numbers.attitude
@@ -73,7 +73,7 @@ def next_incremental_memory(
     under_way: tuple[tuple[Row, ...], ...],
     *arguments: Any,
 ) -> Any:
-    """Return the next states: memory of the law, modelled response and, with a delay, commands under way."""
+    """Return the next states: memory of the law, modelled response and, with a delay, commands in transit."""
     *_, numbers, period = arguments
     corrected, commanded = _corrected_command(memory, *arguments)
     arrived, on_the_way = shift_delay_line(tuple(commanded), under_way)
@@ -99,15 +99,16 @@ class IncrementalAttitudeController(FleetSystem):
         - torque
 
     α_c = k_P e + k_D ė + ω̇_r is the angular acceleration that an `AttitudeController` commands for the same inputs.
-    d = H (ω̇ - α) is the angular acceleration that the model does not explain, with a limit on each axis. ω̇ is the
-    derivative of the measured body rates, and H is the filter of an `IncrementalLaw`. The modelled α follows the
-    command α_c - d after a delay in whole ticks and the lag of the rotors, since rotor speeds are not measured. The
-    gyroscopic torque of the commanded body rates ω_r is a feed-forward and not part of the model. With τ_f = I H α and
-    ω̇_f = H ω̇ the other terms are τ_f + I (α_c - ω̇_f), as in E. J. J. Smeur, Q. P. Chu and G. C. H. E. de Croon,
-    "Adaptive incremental nonlinear dynamic inversion for attitude control of micro air vehicles", JGCD 39, 2016.
+    d = H (ω̇ - α) is the angular acceleration that the model does not explain, saturated on each axis. ω̇ is the
+    derivative of the measured body rates, and H is the filter of an `IncrementalLaw`. The angular acceleration α is
+    modelled, since rotor speeds are not measured: it follows the command α_c - d with a delay in whole ticks and the
+    lag of the rotors. The gyroscopic torque of the commanded body rates ω_r is a feed-forward and not part of the
+    model. With τ_f = I H α and ω̇_f = H ω̇ the torque without this feed-forward is τ_f + I (α_c - ω̇_f), as in E. J. J.
+    Smeur, Q. P. Chu and G. C. H. E. de Croon, "Adaptive incremental nonlinear dynamic inversion for attitude control of
+    micro air vehicles", JGCD 39, 2016.
 
-    The states are `memory` of the law, `following` of the model of the response and, if there is a delay,
-    `commands_under_way`. The only parameter of the context is `numbers`.
+    The states are `memory`, the memory of the law, `following`, the modelled response, and, if there is a delay,
+    `commands_under_way`, the commands in the delay line. The only parameter of the context is `numbers`.
 
     Args:
         num_vehicles: number of vehicles N.

@@ -1,6 +1,6 @@
 """Integral action of a PID.
 
-Two rules are available, as in Simulink's block Discrete-Time Integrator:
+Two integration methods are available, as in Simulink's block Discrete-Time Integrator:
 
     forward_euler     the command of a tick depends on the errors of earlier ticks
     backward_euler    the command of a tick also depends on the error of this tick
@@ -21,7 +21,7 @@ class IntegralGains(NamedTuple):
 
     Attributes:
         k_i: gains on the integrated position error, 1/s³.
-        limit: largest correction on an axis.
+        limit: largest absolute value of the correction on each axis.
     """
 
     k_i: PerAxis
@@ -29,7 +29,7 @@ class IntegralGains(NamedTuple):
 
 
 def integrated(correction: Acceleration, error: PositionError, gains: IntegralGains, period: float) -> Acceleration:
-    """Return the correction after adding the position error of one tick; period in s."""
+    """Return the correction after adding the position error of one tick of the given period (s)."""
     return Acceleration._make(
         maximum(minimum(before - period * k_i * e, gains.limit), -gains.limit)
         for before, k_i, e in zip(correction, gains.k_i, error, strict=True)
@@ -48,10 +48,10 @@ class IntegralCorrection(FleetSystem):
         output_ports:
         - correction
 
-    At every tick i⁺ = i + h k_I e, saturated at plus and minus the limit. The output `correction` is subtracted from
-    the PD's command. It is -i with the integration `forward_euler`, and -i⁺ with `backward_euler`.
+    At every tick i⁺ = i + h k_I e, saturated at plus and minus the limit. The output `correction`, which the position
+    controller subtracts, is -i with the integration `forward_euler`, and -i⁺ with `backward_euler`.
 
-    The only state is `correction`, the only parameter of the context `gains`.
+    The only state is `correction`; the only parameter of the context is `gains`.
 
     Args:
         num_vehicles: number of vehicles N.

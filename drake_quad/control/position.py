@@ -1,4 +1,4 @@
-"""Position control (the outer loop): from the position error to a commanded acceleration."""
+"""Position control (outer loop): from the position error to a commanded acceleration."""
 
 from typing import Any, Literal, NamedTuple
 
@@ -21,7 +21,7 @@ class PdGains(NamedTuple):
 
     Attributes:
         k_p: gains on the position error, 1/s².
-        k_d: gains on its rate, 1/s.
+        k_d: gains on the rate of the position error, 1/s.
     """
 
     k_p: PerAxis
@@ -33,7 +33,7 @@ class PdOutput(NamedTuple):
 
     Attributes:
         error: position error e.
-        error_rate: its rate ė, or minus the velocity.
+        error_rate: rate ė of the position error, or minus the velocity.
         pd: command τ_c.
         feed_forward: acceleration of the reference if it is fed forward, else zero.
     """
@@ -107,7 +107,7 @@ class ProportionalDerivative(FleetSystem):
 def build_position_controller(
     pd: Any, *, integral: Any = None, disturbance: Any = None, takes_correction: bool = False
 ) -> Diagram:
-    """Build the diagram `position`, eq (14): command = `pd` - `correction` + feed-forward - `disturbance`.
+    """Build the diagram `position`: command = `pd` - `correction` + feed-forward - `disturbance`, cf. eq (14).
 
     .. pydrake_system::
 
@@ -124,9 +124,9 @@ def build_position_controller(
         - correction
 
     `error` is e = p_r - p in W. `error_rate` is ė = v_r - v with the derivative of the tracking error, and ė = -v with
-    the derivative of the measurement. The input `correction` exists if `takes_correction`; a network is connected to
-    it. The output `correction` is the total of integral and input. It does not exist if the input is all that is
-    subtracted. The `disturbance` of an estimator is also subtracted, and is an output if there is an estimator.
+    the derivative of the measurement. The input `correction`, for a network, exists if `takes_correction` is True. The
+    output `correction` is the sum of the integral and the input `correction`; it does not exist if there is an input
+    but no integral. If there is an estimator, its `disturbance` is also subtracted, and is an output.
 
     Any system with the first two inputs and the first output can replace this diagram.
 

@@ -1,4 +1,4 @@
-"""Thrust vectoring: from a commanded acceleration to thrust and attitude, eq (7), at any yaw and within limits."""
+"""Thrust vectoring: from a commanded acceleration to thrust and attitude by eq (7), at any yaw and within limits."""
 
 from typing import Annotated, NamedTuple
 
@@ -34,7 +34,8 @@ from drake_quad.signals import (
     Thrust,
 )
 
-# It avoids 0 / 0 and an infinite derivative of the square root where the horizontal force is zero.
+# Lower limit on a squared horizontal acceleration, m²/s⁴. It avoids 0 / 0, and an infinite derivative of the square
+# root, at zero.
 _TINY = 1e-100
 
 
@@ -43,7 +44,7 @@ class ThrustLimits(NamedTuple):
 
     Attributes:
         slope: tangent of the largest angle between thrust and vertical.
-        min_thrust: least vertical thrust. It keeps u_z + g well above zero, where eq (7) is singular.
+        min_thrust: smallest vertical thrust. It keeps u_z + g well above zero, where eq (7) is singular.
         max_thrust: largest thrust.
     """
 
@@ -72,7 +73,7 @@ class Vectored(NamedTuple):
     Attributes:
         thrust: thrust F_z.
         attitude_command: commanded roll φ_r, pitch θ_r and yaw ψ_r.
-        body_rate_command: body rates that rotate the thrust as the reference demands.
+        body_rate_command: body rates at which the thrust direction follows the jerk and the yaw rate of the reference.
         angular_acceleration_command: derivatives of these body rates.
     """
 
@@ -83,10 +84,10 @@ class Vectored(NamedTuple):
 
 
 def specific_thrust(acceleration: HeadingVector, mass: Row, gravity: Row, limits: ThrustLimits) -> HeadingVector:
-    """Return the commanded thrust over mass (m/s²) within limits.
+    """Return the commanded thrust divided by mass (m/s²), within limits.
 
-    The vertical part is limited first. The horizontal part is then shortened, without changing its direction, to what
-    the slope and the remaining thrust allow.
+    The vertical component is limited first. The horizontal component is then limited, without changing its direction,
+    such that the tilt and the total thrust are within their limits.
 
     Args:
         acceleration: commanded acceleration, m/s².
@@ -119,7 +120,7 @@ def vectored_thrust(
         measurement: measured state of the vehicle.
         reference: reference with the commanded yaw.
         jerk: jerk of the reference.
-        snap: snap of the reference; without it no angular acceleration is returned.
+        snap: snap of the reference; None for zero angular accelerations.
         numbers: parameters of the nominal vehicle, and limits.
         projects: True if the commanded force is projected on the measured thrust axis.
         sequence: Euler sequence that defines the yaw of a tilted body, see `drake_quad.geometry.flatness`; "zxy"
@@ -148,7 +149,7 @@ def vectored_thrust(
 
 
 def _alignment(tilt: ThrustTilt, measurement: State, sin_yaw: Row, cos_yaw: Row) -> Row:
-    """Return the cosine of the angle between the commanded and the measured thrust axis, for the commanded yaw."""
+    """Return the cosine of the angle between the commanded and the measured thrust axis, given the commanded yaw."""
     measured = BodyAxes.of(measurement.roll, measurement.pitch, measurement.yaw).z
     forward, left, up = in_heading(measured, sin_yaw, cos_yaw)
     return (forward * tilt.sin_pitch + up * tilt.cos_pitch) * tilt.cos_roll - left * tilt.sin_roll
@@ -171,16 +172,17 @@ class ThrustVectoring(FleetSystem):
         - thrust_and_attitude
 
     Eq (7) is written for zero yaw, so `acceleration_command` is rotated by minus the measured yaw. The output packs the
-    signals of `Vectored`. Body rates and angular accelerations follow from `reference_jerk`, `reference_snap`, and the
-    yaw and yaw rate in `reference` by differential flatness (`drake_quad.geometry.flatness`). Without a jerk the thrust
-    vector is assumed to be constant; without a snap the output has no angular acceleration.
+    signals of `Vectored`. Body rates and angular accelerations are computed from `reference_jerk`, `reference_snap`,
+    and the yaw and yaw rate in `reference`, by differential flatness (`drake_quad.geometry.flatness`). If
+    `reference_jerk` is not connected, the thrust vector is assumed to be constant. If `reference_snap` is not
+    connected, the angular accelerations are zero.
 
-    Geometric control also works when the vehicle is upside down. With `projects`, eq (7) therefore uses the commanded
-    yaw, and the thrust is the component of the commanded force along the measured thrust axis, F_d · R e₃ (T. Lee, M.
-    Leok and N. H. McClamroch, 2010, eq (15)). It is at least the minimum thrust, because rotors without thrust cannot
-    rotate the vehicle. The yaw may then be that of the sequence zxy, as in the same paper, instead of zyx, eq (1).
-    `attitude_command` contains the angles of eq (1) in either case. With zxy its yaw therefore differs from that of the
-    reference unless roll or pitch is zero.
+    `projects` is meant for geometric control, which also works when the vehicle is upside down. With `projects`, eq (7)
+    uses the commanded yaw, and the thrust is the component of the commanded force along the measured thrust axis,
+    F_d · R e₃ (T. Lee, M. Leok and N. H. McClamroch, 2010, eq (15)). It is at least the minimum thrust, because rotors
+    without thrust cannot rotate the vehicle. The yaw may then be defined by the sequence zxy, as in the same paper,
+    instead of zyx, eq (1). `attitude_command` contains the angles of eq (1) in either case. With zxy its yaw therefore
+    differs from the yaw of the reference unless roll or pitch is zero.
 
     The only parameter of the context is `numbers`.
 

@@ -25,7 +25,8 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import updated
 from drake_quad.scenario.position_controllers.pid import PidPosition
 
-# Torque, angle and body rate of each attitude loop. The loop of the height has the same structure, with the thrust.
+# Torque, angle and body rate of each attitude loop. The height loop has the same structure, with thrust, height and
+# vertical velocity.
 _LOOP_SIGNALS = {
     "roll": ("tau_x", "roll", "p"),
     "pitch": ("tau_y", "pitch", "q"),
@@ -44,7 +45,7 @@ class LoopOptions(NamedTuple):
     Attributes:
         family: family of gains.
         requirements: margins that the loop must have.
-        effort: effort of the gains; None for the largest one that meets the requirements.
+        effort: effort of the gains; None for the largest effort that meets the requirements.
     """
 
     family: GainFamily
@@ -57,7 +58,7 @@ class CascadeDesign:
     """Loops of a cascade, by name: roll, pitch, yaw, x, y, z, and on board roll rate, roll, and so on.
 
     Attributes:
-        loops: loops on the ground. They include those of the attitude if it is controlled there.
+        loops: loops on the ground, including the attitude loops if attitude is controlled on the ground.
         on_board: loops of an autopilot, if they have been designed.
     """
 
@@ -66,7 +67,7 @@ class CascadeDesign:
 
     @property
     def all_loops(self) -> dict[str, LoopDesign]:
-        """All loops, those on board first."""
+        """All loops: first the loops on board, then the loops on the ground."""
         return {**self.on_board, **self.loops}
 
     def gains(self) -> dict[str, dict[str, list[float]]]:
@@ -83,7 +84,7 @@ class CascadeDesign:
         }
 
     def autopilot_gains(self) -> dict[str, list[float]]:
-        """Return the gains in the form of the block `laboratory.autopilot` of a scenario; empty without any."""
+        """Return the gains in the form of the block `laboratory.autopilot` of a scenario; empty without such gains."""
         if not self.on_board:
             return {}
         loops = {"k_attitude": _ANGLES, "k_rate": [_rate_of(angle) for angle in _ANGLES]}
@@ -100,7 +101,7 @@ def _proportional(loop: LoopDesign) -> float:
 
 
 def with_integrals(scenario: Scenario) -> Scenario:
-    """Return the scenario with a PID whose k_I are zero if its position controller has no integral.
+    """Return the scenario; if its position controller has no integral, a PID whose k_I are zero replaces it.
 
     Raises:
         InputError: if the gains of the position controller cannot be designed.
@@ -115,9 +116,9 @@ def _integrating(scenario: Scenario) -> PidPosition:
 
 
 def with_gains(scenario: Scenario, gains: Mapping[str, Mapping[str, Sequence[float]]]) -> Scenario:
-    """Return the scenario with other gains, in the form of `CascadeDesign.gains`.
+    """Return the scenario with new gains, in the form of `CascadeDesign.gains`.
 
-    The gains are those of controllers without estimators. A PD replaces any other controller.
+    The gains are for controllers without estimators, so the `plain` form of each controller replaces it.
 
     Raises:
         InputError: if the gains of the position controller cannot be designed.
@@ -128,7 +129,7 @@ def with_gains(scenario: Scenario, gains: Mapping[str, Mapping[str, Sequence[flo
 
 
 def with_autopilot_gains(scenario: Scenario, gains: Mapping[str, Sequence[float]]) -> Scenario:
-    """Return the scenario with other gains on board, in the form of `CascadeDesign.autopilot_gains`."""
+    """Return the scenario with new gains on board, in the form of `CascadeDesign.autopilot_gains`."""
     return updated(scenario, {f"laboratory.autopilot.{name}": tuple(rows) for name, rows in gains.items()})
 
 
@@ -156,7 +157,7 @@ def hover_offset(scenario: Scenario) -> float:
 
 
 def default_options(period: float) -> dict[str, LoopOptions]:
-    """Return options for the fastest pole pairs with margins of 45°, 6 dB and, for the attitude, two ticks of delay.
+    """Return options for the fastest pole pairs with margins of 45°, 6 dB and, for attitude loops, two ticks of delay.
 
     Args:
         period: control period, s.
@@ -169,8 +170,8 @@ def default_options(period: float) -> dict[str, LoopOptions]:
 def on_board_options() -> dict[str, LoopOptions]:
     """Return options for the fastest gains of an autopilot's loops with margins of 60° and 10 dB.
 
-    These margins are larger than on the ground to limit overshoot, because every packet of the link is a step for the
-    loops on board.
+    These margins are larger than on the ground to limit overshoot, because every packet of the link is a step input to
+    the loops on board.
     """
     return {
         loop: LoopOptions(Proportional(), Requirements(phase=60.0, gain=10.0))
@@ -191,12 +192,12 @@ def design_cascade(
     With an autopilot only the position loops are designed, around the attitude loops of the autopilot.
 
     Args:
-        scenario: scenario, whose own gains of the designed loops are ignored.
+        scenario: scenario; its present gains of the designed loops are ignored.
         options: options for each axis; by default `default_options`, and `on_board_options` for an autopilot.
         on_board: True to design the loops of an autopilot of kind `attitude` first.
-        integral: share of the phase margin that the integrals of the position loops may cost, between 0 and 1. The PD
-            is designed with a phase margin that is larger by this share, and the margins include the integral. None for
-            a PD.
+        integral: fraction of the phase margin that the integrals of the position loops may cost, between 0 and 1. The
+            PD is designed with a phase margin that is larger by this fraction, and the margins include the integral.
+            None for a PD.
 
     Raises:
         InputError: requirements cannot be met, the scenario contains distributions, or it has no on-board loops to
@@ -212,7 +213,7 @@ def design_cascade(
     loops: dict[str, LoopDesign] = {}
 
     def add(axis: str, plant: SampledSystem) -> None:
-        """Design a loop, or reuse that of an equal axis, since axes of a symmetric vehicle can be equal."""
+        """Design a loop, or reuse the design of an axis with the same plant, as in a symmetric vehicle."""
         loop_options = all_options[axis]
         required = loop_options.requirements
         if integral is not None and axis in _POSITION:
@@ -297,12 +298,12 @@ def _designed(plant: SampledSystem, loop_options: LoopOptions, axis: str) -> Loo
 
 
 def _has_equal_response(a: SampledSystem, b: SampledSystem) -> bool:
-    """Return True if two plants have the same impulse response, whatever the names of their states."""
+    """Return True if two plants have the same impulse response; the names of their states do not matter."""
     return len(a.A) == len(b.A) and np.allclose(_markov(a), _markov(b), rtol=1e-9, atol=1e-12)
 
 
 def _markov(plant: SampledSystem) -> np.ndarray:
-    """Return the impulse response, which is long enough to distinguish plants with this number of states."""
+    """Return an impulse response that is long enough to distinguish plants with this number of states."""
     state, response = plant.B, []
     for _ in range(2 * len(plant.A)):
         response.append(plant.C @ state)

@@ -2,15 +2,15 @@
 
 The attitude loops are designed first, each for the plant from a commanded angular acceleration to the measured angle
 and rate. The position loops around them follow: a commanded acceleration a on X demands the pitch a / g, on Y the roll
--a / g. Height has a loop of its own, like an angle.
+-a / g. Height is controlled by a separate loop, like an angle.
 
 A family of gains depends on one number, the effort. The design uses the largest effort that meets the required margins,
 or a given effort. The families are:
 
 - `PolePair`: the two gains place two poles of the sampled loop exactly at exp(s h), s = ω (-ζ ± i √(1 - ζ²)), for a
   bandwidth ω and a damping ratio ζ. These must be the slowest poles of the loop.
-- `RegulatorRequirements`: the two gains with the least quadratic cost, for a disturbance at the input of the plant. The
-  design includes the ratio to the cost of a full linear-quadratic regulator, which feeds back every state.
+- `RegulatorRequirements`: the two gains with the smallest quadratic cost, for a disturbance at the input of the plant.
+  The design includes the ratio to the cost of a full linear-quadratic regulator, which feeds back every state.
 - `Proportional`: the single gain of a loop on board.
 """
 
@@ -28,13 +28,13 @@ from drake_quad.errors import InputError
 from drake_quad.linear.margins import FastMargins, Margins, fast_margins, frequencies, margins
 from drake_quad.linear.sampled_system import SampledSystem
 
-_MIN_BANDWIDTH = 0.05  # rad/s, lowest bandwidth that is tried
-_MAX_BANDWIDTH_RATIO = 1.0 / 3.0  # highest bandwidth that is tried, relative to half the sampling rate
+_MIN_BANDWIDTH = 0.05  # rad/s, smallest bandwidth that is tried
+_MAX_BANDWIDTH_RATIO = 1.0 / 3.0  # largest bandwidth that is tried, relative to the Nyquist frequency
 _NUM_EFFORTS = 120
 # Number of bisections between the last acceptable effort and the first unacceptable one.
 _NUM_BISECTIONS = 12
-# Largest corner frequency of the integral, relative to the crossover of its PD. Common PID rules use a reset time of
-# four over the crossover.
+# Largest corner frequency of the integral, relative to the crossover of its PD. Common PID rules use a reset time of 4
+# / crossover.
 _MAX_INTEGRAL_RATIO = 0.25
 # Frequencies at which the search for a regulator's gains may start, rad/s; the first stable one is used.
 _START_FREQUENCIES = (0.2, 0.05, 0.0125, 0.003)
@@ -83,7 +83,7 @@ class Requirements(NamedTuple):
     delay: float = 0.0
 
     def min_ratio(self, margins: FastMargins) -> float:
-        """Return the least ratio of a margin to its required value; 1 or more if all requirements are met."""
+        """Return the smallest ratio of a margin to its required value; 1 or more if all requirements are met."""
         pairs = ((getattr(margins, name), required) for name, required in self._asdict().items() if required > 0.0)
         return min((float(actual) / required for actual, required in pairs), default=1.0)
 
@@ -109,7 +109,7 @@ class LoopDesign:
             the value; for a proportional law, from its command to the controlled quantity.
         margins: margins of the loop.
         bandwidth: bandwidth of the pole pair, rad/s; None for other families.
-        cost_ratio: cost of the PD over that of the full regulator; None for other families.
+        cost_ratio: ratio of the cost of the PD to the cost of the full regulator; None for other families.
         limits: requirements that a faster loop of the same family would violate; empty for a given effort.
     """
 
@@ -168,7 +168,7 @@ class Proportional(NamedTuple):
 
 
 class RegulatorRequirements(NamedTuple):
-    """Gains of least cost Σ value² + (rate_time · rate)² + (u / effort)² after an impulse at the input of the plant.
+    """Gains that minimise Σ value² + (rate_time · rate)² + (u / effort)² after an impulse at the input of the plant.
 
     Attributes:
         rate_time: weight of the rate relative to the value, s.
@@ -177,7 +177,7 @@ class RegulatorRequirements(NamedTuple):
     rate_time: float
 
     def gains(self, plant: SampledSystem, effort: float) -> AxisGains:
-        """Return the gains of least cost, by a search that starts from the gains of a slow double integrator."""
+        """Return the gains with the smallest cost. The search starts from the gains for a slow double integrator."""
         slow = [AxisGains(frequency**2, 1.6 * frequency) for frequency in _START_FREQUENCIES]
         start = next((gains for gains in slow if math.isfinite(self.cost(plant, gains, effort))), None)
         if start is None:
@@ -214,7 +214,8 @@ class RegulatorRequirements(NamedTuple):
 def pd_loop(plant: SampledSystem, gains: Gains) -> SampledSystem:
     """Return the loop transfer function k_P G_value + k_D G_rate of a PD around a plant with these two outputs.
 
-    A PID around a plant `with_integral` adds k_I G_integral. A proportional law around a plant with one output has k G.
+    A PID around a plant `with_integral` adds k_I G_integral. The loop of a proportional law around a plant with one
+    output is k G.
     """
     row = np.array([gains])
     return replace(plant, C=row @ plant.C, D=row @ plant.D, outputs=("loop",))
@@ -236,7 +237,7 @@ def design_loop(
         family: family of gains.
         requirements: required margins.
         axis: name of the axis, for messages.
-        effort: effort of the gains; the largest one that meets the requirements if not given.
+        effort: effort of the gains; the largest effort that meets the requirements if not given.
 
     Raises:
         InputError: if the requirements cannot be met.
@@ -300,15 +301,15 @@ def with_integral(plant: SampledSystem, integration: Integration = "forward_eule
 def add_integral(
     design: LoopDesign, requirements: Requirements, *, cost: float, integration: Integration = "forward_euler"
 ) -> LoopDesign:
-    """Add the largest integral to a PD that costs at most a given share of its phase margin.
+    """Add to a PD the largest integral that costs at most a given fraction of the phase margin.
 
     k_I is at most a quarter of k_P times the crossover frequency of the PD loop. With a larger integral, errors decay
-    in a slow oscillation, whatever the margins at the crossover.
+    in a slow oscillation, even if the margins at the crossover are large.
 
     Args:
         design: design of the PD.
         requirements: requirements that the PID must meet.
-        cost: share of the phase margin that the integral may cost, between 0 and 1.
+        cost: fraction of the phase margin that the integral may cost, between 0 and 1.
         integration: integration rule of the PID, see `drake_quad.control.integral`.
     """
     pd, plant = design.gains, with_integral(design.plant, integration)
@@ -336,7 +337,7 @@ def add_integral(
 
 
 class _GainTrial(NamedTuple):
-    """Trial of an effort: gains, descriptions of their flaws, and the least ratio of a margin to its required value."""
+    """Trial of an effort: gains, descriptions of their flaws, and the smallest ratio of a margin to its requirement."""
 
     effort: float
     gains: AxisGains | ProportionalGain
@@ -347,14 +348,14 @@ class _GainTrial(NamedTuple):
 def _flaws_of(
     plant: SampledSystem, family: GainFamily, effort: float, gains: AxisGains | ProportionalGain
 ) -> dict[str, str]:
-    """Return descriptions of the flaws of a loop other than its margins."""
+    """Return descriptions of the flaws of a loop, except margins that are too small."""
     if not all(map(math.isfinite, gains)):
         return {"no gains": "none exist for this effort"}
     if not min(gains) > 0.0:
         return {"a negative gain": ", ".join(f"{_SYMBOLS[name]} {k:g}" for name, k in gains._asdict().items())}
     size = np.abs(plant.with_feedback(np.array([gains])).poles()).max()
     if not size < 1.0:
-        return {"no stability": f"a pole of size {size:.4f}"}
+        return {"no stability": f"a pole of magnitude {size:.4f}"}
     if isinstance(family, PolePair):
         decay = -math.log(size) / plant.period
         if decay < 0.98 * effort * family.damping:

@@ -2,11 +2,12 @@
 
 A textbook design for one plant has hardly any margin. The parameters therefore minimise the mean square of the position
 error over several plants, with different lags, camera latencies and link delays, in the wind and noise of the scenario.
-The peak sensitivity, the delay margin and the size of the commands are limited. A trial solves two Riccati equations
+The peak sensitivity, the delay margin and the RMS of the commands are limited. A trial solves two Riccati equations
 and, for each plant, a Lyapunov equation of the closed loop over a tick, without any simulation.
 
-The chain of an axis is only an approximation of the vehicle, which has drag and leans in the wind. If the whole loop
-violates a limit that the chain satisfies, the limit of the chain is tightened and the search continues.
+The model of an axis, a chain of lags and integrators, only approximates the vehicle, which has drag and leans in the
+wind. If the whole loop violates a limit that the chain satisfies, the limit of the chain is tightened and the search
+continues.
 """
 
 import itertools
@@ -45,25 +46,25 @@ from drake_quad.scenario.paths import distributions_in
 
 _NUM_WIND_SAMPLES = 32  # samples from which the statistics of the disturbances are computed
 # Correlation times of a disturbance that is constant during a flight, and of the bias, s. They are so long that the
-# filter treats both as constants, like an integral.
+# filter estimates both as constants, which has the effect of an integral.
 _CONSTANT_TIME = 50.0
 _BIAS_TIME = 20.0
-# Least standard deviations, so that a design exists for a calm and ideal laboratory, too. Those of the noise are half
-# of the noise in laboratory.yaml.
+# Smallest standard deviations, so that a design also exists for a calm and ideal laboratory. The values for noise are
+# half of the noise in laboratory.yaml.
 _MIN_DISTURBANCE = 0.05  # m/s²
 _MIN_BIAS = 0.5  # m/s⁴
 _MIN_POSITION_NOISE = 5e-4  # m
 _MIN_ATTITUDE_NOISE = 2e-3  # rad
-# Assumed uncertainty of a plant without distributions.
+# Assumed uncertainty of plant parameters that are not distributions.
 _LAG_SPREAD = 1.6  # factor on the lag
-_RESPONSE_SPREAD = 1.15  # factor on the natural frequency of the attitude's response
+_RESPONSE_SPREAD = 1.15  # factor on the natural frequency of the attitude response
 _DELAY_SPREAD = 1  # additional frames of latency and ticks of delay
 _NUM_FREQUENCIES = 120
 _MIN_FREQUENCY = 0.3  # rad/s
 _PENALTY_WEIGHT = 9.0  # weight of violated limits, relative to the logarithm of the error
 _MAX_EVALUATIONS = 600
-# RMS of the command along x and y relative to the constant torque that it must produce. With 1, 2 and 3, designs for
-# a Crazyflie crash in 17, 2.4 and 3.4 % of 1,000 flights of its bad day.
+# Largest RMS of the torque command along x and y, relative to the constant disturbance torque that it must balance.
+# With 1, 2 and 3, designs for a Crazyflie crash in 17, 2.4 and 3.4 % of 1,000 flights of its `bad_day`.
 _TORQUE_HEADROOM = 2.0
 # Largest number of searches until the whole loop satisfies the limits.
 _MAX_ROUNDS = 5
@@ -74,8 +75,8 @@ class LqgLimits(NamedTuple):
     """Limits of a design.
 
     Attributes:
-        sensitivity: largest peak of |1 / (1 + L)| at the command link, for the whole loop of the middle plant.
-        delay: least delay margin at the command link, s.
+        sensitivity: largest peak of |1 / (1 + L)| at the command link, for the whole loop of the nominal plant.
+        delay: smallest delay margin at the command link, s.
         snap: largest RMS of the command along x and y with torques over the link, m/s⁴; see `snap_limit`.
         acceleration: largest RMS of the command along z, and with an autopilot along x and y, m/s².
     """
@@ -90,10 +91,10 @@ class Plant(NamedTuple):
     """Plant between the command and the motion of the vehicle.
 
     Attributes:
-        lags: True if the lag of the rotors is in series with the attitude's response; False if the response includes
-            it.
+        lags: True if the lag of the rotors is in series with the attitude response; False if the response includes the
+            lag.
         lag: time constant of the rotors, s.
-        response: response of the attitude with an autopilot; None without one.
+        response: attitude response with an autopilot; None without an autopilot.
         latency_frames: latency of a frame in addition to one frame period, in frames.
         delay_ticks: delay of the link, in ticks.
         thrust_gain: ratio of actual to commanded changes of the thrust near hover.
@@ -116,7 +117,7 @@ class Conditions(NamedTuple):
         bias: standard deviation of the bias of the angular motion, m/s⁴.
         position_noise: standard deviation of the measured position, m.
         attitude_noise: standard deviation of the measured attitude, rad.
-        loss_rate: share of the commands that are lost.
+        loss_rate: fraction of the commands that are lost.
     """
 
     lateral: DisturbanceStatistics
@@ -137,7 +138,7 @@ class ActualPlant(NamedTuple):
         Q: (n, n) covariance of the disturbances over a frame.
         R: (p, p) covariance of the measurement noise.
         plant: plant with the latency of frames and the delay of commands.
-        loss_rate: share of the commands that are lost.
+        loss_rate: fraction of the commands that are lost.
     """
 
     A: np.ndarray
@@ -194,7 +195,7 @@ class LqgDesign:
 def design_lqg(scenario: Scenario, limits: LqgLimits = LqgLimits()) -> LqgDesign:
     """Design the linear-quadratic-Gaussian control of a scenario.
 
-    Without an autopilot the design includes the PD of the yaw, which is that of a cascade.
+    Without an autopilot the design includes the yaw PD, which is designed as for a cascade.
 
     Args:
         scenario: scenario with or without distributions; its control is ignored.
@@ -229,8 +230,8 @@ def design_lqg(scenario: Scenario, limits: LqgLimits = LqgLimits()) -> LqgDesign
         common = _common(weight, noise, first, second, conditions.vertical.time, conditions.position_noise)
         return VerticalAxis(lag=nominal.lag, **common)
 
-    # The search starts from the numbers of controllers/lqg.yaml, or from equivalent ones for a command that is an
-    # acceleration.
+    # The search starts from the parameters of controllers/lqg.yaml, or, if the command is an acceleration, from
+    # equivalent parameters.
     weight, noise = (1e-2, 0.3) if on_board else (1e-5, 3.3)
 
     def search_along_x(timing: Timing) -> _LqgSearch:
@@ -283,10 +284,10 @@ def design_lqg(scenario: Scenario, limits: LqgLimits = LqgLimits()) -> LqgDesign
 
 
 def plants_of(scenario: Scenario) -> tuple[Plant, ...]:
-    """Return the plants of a design: the middle one, and the corners around it.
+    """Return the plants of a design: the nominal plant, and the corners around it.
 
-    The corners of a field with a distribution are its tenth and ninetieth percentile. The corners of other fields are
-    the assumed uncertainty of a model that is given as one number.
+    The corners of a field with a distribution are its 10th and 90th percentiles. The corners of other fields follow
+    from an assumed uncertainty.
     """
     middle, low, high = (at_quantile(scenario, share) for share in (0.5, 0.1, 0.9))
     varied = distributions_in(scenario)
@@ -317,10 +318,10 @@ def plants_of(scenario: Scenario) -> tuple[Plant, ...]:
 def snap_limit(limits: LqgLimits, conditions: Conditions) -> float:
     """Return the largest RMS of the command along x and y over the link, m/s⁴.
 
-    It is that of the limits, or a multiple of the constant torque that the command must produce if that is larger. An
+    The result is the larger of `limits.snap` and a multiple of the constant torque that the command must balance. An
     offset r of the centre of mass causes the angular acceleration m g r / I of a vehicle with mass m and inertia I. A
-    small vehicle has a large ratio of mass to inertia: 0.3 mm cause 5 rad/s² for a Crazyflie, five times as much as for
-    the paper's vehicle.
+    small vehicle has a large ratio of mass to inertia: an offset of 0.3 mm causes 5 rad/s² for a Crazyflie, five times
+    as much as for the paper's vehicle.
     """
     return max(limits.snap, _TORQUE_HEADROOM * conditions.bias)
 
@@ -328,7 +329,7 @@ def snap_limit(limits: LqgLimits, conditions: Conditions) -> float:
 def candidate_timings(scenario: Scenario, plants: Sequence[Plant]) -> list[Timing]:
     """Return timings with the mean delay of the plants, rounded to the nearest tick and up to the next tick.
 
-    If the mean lies between two ticks, the later one gives more phase margin and the nearer one a faster loop.
+    If the mean lies between two ticks, the later tick gives more phase margin, and the nearer tick a faster loop.
     """
     cameras, link = scenario.laboratory.motion_capture, scenario.laboratory.command_link
     delays = [plant.delay_ticks + plant.latency_frames * cameras.period / link.period for plant in plants]
@@ -382,8 +383,9 @@ def loop_transfer(loop: AxisLoop, actual_plant: ActualPlant, timing: Timing) -> 
 class _LiftedLoops:
     """Loops of an axis around k plants over a tick.
 
-    The states are those of the chain, the frames under way, the filter, and the commands under way, for the filter and
-    for the vehicle. All plants have as many states as the one with the largest latency and delay.
+    The states are the states of the chain, the frames in transit, the states of the filter, and the commands in
+    transit, once for the filter and once for the vehicle. All plants have as many states as the plant with the largest
+    latency and delay.
 
     Attributes:
         A: (k, n, n) system matrices of the closed loops.
@@ -392,7 +394,7 @@ class _LiftedLoops:
         change: (k, n) rows of the changes of the sent commands.
         lost: (k, n, 1) columns of an addition to the sent commands.
         opened: (k, n, n) system matrices of the open loops from the command on the link to minus the sent command.
-        loss_rates: (k,) shares of the commands that are lost.
+        loss_rates: (k,) fractions of the commands that are lost.
     """
 
     A: np.ndarray
@@ -471,7 +473,8 @@ class _LiftedLoops:
         stable = np.flatnonzero(poles < 1.0 - 1e-9)
         lost = self.lost[stable]
         noise = np.stack([self.Q[stable], lost @ lost.transpose(0, 2, 1)])
-        # Each array is (2, stable plants): for the noise of a tick, and for unit noise in place of the command.
+        # The shape of each array is (2, stable plants): for the noise of a tick, and for unit noise in place of the
+        # command.
         X = _stationary_covariance(self.A[stable], noise)
         errors, commands, changes = X[..., 0, 0], _variance(self.command[stable], X), _variance(self.change[stable], X)
         # A lost command is equivalent to noise with the variance of its change, which in turn increases with that
@@ -494,7 +497,7 @@ def _stationary_covariance(A: np.ndarray, Q: np.ndarray) -> np.ndarray:
     """Return X = A X Aᵀ + Q of stable A (k, n, n), for (..., k, n, n) covariances Q.
 
     The sum over A^i Q Aᵀ^i is doubled until it no longer changes (R. A. Smith, "Matrix equation XA + BX = C", 1968).
-    For stacks of small matrices this takes a fraction of the time of Schur forms.
+    For stacks of small matrices, this method is much faster than Schur forms.
     """
     X, power = Q, A
     while True:
@@ -516,14 +519,14 @@ class _LqgSearch:
     """Search for the parameters of an axis.
 
     Attributes:
-        axis_of: function from numbers to the axis with these parameters.
-        loop_of: function from an axis to its filter and regulator.
+        axis_of: function that returns the axis with given parameters.
+        loop_of: function that returns the filter and the regulator of an axis.
         actual_plants: actual plants, the nominal one first.
         max_command: largest RMS of the command.
         timing: periods and delay.
-        numbers: best numbers so far, or initial ones.
+        numbers: best parameters so far, or initial parameters.
         chain_limits: limits of the loop of the nominal chain.
-        cost: cost of the numbers.
+        cost: cost of these parameters.
     """
 
     axis_of: Callable[..., Any]
@@ -536,7 +539,7 @@ class _LqgSearch:
     cost: float = math.inf
 
     def cost_of(self, logs: np.ndarray) -> float:
-        """Return the logarithm of the error plus a penalty for violated limits, for the logarithms of numbers."""
+        """Return the logarithm of the error plus a penalty for violated limits, given logarithms of the parameters."""
         try:
             loop = self.loop_of(self.axis_of(*np.exp(logs).tolist()))
         except (np.linalg.LinAlgError, ValueError):
@@ -561,11 +564,12 @@ class _LqgSearch:
         )
 
     def improved(self) -> "_LqgSearch":
-        """Return the search with the numbers of the lowest cost that it finds, starting from its present numbers."""
+        """Return a search with better parameters: those that have the lowest cost in a search from the present ones."""
         logs = np.log(self.numbers)
         first, *_ = steps = np.eye(len(logs))
         with single_threaded_blas():
-            # The weight of the command has the largest influence, so that a coarse search over its decades comes first.
+            # The weight of the command has the largest influence, so a coarse search over decades of this weight comes
+            # first.
             begin = min((logs + shift * first for shift in np.arange(-7.0, 7.1, 1.75)), key=self.cost_of)
             signed = (
                 begin + sign * step for step, sign in zip(0.8 * steps, itertools.cycle((-1.0, 1.0)), strict=False)
@@ -575,7 +579,7 @@ class _LqgSearch:
         return replace(self, numbers=np.exp(best.x).tolist(), cost=float(best.fun))
 
     def result(self) -> tuple[Any, tuple[AxisPrediction, ...]]:
-        """Return the axis with the present numbers, and its prediction for each plant."""
+        """Return the axis with the present parameters, and its prediction for each plant."""
         axis = self.axis_of(*(float(f"{number:.4g}") for number in self.numbers))
         loop = self.loop_of(axis)
         predictions = tuple(predicted(loop, actual_plant, self.timing) for actual_plant in self.actual_plants)
@@ -587,7 +591,7 @@ class _LqgSearch:
         return axis, predictions
 
     def with_tighter_limits(self, limits: LqgLimits, exact: Sequence[Margins | None]) -> "_LqgSearch":
-        """Return this search if the whole loop satisfies the limits, else one with accordingly tighter limits."""
+        """Return this search if the whole loop satisfies the limits; otherwise return a search with tighter limits."""
         loop_margins = [margins for margins in exact if margins is not None]
         sensitivity = max((margins.sensitivity for margins in loop_margins), default=0.0)
         delay = min((margins.delay for margins in loop_margins), default=math.inf)
@@ -603,7 +607,7 @@ class _LqgSearch:
 def _common(
     weight: float, noise: float, first: float, second: float, time: float, position_noise: float
 ) -> dict[str, Any]:
-    """Return the fields that all axes have."""
+    """Return the fields that are common to all axes."""
     return {
         "first": ColouredNoise(deviation=first, time=_CONSTANT_TIME),
         "second": ColouredNoise(deviation=second, time=float(f"{time:.3g}")),
@@ -632,13 +636,13 @@ def _disturbing(conditions: DisturbanceStatistics, bias: ChainNoise | None) -> D
 
 
 def _yaw(scenario: Scenario) -> YawPd:
-    """Return the yaw's PD of a cascade."""
+    """Return the yaw PD of a cascade."""
     gains: Any = design_cascade(middle_of(scenario)).loops["yaw"].gains
     return YawPd(k_p=gains.k_p, k_d=gains.k_d)
 
 
 def _lag(scenario: Scenario) -> float:
-    """Return the time constant of the rotors, s; the geometric mean if those for acceleration and braking differ."""
+    """Return the time constant of the rotors, s; the geometric mean if acceleration and braking differ."""
     up, down = scenario.vehicle.rotor_time_constant, scenario.vehicle.rotor_time_constant_down
     return float(f"{up if down is None else math.sqrt(up * down):.4g}")
 

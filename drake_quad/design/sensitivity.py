@@ -1,4 +1,4 @@
-"""Derivatives of the metrics of a flight with respect to a scenario's numbers.
+"""Derivatives of the metrics of a flight with respect to numbers in the scenario.
 
 A number of a scenario determines numeric parameters, and the initial state, in the diagram's context. From their
 derivatives, Drake's simulator propagates derivatives with AutoDiffXd through every step, filter and delay to the
@@ -31,13 +31,14 @@ from drake_quad.scenario.paths import distributions_in, refuse_distributions
 
 # These metrics depend smoothly on a flight, as long as the vehicle does not crash.
 DIFFERENTIABLE = tuple(name for name, metric in METRICS.items() if metric.differentiable)
-# Metrics are magnitudes. Smaller values, in SI units, are rounding errors.
+# Metrics are magnitudes. Values below this, in SI units, are rounding errors.
 _MIN_METRIC = 1e-12
-# Numbers that decide when something happens by a comparison have no derivative.
+# Fields that determine by a comparison when an event happens; the metrics have no derivative with respect to them.
 _COMPARED_FIELDS = ("loss_rate", "dropout_rate", "rotor_failure.time", "payload.time")
-# Relative step of the five-point differences from a scenario's number to the context, which is (almost) polynomial.
+# Relative step of the five-point differences of the context with respect to a number in the scenario. The context is
+# (almost) a polynomial of this number.
 _STEP = 1e-3
-# Weights of central differences, and of one-sided ones for numbers that may only increase or only decrease.
+# Weights of central differences, and of one-sided differences for numbers that may only increase or only decrease.
 _CENTRAL_WEIGHTS = {-2: 1.0 / 12.0, -1: -2.0 / 3.0, 1: 2.0 / 3.0, 2: -1.0 / 12.0}
 _FORWARD_WEIGHTS = {1: 4.0, 2: -3.0, 3: 4.0 / 3.0, 4: -0.25}
 _BACKWARD_WEIGHTS = {-steps: -weight for steps, weight in _FORWARD_WEIGHTS.items()}
@@ -50,7 +51,7 @@ class Sensitivities:
     Attributes:
         fields: paths of the fields of the scenario.
         values: (fields,) values of the fields.
-        metrics: metrics of the flight, by name. After a crash they are those of the flight until then.
+        metrics: metrics of the flight, by name. After a crash they cover the flight until the crash.
         crash_time: time of the crash, s; infinite without a crash.
         gradients: (fields,) derivatives of each metric, by name; NaN for a metric that is zero, where it has a kink.
     """

@@ -23,7 +23,8 @@ _AUTOPILOT_BLOCK = "laboratory.autopilot"
 # Poles of smaller magnitude belong to delay lines, whose damping is meaningless.
 _MIN_POLE_MAGNITUDE = 0.05
 _NUM_FREQUENCIES = 300
-# Difference of a gain between two linear models. They are affine in the gain, so that any value would do.
+# Difference of a gain between two linear models. The models are affine in the gain, so that any difference would give
+# the same result.
 _GAIN_STEP = 1.0
 # Entries below this, relative to the largest one, are rounding errors of states that do not depend on the gain.
 _ROUNDING_TOLERANCE = 1e-9
@@ -72,10 +73,10 @@ class StabilityMap(NamedTuple):
 
 
 def mapped_gains(scenario: Scenario, loop: Loop) -> MappedGains:
-    """Return the gains of a map: those of the PD on the ground, or those of an autopilot.
+    """Return the gains of a map: the gains of the PD on the ground, or of the loops of an autopilot.
 
     Raises:
-        InputError: the map is that of the attitude, and the autopilot has no gains.
+        InputError: the loop is the attitude loop, and the autopilot has no gains.
     """
     autopilot = scenario.laboratory.autopilot
     if loop == "position" or not autopilot.controls_attitude:
@@ -95,7 +96,7 @@ def linear_map(scenario: Scenario, loop: Loop, first: np.ndarray, second: np.nda
         scenario: scenario with the loop.
         loop: "position" or "attitude".
         first: (rows,) values of the first of the `mapped_gains`.
-        second: (columns,) values of the second one.
+        second: (columns,) values of the second of the `mapped_gains`.
 
     Raises:
         InputError: an error of `mapped_gains` or `mapped_plant`.
@@ -182,7 +183,7 @@ def simulated_map(
         scenario: scenario with the route.
         loop: loop with the gains, on x and y of the position, or on roll and pitch.
         first: (rows,) values of the first of the `mapped_gains`.
-        second: (columns,) values of the second one.
+        second: (columns,) values of the second of the `mapped_gains`.
         sample: sample of the scenario's study.
         compiled: True to simulate with machine code, False for the uncompiled diagram.
 

@@ -1,11 +1,11 @@
-"""Tuning of a controller's numbers by one protocol: least error on training samples, under a limit on the loop.
+"""Tuning of a controller's parameters by one protocol: smallest error on training samples, under a limit on the loop.
 
 Every controller gets the same budget. The search is the cross-entropy method (R. Y. Rubinstein and D. P. Kroese, "The
-cross-entropy method", 2004) over the logarithms of the numbers. In each round a fleet simulates points of a normal
+cross-entropy method", 2004) over the logarithms of the parameters. In each round a fleet simulates points of a normal
 distribution on the training samples, and the best quarter of them determines the next distribution. A linear model
-takes as long as a thousand flights. The limit is therefore evaluated for a few of the best points of each round only,
-and predicted for the others by radial basis functions. Three local searches from the best point follow, which evaluate
-the limit at every step.
+takes as long as a thousand flights. The limit is therefore evaluated only for a few of the best points of each round,
+and predicted for the other points by radial basis functions. Three local searches from the best point follow, which
+evaluate the limit at every step.
 """
 
 import math
@@ -29,28 +29,29 @@ from drake_quad.scenario.paths import replaced
 # earlier crash costs up to twice as much, so that a search makes progress where all flights crash.
 _CRASH_COST = 1.0
 LATENCY = "laboratory.motion_capture.latency_frames"
-_ELITE_SHARE = 0.25  # share of the points that determine the next distribution
-_STEP = 0.7  # step from the present distribution towards that of the elite, from 0 to 1
-_MIN_DEVIATION = 0.01  # of the logarithm of each number, against premature convergence
+_ELITE_FRACTION = 0.25  # fraction of the points that determine the next distribution
+_STEP = 0.7  # step from the present distribution towards the distribution of the elite, from 0 to 1
+_MIN_DEVIATION = 0.01  # smallest standard deviation of the logarithm of a parameter, against premature convergence
 _FIRST_CHECKS_FACTOR = 4  # factor on the number of evaluations of the limit in the first round
-# Penalty on the logarithm of the error, relative to the logarithm by which the limit is missed.
+# Penalty on the logarithm of the error, relative to the logarithm of the factor by which the limit is missed.
 _PENALTY = 4.0
-# Assumed error of the predicted limit in the first round, in logarithms, per width of the box from evaluated points.
+# Assumed error of the predicted limit in the first round: error of the logarithm over the distance from evaluated
+# points, where 1 is the width of the box.
 _INITIAL_DOUBT = 0.5
-# Distance that is kept from the limit, in logarithms, because predictions are not exact.
+# Smallest distance from the limit, in logarithms, because predictions are not exact.
 _LIMIT_RESERVE = 0.002
 # Initial steps of the local searches, relative to the width of the box.
 _LOCAL_STEPS = (0.15, 0.08, 0.04)
-# Smallest and largest share of the limit that the search distinguishes.
-_SHARE_RANGE = (0.2, 1.5)
+# Smallest and largest fraction of the limit that the search distinguishes.
+_FRACTION_RANGE = (0.2, 1.5)
 
 
 class Knob(NamedTuple):
-    """Tuned number.
+    """Tuned parameter.
 
     Attributes:
-        paths: paths of the fields that have this number, such as `control.position.k_p.0`.
-        low: least value that is tried; it must be positive.
+        paths: paths of the fields that are set to this parameter, such as `control.position.k_p.0`.
+        low: smallest value that is tried; it must be positive.
         high: largest value that is tried.
     """
 
@@ -60,7 +61,7 @@ class Knob(NamedTuple):
 
     @property
     def vertical(self) -> bool:
-        """True if the number belongs to the vertical axis, the third of three."""
+        """True if the parameter belongs to the vertical axis, the third of three."""
         return all(path.endswith(".2") for path in self.paths)
 
 
@@ -87,16 +88,16 @@ class LoopLimit(NamedTuple):
 
     Attributes:
         sensitivity: largest peak of |1 / (1 + L)|.
-        delay: least delay margin, s.
+        delay: smallest delay margin, s.
     """
 
     sensitivity: float = 2.2
     delay: float = 0.05
 
     def shares_met(self, scenario: Scenario) -> np.ndarray:
-        """Return the shares of the limit that the loops of a scenario meet, all 0 for an unstable loop.
+        """Return the fractions of the limits that the loops of a scenario meet, all 0 for an unstable loop.
 
-        A share of 1 or more means that the limit is met.
+        A fraction of 1 or more means that the limit is met.
         """
         try:
             margins = fast_link_margins(scenario)
@@ -109,9 +110,9 @@ class TuningResult(NamedTuple):
     """Result of a tuning.
 
     Attributes:
-        numbers: values of the knobs, in their order.
+        numbers: values of the knobs, in the order of the knobs.
         error: mean RMSE on the training samples, with 1 to 2 m for each crash, m.
-        share: share of the limit that is met; 1 or more if the limit is met, infinite if there is none.
+        share: fraction of the limit that is met; 1 or more if the limit is met, infinite without a limit.
     """
 
     numbers: tuple[float, ...]
@@ -131,27 +132,29 @@ def tune(
     before: Sequence[float] | None = None,
     progress: Callable[[], None] | None = None,
 ) -> TuningResult:
-    """Tune the numbers of a controller: those of the lateral axes first, then those of the vertical axis.
+    """Tune the parameters of a controller: first for the lateral axes, then for the vertical axis.
 
-    The two are almost independent. The rounds are divided between them in proportion to their numbers of knobs. Until
-    the second stage the vertical numbers have the middle of their ranges.
+    The two stages are almost independent. The rounds are divided between them in proportion to their numbers of knobs.
+    During the first stage, the vertical parameters are held at the middle of their ranges.
 
     Args:
-        scenarios: laboratories with the controller, whose own numbers are ignored. The limit is that of the first.
-        knobs: tuned numbers.
-        shares_met: function that returns the shares of the limit that the loops of a scenario meet, such as
+        scenarios: laboratories with the controller, whose present parameters are ignored. The limit is evaluated in the
+            first laboratory.
+        knobs: tuned parameters.
+        shares_met: function that returns the fractions of the limits that the loops of a scenario meet, such as
             `LoopLimit.shares_met`; None without a limit.
         budget: budget of the search.
         first_sample: first of the consecutive training samples.
         seed: seed of the search.
         extra_latency: additional latency of the frames in a second set of flights, in which only crashes count, s. It
             limits controllers that have no linear model.
-        before: numbers from an earlier search, an additional starting point of the local searches; numbers out of range
-            are clipped.
+        before: parameters from an earlier search, an additional starting point of the local searches; parameters out of
+            range are clipped.
         progress: function that is called after each round.
 
     Returns:
-        The candidate of least error among those that meet the limit; if none does, the one that meets most of it.
+        The candidate with the smallest error of all that meet the limit; if none does, the candidate that comes closest
+        to meeting it.
     """
     numbers = [math.sqrt(knob.low * knob.high) for knob in knobs]
     best = TuningResult((), math.inf, 0.0)
@@ -181,13 +184,13 @@ def tune(
 def _local_search(
     trial: "_Trial", start: TuningResult, shares_met: Callable[[Scenario], np.ndarray] | None, radius: float, steps: int
 ) -> TuningResult:
-    """Return the best point of a search with linear models of error and shares (M. J. D. Powell's COBYLA, 1994)."""
+    """Return the best point of a search with linear models of error and limits (M. J. D. Powell's COBYLA, 1994)."""
     tried: dict[bytes, tuple[float, np.ndarray]] = {}
     best, first = start, trial.point(start.numbers)
     unlimited = np.array([math.inf])
 
     def evaluated(point: np.ndarray) -> tuple[float, np.ndarray]:
-        """Return the logarithms of the error and of the shares."""
+        """Return the logarithms of the error and of the fractions of the limits."""
         nonlocal best
         point = np.clip(point, 0.0, 1.0)
         if point.tobytes() not in tried:
@@ -210,7 +213,7 @@ def _local_search(
 
 
 class _GainSearch(NamedTuple):
-    """Search for several numbers at once."""
+    """Search for several parameters at once."""
 
     knobs: Sequence[Knob]
     budget: Budget
@@ -244,7 +247,7 @@ class _GainSearch(NamedTuple):
                     evaluated.add(points[i], shares)
                     best = _better(best, TuningResult(trial.numbers(points[i]), float(errors[i]), float(shares.min())))
                 order = np.argsort(np.log(errors) + evaluated.penalties(points, doubt))
-            elite = points[order[: max(round(_ELITE_SHARE * size), 2)]]
+            elite = points[order[: max(round(_ELITE_FRACTION * size), 2)]]
             mean = mean + _STEP * (elite.mean(axis=0) - mean)
             spread = spread + _STEP * (np.cov(elite.T, ddof=0).reshape(spread.shape) - spread)
             points = np.clip(normal.multivariate_normal(mean, spread + np.diag(trial.least**2), size), 0.0, 1.0)
@@ -278,7 +281,7 @@ class _Trial:
         self.least = _MIN_DEVIATION / self._width
 
     def numbers(self, point: np.ndarray) -> tuple[float, ...]:
-        """Return the numbers of the knobs at a point."""
+        """Return the values of the knobs at a point."""
         return tuple(np.exp(self._low + self._width * point).tolist())
 
     def point(self, numbers: Sequence[float]) -> np.ndarray:
@@ -286,7 +289,7 @@ class _Trial:
         return (np.log(numbers) - self._low) / self._width
 
     def scenario(self, point: np.ndarray) -> Scenario:
-        """Return the first scenario with the numbers of a point."""
+        """Return the first scenario with the values of the knobs at a point."""
         return with_numbers(self._scenarios[0], self._knobs, self.numbers(point))
 
     def errors(self, points: np.ndarray) -> np.ndarray:
@@ -371,7 +374,7 @@ def _crashes(metrics: Metrics, duration: float, count: int) -> np.ndarray:
 
 
 class _EvaluatedPoints:
-    """Evaluated points of a search, with the shares of the limit that each one meets."""
+    """Evaluated points of a search, with the fractions of the limits that each point meets."""
 
     def __init__(self, dimensions: int) -> None:
         self._dimensions = dimensions
@@ -390,9 +393,10 @@ class _EvaluatedPoints:
 
         Args:
             points: (count, dimensions) points.
-            doubt: assumed error of the prediction, in logarithms, per width of the box from evaluated points.
+            doubt: assumed error of the prediction: error of the logarithm over the distance from evaluated points,
+                where 1 is the width of the box.
         """
-        # The interpolation needs as many points as determine a plane.
+        # The interpolation requires at least as many points as determine a plane.
         if len(self._points) <= self._dimensions + 1:
             return np.zeros(len(points))
         count = max(map(len, self._shares))
@@ -403,13 +407,13 @@ class _EvaluatedPoints:
 
 
 def _near_limit(shares: np.ndarray, count: int) -> np.ndarray:
-    """Return logarithms (count,) of shares of the limit; a single share, that of an unstable loop, is repeated.
+    """Return the logarithms (count,) of fractions of limits; the single fraction of an unstable loop is repeated.
 
-    Shares are clipped, because far from the limit they are discontinuous and need not be known exactly.
+    Fractions are clipped, because far from the limits they are discontinuous and need not be known exactly.
     """
-    return np.log(np.clip(np.broadcast_to(shares, count), *_SHARE_RANGE))
+    return np.log(np.clip(np.broadcast_to(shares, count), *_FRACTION_RANGE))
 
 
 def _better(first: TuningResult, second: TuningResult) -> TuningResult:
-    """Return the candidate with the least error among those that meet the limit, else the one that meets most of it."""
+    """Return the candidate with the smaller error if both meet the limit, or else the one closer to the limit."""
     return min(first, second, key=lambda each: (-min(each.share, 1.0), each.error))

@@ -1,4 +1,4 @@
-"""Files of designed controllers, one for each family of laboratories, for use in `extends: [SCENARIO, FILE:NAME]`."""
+"""Files of designed controllers, one for each family of laboratories; scenarios use them by `extends: FILE:NAME`."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -18,7 +18,7 @@ def design_file(diagrams: Path, family: str) -> Path:
 
 
 def designs_in(path: Path) -> CommentedMap:
-    """Return the designs in a file by name; empty if the file does not exist.
+    """Return the designs in a file, by name; empty if the file does not exist.
 
     Raises:
         InputError: the file does not contain a mapping.
@@ -27,26 +27,26 @@ def designs_in(path: Path) -> CommentedMap:
         return CommentedMap()
     tree = _yaml().load(path)
     if not isinstance(tree, CommentedMap):
-        raise InputError(f"{path} must be a mapping of controllers by their names")
+        raise InputError(f"{path} must contain a mapping from names to controllers")
     return tree
 
 
-def write_designs(path: Path, designs: Mapping[str, Tree], *, said: Mapping[str, str], head: str = "") -> Path:
+def write_designs(path: Path, designs: Mapping[str, Tree], *, comments: Mapping[str, str], header: str = "") -> Path:
     """Write designs into a file atomically, without changing its other designs, and return the path.
 
     Args:
-        path: path of the file.
-        designs: designs by name.
-        said: comments by the name of the design that they are written beside.
-        head: new comment at the top of the file; the present one is kept if it is empty.
+        path: path of the YAML file with the designs of a family.
+        designs: fields of each design, by its name.
+        comments: comments that are written next to the names of the designs, by name.
+        header: new comment at the top of the file; the present comment is kept if it is empty.
     """
     tree = designs_in(path)
     for name, design in designs.items():
-        tree[name] = _flowing(design)
-        if name in said:
-            tree.yaml_add_eol_comment(said[name], name)
-    if head:
-        tree.yaml_set_start_comment(head)
+        tree[name] = _in_flow_style(design)
+        if name in comments:
+            tree.yaml_add_eol_comment(comments[name], name)
+    if header:
+        tree.yaml_set_start_comment(header)
     yaml = _yaml()
     return write_atomically(path, lambda target: yaml.dump(tree, target))
 
@@ -61,15 +61,15 @@ def _yaml() -> Any:
     return yaml
 
 
-def _flowing(value: Any) -> Any:
-    """Return a tree in which lists and flat mappings without a `kind` are written in one line."""
+def _in_flow_style(value: Any) -> Any:
+    """Return a tree whose lists, and whose flat mappings without a `kind`, are written in one line."""
     if isinstance(value, list):
         sequence = CommentedSeq(value)
         sequence.fa.set_flow_style()
         return sequence
     if not isinstance(value, dict):
         return value
-    tree = CommentedMap({key: _flowing(part) for key, part in value.items()})
+    tree = CommentedMap({key: _in_flow_style(part) for key, part in value.items()})
     if len(tree) > 1 and not any(isinstance(part, dict) for part in value.values()) and "kind" not in value:
         tree.fa.set_flow_style()
     return tree

@@ -1,4 +1,4 @@
-"""Families of laboratories. A controller has one design for all laboratories of a family, some of which train it."""
+"""Families of laboratories; a controller has one design per family, which is trained in some of its laboratories."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,8 +8,8 @@ from drake_quad.evaluation.entries import ControllerEntry, entries_of
 from drake_quad.scenario.files.loading import Override, load_scenario
 from drake_quad.scenario.models import Scenario
 
-# Index of the first sample of the evaluation. Training uses samples from 0 on, so that the two sets are disjoint.
-FIRST_JUDGED = 1000
+# Training uses the samples from 0 on, so that the training set and the samples of the evaluation are disjoint.
+FIRST_EVALUATION_SAMPLE = 1000
 
 
 class LaboratoryFamily(NamedTuple):
@@ -17,19 +17,20 @@ class LaboratoryFamily(NamedTuple):
 
     Attributes:
         laboratories: FILE:NAME of each laboratory in the folder of diagrams, by its name in the report.
-        trained: names of the laboratories in which designs are trained; the limit applies to the loops of the first.
-        windiest: name of the laboratory in which delay is added until vehicles crash.
-        on_board: True if an autopilot on board controls the attitude.
+        training_laboratories: names of the laboratories in which designs are trained; the limit applies to the loops in
+            the first.
+        windiest_laboratory: name of the laboratory in which delay is added until vehicles crash.
+        on_board: True if an autopilot on board the vehicle controls the attitude.
         maps: True to include networks over the position, for disturbances that recur at the same place.
-        laps: overrides with which a network over the position is trained.
+        lap_overrides: overrides for the training of a network over the position.
     """
 
     laboratories: dict[str, str]
-    trained: tuple[str, ...]
-    windiest: str
+    training_laboratories: tuple[str, ...]
+    windiest_laboratory: str
     on_board: bool = False
     maps: bool = False
-    laps: tuple[str, ...] = ()
+    lap_overrides: tuple[str, ...] = ()
 
     @property
     def entries(self) -> dict[str, ControllerEntry]:
@@ -49,12 +50,12 @@ class LaboratoryFamily(NamedTuple):
             diagrams: folder of the shipped scenarios.
             laboratory: name of the laboratory in the report.
             layers: FILE:NAME of each layer over the laboratory, such as a controller.
-            overrides: assignments, which take precedence over the layers.
+            overrides: assignments that take precedence over the layers.
         """
         return load_scenario(diagrams / self.laboratories[laboratory], overrides, layers=layers)
 
 
-def laps_of(count: int) -> tuple[str, ...]:
+def overrides_for_laps(count: int) -> tuple[str, ...]:
     """Return overrides for a number of laps, the last of which counts for the metrics."""
     return f"route.laps={count}", f"metrics.first_lap={count}"
 
@@ -69,11 +70,11 @@ FAMILIES = {
         ("low wind", "high wind"),
         "high wind",
         maps=True,
-        laps=laps_of(3),
+        lap_overrides=overrides_for_laps(3),
     ),
     "outdoor": LaboratoryFamily({"outdoor": "outdoor.yaml"}, ("outdoor",), "outdoor"),
     "robustness": LaboratoryFamily({"robustness": "robustness.yaml"}, ("robustness",), "robustness"),
-    # This family has no overrides for training in laps, since its route already consists of laps.
+    # This family needs no overrides for laps, since its route already consists of laps.
     "neural_fly": LaboratoryFamily(
         {
             "still air": "neural_fly.yaml:still",
@@ -89,4 +90,4 @@ FAMILIES = {
     ),
 }
 # Name of the family by the name of the laboratory.
-FAMILY_OF = {place: name for name, family in FAMILIES.items() for place in family.laboratories}
+FAMILY_OF = {laboratory: name for name, family in FAMILIES.items() for laboratory in family.laboratories}

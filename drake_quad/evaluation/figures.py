@@ -9,19 +9,25 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
 
-from drake_quad.evaluation.claims import WORDS, effects, laps_flown, priced
-from drake_quad.evaluation.entries import AROUND, MAPPED, NETWORKS
+from drake_quad.evaluation.claims import CONTROLLER_NAMES, comparisons_by_laboratory, designs_by_sensitivity, lap_counts
+from drake_quad.evaluation.entries import NETWORK_BASES, NETWORKS, POSITION_NETWORK_BASES
 from drake_quad.evaluation.families import FAMILIES, FAMILY_OF
-from drake_quad.evaluation.results import PRICED_CONTROLLERS, PRICED_IN, Evaluation, Traits, in_laps
+from drake_quad.evaluation.results import (
+    PRICED_CONTROLLERS,
+    PRICED_LABORATORY,
+    Evaluation,
+    Traits,
+    laboratory_with_laps,
+)
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.reports.claims import reduction
 from drake_quad.reports.figures import COLUMN, print_panels
 from drake_quad.statistics.estimates import mean_interval
-from drake_quad.studies.statistics import Interval, of_survivors
+from drake_quad.studies.statistics import Interval, values_without_crashes
 from drake_quad.visualization.panels import legend_above, name_rows, plot_intervals
 from drake_quad.visualization.style import BLACK, BLUE, GREEN, LIMIT, ORANGE, PURPLE, SKY, VERMILION
 
-# Colour of each controller in all figures. The kind of a network is shown by the marker.
+# Colours of the controllers in all figures; the marker distinguishes the networks.
 _COLORS = {
     "pd": BLACK,
     "pid": ORANGE,
@@ -33,65 +39,66 @@ _COLORS = {
     "mpc": PURPLE,
 }
 _OWN_COLOR = "saddlebrown"  # colour of the user's controllers
-_MARKS = {"": "o", "t1fnn": "v", "t2fnn": "^", "t2fnn_adaptive": "D", "t2fnn_map": "s"}
-# Largest share of crashes for which a marker is filled.
-_MAX_CRASH_SHARE = 0.05
+_MARKERS = {"": "o", "t1fnn": "v", "t2fnn": "^", "t2fnn_adaptive": "D", "t2fnn_map": "s"}
+_MAX_CRASH_SHARE = 0.05  # markers of controllers that crash more often are hollow
 
 
-def evaluation_figures(found: Evaluation) -> Iterator[tuple[str, Figure]]:
-    """Draw the figures for which there are flights, and yield the name and the figure of each."""
-    yield "errors", errors_figure(found)
-    if networks_of(found):
-        yield "networks", networks_figure(found)
-    if found.flights.get(PRICED_IN):
-        yield "margins", margins_figure(found)
-    mapped = [name for name in MAPPED if laps_flown(found, f"{name}_t2fnn_map")]
+def evaluation_figures(evaluation: Evaluation) -> Iterator[tuple[str, Figure]]:
+    """Draw the figures for which there are flights, and yield the name of each with the figure."""
+    yield "errors", errors_figure(evaluation)
+    if reductions_by_network(evaluation):
+        yield "networks", networks_figure(evaluation)
+    if evaluation.flights.get(PRICED_LABORATORY):
+        yield "margins", margins_figure(evaluation)
+    mapped = [name for name in POSITION_NETWORK_BASES if lap_counts(evaluation, f"{name}_t2fnn_map")]
     if mapped:
-        yield "laps", laps_figure(found, mapped)
+        yield "laps", laps_figure(evaluation, mapped)
 
 
-def parts_of(controller: str) -> tuple[str, str]:
-    """Return the name of the base controller and the kind of its network, which is empty if there is none."""
-    if controller not in WORDS and "@" not in controller:  # a controller of the user's
+def base_and_network(controller: str) -> tuple[str, str]:
+    """Return the name of the base controller and the kind of the network; "" if there is no network."""
+    if controller not in CONTROLLER_NAMES and "@" not in controller:  # a user's controller
         return controller, ""
     base = max((name for name in _COLORS if controller.startswith(name)), key=len)
     return base, controller.removeprefix(base).removeprefix("_")
 
 
-def errors_figure(found: Evaluation) -> Figure:
+def errors_figure(evaluation: Evaluation) -> Figure:
     """Plot the mean error of every controller, with a panel for each laboratory and a row for each controller."""
-    titles = {place: name if name == place else f"{name}\n{place}" for place, name in FAMILY_OF.items()}
-    places = [place for place in titles if place in found.flights]
-    controllers = sorted(found.controllers, key=[*WORDS, *found.controllers].index)
-    columns = min(len(places), 5)
-    rows = -(-len(places) // columns)
+    titles = {
+        laboratory: name if name == laboratory else f"{name}\n{laboratory}" for laboratory, name in FAMILY_OF.items()
+    }
+    laboratories = [laboratory for laboratory in titles if laboratory in evaluation.flights]
+    controllers = sorted(evaluation.controllers, key=[*CONTROLLER_NAMES, *evaluation.controllers].index)
+    columns = min(len(laboratories), 5)
+    rows = -(-len(laboratories) // columns)
     width, height = 1.5 + 1.35 * columns, 0.5 + rows * (0.65 + 0.145 * len(controllers))
     with print_panels(height, rows, columns, width=width, sharey=True) as (figure, grid):
-        for axes, place in zip(grid.flat, places, strict=False):
+        for axes, laboratory in zip(grid.flat, laboratories, strict=False):
             for row, name in enumerate(controllers):
-                if name in found.flights[place]:
-                    _mark(axes, found.flights[place][name], row, name)
-            _panel(axes, titles[place])
-        for axes in grid.flat[len(places) :]:
+                if name in evaluation.flights[laboratory]:
+                    _plot_mean(axes, evaluation.flights[laboratory][name], row, name)
+            _format_panel(axes, titles[laboratory])
+        for axes in grid.flat[len(laboratories) :]:
             axes.set_visible(False)
         for row in grid:
-            row[0].set_yticks(range(len(controllers)), [WORDS[name] for name in controllers])
+            row[0].set_yticks(range(len(controllers)), [CONTROLLER_NAMES[name] for name in controllers])
             row[0].set_ylim(len(controllers) - 0.4, -0.6)
         figure.supxlabel("RMSE (cm)", fontsize=8)
         return figure
 
 
-def _mark(axes: Axes, metrics: Metrics, row: int, name: str) -> None:
-    base, kind = parts_of(name)
-    mean = mean_interval(100.0 * of_survivors(metrics, "rmse"))
+def _plot_mean(axes: Axes, metrics: Metrics, row: int, name: str) -> None:
+    base, kind = base_and_network(name)
+    mean = mean_interval(100.0 * values_without_crashes(metrics, "rmse"))
     if np.isfinite(mean.value):
         axes.plot([max(mean.low, 1e-3), mean.high], [row, row], color=_COLORS.get(base, _OWN_COLOR), linewidth=1.6)
         fill = "none" if np.mean(metrics.crashed) > _MAX_CRASH_SHARE else "full"
-        axes.plot(mean.value, row, _MARKS[kind], color=_COLORS.get(base, _OWN_COLOR), markersize=4.2, fillstyle=fill)
+        axes.plot(mean.value, row, _MARKERS[kind], color=_COLORS.get(base, _OWN_COLOR), markersize=4.2, fillstyle=fill)
 
 
-def _panel(axes: Axes, title: str) -> None:
-    """Set the title and a logarithmic horizontal axis with round numbers as ticks."""
+def _format_panel(axes: Axes, title: str) -> None:
+    """Set the title, and a logarithmic horizontal axis with round numbers as ticks."""
     axes.set_xscale("log")
     low, high = axes.get_xlim()
     low, high = low / 1.3, high * 1.3
@@ -103,27 +110,29 @@ def _panel(axes: Axes, title: str) -> None:
     axes.set_title(title)
 
 
-def networks_of(found: Evaluation) -> dict[str, dict[str, Interval]]:
+def reductions_by_network(evaluation: Evaluation) -> dict[str, dict[str, Interval]]:
     """Return the relative reduction of the error by each network, by controller and laboratory."""
-    names = [f"pd_{kind}" for kind in NETWORKS] + [f"{name}_t2fnn" for name in AROUND]
-    names += [f"{name}_t2fnn_map" for name in MAPPED[1:]]
-    compared = {name: effects(found, name, parts_of(name)[0]) for name in names}
+    names = [f"pd_{kind}" for kind in NETWORKS] + [f"{name}_t2fnn" for name in NETWORK_BASES]
+    names += [f"{name}_t2fnn_map" for name in POSITION_NETWORK_BASES[1:]]
+    compared = {name: comparisons_by_laboratory(evaluation, name, base_and_network(name)[0]) for name in names}
     return {
-        name: {place: reduction(each.share) for place, each in by_place.items()}
-        for name, by_place in compared.items()
-        if by_place
+        name: {laboratory: reduction(each.ratio) for laboratory, each in by_laboratory.items()}
+        for name, by_laboratory in compared.items()
+        if by_laboratory
     }
 
 
-def networks_figure(found: Evaluation) -> Figure:
-    """Plot the reduction of the error by networks, with a row for each network and a marker for each laboratory."""
-    cuts = networks_of(found)
+def networks_figure(evaluation: Evaluation) -> Figure:
+    """Plot the error reduction by each network, with a row for each network and a marker for each laboratory."""
+    reductions = reductions_by_network(evaluation)
     colors = dict(zip(FAMILIES, (BLUE, GREEN, ORANGE, VERMILION), strict=True))
-    with print_panels(0.9 + 0.36 * len(cuts), width=1.75 * COLUMN) as (figure, axes):
+    with print_panels(0.9 + 0.36 * len(reductions), width=1.75 * COLUMN) as (figure, axes):
         axes.axvline(0.0, **LIMIT)
-        for row, by_place in enumerate(cuts.values()):
-            for offset, (place, each) in zip(np.linspace(-0.33, 0.33, len(by_place)), by_place.items(), strict=True):
-                color = colors[FAMILY_OF[place]]
+        for row, by_laboratory in enumerate(reductions.values()):
+            for offset, (laboratory, each) in zip(
+                np.linspace(-0.33, 0.33, len(by_laboratory)), by_laboratory.items(), strict=True
+            ):
+                color = colors[FAMILY_OF[laboratory]]
                 axes.plot([100.0 * each.low, 100.0 * each.high], [row + offset] * 2, color=color)
                 axes.plot(100.0 * each.value, row + offset, "o", color=color, markersize=2.8)
         axes.set_xscale("symlog", linthresh=10.0)
@@ -131,11 +140,13 @@ def networks_figure(found: Evaluation) -> Figure:
             [-100, -30, -10, -5, 0, 5, 10, 30, 100], ["-100", "-30", "-10", "-5", "0", "5", "10", "30", "100"]
         )
         axes.xaxis.set_minor_locator(NullLocator())
-        shown = [100.0 * end for by_place in cuts.values() for each in by_place.values() for end in each[1:]]
-        shown = [end for end in shown if np.isfinite(end)]
-        axes.set_xlim(max(min([-6.0, *shown]) * 1.15, -400.0), min(max([6.0, *shown]) * 1.15, 110.0))
-        name_rows(axes, [WORDS[name] for name in cuts])
-        axes.set_xlabel("RMSE less than without the network (%)")
+        ends = [
+            100.0 * end for by_laboratory in reductions.values() for each in by_laboratory.values() for end in each[1:]
+        ]
+        ends = [end for end in ends if np.isfinite(end)]
+        axes.set_xlim(max(min([-6.0, *ends]) * 1.15, -400.0), min(max([6.0, *ends]) * 1.15, 110.0))
+        name_rows(axes, [CONTROLLER_NAMES[name] for name in reductions])
+        axes.set_xlabel("reduction of the RMSE by the network (%)")
         handles = [
             Line2D([], [], color=color, marker="o", markersize=2.8, label=name) for name, color in colors.items()
         ]
@@ -143,17 +154,17 @@ def networks_figure(found: Evaluation) -> Figure:
         return figure
 
 
-def margins_figure(found: Evaluation) -> Figure:
+def margins_figure(evaluation: Evaluation) -> Figure:
     """Plot the error in high wind over the peak sensitivity and over the tolerated delay."""
     plain = {
-        name: (each, found.flights[PRICED_IN][name])
-        for name, each in found.traits.get(FAMILY_OF[PRICED_IN], {}).items()
-        if not parts_of(name)[1]
+        name: (each, evaluation.flights[PRICED_LABORATORY][name])
+        for name, each in evaluation.traits.get(FAMILY_OF[PRICED_LABORATORY], {}).items()
+        if not base_and_network(name)[1]
     }
     with print_panels(2.7, 1, 2, width=1.75 * COLUMN, sharey=True) as (figure, (row,)):
         for axes, (measure, unit, label) in zip(row, _MEASURES, strict=True):
             for name in PRICED_CONTROLLERS:
-                designs = priced(found, name)
+                designs = designs_by_sensitivity(evaluation, name)
                 if designs:
                     x, y = zip(*(_point(each, metrics, measure, unit) for each, metrics in designs), strict=True)
                     axes.plot(x, y, "-o", color=_COLORS[name], markersize=2.5, linewidth=0.8)
@@ -163,47 +174,47 @@ def margins_figure(found: Evaluation) -> Figure:
                     "o",
                     color=_COLORS.get(name, _OWN_COLOR),
                     markersize=5.0,
-                    label=WORDS[name],
+                    label=CONTROLLER_NAMES[name],
                 )
             axes.set_yscale("log")
             axes.set_xlabel(label)
-        # With wide axes, designs under the same limit appear as close together as they are.
+        # The axes are wide, so that small differences between designs with the same limit are not exaggerated.
         row[0].set_xlim(min(1.5, row[0].get_xlim()[0]), max(3.1, row[0].get_xlim()[1]))
         row[1].set_xlim(0.0, max(100.0, row[1].get_xlim()[1]))
         low, high = row[0].get_ylim()
         ticks = [tick for tick in (1, 2, 3, 5, 10, 20, 50) if low <= tick <= high]
         row[0].set_yticks(ticks, [f"{tick:g}" for tick in ticks])
         row[0].yaxis.set_minor_locator(NullLocator())
-        row[0].set_ylabel(f"RMSE in {PRICED_IN} (cm)")
+        row[0].set_ylabel(f"RMSE in {PRICED_LABORATORY} (cm)")
         legend_above(figure, row[0], 4, columnspacing=1.0)
         return figure
 
 
 _MEASURES: Any = (
     ("sensitivity", 1.0, "peak sensitivity"),
-    ("delay_flown", 1e-3, "further delay without a crash (ms)"),
+    ("delay_flown", 1e-3, "tolerated additional delay (ms)"),
 )
 
 
 def _point(traits: Traits, metrics: Metrics, measure: str, unit: float) -> tuple[float, float]:
     number = float(getattr(traits, measure))
-    error = 100.0 * float(np.mean(of_survivors(metrics, "rmse")))
+    error = 100.0 * float(np.mean(values_without_crashes(metrics, "rmse")))
     return (number / unit if np.isfinite(number) else np.nan), error
 
 
-def laps_figure(found: Evaluation, controllers: Sequence[str]) -> Figure:
+def laps_figure(evaluation: Evaluation, controllers: Sequence[str]) -> Figure:
     """Plot the error in each lap, with and without a network over the position."""
     with print_panels(2.6, width=1.3 * COLUMN) as (figure, axes):
         for name in controllers:
             for controller, style in ((name, ":"), (f"{name}_t2fnn_map", "-")):
-                counts = laps_flown(found, controller)
-                flown = [found.flights[in_laps(count)][controller] for count in counts]
-                means = [mean_interval(100.0 * of_survivors(metrics, "rmse")) for metrics in flown]
+                counts = lap_counts(evaluation, controller)
+                flown = [evaluation.flights[laboratory_with_laps(count)][controller] for count in counts]
+                means = [mean_interval(100.0 * values_without_crashes(metrics, "rmse")) for metrics in flown]
                 own: dict[str, Any] = {"color": _COLORS[name], "linestyle": style, "markersize": 3.0, "capsize": 2.0}
-                marker = _MARKS[parts_of(controller)[1]]
-                plot_intervals(axes, counts, means, label=WORDS[controller], marker=marker, **own)
+                marker = _MARKERS[base_and_network(controller)[1]]
+                plot_intervals(axes, counts, means, label=CONTROLLER_NAMES[controller], marker=marker, **own)
         axes.set_ylim(0.0, None)
         axes.set(xlabel="lap", ylabel="RMSE (cm)")
-        axes.set_xticks(range(1, max(map(len, (laps_flown(found, name) for name in controllers))) + 1))
+        axes.set_xticks(range(1, max(map(len, (lap_counts(evaluation, name) for name in controllers))) + 1))
         legend_above(figure, axes, 2, columnspacing=1.0)
         return figure

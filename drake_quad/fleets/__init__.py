@@ -1,1 +1,1 @@
-"""Simulation of fleets in one diagram, by Drake's simulator."""
+"""Simulation of fleets in one diagram with Drake's simulator."""

@@ -1,4 +1,4 @@
-"""Simulation of a fleet by Drake's simulator, in an uncompiled (wired) or compiled diagram."""
+"""Simulation of a fleet with Drake's simulator, in an uncompiled ("wired") or compiled diagram."""
 
 import math
 from abc import ABC, abstractmethod
@@ -17,10 +17,10 @@ from drake_quad.laboratory.metrics import Metrics
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import Batch
 
-# Simulated time between two checks for crashes, after which progress is reported, too, s.
+# Simulated time between two checks for crashes in uncompiled diagrams, s. Progress is reported at the same interval.
 _STRIDE = 1.0
-# Number of ticks between two checks for crashes in compiled diagrams. One event simulates all of them, so that Drake's
-# overhead is negligible.
+# Number of ticks between two checks for crashes in compiled diagrams, for fleets and for a single vehicle. A single
+# event simulates all these ticks, so that Drake's overhead is negligible.
 _FLEET_TICKS = 100
 _SINGLE_VEHICLE_TICKS = 500
 
@@ -29,9 +29,9 @@ class FleetSimulation(ABC):
     """Simulation of a fleet, which can be reset and repeated.
 
     Args:
-        diagram: diagram that is simulated.
+        diagram: diagram to simulate.
         stride: interval between checks for crashes, s.
-        jumps: times at which the forces on the vehicles are discontinuous, s, see `jump_times`.
+        jumps: times at which the forces on the vehicles are discontinuous, s; see `jump_times`.
 
     Attributes:
         simulator: Drake's simulator.
@@ -48,7 +48,7 @@ class FleetSimulation(ABC):
 
         Args:
             duration: duration of the flight, s.
-            progress: function that is called from time to time with the simulated time and the duration, s.
+            progress: function that is called repeatedly with the simulated time and the duration, s.
         """
         fly(self.simulator, duration, stride=self._stride, jumps=self._jumps, progress=progress)
 
@@ -57,7 +57,7 @@ class FleetSimulation(ABC):
         """Reset the fleet to the start of another batch of the same scenario and size."""
 
     def metrics(self) -> Metrics:
-        """Return the (N,) metrics so far."""
+        """Return the metrics up to the current time, (N,) arrays."""
         return read_metrics(*self._wired_now())
 
     def touched(self) -> np.ndarray:
@@ -68,7 +68,7 @@ class FleetSimulation(ABC):
 
     @abstractmethod
     def _wired_now(self) -> tuple[Diagram, Context]:
-        """Return the uncompiled diagram, and a context of it with the current state."""
+        """Return the uncompiled diagram, and its context with the current state."""
 
     @abstractmethod
     def recording(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -81,7 +81,7 @@ class WiredSimulation(FleetSimulation):
     Args:
         batch: samples that the fleet flies.
         plan: plan that the fleet flies.
-        own: systems of the user.
+        own: user's systems that replace parts of the loop.
         record: True to record signals.
     """
 
@@ -110,7 +110,7 @@ class WiredSimulation(FleetSimulation):
 
 
 class CompiledSimulation(FleetSimulation):
-    """Simulation of a fleet in a compiled diagram; arguments are those of `WiredSimulation`.
+    """Simulation of a fleet in a compiled diagram; the arguments are as in `WiredSimulation`.
 
     Raises:
         InputError: if the diagram cannot be compiled.
@@ -121,11 +121,13 @@ class CompiledSimulation(FleetSimulation):
     def __init__(self, batch: Batch, plan: Plan, *, own: UserSystems, record: bool) -> None:
         self._plan = plan
         self._own = UserSystems(**{name: as_compilable(system) for name, system in own.given.items()})
-        # Numbers of a batch are set in this diagram and copied to the compiled one. State is copied back to be read.
+        # The parameters of a batch are set in this diagram and copied to the compiled diagram. To read the state, it is
+        # copied back.
         self._wired = build_fleet_diagram(batch, plan, own=self._own)
         self._wired_context = self._wired.CreateDefaultContext()
         ticks = _SINGLE_VEHICLE_TICKS if len(batch) == 1 else _FLEET_TICKS
-        # Flights end and are recorded at ticks of the controller, whose period is not always the longest one.
+        # The period of the controller is given explicitly, since it is not always the longest period. Flights end and
+        # are recorded at control ticks.
         tick = batch.scenario.laboratory.command_link.period
         self._diagram = compile_diagram(self._wired, ticks=ticks, tick=tick, record=record)
         self._compiled = compiled_part(self._diagram)
@@ -156,7 +158,7 @@ class CompiledSimulation(FleetSimulation):
         return self._compiled.tick * np.arange(num_ticks), signals
 
     def _part_of(self, context: Context) -> Context:
-        """Return the compiled system's part of a context."""
+        """Return the context of the compiled system within a context of the diagram."""
         return self._compiled.GetMyMutableContextFromRoot(context)
 
 
@@ -168,12 +170,12 @@ def simulate_fleet(
     Args:
         batch: samples that the fleet flies.
         plan: plan that the fleet flies.
-        own: systems of the user.
+        own: user's systems that replace parts of the loop.
         record: True to record signals.
         compiled: True to compile the diagram.
 
     Raises:
-        InputError: if a system of the user does not fit the diagram, or the diagram cannot be compiled.
+        InputError: if the ports of a user's system do not match the diagram, or the diagram cannot be compiled.
     """
     return (CompiledSimulation if compiled else WiredSimulation)(batch, plan, own=own, record=record)
 
@@ -191,13 +193,13 @@ def fly(
     Args:
         simulator: simulator of the diagram.
         duration: duration of the flight, s.
-        stride: interval between checks for crashes and between reports of progress, s.
-        jumps: times at which the forces on vehicles with a continuous state are discontinuous, s, see `jump_times`.
+        stride: interval at which crashes are checked and progress is reported, s.
+        jumps: times at which the forces on vehicles with a continuous state are discontinuous, s; see `jump_times`.
         progress: function that is called after each stride with the simulated time and the duration, s.
     """
     diagram, context = simulator.get_system(), simulator.get_context()
     crashed = diagram.GetOutputPort("crashed")
-    # A step that ends just before a jump evaluates all its stages with the forces before the jump.
+    # A step that ends just before a jump evaluates the forces before the jump at all its stages.
     stops = {stop for jump in jumps for stop in (math.nextafter(jump, 0.0), jump)}
     time = 0.0
     while time < duration and not (crashed.Eval(context) != 0.0).all():
@@ -209,6 +211,6 @@ def fly(
 
 
 def read_metrics(diagram: Diagram, context: Context) -> Metrics:
-    """Return the (N,) metrics so far of the vehicles of a tracking diagram."""
+    """Return the metrics of the vehicles of a tracking diagram up to the current time, (N,) arrays."""
     monitor = diagram.GetSubsystemByName("monitor")
     return monitor.metrics(monitor.GetMyContextFromRoot(context))

@@ -1,4 +1,4 @@
-"""Fleet that simulates the samples of a study, batch after batch, in one diagram."""
+"""Fleet that simulates the samples of a study in one diagram, batch by batch."""
 
 from collections.abc import Callable, Sequence
 
@@ -22,7 +22,7 @@ class StudyFleet:
 
     Args:
         scenario: scenario, which may contain distributions.
-        plan: plan that is flown, for example from `drake_quad.plan_route`.
+        plan: plan to fly, for example from `drake_quad.plan_route`.
         num_vehicles: number N of vehicles.
         own: functions that create the user's systems for N vehicles.
         compiled: True to compile the diagram to machine code.
@@ -42,9 +42,10 @@ class StudyFleet:
         compiled: bool = True,
     ) -> None:
         if scenario.vehicle.time_step == 0.0:
-            # An integrator selects its steps by the errors of all vehicles of a fleet.
+            # With a continuous state, the steps of the integrator would depend on the errors of all vehicles of a
+            # fleet.
             raise InputError(
-                "vehicle.time_step is 0; it must be positive, so that a sample has the same flight in any fleet"
+                "vehicle.time_step is 0; it must be positive, so that the flight of a sample does not depend on the fleet"
             )
         check_fleet_fits(num_vehicles, "num_vehicles")
         self.scenario, self.num_vehicles = scenario, num_vehicles
@@ -60,12 +61,12 @@ class StudyFleet:
         duration: float | None = None,
         progress: Callable[[float, float], None] | None = None,
     ) -> Metrics:
-        """Fly samples and return the (n,) metrics of each.
+        """Fly n <= N samples and return their metrics, (n,) arrays.
 
         Args:
-            samples: indices of n samples, from 1 to N of them.
+            samples: indices of the n samples, at least one.
             duration: time at which the simulation stops, s; the end of the flight if not given.
-            progress: function that is called from time to time with the simulated time and the total time, s.
+            progress: function that is called repeatedly with the simulated time and the total time, s.
 
         Raises:
             InputError: if the drag of a sample is too large for the vehicle's time step.
@@ -79,16 +80,16 @@ class StudyFleet:
         duration: float | None = None,
         progress: Callable[[float, float], None] | None = None,
     ) -> Metrics:
-        """Fly a batch of n vehicles, from 1 to N of them, and return the (n,) metrics of each.
+        """Fly a batch of n <= N vehicles and return their metrics, (n,) arrays.
 
-        If the batch has fewer than N vehicles, its last one fills the fleet. Vehicles do not influence one another.
+        A smaller batch is padded to N with copies of its last vehicle. Vehicles do not influence one another.
         """
         if not 0 < len(batch) <= self.num_vehicles:
-            raise ValueError(f"a fleet of {self.num_vehicles} cannot fly {len(batch)} samples at once")
+            raise ValueError(f"a fleet of {self.num_vehicles} vehicles cannot fly {len(batch)} samples at once")
         self._simulation.reset(batch.padded(self.num_vehicles))
         self._simulation.fly(self.duration if duration is None else duration, progress=progress)
         return Metrics(*(values[: len(batch)] for values in self._simulation.metrics()))
 
     def touched(self) -> np.ndarray:
-        """Return the (N,) numbers of the obstacles of the last crashes, from 1 on; 0 without a collision."""
+        """Return the (N,) numbers of the obstacles that the vehicles hit, from 1 on; 0 without a collision."""
         return self._simulation.touched()

@@ -8,12 +8,12 @@ import numpy as np
 from drake_quad.assembly.user_systems import PORTS
 from drake_quad.signals import row_names
 
-# Signals that precede the control within a tick, in the order of cause and effect. The signals of the control follow
-# in the order in which they were recorded.
+# Signals that are computed before the control within a tick, in the order of cause and effect. The signals of the
+# control follow in the order in which they are recorded.
 _UPSTREAM_SIGNALS = ("wind", "state", "rotor_speed", "swing", "charge", "measurement", "reference")
-# If one of these signals is the first that is not finite, the vehicle itself has diverged: its commands were finite.
+# If one of these signals is the first to contain NaN or infinity, the vehicle has diverged under finite commands.
 _VEHICLE_SIGNALS = ("state", "rotor_speed", "swing", "charge", "measurement")
-# Signals that follow from the commands of the control, so that they are never the first cause.
+# Signals that are computed from the commands of the control. They are never the first cause.
 _DOWNSTREAM_SIGNALS = ("rotor_speed_command", "throttle_command", "shortfall", "crashed")
 
 
@@ -23,7 +23,7 @@ def not_a_number(time: np.ndarray, signals: Mapping[str, np.ndarray], own: Mappi
     Args:
         time: (ticks,) times of the samples up to the crash, s.
         signals: (ticks, rows) recorded values of each signal, by name, in the order of cause and effect.
-        own: user's systems by their place in the loop, see `UserSystems`.
+        own: user's systems, by the name of the part of the loop that each replaces; see `UserSystems`.
 
     Returns:
         The sentence; None if all values are finite, or if the vehicle itself diverged.
@@ -48,6 +48,6 @@ def not_a_number(time: np.ndarray, signals: Mapping[str, np.ndarray], own: Mappi
 
 
 def _signals_of(place: str) -> tuple[str, ...]:
-    """Return the names of the signals that a user's system at a place of the loop may output."""
+    """Return the names of the signals that a user's system may output, given the part of the loop that it replaces."""
     whole_cascade = ("acceleration_command", "attitude_command", "wrench", "attitude_target")
     return whole_cascade if place == "control" else (PORTS[place].output,)

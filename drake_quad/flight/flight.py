@@ -33,7 +33,8 @@ ARRAYS = "flight.npz"
 TABLE = "flight.csv"
 SCENARIO = "scenario.yaml"
 METRICS = "metrics.csv"
-# Names of arrays in a flight's file that are not signals.
+# Names of the arrays in `flight.npz` that are not signals: whether the diagram was compiled, the obstacle that the
+# vehicle hit, the cause of the crash, and the arrays of the plan.
 _COMPILED_KEY = "compiled"
 _TOUCHED_KEY = "touched"
 _CAUSE_KEY = "cause"
@@ -50,7 +51,7 @@ class Flight(Mapping[str, np.ndarray]):
     Attributes:
         scenario: scenario that was flown, with its seed and the index of the sample.
         plan: plan with the reference.
-        time: (ticks,) times of the control's ticks until the end or the crash, s.
+        time: (ticks,) times of the control ticks until the end of the flight or the crash, s.
         signals: (ticks, rows) values of each signal at the ticks; `record` names the rows.
         metrics: metrics of the flight; NaN for a metric that is not defined.
         compiled: True if a compiled diagram was simulated, False if the original diagram was.
@@ -70,7 +71,7 @@ class Flight(Mapping[str, np.ndarray]):
     def __getitem__(self, name: str) -> np.ndarray:
         """Return the (ticks, rows) values of a signal."""
         if name not in self.signals:
-            raise KeyError(f"{name} is not a signal of this flight, which has {', '.join(self.signals)}")
+            raise KeyError(f"{name} is not a signal of this flight; its signals are {', '.join(self.signals)}")
         return self.signals[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -131,7 +132,7 @@ class Flight(Mapping[str, np.ndarray]):
 
     @property
     def crash(self) -> str:
-        """Text that describes the crash; empty if the vehicle did not crash."""
+        """Description of the crash; empty if the vehicle did not crash."""
         if not self.metrics.crashed:
             return ""
         obstacle = "" if self.touched is None else f" into {self.touched}"
@@ -139,7 +140,7 @@ class Flight(Mapping[str, np.ndarray]):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Remarks to read before using the results of the flight, see `flight_remarks`."""
+        """Remarks that a user should read before using the results of the flight; see `flight_remarks`."""
         return flight_remarks(self.scenario, self.plan)
 
     @property
@@ -182,7 +183,7 @@ class Flight(Mapping[str, np.ndarray]):
 
 
 def read_flight(path: Path | str) -> Flight:
-    """Read a flight that `Flight.save` wrote, with exactly the same numbers.
+    """Read a flight that `Flight.save` wrote, without loss of precision.
 
     Args:
         path: folder of the flight, or one of the files in it.
@@ -206,11 +207,11 @@ def read_flight(path: Path | str) -> Flight:
         plan_arrays = {name: arrays.pop(name) for name in [*arrays] if name.startswith(_PLAN_PREFIX)}
         plan = _plan_of(plan_arrays) if plan_arrays else None
     except _DAMAGE_ERRORS:
-        raise InputError(f"{folder / ARRAYS} cannot be read, or is not the file of a flight") from None
+        raise InputError(f"{folder / ARRAYS} is damaged, or is not the file of a flight") from None
     unexpected = [name for name, values in arrays.items() if name not in SIGNALS or values.shape[:1] != time.shape]
     if unexpected:
         raise InputError(
-            f"{folder / ARRAYS} is not the file of a flight: {listed(unexpected)} is not a signal of its length"
+            f"{folder / ARRAYS} is not the file of a flight: {listed(unexpected)} is not a signal with one row per tick"
         )
     metrics = _read_metrics(folder / METRICS)
     return Flight(scenario, plan or plan_route(scenario), time, arrays, metrics, compiled, touched, cause)
@@ -225,7 +226,7 @@ def _read_metrics(path: Path) -> Metrics:
 
 
 def _arrays_of(plan: Plan) -> dict[str, np.ndarray]:
-    """Return the exact numbers of a plan as arrays by name."""
+    """Return the arrays from which `_plan_of` restores a plan exactly, by name."""
     arrays = {
         **{f"path.{name}": values for name, values in plan.path._asdict().items()},
         **{f"yaw.{name}": values for name, values in plan.yaw._asdict().items()},

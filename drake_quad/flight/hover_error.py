@@ -1,9 +1,9 @@
-"""Prediction of the position error in hover by simulation in wind and noise.
+"""Prediction of the position error in hover, by simulation with wind and noise.
 
-The hovers are simulated in the scenario's own laboratory, with its lost frames and packets. A linear model
-(`drake_quad.linear.hover_covariance`) omits these losses and the products of noises, which together cause most of the
-error in weak wind. The number of simulated hovers grows until the confidence interval of the RMS error is short
-enough. This takes about a second for most controllers.
+The hovers are simulated in the laboratory of the scenario, including lost frames and packets. A linear model
+(`drake_quad.linear.hover_covariance`) omits these losses and the products of noise terms, which together cause most of
+the error in weak wind. Hovers are simulated until the confidence interval of the RMS error is narrow enough. This takes
+about a second for most controllers.
 """
 
 import math
@@ -20,24 +20,27 @@ from drake_quad.scenario.hovering import in_hover, with_believed_vehicle
 from drake_quad.scenario.models import MetricWindow, Scenario
 from drake_quad.scenario.paths import updated
 from drake_quad.scenario.routes.hover import HoverRoute
-from drake_quad.statistics.estimates import mean_interval, positive
+from drake_quad.statistics.estimates import mean_interval, without_negative_part
 from drake_quad.statistics.interval import Interval
 
 SETTLING_TIME = 20.0
-"""Time from the start of a hover until errors count, s: several time constants of the slowest shipped integral."""
+"""Time from the start of a hover after which errors count, s.
+
+It is several time constants of the slowest integrator of the shipped controllers.
+"""
 
 HOVER_TIME = 40.0
 """Duration of a hover, s."""
 
 _FLEET_SIZE = 64
 _MAX_HOVERS = 1024
-# Further hovers are simulated until half the width of each 95 % interval is below one of these two limits. The absolute
-# limit applies to axes with rounding errors only.
+# Hovers are simulated until the half-width of each 95 % interval is below one of these two limits: one relative to the
+# RMS error, and an absolute one for axes whose only errors are rounding errors.
 _RELATIVE_PRECISION = 0.05
 _ABSOLUTE_PRECISION = 1e-7  # m
-# The default seed is fixed, so that a plan does not depend on the seed of a study.
+# The seed is fixed, so that a plan does not depend on the seed of a study.
 _SEED = 20_261_107
-# Number of points along the route at which the error is predicted if the wind depends on the position.
+# Number of points along the route at which hovers are simulated if the wind depends on the position.
 _NUM_POINTS = 9
 
 
@@ -62,8 +65,9 @@ class HoverError(NamedTuple):
 def hover_error(scenario: Scenario, *, seed: int = _SEED) -> HoverError:
     """Simulate hovers of the true vehicle and return their RMS error between `SETTLING_TIME` and `HOVER_TIME`.
 
-    The vehicle hovers where the scenario's route hovers, or at (0, 0, 1). Winds that change with time, the battery and
-    rotor failures are left out. The error of a controller that learns may change after this time.
+    The vehicle hovers at the position of the scenario's route if this is a hover, else at (0, 0, 1). Winds that change
+    with time, the battery and rotor failures are omitted. A controller that adapts may have another error after
+    `HOVER_TIME`.
 
     Args:
         scenario: scenario without distributions.
@@ -88,20 +92,20 @@ def hover_error(scenario: Scenario, *, seed: int = _SEED) -> HoverError:
 
 
 def believed_tracking_error(scenario: Scenario) -> HoverError:
-    """Return the `hover_error` of the nominal vehicle in a scenario's wind.
+    """Return the `hover_error` of the nominal vehicle in the wind of a scenario.
 
-    A planner can allow for this error, since it does not depend on the unknown true vehicle. If a wind depends on the
-    position, the result is the largest error of hovers along the route, which is planned without obstacles for this
-    purpose.
+    A planner can use this error, since it does not depend on the unknown true vehicle. If a wind depends on the
+    position, the result is the largest error among hovers along the route. For this purpose the route is planned
+    without obstacles.
 
     Raises:
-        InputError: if `hover_error` raises it, or a wind, and with it the error, changes with time.
+        InputError: if `hover_error` raises it, or if a wind depends on time.
     """
     for number, source in enumerate(scenario.laboratory.wind):
         if source.depends_on_time:
             raise InputError(
-                f"laboratory.wind.{number} is a {source.kind}; hovers predict the error in steady wind and turbulence"
-                " only"
+                f"laboratory.wind.{number} is a {source.kind}, which depends on time; the error can be predicted only"
+                " for steady wind and turbulence"
             )
     believed = with_believed_vehicle(scenario).model_copy(update={"space": None})
     points = [np.array(HoverRoute(kind="hover").position)]
@@ -116,7 +120,8 @@ def believed_tracking_error(scenario: Scenario) -> HoverError:
 def _hover_scenario(scenario: Scenario, seed: int) -> Scenario:
     """Return the scenario in hover, with a metric window from `SETTLING_TIME` on."""
     hovering = in_hover(scenario)
-    # Fleets need a time step. The shortest period fits the grids of all ticks, and RK4 is accurate enough with it.
+    # Fleets need a time step. The shortest period of the scenario is compatible with all other periods, and RK4 is
+    # accurate enough with it.
     time_step = hovering.vehicle.time_step or min(hovering.periods.values())
     timing = {"route.duration": HOVER_TIME, "vehicle.time_step": time_step, "seed": seed}
     return updated(hovering, {**timing, "metrics": MetricWindow(start=SETTLING_TIME)})
@@ -126,17 +131,17 @@ def _refuse_crashes(scenario: Scenario, metrics: Metrics) -> None:
     crashed = metrics.crashed
     if crashed.any():
         raise InputError(
-            f"{crashed.sum()} of {len(crashed)} hovers of {scenario.name} crash, the first after"
-            f" {metrics.crash_time.min():.1f} s: there is no RMS error to predict"
+            f"cannot predict the RMS error in hover: {crashed.sum()} of {len(crashed)} hovers of {scenario.name} crash,"
+            f" the first after {metrics.crash_time.min():.1f} s"
         )
 
 
 def _root_of_mean(squares: np.ndarray) -> Interval:
-    """Return the RMS error from the mean squared errors (n,) of independent hovers, with its interval."""
-    return Interval(*(math.sqrt(end) for end in positive(mean_interval(squares))))
+    """Return the RMS error and its confidence interval, given the mean squared errors (n,) of independent hovers."""
+    return Interval(*(math.sqrt(end) for end in without_negative_part(mean_interval(squares))))
 
 
 def _is_precise(error: Interval) -> bool:
-    """Return whether the interval of an error is short enough."""
+    """Return whether the confidence interval of an error is narrow enough."""
     half_width = 0.5 * (error.high - error.low)
     return half_width <= max(_RELATIVE_PRECISION * error.value, _ABSOLUTE_PRECISION)

@@ -1,4 +1,4 @@
-"""Saving of the parameters of a network that learned in a flight."""
+"""Saving of the parameters that a network learned in a flight."""
 
 from pathlib import Path
 
@@ -12,9 +12,9 @@ from drake_quad.scenario.networks.learned import LearnedAxis, LearnedNetwork
 
 
 def save_network(flight: Flight, path: Path | str) -> Path:
-    """Save the parameters of a flight's network at its last tick: the weights, and the sets if they learn.
+    """Save the parameters of a flight's network at the last tick: the weights and, if they are adapted, the fuzzy sets.
 
-    In a scenario with `control.network.learned: FILE`, the networks of all vehicles start from them.
+    In a scenario with `control.network.learned: FILE`, the networks of all vehicles start with these parameters.
 
     Args:
         flight: flight with a network.
@@ -36,7 +36,7 @@ def save_network(flight: Flight, path: Path | str) -> Path:
         *_, last = flight["antecedents"]
         antecedents = np.split(last, len(axes))
     if not np.isfinite(np.concatenate(weights)).all():
-        raise InputError("the parameters of the network cannot be saved, since some are not finite")
+        raise InputError("the parameters of the network cannot be saved, since some are NaN or infinite")
     learned_axes = {
         axis: LearnedAxis(weights=tuple(f.tolist()), antecedents=None if sets is None else tuple(sets.tolist()))
         for axis, f, sets in zip(axes, weights, antecedents, strict=True)

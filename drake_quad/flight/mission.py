@@ -1,4 +1,4 @@
-"""Plan and diagrams of a scenario: the closed loop, the laboratory without a controller, and the vehicle."""
+"""Plan of a scenario, and its diagrams: the closed loop, the laboratory without a controller, and the vehicle."""
 
 from typing import Any
 
@@ -25,7 +25,7 @@ from drake_quad.scenario.routes.route import Planned
 from drake_quad.space.space import Space
 
 _MAX_OBSTACLE_PLANS = 16
-# Cache of plans around obstacles, by the text of the scenario.
+# Cache of plans around obstacles. The key is the part of the scenario on which the plan depends, as JSON.
 _obstacle_plans: "ThreadSafeCache[Planned]" = ThreadSafeCache(_MAX_OBSTACLE_PLANS)
 
 
@@ -33,20 +33,20 @@ def plan_route(mission: Mission) -> Plan:
     """Return the plan for the route of a scenario, for the nominal vehicle.
 
     Raises:
-        InputError: if the route contains a distribution, no path meets its conditions, the rotors cannot fly it, or
-            obstacles block every path.
+        InputError: if the route contains a distribution, if no path satisfies the conditions of the route, if the
+            rotors cannot fly the path, or if obstacles block every path.
     """
     return planned(mission).plan
 
 
 def planned(mission: Mission) -> Planned:
-    """Return the plan for the route of a scenario, with the problem that it solves; errors are those of `plan_route`.
+    """Return the plan for the route of a scenario, with the problem that it solves.
 
-    Planning around obstacles takes seconds, so these plans are cached.
+    Planning around obstacles takes seconds, so these plans are cached. The function raises the errors of `plan_route`.
     """
     if mission.space is None:
         return plan_in(mission, None)
-    # Besides the mission, the plan depends on the whole scenario only through the predicted tracking error.
+    # Fields of the scenario that are not part of `Mission` affect the plan only through the predicted tracking error.
     key_fields = None if mission.space.tracking else set(Mission.model_fields)
 
     def make() -> Planned:
@@ -69,32 +69,33 @@ def build_tracking_diagram(
 ) -> Diagram:
     """Build the closed loop of a scenario, for N vehicles with identical parameters.
 
-    Each vehicle has the wind and noise of its own sample. The first sample is that of the scenario, or 0.
+    Vehicle i flies with the wind and noise of sample s + i, where s is the scenario's `sample`, or 0 if it has none.
 
-    The subsystems are `reference`, `control`, `laboratory`, `monitor` and, if requested, `recorder`. All signals of the
-    loop that the control has are exported under their names. The default context is hover at the first point of the
-    reference.
+    The subsystems are `reference`, `control`, `laboratory`, `monitor` and, if requested, `recorder`. The diagram
+    exports the signals of the loop under their names. In the default context the vehicles hover at the first point of
+    the reference.
 
     Args:
         scenario: scenario without distributions.
         num_vehicles: number N of vehicles.
-        position_controller: system that replaces the scenario's position controller and its network, from
-            `measurement` (12 rows) and `reference` (11 rows) to `acceleration_command` (3 rows, m/s²). The diagram
-            takes ownership of it.
-        control: system that replaces the whole cascade, from `measurement` and `reference` to `wrench`
-            (4 rows: F_z in N; τ_x, τ_y, τ_z in N m) or, with an autopilot on board, to `attitude_target` (7 rows: F_z
-            in N; roll, pitch, yaw in rad; p, q, r in rad/s). The diagram takes ownership of it.
+        position_controller: system that replaces the scenario's position controller and its network. Its inputs are
+            `measurement` (12 rows) and `reference` (11 rows), its output is `acceleration_command` (3 rows, m/s²).
+            The diagram takes ownership of the system.
+        control: system that replaces the whole cascade. Its inputs are `measurement` and `reference`, its output is
+            `wrench` (4 rows: F_z in N; τ_x, τ_y, τ_z in N m) or, with an autopilot on board, `attitude_target` (7 rows:
+            F_z in N; roll, pitch, yaw in rad; p, q, r in rad/s). The diagram takes ownership of the system.
         wind: additional source of wind, with one output port of 3 rows, the velocity of the air in W (m/s), and
-            optionally the input port `state` (12 rows). The diagram takes ownership of it, and samples it at the
-            vehicle's time step, unless it is a FleetSystem that updates itself, like those of `drake_quad.laboratory`.
-        plan: plan that is flown instead of that of the scenario's route.
-        record: True to add a recorder of all signals, sampled at every tick of the control.
-        drake_random: True to use Drake's random sources for wind and noise, for Drake's own Monte Carlo tools, instead
-            of those of the samples.
+            optionally the input port `state` (12 rows). The diagram takes ownership of the source. It samples the
+            source at the vehicle's time step, unless the source is a FleetSystem with periodic updates, as in
+            `drake_quad.laboratory`.
+        plan: plan to fly; by default the plan for the scenario's route.
+        record: True to add a recorder of all signals, sampled at every control tick.
+        drake_random: True to connect wind and noise to Drake's random sources, for Drake's Monte Carlo tools, instead
+            of the streams of the samples.
 
     Raises:
-        InputError: if the scenario contains a distribution, the rotors cannot fly the route, a given system does not
-            fit, or the fleet does not fit into memory.
+        InputError: if the scenario contains a distribution, the rotors cannot fly the route, the ports of a given
+            system do not match the loop, or the fleet does not fit into memory.
     """
     batch = _identical_vehicles(scenario, num_vehicles)
     own = UserSystems(position_controller, control, wind)
@@ -108,10 +109,13 @@ def build_laboratory_diagram(
     """Build the laboratory of a scenario without its controller: all systems from a command to a measurement.
 
     The command link sends the command to the rotors of the vehicle, which moves in the wind. Motion capture measures
-    its state. If the port `crashed` is not connected, no vehicle crashes. The default context is hover at the first
-    point of the plan. Wind and noise are those of the scenario's sample, as in `build_tracking_diagram`.
+    the state of the vehicle. If the port `crashed` is not connected, no vehicle crashes. In the default context the
+    vehicles hover at the first point of the plan. The scenario's `sample` determines wind and noise, as in
+    `build_tracking_diagram`.
 
-    Input ports, with k N numbers in a port of k rows for N vehicles, row after row:
+    A port of k rows contains k N numbers for N vehicles: row by row, with one number per vehicle in each row.
+
+    Input ports:
 
     - `wrench` (4 rows): F_z in N along z of the body, and τ_x, τ_y, τ_z in N m about its axes. With an autopilot on
       board it is `attitude_target` (7 rows): F_z in N; roll, pitch, yaw in rad; p, q, r in rad/s.
@@ -123,7 +127,7 @@ def build_laboratory_diagram(
       frame; p, q, r in rad/s about the axes of the body.
     - `rotor_speed` (4 rows): in rad/s.
     - `rotor_speed_command` (4 rows): in rad/s. For motors with a thrust curve it is `throttle_command`, from 0 to 1.
-    - `shortfall` (4 rows): the part of the wrench that the rotors cannot exert, in N and N m.
+    - `shortfall` (4 rows): the part of the wrench that the rotors cannot produce, in N and N m.
     - `wind` (3 rows): velocity of the air at the vehicle in the world frame, in m/s.
 
     A slung load adds the output `swing` (4 rows: roll and pitch in rad, their rates in rad/s), a battery `charge` (1
@@ -132,8 +136,8 @@ def build_laboratory_diagram(
     Args:
         scenario: scenario without distributions.
         num_vehicles: number N of vehicles.
-        plan: plan at whose first point the vehicles hover at time 0; that of the scenario's route if not given.
-        drake_random: True to use Drake's random sources for wind and noise instead of those of the samples.
+        plan: plan at whose first point the vehicles hover at time 0; by default the plan for the scenario's route.
+        drake_random: True to connect wind and noise to Drake's random sources instead of the streams of the samples.
 
     Raises:
         InputError: under the same conditions as in `build_tracking_diagram`.
@@ -144,19 +148,20 @@ def build_laboratory_diagram(
 
 
 def build_vehicle(scenario: Scenario, num_vehicles: int = 1, *, plan: Plan | None = None) -> FleetSystem:
-    """Build the vehicle of a scenario alone, without cameras, command link and allocation.
+    """Build only the vehicle of a scenario, without cameras, command link and allocation.
 
-    The system is a `Quadrotor`, which documents its ports: from `rotor_speed_command` (4 rows, rad/s) and `wind` (3
-    rows, m/s; the air is still if the port is not connected) to `state` (12 rows, as in `build_laboratory_diagram`) and
-    `rotor_speed` (4 rows, rad/s), with k N numbers in a port of k rows for N vehicles. Its default context is hover at
-    the first point of the plan. With `vehicle.time_step` 0 the state is continuous, as `Linearize` needs it.
+    The system is a `Quadrotor`, whose docstring describes all ports. Its inputs are `rotor_speed_command` (4 rows,
+    rad/s) and `wind` (3 rows, m/s; if not connected, the air is still). Its outputs are `state` (12 rows, as in
+    `build_laboratory_diagram`) and `rotor_speed` (4 rows, rad/s). A port of k rows contains k N numbers for N vehicles.
+    In the default context the vehicles hover at the first point of the plan. If `vehicle.time_step` is 0, the state is
+    continuous, as Drake's `Linearize` requires.
 
-    With an autopilot of kind `response` the system is a `RespondingQuadrotor`.
+    With an autopilot of kind `response`, the system is a `RespondingQuadrotor`.
 
     Args:
         scenario: scenario without distributions.
         num_vehicles: number N of vehicles.
-        plan: plan at whose first point the vehicles hover at time 0; that of the scenario's route if not given.
+        plan: plan at whose first point the vehicles hover at time 0; by default the plan for the scenario's route.
 
     Raises:
         InputError: under the same conditions as in `build_tracking_diagram`.
@@ -165,7 +170,7 @@ def build_vehicle(scenario: Scenario, num_vehicles: int = 1, *, plan: Plan | Non
 
 
 def _identical_vehicles(scenario: Scenario, num_vehicles: int) -> Batch:
-    """Return a batch of vehicles that differ in wind and noise only.
+    """Return a batch of vehicles that differ only in wind and noise.
 
     Raises:
         InputError: if the scenario contains a distribution, or the fleet does not fit into memory.
@@ -182,7 +187,9 @@ def _recipes(batch: Batch, plan: Plan | None) -> dict[str, Recipe]:
 
 
 def planning_space(mission: Mission) -> Space | None:
-    """Return `space_of` with the tracking error that `space.tracking` multiplies; the error is predicted if needed.
+    """Return the space around which a route is planned; None if the mission has no space.
+
+    If `space.tracking` is not zero, the tracking error that this factor multiplies is predicted first.
 
     Raises:
         InputError: if the prediction is not possible, see `believed_tracking_error`.
@@ -191,7 +198,8 @@ def planning_space(mission: Mission) -> Space | None:
         return space_of(mission)
     if not isinstance(mission, Scenario):
         raise InputError(
-            "space.tracking needs a predicted tracking error, which requires a scenario with laboratory and control"
+            "space.tracking multiplies a predicted tracking error; the prediction requires a scenario with laboratory"
+            " and control"
         )
     try:
         predicted = believed_tracking_error(mission)

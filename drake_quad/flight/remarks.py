@@ -18,25 +18,26 @@ from drake_quad.scenario.layouts import arm_length_of, rotors_of
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in, leaves
 
-# A field of the flown vehicle is reported if it differs from the nominal one by more than both limits: a relative
-# difference larger than the error of any scale or data sheet, and a multiple of the flown value's standard deviation.
+# A field of the flown vehicle is reported if it differs from the nominal value by more than both of these limits. The
+# relative limit is larger than the error of any scale or data sheet. The other limit is a multiple of the standard
+# deviation of the flown value.
 _MIN_RELATIVE_DIFFERENCE = 0.2
-# The same limit for an offset of the centre of mass, relative to the arm length. At this offset, hover takes 10 % more
-# thrust from a rotor on one side, and 10 % less from one on the other side.
+# Smallest reported offset of the centre of mass, relative to the arm length. At this offset, the rotors on one side
+# produce 10 % more thrust in hover, and the rotors on the other side 10 % less.
 _MIN_RELATIVE_OFFSET = 0.1
 _MIN_STANDARD_DEVIATIONS = 5.0
-# The speed limits of the rotors are not compared, since they differ between kinds of motors.
+# The speed limits of the rotors are not compared, since they depend on the type of motor.
 _COMPARED_FIELDS = ("mass", "inertia.0", "inertia.1", "inertia.2", "thrust_factor", "drag_factor", "gravity")
-# Probability that a normal variable is more than one standard deviation below its mean.
+# Probability that a normal random variable is more than one standard deviation below its mean.
 _LOWER_SIGMA_PROBABILITY = 0.5 * math.erfc(math.sqrt(0.5))
 
 
 def flight_remarks(scenario: Scenario, plan: Plan | None = None) -> tuple[str, ...]:
-    """Return remarks on the vehicle of a scenario and on its flight after the end of the route.
+    """Return remarks on a vehicle that differs from the nominal one, and on a route that ends in motion.
 
     Args:
-        scenario: scenario that is flown; it may contain distributions.
-        plan: plan that is flown; the plan for the scenario's route if not given.
+        scenario: scenario to fly, which may contain distributions.
+        plan: plan to fly; by default the plan for the scenario's route.
 
     Raises:
         InputError: if the route cannot be planned.
@@ -45,9 +46,10 @@ def flight_remarks(scenario: Scenario, plan: Plan | None = None) -> tuple[str, .
 
 
 def unequal_conditions(scenarios: Mapping[str, Scenario]) -> list[str]:
-    """Return a remark on each controller that does not fly under the same conditions as the first one.
+    """Return a remark on each controller whose flight conditions differ from the conditions of the first controller.
 
-    The conditions are all fields of a scenario but its control and the nominal vehicle, on which a control may rely.
+    The conditions are all fields of a scenario except for `control` and the `nominal` vehicle, which belongs to the
+    design of a controller.
 
     Args:
         scenarios: scenarios by the names of their controllers.
@@ -58,7 +60,7 @@ def unequal_conditions(scenarios: Mapping[str, Scenario]) -> list[str]:
         paths = [path for path in {**expected, **conditions} if conditions.get(path) != expected.get(path)]
         changes = [f"{path} {_format(conditions.get(path))} (not {_format(expected.get(path))})" for path in paths]
         if changes:
-            remarks.append(f"{name} does not fly under the same conditions as {first}: {listed(changes, 4)}")
+            remarks.append(f"{name} and {first} do not fly under the same conditions: {listed(changes, 4)}")
     return remarks
 
 
@@ -82,7 +84,7 @@ def _mixed_vehicles(scenario: Scenario) -> list[str]:
     if not differences:
         return []
     return [
-        f"`vehicle` differs strongly from `nominal`, for which its controllers compute: {', '.join(differences)}; check"
+        f"`vehicle` differs strongly from `nominal`, the model that controllers use: {', '.join(differences)}; check"
         " that both describe the same vehicle"
     ]
 
@@ -100,7 +102,7 @@ def _rotor_differences(scenario: Scenario) -> list[str]:
         return differences
     if isinstance(vehicle.arm_length, Distribution):
         vehicle = vehicle.model_copy(update={"arm_length": _median(vehicle.arm_length)})
-    # The arm length is compared separately, so positions are compared as multiples of it.
+    # The arm length is compared separately, so positions are compared relative to it.
     scale = arm / arm_length_of(vehicle)
     pairs = [*enumerate(zip(rotors_of(vehicle), rotors_of(nominal), strict=True), start=1)]
     reversed_rotors = [str(i) for i, (flown, believed) in pairs if flown.direction != believed.direction]
@@ -130,14 +132,14 @@ def _median(value: Any) -> float:
 
 
 def _deviation(value: Any) -> float:
-    """Return half the width of the central interval with the probability of mean ± one standard deviation."""
+    """Return the half-width of the central 68.3 % interval; for a normal distribution, the standard deviation."""
     if not isinstance(value, Distribution):
         return 0.0
     return 0.5 * float(value.quantile(1.0 - _LOWER_SIGMA_PROBABILITY) - value.quantile(_LOWER_SIGMA_PROBABILITY))
 
 
 def _braking(scenario: Scenario, plan: Plan | None) -> list[str]:
-    """Return a remark if the flight continues after a route that ends in motion, so that the reference brakes."""
+    """Return a remark if the route ends in motion before the end of the flight, so that the reference must brake."""
     if scenario.duration is None:
         return []
     plan = plan or plan_route(scenario)

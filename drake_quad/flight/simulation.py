@@ -1,4 +1,4 @@
-"""Simulation of flights of a scenario by Drake's simulator."""
+"""Simulation of the flights of a scenario with Drake's simulator."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -20,12 +20,13 @@ from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in, refuse_distributions
 
-# Target accuracy and largest step (s) of the integrator of a continuous state.
+# Target accuracy and largest step (s) of the integrator for a continuous state.
 _ACCURACY = 1e-8
 _MAX_STEP = 0.1
-# Shortest step for a continuous state, s. With such steps, simulating one second of a flight takes 15 seconds.
+# Smallest step of the integrator for a continuous state, s. With steps of this length, simulating one second of a
+# flight takes 15 seconds.
 _MIN_STEP = 1e-5
-# Part of the message of Drake's error if the integration requires shorter steps.
+# Part of the message of Drake's exception if the integration requires a smaller step.
 _STEP_ERROR = "smaller than minimum allowed"
 
 
@@ -48,26 +49,27 @@ def simulate(
 
     Args:
         scenario: scenario without distributions, unless a sample is given.
-        seed: seed of the study; that of the scenario if not given.
-        sample: index of the sample of the study to fly, which determines the drawn numbers, the wind and the noise;
-            that of the scenario if not given. If neither is given, wind and noise are those of sample 0.
+        seed: seed of the study; by default the seed of the scenario.
+        sample: index of the sample to fly, which determines the random parameters, the wind and the noise; by default
+            the sample of the scenario. If neither is given, wind and noise are drawn for sample 0.
         position_controller: system that replaces the scenario's position controller; see `build_tracking_diagram`.
         control: system that replaces the whole cascade; see `build_tracking_diagram`.
         wind: system with an additional wind; see `build_tracking_diagram`.
-        policy: system that replaces the network of a control of kind `policy`, from `observation`, which is optional,
-            to `action`.
-        plan: plan that is flown instead of that of the scenario's route.
+        policy: system that replaces the network of a control of kind `policy`, with the output port `action` and
+            optionally the input port `observation`.
+        plan: plan to fly; by default the plan for the scenario's route.
         compiled: True to compile the diagram to machine code, False to simulate the original diagram, whose subsystems
-            can be inspected at any time; both give the same numbers. By default the diagram is compiled unless
-            `prepare` or a system is given, or the vehicle has a continuous state.
+            can be inspected at any time. The results are identical. By default the diagram is compiled unless `prepare`
+            or a system is given, or the vehicle has a continuous state.
         until: time at which the simulation stops, s; the end of the flight if not given.
         prepare: function that is called with Drake's simulator before the simulation, for example to set a monitor or a
             real-time rate.
-        progress: function that is called from time to time with the simulated time and the total time, s.
+        progress: function that is called repeatedly with the simulated time and the total time, s.
 
     Raises:
         InputError: if the scenario contains a distribution and no sample is given, the rotors cannot fly the route, the
-            metric window or `until` is after the end of the flight, or a continuous state changes too fast.
+            metric window or `until` is after the end of the flight, or a continuous state changes too fast for the
+            integrator.
     """
     sample = scenario.sample if sample is None else sample
     if sample is None:
@@ -98,7 +100,7 @@ def simulate(
         time = simulator.get_context().get_time()
         raise InputError(
             f"vehicle.time_step is 0, but from {time:.3g} s on the continuous state changes too fast: its integration"
-            f" needs steps shorter than {_MIN_STEP:g} s, as near the singular pitch of 90 degrees;"
+            f" needs steps shorter than {_MIN_STEP:g} s, for example near the singularity at a pitch of 90 degrees;"
             " set vehicle.time_step to a positive number"
         ) from None
     return _flights(batch, plan, simulation, own)[0]
@@ -112,13 +114,13 @@ def simulate_samples(
     plan: Plan | None = None,
     compiled: bool | None = None,
 ) -> list[Flight]:
-    """Simulate samples of a study in parallel and record all signals of each, like `simulate` for one sample.
+    """Simulate samples of a study in parallel, as `simulate` does for one sample, and record all signals.
 
     Args:
         scenario: scenario, which may contain distributions.
         samples: indices of the samples, counted from 0.
-        seed: seed of the study; that of the scenario if not given.
-        plan: plan that is flown instead of that of the scenario's route.
+        seed: seed of the study; by default the seed of the scenario.
+        plan: plan to fly; by default the plan for the scenario's route.
         compiled: see `simulate`.
 
     Raises:
@@ -129,11 +131,11 @@ def simulate_samples(
 
 
 def simulate_batch(batch: Batch, *, plan: Plan | None = None, compiled: bool | None = None) -> list[Flight]:
-    """Simulate a batch and record all signals of each vehicle: a few megabytes for half a minute of flight.
+    """Simulate a batch and record all signals, a few megabytes per vehicle for half a minute of flight.
 
     Args:
         batch: batch of samples.
-        plan: plan that is flown instead of that of the scenario's route.
+        plan: plan to fly; by default the plan for the scenario's route.
         compiled: see `simulate`.
 
     Raises:
@@ -153,7 +155,7 @@ def _is_compiled_by_default(scenario: Scenario) -> bool:
 
 
 def _flights(batch: Batch, plan: Plan, simulation: FleetSimulation, own: UserSystems = UserSystems()) -> list[Flight]:
-    """Return the flights of a fleet's vehicles up to the current time of the simulation."""
+    """Return the flight of each vehicle of a fleet, up to the current time of the simulation."""
     metrics, touched = simulation.metrics(), simulation.touched()
     time, signals = simulation.recording()
     space = batch.scenario.space
@@ -165,7 +167,7 @@ def _flights(batch: Batch, plan: Plan, simulation: FleetSimulation, own: UserSys
         ticks = time <= metrics_of_vehicle.crash_time
         up_to_crash = {name: values[ticks, :, i] for name, values in rows.items()}
         cause = not_a_number(time[ticks], up_to_crash, own.given) if metrics_of_vehicle.crashed else None
-        # Ticks with values that are NaN or infinite, as in the last step before a crash, are left out.
+        # Ticks with NaN or infinite values, which can occur in the last step before a crash, are omitted.
         ticks &= np.all([np.isfinite(values[:, :, i]).all(axis=1) for values in rows.values()], axis=0)
         recorded = {name: values[ticks, :, i] for name, values in rows.items()}
         obstacle = obstacles[touched[i]]

@@ -5,11 +5,11 @@ from typing import NamedTuple
 from drake_quad.framework.elementary import arctan2, sin_cos, sqrt
 from drake_quad.signals import Angle, Attitude, Row
 
-# Added to a squared length, it keeps the derivative of the square root finite at zero. It is too small to change the
-# square of a length above 1e-92.
+# Added to squared lengths, to keep the derivative of the square root finite at zero. The number is too small to change
+# the square of a length above 1e-92.
 TINY = 1e-200
-# Added to a cosine, it makes the yaw 0 and avoids 0 / 0 in derivatives at a pitch of ±90°. It is too small to change a
-# cosine above 1e-14.
+# Added to cosines, to make the yaw 0 and avoid 0 / 0 in derivatives at a pitch of ±90°. The number is too small to
+# change a cosine above 1e-14.
 TINY_COSINE = 1e-30
 
 
@@ -77,7 +77,8 @@ class BodyAxes(NamedTuple):
         """Return roll, pitch and yaw, with the pitch in [-π/2, π/2] and roll and yaw in [-π, π].
 
         At a pitch of ±π/2 the axes determine only the sum or the difference of roll and yaw. The yaw is then arbitrary,
-        and the roll follows from the axes and that yaw, so that the three angles reproduce the axes up to rounding.
+        and the roll follows from the axes and this yaw, so that the three angles reproduce the axes except for rounding
+        errors.
         """
         ahead, left = self.x.x + TINY_COSINE, self.x.y
         return Attitude(

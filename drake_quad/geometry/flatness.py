@@ -6,7 +6,7 @@ pitch θ, eq (7). Its derivatives, jerk j and snap s, determine the rotation of 
     Ḟ = z_B·j        p = -y_B·j / F                          q = x_B·j / F
                      ṗ = q r - (y_B·s + 2 Ḟ p) / F           q̇ = (x_B·s - 2 Ḟ q) / F - p r
 
-From eq (2) and the rate of the yaw ψ follows r = (ψ̇ cos θ - q sin φ) / cos φ (D. Mellinger and V. Kumar, "Minimum snap
+Eq (2) and the rate of the yaw ψ give r = (ψ̇ cos θ - q sin φ) / cos φ (D. Mellinger and V. Kumar, "Minimum snap
 trajectory generation and control for quadrotors", ICRA 2011).
 
 The yaw of a tilted body depends on a convention, the sequence of rotations from W to B:
@@ -15,11 +15,12 @@ The yaw of a tilted body depends on a convention, the sequence of rotations from
     zxy    y_B is perpendicular to the heading: y_B ∝ z_B x (cos ψ, sin ψ, 0) (T. Lee, M. Leok and N. H. McClamroch,
            "Geometric tracking control of a quadrotor UAV on SE(3)", CDC 2010; Mellinger and Kumar; the Crazyflie)
 
-The two agree if roll or pitch is zero. Otherwise their headings differ by about the product of roll and pitch.
+The two agree if roll or pitch is zero. Otherwise the headings differ by about the product of roll and pitch.
 
-The functions of this module use zyx. The sequence zxy becomes zyx for axes that are rotated by π/2 about z_B:
-Rz(ψ) Rx(φ) Ry(θ) Rz(π/2) = Rz(ψ + π/2) Ry(-φ) Rx(θ). Computing with zyx at the yaw ψ + π/2 therefore gives results for
-the rotated axes. `attitude_from_quarter_turn` and the two functions after it convert them to the axes of the body.
+The functions of this module use zyx. The sequence zxy becomes zyx for axes that are rotated by π/2 about z_B: Rz(ψ)
+Rx(φ) Ry(θ) Rz(π/2) = Rz(ψ + π/2) Ry(-φ) Rx(θ). Computing with zyx at the yaw ψ + π/2 therefore gives results for the
+rotated axes. `attitude_from_quarter_turn`, `rates_from_quarter_turn` and `acceleration_from_quarter_turn` convert these
+results to the axes of the body.
 """
 
 from typing import Literal, NamedTuple
@@ -72,7 +73,7 @@ def tilt_of(specific_thrust: HeadingVector) -> ThrustTilt:
 
 
 def attitude_of(tilt: ThrustTilt) -> tuple[Row, Row]:
-    """Return roll and pitch, eq (7), rad; the size of the pitch exceeds π/2 for a thrust that points down."""
+    """Return roll and pitch, eq (7), rad; the magnitude of the pitch exceeds π/2 for a thrust that points down."""
     return arcsin(tilt.sin_roll), arctan2(tilt.sin_pitch, tilt.cos_pitch)
 
 

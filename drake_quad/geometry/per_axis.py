@@ -1,4 +1,4 @@
-"""Records of one number for each axis, or for each angle."""
+"""Records with one number for each axis, or for each angle."""
 
 from typing import Literal, NamedTuple
 

@@ -48,7 +48,7 @@ class Quaternion(NamedTuple):
         return Quaternion(-(x * p + y * q + z * r), w * p + y * r - z * q, w * q + z * p - x * r, w * r + x * q - y * p)
 
     def turn_to(self, other: "Quaternion") -> "Quaternion":
-        """Return the rotation from this attitude to another one as a quaternion, along the axes of B."""
+        """Return the rotation from this attitude to another as a quaternion, with components along the axes of B."""
         w, x, y, z = self
         return Quaternion(
             w * other.w + x * other.x + y * other.y + z * other.z,
@@ -58,7 +58,7 @@ class Quaternion(NamedTuple):
         )
 
     def rotation_to(self, other: "Quaternion") -> Vector:
-        """Return the rotation vector from this attitude to another one along the axes of B, at most π long, rad."""
+        """Return the rotation vector from this attitude to another, along the axes of B, of length at most π, rad."""
         cosine, x, y, z = self.turn_to(other)
         sine = sqrt(x * x + y * y + z * z + TINY)
         # A quaternion and its negative represent the same rotation; the shorter rotation vector is returned.

@@ -1,4 +1,4 @@
-"""Gymnasium environments for training policies on fleets that are simulated in machine code.
+"""Gymnasium environments for training policies on fleets that are simulated in machine code::
 
 import gymnasium
 import drake_quad.gym

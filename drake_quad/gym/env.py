@@ -16,7 +16,7 @@ from drake_quad.scenario.models import Scenario
 
 
 class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
-    """Gymnasium environment with one vehicle, simulated in machine code; see `QuadrotorVectorEnv` for many.
+    """Gymnasium environment with one vehicle, simulated in machine code; see also `QuadrotorVectorEnv`.
 
     Args:
         scenario: scenario, or the file or name of one; see `QuadrotorVectorEnv`.
@@ -25,7 +25,7 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         options: further arguments of `QuadrotorVectorEnv`, except `num_envs` and `autoreset_mode`.
 
     Raises:
-        InputError: if an argument is wrong, or the scenario cannot be compiled.
+        InputError: if an argument is invalid, or the scenario cannot be compiled.
     """
 
     metadata: dict[str, Any] = {"render_modes": QuadrotorVectorEnv.metadata["render_modes"]}  # noqa: RUF012
@@ -59,24 +59,24 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start the next episode, or the first episode of a seed.
+        """Start the next episode, or the first episode for a given seed.
 
         Args:
-            seed: seed of the episodes from this one on; the current seed if not given.
+            seed: seed of this episode and of the following ones; the current seed if not given.
             options: ignored.
 
         Returns:
             The observation (rows,) and an empty dictionary.
 
         Raises:
-            InputError: if the seed is not a whole number, negative or too large.
+            InputError: if the seed is negative, too large, or not a whole number.
         """
         observation, infos = self._vector.reset(seed=None if seed is None else [seed])
         super().reset(seed=None if seed is None else int(seed))
         return observation[0], infos
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Simulate one tick; the action (rows,) and the results are those of Gymnasium.
+        """Simulate one tick for an action (rows,), and return the results that Gymnasium defines.
 
         Raises:
             InputError: if `QuadrotorVectorEnv.step` raises it.

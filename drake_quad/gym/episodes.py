@@ -1,10 +1,11 @@
 """Initial values of the episodes of an environment.
 
-Episode j of a vehicle with seed s is sample j of the study with seed s, with its drawn numbers, wind and noise. It
-depends on nothing else, so that the flight is the same in any environment, and in `simulate(..., seed=s, sample=j)`.
+Episode j of a vehicle with seed s is sample j of the study with seed s: this sample determines the random parameters,
+wind and noise. The flight therefore depends only on s, j and the actions. It is the same in any environment, and in
+`simulate(..., seed=s, sample=j)`.
 
-Resetting the context for a sample takes milliseconds, and for hundreds of samples hardly longer. For that reason, the
-initial values of hundreds of episodes are computed at once, some episodes in advance for each vehicle.
+Resetting a context takes milliseconds, almost independently of the number of samples. For that reason, the initial
+values of hundreds of episodes are computed at once, some episodes in advance for each vehicle.
 """
 
 from typing import NamedTuple
@@ -17,18 +18,18 @@ from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.models import Scenario
 
-# Bounds for the number of episodes that are computed at once. Larger batches need more memory and are hardly faster.
+# Limits on the number of episodes that are computed at once. Larger batches need more memory and are hardly faster.
 _MIN_BATCH_SIZE = 32
 _MAX_BATCH_SIZE = 512
-# Bounds for the number of episodes that are computed in advance for each vehicle.
+# Limits on the number of episodes that are computed in advance for each vehicle.
 _MIN_EPISODES_AHEAD = 2
 _MAX_EPISODES_AHEAD = 32
-# Number of episodes that are computed in advance for all vehicles together, within the bounds for each vehicle.
+# Total number of episodes that are computed in advance for all vehicles, subject to the limits for each vehicle.
 _TOTAL_EPISODES_AHEAD = 4096
 
 
 class Episode(NamedTuple):
-    """Sample of a study, as an episode of a vehicle.
+    """Sample of a study that is flown as an episode.
 
     Attributes:
         seed: seed of the study.
@@ -40,7 +41,7 @@ class Episode(NamedTuple):
 
 
 class Episodes:
-    """Sequence of episodes of each vehicle of an environment.
+    """Sequences of episodes, one for each vehicle of an environment.
 
     Args:
         scenario: scenario of the environment.
@@ -70,7 +71,7 @@ class Episodes:
         self._next = np.zeros(num_vehicles, dtype=np.int64)
 
     def seed(self, vehicles: np.ndarray, seeds: np.ndarray) -> None:
-        """Set the seeds of vehicles, whose next episodes are then those of sample 0."""
+        """Set the seeds of vehicles; the next episode of each of these vehicles is sample 0."""
         self.seeds[vehicles], self.samples[vehicles], self._next[vehicles] = seeds, -1, 0
 
     def begin(self, vehicles: np.ndarray) -> InitialValues:
@@ -87,7 +88,7 @@ class Episodes:
         return Episode(int(self.seeds[vehicle]), int(self.samples[vehicle]))
 
     def _compute_ahead(self) -> None:
-        """Compute the initial values of all episodes that are missing in the buffer, from the current samples on."""
+        """Fill the buffer: compute the initial values of all missing episodes, from the current samples on."""
         counts = np.maximum(self.samples, 0) + self._num_ahead - self._next
         vehicles = np.repeat(np.arange(len(counts)), counts)
         firsts = np.repeat(np.cumsum(counts) - counts, counts)

@@ -1,4 +1,4 @@
-"""System for a policy in plain Python, such as a model of a machine learning library."""
+"""System for a policy that is a Python function, such as a model of a machine learning library."""
 
 from collections.abc import Callable
 from typing import Any
@@ -12,21 +12,22 @@ from drake_quad.scenario.models import Scenario
 
 
 class FunctionPolicy(LeafSystem):
-    """System from `observation` to `action` that evaluates a Python function in place of a network.
+    """System from `observation` to `action` that evaluates a Python function instead of a network.
 
-    The system replaces the network in `simulate(scenario, policy=...)`. In `run_monte_carlo(scenario, n, policy=...)` a
-    function of the number of vehicles must create it. A compiled diagram calls the function once per tick. The function
-    must be stateless: its result may only depend on the observation.
+    The system replaces the network in `simulate(scenario, policy=...)`. The argument `policy` of
+    `run_monte_carlo(scenario, n, policy=...)` must be a function that creates the system for a given number of
+    vehicles. A compiled diagram calls the policy's function once per tick. This function must be stateless: its result
+    may only depend on the observation.
 
     Args:
         scenario: scenario with a control of kind `policy`, such as the `scenario` of an environment.
-        function: function from (N, rows) observations, in single precision as in environments, to (N, rows) actions.
+        function: function that returns (N, rows) actions, given (N, rows) observations in single precision.
         num_vehicles: number N of vehicles.
 
     Raises:
-        InputError: if the control of the scenario is not a policy. During a flight: the actions have the wrong shape,
-            are not real numbers, or are finite but exceed 1,000,000 in size. An action that is NaN or infinite ends the
-            flight of its vehicle instead, see `Flight.cause`.
+        InputError: if the control of the scenario is not a policy; during a flight, if the actions have the wrong
+            shape, are not real numbers, or are finite with an absolute value above 1,000,000. An action that is NaN or
+            infinite ends the flight of its vehicle instead; see `Flight.cause`.
     """
 
     def __init__(self, scenario: Scenario, function: Callable[[np.ndarray], Any], num_vehicles: int = 1) -> None:
@@ -46,7 +47,7 @@ class FunctionPolicy(LeafSystem):
         is_too_large = actions is not None and (np.abs(actions[np.isfinite(actions)]) > MAX_ACTION).any()
         if actions is None or actions.shape != (self._n, self._rows) or is_too_large:
             raise InputError(
-                f"the policy must return ({self._n}, {self._rows}) numbers of at most {MAX_ACTION:,.0f} in size, but"
-                f" returned {shown(returned)} at {context.get_time():.2f} s"
+                f"the policy must return an array ({self._n}, {self._rows}) of numbers with absolute values of at most"
+                f" {MAX_ACTION:,.0f}, but returned {shown(returned)} at {context.get_time():.2f} s"
             )
         output.SetFromVector(actions.T.ravel())

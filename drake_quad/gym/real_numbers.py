@@ -4,15 +4,16 @@ from typing import Any
 
 import numpy as np
 
-# A larger action indicates an error, such as a network that diverged. Observations may contain recent actions in single
-# precision, whose range squares of larger numbers could exceed.
+# Largest accepted absolute value of an action. A larger action indicates an error, such as a diverged network.
+# Observations may contain recent actions in single precision, and the squares of much larger numbers could exceed its
+# range.
 MAX_ACTION = 1e6
 
 
 def real_numbers(values: Any) -> np.ndarray | None:
-    """Return real numbers as an array of floats; None if the values are not real numbers that form an array.
+    """Return an array of floats; None if the values are not real numbers or do not form an array.
 
-    Text, times and complex numbers are rejected, although NumPy would convert them.
+    Text, times and complex numbers are rejected, although NumPy could convert them.
     """
     try:
         array = np.asarray(values)
@@ -22,6 +23,6 @@ def real_numbers(values: Any) -> np.ndarray | None:
 
 
 def single_precision(numbers: np.ndarray) -> np.ndarray:
-    """Return numbers as `float32`; numbers that exceed its range, as of a crashed vehicle, become infinite."""
+    """Return numbers as `float32`. Numbers that exceed its range, as for a crashed vehicle, become infinite."""
     with np.errstate(over="ignore"):
         return numbers.astype(np.float32)

@@ -11,7 +11,7 @@ from drake_quad.signals import Reference, State
 
 
 class Transition(NamedTuple):
-    """Step of all N vehicles; records have (N,) arrays as rows.
+    """Step of all N vehicles; the rows of records are (N,) arrays.
 
     Attributes:
         observation: (N, rows) observations after the step.
@@ -20,10 +20,10 @@ class Transition(NamedTuple):
             vehicle hovers.
         state: true states after the step.
         reference: references after the step.
-        time: (N,) times since the starts of the episodes, s.
-        crashed: (N,) truth values, true if the vehicle has crashed, into an obstacle or otherwise.
-        touched: (N,) numbers of the obstacles that the vehicles hit, from 1 on; 0 for none.
-        signals: requested further signals, as records, by name.
+        time: (N,) times since the start of each episode, s.
+        crashed: (N,) Booleans, True if the vehicle has crashed, whether or not into an obstacle.
+        touched: (N,) numbers of the obstacles that the vehicles hit, from 1 on; 0 if the vehicle hit none.
+        signals: further signals that were requested, as records, by name.
     """
 
     observation: np.ndarray
@@ -38,7 +38,7 @@ class Transition(NamedTuple):
 
     @property
     def position_error(self) -> np.ndarray:
-        """(N,) distances from the references, m."""
+        """(N,) distances of the vehicles from their references, m."""
         state, reference = self.state, self.reference
         x, y, z = reference.x - state.x, reference.y - state.y, reference.z - state.z
         with np.errstate(over="ignore", invalid="ignore"):  # the position of a crashed vehicle may be huge or NaN
@@ -50,7 +50,7 @@ Reward = Callable[[Transition], np.ndarray]
 """Function of a transition that returns (N,) rewards."""
 
 Termination = Callable[[Transition], np.ndarray]
-"""Function of a transition that returns (N,) truth values, true if the episode ends."""
+"""Function of a transition that returns (N,) Booleans, True if the episode of the vehicle ends."""
 
 
 @dataclass(frozen=True)
@@ -59,22 +59,22 @@ class TrackingReward:
 
         tracking exp(-|e| / length) - effort |a|² - variation |a - a'|² - crash - obstacle
 
-    Here e is the position error, a is the action and a' is the previous action. The last two terms are subtracted in
-    each step after which the vehicle has crashed, which is a single step if a crash ends the episode. A crash into an
-    obstacle costs both.
+    Here e is the position error, a is the action and a' is the previous action, both saturated at -1 and 1. The last
+    two terms are subtracted in each step after which the vehicle has crashed. This is a single step if a crash ends the
+    episode. After a crash into an obstacle, both terms are subtracted.
 
     Attributes:
-        tracking: reward of a step without error.
-        length: error at which this reward has decreased to 37 %, m.
-        effort: cost of an action of size 1.
-        variation: cost of a change of the action of size 1.
+        tracking: reward of a step without position error.
+        length: position error at which this reward has decreased to 1 / e = 37 %, m.
+        effort: cost of an action with norm 1.
+        variation: cost of a change of the action with norm 1.
         crash: cost of a crash.
         obstacle: additional cost of a crash into an obstacle.
 
-    The default values are our choice. With them, `scripts/train_policy.py` learns to track within centimetres.
+    With the default values, `scripts/train_policy.py` trains a policy that tracks within centimetres.
 
     Raises:
-        InputError: if a number is not finite, or the length is not positive.
+        InputError: if an attribute is NaN or infinite, or the length is not positive.
     """
 
     tracking: float = 1.0
@@ -85,7 +85,7 @@ class TrackingReward:
     obstacle: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
+        """Check the attributes."""
         for name, value in vars(self).items():
             if not np.isfinite(value):
                 raise InputError(f"{name} is {value}, but must be a finite number")
@@ -107,5 +107,5 @@ class TrackingReward:
 
 
 def has_crashed(step: Transition) -> np.ndarray:
-    """Return the (N,) truth values of a step that are true for vehicles that have crashed."""
+    """Return which vehicles have crashed at a step, a Boolean array (N,)."""
     return step.crashed

@@ -1,4 +1,4 @@
-"""Recording of the actions of episodes, and replay of an episode by Drake's simulator."""
+"""Recording of the actions of episodes, and replay of an episode with Drake's simulator."""
 
 from typing import Any
 
@@ -15,11 +15,11 @@ from drake_quad.scenario.models import Scenario
 
 
 class ActionLog:
-    """Actions of the current episode of each vehicle, and of its last episode that has ended.
+    """Actions of the current episode of each vehicle, and of the last completed episode of each vehicle.
 
     Args:
         num_vehicles: number N of vehicles.
-        num_ticks: number of ticks of the longest episode.
+        num_ticks: length of the longest episode in ticks.
         num_actions: number of rows of an action.
     """
 
@@ -28,12 +28,12 @@ class ActionLog:
         self._ended: list[tuple[Episode, np.ndarray] | None] = [None] * num_vehicles
 
     def write(self, clocks: np.ndarray, actions: np.ndarray) -> None:
-        """Record actions (N, rows) at the ticks of the (N,) clocks."""
+        """Record actions (N, rows). The (N,) clocks are the numbers of ticks since the start of each episode."""
         vehicles = np.flatnonzero(clocks < len(self._actions))
         self._actions[clocks[vehicles], vehicles] = actions[vehicles]
 
     def end(self, vehicles: np.ndarray, clocks: np.ndarray, episodes: list[Episode]) -> None:
-        """Mark the episodes of some vehicles as ended; `clocks` are those of all N vehicles."""
+        """Mark the current episodes of some vehicles as completed; `clocks` contains the clocks of all N vehicles."""
         for vehicle, episode in zip(vehicles.tolist(), episodes, strict=True):
             self._ended[vehicle] = episode, self._actions[: clocks[vehicle], vehicle].copy()
 
@@ -44,7 +44,7 @@ class ActionLog:
             vehicle: index of the vehicle.
             clock: number of ticks since the start of the current episode.
             episode: current episode.
-            ended_first: True to return the last episode that has ended, if there is one, instead of the current one.
+            ended_first: True to return the last completed episode, if there is one, instead of the current one.
 
         Raises:
             InputError: if the vehicle has not flown yet.
@@ -58,7 +58,7 @@ class ActionLog:
 
 
 def replay_episode(scenario: Scenario, plan: Plan, episode: Episode, actions: np.ndarray) -> Flight:
-    """Simulate an episode by Drake's simulator, for as long as there are actions.
+    """Simulate an episode with Drake's simulator, up to the last recorded action.
 
     Args:
         scenario: scenario of the environment.
@@ -81,10 +81,10 @@ def action_source(actions: np.ndarray, tick: float) -> Any:
     """Return a `TrajectorySource` whose output is the action of each tick.
 
     Args:
-        actions: (ticks, rows) actions; the last one is held after its tick.
+        actions: (ticks, rows) actions; the last action is held after its tick.
         tick: control period, s.
     """
-    # Actions change halfway between two ticks, so that rounding errors of the time do not matter.
+    # Actions change halfway between two ticks, so that rounding errors of the time have no effect.
     breaks = (np.arange(len(actions) + 1) - 0.5) * tick
     values = np.vstack([actions, actions[-1:]]).T
     return TrajectorySource(PiecewisePolynomial.ZeroOrderHold(breaks, values))

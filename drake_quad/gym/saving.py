@@ -1,4 +1,4 @@
-"""Saving of a trained policy as a controller for scenarios."""
+"""Saving of a trained policy as a controller file for scenarios."""
 
 import re
 import tempfile
@@ -19,7 +19,7 @@ from drake_quad.scenario.files.loading import load_scenario
 from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.models import NAME, Scenario
 
-# Names of activations in a policy's file, by the names of PyTorch's modules.
+# Name of each activation in the file of a policy, by the name of the PyTorch module.
 _ACTIVATIONS: dict[str, Activation] = {
     "Tanh": "tanh",
     "ReLU": "relu",
@@ -31,7 +31,7 @@ _ACTIVATIONS: dict[str, Activation] = {
 }
 # Attribute of a PyTorch module that contains the parameter of its activation.
 _PARAMETER_ATTRIBUTES = {"ELU": "alpha", "LeakyReLU": "negative_slope"}
-# PyTorch modules that do not change a one-dimensional observation outside of training.
+# PyTorch modules that are the identity for a one-dimensional observation, except during training.
 _IDENTITY_MODULES = ("Flatten", "Identity", "Dropout")
 
 
@@ -42,7 +42,7 @@ class Layer(NamedTuple):
         weights: (outputs, inputs) weights.
         biases: (outputs,) biases.
         activation: name of the activation, as in `control.policy` of the scenario language.
-        alpha: parameter of the activation; None for its default, or if it has no parameter.
+        alpha: parameter of the activation; None for the default value, or if the activation has no parameter.
     """
 
     weights: np.ndarray
@@ -67,18 +67,18 @@ def save_policy(
     Args:
         env: environment in which the network was trained, which defines observations and actions.
         layers: layers of the network, starting at the observation.
-        path: path of the .yaml file, whose name is that of the controller. The arrays of the network are written to an
-            .npz file beside it.
-        offset: (rows,) offset; zero if not given.
-        scale: (rows,) scale; one if not given.
-        limit: limit; unlimited if not given.
+        path: path of the .yaml file, whose name becomes the name of the controller. The arrays of the network are
+            written to an .npz file in the same folder.
+        offset: (rows,) offsets; zero if not given.
+        scale: (rows,) factors; one if not given.
+        limit: largest absolute value of x; unlimited if not given.
 
     Returns:
         The path.
 
     Raises:
-        InputError: if the files cannot be written, or the network does not fit the environment. Existing files then do
-            not change.
+        InputError: if the files cannot be written, or the network does not match the observations and actions of the
+            environment. In this case existing files are not changed.
     """
     given = {"offset": offset, "scale": scale, "limit": limit}
     arrays: dict[str, Any] = {name: np.asarray(each) for name, each in given.items() if each is not None}
@@ -91,7 +91,7 @@ def save_policy(
     fields = scenario.control.model_dump(mode="json", exclude={"policy"})
     target = Path(path)
     if target.suffix != ".yaml" or not re.match(NAME, target.stem):
-        raise InputError(f"a policy is written to a .yaml file with a name of letters and digits, not to {target}")
+        raise InputError(f"a policy must be written to a .yaml file with a name of letters and digits, not to {target}")
     output_folder(target.parent)
     try:
         return _write_checked(arrays, fields, scenario, target)
@@ -126,7 +126,7 @@ def torch_layers(modules: Iterable[Any]) -> list[Layer]:
             Sigmoid, ELU, SiLU, LeakyReLU or GELU.
 
     Raises:
-        InputError: if the network contains another kind of module.
+        InputError: if the network contains a module of another type.
     """
     layers: list[Layer] = []
     for module in modules:
@@ -159,7 +159,7 @@ def evaluate_layers(
     scale: np.ndarray | None = None,
     limit: float | None = None,
 ) -> np.ndarray:
-    """Return the actions (k, rows) of a network, in [-1, 1], for observations (k, rows); see `save_policy`."""
+    """Return the actions (k, rows) of a network, saturated at -1 and 1, for observations (k, rows); see `save_policy`."""
     first, factor = (None if each is None else tuple(np.ravel(each).tolist()) for each in (offset, scale))
     given = [Layer(*each) for each in layers]
     neurons = tuple([Dense(Matrix(each.weights, each.biases), each.activation, each.alpha) for each in given])
@@ -168,10 +168,10 @@ def evaluate_layers(
 
 
 def scenario_of_env(env: Any) -> Scenario:
-    """Return the scenario of an environment of this package, which may be inside wrappers of Gymnasium.
+    """Return the scenario of an environment of this package, which may be wrapped by Gymnasium's wrappers.
 
     Raises:
-        InputError: if the environment is not one of this package.
+        InputError: if the environment is not an environment of this package.
     """
     own = getattr(env, "unwrapped", env)
     if not isinstance(own, QuadrotorEnv | QuadrotorVectorEnv):

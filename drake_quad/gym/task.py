@@ -1,4 +1,4 @@
-"""Scenario of an environment, whose control is a policy that the environment replaces."""
+"""Scenario of an environment. Its control is a policy whose actions are given to the environment."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -21,23 +21,23 @@ def task_of(
 ) -> Scenario:
     """Return the scenario of an environment, whose control is a policy without a network.
 
-    Without an autopilot the attitude control is that of the scenario's control. It is designed if there is none.
+    If an attitude control is needed, it is taken from the control of the scenario, or designed if that has none.
 
     Args:
         scenario: scenario, or the file or name of a scenario to load.
         overrides: overrides for `load_scenario`, if the scenario is loaded.
-        action: kind of action, or the fields of `control.action`. By default that of the scenario's policy, or an
-            acceleration.
-        observation: fields of `control.observation`. By default those of the scenario's policy, or the defaults of the
-            language.
+        action: type of action, or the fields of `control.action`. By default the action of the scenario's policy; if
+            there is no policy, an acceleration.
+        observation: fields of `control.observation`. By default the observation of the scenario's policy; if there is
+            no policy, the default values of the scenario language.
 
     Raises:
-        InputError: if the scenario does not exist, or a field is wrong.
+        InputError: if the scenario does not exist, or a field is invalid.
     """
     if not isinstance(scenario, Scenario):
         scenario = load_scenario(scenario, overrides)
     elif overrides:
-        raise InputError("overrides only apply to the file or name of a scenario, but a Scenario is given")
+        raise InputError("overrides apply only to a scenario that is given by file or name, but a Scenario is given")
     control, autopilot = scenario.control, scenario.laboratory.autopilot
     fields = {"kind": "policy", "action": {"kind": "acceleration"}, **control.policy_fields()}
     attitude = fields.pop("attitude", None)
@@ -58,7 +58,7 @@ def task_of(
 
 
 def _designed_attitude(scenario: Scenario) -> dict[str, Any]:
-    """Return the attitude control that `drake-quad design` designs for a scenario without one."""
+    """Return the attitude control that `drake-quad design` designs for a scenario without attitude control."""
     from drake_quad.design.cascade import design_cascade
 
     ones = {"k_p": [1.0, 1.0, 1.0], "k_d": [1.0, 1.0, 1.0]}

@@ -30,7 +30,7 @@ from drake_quad.scenario.files.loading import Overrides
 from drake_quad.scenario.models import Scenario
 from drake_quad.signals import SIGNALS
 
-# Output ports that every step reads; users can request further ones.
+# Output ports that are read at every step. Users can request further ports.
 _REQUIRED_OUTPUTS = ("observation", "state", "reference")
 _MONITOR = "monitor"
 StepResult = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
@@ -40,34 +40,36 @@ StepResult = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any
 class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """Gymnasium vector environment: a fleet in machine code whose vehicles start new episodes independently.
 
-    The scenario defines the task: its route, vehicle, laboratory and distributions, from which every episode of every
-    vehicle is drawn. A step is a tick of the controller. A crash terminates an episode, and the end of the flight
-    truncates it. In the last step of an episode, `infos["flight"]` has the metrics of the flight, see
-    `drake_quad.laboratory.metrics` (efforts only if accelerations are commanded), and `obstacle`, the number of the
-    obstacle that the vehicle hit (0 for none). If vehicles are reset in the same step, `infos["final_info"]` has them,
-    too.
+    The scenario defines the task by its route, vehicle and laboratory. Its distributions are sampled for every episode
+    of every vehicle. A step is a control tick. A crash terminates an episode, and the end of the flight truncates it.
+    In the last step of an episode, `infos["flight"]` contains the metrics of the flight
+    (`drake_quad.laboratory.metrics`), with control efforts only if accelerations are commanded, and `obstacle`, the
+    number of the obstacle that the vehicle hit (0 for none). If vehicles are reset in the same step,
+    `infos["final_info"]` contains these values, too.
 
-    With the seed s, vehicle i has the seed s + i, and its episode j is sample j of the study with that seed. Under the
-    same actions, the flight is that of `drake_quad.simulate(env.scenario, seed=s + i, sample=j)`.
+    If the environment is reset with the seed s, the seed of vehicle i is s + i, and episode j of this vehicle is sample
+    j of the study with that seed. With the same actions, `drake_quad.simulate(env.scenario, seed=s + i, sample=j)`
+    simulates the same flight.
 
     Args:
-        scenario: scenario, or the file or name of one. The environment omits its position controller, or the controller
-            that replaces the whole cascade, and keeps its attitude control and the limits of its thrust vectoring. If
-            the scenario has neither an attitude control nor an autopilot, an attitude control is designed.
+        scenario: scenario, or the file or name of one. The policy replaces the position controller of the scenario, or
+            the controller that replaces the whole cascade. The attitude control and the limits of the thrust vectoring
+            remain. If the scenario has neither an attitude control nor an autopilot, an attitude control is designed.
         overrides: overrides for `load_scenario`.
         num_envs: number N of vehicles.
-        action: kind of action, `"acceleration"`, `"attitude"`, `"rates"` or `"rotor_speeds"`, or the fields of
-            `control.action` in the scenario language. By default that of the scenario's policy, or an acceleration.
-        observation: fields of `control.observation` in the scenario language. By default those of the scenario's
-            policy, or the defaults of the language.
+        action: type of action, `"acceleration"`, `"attitude"`, `"rates"` or `"rotor_speeds"`, or the fields of
+            `control.action` in the scenario language. By default the action of the scenario's policy; if there is no
+            policy, an acceleration.
+        observation: fields of `control.observation` in the scenario language. By default the observation of the
+            scenario's policy; if there is no policy, the default values of the language.
         reward: function of a `Transition` that returns (N,) rewards.
-        terminates: function of a `Transition` that returns (N,) truth values, true if an episode ends; by default true
-            after a crash.
-        signals: names of further signals, such as `wind`, that `Transition.signals` contains.
-        plan: plan that is flown instead of that of the scenario's route.
-        autoreset_mode: Gymnasium's mode of resets: in the step after the last one of an episode (the default), in the
-            last step, or never. Without automatic resets, `reset(options={"reset_mask": ...})` starts episodes.
-        render_mode: "rgb_array" for frames; None for none.
+        terminates: function of a `Transition` that returns (N,) Booleans, True if an episode ends; by default an
+            episode ends after a crash.
+        signals: names of further signals to include in `Transition.signals`, such as `wind`.
+        plan: plan to fly; by default the plan for the scenario's route.
+        autoreset_mode: Gymnasium's mode of resets: in the step after the last step of an episode (the default), in the
+            last step, or never. Without automatic resets, `reset(options={"reset_mask": ...})` starts new episodes.
+        render_mode: "rgb_array" to render images; None for no rendering.
         record: True to record actions, so that `flight` can return an episode.
 
     Attributes:
@@ -76,7 +78,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         has_begun: True after the first reset.
 
     Raises:
-        InputError: if an argument is wrong, the scenario cannot be compiled, or the fleet does not fit into memory.
+        InputError: if an argument is invalid, the scenario cannot be compiled, or the fleet does not fit into memory.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
@@ -152,9 +154,10 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Start new episodes of all vehicles, or of some of them.
 
         Args:
-            seed: seed s, or a list with the seed of each vehicle. Vehicles without a seed start their next episodes, or
-                get a random seed at the first reset.
-            options: may contain `reset_mask`, (N,) truth values, true for vehicles that start a new episode.
+            seed: seed s, or a list with the seed of each vehicle or None. A vehicle without a seed starts its next
+                episode; at the first reset, its seed is random.
+            options: dictionary that may contain `reset_mask`, (N,) Booleans, True for vehicles that start a new
+                episode.
 
         Returns:
             The observations (N, rows) and an empty dictionary.
@@ -168,11 +171,11 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if options is not None and options.get("reset_mask") is not None:
             mask = np.asarray(options["reset_mask"])
             if mask.shape != (self.num_envs,) or mask.dtype != bool or not mask.any():
-                raise InputError(f"reset_mask must be {self.num_envs} truth values, some of them true")
+                raise InputError(f"reset_mask must contain {self.num_envs} Booleans, at least one of them True")
             vehicles = np.flatnonzero(mask)
         if not self.has_begun:
             if len(vehicles) < self.num_envs:
-                raise InputError("reset_mask must be true for all vehicles at the first reset")
+                raise InputError("reset_mask must be True for all vehicles at the first reset")
             random_seed = int(self.np_random.integers(2**31))
             seeds = [random_seed + i if each is None else each for i, each in enumerate(seeds)]
         elif self._action_log is not None:
@@ -184,14 +187,14 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return self._observation(), {}
 
     def step(self, actions: np.ndarray | Sequence[Any]) -> StepResult:
-        """Simulate all vehicles for one tick; the actions (N, rows) and the results are those of Gymnasium.
+        """Simulate all vehicles for one tick, for actions (N, rows), and return the results that Gymnasium defines.
 
-        An action outside the action space, such as a sample of a normal distribution, is clipped for the flight.
-        Rewards and observations contain the original action.
+        The flight uses actions clipped to the action space, for example if they are samples of a normal distribution.
+        Rewards and observations use the original actions.
 
         Raises:
-            InputError: if the actions have the wrong shape, are not real numbers, are not finite, or exceed 1,000,000
-                in size; or the environment was not reset before.
+            InputError: if the actions have the wrong shape, are not finite real numbers, or exceed 1,000,000 in
+                absolute value; or if the environment was not reset before.
         """
         actions = self._checked_actions(actions)
         if not self.has_begun:
@@ -225,11 +228,11 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return observations, rewards, terminations, truncations, infos
 
     def render(self) -> tuple[np.ndarray, ...] | None:
-        """Return a frame of each vehicle, (height, width, 3) uint8; None without a render mode."""
+        """Return an image of each vehicle, (height, width, 3) uint8; None without a render mode."""
         if self.render_mode is None:
             return None
         if not self.has_begun:
-            raise InputError("the environment must be reset before its first frame")
+            raise InputError("the environment must be reset before it is rendered")
         if self._camera is None:
             from drake_quad.visualization.frames import Camera
 
@@ -245,14 +248,14 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return self._episodes.episode(whole_number(vehicle, "vehicle", minimum=0, maximum=self.num_envs - 1))
 
     def flight(self, vehicle: int = 0) -> Flight:
-        """Return an episode of a vehicle, given its index, with all signals.
+        """Return an episode of a vehicle, given the index of the vehicle, with all signals.
 
-        With automatic resets, the episode is the last one that has ended, or the current one if none has ended. Without
-        them, it is the current episode up to now, or the previous one directly after a reset. Drake's simulator repeats
-        the flight with the recorded actions.
+        With automatic resets, this is the last completed episode, or the current episode if none is completed. Without
+        automatic resets, it is the current episode up to the current tick, or directly after a reset the previous
+        episode. Drake's simulator repeats the flight with the recorded actions.
 
         Raises:
-            InputError: if there is no such vehicle, it has not flown yet, or actions were not recorded.
+            InputError: if there is no such vehicle, the vehicle has not flown yet, or actions were not recorded.
         """
         episode = self.episode(vehicle)
         if self._action_log is None:
@@ -265,7 +268,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         )
 
     def _seeds_of(self, seed: Any) -> list[int | None]:
-        """Return the seed of each vehicle; None for those without a seed."""
+        """Return the seed of each vehicle; None for a vehicle without a seed."""
         max_seed = 2**63 - 1 - self.num_envs
         if seed is None:
             return [None] * self.num_envs
@@ -277,7 +280,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return [None if each is None else whole_number(each, "seed", minimum=0, maximum=max_seed) for each in seed]
 
     def _end(self, vehicles: np.ndarray) -> None:
-        """Tell the action log that the episodes of some vehicles have ended, if actions are recorded."""
+        """Mark the episodes of some vehicles as completed in the action log, if actions are recorded."""
         if self._action_log is not None:
             episodes = [self._episodes.episode(i) for i in vehicles.tolist()]
             self._action_log.end(vehicles, self._fleet.clocks, episodes)
@@ -287,13 +290,13 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         initial = self._episodes.begin(vehicles)
         self._fleet.restart(vehicles, initial)
         self._is_over[vehicles] = False
-        # Transitions refer to the previous array, which must not change.
+        # Earlier transitions refer to the existing array, which must not change.
         self._last_action = self._last_action.copy()
         self._last_action[vehicles] = self._hovering
         return single_precision(initial.outputs[:, self._fleet.columns("observation")])
 
     def _observation(self) -> np.ndarray:
-        """Return the observations (N, rows) as policies see them."""
+        """Return the observations (N, rows) in single precision, as policies receive them."""
         return single_precision(self._fleet.outputs("observation"))
 
     def _checked_actions(self, values: Any) -> np.ndarray:
@@ -304,20 +307,20 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """
         actions = real_numbers(values)
         if actions is None:
-            raise InputError(f"actions are {shown(values)}, but must be real numbers of one shape")
+            raise InputError(f"actions are {shown(values)}, but must be an array of real numbers")
         if actions.shape != self._last_action.shape:
             raise InputError(f"actions have the shape {actions.shape}, but must have {self._last_action.shape}")
         wrong = ~(np.abs(actions) <= MAX_ACTION).all(axis=1)
         if wrong.any():
             vehicle, *_ = np.flatnonzero(wrong).tolist()
             raise InputError(
-                f"actions must be finite and at most {MAX_ACTION:,.0f} in size, but that of vehicle {vehicle} is"
-                f" {shown(actions[vehicle].tolist())}"
+                f"actions must be finite, with absolute values of at most {MAX_ACTION:,.0f}, but the action of vehicle"
+                f" {vehicle} is {shown(actions[vehicle].tolist())}"
             )
         return actions
 
     def _checked_result(self, result: Any, name: str, kind: type) -> np.ndarray:
-        """Return a copy of the result of a user's function of a transition, with its shape and type checked."""
+        """Check the result of a user's function of a transition, and return a copy of it."""
         values = real_numbers(result)
         if values is None or values.shape != (self.num_envs,):
             raise InputError(f"{name} must return {self.num_envs} numbers, but returned {shortened(repr(result), 80)}")
@@ -341,7 +344,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         )
 
     def _flights(self, ended: np.ndarray, over: np.ndarray) -> dict[str, Any]:
-        """Return the metrics of flights that have ended, in Gymnasium's format of vector infos."""
+        """Return the metrics of completed flights, in Gymnasium's format for the infos of vector environments."""
         sums = self._fleet.next_state("sums")
         crash_time = self._fleet.next_state("crash_time").crash_time
         metrics: Metrics = summarized(sums, crash_time, self._tick)
@@ -357,7 +360,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
 
 def _final_infos(last_observations: np.ndarray, infos: dict[str, Any], over: np.ndarray) -> dict[str, Any]:
-    """Return infos with the last observations and infos of episodes of vehicles that are reset in the same step."""
+    """Return the infos `final_obs` and `final_info` of vehicles that are reset in the last step of an episode."""
     observations = np.full(len(over), None, dtype=object)
     for i in np.flatnonzero(over).tolist():
         observations[i] = last_observations[i].copy()
@@ -374,7 +377,7 @@ def _checked_signals(signals: Sequence[str], diagram: Any) -> tuple[str, ...]:
     available = [name for name in ports if name in SIGNALS]
     for name in signals:
         if name not in available:
-            raise InputError(f"{shown(name)} is not a signal of this scenario, which has {listed(available)}")
+            raise InputError(f"{shown(name)} is not a signal of this scenario; its signals are {listed(available)}")
         if [*signals].count(name) > 1:
-            raise InputError(f"signals has {name} twice")
+            raise InputError(f"signals contains {name} twice")
     return tuple(signals)

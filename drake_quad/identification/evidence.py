@@ -1,14 +1,14 @@
-"""Information of windows of flight on parameters, and the uncertainty of the estimates from blocks of windows.
+"""Information of flight windows about the parameters, and the uncertainty of the estimates.
 
 To first order around the estimate, a window with whitened errors e and derivatives J adds H_w = Jᵀ J to the information
 and Jᵀ e to the score. If model and noise were correct, the covariance of the estimate θ would be H⁻¹ with H = Σ H_w.
 Model errors last for seconds, however, so the errors of neighbouring windows are correlated. The covariance is
-therefore that of the jackknife over blocks of adjacent windows,
+therefore computed by the jackknife over blocks of adjacent windows,
 
     θ₋ᵦ - θ = (H - H_b)⁻¹ Σ_block Jᵀ e,   P = (B - 1)/B Σ_b (θ₋ᵦ - θ)(θ₋ᵦ - θ)ᵀ,
 
 where θ₋ᵦ is the estimate without block b. To first order it is the sandwich estimator CR3 of R. M. Bell and
-D. F. McCaffrey (Survey Methodology 28, 2002), which is not too small for few blocks.
+D. F. McCaffrey (Survey Methodology 28, 2002), which does not underestimate the covariance if there are few blocks.
 
 If each block ends in the state in which the next one starts, the scores of neighbouring blocks have a negative
 correlation. Half of the products of neighbours is then added (Bartlett weights with one lag: W. K. Newey and
@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-# Eigenvalues of the scaled information below this share of the largest one are rounding errors.
+# Eigenvalues of the scaled information below this fraction of the largest one are rounding errors.
 _MIN_EIGENVALUE_RATIO = 1e-12
 
 
@@ -32,7 +32,7 @@ class Uncertainty(NamedTuple):
     Attributes:
         covariance: (p, p) covariance of the errors.
         degrees_of_freedom: (p,) degrees of freedom of Student's distribution of each error.
-        model: (p, p) covariance if model and noise were correct.
+        model: (p, p) covariance of the errors if model and noise were correct.
     """
 
     covariance: np.ndarray
@@ -41,12 +41,12 @@ class Uncertainty(NamedTuple):
 
 
 class Evidence(NamedTuple):
-    """Information of W windows on p parameters, to first order around their estimate.
+    """Information of W windows about p parameters, to first order around the estimate.
 
     Attributes:
         names: (p,) names of the parameters.
         values: (p,) estimates from all windows.
-        scales: (p,) usual errors of the prior means.
+        scales: (p,) standard deviations of the prior.
         information: (W, p, p) Jᵀ J of each window, in the order of flight.
         scores: (W, p) Jᵀ e of each window.
         duration: duration of all windows together, s.
@@ -65,65 +65,67 @@ def jackknife(
 ) -> Uncertainty:
     """Return the uncertainty of parameters by the jackknife over B blocks.
 
-    No variance is smaller than that of the model. A parameter has at least one degree of freedom.
+    Each variance is at least `Uncertainty.model`, and each parameter has at least one degree of freedom.
 
     Args:
         information: (B, p, p) information of the blocks.
         scores: (B, p) scores of the blocks.
-        prior: (p,) information of the prior; None without a prior. The share of the prior in the uncertainty is added.
+        prior: (p,) information of the prior; None without a prior. The error of the prior mean adds to the covariance.
         adjacent: True if each block ends in the state in which the next one starts.
     """
-    number = len(scores)
+    num_blocks = len(scores)
     prior_information = np.zeros(information.shape[1]) if prior is None else prior
-    whole = information.sum(axis=0) + np.diag(prior_information)
-    moves = (inverted(whole - information, whole) @ scores[:, :, None])[:, :, 0]
-    inverse = inverted(whole, whole)
-    freedom = effective_blocks(information, inverse) - 1.0
-    squares = moves.T @ moves
+    total = information.sum(axis=0) + np.diag(prior_information)
+    shifts = (pseudo_inverse(total - information, total) @ scores[:, :, None])[:, :, 0]
+    inverse = pseudo_inverse(total, total)
+    degrees_of_freedom = effective_blocks(information, inverse) - 1.0
+    squares = shifts.T @ shifts
     if adjacent:
-        neighbours = moves[:-1].T @ moves[1:]
+        neighbours = shifts[:-1].T @ shifts[1:]
         squares += 0.5 * (neighbours + neighbours.T)
-    covariance = (number - 1) / number * squares + inverse @ np.diag(prior_information) @ inverse
-    own, expected = np.diag(covariance), np.diag(inverse)
-    # Blocks that agree by chance do not make an estimate more certain than the model.
-    wider = np.sqrt(np.maximum(1.0, np.where(own > 0.0, expected / np.where(own > 0.0, own, 1.0), 1.0)))
-    covariance = np.where(np.eye(len(own), dtype=bool) & (own <= 0.0), expected, covariance)
-    return Uncertainty(covariance * np.outer(wider, wider), np.maximum(freedom, 1.0), inverse)
+    covariance = (num_blocks - 1) / num_blocks * squares + inverse @ np.diag(prior_information) @ inverse
+    variances, model_variances = np.diag(covariance), np.diag(inverse)
+    # Blocks may agree by chance, so the variance for a correct model is the lower limit.
+    factors = np.sqrt(
+        np.maximum(1.0, np.where(variances > 0.0, model_variances / np.where(variances > 0.0, variances, 1.0), 1.0))
+    )
+    covariance = np.where(np.eye(len(variances), dtype=bool) & (variances <= 0.0), model_variances, covariance)
+    return Uncertainty(covariance * np.outer(factors, factors), np.maximum(degrees_of_freedom, 1.0), inverse)
 
 
 def effective_blocks(information: np.ndarray, inverse: np.ndarray) -> np.ndarray:
     """Return the effective number of blocks (p,) that determine each parameter, between 1 and B.
 
-    It is (Σ c_b)² / Σ c_b², with c_b the diagonal of H⁻¹ H_b H⁻¹. It is 1 for a parameter on which no block depends:
-    such a parameter keeps its prior, and the caller reports it as not identified.
+    The number is (Σ c_b)² / Σ c_b², with c_b the diagonal of H⁻¹ H_b H⁻¹. It is 1 for a parameter that influences no
+    block. Such a parameter keeps its prior mean, and is reported as not identified.
 
     Args:
         information: (B, p, p) information H_b of the blocks.
-        inverse: (p, p) inverse H⁻¹ of the information, with that of the prior.
+        inverse: (p, p) inverse H⁻¹ of the total information, including the information of the prior.
     """
     shares = np.einsum("ij,bjk,ki->bi", inverse, information, inverse)
     largest = shares.max(axis=0)
-    # Values are taken relative to the largest one, so that squares of small numbers do not underflow.
+    # The values c_b are divided by the largest one, so that squares of small numbers do not underflow.
     relative = np.where(largest > 0.0, shares / np.where(largest > 0.0, largest, 1.0), 1.0 / len(shares))
-    number = relative.sum(axis=0) ** 2 / (relative**2).sum(axis=0)
-    return np.where(largest > 0.0, number, 1.0)
+    effective_number = relative.sum(axis=0) ** 2 / (relative**2).sum(axis=0)
+    return np.where(largest > 0.0, effective_number, 1.0)
 
 
-def inverted(information: np.ndarray, whole: np.ndarray) -> np.ndarray:
-    """Return the pseudo-inverse (..., p, p) of information, which is zero for parameters that are not determined.
+def pseudo_inverse(information: np.ndarray, total: np.ndarray) -> np.ndarray:
+    """Return the pseudo-inverse (..., p, p) of information, which is zero for parameters without information.
 
     Args:
         information: (..., p, p) information.
-        whole: (p, p) total information, which gives the scale of each parameter.
+        total: (p, p) total information, which gives the scale of each parameter.
     """
-    own = np.diag(whole)
-    sizes = 1.0 / np.sqrt(np.where(own > 0.0, own, 1.0))
-    units = np.outer(sizes, sizes)
-    return np.asarray(units * np.linalg.pinv(information * units, rcond=_MIN_EIGENVALUE_RATIO, hermitian=True))
+    diagonal = np.diag(total)
+    scales = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    scaling = np.outer(scales, scales)
+    return np.asarray(scaling * np.linalg.pinv(information * scaling, rcond=_MIN_EIGENVALUE_RATIO, hermitian=True))
 
 
 def sums_over_blocks(values: np.ndarray, blocks: np.ndarray) -> np.ndarray:
-    """Return the sums (B, ...) of values over the windows of each block.
+    """Return the sum (B, ...) of the values in each block of windows.
 
     Args:
         values: (W, ...) value of each window.

@@ -11,7 +11,7 @@ from drake_quad.vehicle.motors import ThrottleModel, allocate_throttle
 
 
 def allocated_commands(thrust: np.ndarray, torque: np.ndarray, believed: Scenario, *, throttles: bool) -> np.ndarray:
-    """Return the rotor commands that the firmware allocates for a logged wrench.
+    """Return the rotor commands that the firmware's allocation computes from a logged wrench.
 
     Args:
         thrust: (n,) commanded thrust, N.
@@ -23,7 +23,7 @@ def allocated_commands(thrust: np.ndarray, torque: np.ndarray, believed: Scenari
         (n, 4) throttle commands, or rotor speed commands in rad/s.
 
     Raises:
-        InputError: if throttle commands are requested, and `believed` has no thrust curve.
+        InputError: if throttle commands are requested, but `believed` has no thrust curve.
     """
     wrench = Wrench(thrust, *torque.T)  # type: ignore[arg-type]
     parameters, priority = nominal_parameters(believed), believed.laboratory.allocation.priority
@@ -34,7 +34,7 @@ def allocated_commands(thrust: np.ndarray, torque: np.ndarray, believed: Scenari
         curve = believed.nominal.motors.thrust_curve()
         if curve is None:
             raise InputError(
-                f"{believed.name} has no nominal.motors; add them, since throttles follow from their thrust curve"
+                f"{believed.name} has no nominal.motors; add it with a thrust curve, which gives the throttles"
             )
         model = ThrottleModel.of(parameters, curve)
         rows = allocate_throttle(wrench, model, priority).throttle_command  # type: ignore[assignment]

@@ -1,25 +1,25 @@
-"""Differences between flights of the same vehicle: the thrust, a trim force, and the wind of each flight.
+"""Differences between flights of the same vehicle: thrust, trim force and wind of each flight.
 
-Even with the same mean wind, the mean force on a vehicle differs between flights by several per cent of its weight: the
-battery is at another position, propellers are exchanged, or motors are warm. A fit to all flights finds the mean. This
-module estimates the deviation of each flight from it.
+Even in the same mean wind, the mean force on a vehicle differs between flights by several per cent of its weight: the
+battery is at another position, propellers are exchanged, or motors are warm. A fit to all flights estimates the mean of
+the flights. This module estimates the deviation of each flight from this mean.
 
-With θ the estimates from all flights, and with H_w and g_w the information and the score of window w, the thrust of
-flight f relative to θ is the Gauss-Newton step along the direction d of the parameters of the thrust,
+Let θ be the estimates from all flights, and let H_w and g_w be the information and the score of window w. The thrust of
+flight f relative to the thrust with the parameters θ is 1 + s_f, with the Gauss-Newton step along the direction d of
+the thrust parameters,
 
     s_f = -Σ_w dᵀ g_w / Σ_w dᵀ H_w d.
 
-The filter estimates the specific force that the model does not explain, along the axes of W. Its horizontal part is
-modelled as
+The filter estimates the force that the model does not explain. Its horizontal part along the axes of W is modelled as
 
     f(t) = R(ψ) b + w
 
-with the trim force b, which turns with the heading ψ, and the force w of a wind that is not logged. Both follow from
-least squares. If the heading hardly changes, the two are indistinguishable, and b includes w.
+where the trim force b turns with the heading ψ, and w is the force of a wind that is not logged. Both are estimated by
+least squares. If the heading hardly changes, b and w are indistinguishable, and the estimate of b includes w.
 
-The variance between at least three flights is added to the variation of the estimates, so that the distributions in the
-file of a vehicle describe the next flight. With F flights and the variance s² between them, the variance of the next
-flight around their mean is s² (1 + 1/F), with F - 1 degrees of freedom.
+With three or more flights, the variance between them is added to the variation of the estimates, so that the
+distributions in a vehicle file describe the next flight. With F flights and the variance s² between them, the next
+flight has the variance s² (1 + 1/F) around their mean, with F - 1 degrees of freedom.
 """
 
 from collections.abc import Sequence
@@ -42,11 +42,12 @@ from drake_quad.scenario.models import Scenario
 TRIM_FORCE = ("trim_force.x", "trim_force.y")
 MIN_FLIGHTS = 3
 """Smallest number of flights whose variance is estimated. Two flights would leave one degree of freedom."""
-# Smallest variance of the unit vector of the heading for which trim force and wind are distinguished. It corresponds to
-# a standard deviation of the heading of about 18°. The variance of either force is then ten times that of their sum.
+# Trim force and wind are distinguished if the unit vector along the heading has at least this variance, which
+# corresponds to a standard deviation of the heading of about 18°. The variance of either estimate is then ten times the
+# variance of their sum.
 _MIN_HEADING_VARIANCE = 0.1
-_MIN_FORCE_ERROR = 1e-9  # N
-_MIN_BLOCKS = 5  # smallest number of blocks of a flight that gives the error of its mean force
+_MIN_FORCE_ERROR = 1e-9  # N, avoids a division by zero
+_MIN_BLOCKS = 5  # smallest number of blocks from which the standard error of the mean force of a flight is estimated
 
 
 def flight_differences(
@@ -60,34 +61,34 @@ def flight_differences(
         fitted: result of the fit.
         evidence: information of the windows.
     """
-    flights = _flights(predictor, len(predictor.windows))
-    parts = _flights(predictor, len(evidence.scores))
+    flight_indices = _flights(predictor, len(predictor.windows))
+    flights_of_parts = _flights(predictor, len(evidence.scores))
     direction = thrust_direction(evidence.names, evidence.values)
-    has_forces = "position" in logs.signals and all(record.attitude is not None for record in logs.records)
-    found = []
-    for flight in np.unique(flights):
-        only = not direction.any() or np.all(flights == flight)
-        thrust = None if only else _step_along(direction, evidence, parts == flight)
-        forces = _forces(logs, predictor, fitted, np.flatnonzero(flights == flight)) if has_forces else {}
-        found.append(FlightDifference(logs.records[flight].name, thrust, forces))
-    return tuple(found)
+    has_poses = "position" in logs.signals and all(record.attitude is not None for record in logs.records)
+    differences = []
+    for flight in np.unique(flight_indices):
+        thrust_is_undefined = not direction.any() or np.all(flight_indices == flight)
+        thrust = None if thrust_is_undefined else _step_along(direction, evidence, flights_of_parts == flight)
+        forces = _forces(logs, predictor, fitted, np.flatnonzero(flight_indices == flight)) if has_poses else {}
+        differences.append(FlightDifference(logs.records[flight].name, thrust, forces))
+    return tuple(differences)
 
 
 def _flights(predictor: Predictor, count: int) -> np.ndarray:
-    """Return the index (count,) of the record of each window, or of each part if windows are divided equally."""
+    """Return the record index (count,) of each window, or of each part if all windows are divided into equal parts."""
     return np.repeat([window.record for window in predictor.windows], count // len(predictor.windows))
 
 
 def thrust_direction(names: Sequence[str], values: np.ndarray) -> np.ndarray:
-    """Return the direction (p,) in which all thrust parameters grow by the same share; zero if there are none."""
+    """Return the direction (p,) in which all thrust parameters grow in proportion; zero if there are none."""
     mask = [name == "thrust_factor" or name.startswith("motors.curve") for name in names]
     return np.where(mask, values, 0.0)
 
 
-def _step_along(direction: np.ndarray, evidence: Evidence, chosen: np.ndarray) -> Spread | None:
-    """Return the Gauss-Newton step along a direction for some windows; None if they do not determine it."""
-    information = np.einsum("i,wij,j->w", direction, evidence.information[chosen], direction)
-    scores = evidence.scores[chosen] @ direction
+def _step_along(direction: np.ndarray, evidence: Evidence, mask: np.ndarray) -> Spread | None:
+    """Return the Gauss-Newton step along a direction from some windows; None if the windows do not determine it."""
+    information = np.einsum("i,wij,j->w", direction, evidence.information[mask], direction)
+    scores = evidence.scores[mask] @ direction
     if len(scores) < 2 or information.sum() <= 0.0:
         return None
     step = -scores.sum() / information.sum()
@@ -95,33 +96,37 @@ def _step_along(direction: np.ndarray, evidence: Evidence, chosen: np.ndarray) -
     return _spread(step, uncertainty, 0, "1")
 
 
-def _spread(value: float, uncertainty: Uncertainty, place: int, unit: str) -> Spread:
-    deviation = float(np.sqrt(uncertainty.covariance[place, place]))
-    return Spread(float(value), deviation, unit, float(uncertainty.degrees_of_freedom[place]))
+def _spread(value: float, uncertainty: Uncertainty, index: int, unit: str) -> Spread:
+    deviation = float(np.sqrt(uncertainty.covariance[index, index]))
+    return Spread(float(value), deviation, unit, float(uncertainty.degrees_of_freedom[index]))
 
 
-def _forces(logs: PreparedLogs, predictor: Predictor, fitted: PredictionFit, windows: np.ndarray) -> dict[str, Spread]:
-    """Return the trim force and the wind force (N) in the flight that contains some windows."""
-    record = logs.records[predictor.windows[windows[0]].record]
+def _forces(
+    logs: PreparedLogs, predictor: Predictor, fitted: PredictionFit, window_indices: np.ndarray
+) -> dict[str, Spread]:
+    """Return the trim force and the wind force of a flight, N, from all windows of this flight."""
+    record = logs.records[predictor.windows[window_indices[0]].record]
     mass = float(logs.scenario.vehicle.mass)
-    samples = np.array([predictor.windows[w].start for w in windows])[:, None] + np.arange(predictor.sizes.length)
+    samples = np.array([predictor.windows[w].start for w in window_indices])[:, None] + np.arange(
+        predictor.sizes.length
+    )
     heading = record.of("attitude")[samples, 2]
-    force = mass * estimated_force(predictor, fitted)[:, windows].transpose(1, 2, 0)
-    duration = predictor.duration * len(windows) / len(predictor.windows)
-    return forces_of(heading, force, blocks_of(len(windows), duration, _MIN_BLOCKS))
+    force = mass * estimated_force(predictor, fitted)[:, window_indices].transpose(1, 2, 0)
+    duration = predictor.duration * len(window_indices) / len(predictor.windows)
+    return forces_of(heading, force, blocks_of(len(window_indices), duration, _MIN_BLOCKS))
 
 
 def estimated_force(predictor: Predictor, fitted: PredictionFit) -> np.ndarray:
     """Return the horizontal specific force (2, W, T) that the filter has estimated at the samples of each window."""
-    rows = list(predictor.rows)
+    estimated_rows = list(predictor.rows)
     decay = np.exp(-predictor.period / fitted.noise.memory)
-    found = []
-    for axis, (own, constant) in enumerate((("x", "constant_x"), ("y", "constant_y"))):
-        places = [NUM_BODY + Disturbance._fields.index(name) for name in (own, constant)]
-        # The gains contain the disturbance at the next sample, by which time its first part has decayed.
-        parts = [fitted.gains.disturbance[predictor.counted][:, rows.index(place)] for place in places]
-        found.append(parts[0] / decay[axis] + parts[1])
-    return np.stack(found).swapaxes(1, 2)
+    forces = []
+    for axis, (varying, constant) in enumerate((("x", "constant_x"), ("y", "constant_y"))):
+        axis_rows = [NUM_BODY + Disturbance._fields.index(name) for name in (varying, constant)]
+        # The gains contain the disturbance at the next sample, where the varying component has already decayed.
+        components = [fitted.gains.disturbance[predictor.counted][:, estimated_rows.index(row)] for row in axis_rows]
+        forces.append(components[0] / decay[axis] + components[1])
+    return np.stack(forces).swapaxes(1, 2)
 
 
 def forces_of(heading: np.ndarray, force: np.ndarray, blocks: np.ndarray) -> dict[str, Spread]:
@@ -130,11 +135,11 @@ def forces_of(heading: np.ndarray, force: np.ndarray, blocks: np.ndarray) -> dic
     Args:
         heading: (W, T) heading in W windows, rad.
         force: (W, T, 2) horizontal force in W, N.
-        blocks: (W,) block number of each window, from 0; the force is correlated within blocks.
+        blocks: (W,) block number of each window, from 0. Errors of different blocks are taken as independent.
 
     Returns:
         `trim_force.x` and `.y` along the axes of B and, if the heading changes enough, `wind_force.x` and `.y` along
-        those of W.
+        the axes of W.
     """
     cos, sin = np.cos(heading), np.sin(heading)
     columns = [np.stack([cos, sin], axis=-1), np.stack([-sin, cos], axis=-1)]
@@ -143,9 +148,9 @@ def forces_of(heading: np.ndarray, force: np.ndarray, blocks: np.ndarray) -> dic
         columns += [np.broadcast_to(axis, force.shape) for axis in np.eye(2)]
         names += ["wind_force.x", "wind_force.y"]
     design = np.stack(columns, axis=-1).reshape(len(force), -1, len(columns))
-    flat = design.reshape(-1, len(columns))
-    values, *_ = np.linalg.lstsq(flat, force.ravel())
-    errors = (flat @ values - force.ravel()).reshape(len(force), -1)
+    matrix = design.reshape(-1, len(columns))
+    values, *_ = np.linalg.lstsq(matrix, force.ravel())
+    errors = (matrix @ values - force.ravel()).reshape(len(force), -1)
     # The jackknife requires errors of unit variance.
     scale = max(float(np.std(errors)), _MIN_FORCE_ERROR)
     information = sums_over_blocks(design.swapaxes(1, 2) @ design / scale**2, blocks)
@@ -157,16 +162,16 @@ def forces_of(heading: np.ndarray, force: np.ndarray, blocks: np.ndarray) -> dic
 
 
 def within_flights(evidence: Evidence, predictor: Predictor, differences: Sequence[FlightDifference]) -> Evidence:
-    """Return the evidence that windows would give if the thrust were the same in all flights.
+    """Return the evidence of the windows, corrected as if the thrust parameters were equal in all flights.
 
     Args:
         evidence: information of the windows.
         predictor: predictor of the outputs in the windows.
         differences: estimated difference of each flight.
     """
-    flights = np.unique(_flights(predictor, len(evidence.scores)), return_inverse=True)[1]
-    own = np.array([0.0 if each.thrust is None else each.thrust.value for each in differences])
-    steps = own[flights][:, None] * thrust_direction(evidence.names, evidence.values)
+    flight_indices = np.unique(_flights(predictor, len(evidence.scores)), return_inverse=True)[1]
+    thrusts = np.array([0.0 if each.thrust is None else each.thrust.value for each in differences])
+    steps = thrusts[flight_indices][:, None] * thrust_direction(evidence.names, evidence.values)
     return evidence._replace(scores=evidence.scores + np.einsum("wij,wj->wi", evidence.information, steps))
 
 
@@ -180,7 +185,7 @@ def with_differences(
     Args:
         estimates: estimates from all flights.
         differences: estimated difference of each of F flights.
-        scenario: scenario that the fit began with.
+        scenario: initial scenario of the fit.
         duration: mean duration of a flight, s.
     """
     if len(differences) < MIN_FLIGHTS:
@@ -200,19 +205,19 @@ def with_differences(
 def next_flight_variance(flights: Sequence[Spread]) -> float:
     """Return the variance of the next flight around the mean of F flights, s² (1 + 1/F).
 
-    The mean variance of the errors is subtracted from s², which is then at least zero.
+    s² is the variance of the estimates minus the mean variance of their errors, or zero if this is negative.
     """
     between = np.var([each.value for each in flights], ddof=1) - np.mean([each.deviation**2 for each in flights])
     return max(0.0, float(between)) * (1.0 + 1.0 / len(flights))
 
 
 def _with_trim_force(estimates: Estimates, trims: Sequence[Sequence[Spread]], scenario: Scenario) -> Estimates:
-    """Return the estimates with the mean trim force of F flights, whose error contains no variation of flights."""
-    values = np.array([[each.value for each in own] for own in trims]).mean(axis=1)
-    errors = np.array([[each.deviation**2 for each in own] for own in trims])
-    freedoms = np.array([[each.degrees_of_freedom for each in own] for own in trims])
-    source = Source("mean force that nothing else explains", estimates.sources_of(0)[0].log)
-    sources = [estimates.sources_of(place) for place in range(len(estimates.names))]
+    """Return the estimates with the mean trim force. The error of the mean excludes the variation between flights."""
+    values = np.array([[each.value for each in axis_trims] for axis_trims in trims]).mean(axis=1)
+    errors = np.array([[each.deviation**2 for each in axis_trims] for axis_trims in trims])
+    freedoms = np.array([[each.degrees_of_freedom for each in axis_trims] for axis_trims in trims])
+    source = Source("mean force that the model does not explain", estimates.sources_of(0)[0].log)
+    sources = [estimates.sources_of(index) for index in range(len(estimates.names))]
     return replace(
         estimates,
         names=(*estimates.names, *TRIM_FORCE),

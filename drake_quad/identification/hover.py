@@ -1,8 +1,8 @@
 """White noise of the sensors and trim of the vehicle, from a log at rest and in hover.
 
-The white noise follows from third differences, which remove a smooth signal. For independent errors with standard
-deviation σ, third differences have the variance 20 σ². If an estimator has filtered the signal, its errors are not
-white, and the result underestimates them.
+The white noise is estimated from third differences, in which a smooth signal vanishes. For independent errors with
+standard deviation σ, third differences have the variance 20 σ². If an estimator has filtered the signal, its errors are
+not white, and their standard deviation is underestimated.
 """
 
 from typing import NamedTuple
@@ -15,13 +15,13 @@ from drake_quad.identification.windows import airborne, pieces
 
 _DIFFERENCE_ORDER = 3
 _VARIANCE_FACTOR = 20.0  # variance of third differences of independent errors of unit variance
-_LANDING_TIME = 2.0  # s, time before take-off and after landing that counts neither as rest nor as flight
+_LANDING_TIME = 2.0  # s, duration before take-off and after landing that counts neither as rest nor as flight
 _MAX_HOVER_SPEED = 0.15  # m/s
 _MAX_HOVER_RATE = 0.5  # rad/s
 _MIN_HOVER_TIME = 1.0  # s
-_BLOCK = 0.5  # s, duration of the blocks whose scatter gives standard deviations
-_MIN_WHOLE_DIFFERENCES = 30
-_MAX_DELAY = 0.3  # s, largest delay of the attitude behind its command
+_BLOCK_DURATION = 0.5  # s, duration of the blocks whose scatter gives the standard deviation of a mean
+_MIN_NUM_DIFFERENCES = 30  # smallest number of third differences from which noise is estimated
+_MAX_DELAY = 0.3  # s, largest delay from a command to the attitude
 _SIGNALS = ("position", "attitude", "body_rates", "specific_force")
 
 
@@ -44,41 +44,43 @@ class HoverNoise(NamedTuple):
 def white_noise(record: FlightRecord) -> list[HoverNoise]:
     """Return the white noise of each measured signal."""
     flying = airborne(record)
-    around = min(round(_LANDING_TIME / record.period), (len(flying) - 1) // 2)
-    resting = np.convolve(flying, np.ones(2 * around + 1), "same") < 0.5
-    found = []
+    margin = min(round(_LANDING_TIME / record.period), (len(flying) - 1) // 2)
+    resting = np.convolve(flying, np.ones(2 * margin + 1), "same") < 0.5
+    noises = []
     for signal in _SIGNALS:
         values = getattr(record, signal)
         if values is not None:
             smooth = np.unwrap(values, axis=0) if signal == "attitude" else values
             deviations = (_deviations(record, smooth, chosen) for chosen in (resting, flying))
-            found.append(HoverNoise(signal, QUANTITIES[signal].unit, *deviations))
-    return found
+            noises.append(HoverNoise(signal, QUANTITIES[signal].unit, *deviations))
+    return noises
 
 
 def _deviations(record: FlightRecord, values: np.ndarray, chosen: np.ndarray) -> np.ndarray:
-    """Return standard deviations (3,) from differences of adjacent chosen samples; NaN if there are too few."""
+    """Return the standard deviation (3,) of the white noise in the chosen samples; NaN if too few are chosen."""
     steps = np.diff(record.time)
-    even = np.abs(steps / np.median(steps) - 1.0) < 0.5
-    whole = np.convolve(chosen, np.ones(_DIFFERENCE_ORDER + 1), "valid") == _DIFFERENCE_ORDER + 1
-    whole &= np.convolve(even, np.ones(_DIFFERENCE_ORDER), "valid") == _DIFFERENCE_ORDER
-    if whole.sum() < _MIN_WHOLE_DIFFERENCES:
+    evenly_spaced = np.abs(steps / np.median(steps) - 1.0) < 0.5
+    complete = np.convolve(chosen, np.ones(_DIFFERENCE_ORDER + 1), "valid") == _DIFFERENCE_ORDER + 1
+    complete &= np.convolve(evenly_spaced, np.ones(_DIFFERENCE_ORDER), "valid") == _DIFFERENCE_ORDER
+    if complete.sum() < _MIN_NUM_DIFFERENCES:
         return np.full(values.shape[1], np.nan)
-    differences = np.diff(values, _DIFFERENCE_ORDER, axis=0)[whole]
+    differences = np.diff(values, _DIFFERENCE_ORDER, axis=0)[complete]
     return np.asarray(np.sqrt(np.mean(differences**2, axis=0) / _VARIANCE_FACTOR))
 
 
 def trim(record: FlightRecord, weight: float) -> dict[str, Spread]:
-    """Return mean tilt and mean commanded torque, thrust and throttles in hover; empty if it lasts less than a second.
+    """Return the means of tilt, commanded torque, commanded thrust and throttles in hover, by name.
 
     For a log with throttles, the result includes the mean thrust of a motor divided by the square of its throttle. A
-    damaged propeller shows as a larger throttle of its motor.
-
-    Standard deviations follow from the means of blocks of half a second.
+    motor with a damaged propeller has a larger throttle. Standard deviations follow from the means of blocks of half a
+    second.
 
     Args:
         record: record of the flight.
         weight: weight of the vehicle, N.
+
+    Returns:
+        Means with their standard deviations; empty if the vehicle hovers for less than a second.
     """
     if record.velocity is None:
         return {}
@@ -87,7 +89,7 @@ def trim(record: FlightRecord, weight: float) -> dict[str, Spread]:
         hovering &= np.linalg.norm(record.body_rates, axis=1) < _MAX_HOVER_RATE
     if hovering.sum() * record.period < _MIN_HOVER_TIME:
         return {}
-    blocks = np.floor((record.time - record.time[0]) / _BLOCK).astype(int)[hovering]
+    blocks = np.floor((record.time - record.time[0]) / _BLOCK_DURATION).astype(int)[hovering]
     hover = record.part(hovering)
     columns: dict[str, tuple[np.ndarray, str]] = {}
     if hover.attitude is not None:
@@ -105,26 +107,25 @@ def trim(record: FlightRecord, weight: float) -> dict[str, Spread]:
 
 def _mean(values: np.ndarray, blocks: np.ndarray, unit: str) -> Spread:
     """Return the mean of values (n,), with the standard deviation from the means of blocks (n,)."""
-    numbers, places = np.unique(blocks, return_inverse=True)
-    means = np.bincount(places, weights=values) / np.bincount(places)
-    deviation = float(np.std(means, ddof=1) / np.sqrt(len(numbers))) if len(numbers) > 1 else np.nan
-    return Spread(float(values.mean()), deviation, unit, max(len(numbers) - 1.0, 1.0))
+    block_numbers, indices = np.unique(blocks, return_inverse=True)
+    means = np.bincount(indices, weights=values) / np.bincount(indices)
+    deviation = float(np.std(means, ddof=1) / np.sqrt(len(block_numbers))) if len(block_numbers) > 1 else np.nan
+    return Spread(float(values.mean()), deviation, unit, max(len(block_numbers) - 1.0, 1.0))
 
 
 def delay_by_correlation(record: FlightRecord) -> float | None:
-    """Return the delay with the largest correlation of the attitude and its command, s; None if one is not logged.
+    """Return the delay with the largest correlation of attitude and command, s; None if one of them is not logged.
 
-    It serves to check the order of magnitude of an identified delay. It is longer than the identified delay, since it
-    includes the response of the vehicle.
+    This delay is a rough check of an identified delay. It is longer, since it includes the response of the vehicle.
     """
     if record.attitude is None or record.attitude_command is None:
         return None
-    piece = pieces(record)
-    part = record.part(piece == np.argmax(np.bincount(piece)))
-    lags = np.arange(max(1, round(_MAX_DELAY / part.period)))
-    best = []
+    piece_numbers = pieces(record)
+    longest = record.part(piece_numbers == np.argmax(np.bincount(piece_numbers)))
+    lags = np.arange(max(1, round(_MAX_DELAY / longest.period)))
+    peaks = []
     for column in range(2):
-        command, angle = (np.diff(part.of(name)[:, column]) for name in ("attitude_command", "attitude"))
+        command, angle = (np.diff(longest.of(name)[:, column]) for name in ("attitude_command", "attitude"))
         correlations = [float(np.dot(command[: len(command) - lag], angle[lag:])) for lag in lags]
-        best.append((max(correlations), lags[int(np.argmax(correlations))]))
-    return float(max(best)[1] * part.period)
+        peaks.append((max(correlations), lags[int(np.argmax(correlations))]))
+    return float(max(peaks)[1] * longest.period)

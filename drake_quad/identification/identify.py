@@ -1,16 +1,16 @@
 """Identification of a vehicle from flight logs, by prediction errors.
 
-A Kalman filter predicts each measurement from the preceding ones, with the vehicle as its model
-(`drake_quad.identification.prediction_errors`). The estimates are the parameters with the smallest prediction errors,
-given a weak prior around the values of a data sheet (`drake_quad.identification.fit`).
+A Kalman filter, whose model is the vehicle, predicts each measurement from the preceding ones
+(`drake_quad.identification.prediction_errors`). The estimates minimise the prediction errors and the distance to a weak
+prior around the values of a data sheet (`drake_quad.identification.fit`).
 
-The same method applies to all logs: to rotors that are commanded one by one or the attitude response of an autopilot,
-and to measurements by an accelerometer, by motion capture, or of heights alone. Logs differ only in the outputs that
-are predicted (`drake_quad.identification.prepared_logs`) and in the parameters that these may determine
-(`drake_quad.identification.parameters`).
+The same method applies to all logs. The commands may be rotor commands, or attitude commands to an autopilot. The
+measurements may come from an accelerometer or from motion capture, or may be heights only. Logs differ only in the
+outputs that are predicted (`drake_quad.identification.prepared_logs`) and in the parameters that these outputs may
+determine (`drake_quad.identification.parameters`).
 
-A parameter whose posterior is not much narrower than its prior is reported as not identified. It keeps its value, and
-its uncertainty widens the intervals of the parameters with which it is correlated.
+A parameter whose posterior is not much narrower than its prior is reported as not identified. Such a parameter is still
+fitted, so its uncertainty widens the intervals of the parameters with which it is correlated.
 """
 
 from collections.abc import Sequence
@@ -43,21 +43,18 @@ from drake_quad.identification.results.estimates import Estimates, Explained, So
 from drake_quad.identification.results.held_out import hold_out
 from drake_quad.identification.results.vehicle_numbers import with_numbers
 from drake_quad.identification.sampling import (
-    SlowFit,
     Synchronised,
     attenuated,
     fast_command_remarks,
-    slow_fit,
     synchronised,
-    with_bandwidth,
 )
 from drake_quad.identification.windows import held_out, steep_remarks
 from drake_quad.scenario.models import Scenario
 from drake_quad.vehicle.rigid_body import inertia_flaw
 
 _POSE = ("position", "attitude")
-_MIN_POSE_NOISE = 2.0 * MIN_NOISE  # SI units; smaller noise is at the limit of the fit
-_NOISES = {signal: f"laboratory.motion_capture.{signal}_noise" for signal in _POSE}
+_MIN_POSE_NOISE = 2.0 * MIN_NOISE  # m or rad; a smaller estimate is affected by the lower bound `MIN_NOISE`
+_NOISE_NAMES = {signal: f"laboratory.motion_capture.{signal}_noise" for signal in _POSE}
 
 
 def identify(
@@ -66,35 +63,35 @@ def identify(
     """Identify a vehicle from flight logs.
 
     Args:
-        records: records of flights of the same vehicle. Each needs commands that the vehicle takes, and body rates with
-            specific force, poses, or heights.
-        scenario: scenario without distributions, with the initial values. Its mass and geometry are taken as known.
-        held_out_share: share of the airborne time, at the end of each log, that is held out for the forecast.
+        records: records of flights of the same vehicle. Each contains the commands that the vehicle takes, and
+            measurements: body rates with specific force, poses, or heights.
+        scenario: scenario with the initial values and without distributions. Its mass and geometry are not estimated.
+        held_out_share: fraction of the airborne time, at the end of each log, that is held out for the forecast.
 
     Raises:
         InputError: if no log is given, a log lacks a signal, the flights are too short, or the logged values are
             physically impossible.
     """
     if not records:
-        raise InputError("there is no log to identify a vehicle from")
+        raise InputError("no log is given; at least one is needed to identify a vehicle")
     logs = synchronised(records)
     try:
-        found = _identified(logs, scenario, held_out_share)
+        identification = _identified(logs, scenario, held_out_share)
     except (np.linalg.LinAlgError, FloatingPointError) as error:
         raise InputError(
-            f"the logs cannot be fitted ({error}): their values are not those of a flying vehicle; check the units in"
+            f"the logs cannot be fitted ({error}): their values are impossible for a flying vehicle; check the units in"
             " the mapping"
         ) from error
-    remarks = [*found.remarks, *logs.remarks, *fast_command_remarks(records)]
-    flaw = inertia_flaw(found.vehicle.vehicle.inertia)
-    if flaw:
-        remarks.append(f"the identified inertia is not that of a rigid body, because of its error: {flaw}")
-    return replace(found, remarks=tuple(remarks))
+    remarks = [*identification.remarks, *logs.remarks, *fast_command_remarks(records)]
+    inertia_error = inertia_flaw(identification.vehicle.vehicle.inertia)
+    if inertia_error:
+        remarks.append(f"the identified inertia is inaccurate, since no rigid body can have it: {inertia_error}")
+    return replace(identification, remarks=tuple(remarks))
 
 
-def _identified(given: Synchronised, scenario: Scenario, share: float) -> Identification:
-    """Identify a vehicle from synchronised records; the other arguments are those of `identify`."""
-    logs, scenario = prepare(given.records, scenario, late_attitude=given.late_attitude)
+def _identified(synchronised_logs: Synchronised, scenario: Scenario, share: float) -> Identification:
+    """Identify a vehicle from synchronised records; the scenario and the held-out fraction are as in `identify`."""
+    logs, scenario = prepare(synchronised_logs.records, scenario, late_attitude=synchronised_logs.late_attitude)
     parameters = parameters_of(
         logs.scenario,
         logs.signals,
@@ -102,36 +99,37 @@ def _identified(given: Synchronised, scenario: Scenario, share: float) -> Identi
         delay=max(0.5 * logs.period, min(frame_age(scenario), 0.5 * MAX_DELAY)),
         max_delay=MAX_DELAY,
     )
-    noise, start, early = initial_noise(logs.outputs), None, None
-    shown: tuple[ForecastOutput, ...] = ()
+    noise, start, training_vehicle = initial_noise(logs.outputs), None, None
+    forecasts: tuple[ForecastOutput, ...] = ()
     if share > 0.0:
-        spared = [held_out(usable, share) for usable in logs.flying]
-        kept = [usable & ~late for usable, late in zip(logs.flying, spared, strict=True)]
-        training = fit(logs.predictor(names_of(parameters), kept), parameters, noise)
-        shown = forecast(logs.predictor(names_of(parameters), spared, horizon=True), training.values, training.noise)
-        check_forecast(shown)
+        held_out_masks = [held_out(usable, share) for usable in logs.flying]
+        training_masks = [usable & ~mask for usable, mask in zip(logs.flying, held_out_masks, strict=True)]
+        training = fit(logs.predictor(names_of(parameters), training_masks), parameters, noise)
+        forecasts = forecast(
+            logs.predictor(names_of(parameters), held_out_masks, horizon=True), training.values, training.noise
+        )
+        check_forecast(forecasts)
         start, noise = training.values, training.noise
-        early = _vehicle(logs, scenario, dict(zip(names_of(parameters), map(float, start), strict=True)))
+        training_vehicle = _vehicle(logs, scenario, dict(zip(names_of(parameters), map(float, start), strict=True)))
     predictor = logs.predictor(names_of(parameters), logs.flying)
     fitted = fit(predictor, parameters, noise, start)
     check_thrust(logs.scenario, fitted.noise)
-    held = weaker_than_disturbance(logs.scenario, predictor, parameters, fitted) | unexcited(logs, parameters, fitted)
-    if held:
-        kept = [i for i, parameter in enumerate(parameters) if parameter.name not in held]
-        parameters = [parameters[i] for i in kept]
+    fixed = weaker_than_disturbance(logs.scenario, predictor, parameters, fitted) | unexcited(logs, parameters, fitted)
+    if fixed:
+        free = [i for i, parameter in enumerate(parameters) if parameter.name not in fixed]
+        parameters = [parameters[i] for i in free]
         predictor = logs.predictor(names_of(parameters), logs.flying)
-        fitted = fit(predictor, parameters, fitted.noise, fitted.values[kept])
-    slow = slow_fit(logs, parameters, fitted)
-    found = _result(logs, scenario, predictor, parameters, fitted, shown, held, slow)
-    return replace(found, training_vehicle=early)
+        fitted = fit(predictor, parameters, fitted.noise, fitted.values[free])
+    identification = _result(logs, scenario, predictor, parameters, fitted, forecasts, fixed)
+    return replace(identification, training_vehicle=training_vehicle)
 
 
 def _vehicle(logs: PreparedLogs, scenario: Scenario, values: dict[str, float]) -> Scenario:
-    """Return the scenario with values of parameters, by name, and with the voltage of the thrust curve."""
+    """Return the scenario with the values of parameters, given by name, and with the voltage of the thrust curve."""
     numbers = {name: value for name, value in values.items() if name != DELAY}
     if DELAY in values:
-        ticks = (values[DELAY] - frame_age(scenario)) / scenario.laboratory.command_link.period
-        numbers["laboratory.command_link.delay_ticks"] = max(0.0, ticks)
+        delay_ticks = (values[DELAY] - frame_age(scenario)) / scenario.laboratory.command_link.period
+        numbers["laboratory.command_link.delay_ticks"] = max(0.0, delay_ticks)
     vehicle = with_numbers(scenario, numbers)
     if logs.voltage is not None:
         motors = vehicle.vehicle.motors.model_copy(update={"voltage": logs.voltage})
@@ -145,21 +143,19 @@ def _result(
     predictor: Predictor,
     parameters: Sequence[Parameter],
     fitted: PredictionFit,
-    shown: Sequence[ForecastOutput],
-    held: dict[str, str],
-    slow: SlowFit | None,
+    forecasts: Sequence[ForecastOutput],
+    fixed: dict[str, str],
 ) -> Identification:
     """Return the result of a fit.
 
     Args:
         logs: logs that were fitted.
-        scenario: scenario to which the estimates are written.
+        scenario: initial scenario, whose values the estimates replace.
         predictor: predictor of the outputs in all windows.
         parameters: parameters that were fitted.
         fitted: result of the fit.
-        shown: forecast of held-out flight; empty if nothing was held out.
-        held: parameters that were held at their initial values, with the reason.
-        slow: fit to the same logs at a longer period, if there is one.
+        forecasts: forecasts of held-out flight; empty if nothing was held out.
+        fixed: reason for each parameter that was fixed at its initial value, by name.
     """
     names = names_of(parameters)
     blocks = window_blocks(predictor)
@@ -168,88 +164,96 @@ def _result(
     variation = variation_of(within_flights(evidence, predictor, differences))
     uncertainty = uncertainty_of_mean(fitted.uncertainty(blocks), evidence, variation)
     remarks = [*_remarks(predictor, fitted, names), *steep_remarks(logs.records)]
-    if slow is not None:
-        uncertainty = with_bandwidth(uncertainty, fitted.values, slow, logs.period)
-    weak = not_identified(parameters, fitted.values, uncertainty)
-    weak |= attenuated(logs.records, parameters, fitted.noise)
-    if {*names} <= {*weak, DELAY}:
+    unidentified = not_identified(parameters, fitted.values, uncertainty)
+    unidentified |= attenuated(logs.records, parameters, fitted.noise)
+    if {*names} <= {*unidentified, DELAY}:
         raise InputError(
             "cannot identify the vehicle: the logs determine none of its parameters: "
-            + "; ".join(f"{name}: {reason}" for name, reason in weak.items())
+            + "; ".join(f"{name}: {reason}" for name, reason in unidentified.items())
         )
-    own = [i for i, name in enumerate(names) if name != DELAY]
-    noise_names, noise_values, noise_covariances, weak_noise = _noise_estimates(predictor, fitted)
+    vehicle_indices = [i for i, name in enumerate(names) if name != DELAY]
+    noise_names, noise_values, noise_covariances, unidentified_noise = _noise_estimates(predictor, fitted)
     noise_freedom = np.full(len(noise_names), float(fitted.errors.size))
     estimates = Estimates(
-        names=(*(names[i] for i in own), *noise_names),
-        values=np.concatenate([fitted.values[own], noise_values]),
-        covariance=scipy.linalg.block_diag(uncertainty.covariance[np.ix_(own, own)], noise_covariances),
-        degrees_of_freedom=np.concatenate([uncertainty.degrees_of_freedom[own], noise_freedom]),
+        names=(*(names[i] for i in vehicle_indices), *noise_names),
+        values=np.concatenate([fitted.values[vehicle_indices], noise_values]),
+        covariance=scipy.linalg.block_diag(
+            uncertainty.covariance[np.ix_(vehicle_indices, vehicle_indices)], noise_covariances
+        ),
+        degrees_of_freedom=np.concatenate([uncertainty.degrees_of_freedom[vehicle_indices], noise_freedom]),
         sources=Source(
             f"prediction errors of {' and '.join(sorted(signal.replace('_', ' ') for signal in logs.signals))}",
             ", ".join(dict.fromkeys(record.name for record in logs.records)),
         ),
-        explained=_explained(parameters, fitted, predictor, shown) if shown else {},
+        explained=_explained(parameters, fitted, predictor, forecasts) if forecasts else {},
         not_identified=undetermined(logs.scenario, names)
-        | held
-        | weak_noise
-        | {name: reason for name, reason in weak.items() if name != DELAY},
-        variation=None if variation is None else variation.part(own).with_unknown(len(noise_names)),
+        | fixed
+        | unidentified_noise
+        | {name: reason for name, reason in unidentified.items() if name != DELAY},
+        variation=None if variation is None else variation.part(vehicle_indices).with_unknown(len(noise_names)),
     )
     estimates = with_differences(estimates, differences, logs.scenario, predictor.duration / max(1, len(differences)))
-    i = names.index(DELAY)
-    deviation = float(np.sqrt(uncertainty.covariance[i, i]))
-    delay = Spread(float(fitted.values[i]), deviation, "s", float(uncertainty.degrees_of_freedom[i]))
+    delay_index = names.index(DELAY)
+    deviation = float(np.sqrt(uncertainty.covariance[delay_index, delay_index]))
+    delay = Spread(
+        float(fitted.values[delay_index]), deviation, "s", float(uncertainty.degrees_of_freedom[delay_index])
+    )
     numbers = dict(zip(estimates.names, map(float, estimates.values), strict=True))
-    if DELAY in weak:
-        remarks.append(f"the delay is not identified: {weak[DELAY]}")
+    if DELAY in unidentified:
+        remarks.append(f"the delay is not identified: {unidentified[DELAY]}")
     else:
         numbers[DELAY] = delay.value
-    deviations = map(float, fitted.noise.measured)
-    outputs = tuple(output._replace(deviation=own) for output, own in zip(shown, deviations, strict=False))
-    covered = {name: each for name, each in hold_out(evidence).items() if name not in weak}
-    result_delay = None if DELAY in weak else delay
+    noise_deviations = map(float, fitted.noise.measured)
+    outputs = tuple(
+        output._replace(deviation=vehicle_indices)
+        for output, vehicle_indices in zip(forecasts, noise_deviations, strict=False)
+    )
+    coverage = {name: each for name, each in hold_out(evidence).items() if name not in unidentified}
+    result_delay = None if DELAY in unidentified else delay
     vehicle = _vehicle(logs, scenario, numbers)
     return Identification(
-        estimates, vehicle, outputs, result_delay, fitted.noise, tuple(remarks), covered, flights=differences
+        estimates, vehicle, outputs, result_delay, fitted.noise, tuple(remarks), coverage, flights=differences
     )
 
 
 def _noise_estimates(
     predictor: Predictor, fitted: PredictionFit
 ) -> tuple[list[str], np.ndarray, np.ndarray, dict[str, str]]:
-    """Return names, values and covariance of the pose noise, and the reason for each noise that is not identified."""
+    """Return names, values and covariance of the pose noise, and a reason for each noise that is not identified."""
     rows = {name: predictor.outputs.index(Output(name, 0)) for name in _POSE if Output(name, 0) in predictor.outputs}
-    large = {name: row for name, row in rows.items() if fitted.noise.measured[row] > _MIN_POSE_NOISE}
-    weak = {_NOISES[name]: f"it is below {_MIN_POSE_NOISE:g} in SI units" for name in rows if name not in large}
-    if not large:
-        return [], np.empty(0), np.empty((0, 0)), weak
-    places = [*large.values()]
-    values = fitted.noise.measured[places]
-    covariance = noise_covariance(predictor, fitted)[np.ix_(places, places)] * np.outer(values, values)
-    return [_NOISES[name] for name in large], values, covariance, weak
+    sufficient = {name: row for name, row in rows.items() if fitted.noise.measured[row] > _MIN_POSE_NOISE}
+    unidentified = {
+        _NOISE_NAMES[name]: f"it is below {_MIN_POSE_NOISE:g} m or rad" for name in rows if name not in sufficient
+    }
+    if not sufficient:
+        return [], np.empty(0), np.empty((0, 0)), unidentified
+    large_rows = [*sufficient.values()]
+    values = fitted.noise.measured[large_rows]
+    covariance = noise_covariance(predictor, fitted)[np.ix_(large_rows, large_rows)] * np.outer(values, values)
+    return [_NOISE_NAMES[name] for name in sufficient], values, covariance, unidentified
 
 
 def _explained(
-    parameters: Sequence[Parameter], fitted: PredictionFit, predictor: Predictor, shown: Sequence[ForecastOutput]
+    parameters: Sequence[Parameter], fitted: PredictionFit, predictor: Predictor, forecasts: Sequence[ForecastOutput]
 ) -> dict[str, Explained]:
-    """Return the explained variance of the output that depends most on each parameter, by the name of the parameter."""
-    count = len(predictor.outputs)
-    slopes = fitted.slopes.reshape(len(fitted.slopes), -1, count, len(parameters))
+    """Return for each parameter, by name, the explained variance of the output that depends most on it."""
+    num_outputs = len(predictor.outputs)
+    slopes = fitted.slopes.reshape(len(fitted.slopes), -1, num_outputs, len(parameters))
     outputs = np.argmax(np.einsum("wtop,wtop->op", slopes, slopes), axis=0)
     return {
-        parameter.name: Explained(shown[output].explained, shown[output].name)
+        parameter.name: Explained(forecasts[output].explained, forecasts[output].name)
         for parameter, output in zip(parameters, outputs, strict=True)
-        if parameter.name != DELAY and np.isfinite(shown[output].explained)
+        if parameter.name != DELAY and np.isfinite(forecasts[output].explained)
     }
 
 
 def _remarks(predictor: Predictor, fitted: PredictionFit, names: Sequence[str]) -> tuple[str, ...]:
-    length = predictor.duration / len(predictor.windows)
-    found = [f"{len(predictor.windows)} windows of {length:.2g} s in the air were fitted"]
+    """Return remarks on the windows, and on how to interpret some of the estimates."""
+    window_length = predictor.duration / len(predictor.windows)
+    remarks = [f"{len(predictor.windows)} windows of {window_length:.2g} s in the air were fitted"]
     if "rotor_time_constant_down" in names:
-        up, down = (fitted.values[names.index(f"rotor_time_constant{end}")] for end in ("", "_down"))
-        found.append(f"small motions lag by the mean of the two time constants, {500.0 * (up + down):.3g} ms")
+        up, down = (fitted.values[names.index(f"rotor_time_constant{suffix}")] for suffix in ("", "_down"))
+        remarks.append(f"small motions lag by the mean of the two time constants, {500.0 * (up + down):.3g} ms")
     if "rotor_aerodynamics.climb" in names:
-        found.append("climb includes the linear drag along z of the body, which a flight does not distinguish from it")
-    return tuple(found)
+        remarks.append("climb includes the linear drag along z of the body, since flights cannot separate the two")
+    return tuple(remarks)

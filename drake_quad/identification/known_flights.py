@@ -1,15 +1,15 @@
-"""Simulated flights of vehicles with known parameters, which test whether identification finds the parameters.
+"""Simulated flights of vehicles with known parameters, as a test of identification.
 
-A vehicle with random parameters flies past waypoints with changing yaw, with the noise, the delays and the losses of a
-laboratory. The log contains the camera measurements and the commands, as in a laboratory. There are six conditions,
-`KNOWN`:
+A vehicle with random parameters flies past waypoints with changing yaw. The simulation includes the noise, delays and
+packet losses of a laboratory. As in a laboratory, the log contains the camera measurements and the commands.
+`KNOWN_FLIGHTS` contains six conditions:
 
 - calm: the laboratory of the paper without wind, with rotor speed commands,
-- wind: the same laboratory in low wind, which is not logged,
+- wind: the same laboratory in low wind that is not logged,
 - delay: the same laboratory in calm air, with camera frames that are 30 ms older,
-- autopilot: commands of attitude and thrust to the autopilot of Neural-Fly's vehicle,
-- slow_log: a control loop of 500 Hz, of which every fifth sample is logged,
-- battery: throttle commands to motors whose battery loses 7 % of the thrust during the flight; its voltage is logged.
+- autopilot: attitude and thrust commands to the autopilot of Neural-Fly's vehicle,
+- slow_log: a control loop at 500 Hz, with every fifth sample in the log,
+- battery: throttle commands to motors that lose 7 % of their thrust as the battery discharges; its voltage is logged.
 """
 
 import json
@@ -34,12 +34,14 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.signals import AttitudeTarget, Charge, RotorSpeed
 from drake_quad.vehicle.battery import rotor_power, terminals
 
-# Waypoints are samples of sines along X, Y and Z (m) and in yaw (rad). Their phases (rad) grow by incommensurable
-# steps, so that no waypoint is visited twice.
-_CENTRE, _AMPLITUDE = np.array([0.0, 0.0, 1.5, 0.0]), np.array([1.2, 1.2, 0.4, 0.5])
-_PHASE_STEPS, _FIRST_PHASES = np.array([0.91, 0.73, 1.31, 1.73]), np.array([0.0, 1.0, 2.0, 3.0])
+# Waypoints are samples of sines along X, Y and Z (m) and in yaw (rad). The phases (rad) of the sines increase by
+# incommensurable steps from one waypoint to the next, so that no waypoint is visited twice.
+_CENTRE = np.array([0.0, 0.0, 1.5, 0.0])
+_AMPLITUDE = np.array([1.2, 1.2, 0.4, 0.5])
+_PHASE_STEPS = np.array([0.91, 0.73, 1.31, 1.73])
+_FIRST_PHASES = np.array([0.0, 1.0, 2.0, 3.0])
 _NUM_WAYPOINTS = 41
-# Thrust of a rotor at full throttle that Neural-Fly's autopilot believes, N, from diagrams/vehicles/neural_fly.yaml.
+# Thrust of one rotor at full throttle in Neural-Fly's autopilot, N, from diagrams/vehicles/neural_fly.yaml.
 _FULL_THRUST = 14.27
 
 
@@ -49,33 +51,33 @@ class KnownFlights(NamedTuple):
     Attributes:
         scenario: scenario in `diagrams/`.
         seconds: time from one waypoint to the next, s.
-        own: overrides with the distributions of the parameters, and with the condition.
-        believed: overrides of the scenario with which the identification begins.
+        overrides: overrides of the scenario that set the condition and the distributions of the parameters.
+        believed: overrides of the scenario that set the initial values of the identification.
         samples_per_row: number of recorded samples for each row of the log.
     """
 
     scenario: str
     seconds: float
-    own: tuple[str, ...]
+    overrides: tuple[str, ...]
     believed: tuple[str, ...] = ()
     samples_per_row: int = 1
 
-    def flown(self, diagrams: Path, overrides: Sequence[str] = ()) -> Scenario:
+    def simulated_scenario(self, diagrams: Path, further_overrides: Sequence[str] = ()) -> Scenario:
         """Return the scenario of the simulated flights."""
-        route = f"route={json.dumps(wandering(self.seconds))}"
-        return load_scenario(diagrams / self.scenario, [route, *self.own, *overrides])
+        route = f"route={json.dumps(wandering_route(self.seconds))}"
+        return load_scenario(diagrams / self.scenario, [route, *self.overrides, *further_overrides])
 
-    def begun_with(self, diagrams: Path) -> Scenario:
-        """Return the scenario with which the identification begins."""
+    def initial_scenario(self, diagrams: Path) -> Scenario:
+        """Return the initial scenario of the identification."""
         return load_scenario(diagrams / self.scenario, self.believed)
 
 
-class Checked(NamedTuple):
-    """Identified parameter and its true value.
+class CheckedParameter(NamedTuple):
+    """Estimate of an identified parameter, and its true value.
 
     Attributes:
-        name: name as in `Estimates`, or `DELAY` (s).
-        true: value of the vehicle that flew.
+        name: name as in `Estimates`, or `DELAY`.
+        true: value of the simulated vehicle.
         value: estimate.
         deviation: standard deviation of the error of the estimate.
         degrees_of_freedom: degrees of freedom of Student's distribution of the error.
@@ -101,7 +103,7 @@ _BODY = (
 _ROTORS = (*_BODY, f"vehicle.thrust_factor={_between(3.6e-5, 4.6e-5)}")
 _THROTTLES = "nominal.motors={kind: throttle, curve: [0.0, 1.0, 3.4]}"
 
-KNOWN = {
+KNOWN_FLIGHTS = {
     "calm": KnownFlights("laboratory.yaml:nominal", 1.0, _ROTORS),
     "wind": KnownFlights("laboratory.yaml:low_wind", 1.0, _ROTORS),
     "delay": KnownFlights("laboratory.yaml:nominal", 1.0, (*_ROTORS, "laboratory.motion_capture.latency_frames=3")),
@@ -149,14 +151,14 @@ KNOWN = {
             f" [{_between(0.0, 0.2)}, {_between(0.5, 1.5)}, {_between(2.9, 3.9)}]}}",
             "vehicle.battery={voltage: 12.6, empty_voltage: 10.5, capacity: 0.2, resistance: 0.02, efficiency: 0.6}",
         ),
-        # The thrust curve of the vehicle holds at the voltage of the full battery.
+        # The thrust curve of the vehicle holds for the voltage of the full battery.
         (_THROTTLES, "vehicle.motors={kind: throttle, curve: [0.0, 1.0, 3.4], voltage: 12.6}"),
     ),
 }
 
 
-def wandering(seconds: float) -> dict[str, object]:
-    """Return a route past waypoints at changing yaw in the scenario language.
+def wandering_route(seconds: float) -> dict[str, object]:
+    """Return a route past waypoints with changing yaw, in the scenario language.
 
     Args:
         seconds: time from a waypoint to the next, s.
@@ -164,8 +166,8 @@ def wandering(seconds: float) -> dict[str, object]:
     phases = np.outer(np.arange(_NUM_WAYPOINTS), _PHASE_STEPS) + _FIRST_PHASES
     waypoints = [{"point": row[:3], "yaw": row[3]} for row in (_CENTRE + _AMPLITUDE * np.sin(phases)).round(3).tolist()]
     times = [round(seconds * i, 6) for i in range(_NUM_WAYPOINTS)]
-    free = {"heading": "waypoints", "top_speed": None, "top_acceleration": None}
-    return {"kind": "waypoints", "waypoints": waypoints, "times": times, **free}
+    settings = {"heading": "waypoints", "top_speed": None, "top_acceleration": None}
+    return {"kind": "waypoints", "waypoints": waypoints, "times": times, **settings}
 
 
 def record_of(flight: Flight, samples_per_row: int = 1) -> FlightRecord:
@@ -187,40 +189,40 @@ def record_of(flight: Flight, samples_per_row: int = 1) -> FlightRecord:
         power = rotor_power(RotorSpeed(*signals["rotor_speed"].T), vehicle_parameters(vehicle))
         charge = Charge(*signals["charge"].T)
         values["battery_voltage"] = terminals(charge, power, vehicle.effect_numbers().battery).voltage
-    every = slice(None, None, samples_per_row)
-    return FlightRecord("flight", flight.time[every], **{name: rows[every] for name, rows in values.items()})
+    step = slice(None, None, samples_per_row)
+    return FlightRecord("flight", flight.time[step], **{name: rows[step] for name, rows in values.items()})
 
 
-def checked(flight: Flight, believed: Scenario, samples_per_row: int = 1) -> list[Checked]:
-    """Identify the vehicle of a flight, and return each identified parameter with its true value.
+def check_flight(flight: Flight, believed: Scenario, samples_per_row: int = 1) -> list[CheckedParameter]:
+    """Identify the vehicle of a simulated flight, and return each identified parameter with its true value.
 
     Args:
-        flight: flight of a known vehicle.
-        believed: scenario with which the identification begins.
+        flight: simulated flight.
+        believed: initial scenario of the identification.
         samples_per_row: number of recorded samples for each row of the log.
 
     Returns:
-        Identified parameters; empty if the identification is refused.
+        Identified parameters; empty if the log cannot be identified.
     """
     try:
-        found = identify([record_of(flight, samples_per_row)], believed, held_out_share=0.0)
+        identification = identify([record_of(flight, samples_per_row)], believed, held_out_share=0.0)
     except InputError:
         return []
-    rows = _beside(found.estimates, flight.scenario)
-    if found.delay is not None:
-        delay, deviation, _, freedom = found.delay
-        rows.append(Checked(DELAY, _delay(flight.scenario), delay, deviation, freedom))
-    return rows
+    parameters = _with_true_values(identification.estimates, flight.scenario)
+    if identification.delay is not None:
+        delay, deviation, _, freedom = identification.delay
+        parameters.append(CheckedParameter(DELAY, _true_delay(flight.scenario), delay, deviation, freedom))
+    return parameters
 
 
 class Task(NamedTuple):
     """Flights that are simulated together, and identified one by one.
 
     Attributes:
-        flights: name of the condition in `KNOWN`.
+        flights: name of the condition in `KNOWN_FLIGHTS`.
         diagrams: folder of the shipped scenarios.
-        overrides: overrides of the simulated scenario.
-        samples: numbers of the samples.
+        overrides: further overrides of the simulated scenario.
+        samples: sample number of each flight, which determines its random parameters.
     """
 
     flights: str
@@ -229,31 +231,32 @@ class Task(NamedTuple):
     samples: Sequence[int]
 
 
-def check_batch(task: Task) -> dict[int, list[Checked]]:
+def check_batch(task: Task) -> dict[int, list[CheckedParameter]]:
     """Return the identified parameters of each flight of a task, by sample number."""
-    known = KNOWN[task.flights]
-    flown = simulate_samples(known.flown(task.diagrams, task.overrides), task.samples, compiled=True)
-    believed = known.begun_with(task.diagrams)
+    known = KNOWN_FLIGHTS[task.flights]
+    flights = simulate_samples(known.simulated_scenario(task.diagrams, task.overrides), task.samples, compiled=True)
+    believed = known.initial_scenario(task.diagrams)
     return {
-        sample: checked(flight, believed, known.samples_per_row)
-        for sample, flight in zip(task.samples, flown, strict=True)
+        sample: check_flight(flight, believed, known.samples_per_row)
+        for sample, flight in zip(task.samples, flights, strict=True)
     }
 
 
-def _beside(estimates: Estimates, scenario: Scenario) -> list[Checked]:
+def _with_true_values(estimates: Estimates, scenario: Scenario) -> list[CheckedParameter]:
+    """Return the identified parameters with their values in the scenario."""
     freedom = np.asarray(estimates.degrees_of_freedom)
     columns = zip(estimates.names, estimates.values, estimates.deviations, freedom, strict=True)
     return [
-        Checked(name, number_of(scenario, name), *map(float, rest))
-        for name, *rest in columns
+        CheckedParameter(name, number_of(scenario, name), *map(float, numbers))
+        for name, *numbers in columns
         if name in estimates.identified
     ]
 
 
-def _delay(scenario: Scenario) -> float:
+def _true_delay(scenario: Scenario) -> float:
     """Return the delay from a logged command to the logged measurement of its effect, s.
 
-    A flight records the command that was held over the tick before a sample.
+    The command in a sample of a flight is the command that was held during the tick before the sample.
     """
     if scenario.laboratory.autopilot.models_vehicle:
         return delay_of(scenario)

@@ -1,20 +1,20 @@
 """Forward model of a log: the vehicle of the simulation, driven by logged commands.
 
 The formulas are those of the simulation: `step_of_flight`, or `responding_step` for an autopilot whose closed attitude
-loop is modelled as a whole. The model simulates windows of a log for several sets of parameters at once, driven by the
-logged commands.
+loop is modelled as a whole. The model simulates windows of a log for several sets of parameters at once.
 
-A disturbance represents model errors: a specific force, and an angular acceleration about the axes of B (for an
-attitude response, accelerations of the angles). During a step, the force is constant along the axes of W if attitudes
-or velocities are measured, otherwise along those of B. A vehicle leans into the wind, so along the axes of B the force
-of a constant wind would always have a component along the thrust.
+A disturbance represents model errors. It consists of a specific force, and of an angular acceleration about the axes of
+B (for an attitude response, accelerations of the angles). During a step, the force is constant along the axes of W if
+positions, attitudes or velocities are measured, otherwise along the axes of B. The axes of W are preferred, since a
+vehicle leans into the wind: along the axes of B, the force of a constant wind would always have a component along the
+thrust.
 
-Commands act after a delay. A command that is held between samples and delayed by n + f samples has the mean
+Commands act after a delay. A command that is constant between samples and delayed by n + f samples has the mean
 
     (1 - f) u[k - n] + f u[k - n - 1],  0 ≤ f < 1,
 
-over one step. The model uses this mean, which is continuous in the delay. Its effect on the rotors is correct to first
-order in the step relative to their time constant.
+over one step. The model uses this mean, which is continuous in the delay. The effect on the rotors is correct to first
+order in the ratio of the step to their time constant.
 """
 
 from collections.abc import Sequence
@@ -77,9 +77,9 @@ STATE_ROWS = {"position": 0, "attitude": 3, "velocity": 6, "body_rates": 9}
 DELAY = "delay"
 """Name of the delay from a logged command to the logged measurement of its effect, s."""
 MISALIGNMENT = tuple(f"laboratory.motion_capture.misalignment[{axis}]" for axis in range(3))
-"""Names of the angles of the markers' frame in B, rad."""
+"""Names of the roll, pitch and yaw of the markers' frame in B, rad."""
 
-# Natural frequency of the attitude response of a vehicle that stays level, rad/s. Results do not depend on it.
+# Natural frequency of the attitude response of a vehicle that stays level, rad/s. Results do not depend on this value.
 _LEVEL_FREQUENCY = 20.0
 _VOLTAGE_WINDOW = 0.1  # s, duration over which the logged voltage is averaged
 
@@ -87,7 +87,7 @@ DisturbanceFrame = Literal["world", "body"]
 
 
 class Disturbance(NamedTuple):
-    """Specific force and angular acceleration of model errors, and a constant part of the horizontal force."""
+    """Specific force and angular acceleration that represent model errors, with a constant part of the force."""
 
     x: AccelerationB
     y: AccelerationB
@@ -100,12 +100,12 @@ class Disturbance(NamedTuple):
 
     @property
     def force(self) -> Vector:
-        """Specific force with its constant part."""
+        """Specific force along the axes of the disturbance, including its constant part, m/s²."""
         return Vector(self.x + self.constant_x, self.y + self.constant_y, self.z)
 
 
 class Span(NamedTuple):
-    """Duration of a step, and the voltage of the battery during it relative to that of the thrust curve."""
+    """Duration of a step, and the battery voltage during the step relative to the voltage of the thrust curve."""
 
     span: Time
     voltage: Number
@@ -137,10 +137,10 @@ def step(
     numbers: Numbers,
     frame: DisturbanceFrame,
 ) -> ModelStep:
-    """Return the vehicle at the end of a step from time 0, during which inputs and disturbance are constant.
+    """Return the vehicle at the end of a step, during which inputs and disturbance are constant.
 
-    A payload that is dropped later is present in every step. With an attitude response, the body rates in the state are
-    the rates of the angles.
+    Each step starts at time 0, so a payload that is dropped later is present in every step. With an attitude response,
+    the body rates in the state are the rates of the angles.
     """
     h = span.span
     parameters, effects, response = numbers
@@ -150,24 +150,24 @@ def step(
         before = VehicleState(body, rotors)
         after = step_of_flight(before, target, wind, parameters, effects, h, h, RIGID_KINEMATICS)
     else:
-        wanted = AttitudeTarget(0.0, *attitude, 0.0, 0.0, 0.0)
-        rest = wind, None, parameters, response, None, effects, 0.0, h, "exact"
-        after = responding_step(RespondingBody(*body), rotors, command, wanted, *rest)  # type: ignore[arg-type]
+        target_attitude = AttitudeTarget(0.0, *attitude, 0.0, 0.0, 0.0)
+        settings = wind, None, parameters, response, None, effects, 0.0, h, "exact"
+        after = responding_step(RespondingBody(*body), rotors, command, target_attitude, *settings)  # type: ignore[arg-type]
     force = disturbance.force
     if frame == "body":
         force = BodyAxes.of(body.roll, body.pitch, body.yaw).in_world(force)
-    moved = State(*after.body)
+    undisturbed = State(*after.body)
     half = 0.5 * h * h
-    disturbed = moved._replace(
-        x=moved.x + half * force.x,
-        y=moved.y + half * force.y,
-        z=moved.z + half * force.z,
-        v_x=moved.v_x + h * force.x,
-        v_y=moved.v_y + h * force.y,
-        v_z=moved.v_z + h * force.z,
-        p=moved.p + h * disturbance.p,
-        q=moved.q + h * disturbance.q,
-        r=moved.r + h * disturbance.r,
+    disturbed = undisturbed._replace(
+        x=undisturbed.x + half * force.x,
+        y=undisturbed.y + half * force.y,
+        z=undisturbed.z + half * force.z,
+        v_x=undisturbed.v_x + h * force.x,
+        v_y=undisturbed.v_y + h * force.y,
+        v_z=undisturbed.v_z + h * force.z,
+        p=undisturbed.p + h * disturbance.p,
+        q=undisturbed.q + h * disturbance.q,
+        r=undisturbed.r + h * disturbance.r,
     )
     return ModelStep(disturbed, after.rotors)
 
@@ -180,7 +180,7 @@ def rotors_after(rotors: RotorSpeed, command: RotorSpeed | Throttle, span: Span,
 
 
 def rotors_at_rest(command: RotorSpeed | Throttle, span: Span, numbers: Numbers) -> RotorSpeed:
-    """Return the rotors a long time after a command."""
+    """Return the steady state of the rotors under a constant command."""
     return _target(RotorSpeed(0.0, 0.0, 0.0, 0.0), command, span, numbers)
 
 
@@ -194,39 +194,39 @@ def specific_force(
     numbers: Numbers,
     frame: DisturbanceFrame,
 ) -> SpecificForce:
-    """Return the specific force that an accelerometer at the centre of mass measures."""
+    """Return the specific force that an ideal accelerometer at the centre of mass measures."""
     parameters, effects, response = numbers
-    turned = rotor_state(rotors, _target(rotors, command, span, numbers), parameters, effects)
+    rotor_inputs = rotor_state(rotors, _target(rotors, command, span, numbers), parameters, effects)
     axes = BodyAxes.of(body.roll, body.pitch, body.yaw)
     motion = Motion.of(body) if response is None else Motion(body.v_x, body.v_y, body.v_z, 0.0, 0.0, 0.0)
-    rates = accelerations(axes, motion, None, body.z, turned, wind, parameters, effects).motion
-    own = Vector(rates.v_x, rates.v_y, rates.v_z + parameters.gravity)
+    rates = accelerations(axes, motion, None, body.z, rotor_inputs, wind, parameters, effects).motion
+    force_in_world = Vector(rates.v_x, rates.v_y, rates.v_z + parameters.gravity)
     if frame == "body":
-        return SpecificForce(*plus(axes.in_body(own), disturbance.force))
-    return SpecificForce(*axes.in_body(plus(own, disturbance.force)))
+        return SpecificForce(*plus(axes.in_body(force_in_world), disturbance.force))
+    return SpecificForce(*axes.in_body(plus(force_in_world, disturbance.force)))
 
 
 def measured_attitude(attitude: Attitude, misalignment: Attitude) -> Attitude:
-    """Return roll, pitch and yaw of the markers' frame in W, given those of B in W and of the markers' frame in B."""
+    """Return the attitude of the markers' frame in W, given the attitude of B in W and the misalignment."""
     return attitude_of_markers(attitude, BodyAxes.of(misalignment.roll, misalignment.pitch, misalignment.yaw))
 
 
 def _target(rotors: RotorSpeed, command: RotorSpeed | Throttle, span: Span, numbers: Numbers) -> RotorSpeed:
-    """Return the speeds that the rotors approach. At full throttle, they are proportional to the voltage."""
+    """Return the speeds that the rotors approach. At a given throttle, they are proportional to the voltage."""
     state = VehicleState(State(*(0.0,) * NUM_BODY), rotors)
     target = rotor_target(state, command, numbers.parameters, None, numbers.effects, 0.0)
     return RotorSpeed(*(span.voltage * speed for speed in target))
 
 
 def thrust_of_share(record: FlightRecord, weight: float) -> np.ndarray:
-    """Return the commanded thrust (n,) in N of a log with the autopilot's estimate of its hover thrust.
+    """Return the commanded thrust (n,), N, of a log that contains the autopilot's estimate of its hover thrust.
 
     Args:
         record: record with thrust_share and hover_share.
         weight: weight of the vehicle, N.
 
     Raises:
-        InputError: if hover_share is not positive throughout.
+        InputError: if hover_share is not positive in all samples.
     """
     hover = record.of("hover_share")
     if np.any(hover <= 0.0):
@@ -238,10 +238,10 @@ def with_commands(record: FlightRecord, scenario: Scenario, believed: Scenario) 
     """Return a record with the commands that the vehicle takes as input.
 
     These are `motor_command` for a vehicle with throttles, and otherwise `rotor_speed_command`. With an attitude
-    response, `attitude_command` is added. If the log lacks the commands of the rotors, the allocation of the firmware
-    gives them from the logged thrust and torque, or from the thrust alone with an attitude response. If the
-    autopilot logs its estimate of the hover thrust, thrust is taken as a multiple of the weight, so that a battery that
-    discharges does not distort the thrust curve.
+    response, `attitude_command` is added. If the log lacks the commands of the rotors, they are allocated as in the
+    firmware, from the logged thrust and torque, or with an attitude response from the thrust alone. If the autopilot
+    logs its estimate of the hover thrust, the commanded thrust is divided by this estimate and multiplied by the
+    weight, so that the discharge of the battery does not distort the thrust curve.
 
     Args:
         record: record of the flight.
@@ -263,13 +263,14 @@ def with_commands(record: FlightRecord, scenario: Scenario, believed: Scenario) 
             return replace(record, motor_command=np.repeat(record.thrust_share[:, None], NUM_ROTORS, axis=1))
         thrust = thrust_of_share(record, believed.nominal.mass * believed.nominal.gravity)
     if thrust is None or (torque is None and not responds):
-        other = {"rotor_speed_command": "throttles", "motor_command": "speeds"}[signal]
-        logged = record.motor_command is not None or record.rotor_speed_command is not None
-        hint = f"; its motors take {other}, so use a vehicle whose vehicle.motors do" if logged else ""
-        wanted = f"{signal}, or thrust_command" + ("" if responds else " and torque_command")
+        logged_kind = {"rotor_speed_command": "throttles", "motor_command": "speeds"}[signal]
+        has_rotor_commands = record.motor_command is not None or record.rotor_speed_command is not None
+        advice = f"; the log contains {logged_kind}, so use a vehicle whose vehicle.motors take them"
+        hint = advice if has_rotor_commands else ""
+        needed = f"{signal}, or thrust_command" + ("" if responds else " and torque_command")
         raise InputError(
-            f"the log {shown(record.name)} has no commands for the vehicle {scenario.name}: it needs {wanted}, and has"
-            f" {', '.join(record.names)}{hint}"
+            f"the log {shown(record.name)} has no commands for the vehicle {scenario.name}: the vehicle needs {needed},"
+            f" but the log contains {', '.join(record.names)}{hint}"
         )
     torques = np.zeros((len(record.time), 3)) if responds or torque is None else torque
     commands: Any = allocated_commands(thrust, torques, believed, throttles=throttles)
@@ -277,10 +278,9 @@ def with_commands(record: FlightRecord, scenario: Scenario, believed: Scenario) 
 
 
 def relative_voltage(record: FlightRecord, model: "LogModel") -> np.ndarray:
-    """Return the voltage (n,) of the battery relative to that of the thrust curve, averaged over a tenth of a second.
+    """Return the battery voltage (n,), averaged over a tenth of a second, divided by `LogModel.voltage`.
 
-    The thrust curve is that at `LogModel.voltage`. The result is 1 if no voltage is logged, or if the rotors are
-    commanded by speed.
+    The result is 1 if no voltage is logged, or if the rotors are commanded by speed.
     """
     if record.battery_voltage is None or not model.throttles or model.voltage is None:
         return np.ones(len(record.time))
@@ -290,7 +290,7 @@ def relative_voltage(record: FlightRecord, model: "LogModel") -> np.ndarray:
 
 
 def level_vehicle(scenario: Scenario) -> Scenario:
-    """Return the scenario with a vehicle that stays level, for logs of heights alone."""
+    """Return the scenario with a vehicle that always stays level, for logs that contain heights but no attitude."""
     angles = (_LEVEL_FREQUENCY,) * 3
     autopilot = AttitudeResponseSettings(kind="response", natural_frequency=angles, damping=(1.0, 1.0, 1.0))
     laboratory = scenario.laboratory.model_copy(update={"autopilot": autopilot})
@@ -298,12 +298,12 @@ def level_vehicle(scenario: Scenario) -> Scenario:
 
 
 def level_record(record: FlightRecord) -> FlightRecord:
-    """Return the record of a vehicle that is assumed to stay level."""
+    """Return the record with the attitude commands of a vehicle that stays level."""
     return replace(record, attitude_command=np.zeros((len(record.time), 3)))
 
 
 class LogModel:
-    """Vehicle as a function of p parameters.
+    """Model of the vehicle as a function of p parameters.
 
     Args:
         scenario: scenario without distributions, with the vehicle and its autopilot.
@@ -344,18 +344,18 @@ class LogModel:
 
     @property
     def command_signal(self) -> str:
-        """Signal of a record with the commands of the rotors."""
+        """Name of the signal that contains the commands of the rotors."""
         return "motor_command" if self.throttles else "rotor_speed_command"
 
     @property
-    def delay_place(self) -> int | None:
+    def delay_index(self) -> int | None:
         """Index of the delay among the parameters; None if it is fixed."""
         return self.names.index(DELAY) if DELAY in self.names else None
 
     def numbers(self, parameters: np.ndarray) -> Numbers:
-        """Return the vehicle parameters for (K, p) values, each a number or a (K,) array."""
+        """Return the parameters of the vehicle for (K, p) estimated parameters. Each is a scalar or a (K,) array."""
         scenario = replaced(
-            self.scenario, lambda path, old: parameters[:, self._paths[path]] if path in self._paths else old
+            self.scenario, lambda path, value: parameters[:, self._paths[path]] if path in self._paths else value
         )
         response = None
         if self.responds:
@@ -366,26 +366,28 @@ class LogModel:
 
     def misalignment(self, parameters: np.ndarray) -> np.ndarray:
         """Return roll, pitch and yaw (3, K) of the markers' frame in B for (K, p) parameters."""
-        believed = self.scenario.laboratory.motion_capture.misalignment
+        defaults = self.scenario.laboratory.motion_capture.misalignment
         angles = [
-            parameters[:, self.names.index(name)] if name in self.names else np.full(len(parameters), own, dtype=float)
-            for name, own in zip(MISALIGNMENT, believed, strict=True)
+            parameters[:, self.names.index(name)]
+            if name in self.names
+            else np.full(len(parameters), default, dtype=float)
+            for name, default in zip(MISALIGNMENT, defaults, strict=True)
         ]
         return np.stack(angles)
 
     def delays(self, parameters: np.ndarray) -> np.ndarray:
-        """Return the delays (K,) of the commands in s."""
-        place = self.delay_place
-        return np.full(len(parameters), self._delay) if place is None else parameters[:, place]
+        """Return the delays (K,) of the commands for (K, p) parameters, s."""
+        index = self.delay_index
+        return np.full(len(parameters), self._delay) if index is None else parameters[:, index]
 
     def measured_state(self, state: np.ndarray) -> np.ndarray:
-        """Return measured states (12, S) of states of the model, for the misalignment in the scenario."""
+        """Return the measured states (12, S) for states of the model, with the misalignment of the scenario."""
         if self.responds:
             state = np.stack(state_of(RespondingBody(*state), small_rotation))
         return self._turned(state)
 
     def _turned(self, state: np.ndarray) -> np.ndarray:
-        """Return states (12, S) of the markers' frame, given those of the body."""
+        """Return the states (12, S) of the markers' frame for states of the body."""
         misalignment = np.array(self.scenario.laboratory.motion_capture.misalignment, dtype=float)
         if not misalignment.any():
             return state
@@ -396,12 +398,12 @@ class LogModel:
 
 
 class WindowInputs(NamedTuple):
-    """Inputs of the model in windows, in T steps from the beginning of the warm-up to the end of each window.
+    """Inputs of the model in W windows, in T steps from the beginning of the warm-up to the end of each window.
 
     Attributes:
-        commands: (T + 2 · margin, 7, W) commands of rotors and attitude, with `margin` further steps at both ends.
+        commands: (T + 2 · margin, 7, W) commands of rotors and attitude, including `margin` further steps at both ends.
         wind: (T, 3, W) velocity of the air, m/s.
-        spans: (T, 2, W) durations of the steps, s, and relative voltages of the battery.
+        spans: (T, 2, W) durations of the steps, s, and battery voltages divided by the voltage of the thrust curve.
         period: median duration of a step, s.
         margin: largest delay, in steps.
     """
@@ -426,7 +428,7 @@ class WindowInputs(NamedTuple):
         """Return the inputs of windows of records.
 
         Args:
-            records: records that contain the windows, with commands of the model, see `with_commands`.
+            records: records that contain the windows, with the commands of the model, see `with_commands`.
             model: model that takes the inputs.
             windows: W windows.
             sizes: sizes of the windows.
@@ -437,7 +439,7 @@ class WindowInputs(NamedTuple):
         margin = int(np.ceil(max_delay / period)) + 2
         first = -split * (sizes.settle + sizes.warm_up) - margin
         offsets = np.arange(first, split * sizes.length + margin) // split
-        still = np.asarray(steady_wind(model.scenario.laboratory.wind), dtype=float)
+        default_wind = np.asarray(steady_wind(model.scenario.laboratory.wind), dtype=float)
         rows, winds, spans = [], [], []
         for record in records:
             voltage = relative_voltage(record, model)
@@ -445,20 +447,20 @@ class WindowInputs(NamedTuple):
             size = len(steps)
             attitude = record.of("attitude_command") if model.responds else np.zeros((size, 3))
             rows.append(np.hstack([record.of(model.command_signal), attitude]))
-            winds.append(np.tile(still, (size, 1)) if record.wind is None else record.wind)
+            winds.append(np.tile(default_wind, (size, 1)) if record.wind is None else record.wind)
             spans.append(np.column_stack([np.minimum(steps, 3.0 * split * period) / split, voltage]))
-        index = [(number, np.clip(start + offsets, 0, len(spans[number]) - 1)) for number, start in windows]
+        index = [(log, np.clip(start + offsets, 0, len(spans[log]) - 1)) for log, start in windows]
         inner = slice(margin, -margin)
-        commands = np.stack([rows[number][at] for number, at in index], axis=2)
-        wind = np.stack([winds[number][at[inner]] for number, at in index], axis=2)
-        both = np.stack([spans[number][at[inner]] for number, at in index], axis=2)
-        return cls(commands, wind, both, period, margin)
+        commands = np.stack([rows[log][samples] for log, samples in index], axis=2)
+        wind = np.stack([winds[log][samples[inner]] for log, samples in index], axis=2)
+        step_spans = np.stack([spans[log][samples[inner]] for log, samples in index], axis=2)
+        return cls(commands, wind, step_spans, period, margin)
 
 
 class ModelFlight:
     """Flight of the model in W windows at once, for K sets of parameters.
 
-    The rows of a state are those of the body, then those of the disturbance: (NUM_BODY + NUM_DISTURBANCE, K, W).
+    A state (NUM_BODY + NUM_DISTURBANCE, K, W) contains the rows of the body, and then those of the disturbance.
 
     Args:
         model: model of the vehicle.
@@ -471,15 +473,15 @@ class ModelFlight:
         self.model, self.parameters = model, parameters
         count, windows = len(parameters), inputs.commands.shape[2]
         self.shape, self._size = (count, windows), count * windows
-        flat = model.layout.flatten(model.numbers(parameters))
-        rows = [np.broadcast_to(np.asarray(row, float), (count,)) for row in flat]
+        numbers = model.layout.flatten(model.numbers(parameters))
+        rows = [np.broadcast_to(np.asarray(row, float), (count,)) for row in numbers]
         self._numbers = np.repeat(np.array(rows), windows, axis=1).ravel()
         self._misalignment = np.repeat(model.misalignment(parameters), windows, axis=1).ravel()
-        whole = model.delays(parameters) / inputs.period
-        late = np.floor(whole).astype(int)
-        pairs = list(zip(late.tolist(), (whole - late).tolist(), strict=True))
+        delay_steps = model.delays(parameters) / inputs.period
+        whole_steps = np.floor(delay_steps).astype(int)
+        pairs = list(zip(whole_steps.tolist(), (delay_steps - whole_steps).tolist(), strict=True))
         self._lags = [(*pair, [k for k in range(count) if pairs[k] == pair]) for pair in dict.fromkeys(pairs)]
-        self._inputs, self._k = inputs, 0
+        self._inputs, self._step_index = inputs, 0
         self._rotors = np.empty(NUM_ROTORS * self._size)
         self._command = np.empty((inputs.commands.shape[1], count, windows))
         self._span, self._wind = np.empty((2, count, windows)), np.empty((3, count, windows))
@@ -495,15 +497,17 @@ class ModelFlight:
         return self._command[:NUM_ROTORS].reshape(-1)
 
     def _read_inputs(self) -> None:
-        """Read the commands, the wind and the duration of the step that begins now."""
-        commands, at = self._inputs.commands, self._k + self._inputs.margin
-        for lag, share, which in self._lags:
-            self._command[:, which] = ((1.0 - share) * commands[at - lag] + share * commands[at - lag - 1])[:, None, :]
-        last = min(self._k, len(self._inputs.spans) - 1)
-        self._span[:], self._wind[:] = self._inputs.spans[last][:, None, :], self._inputs.wind[last][:, None, :]
+        """Read the commands, the wind and the duration of the current step."""
+        commands, now = self._inputs.commands, self._step_index + self._inputs.margin
+        for lag, share, parameter_indices in self._lags:
+            self._command[:, parameter_indices] = (
+                (1.0 - share) * commands[now - lag] + share * commands[now - lag - 1]
+            )[:, None, :]
+        step = min(self._step_index, len(self._inputs.spans) - 1)
+        self._span[:], self._wind[:] = self._inputs.spans[step][:, None, :], self._inputs.wind[step][:, None, :]
 
     def _next(self) -> None:
-        self._k += 1
+        self._step_index += 1
         self._read_inputs()
 
     def step(self, state: np.ndarray) -> None:
@@ -516,7 +520,7 @@ class ModelFlight:
         self._next()
 
     def specific_force(self, state: np.ndarray) -> np.ndarray:
-        """Return the specific force (3, K, W) in a state, m/s²."""
+        """Return the specific force (3, K, W) for a state, m/s²."""
         force = np.empty(3 * self._size)
         body, disturbance = state[:NUM_BODY].reshape(-1), state[NUM_BODY:].reshape(-1)
         wind, span = self._wind.reshape(-1), self._span.reshape(-1)
@@ -525,7 +529,7 @@ class ModelFlight:
         return force.reshape(3, *self.shape)
 
     def measured_attitude(self, state: np.ndarray) -> np.ndarray:
-        """Return roll, pitch and yaw (3, K, W) of the markers' frame in a state."""
+        """Return roll, pitch and yaw (3, K, W) of the markers' frame for a state."""
         row = STATE_ROWS["attitude"]
         attitude = state[row : row + 3]
         if not self._misalignment.any():

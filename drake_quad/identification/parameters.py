@@ -1,8 +1,8 @@
 """Parameters that an identification may estimate, with their priors.
 
 The prior of a parameter is a normal distribution around its value in the scenario. Its standard deviation is the scale
-of the parameter, which is the typical error of a data sheet. The prior therefore matters only if the data contain
-little information. To add a parameter, add a row to `_candidates`.
+of the parameter, the typical error of a data sheet. The prior therefore matters only if the logs contain little
+information. To add a parameter, add it to `_candidates`.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,12 +17,13 @@ from drake_quad.scenario.layouts import arm_length_of
 from drake_quad.scenario.models import Scenario
 
 # Limits of a positive parameter, relative to its value in the scenario.
-_MIN_RATIO = 0.02
-_MAX_RATIO = 50.0
-# Scales of time constant and delay do not depend on their values, so that they can be fitted if these are zero.
+_MIN_POSITIVE_RATIO = 0.02
+_MAX_POSITIVE_RATIO = 50.0
+# Standard deviations of the priors of time constants and of the delay. They do not depend on the initial values, which
+# may be zero.
 _TIME_CONSTANT_SCALE = 0.04  # s
-_MIN_TIME_CONSTANT = 2e-3  # s
 _DELAY_SCALE = 0.02  # s
+_MIN_TIME_CONSTANT = 2e-3  # s, lower bound of an estimated time constant of the rotors
 
 
 class Parameter(NamedTuple):
@@ -30,8 +31,8 @@ class Parameter(NamedTuple):
 
     Attributes:
         name: name as in `Estimates`, or `DELAY`.
-        start: mean of the prior.
-        scale: usual error of the prior mean, which is the standard deviation of the prior.
+        start: mean of the prior, and initial value.
+        scale: standard deviation of the prior, which is the typical error of a data sheet.
         lower: lower bound.
         upper: upper bound.
     """
@@ -46,43 +47,43 @@ class Parameter(NamedTuple):
 def parameters_of(
     scenario: Scenario, signals: set[str], *, own_throttles: bool, delay: float, max_delay: float
 ) -> list[Parameter]:
-    """Return the parameters that the predicted signals may determine.
+    """Return the parameters that the predicted signals may identify.
 
     Args:
         scenario: scenario with the initial values.
         signals: signals that are predicted.
-        own_throttles: True if the log has a command for each motor, rather than a common share of the thrust.
+        own_throttles: True if the logs contain a throttle for each motor, False if only a common thrust is logged.
         delay: initial delay, s.
         max_delay: largest delay in either direction, s.
     """
     candidates = [*_candidates(scenario, signals, own_throttles)]
     scenario = with_effects(scenario, tuple(name for name, *_ in candidates))
-    found = []
-    for name, scale, kind in candidates:
+    parameters = []
+    for name, scale, allowed in candidates:
         start = number_of(scenario, name)
         lower, upper = -np.inf, np.inf
-        if kind == "positive":
-            lower, upper = _MIN_RATIO * start, _MAX_RATIO * start
+        if allowed == "positive":
+            lower, upper = _MIN_POSITIVE_RATIO * start, _MAX_POSITIVE_RATIO * start
             if name.startswith("rotor_time_constant"):
                 lower = min(max(lower, _MIN_TIME_CONSTANT), start)
-        elif kind == "not negative":
+        elif allowed == "not negative":
             lower = 0.0
-        found.append(Parameter(name, start, scale, lower, upper))
-    found.append(Parameter(DELAY, delay, _DELAY_SCALE, -max_delay, max_delay))
-    return found
+        parameters.append(Parameter(name, start, scale, lower, upper))
+    parameters.append(Parameter(DELAY, delay, _DELAY_SCALE, -max_delay, max_delay))
+    return parameters
 
 
 def _candidates(scenario: Scenario, signals: set[str], own_throttles: bool) -> Iterator[tuple[str, float, str]]:
-    """Yield the name, scale and range of each parameter."""
+    """Yield the name, the scale and the allowed values ("positive", "not negative" or "any") of each parameter."""
     vehicle: Any = scenario.vehicle
     autopilot: Any = scenario.laboratory.autopilot
     responds = scenario.laboratory.autopilot.models_vehicle
     turning, moving = bool({"attitude", "body_rates"} & signals), bool({"position", "velocity"} & signals)
     mass, hover, arm = vehicle.mass, 0.25 * vehicle.mass * vehicle.gravity, arm_length_of(vehicle)
     if vehicle.motors.take_throttles:
-        # A log of heights or of a common share of the thrust varies only around hover, and determines fewer parameters.
-        places = (0, 1, 2) if own_throttles and turning else (0, 1) if turning else (0, 2)
-        for i in places:
+        # In a log of heights, or with one command for all motors, thrusts stay near hover and identify only two powers.
+        powers = (0, 1, 2) if own_throttles and turning else (0, 1) if turning else (0, 2)
+        for i in powers:
             yield f"motors.curve[{i}]", hover, "any"
     else:
         yield "thrust_factor", vehicle.thrust_factor, "positive"
@@ -103,7 +104,7 @@ def _candidates(scenario: Scenario, signals: set[str], own_throttles: bool) -> I
             yield "rotor_inertia", vehicle.rotor_inertia, "positive"
     if not responds and turning and FORCE in signals and vehicle.body_drag is not None:
         yield "body_drag.centre_of_pressure[2]", 0.2 * arm, "any"
-    # An accelerometer alone determines drag and velocity only as a product.
+    # An accelerometer alone identifies only the product of drag and velocity.
     if not moving:
         return
     if "attitude" in signals and "position" in signals:
@@ -112,9 +113,9 @@ def _candidates(scenario: Scenario, signals: set[str], own_throttles: bool) -> I
     if vehicle.linear_drag > 0.0:
         yield "linear_drag", vehicle.linear_drag, "not negative"
     if turning and (responds or vehicle.body_drag is not None):
-        believed = (0.0,) * 3 if vehicle.body_drag is None else vehicle.body_drag.linear
+        initial_drag = (0.0,) * 3 if vehicle.body_drag is None else vehicle.body_drag.linear
         for i in range(2):
-            yield f"body_drag.linear[{i}]", max(0.3 * mass, believed[i]), "not negative"
+            yield f"body_drag.linear[{i}]", max(0.3 * mass, initial_drag[i]), "not negative"
         if responds or FORCE in signals:
             for i in range(3):
                 yield f"body_drag.quadratic[{i}]", 0.05 * mass, "not negative"

@@ -24,32 +24,35 @@ from drake_quad.identification.windows import LogWindow, WindowSizes, airborne, 
 from drake_quad.scenario.models import Scenario
 from drake_quad.vehicle.motors import thrust_of
 
-# Shortest period, s, a tenth of the time constant of a small motor. Faster logs are averaged to this period.
-_PERIOD = 0.008
-SLOW_PERIOD = 0.03  # s, half of the time constant of a small motor
+# Shortest sampling period of a prepared log, s, about a tenth of the time constant of a small motor. Faster logs are
+# averaged.
+_MIN_PERIOD = 0.008
 _MAX_STEP = 0.01  # s, longest step of the model
-# Length of a window, and time before it in which the filter settles, s. Without poses, attitude and velocity drift, so
-# windows are shorter.
-_POSE_WINDOW, _IMU_WINDOW = (1.25, 0.4), (1.0, 0.4)
+# Length of a window, and duration before the window in which the filter settles, s. Without poses, windows are shorter,
+# because the predicted attitude and velocity drift.
+_POSE_WINDOW = (1.25, 0.4)
+_IMU_WINDOW = (1.0, 0.4)
 _MIN_WINDOW = 0.5  # s
-WARM_UP = 0.4  # s, about five time constants of a small motor
-_POSE_HORIZON, _IMU_HORIZON = 0.5, 0.1  # s, horizon of the forecast of held-out flight
-MAX_DELAY = 0.15  # s
-MIN_BLOCKS = 15
-_BLOCK = 4.0  # s, longer than the correlation time of model errors
+WARM_UP = 0.4  # s, duration in which only the rotors are simulated, about five time constants of a small motor
+# Horizons of the forecast of held-out flight, s.
+_POSE_HORIZON = 0.5
+_IMU_HORIZON = 0.1
+MAX_DELAY = 0.15  # s, largest delay from a command to the measurement of its effect
+MIN_BLOCKS = 15  # smallest number of blocks for the jackknife of the estimates
+_BLOCK_DURATION = 4.0  # s, longer than the correlation time of model errors
 _MIN_WINDOWS = 4
 _POSE = ("position", "attitude")
 
 
 class PreparedLogs(NamedTuple):
-    """Logs that are prepared for the model.
+    """Logs in the form that the model requires.
 
     Attributes:
         records: records with the commands and outputs of the model.
         scenario: scenario with the vehicle of the logs.
         outputs: outputs that are predicted.
-        flying: (n,) mask of the usable samples of each record.
-        own_throttles: True if each motor has its own command.
+        flying: (n,) mask of the usable airborne samples of each record.
+        own_throttles: True if the logs contain a throttle for each motor.
     """
 
     records: list[FlightRecord]
@@ -67,8 +70,8 @@ class PreparedLogs(NamedTuple):
     def voltage(self) -> float | None:
         """Voltage for which the thrust curve holds, V.
 
-        It is `motors.voltage` of the vehicle if given, otherwise the voltage of its full battery if it has one,
-        otherwise the median of the logs. It is None if the rotors are not commanded one by one, or if a log lacks the
+        The first of these that is known: `motors.voltage` of the vehicle, the voltage of its full battery, or the
+        median voltage in the logs. None if the logs contain no throttles of single motors, or if a log lacks the
         voltage.
         """
         if not self.own_throttles or any(record.battery_voltage is None for record in self.records):
@@ -93,38 +96,41 @@ class PreparedLogs(NamedTuple):
         """True if positions, attitudes or velocities are predicted."""
         return bool({"position", "attitude", "velocity"} & self.signals)
 
-    def coarser(self) -> "PreparedLogs | None":
-        """Return the logs at the period of `SLOW_PERIOD`; None if their own is not much shorter."""
-        step = int(SLOW_PERIOD / self.period + 0.05)
-        if step < 2:
-            return None
-        records = [coarser(record, step) for record in self.records]
-        return self._replace(records=records, flying=[airborne(record) for record in records])
-
     def predictor(
         self, names: Sequence[str], flying: Sequence[np.ndarray], *, horizon: bool = False, delay: float = 0.0
     ) -> Predictor:
-        """Return the predictor of the outputs in windows of the usable parts of the records."""
+        """Return the predictor of the outputs in windows of the usable parts of the records.
+
+        Args:
+            names: names of the parameters.
+            flying: (n,) mask of the usable samples of each record.
+            horizon: True for the short windows of a forecast, False for those of a fit.
+            delay: delay if it is not a parameter, s.
+
+        Raises:
+            InputError: if the usable parts are too short.
+        """
         length, settle = _POSE_WINDOW if self.poses else _IMU_WINDOW
-        time = self.period * sum(int(usable.sum()) for usable in flying)
+        airborne_time = self.period * sum(int(usable.sum()) for usable in flying)
         if horizon:
-            length = min(_POSE_HORIZON if self.poses else _IMU_HORIZON, time / (2.0 * _MIN_WINDOWS))
+            length = min(_POSE_HORIZON if self.poses else _IMU_HORIZON, airborne_time / (2.0 * _MIN_WINDOWS))
             settle = min(settle, length)
         else:
-            length = min(length, max(_MIN_WINDOW, time / (MIN_BLOCKS + 1)))
-        sizes = WindowSizes(*(max(1, round(time / self.period)) for time in (length, settle, WARM_UP)))
+            length = min(length, max(_MIN_WINDOW, airborne_time / (MIN_BLOCKS + 1)))
+        sizes = WindowSizes(*(max(1, round(seconds / self.period)) for seconds in (length, settle, WARM_UP)))
         windows = cut(self.records, flying, sizes)
         if len(windows) < _MIN_WINDOWS:
             raise InputError(
-                f"only {len(windows)} windows of {length + settle:.2g} s in the air can be cut from"
-                f" {'the held-out part of the logs' if horizon else 'the logs'}; at least {_MIN_WINDOWS} are needed"
+                f"{'the held-out part of the logs' if horizon else 'the flight in the logs'} contains only"
+                f" {len(windows)} windows of {length + settle:.2g} s in the air; at least {_MIN_WINDOWS} are needed, so"
+                " use longer flights"
             )
         return self.predictor_in(windows, sizes, names, delay=delay)
 
     def predictor_in(
         self, windows: Sequence[LogWindow], sizes: WindowSizes, names: Sequence[str] = (), *, delay: float = 0.0
     ) -> Predictor:
-        """Return the predictor of the outputs in some windows.
+        """Return the predictor of the outputs in given windows.
 
         Args:
             windows: windows of the records.
@@ -141,20 +147,23 @@ class PreparedLogs(NamedTuple):
 
 
 def window_blocks(predictor: Predictor) -> np.ndarray:
-    """Return the block number (W,) of each window, for the covariance of the estimates."""
+    """Return the block number (W,) of each window, for the jackknife of the estimates."""
     return blocks_of(len(predictor.windows), predictor.duration, MIN_BLOCKS)
 
 
 def blocks_of(windows: int, duration: float, minimum: int) -> np.ndarray:
-    """Return the block number (windows,) of each window, for blocks that exceed the correlation time of the errors.
+    """Return the block number (windows,) of each window, for blocks of adjacent windows.
+
+    A block lasts about four seconds, which is longer than the correlation time of model errors. Blocks are shorter if
+    there would otherwise be fewer than `minimum`.
 
     Args:
         windows: number of windows.
         duration: duration of all windows together, s.
         minimum: smallest number of blocks, unless there are fewer windows.
     """
-    number = min(windows, max(minimum, round(duration / _BLOCK)))
-    return np.asarray(np.arange(windows) * number // windows)
+    num_blocks = min(windows, max(minimum, round(duration / _BLOCK_DURATION)))
+    return np.asarray(np.arange(windows) * num_blocks // windows)
 
 
 def prepare(
@@ -164,13 +173,13 @@ def prepare(
     *,
     late_attitude: bool = False,
 ) -> tuple[PreparedLogs, Scenario]:
-    """Prepare logs for the model, and return them with the scenario to which estimates are written.
+    """Prepare logs for the model. Return them, and the initial scenario, whose values the estimates replace.
 
     Args:
         records: records of flights of the same vehicle.
         scenario: scenario with the vehicle.
         believed: scenario whose `nominal` vehicle the firmware's allocation uses; by default `scenario`.
-        late_attitude: True if attitudes are late, so that body rates are predicted instead.
+        late_attitude: True if the attitude lags the gyroscope, so that body rates are predicted instead.
 
     Raises:
         InputError: if a log lacks commands or outputs, or the logs have different rates.
@@ -178,29 +187,34 @@ def prepare(
     own_throttles = any(record.motor_command is not None for record in records)
     if own_throttles:
         scenario = with_throttles(scenario)
-    flown = scenario
+    model_scenario = scenario
     responds = scenario.laboratory.autopilot.models_vehicle
     if responds:
         vehicle = scenario.vehicle.model_copy(update={"rotor_time_constant_down": None})
-        flown = scenario = scenario.model_copy(update={"vehicle": vehicle})
+        model_scenario = scenario = scenario.model_copy(update={"vehicle": vehicle})
     elif any(record.attitude is None and record.body_rates is None for record in records):
         records = [level_record(record) for record in records]
-        flown = level_vehicle(scenario)
+        model_scenario = level_vehicle(scenario)
     believed = believed or scenario
     prepared = [_with_specific_force(record, believed) for record in records]
-    prepared = [with_commands(record, flown, believed) for record in prepared]
-    prepared = [coarser(record, max(1, int(_PERIOD / record.period + 0.05))) for record in prepared]
+    prepared = [with_commands(record, model_scenario, believed) for record in prepared]
+    prepared = [coarser(record, max(1, int(_MIN_PERIOD / record.period + 0.05))) for record in prepared]
     logs = PreparedLogs(
-        prepared, flown, _outputs(prepared, late_attitude), [airborne(record) for record in prepared], own_throttles
+        prepared,
+        model_scenario,
+        _outputs(prepared, late_attitude),
+        [airborne(record) for record in prepared],
+        own_throttles,
     )
     common_period(prepared)  # raises an error if the logs have different rates
     return logs, scenario
 
 
 def _with_specific_force(record: FlightRecord, scenario: Scenario) -> FlightRecord:
-    """Return a record whose residual force is converted to the specific force that an accelerometer would measure.
+    """Return a record with a specific force if only the residual force is logged.
 
-    The residual force in the log of an autopilot is the force in addition to the weight and the commanded thrust.
+    The residual force in the log of an autopilot is the force in addition to the weight and the commanded thrust. The
+    specific force is what an accelerometer would measure.
     """
     if record.residual_force is None or record.attitude is None or record.specific_force is not None:
         return record
@@ -214,32 +228,32 @@ def _with_specific_force(record: FlightRecord, scenario: Scenario) -> FlightReco
             return record
         shares: Any = np.repeat(record.thrust_share[:, None], 4, axis=1)
         thrust = np.asarray(thrust_of(shares, curve)).sum(axis=1)
-    turned = rotations(record.attitude).inv()
-    force = turned.apply(record.residual_force) + thrust[:, None] * np.array([0.0, 0.0, 1.0])
+    to_body = rotations(record.attitude).inv()
+    force = to_body.apply(record.residual_force) + thrust[:, None] * np.array([0.0, 0.0, 1.0])
     return replace(record, specific_force=force / scenario.vehicle.mass)
 
 
 def _outputs(records: Sequence[FlightRecord], late_attitude: bool) -> list[Output]:
-    """Return the outputs that are predicted, which all records contain.
+    """Return the outputs that are predicted. All records contain them.
 
     Velocities are left out if positions are logged. Body rates are left out if attitudes but no specific forces are
-    logged. An estimator derives such signals from positions and attitudes, so they contain the same noise and an
-    additional delay.
+    logged. In such logs, an estimator derives velocities and body rates from positions and attitudes, so they contain
+    the same noise with an additional delay.
     """
-    have = set.intersection(*(set(record.names) for record in records))
+    logged = set.intersection(*(set(record.names) for record in records))
     if late_attitude:
-        have -= {"attitude"}
-    signals = [name for name in _POSE if name in have]
-    if "position" not in have and "velocity" in have and "attitude" in have:
+        logged -= {"attitude"}
+    signals = [name for name in _POSE if name in logged]
+    if "position" not in logged and "velocity" in logged and "attitude" in logged:
         signals.append("velocity")
-    if "body_rates" in have and ("attitude" not in have or FORCE in have):
+    if "body_rates" in logged and ("attitude" not in logged or FORCE in logged):
         signals.append("body_rates")
-    if FORCE in have and ("body_rates" in have or "attitude" in have):
+    if FORCE in logged and ("body_rates" in logged or "attitude" in logged):
         signals.append(FORCE)
     if not signals:
         raise InputError(
-            "to identify a vehicle, a log needs body_rates and specific_force, position or velocity with attitude, or"
-            f" position; all of these logs have {listed(sorted(have), len(have)) or 'nothing'}"
+            "to identify a vehicle, logs need body_rates with specific_force, attitude with position or velocity, or"
+            f" position; the signals that all of these logs contain are {listed(sorted(logged), len(logged)) or 'none'}"
         )
     if signals == ["position"]:
         return [Output("position", 2)]
@@ -247,10 +261,10 @@ def _outputs(records: Sequence[FlightRecord], late_attitude: bool) -> list[Outpu
 
 
 def initial_noise(outputs: Sequence[Output]) -> PredictionNoise:
-    """Return the initial noise.
+    """Return the initial noise of a fit.
 
     The initial disturbance is large, so that the measurements correct a poor initial model before it diverges within a
-    window. The maximum-likelihood estimate reduces it in the first rounds of the fit.
+    window. In the first rounds of the fit, the maximum-likelihood estimate reduces it.
     """
     measured = {"position": 1e-3, "velocity": 2e-2, "attitude": 4e-3, "body_rates": 2e-2, FORCE: 0.3}
     memory = [0.1, 0.1, 0.1, 0.05, 0.05, 0.05]

@@ -1,19 +1,20 @@
 """Variation of parameters from one stretch of flight to the next, beyond the errors of their estimates.
 
 Model errors change during a flight: a battery discharges, sensors warm up, and each manoeuvre excites other effects.
-Each stretch b therefore has its own parameters, whose variance about those of the vehicle is d² (random effects, as in
-a meta-analysis: R. DerSimonian and N. Laird, Controlled Clinical Trials 7, 1986). The estimate θ_b of a stretch is one
-Gauss-Newton step from the estimate of all windows. With v_b the variance of its error, d² is the solution of
+The parameters of each stretch b are therefore modelled as random, with variance d² around the parameters of the vehicle
+(random effects, as in a meta-analysis: R. DerSimonian and N. Laird, Controlled Clinical Trials 7, 1986). The estimate
+θ_b of a stretch is one Gauss-Newton step from the estimate of all windows. If the error of θ_b has the variance v_b, d²
+is the solution of
 
     Σ_b (θ_b - μ)² / (v_b + d²) = B - 1,
 
-where μ is the mean with weights 1 / (v_b + d²) (R. C. Paule and J. Mandel, J. Res. Nat. Bur. Stand. 87, 1982). If the
-sum for d = 0 is not significant at a level of 10 %, d² is zero. This level is usual for the test, which has little
+where μ is the mean of θ_b with weights 1 / (v_b + d²) (R. C. Paule and J. Mandel, J. Res. Nat. Bur. Stand. 87, 1982).
+If the sum for d = 0 is not significant at a level of 10 %, d² is zero. This level is usual, because the test has little
 power (J. P. T. Higgins et al., BMJ 327, 2003).
 
-The variance v_b is the diagonal of the inverse of the information H_b with a weak prior. It is increased if the windows
-within stretches differ by more than model and noise explain. With fewer than two windows in each stretch, v_b is that
-of the model. Then d² includes any further error, so that only the sum of the two variances is meaningful.
+The variances v_b are the diagonal of the inverse of the information H_b with a weak prior. They are increased if the
+windows within stretches differ by more than model and noise explain. With fewer than two windows in each stretch, this
+comparison is impossible. Then d² includes any further error, and only the sum v_b + d² is meaningful.
 """
 
 from collections.abc import Sequence
@@ -22,11 +23,11 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from drake_quad.identification.evidence import Evidence, Uncertainty, inverted, jackknife, sums_over_blocks
+from drake_quad.identification.evidence import Evidence, Uncertainty, jackknife, pseudo_inverse, sums_over_blocks
 
 NUM_STRETCHES = 10
-"""Number of stretches into which all flights are divided. Each of them is held out once."""
-# Smallest number of windows per stretch with which errors are distinguished from variation.
+"""Number of stretches into which the total flight time is divided. Each of them is held out once."""
+# Smallest number of windows per stretch with which errors of estimates can be distinguished from variation.
 _MIN_WINDOWS_PER_STRETCH = 2
 _SIGNIFICANCE_LEVEL = 0.1
 _NUM_BISECTIONS = 60
@@ -36,8 +37,8 @@ class Variation(NamedTuple):
     """Variation of p parameters from one stretch of flight to the next.
 
     Attributes:
-        covariance: (p, p) covariance of the parameters of stretches. A variance is 0 if the parameter does not vary
-            significantly, and NaN if its variation is unknown.
+        covariance: (p, p) covariance of the parameters between stretches. A variance is 0 if the parameter does not
+            vary significantly, and NaN if its variation is unknown.
         degrees_of_freedom: degrees of freedom of Student's distribution of the variation.
         duration: duration of a stretch, s.
     """
@@ -46,9 +47,9 @@ class Variation(NamedTuple):
     degrees_of_freedom: float
     duration: float
 
-    def part(self, places: Sequence[int]) -> "Variation":
+    def part(self, indices: Sequence[int]) -> "Variation":
         """Return the variation of the parameters with the given indices, in this order."""
-        return self._replace(covariance=self.covariance[np.ix_(places, places)])
+        return self._replace(covariance=self.covariance[np.ix_(indices, indices)])
 
     def with_unknown(self, count: int) -> "Variation":
         """Return the variation with further parameters at the end, whose variation is unknown."""
@@ -62,9 +63,9 @@ class Stretches(NamedTuple):
     Attributes:
         information: (B, p, p) information of each stretch.
         scores: (B, p) score of each stretch.
-        estimates: (B, p) estimates from each stretch alone.
+        estimates: (B, p) estimates, each from a single stretch.
         variances: (B, p) variances of the errors of the estimates.
-        degrees_of_freedom: degrees of freedom of the variances; infinite for variances of the model.
+        degrees_of_freedom: degrees of freedom of the variances; infinite if model and noise explain all errors.
         duration: duration of a stretch, s.
     """
 
@@ -77,7 +78,7 @@ class Stretches(NamedTuple):
 
     @classmethod
     def of(cls, evidence: Evidence) -> "Stretches":
-        """Return stretches of consecutive windows, with at least one window in each."""
+        """Return stretches of consecutive windows. Each contains at least one window."""
         windows, count = len(evidence.scores), NUM_STRETCHES
         blocks = np.arange(windows) * count // windows
         prior = np.diag(evidence.scales**-2.0)
@@ -86,8 +87,8 @@ class Stretches(NamedTuple):
         inverses = np.linalg.inv(information + prior)
         steps = -np.einsum("bij,bj->bi", inverses, scores)
         residual_scores = evidence.scores + np.einsum("wij,wj->wi", evidence.information, steps[blocks])
-        number = np.bincount(blocks)
-        weights = np.where(number > 1, number / np.maximum(number - 1, 1), 0.0)[blocks]
+        num_windows = np.bincount(blocks)
+        weights = (num_windows / np.maximum(num_windows - 1, 1))[blocks]
         inverse = np.linalg.inv(information.sum(axis=0) + prior)
         sandwich = inverse @ ((weights[:, None] * residual_scores).T @ residual_scores) @ inverse
         freedom = float(windows - count) if windows >= _MIN_WINDOWS_PER_STRETCH * count else np.inf
@@ -97,48 +98,48 @@ class Stretches(NamedTuple):
         return cls(information, scores, evidence.values + steps, variances, freedom, duration)
 
     def without(self, b: int) -> "Stretches":
-        """Return all stretches except stretch b."""
-        rest = np.arange(len(self.scores)) != b
+        """Return all stretches except the one with index b."""
+        others = np.arange(len(self.scores)) != b
         return self._replace(
-            information=self.information[rest],
-            scores=self.scores[rest],
-            estimates=self.estimates[rest],
-            variances=self.variances[rest],
+            information=self.information[others],
+            scores=self.scores[others],
+            estimates=self.estimates[others],
+            variances=self.variances[others],
         )
 
     def step(self) -> np.ndarray:
-        """Return the Gauss-Newton step (p,) from the values of the evidence to the estimate of these stretches.
+        """Return the Gauss-Newton step (p,) from the estimate of all windows to the estimate of these stretches.
 
         It is zero for a parameter that no stretch determines.
         """
-        whole = self.information.sum(axis=0)
-        return -np.asarray(inverted(whole, whole) @ self.scores.sum(axis=0))
+        total = self.information.sum(axis=0)
+        return -np.asarray(pseudo_inverse(total, total) @ self.scores.sum(axis=0))
 
     def uncertainty(self) -> Uncertainty:
-        """Return the uncertainty of the estimate of these stretches, by the jackknife."""
+        """Return the uncertainty of the estimate of these stretches by the jackknife."""
         return jackknife(self.information, self.scores + self.information @ self.step())
 
     def variance_between(self) -> np.ndarray:
-        """Return the variance (p,) between stretches, d²."""
-        count, size = len(self.scores), np.median(self.variances, axis=0)
-        estimates, variances = self.estimates / np.sqrt(size), self.variances / size
+        """Return the variances d² (p,) between stretches."""
+        count, scale = len(self.scores), np.median(self.variances, axis=0)
+        estimates, variances = self.estimates / np.sqrt(scale), self.variances / scale
         significant = self._p_value(_weighted_squares(estimates, variances, 0.0)) < _SIGNIFICANCE_LEVEL
         low, high = np.zeros(estimates.shape[1]), count * np.var(estimates, axis=0)
         for _ in range(_NUM_BISECTIONS):
             middle = 0.5 * (low + high)
             too_small = _weighted_squares(estimates, variances, middle) > count - 1
             low, high = np.where(too_small, middle, low), np.where(too_small, high, middle)
-        return np.where(significant, size * high, 0.0)
+        return np.where(significant, scale * high, 0.0)
 
     def _p_value(self, squares: np.ndarray) -> np.ndarray:
-        """Return the p-values (p,) of sums of squares if nothing varies, by χ² if the variances are known."""
+        """Return the p-values (p,) of weighted sums of squares, for the hypothesis that the parameters do not vary."""
         count = len(self.scores)
         if not np.isfinite(self.degrees_of_freedom):
             return np.asarray(scipy.stats.chi2.sf(squares, count - 1))
         return np.asarray(scipy.stats.f.sf(squares / (count - 1), count - 1, self.degrees_of_freedom))
 
     def correlation(self, between: np.ndarray) -> np.ndarray:
-        """Return the correlation (p, p) of the deviations of stretches, for variances d² (p,) between stretches.
+        """Return the correlations (p, p) of the parameters between stretches, given their variances d² (p,).
 
         A parameter that is the same in all stretches is correlated with no other.
         """
@@ -146,13 +147,13 @@ class Stretches(NamedTuple):
         mean = np.sum(weights * self.estimates, axis=0) / np.sum(weights, axis=0)
         deviations = (self.estimates - mean) * np.sqrt(weights)
         products = deviations.T @ deviations
-        sizes = np.sqrt(np.diag(products))
-        units = np.outer(sizes, sizes)
-        return np.where(units > 0.0, products / np.where(units > 0.0, units, 1.0), np.eye(len(sizes)))
+        norms = np.sqrt(np.diag(products))
+        scaling = np.outer(norms, norms)
+        return np.where(scaling > 0.0, products / np.where(scaling > 0.0, scaling, 1.0), np.eye(len(norms)))
 
 
 def _weighted_squares(estimates: np.ndarray, variances: np.ndarray, between: np.ndarray | float) -> np.ndarray:
-    """Return the sums (p,) Σ (θ_b - μ)² / (v_b + d²)."""
+    """Return the sums (p,) Σ_b (θ_b - μ)² / (v_b + d²)."""
     weights = 1.0 / (variances + between)
     mean = np.sum(weights * estimates, axis=0) / np.sum(weights, axis=0)
     return np.asarray(np.sum(weights * (estimates - mean) ** 2, axis=0))
@@ -164,15 +165,15 @@ def variation_of(evidence: Evidence) -> Variation | None:
         return None
     stretches = Stretches.of(evidence)
     between = stretches.variance_between()
-    sizes = np.sqrt(between)
-    covariance = np.outer(sizes, sizes) * stretches.correlation(between)
+    deviations = np.sqrt(between)
+    covariance = np.outer(deviations, deviations) * stretches.correlation(between)
     return Variation(covariance, float(NUM_STRETCHES - 1), stretches.duration)
 
 
 def uncertainty_of_mean(uncertainty: Uncertainty, evidence: Evidence, variation: Variation | None) -> Uncertainty:
-    """Return the uncertainty of the mean of parameters that vary.
+    """Return the uncertainty of the means of parameters that vary.
 
-    A parameter that varies takes its variance from blocks as long as a stretch, if that is larger.
+    For a parameter that varies, the variance is the larger of the variances from short blocks and from whole stretches.
 
     Args:
         uncertainty: uncertainty from shorter blocks.
@@ -181,14 +182,14 @@ def uncertainty_of_mean(uncertainty: Uncertainty, evidence: Evidence, variation:
     """
     if variation is None:
         return uncertainty
-    long = Stretches.of(evidence).uncertainty()
-    own = np.diag(uncertainty.covariance)
-    # The jackknife gives no variance to a parameter that a single block determines.
-    ratio = np.where(own > 0.0, np.diag(long.covariance) / np.where(own > 0.0, own, 1.0), 1.0)
-    wider = (np.diag(variation.covariance) > 0.0) & (ratio > 1.0)
-    sizes = np.where(wider, np.sqrt(np.maximum(ratio, 1.0)), 1.0)
+    long_blocks = Stretches.of(evidence).uncertainty()
+    variances = np.diag(uncertainty.covariance)
+    # The jackknife variance of a parameter that a single block determines is zero.
+    ratio = np.where(variances > 0.0, np.diag(long_blocks.covariance) / np.where(variances > 0.0, variances, 1.0), 1.0)
+    varies = (np.diag(variation.covariance) > 0.0) & (ratio > 1.0)
+    factors = np.where(varies, np.sqrt(np.maximum(ratio, 1.0)), 1.0)
     return Uncertainty(
-        uncertainty.covariance * np.outer(sizes, sizes),
-        np.where(wider, long.degrees_of_freedom, uncertainty.degrees_of_freedom),
+        uncertainty.covariance * np.outer(factors, factors),
+        np.where(varies, long_blocks.degrees_of_freedom, uncertainty.degrees_of_freedom),
         uncertainty.model,
     )

@@ -16,14 +16,14 @@ class ForecastOutput(NamedTuple):
     """Forecast and measurements of one output, in windows of held-out flight.
 
     Attributes:
-        name: name of the output, as in "position x".
+        name: name of the output, such as "position x".
         unit: unit of the output.
-        time: (W, T) flight time in consecutive windows, s.
+        time: (W, T) time, s, as if each window started at the end of the preceding window.
         measured: (W, T) measurements.
-        predicted: (W, T) forecast, which uses no measurements in its window.
-        explained: share of the variance that the forecast explains, see `drake_quad.identification.forecast`; NaN if
-            nothing varies.
-        deviation: standard deviation of the white noise of the measurements.
+        predicted: (W, T) forecasts, without the measurements of the same window.
+        explained: fraction of the variance that the forecast explains, see `drake_quad.identification.forecast`; NaN
+            if the output does not vary.
+        deviation: estimated standard deviation of the white measurement noise.
     """
 
     name: str
@@ -36,7 +36,7 @@ class ForecastOutput(NamedTuple):
 
     @property
     def residual(self) -> np.ndarray:
-        """Measurements minus forecast, (W, T)."""
+        """Errors of the forecasts, (W, T): measurements minus forecasts."""
         return self.measured - self.predicted
 
 
@@ -66,9 +66,10 @@ class FlightDifference(NamedTuple):
 
     Attributes:
         name: name of the log.
-        thrust: thrust at the same command, relative to the mean of all flights, minus 1; None if there is one flight.
-        forces: mean trim force along x and y of B and, where they are distinguishable, mean force of a wind that is not
-            logged along x and y of W, N, by name; empty without positions and attitudes.
+        thrust: difference of the thrust at the same command, relative to the mean of all flights; None if there is only
+            one flight.
+        forces: mean trim force along x and y of B, N, by name. If the heading changes enough, `forces` also contains
+            the mean force of a wind that is not logged, along x and y of W. Empty without positions and attitudes.
     """
 
     name: str
@@ -83,13 +84,13 @@ class Identification:
     Attributes:
         estimates: estimates of the parameters with their covariance, and the reason for each parameter that is not
             identified.
-        vehicle: initial scenario with the estimates in place of its values.
+        vehicle: initial scenario in which the estimates replace the initial values.
         outputs: forecasts and measurements of the held-out flight; empty if nothing was held out.
         delay: delay from a logged command to the logged measurement of its effect; None if it is not identified.
         noise: noise of the measurements and of the disturbance.
-        remarks: sentences on the fit.
-        held_out: coverage of the intervals when a tenth of the flight at a time is left out, by the name of the
-            parameter; empty if there is too little flight.
+        remarks: remarks on the logs and the fit.
+        held_out: coverage of the intervals in cross-validation, which holds out one tenth of the flight at a time, by
+            the name of the parameter; empty if the flights are too short.
         training_vehicle: scenario with the estimates from the training data; None if nothing was held out.
         flights: difference of each flight from the mean of all flights.
     """

@@ -1,8 +1,8 @@
 """Treatment of logs with a low sample rate or with two clocks.
 
-A log that is slower than the control loop lacks commands between its samples. A log that was received over a radio link
-has two clocks: the clock of the vehicle for commands and on-board sensors, and the clock of the motion capture system.
-Both problems distort the fast part of the motion, from which lags and moments of inertia are identified.
+A log with a lower rate than the control loop lacks commands between its samples. A log that was received over a radio
+link has two clocks: that of the vehicle for commands and on-board sensors, and that of the motion capture system. Both
+faults distort the fast part of the motion, from which lags and moments of inertia are identified.
 """
 
 from collections.abc import Sequence
@@ -12,46 +12,36 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from drake_quad.errors import InputError
-from drake_quad.identification.evidence import Uncertainty
-from drake_quad.identification.fit import NEGLIGIBLE_DISTURBANCE, PredictionFit, fit
+from drake_quad.identification.fit import NEGLIGIBLE_DISTURBANCE
 from drake_quad.identification.logs.consistency import clock_shifts
 from drake_quad.identification.logs.record import FlightRecord
-from drake_quad.identification.parameters import Parameter, names_of
+from drake_quad.identification.parameters import Parameter
 from drake_quad.identification.prediction_errors import PredictionNoise
-from drake_quad.identification.prepared_logs import SLOW_PERIOD, PreparedLogs
 from drake_quad.identification.windows import airborne, coarser
 
 _SPECTRUM_LENGTH = 256  # samples in each segment of a spectral estimate
-_MIN_FAST_SHARE = 0.2  # power above half of the Nyquist frequency, relative to the total power; white noise has 0.5
-# Parameters that determine the response to fast commands, besides the delay, which missing commands hardly change.
+# Commands count as fast if at least this fraction of their power is above half of the Nyquist frequency. The fraction
+# is 0.5 for white noise.
+_MIN_FAST_POWER_RATIO = 0.2
+# Prefixes of the names of parameters that determine the response to fast commands. The delay determines it as well, but
+# missing commands hardly change the estimate of the delay.
 _FAST_PARAMETERS = ("inertia[", "rotor_time_constant")
-# Standard deviation of the shift between two clocks, s. It is 0.3 ms in logs with one clock, up to 5 ms in noisy ones,
-# and 12 to 26 ms in radio logs.
+# Two signals have the same clock if the standard deviation of the time shift between them is at most this value, in s.
+# It is 0.3 ms in most logs with one clock, up to 5 ms in noisy ones, and 12 to 26 ms in radio logs with two clocks.
 _MAX_CLOCK_SCATTER = 8e-3
-_MIN_CLOCK_PARTS = 4
-_MIN_LEAD = 2e-3  # s
-
-
-class SlowFit(NamedTuple):
-    """Fit to the same logs at a longer period.
-
-    Attributes:
-        values: (p,) estimates of the parameters.
-        period: period of the samples, s.
-    """
-
-    values: np.ndarray
-    period: float
+_MIN_CLOCK_PARTS = 4  # smallest number of parts of a log that give the standard deviation of the shift
+_AVERAGING_PERIOD = 0.03  # s, half of the time constant of a small motor, and longer than the scatter of two clocks
+# If the body rates lead the attitude by at least this time, in s, the attitude is the output of an estimator.
+_MIN_LEAD = 2e-3
 
 
 class Synchronised(NamedTuple):
     """Records whose signals are synchronous.
 
     Attributes:
-        records: records, without the signals of another clock.
-        late_attitude: True if the attitude is that of an estimator, and lags the gyroscope.
-        remarks: sentences on signals that were changed or left out.
+        records: records without the signals of another clock.
+        late_attitude: True if the attitude is the output of an estimator, which lags the gyroscope.
+        remarks: remarks on signals that were changed or left out.
     """
 
     records: Sequence[FlightRecord]
@@ -62,17 +52,17 @@ class Synchronised(NamedTuple):
 def synchronised(records: Sequence[FlightRecord]) -> Synchronised:
     """Return records without the signals that are not synchronous with the commands.
 
-    Body rates that lead the attitude cannot be derived from it, so they are those of a gyroscope. The attitude is then
-    that of an estimator, whose errors are not white noise, and it is not predicted.
+    Body rates that lead the attitude cannot be its derivative, so they come from a gyroscope, and the attitude comes
+    from an estimator. The errors of such an attitude are not white noise, so the attitude is not predicted.
 
-    If the shift varies, the poses have another clock than the on-board sensors. They are left out, since commands are
-    logged on board. The times of the remaining signals are uncertain as well, so their samples are averaged. Without
-    gyroscope and accelerometer, all signals are kept.
+    If the time shift between attitude and body rates varies, the clock of the poses differs from the clock on board.
+    The poses are then left out, since commands are logged on board. The times of the remaining signals are uncertain as
+    well, so their samples are averaged. In logs without gyroscope or accelerometer, all signals are kept.
     """
-    has = [{"attitude", "body_rates"} <= {*record.names} for record in records]
+    has_both = [{"attitude", "body_rates"} <= {*record.names} for record in records]
     shifts = [
         clock_shifts(dict(record.signals()), record.time) if both else np.zeros(0)
-        for record, both in zip(records, has, strict=True)
+        for record, both in zip(records, has_both, strict=True)
     ]
     deviations = np.concatenate([each - each.mean() for each in shifts if len(each)] or [np.zeros(0)])
     if len(deviations) >= _MIN_CLOCK_PARTS and np.std(deviations) > _MAX_CLOCK_SCATTER:
@@ -81,66 +71,70 @@ def synchronised(records: Sequence[FlightRecord]) -> Synchronised:
     if lead < _MIN_LEAD or any(record.position is None and record.specific_force is None for record in records):
         return Synchronised(records, False, [])
     remark = (
-        f"the attitude lags the body rates by {1e3 * lead:.0f} ms, as that of an estimator does; it is not predicted"
+        f"the attitude lags the body rates by {1e3 * lead:.0f} ms, so it comes from an estimator and is not predicted"
     )
     return Synchronised(records, True, [remark])
 
 
 def _on_board(records: Sequence[FlightRecord], scatter: float) -> Synchronised:
-    """Return the records without poses, given the standard deviation of the shift of the poses in s."""
-    doubt = (
-        f"attitude and body rates are shifted against each other by {1e3 * scatter:.0f} ms (standard deviation over"
+    """Return the records without poses, and a remark with the scatter (s) of the shift between the two clocks."""
+    finding = (
+        f"the time shift between attitude and body rates varies by {1e3 * scatter:.0f} ms (standard deviation over"
         " parts of two seconds), so their clocks are not synchronised"
     )
     if any(record.body_rates is None or record.specific_force is None for record in records):
-        return Synchronised(records, False, [doubt])
-    kept = [
+        return Synchronised(records, False, [finding])
+    on_board_records = [
         coarser(
-            replace(record, position=None, velocity=None, attitude=None), max(1, round(SLOW_PERIOD / record.period))
+            replace(record, position=None, velocity=None, attitude=None),
+            max(1, round(_AVERAGING_PERIOD / record.period)),
         )
         for record in records
     ]
-    what = f"position, velocity and attitude are left out, and the rest is averaged over {1e3 * SLOW_PERIOD:.0f} ms"
-    return Synchronised(kept, False, [f"{doubt}; {what}"])
+    consequence = (
+        f"position, velocity and attitude are left out, and the rest is averaged over {1e3 * _AVERAGING_PERIOD:.0f} ms"
+    )
+    return Synchronised(on_board_records, False, [f"{finding}; {consequence}"])
 
 
 def fast_command_remarks(records: Sequence[FlightRecord]) -> list[str]:
-    """Return a sentence on each record that may lack commands between its samples."""
+    """Return a remark on each record that may lack commands between its samples."""
     return [
-        f"{record.name}: {share:.0%} of the power of the commands lies above half of the Nyquist frequency, so that the"
-        " log may lack commands between its samples"
+        f"{record.name}: {share:.0%} of the power of the commands is above half of the Nyquist frequency, so the log"
+        " may lack commands between its samples"
         for record in records
-        if (share := fast_command_share(record)) > _MIN_FAST_SHARE
+        if (share := fast_command_share(record)) > _MIN_FAST_POWER_RATIO
     ]
 
 
 def attenuated(
     records: Sequence[FlightRecord], parameters: Sequence[Parameter], noise: PredictionNoise
 ) -> dict[str, str]:
-    """Return the parameters that missing commands distort, with the reason.
+    """Return a reason for each parameter whose estimate is distorted by missing commands.
 
     A sample of a noisy command differs from the mean of the command over the period. Such errors in the input
-    attenuate the response that is fitted (W. A. Fuller, Measurement Error Models, 1987, section 1.1), and a disturbing
-    torque replaces the rest. In simulated flights with every fifth command in the log, the estimated inertia was twice
-    the true one, and the time constant of the rotors a third too long. If the fit leaves no disturbing torque, then
-    no commands are missing, although they are fast.
+    attenuate the fitted response (W. A. Fuller, Measurement Error Models, 1987, section 1.1), and a disturbing torque
+    explains the rest of the motion. In simulated flights with every fifth command in the log, the estimated inertia was
+    twice the true inertia, and the estimated time constant of the rotors was a third too long. If the fit needs no
+    disturbing torque, no commands are missing, even if the commands are fast.
 
     Args:
         records: logs that were fitted.
         parameters: fitted parameters.
         noise: estimated noise.
     """
-    lacking = [record.name for record in records if fast_command_share(record) > _MIN_FAST_SHARE]
-    if not lacking or np.all(noise.disturbance[3:] < NEGLIGIBLE_DISTURBANCE):
+    affected_logs = [record.name for record in records if fast_command_share(record) > _MIN_FAST_POWER_RATIO]
+    if not affected_logs or np.all(noise.torque < NEGLIGIBLE_DISTURBANCE):
         return {}
-    reason = f"the log may lack commands between its samples ({', '.join(lacking)}), which distorts the response"
+    reason = f"the log may lack commands between its samples ({', '.join(affected_logs)}), which distorts the response"
     return {parameter.name: reason for parameter in parameters if parameter.name.startswith(_FAST_PARAMETERS)}
 
 
 def fast_command_share(record: FlightRecord) -> float:
-    """Return the share of the power of the commands above half of the Nyquist frequency of the log, in flight.
+    """Return the fraction of the power of airborne commands that is above half of the Nyquist frequency.
 
-    The commands are the differences between rotors, which turn the vehicle. The share is 0 without rotor commands.
+    The mean command of the rotors, which does not turn the vehicle, is removed. The fraction is 0 without rotor
+    commands.
     """
     commands = record.motor_command if record.motor_command is not None else record.rotor_speed_command
     if commands is None:
@@ -151,34 +145,3 @@ def fast_command_share(record: FlightRecord) -> float:
     frequency, power = scipy.signal.welch(differences, nperseg=_SPECTRUM_LENGTH, axis=0, detrend="linear")
     total = float(power.sum())
     return float(power[frequency > 0.25].sum()) / total if total > 0.0 else 0.0
-
-
-def slow_fit(logs: PreparedLogs, parameters: Sequence[Parameter], fitted: PredictionFit) -> SlowFit | None:
-    """Fit the logs at a longer period; return None if they are already slow, or too short."""
-    slow = logs.coarser()
-    if slow is None:
-        return None
-    try:
-        predictor = slow.predictor(names_of(parameters), slow.flying)
-        found = fit(predictor, parameters, fitted.noise, fitted.values)
-    except InputError:
-        return None
-    return SlowFit(found.values, slow.period)
-
-
-def with_bandwidth(uncertainty: Uncertainty, values: np.ndarray, slow: SlowFit, period: float) -> Uncertainty:
-    """Return the uncertainty including the dependence of the parameters on the bandwidth of the logs.
-
-    Averaging over a period h distorts an estimate in proportion to h². The variance of the estimate is therefore
-    increased by the square of h² / (H² - h²) times the difference from the estimate at a period H (Richardson's
-    extrapolation).
-
-    Args:
-        uncertainty: uncertainty of p parameters.
-        values: (p,) estimates.
-        slow: fit to the same logs at a longer period.
-        period: period of the logs, s.
-    """
-    distortion = (values - slow.values) ** 2 * (period**2 / (slow.period**2 - period**2)) ** 2
-    wider = np.sqrt(1.0 + distortion / np.diag(uncertainty.covariance))
-    return uncertainty._replace(covariance=uncertainty.covariance * np.outer(wider, wider))

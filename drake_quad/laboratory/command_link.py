@@ -1,7 +1,7 @@
 """Radio link from the ground station to the vehicle.
 
-The link transmits a wrench or, for a vehicle with an autopilot, an attitude target, as MAVLink's message
-SET_ATTITUDE_TARGET does.
+The link transmits a wrench or, for a vehicle with an autopilot, an attitude target like MAVLink's message
+SET_ATTITUDE_TARGET.
 """
 
 from typing import Any, Literal, NamedTuple
@@ -39,12 +39,12 @@ class LinkNumbers(NamedTuple):
 def link_step(
     command: Any, out: Any, under_way: tuple[Any, ...], random: PacketLoss | None, numbers: LinkNumbers
 ) -> Any:
-    """Return the output of the link and the packets under way after a tick.
+    """Return the output of the link and the packets in transit after a tick.
 
     Args:
         command: command at this tick, a record.
         out: output of the link before this tick.
-        under_way: packets of the ticks before, the latest one first.
+        under_way: packets in transit, the latest one first.
         random: random number of the packet; None if no packet can be lost.
         numbers: parameters of the link.
     """
@@ -56,7 +56,7 @@ def link_step(
 
 @fleet_system(float, AutoDiffXd)
 class CommandLink(FleetSystem):
-    """Link that samples a command, delays it by a number of ticks, and holds it until the next one arrives.
+    """Link that samples a command, delays it by a number of ticks, and holds it until the next command arrives.
 
     .. pydrake_system::
 
@@ -71,8 +71,9 @@ class CommandLink(FleetSystem):
     previous one. `packet_loss` is a random input: a uniform number in [0, 1) for each packet, which is lost if the
     number is below the loss rate. The port exists only if packets can be lost.
 
-    The ports have the name of the signal that the link transmits: `wrench`, or `attitude_target` for an autopilot. The
-    states are those of a `DelayLine`, `wrench` and `wrench_under_way`. The only parameter of the context is `link`.
+    The ports are named after the signal that the link transmits: `wrench`, or `attitude_target` for an autopilot. The
+    states are the two states of a `DelayLine`, such as `wrench` and `wrench_under_way`. The only parameter of the
+    context is `link`.
 
     Args:
         num_vehicles: number N of vehicles.

@@ -10,7 +10,7 @@ from drake_quad.signals import Row
 class DelayLine(NamedTuple):
     """States of a system that delays a signal.
 
-    The sample of a tick becomes the output `delay` ticks later, and is held until the next one:
+    A sample becomes the output `delay` ticks after it was taken, and is held until the next sample:
 
         tick                        0          1          2
         sample                      u₀         u₁         u₂
@@ -18,7 +18,8 @@ class DelayLine(NamedTuple):
 
     Attributes:
         out: state with the output.
-        under_way: state with a tuple of the last samples, the latest first; an empty tuple if no delay is possible.
+        under_way: state with a tuple of the samples in transit, the latest first; an empty tuple if the largest
+            possible delay is zero.
     """
 
     out: StateGroup
@@ -30,8 +31,8 @@ def declare_delay_line(system: FleetSystem, name: str, initial: Any, longest: in
 
     Args:
         system: system that declares the states.
-        name: name of the state with the output. The samples under way are in the state `{name}_under_way`.
-        initial: function that returns the output before the first sample for the parameters of the system.
+        name: name of the state with the output. The samples in transit are in the state `{name}_under_way`.
+        initial: function that returns the output before the first sample, given the parameters of the system.
         longest: largest possible delay, in ticks.
     """
     out = system.state(name, initial)
@@ -40,18 +41,18 @@ def declare_delay_line(system: FleetSystem, name: str, initial: Any, longest: in
 
 
 def latest_sample(out: Any, under_way: tuple[Any, ...]) -> Any:
-    """Return the latest sample of a delay line."""
+    """Return the latest sample of a delay line, which is the output if there is no delay."""
     for sample in under_way:
         return sample
     return out
 
 
 def delay_line_step(sample: Any, under_way: tuple[Any, ...], delay: Row) -> tuple[Any, tuple[Any, ...]]:
-    """Return the output and the samples under way of a delay line after a tick.
+    """Return the output of a delay line and the samples in transit after a tick.
 
     Args:
         sample: sample of this tick, a record.
-        under_way: samples of the ticks before, the latest one first.
+        under_way: samples in transit, the latest one first.
         delay: delay, a whole number of ticks.
     """
     out = sample

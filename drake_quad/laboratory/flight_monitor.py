@@ -23,10 +23,10 @@ from drake_quad.signals import (
 
 
 class CrashLimits(NamedTuple):
-    """Limits beyond which a vehicle has crashed.
+    """Limits beyond which a vehicle counts as crashed.
 
     Attributes:
-        tilt: largest absolute roll and pitch, rad.
+        tilt: largest absolute value of roll and of pitch, rad.
         position_error: largest Euclidean position error, m.
         height: smallest z of the vehicle in W, m.
     """
@@ -40,18 +40,18 @@ class Solid(Protocol):
     """Solid that a vehicle can collide with."""
 
     def distance(self, x: Row, y: Row, z: Row) -> Row:
-        """Return the distance of a point of W from the surface, m; negative inside."""
+        """Return the distance of a point in W from the surface, m; negative inside the solid."""
 
     def distance_lower_bound(self, x: Row, y: Row, z: Row) -> Row | None:
-        """Return a lower bound of the distance that is cheaper to compute, m; None if the distance itself is cheap."""
+        """Return a lower bound on the distance, m, that is cheaper to compute; None if the distance itself is cheap."""
 
 
 class Surroundings(NamedTuple):
     """Solids around a vehicle, and the size of the vehicle.
 
     Attributes:
-        solids: solids. A vehicle that touches one of them has crashed.
-        radius: radius of the vehicle around its centre of mass, m.
+        solids: solids; a vehicle that touches one of them has crashed.
+        radius: radius of the sphere around the centre of mass that contains the vehicle, m.
     """
 
     solids: tuple[Solid, ...] = ()
@@ -69,7 +69,7 @@ class CollidedSolid(NamedTuple):
 
 
 class FreeBall(NamedTuple):
-    """Ball in which the centre of mass of a vehicle can be without touching a solid.
+    """Ball of positions of the centre of mass at which a vehicle touches no solid.
 
     Attributes:
         x, y, z: centre of the ball in W, m.
@@ -82,7 +82,7 @@ class FreeBall(NamedTuple):
     radius: Row = 0.0
 
 
-# Upper bound of the rounding errors of distances, m.
+# Upper bound on the rounding error of a distance, m.
 _DISTANCE_TOLERANCE = 1e-6
 
 
@@ -103,9 +103,9 @@ class MonitorState(NamedTuple):
 
     Attributes:
         crashed: 1 if the vehicle has crashed, else 0.
-        crash_time: time of the crash, s; infinite if there was none.
+        crash_time: time of the crash, s; infinite if the vehicle has not crashed.
         touched: solid that the vehicle crashed into.
-        free: ball that is known to be free of solids.
+        free: ball in which the vehicle touches no solid.
         sums: sums from which the metrics are computed.
     """
 
@@ -139,14 +139,14 @@ def monitor_step(
         reference: reference that the vehicle follows.
         command: commanded acceleration.
         wrench: wrench that is sent over the link; None with an autopilot.
-        target: target that is sent to an autopilot over the link; None without an autopilot.
+        target: attitude target that is sent over the link; None without an autopilot.
         shortfall: part of the wrench that the rotors cannot produce.
         before: crash time before this tick, s.
-        touched: solid of a crash before this tick.
-        free: ball that is known to be free of solids.
-        sums: sums of the metrics before this tick.
+        touched: solid that the vehicle crashed into before this tick.
+        free: ball in which the vehicle touches no solid.
+        sums: sums before this tick.
         time: time of the tick, s.
-        limits: limits beyond which a vehicle has crashed.
+        limits: limits beyond which a vehicle counts as crashed.
         surroundings: solids that the vehicle must not touch.
         window: metric window.
     """
@@ -182,15 +182,15 @@ def monitor_step(
 def detect_contact(
     state: State, flies: bool, free: FreeBall, surroundings: Surroundings
 ) -> tuple[CollidedSolid, FreeBall]:
-    """Return the solid that a flying vehicle touches, and a ball that is free of solids.
+    """Return the solid that a flying vehicle touches, and a ball in which the vehicle touches no solid.
 
-    Distances are only computed when the vehicle has left the free ball: if the nearest solid is at the distance r + d
-    and r is the radius of the vehicle, the vehicle must move by d before it can touch a solid.
+    A vehicle of radius r at the distance r + d from the nearest solid must move by at least d to touch a solid.
+    Distances are therefore computed only when the vehicle has left the previous ball.
 
     Args:
         state: true state of the vehicle.
         flies: True if the vehicle has not crashed.
-        free: ball that is known to be free of solids.
+        free: previous ball in which the vehicle touches no solid.
         surroundings: solids that the vehicle must not touch.
     """
     if not surroundings.solids:
@@ -208,9 +208,9 @@ def detect_contact(
 
 
 def nearest_solid(x: Row, y: Row, z: Row, solids: tuple[Solid, ...]) -> tuple[Row, Row]:
-    """Return the distance of a point of W from the nearest solid, m, and the number of this solid.
+    """Return the distance of a point in W from the nearest solid, m, and the number of this solid.
 
-    Solids are numbered from 1 on. Without solids, the distance is infinite and the number 0.
+    Solids are numbered from 1 on. Without solids, the distance is infinite and the number is 0.
     """
     least: Row = math.inf
     number: Row = 0.0
@@ -226,13 +226,13 @@ def nearest_solid(x: Row, y: Row, z: Row, solids: tuple[Solid, ...]) -> tuple[Ro
 
 
 def _nan_like(value: Any) -> Any:
-    """Return NaN in place of a sum, or of each field of a record of sums."""
+    """Return NaN if the argument is a single sum, or a record of NaN if it is a record of sums."""
     return type(value)(*[np.nan] * len(value)) if hasattr(value, "_fields") else np.nan
 
 
 @fleet_system(float, AutoDiffXd)
 class FlightMonitor(FleetSystem):
-    """Detection of crashes, and accumulation of the sums from which the metrics follow.
+    """Flight monitor, which detects crashes and accumulates the sums from which the metrics are computed.
 
     .. pydrake_system::
 
@@ -248,20 +248,22 @@ class FlightMonitor(FleetSystem):
         - crashed
         - crash_time
 
-    At every tick of the control the monitor compares the true position in `state` with that in `reference`, and adds to
-    the sums of `drake_quad.laboratory.metrics`. A vehicle has crashed when it exceeds a limit, when its centre of mass
-    is nearer to a solid than its radius, or when a command is not finite. `crashed` is then 1 instead of 0, and
-    `crash_time` is the time of the tick instead of infinity. The tick of a crash does not count for the metrics.
+    At every control tick the monitor compares the true position in `state` with the position in `reference`, and
+    updates the sums of `drake_quad.laboratory.metrics`. A vehicle crashes when it exceeds a limit, when the distance of
+    its centre of mass from a solid is below the radius of the vehicle, or when a command is NaN or infinite. `crashed`
+    is then 1 instead of 0, and `crash_time` is the time of the tick instead of infinity. The tick of a crash does not
+    count for the metrics.
 
-    The control effort is computed from `acceleration_command` and the saturation from `shortfall`. Both are zero if
-    their port is not connected. The command over the link is `wrench` or `attitude_target`; one of them is connected.
+    The control effort is computed from `acceleration_command`, and the saturation from `shortfall`. An input that is
+    not connected counts as zero. Either `wrench` or `attitude_target` is connected: the command that is sent over the
+    link.
 
     The states are `crashed`, `crash_time`, `touched`, `free` and `sums`.
 
     Args:
         num_vehicles: number N of vehicles.
         period: tick period, s.
-        limits: limits beyond which a vehicle has crashed.
+        limits: limits beyond which a vehicle counts as crashed.
         surroundings: solids that a vehicle must not touch.
         window: metric window.
     """
@@ -290,7 +292,10 @@ class FlightMonitor(FleetSystem):
         self.state_output(crash_time)
 
     def metrics(self, context: Context) -> Metrics:
-        """Return the metrics so far, (N,) arrays; those of input ports that are not connected are NaN."""
+        """Return the metrics up to the current time, (N,) arrays.
+
+        A metric is NaN if it is computed from an input port that is not connected.
+        """
         sums = self._arrays(context, "sums")
         for port, names in SUMS_OF_PORTS.items():
             if not self.GetInputPort(port).HasValue(context):

@@ -1,19 +1,20 @@
 """The laboratory: everything between the commanded wrench or attitude and the measured state.
 
-The following diagram shows how a change of the state (◆) reaches the rotors, with a frame every 10 ms, a control tick
-every 20 ms, and one tick of delay on the link:
+The following diagram shows when the rotors respond to a change of the state (◆), with a frame every 10 ms, a control
+tick every 20 ms, and a link delay of one tick:
 
     time             0      10     20     30     40     50     60 ms
     frame            ●━━━━━━◆━━━━━━●━━━━━━●━━━━━━●━━━━━━●━━━━━━○     samples the state at its instant
     tick, sent       ●━━━━━━━━━━━━━◆━━━━━━━━━━━━━●━━━━━━━━━━━━━○     uses the previous frame, 10 ms old
     rotor command    ●━━━━━━━━━━━━━●━━━━━━━━━━━━━◆━━━━━━━━━━━━━○     one tick later
 
-A change just before the frame at 10 ms affects the rotor commands 30 ms later. A change just after it first appears in
-the frame at 20 ms. No tick uses this frame, so the change takes effect with the frame at 30 ms, after 50 ms in total.
-Each frame of latency adds 10 ms, and each tick of delay adds 20 ms. The lag of the rotors follows.
+A change just before the frame at 10 ms affects the rotor commands 30 ms later. A change just after this frame first
+appears in the frame at 20 ms. No control tick uses that frame, so the change first affects a control tick through the
+frame at 30 ms, and the rotor commands 50 ms after the change. Each frame of latency adds 10 ms, and each tick of delay
+adds 20 ms. The lag of the rotors is additional.
 
-An autopilot on board is between the link and the allocation. It senses the state of the vehicle directly at its own
-ticks, so neither the cameras nor the link delay its control loops.
+An autopilot on board is between the link and the allocation. It measures the state of the vehicle directly, at its own
+ticks, so neither the cameras nor the link delay the loops of the autopilot.
 """
 
 from collections.abc import Mapping
@@ -51,10 +52,10 @@ def build_laboratory(
     """Build the diagram `laboratory` around a vehicle.
 
     The command link transmits the wrench to the allocation on board, which commands the rotor speeds. The vehicle flies
-    in the wind, and motion capture measures its state. For motors that take throttles, the output `throttle_command`
-    replaces `rotor_speed_command`. A slung load adds the output `swing`, and a battery adds `charge`. With an
-    autopilot, the link transmits an attitude target instead of the wrench, and the wrench that the autopilot commands
-    is an output. Each sensor adds an output port with its name.
+    in the wind, and motion capture measures the state of the vehicle. For motors that are commanded by throttles, the
+    output `throttle_command` replaces `rotor_speed_command`. A slung load adds the output `swing`, and a battery adds
+    `charge`. With an autopilot, the link transmits an attitude target instead of the wrench, and the wrench that the
+    autopilot commands becomes an output. Each sensor adds an output port with the name of the sensor.
 
     .. pydrake_system::
 
@@ -74,16 +75,17 @@ def build_laboratory(
         vehicle: system with the input ports `rotor_speed_command` or `throttle_command`, `wind`, `crashed`, and
             optionally `attitude_target`. Its output ports are `state`, `rotor_speed`, and optionally `acceleration`,
             `swing` and `charge`.
-        allocation: system from `wrench` to a packed output of the vehicle's command and `shortfall`.
+        allocation: system from `wrench` to a packed output of the command of the vehicle (rotor speeds or throttles)
+            and `shortfall`.
         motion_capture: system from `state` to `measurement`.
         command_link: system from `wrench` to `wrench`, or from `attitude_target` to `attitude_target`.
         autopilot: system from `attitude_target`, and optionally `state`, to `wrench`; None if the link transmits a
             wrench.
         wind: wind sources by name, each with one output port and optionally the input port `state`.
         sensors: sensors by name, each with one output port. The input ports of a sensor have the names of the signals
-            that it reads: an output port of the vehicle, `wind`, the command of the rotors or throttles, or `wrench`.
-        samples: samples of a study, which determine the noise; None to connect random input ports to Drake's random
-            sources; `Exported` to make them input ports of the diagram.
+            that it measures: an output port of the vehicle, `wind`, the rotor speed or throttle command, or `wrench`.
+        samples: samples of a study, which determine the noise; None to connect the random input ports to Drake's random
+            sources; `Exported` to make these ports input ports of the diagram.
     """
     builder = DiagramBuilder()
     builder.AddNamedSystem("command_link", command_link)
@@ -141,7 +143,7 @@ def build_laboratory(
 def _feed_noise(
     builder: DiagramBuilder, ports: Mapping[Stream, Any], samples: Samples | Exported | None, num_vehicles: int
 ) -> None:
-    """Feed the random input port of each stream, as `build_laboratory` describes."""
+    """Connect or export the random input port of each stream, depending on `samples`; see `build_laboratory`."""
     match samples:
         case None:
             connect_random_sources(builder, ports)

@@ -7,9 +7,9 @@ For a tick k of n, with the position error e_k and the commanded acceleration u_
     peak                   max |e_k|
     control effort         Σ u_k² / n, m²/s⁴
     total variation        Σ |u_k - u_{k-1}| / (duration of n - 1 ticks), m/s² per second
-    saturation share       share of the ticks at which the rotors cannot produce the wrench, by the nominal model
+    saturation share       fraction of the ticks at which the rotors of the nominal model cannot produce the wrench
 
-The sums include the ticks within the metric window of the scenario, up to a crash.
+The sums include the ticks in the metric window of the scenario, up to a crash.
 """
 
 import math
@@ -24,7 +24,7 @@ from drake_quad.signals import Acceleration, PositionError, Quantity, Row
 
 
 class TickValues(NamedTuple):
-    """Values at a tick from which metrics are computed.
+    """Values of one tick from which metrics are computed.
 
     Attributes:
         error: position of the reference minus true position.
@@ -87,7 +87,7 @@ class Display(NamedTuple):
 
     Attributes:
         unit: unit that is printed.
-        size: size of this unit in the metric's own unit.
+        size: size of the printed unit in the unit of the metric, for example 0.01 for a length that is printed in cm.
         digits: number of digits after the decimal point, for one flight.
     """
 
@@ -100,9 +100,10 @@ class Metric(NamedTuple):
     """Definition of a metric.
 
     Attributes:
-        unit: unit; "1" for a share between 0 and 1.
+        unit: unit; "1" for a fraction between 0 and 1.
         label: label in tables and plots.
-        value: function from (N,) sums, with NaN for zero ticks, and the duration of a tick, s, to the (N,) metric.
+        value: function that returns the (N,) metric, given the (N,) sums, in which a zero number of ticks is replaced
+            with NaN, and the duration of a tick, s.
         display: format in tables; None if tables omit the metric.
         differentiable: True if the metric is a differentiable function of the trajectory.
     """
@@ -163,7 +164,7 @@ class Metrics(NamedTuple):
         variation_x: total variation of the commanded acceleration on X.
         variation_y: total variation of the commanded acceleration on Y.
         variation_z: total variation of the commanded acceleration on Z.
-        saturation_share: share of the ticks at which the rotors cannot produce the wrench.
+        saturation_share: fraction of the ticks at which the rotors cannot produce the wrench.
         crash_time: time of the crash; infinite for a vehicle that did not crash.
     """
 
@@ -200,7 +201,7 @@ class Metrics(NamedTuple):
 _HINTS = get_type_hints(Metrics, include_extras=True)
 _DEFINITIONS = {name: definition for name, hint in _HINTS.items() for _, definition in [get_args(hint)]}
 METRICS: dict[str, Metric] = {name: metric for name, metric in _DEFINITIONS.items() if isinstance(metric, Metric)}
-"""Definition of each metric; the crash time has none."""
+"""Definition of each metric, without the crash time."""
 UNITS = {name: definition.unit for name, definition in _DEFINITIONS.items()}
 """Unit of each metric and of the crash time."""
 

@@ -1,8 +1,8 @@
 """Motion capture: measurements of the vehicles' states at the ground station.
 
-The cameras take a frame at the beginning, by an initialization event, and at every multiple of the period. A frame is
-available from then on. Other discrete updates at the same instant still use the frame before. A simulator that
-continues a flight must suppress initialization events, which reset the filters:
+The cameras take a frame at an initialization event and at every multiple of the period. Other discrete updates at the
+instant of a frame still use the previous frame. A simulator that continues a flight must suppress initialization
+events, which reset the filters. In the diagram, ○ is the previous frame and ● is the new one:
 
     frame  ●━━━━━━━━━━○●━━━━━━━━━━○
            0          h            2h
@@ -21,12 +21,13 @@ from drake_quad.laboratory.delay_line import declare_delay_line, delay_line_step
 from drake_quad.signals import Angle, Attitude, BodyRates, Number, PositionW, Quantity, Row, State
 
 # Largest change of an angle over two frames for which eq (2) is used, rad; it corresponds to 2.5 rad/s at 100 Hz. The
-# error of eq (2) is of third order in the changes, and of second order if they are uneven, as near a pitch of 90°.
+# error of eq (2) is of third order in the changes. If the changes over the two frames are unequal, as near a pitch of
+# 90°, the error is of second order.
 _MAX_ANGLE_CHANGE = 0.05
 
 
 class VelocityError(NamedTuple):
-    """Relative scale error of the measured velocity along X, Y and Z of W; positive if it is measured too large."""
+    """Relative scale error of the measured velocity along X, Y and Z of W; positive if the measurement is too large."""
 
     x: Number
     y: Number
@@ -48,7 +49,7 @@ class CameraNumbers(NamedTuple):
         position_noise: standard deviation of the position noise on each axis.
         attitude_noise: standard deviation of the noise of roll, pitch and yaw.
         dropout_rate: probability that a frame is lost.
-        misalignment: roll, pitch and yaw of the frame of the markers in B.
+        misalignment: roll, pitch and yaw of the markers' frame M relative to B.
         derivative_bandwidth: bandwidth ω of the filter that estimates velocity and body rates; None without a filter.
         latency_frames: latency, a whole number of frame periods.
         velocity_error: relative scale error of the velocity on each axis.
@@ -68,7 +69,7 @@ class CameraNumbers(NamedTuple):
 
 
 class Cameras(NamedTuple):
-    """Parameters of the cameras in the context.
+    """Parameters of the cameras, as the context stores them.
 
     Attributes:
         errors: errors of the cameras.
@@ -107,7 +108,7 @@ class Dropout(NamedTuple):
 
 
 def attitude_of_markers(attitude: Attitude, R_BM: BodyAxes) -> Attitude:
-    """Return roll, pitch and yaw of the markers' frame M in W, which are those of R_WB R_BM.
+    """Return roll, pitch and yaw of the markers' frame M in W, the angles of the rotation R_WB R_BM.
 
     Args:
         attitude: roll, pitch and yaw of B in W.
@@ -139,13 +140,13 @@ def first_frame(
     filtered: bool,
     num_under_way: int,
 ) -> tuple[State, tuple[State, ...], Pose, VelocityDrift]:
-    """Return the initial values of the states of a `MotionCapture`; a filter starts with zero velocity.
+    """Return the initial values of the states of a `MotionCapture`; the initial output of a filter is zero.
 
     Args:
         state: true state of the vehicle.
         noise: standard normal samples; None if there is no noise.
         cameras: parameters of the cameras.
-        misaligned: True if the frame of the markers differs from B.
+        misaligned: True if the markers' frame differs from B.
         velocity_scaled: True if the velocity has a scale error.
         filtered: True if filters estimate velocity and body rates.
         num_under_way: largest possible latency, in frames.
@@ -177,15 +178,15 @@ def next_frame(
 
     Args:
         state: true state of the vehicle.
-        out: frame that is available before this frame.
-        under_way: frames before this one that are not yet available, the latest one first.
-        before: pose in the frame before the latest one; None without a filter.
-        drift: drift of the velocity in the latest frame; None if there is none.
+        out: available frame before the update.
+        under_way: earlier frames that are not yet available, the latest one first.
+        before: pose two frames before this one; None without a filter.
+        drift: drift of the velocity in the previous frame; None if there is no drift.
         noise: standard normal samples; None if there is no noise.
         random: random number of the frame; None if no frame can be lost.
         drift_noise: standard normal samples for the drift; None if there is no drift.
         cameras: parameters of the cameras.
-        misaligned: True if the frame of the markers differs from B.
+        misaligned: True if the markers' frame differs from B.
         velocity_scaled: True if the velocity has a scale error.
         period: frame period h, s.
     """
@@ -197,7 +198,8 @@ def next_frame(
     if before is None or bandwidth is None:
         frame = where(is_lost, last, _with_drift(_unfiltered_frame(pose, state, factors), after, 1.0))
     else:
-        # The drift is not part of the filter's state, so it is subtracted before and added after the filter step.
+        # The filter uses its previous output without the drift, so the drift is subtracted before the filter step and
+        # added afterwards.
         true = _with_drift(last, drift, -1.0)
         frame = _filtered_frame(where(is_lost, Pose.of(last), pose), true, before, bandwidth, factors, period)
         frame = _with_drift(frame, after, 1.0)
@@ -213,12 +215,12 @@ def _with_drift(frame: State, drift: VelocityDrift | None, sign: float) -> State
 
 
 def _velocity_factors(cameras: Cameras, velocity_scaled: bool) -> VelocityError | None:
-    """Return the factors by which the velocity is multiplied; None if it has no scale error."""
+    """Return the factors by which the velocity is multiplied; None if the velocity has no scale error."""
     return VelocityError._make(1.0 + error for error in cameras.errors.velocity_error) if velocity_scaled else None
 
 
 def _next_drift(drift: VelocityDrift, drift_noise: VelocityDrift, cameras: Cameras, period: float) -> VelocityDrift:
-    """Return the drift of the velocity one frame later, by a first-order Gauss-Markov process."""
+    """Return the drift of the velocity one frame later, one step of a first-order Gauss-Markov process."""
     decay = exp(-period / cameras.errors.drift_time)
     noise_gain = sqrt(1.0 - decay * decay)
     return VelocityDrift._make(
@@ -257,9 +259,9 @@ def _filtered_frame(
 def _rotation(before: Pose, middle: Attitude, after: Pose) -> BodyRates:
     """Return the rotation between two poses that are two frames apart, along the axes of B, rad.
 
-    For small changes of the angles, eq (2) is applied at the attitude of the frame between them. Near a pitch of 90°,
-    and where an angle wraps at 180°, small rotations are large changes of the angles. The result is then the rotation
-    vector.
+    For small changes of the angles, eq (2) is applied at the attitude of the frame in the middle. Near a pitch of 90°,
+    and where an angle wraps at 180°, a small rotation can change the angles by large amounts. The rotation vector of
+    the two attitudes is then returned.
     """
     steps = Attitude(after.roll - before.roll, after.pitch - before.pitch, after.yaw - before.yaw)
     limit = _MAX_ANGLE_CHANGE
@@ -275,7 +277,7 @@ def _rotation_vector(roll: Row, pitch: Row, yaw: Row, roll_after: Row, pitch_aft
 
 
 def _zero_state(_: CameraNumbers) -> State:
-    """Return a state that is zero, which the first frame replaces."""
+    """Return a state of zeros, which the first frame replaces."""
     return State(*(0.0,) * len(State._fields))
 
 
@@ -294,35 +296,36 @@ class MotionCapture(FleetSystem):
         output_ports:
         - measurement
 
-    A frame contains position and attitude of the frame of the markers at an instant, with noise. If a frame is lost,
+    A frame contains the position and attitude of the markers' frame M at an instant, with noise. If a frame is lost,
     the previous one is repeated. The filter ω s / (s + ω) estimates the derivative of each coordinate x from
     differences over two frames:
 
         v⁺ = a v + (1 - a) (x⁺ - x⁻) / 2h,    a = exp(-ω h)
 
     where x⁻, x and x⁺ are successive samples. White noise of standard deviation σ in x causes noise of standard
-    deviation σ (1 - a) / (√2 h) in v. Differences over a single frame would have most of their noise at a frequency
-    that control with every second frame aliases to zero, which makes a vehicle drift. Differences over two frames have
-    no noise there, at the cost of half a frame of additional delay. Body rates are estimated in the same way from the
-    rotation over two frames. For small changes of roll, pitch and yaw, this rotation follows from eq (2) with the
-    differences of these angles and the attitude between them. Without a filter, velocity and body rates are measured
-    exactly. A frame is available `latency_frames` periods after it was taken.
+    deviation σ (1 - a) / (√2 h) in v. Most of the noise of differences over a single frame would be at a frequency that
+    a controller with every second frame aliases to zero, so that the vehicle would drift. Differences over two frames
+    contain no noise at this frequency, at the cost of half a frame of additional delay. Body rates are estimated in the
+    same way from the rotation over two frames. For small changes of roll, pitch and yaw, this rotation follows from
+    eq (2) with the differences of these angles and the attitude in the middle frame. Without a filter, velocity and
+    body rates are measured exactly. A frame is available `latency_frames` periods after it was taken.
 
-    The velocity can have two further errors, for estimators on board that use an accelerometer. `velocity_error` is a
-    relative scale error on each axis of W, as the Crazyflie shows in some flights. `velocity_drift` is the standard
-    deviation σ of a slowly varying error d on each axis,
+    Two further errors of the velocity model estimators on board that use an accelerometer. `velocity_error` is a
+    relative scale error on each axis of W, as observed in some flights of the Crazyflie. `velocity_drift` is the
+    standard deviation σ of a slowly varying error d on each axis,
 
         d⁺ = a d + √(1 - a²) σ n,    a = exp(-h / T)
 
-    with the `drift_time` T and standard normal n. It starts at zero, and it is added to the output of a filter.
+    with the `drift_time` T and standard normal n. The initial drift is zero. The drift is added to the output of a
+    filter.
 
-    By default cameras are ideal: they sample the state and hold it until the next frame.
+    By default the cameras are ideal: they sample the state and hold the sample until the next frame.
 
     The random input ports exist only if they are needed. `camera_noise` contains standard normal samples for position
     and attitude. `dropout` is a uniform number in [0, 1) for each frame, which is lost if the number is below the
     dropout rate. `velocity_drift` contains standard normal samples for the drift of the velocity.
 
-    The states are `measurement` and `measurement_under_way`, those of a `DelayLine`. A filter adds the state
+    The states are `measurement` and `measurement_under_way`, the two states of a `DelayLine`. A filter adds the state
     `pose_before`, the pose in the frame before the latest one. A drift adds the state `drift`, the drift in the latest
     frame. The only parameter of the context is `cameras`.
 
@@ -331,10 +334,10 @@ class MotionCapture(FleetSystem):
         period: frame period h, s; the paper's cameras run at 100 Hz.
         noisy: True for measurements with noise.
         loses_frames: True if frames can be lost.
-        misaligned: True if the frame of the markers differs from B.
+        misaligned: True if the markers' frame differs from B.
         velocity_scaled: True if the velocity has a scale error.
         filtered: True if filters estimate velocity and body rates.
-        drifts: True if the velocity has a drift.
+        drifts: True if the measured velocity drifts.
         longest_latency: largest possible latency, in frames.
         numbers: parameters of the errors.
 
@@ -357,7 +360,7 @@ class MotionCapture(FleetSystem):
     ) -> None:
         """Declare ports, states and parameters."""
         if filtered and numbers.derivative_bandwidth is None:
-            raise ValueError("derivative_bandwidth is None, but cameras with filters need one")
+            raise ValueError("derivative_bandwidth is None, but filters need a bandwidth")
         state, cameras = self.input("state"), self.parameter("cameras", Cameras.of)
         noise = random = before = drift = drift_noise = None
         gaussian, uniform = RandomDistribution.kGaussian, RandomDistribution.kUniform

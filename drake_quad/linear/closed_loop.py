@@ -31,7 +31,8 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 # These subsystems only observe the loop.
 PASSIVE_SYSTEMS = ("monitor", "recorder")
 _HOVER = HoverRoute(kind="hover", position=(0.0, 0.0, 1.0))
-# Ticks after which Newton's method starts; the periodic grids of a diagram do not coincide exactly in the first ones.
+# Number of ticks after which Newton's method starts. In the first ticks, the periodic grids of a diagram do not
+# coincide exactly.
 _NUM_SETTLING_TICKS = 4
 # Largest change of the state over a period in an equilibrium, in SI units.
 _EQUILIBRIUM_TOLERANCE = 1e-9
@@ -44,8 +45,8 @@ class ClosedLoop(NamedTuple):
     Attributes:
         diagram: diagram of the closed loop.
         context: context of the diagram at a tick, before the events of the tick.
-        system: linearisation x⁺ = A x over a control period, or over the period of the cameras or the vehicle's time
-            step if that is longer.
+        system: linearisation x⁺ = A x over the longest of the control period, the camera period and the vehicle's time
+            step.
     """
 
     diagram: Diagram
@@ -73,10 +74,10 @@ def closed_loop(scenario: Scenario, *, position_controller: Any = None, control:
 
 
 def loop_with_injection(scenario: Scenario, *, position_controller: Any = None, control: Any = None) -> ClosedLoop:
-    """Return the closed loop from additions to the signals of the command link to the sums of signals and additions.
+    """Return the closed loop from offsets, which are added to the signals of the command link, to these sums.
 
-    The inputs of the system are `injection.0`, `injection.1`, ..., its outputs `injected.0`, `injected.1`, ..., one for
-    each row of the signal on the link.
+    The inputs of the system are `injection.0`, `injection.1`, ..., and its outputs are `injected.0`, `injected.1`, ...,
+    one for each row of the signal on the link.
 
     Args:
         scenario: scenario whose `at_rest` is linearised.
@@ -84,14 +85,14 @@ def loop_with_injection(scenario: Scenario, *, position_controller: Any = None, 
         control: system that replaces the whole cascade; see `build_tracking_diagram`.
 
     Raises:
-        InputError: an error of `closed_loop`, or a period is longer than that of the control.
+        InputError: an error of `closed_loop`, or a period is longer than the control period.
     """
     resting = at_rest(scenario)
     period = resting.laboratory.command_link.period
     for name, other in _periods(resting).items():
         if other > period:
             raise InputError(
-                f"{name} is {other:g} s, but margins at the command link need periods up to its {period:g} s"
+                f"{name} is {other:g} s, but must be at most {period:g} s, the link period, for margins at the link"
             )
     user_systems = UserSystems(position_controller, control)
     diagram = build_fleet_diagram(Batch.draw(resting, [0]), plan_route(resting), own=user_systems, injects=True)
@@ -104,14 +105,14 @@ def loop_with_injection(scenario: Scenario, *, position_controller: Any = None, 
 def loop_with_noise(hovering: Scenario) -> tuple[ClosedLoop, np.ndarray]:
     """Return the closed loop from noise and turbulence to the state of the vehicle.
 
-    The inputs of the system are standard normal numbers, those of a whole period for each stream. Its outputs are the
-    rows of `state`.
+    The inputs of the system are the standard normal numbers that all random streams supply in a period. Its outputs are
+    the rows of `state`.
 
     Args:
         hovering: scenario of `in_hover`.
 
     Returns:
-        The loop in its equilibrium, and the deviation (12,) of the state from the reference there.
+        The loop in its equilibrium, and the deviation (12,) of the equilibrium state from the reference.
 
     Raises:
         InputError: an error of `closed_loop`.
@@ -155,10 +156,10 @@ class LaboratoryPlant(NamedTuple):
 
     Attributes:
         system: system from `wrench` or, with an autopilot, from `attitude_target` to `measurement`, over a control
-            period. Thrust and torques of the rotors replace their four speeds as states, so that the axes are
-            decoupled.
+            period. The states include thrust and torques of the rotors instead of their four speeds, so that the axes
+            are decoupled.
         specific_thrust: commanded thrust in hover per mass of the nominal vehicle, m/s². By eq (7) the tilt for a
-            horizontal acceleration is inversely proportional to it. It is g if the vehicle is the nominal one.
+            horizontal acceleration is inversely proportional to this thrust. It is g for the nominal vehicle.
     """
 
     system: SampledSystem
@@ -174,13 +175,15 @@ def laboratory_plant(scenario: Scenario, *, vehicle: Literal["nominal", "actual"
             that couple its axes: errors of single rotors, an offset of the centre of mass, and misaligned markers.
 
     Raises:
-        InputError: if hover is not an equilibrium, or a period is longer than that of the control.
+        InputError: if hover is not an equilibrium, or a period is longer than the control period.
     """
     resting = _in_still_air(scenario, vehicle)
     period = resting.laboratory.command_link.period
     for name, other in _periods(resting).items():
         if not 0.0 < other <= period:
-            raise InputError(f"{name} is {other:g} s, but gains are designed for periods up to {period:g} s, a tick")
+            raise InputError(
+                f"{name} is {other:g} s, but must be at most {period:g} s, one tick, for the design of gains"
+            )
     plan = plan_route(resting)
     recipes = laboratory_recipes(Batch(resting, (0,), {}), plan, plan.duration)
     laboratory = build_laboratory_of(recipes, 1, Samples(0, [0]))
@@ -220,7 +223,7 @@ def _hover_speeds(resting: Scenario) -> RotorSpeed:
     hover = hover_rotor_speeds(hover_equivalent(parameters, effects, _HOVER.position[2]))
     if not max(hover) < parameters.max_rotor_speed or not min(hover) > parameters.min_rotor_speed:
         raise InputError(
-            f"the rotors cannot hold {resting.name} in hover: they would turn at {max(hover):.0f} rad/s, but can at"
+            f"the rotors cannot hold {resting.name} in hover: they would turn at {max(hover):.0f} rad/s, not at"
             f" {parameters.min_rotor_speed:g} to {parameters.max_rotor_speed:g} rad/s"
         )
     return hover
@@ -237,7 +240,7 @@ def _hover_wrench(resting: Scenario, hover: RotorSpeed) -> Wrench:
 
 
 def _with_wrench_states(system: SampledSystem, hover: RotorSpeed, parameters: QuadrotorParameters) -> SampledSystem:
-    """Return the system with thrust and torques of the rotors as states instead of their speeds, near hover."""
+    """Return the system near hover, with thrust and torques of the rotors as states instead of rotor speeds."""
     suffix = "vehicle.rotor_speed."
     rotors = [i for i, name in enumerate(system.states) if suffix in name]
     prefix, _, _ = system.states[rotors[0]].partition(suffix)
@@ -249,7 +252,7 @@ def _with_wrench_states(system: SampledSystem, hover: RotorSpeed, parameters: Qu
 def decoupled_loop(scenario: Scenario) -> SampledSystem:
     """Return the linear model of `closed_loop` with decoupled axes.
 
-    Thrust and torques of the rotors are states instead of their speeds. For a symmetric vehicle each state then belongs
+    Thrust and torques of the rotors replace the rotor speeds as states. For a symmetric vehicle each state then belongs
     to one axis.
 
     Raises:
@@ -263,9 +266,9 @@ def decoupled_loop(scenario: Scenario) -> SampledSystem:
 def on_board_plant(scenario: Scenario, *, vehicle: Literal["nominal", "actual"] = "nominal") -> SampledSystem:
     """Return the plant of an autopilot's loops: from `wrench` to `state`, over a period of the autopilot.
 
-    The autopilot reads the state at a tick, and its wrench acts from that tick on. Here a period begins just before the
-    events of a tick, when a stepping vehicle still has the state of the previous step, and the input is constant over
-    the period. This gives the same delay.
+    The autopilot reads the state at a tick, and its wrench acts from that tick on. A period of this plant begins just
+    before the events of a tick, when a stepping vehicle still has the state of the previous step, and the input is
+    constant over the period. The delay is therefore correct.
 
     Args:
         scenario: scenario with an autopilot of kind `attitude`.
@@ -278,7 +281,7 @@ def on_board_plant(scenario: Scenario, *, vehicle: Literal["nominal", "actual"] 
     period = resting.laboratory.autopilot.period
     assert period is not None
     if not resting.vehicle.time_step > 0.0:
-        raise InputError("vehicle.time_step is 0 s, but loops on board are designed for a positive time step")
+        raise InputError("vehicle.time_step is 0 s, but must be positive for the design of loops on board")
     plan = plan_route(resting)
     recipes = laboratory_recipes(Batch(resting, (0,), {}), plan, plan.duration)
     builder = DiagramBuilder()
@@ -298,7 +301,7 @@ def on_board_plant(scenario: Scenario, *, vehicle: Literal["nominal", "actual"] 
 
 
 def _wrench_pattern(hover: RotorSpeed, parameters: QuadrotorParameters) -> np.ndarray:
-    """Return the matrix (4, 4) from rotor speeds to thrust and torques near hover, eq (5).
+    """Return the matrix (4, 4) that maps changes of rotor speeds to changes of thrust and torques near hover, eq (5).
 
     The largest entry of each row is scaled to 1.
     """

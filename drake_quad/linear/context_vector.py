@@ -1,4 +1,4 @@
-"""The numbers in a diagram's context, as one vector with names."""
+"""State and numeric parameters in a diagram's context, as one vector of named numbers."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any, Literal, NamedTuple
@@ -78,7 +78,7 @@ class ContextVector:
 
 
 def port_rows(port: str, size: int) -> tuple[str, ...]:
-    """Return the names of the rows of a port of one vehicle, from its signal or as numbers."""
+    """Return the names of the rows of a port of one vehicle: row names of its signal if it has one, else indices."""
     names = row_names(port, size) if port in SIGNALS else map(str, range(size))
     return tuple(f"{port}.{name}" for name in names)
 
@@ -108,7 +108,7 @@ def _groups(diagram: Diagram, root: Context, without: Sequence[str], parameters:
 def _names(
     path: Sequence[str], system: Any, kind: Literal["states", "parameters"], number: int | None, name: str, size: int
 ) -> tuple[str, ...]:
-    """Return the names of a vector's elements: those of the rows of a FleetSystem, else numbers."""
+    """Return the names of a vector's elements: the names of the rows in a FleetSystem, and otherwise indices."""
     if isinstance(system, FleetSystem):
         (part,) = [part for part in getattr(system, kind).values() if part.index == number]
         rows = [".".join((*path, part.name, row)).rstrip(".") for row in part.layout.names]

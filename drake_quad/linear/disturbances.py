@@ -1,4 +1,4 @@
-"""Disturbances of a vehicle along its plan: their size and their correlation time.
+"""Disturbances of a vehicle along its plan: their magnitude and their correlation time.
 
 Consider a vehicle with the position, attitude and rotor speeds that the nominal vehicle needs to follow the plan. Wind,
 drag, and deviations from the nominal vehicle make its acceleration differ from the planned one. This difference is the
@@ -26,10 +26,10 @@ from drake_quad.signals import RotorSpeed, Wind
 from drake_quad.vehicle.dynamics import Motion
 from drake_quad.vehicle.motion import accelerations, rotor_state
 
-# Wind and drag change within tenths of a second, so that this step (s) resolves them.
+# Sampling period, s. Wind and drag change within tenths of a second, which this period resolves.
 _STEP = 0.02
-# Second-order, critically damped noise with time constant T has the autocorrelation (1 + x) exp(-x) at the lag x T. It
-# is 1/2 at this x.
+# Second-order, critically damped noise with time constant T has the autocorrelation (1 + x) exp(-x) at the lag x T.
+# The autocorrelation is 1/2 at this x.
 _HALF_CORRELATION_LAG = 1.67835
 
 
@@ -54,7 +54,7 @@ class DisturbanceStatistics(NamedTuple):
         mean: root mean square, over flights, of the part that is constant during a flight.
         deviation: standard deviation of the fluctuating rest.
         time: time constant of second-order, critically damped noise whose autocorrelation falls to 1/2 at the same lag
-            as that of the rest, s.
+            as the autocorrelation of the fluctuating rest, s.
     """
 
     mean: float
@@ -74,8 +74,7 @@ def disturbances_along(batch: Batch, plan: Plan) -> DisturbanceSamples:
     position, velocity, acceleration = (np.array(evaluate(plan.flown_path, times, order)) for order in range(3))
     wind = _wind_along(batch, plan, times, position)
     demand = plan_demand(plan, nominal_parameters(scenario), times)
-    # Plan data have the shape (times, 1), and parameters of the vehicles (N,), so that results have the shape (times,
-    # N).
+    # The shape of plan data is (times, 1), and of vehicle parameters (N,), so that the shape of results is (times, N).
     columns: list[Any] = [np.asarray(row)[:, np.newaxis] for row in (*velocity, *demand.body_rates)]
     angles: list[Any] = [np.asarray(angle)[:, np.newaxis] for angle in demand.attitude]
     speeds: list[Any] = [np.asarray(row)[:, np.newaxis] for row in demand.rotor_speed]
@@ -104,7 +103,7 @@ def disturbance_statistics(disturbance: np.ndarray, step: float) -> DisturbanceS
     """Return the statistics of a disturbance over several flights.
 
     Args:
-        disturbance: (..., times, N) samples of one kind of disturbance.
+        disturbance: (..., times, N) samples of one type of disturbance.
         step: sampling period, s.
     """
     mean = disturbance.mean(axis=-2, keepdims=True)
@@ -134,7 +133,7 @@ def _wind_along(batch: Batch, plan: Plan, times: np.ndarray, position: np.ndarra
     diagram = builder.Build()
     simulator = Simulator(diagram)
     context, samples = simulator.get_mutable_context(), []
-    other_rows = np.zeros(9)  # Wind depends on the position alone.
+    other_rows = np.zeros(9)  # wind depends only on the position
     for time, point in zip(times, position.T, strict=True):
         if depends_on_position:
             diagram.GetInputPort("state").FixValue(context, np.repeat([*point, *other_rows], N))

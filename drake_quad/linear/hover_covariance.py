@@ -8,9 +8,9 @@ satisfies
 
 The mean position error is the offset that steady wind causes. The standard deviation of the position follows from P.
 
-The linear model omits products of noises, such as lateral command times thrust in eq (7), which are of second order.
-These products are broad-band, and the vehicle follows their low frequencies. `drake_quad.flight.hover_error`
-simulates hovers and therefore includes them. docs/how_to/linear_models.md quantifies the difference.
+The linear model omits second-order terms: products of random signals, such as lateral command times thrust in eq (7).
+These products are broad-band, and the vehicle responds to their low frequencies. `drake_quad.flight.hover_error`
+simulates the hover and therefore includes these terms. docs/how_to/linear_models.md quantifies the difference.
 """
 
 from typing import NamedTuple
@@ -44,8 +44,8 @@ class LinearHoverError(NamedTuple):
 def linear_hover_error(scenario: Scenario) -> LinearHoverError:
     """Return the position error in hover that the linear model of a scenario's closed loop predicts.
 
-    The vehicle hovers where the scenario's route hovers, or at (0, 0, 1). The model omits lost frames and packets,
-    gusts, sinusoidal wind, the battery and rotor failures.
+    The vehicle hovers at the position of the route if its kind is `hover`, and otherwise at (0, 0, 1). The model omits
+    lost frames and packets, gusts, sinusoidal wind, the battery and rotor failures.
 
     Raises:
         InputError: if the scenario contains a distribution, or its loop is unstable, has no equilibrium or cannot be

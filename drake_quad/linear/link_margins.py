@@ -1,9 +1,9 @@
 """Margins of any control system, with its loops broken at the command link.
 
-For any controller (a cascade, an optimal controller or a user's own) the link carries thrust and roll, pitch and yaw:
-as torques, or as angles that an autopilot follows. With an addition to one of these signals,
+For any controller (a cascade, an optimal controller or a user's own) the link carries thrust and either the torques
+about roll, pitch and yaw, or the angles that an autopilot follows. If an offset is added to one of these signals,
 
-    signal on the link = S (addition),    S = 1 / (1 + L)
+    signal on the link = S (offset),    S = 1 / (1 + L)
 
 follows exactly from the linear model of the closed loop, in which all other signals are fed back. L = 1/S - 1 is the
 transfer function of the loop broken at this signal.
@@ -21,11 +21,11 @@ from drake_quad.linear.sampled_system import SampledSystem
 from drake_quad.scenario.models import Scenario
 from drake_quad.signals import AttitudeTarget, Wrench
 
-_MIN_ECHO = 1e-9  # a signal whose closed loop differs from 1 by less is not fed back
-# On this grid `fast_link_margins` is accurate to 2e-5 in the peaks of the shipped loops, and to 2e-4 in delay margins.
+_MIN_ECHO = 1e-9  # smallest difference of S from 1 for a signal that is fed back
+# Grid of `fast_link_margins`. For the shipped loops, peaks are accurate to 2e-5 and delay margins to 2e-4.
 _NUM_FREQUENCIES = 240
 _MIN_FREQUENCY = 0.3  # rad/s
-_NUM_NEAR_PEAK = 17  # frequencies between the neighbours of the largest point
+_NUM_NEAR_PEAK = 17  # number of frequencies between the two neighbours of the largest value on the grid
 
 
 class FastLinkMargins(NamedTuple):
@@ -44,7 +44,7 @@ def link_margins(
     `attitude_target`. The value is None for a signal without feedback, such as a yaw that only an autopilot controls.
 
     Args:
-        scenario: scenario whose `at_rest` is linearised, so that gusts and noise have no influence.
+        scenario: scenario whose `at_rest` is linearised, which has neither gusts nor noise.
         position_controller: system that replaces the scenario's position controller; see `build_tracking_diagram`.
         control: system that replaces the whole control; see `build_tracking_diagram`.
 
@@ -66,7 +66,7 @@ def link_loops(
 def fast_link_margins(scenario: Scenario) -> FastLinkMargins:
     """Return sensitivity peaks and delay margins for a search, with the errors of `link_margins`.
 
-    The computation is ten times as fast.
+    The computation is ten times as fast as `link_margins`.
     """
     closed = _stable_loop(scenario, None, None)
     rows = range(len(_signals(scenario)))
@@ -83,7 +83,7 @@ def _peaks(loops: SampledSystem, rows: np.ndarray, grid: np.ndarray, S: np.ndarr
     """Return the largest |S| (rows,) of some signals, refined around the largest value on a grid.
 
     Args:
-        loops: closed loop from an addition to each signal to the signals.
+        loops: closed loop from an offset on each signal to the signals.
         rows: (rows,) indices of the signals.
         grid: (frequencies,) frequencies of the grid, rad/s.
         S: (rows, frequencies) sensitivity of these signals on the grid.
@@ -91,13 +91,13 @@ def _peaks(loops: SampledSystem, rows: np.ndarray, grid: np.ndarray, S: np.ndarr
     top = np.argmax(np.abs(S), axis=1)
     ends = grid[np.maximum(top - 1, 0)], grid[np.minimum(top + 1, len(grid) - 1)]
     points = np.linspace(*ends, _NUM_NEAR_PEAK, axis=1)
-    # All signals are evaluated at the peaks of all signals, but only the values at a signal's own peak are used.
+    # All signals are evaluated at the peaks of all signals, but for each signal only the values at its peak are used.
     refined = _diagonal(loops, points.ravel())[rows].reshape(len(rows), *points.shape)
     return np.maximum(np.abs(S).max(axis=1), np.abs(np.einsum("iij->ij", refined)).max(axis=1))
 
 
 def _diagonal(loops: SampledSystem, grid: np.ndarray) -> np.ndarray:
-    """Return the response (signals, frequencies) of each signal to an addition to itself, at frequencies in rad/s."""
+    """Return the response (signals, frequencies) of each signal to an offset on it, at frequencies in rad/s."""
     return np.diagonal(loops.response(np.exp(1j * grid * loops.period)), axis1=1, axis2=2).T
 
 

@@ -9,21 +9,22 @@ import numpy as np
 
 from drake_quad.linear.sampled_system import SampledSystem
 
-_MIN_FREQUENCY = 1e-4  # rad/s, lowest frequency of the grid
-_NUM_FREQUENCIES = 2000  # points of the grid, which ends at half the sampling rate
+_MIN_FREQUENCY = 1e-4  # rad/s, smallest frequency of the grid
+_NUM_FREQUENCIES = 2000  # points of the grid, which ends at the Nyquist frequency
 _NUM_PARTS = 32  # subintervals into which each refinement divides an interval of the grid
-_NUM_DIVISIONS = 3  # refinements around a peak, whose relative error is then about 1e-9
+_NUM_DIVISIONS = 3  # number of refinements around a peak; the relative error of the peak is then about 1e-9
 _NUM_PEAKS = 8  # number of largest local maxima that are refined
-_MAX_NARROW_DECAY = 0.1  # per radian; the grid can miss the peaks of modes that decay more slowly
-_MIN_INTEGRATOR_GAIN = 1e6  # only integrators reach this |L| at zero frequency
+_MAX_NARROW_DECAY = 0.1  # per radian, largest decay of modes whose peaks the grid can miss
+_MIN_INTEGRATOR_GAIN = 1e6  # smallest |L| at zero frequency of a loop with an integrator
 
 
 class Margins(NamedTuple):
-    """Margins of a loop of one signal, broken where its transfer function L is taken.
+    """Margins of a loop with one signal and the transfer function L.
 
     Attributes:
         gain: gain margin, the factor by which the gain may increase, dB.
-        gain_reduction: factor by which the gain may decrease, dB, as a positive number; infinite if it may become zero.
+        gain_reduction: factor by which the gain may decrease, dB, as a positive number; infinite if the gain may become
+            zero.
         phase: phase margin, degrees.
         delay: delay margin, the additional delay at which the loop becomes unstable, s.
         disk: disk margin, the largest α such that the loop tolerates every gain between (1 - α/2) / (1 + α/2) and its
@@ -31,8 +32,8 @@ class Margins(NamedTuple):
             margins", 2020).
         crossover: highest frequency at which |L| = 1, rad/s.
         sensitivity: peak of |1 / (1 + L)|.
-        bandwidth: lowest frequency at which |L / (1 + L)| falls below -3 dB, rad/s; 0 if it is below at all low
-            frequencies.
+        bandwidth: smallest frequency at which |L / (1 + L)| falls below -3 dB, rad/s; 0 if |L / (1 + L)| is already
+            below -3 dB at low frequencies.
     """
 
     gain: float
@@ -48,9 +49,9 @@ class Margins(NamedTuple):
 def margins(loop: SampledSystem) -> Margins:
     """Return the margins of a stable loop with one input and one output.
 
-    The margins follow from the frequency response: from its crossings of the negative real axis, of the unit circle
-    and of -3 dB, and from its closest approach to -1. These are located on a grid of 2,000 frequencies and refined
-    between its points. A transfer function with polynomials in z would lose too many digits for a dozen states.
+    The margins follow from the frequency response: from its crossings of the negative real axis, of the unit circle and
+    of -3 dB, and from its closest approach to -1. These points are located on a grid of 2,000 frequencies and refined
+    between the grid points. Polynomials in z are not used, since they lose too many digits for a dozen states.
     """
     grid = frequencies(loop.period)
     response = _response(loop, grid)
@@ -98,7 +99,7 @@ def fast_margins(responses: np.ndarray, grid: np.ndarray) -> FastMargins:
     fraction_crossed = np.where(crosses, size[..., :-1] / (size[..., :-1] - size[..., 1:] + ~crosses), 0.0)
     phase = _wrapped(angle[..., :-1] + fraction_crossed * _wrapped(np.diff(angle, axis=-1)))
     frequency = np.exp(logs[:-1] + fraction_crossed * np.diff(logs))
-    # A sign change counts as passing the critical direction, unless the angle wraps around there.
+    # A sign change of the angle means that L passes the critical direction, unless the angle wraps around.
     flips = (angle[..., :-1] * angle[..., 1:] < 0.0) & (np.abs(np.diff(angle, axis=-1)) < np.pi)
     fraction = np.where(flips, angle[..., :-1] / (angle[..., :-1] - angle[..., 1:] + ~flips), 0.0)
     gain = -(size[..., :-1] + fraction * np.diff(size, axis=-1)) * 20.0 / math.log(10.0)
@@ -119,7 +120,7 @@ def _wrapped(angles: np.ndarray) -> np.ndarray:
 
 
 def frequencies(period: float, *, points: int = _NUM_FREQUENCIES, lowest: float = _MIN_FREQUENCY) -> np.ndarray:
-    """Return (points,) frequencies from the lowest one (rad/s) to just below half the sampling rate, rad/s."""
+    """Return (points,) frequencies from `lowest` to just below the Nyquist frequency, rad/s."""
     return np.geomspace(lowest, 0.9999 * math.pi / period, points)
 
 
@@ -161,7 +162,7 @@ def _passes_zero(values: np.ndarray) -> np.ndarray:
 
 
 def _gain_at_half_the_rate(responses: np.ndarray) -> np.ndarray:
-    """Return the gain at which a pole crosses the unit circle at z = -1, where L is real; infinite if none can.
+    """Return the gain at which a pole crosses the unit circle at z = -1, where L is real; infinite if no pole can.
 
     z = -1 corresponds to the end of the frequency grid.
     """
@@ -176,8 +177,7 @@ def _gain_where_real(loop: SampledSystem, z: float) -> float:
     """
     if np.abs(loop.poles() - z).min() < 1e-9:
         return math.inf
-    # Several integrators have poles that rounding moves slightly away from z = 1, where L is then finite but very
-    # large.
+    # Rounding moves the poles of several integrators slightly away from z = 1, where L is then finite but very large.
     try:
         value = loop.response(np.array([z])).item().real
     except np.linalg.LinAlgError:
@@ -188,7 +188,7 @@ def _gain_where_real(loop: SampledSystem, z: float) -> float:
 
 
 def _sensitivity(loop: SampledSystem) -> SampledSystem:
-    """Return S = 1 / (1 + L), the closed loop from an addition to the signal to the signal."""
+    """Return S = 1 / (1 + L), the closed loop from an offset on the signal to the signal."""
     sensitivity = 1.0 / (1.0 + loop.D)
     feedback = sensitivity * loop.C
     return replace(loop, A=loop.A - loop.B @ feedback, B=loop.B @ sensitivity, C=-feedback, D=sensitivity)
@@ -209,13 +209,13 @@ def _near_modes(system: SampledSystem, grid: np.ndarray) -> np.ndarray:
 def _peak(
     system: SampledSystem, grid: np.ndarray, response: np.ndarray, size: Callable[[np.ndarray], np.ndarray]
 ) -> float:
-    """Return the largest size of a response over all frequencies, with a relative error of about 1e-9.
+    """Return the largest magnitude of a response over all frequencies, with a relative error of about 1e-9.
 
     Args:
         system: system with one input and one output.
         grid: (frequencies,) grid with at most one peak between neighbouring frequencies, rad/s.
         response: (frequencies,) response of the system on the grid.
-        size: elementwise function of the response that is maximised.
+        size: elementwise magnitude function of the response, which is maximised.
     """
     values = size(response)
     padded = np.pad(values, 1, constant_values=-np.inf)
@@ -234,7 +234,7 @@ def _peak(
 
 
 def _bandwidth(loop: SampledSystem, grid: np.ndarray, response: np.ndarray) -> float:
-    """Return the lowest frequency at which |L / (1 + L)| falls below -3 dB, rad/s.
+    """Return the smallest frequency at which |L / (1 + L)| falls below -3 dB, rad/s.
 
     The result is 0 if the first frequency of the grid is already below -3 dB, and infinite if no frequency is.
     """

@@ -7,16 +7,18 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-_MIN_SHARE = 0.1  # smallest participation of a state that is named, relative to the largest one of the mode
-_MAX_ERROR = 0.01  # 1/s; repeated eigenvalues are found with errors of this size
+_MIN_PARTICIPATION = (
+    0.1  # smallest participation of a state that is named, relative to the largest participation in the mode
+)
+_MAX_ERROR = 0.01  # 1/s, largest error of computed repeated eigenvalues
 
 
 class Mode(NamedTuple):
     """Eigenvalue, or pair of conjugate eigenvalues, of a linear system.
 
     Attributes:
-        pole: pole s of a continuous system, or log(z) / period of a sampled one, 1/s; for a pair, the one with positive
-            imaginary part.
+        pole: pole s of a continuous system, or log(z) / period of a sampled one, 1/s; for a pair, the pole with
+            positive imaginary part.
         frequency: natural frequency |s|, rad/s.
         damping: damping ratio -Re s / |s|; nan for an integrator.
         multiplicity: number of equal eigenvalues.
@@ -34,9 +36,9 @@ def modes(A: np.ndarray, states: tuple[str, ...], *, period: float | None = None
     """Return the modes of ẋ = A x or of x⁺ = A x, the slowest first.
 
     The participation of a state in a mode is its entry on the diagonal of the mode's spectral projector. For a single
-    eigenvalue this is the participation factor, and it is well defined for repeated eigenvalues, too. Modes that decay
+    eigenvalue this is the participation factor, and it is also well defined for repeated eigenvalues. Modes that decay
     within a period, such as those of a delay line, are left out. Poles within 0.01 1/s of each other, or within 0.1 %
-    of their magnitude, count as one.
+    of their magnitude, count as one pole.
 
     Args:
         A: (n, n) system matrix.
@@ -48,8 +50,8 @@ def modes(A: np.ndarray, states: tuple[str, ...], *, period: float | None = None
         return complex(value) if period is None else complex(np.log(complex(value))) / period
 
     def distance(value: complex, other: complex) -> float:
-        # The logarithms of two values on opposite sides of the negative real axis differ by about 2π i, so that their
-        # quotient is used.
+        # The logarithms of two values on opposite sides of the negative real axis differ by about 2π i, so the
+        # logarithm of the quotient is used.
         return abs(value - other if period is None else pole_of(value / other))
 
     values = np.linalg.eigvals(A)
@@ -68,7 +70,7 @@ def modes(A: np.ndarray, states: tuple[str, ...], *, period: float | None = None
         order = [
             int(i)
             for i in np.argsort(-participation, kind="stable")
-            if participation[i] > _MIN_SHARE * participation.max()
+            if participation[i] > _MIN_PARTICIPATION * participation.max()
         ]
         damping = -pole.real / size if size > _MAX_ERROR else np.nan
         result.append(Mode(pole, size, damping, len(equal), tuple(states[i] for i in order)))
@@ -76,12 +78,12 @@ def modes(A: np.ndarray, states: tuple[str, ...], *, period: float | None = None
 
 
 def _is_among(value: complex, *, values: np.ndarray, indices: Sequence[int]) -> bool:
-    """Return True if, of several eigenvalues (n,), the nearest one to a value has one of the given indices."""
+    """Return True if the eigenvalue of (n,) that is nearest to a value has one of the given indices."""
     return int(np.argmin(np.abs(values - value))) in indices
 
 
 def _projector(A: np.ndarray, selects: Callable[[complex], bool]) -> np.ndarray:
-    """Return the projector (n, n) onto the invariant subspace of selected eigenvalues, along that of the others."""
+    """Return the projector (n, n) onto the invariant subspace of selected eigenvalues, along that of all others."""
     T, Z, k = scipy.linalg.schur(A, output="complex", sort=selects)
     R = scipy.linalg.solve_sylvester(T[:k, :k], -T[k:, k:], -T[:k, k:])
     return Z[:, :k] @ (Z[:, :k].conj().T - R @ Z[:, k:].conj().T)

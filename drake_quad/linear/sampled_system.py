@@ -70,7 +70,7 @@ class SampledSystem:
     def to_scipy(self) -> "scipy.signal.StateSpace":
         """Return SciPy's StateSpace with the same period.
 
-        It has no names: its states, inputs and outputs are those of this system, in order.
+        SciPy's systems have no names. States, inputs and outputs are in the order of this system.
         """
         return scipy.signal.StateSpace(self.A, self.B, self.C, self.D, dt=self.period)
 
@@ -81,8 +81,8 @@ class SampledSystem:
     def response(self, z: np.ndarray) -> np.ndarray:
         """Return the transfer matrix (points, p, m) at points of the z-plane.
 
-        The method is back substitution in the Schur form of the balanced A. For dozens of states at thousands of
-        points it takes a tenth of the time of an elimination at each point.
+        The method is back substitution in the Schur form of the balanced A. For dozens of states and thousands of
+        points, it is ten times as fast as an elimination at each point.
 
         Raises:
             LinAlgError: one of the points is a pole.
@@ -139,8 +139,8 @@ class SampledSystem:
         """Return the system without states that are unreachable from all inputs or unobservable in all outputs.
 
         Args:
-            tolerance: relative threshold below which entries count as rounding errors. Entries of A and C are relative
-                to the largest of their row, those of B to the largest of their column.
+            tolerance: relative threshold below which entries count as rounding errors. Entries of A and C are compared
+                with the largest entry of their row, and entries of B with the largest entry of their column.
         """
         couples = _is_significant(self.A, tolerance)
         reached = _closure(couples, _is_significant(self.B.T, tolerance).any(axis=0))
@@ -163,7 +163,7 @@ class SampledSystem:
 
 
 def _is_significant(matrix: np.ndarray, tolerance: float) -> np.ndarray:
-    """Return the mask of the entries that are not negligible compared with the largest of their row."""
+    """Return the mask of the entries that are not negligible compared with the largest entry of their row."""
     sizes = np.abs(matrix)
     return sizes > tolerance * sizes.max(axis=1, keepdims=True)
 
@@ -268,7 +268,7 @@ def _gradient(values: np.ndarray, size: int) -> np.ndarray:
 def tick_after(time: float, period: float, ticks: int = 1) -> float:
     """Return the time of a later tick (s), computed exactly as in Drake.
 
-    A time that is later by a rounding error would include the events of one more tick.
+    If the time were later by a rounding error, a simulation to this time would include the events of one more tick.
     """
     return period * (round(time / period) + ticks)
 

@@ -27,9 +27,9 @@ class StepResponse(NamedTuple):
 
 
 def release(loop: ClosedLoop, displacement: Mapping[str, float], *, duration: float) -> StepResponse:
-    """Return the response of a loop that starts beside its equilibrium.
+    """Return the response of a loop that starts at a displacement from its equilibrium.
 
-    It is the response to a step of the reference, as seen from the new reference.
+    Relative to the new reference, it equals the response to a step of the reference.
 
     Args:
         loop: loop from `closed_loop`.

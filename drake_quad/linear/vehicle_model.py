@@ -1,7 +1,7 @@
 """Operating points of the vehicle, and its linear models there.
 
-The inputs are rotor speeds, so that thrust curve and battery, which act before them, are left out. A payload is
-included if the vehicle carries it at the beginning of a flight.
+The inputs are commanded rotor speeds. Throttle curve and battery, which determine these commands, are left out. A
+payload is included if the vehicle carries it at the beginning of a flight.
 """
 
 from collections.abc import Sequence
@@ -71,7 +71,7 @@ def find_trim(
 ) -> Trim:
     """Find roll, pitch and rotor speeds at which velocity and attitude are constant.
 
-    SNOPT finds them within the limits of the rotors, and Newton's method refines them.
+    SNOPT finds a solution within the limits of the rotors, and Newton's method refines it.
 
     Args:
         parameters: parameters of one vehicle.
@@ -128,7 +128,8 @@ def linear_vehicle(
 ) -> LinearSystem:
     """Return the linearisation at an equilibrium, by Drake's Linearize.
 
-    It is a continuous system from `INPUTS` to `OUTPUTS` with `STATES`. A slung load adds `SWING_STATES` at the end.
+    The result is a continuous system from `INPUTS` to `OUTPUTS` with `STATES`. A slung load adds `SWING_STATES` at the
+    end.
 
     Raises:
         InputError: the operating point is not an equilibrium; use `affine_vehicle` there.
@@ -149,7 +150,7 @@ def affine_vehicle(
 ) -> AffineSystem:
     """Return the affine model at any point, ẋ = A x + B u + f₀ and y = C x + D u + y₀.
 
-    It is Drake's FirstOrderTaylorApproximation.
+    The model is computed by Drake's FirstOrderTaylorApproximation.
     """
     diagram, context = _at(trim, parameters, kinematics, effects)
     return FirstOrderTaylorApproximation(diagram, context)
@@ -165,7 +166,7 @@ def to_state_space(system: LinearSystem) -> "control.StateSpace":
 
 
 def _of_motion(effects: Effects) -> Effects:
-    """Return the effects without those that act before the rotor speeds."""
+    """Return the effects without the effects that only determine rotor speeds."""
     return effects._replace(thrust_curve=None, battery=None)
 
 

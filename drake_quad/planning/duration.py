@@ -15,7 +15,8 @@ from drake_quad.scenario.models import Scenario
 
 # Number of times at which the final braking, a polynomial of degree 6, is checked.
 _NUM_BRAKING_SAMPLES = 200
-# Largest distance of a position outside a box, m. Planned paths may end on a face of a box, to about 1e-6 m.
+# Largest distance by which a position may lie outside a box, m. A path that ends on a face of a box exceeds it by up to
+# about 1e-6 m.
 _BOX_TOLERANCE = 1e-4
 
 
@@ -31,7 +32,7 @@ def flight_duration(scenario: Scenario, plan: Plan) -> float:
     duration = _whole_ticks(wanted, scenario)
     if duration > MAX_TICKS * shortest + period:
         raise InputError(
-            f"the flight would take {duration:g} s, but may take at most {MAX_TICKS * shortest:g} s, which is"
+            f"the flight would take {duration:g} s, but must take at most {MAX_TICKS * shortest:g} s, which is"
             f" {MAX_TICKS:,} times the shortest period"
         )
     start = window_start(scenario, plan)
@@ -101,7 +102,7 @@ def _check_room(positions: np.ndarray, scenario: Scenario) -> None:
 def window_end(scenario: Scenario, plan: Plan) -> float:
     """Return the end of the metric window, s; infinite if the window ends with the flight.
 
-    A window that begins with a lap ends with the last lap, even if the flight continues after it.
+    A window that begins with a lap ends with the last lap, even if the flight continues.
     """
     window = scenario.metrics
     if window.end is not None:

@@ -34,7 +34,7 @@ class Samples(NamedTuple):
 class Exported(NamedTuple):
     """Option to export random numbers as input ports of the diagram.
 
-    A port has all random numbers of a period, tick after tick, and is read at the start of the period.
+    A port supplies all random numbers of a period, tick after tick, and is read at the start of the period.
 
     Attributes:
         period: period, s, which is a multiple of the periods of all streams.
@@ -84,9 +84,9 @@ class NoiseSource(FleetSystem):
         output_ports:
         - random
 
-    The output packs the rows of all streams, under their names. Its value at any time is that of the nearest tick,
-    since systems read it at ticks. The numbers of a tick depend on the seed, the sample, the stream and the tick only.
-    The only parameter of the context is `streams`.
+    The output packs the rows of all streams, under their names. At any time, its value is the value of the nearest
+    tick, since systems read the output at ticks. The numbers of a tick depend only on the seed, the sample, the stream
+    and the tick. The only parameter of the context is `streams`.
 
     Args:
         num_vehicles: number N of vehicles.
@@ -113,10 +113,11 @@ class NoiseSource(FleetSystem):
 def random_streams(systems: Mapping[str, Any], kind: StreamKind) -> dict[str, list[Stream]]:
     """Return the streams for the random input ports of each system, in the order of the ports.
 
-    The name of a stream is that of its system and port, so that its numbers do not depend on other streams.
+    The name of a stream consists of the names of its system and port, so that its numbers do not depend on other
+    streams.
 
     Args:
-        systems: systems by name; those that are not a FleetSystem have no such ports.
+        systems: systems by name; only a FleetSystem can have such ports.
         kind: purpose of the random numbers.
     """
     return {
@@ -147,7 +148,7 @@ def connect_noise(builder: DiagramBuilder, ports: Mapping[Stream, Any], samples:
     """Connect random input ports to noise sources, which are added to the builder.
 
     For a single vehicle, one source named `noise` serves all ports. For a fleet, every port has its own source, since
-    further calls cost less than splitting an output with many rows.
+    additional calls take less time than splitting an output with many rows.
 
     Args:
         builder: builder with the systems of the ports.
@@ -166,7 +167,7 @@ def connect_noise(builder: DiagramBuilder, ports: Mapping[Stream, Any], samples:
 
 
 def numbers_of_tick(numbers: tuple[Row, ...], count: int, tick: Tick) -> tuple[Row, ...]:
-    """Return the numbers for one tick out of the numbers for a period of `count` ticks."""
+    """Return the numbers of one tick, given the numbers of a period of `count` ticks."""
     num_rows = len(numbers) // count
     tick_number = 2.0 * tick.pair + where(tick.second, 1.0, 0.0)
     index = tick_number - count * nearest(tick_number / count - 0.5 + 0.5 / count)
@@ -179,7 +180,7 @@ def numbers_of_tick(numbers: tuple[Row, ...], count: int, tick: Tick) -> tuple[R
 
 @fleet_system(float, AutoDiffXd)
 class TickByTick(FleetSystem):
-    """Converter of random numbers of a whole period to those of each tick.
+    """Converter from the random numbers of a whole period to the random numbers of each tick.
 
     .. pydrake_system::
 
@@ -204,7 +205,7 @@ class TickByTick(FleetSystem):
 
 
 def export_noise(builder: DiagramBuilder, ports: Mapping[Stream, Any], exported: Exported, num_vehicles: int) -> None:
-    """Export random input ports as input ports of the diagram, named by `random.` and the name of the stream."""
+    """Export random input ports as input ports of the diagram, named `random.` followed by the name of the stream."""
     for stream, port in ports.items():
         system = TickByTick(num_vehicles=num_vehicles, stream=stream, period=exported.period)
         builder.Connect(builder.AddNamedSystem(f"random_{stream.name}", system).get_output_port(), port)

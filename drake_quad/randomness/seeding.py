@@ -1,8 +1,8 @@
 """NumPy's SeedSequence for arrays of samples.
 
-Simulating a flight takes three milliseconds, so 12 µs for each `numpy.random.SeedSequence` would be noticeable. This
+Simulating a flight takes three milliseconds, so the 12 µs of each `numpy.random.SeedSequence` are noticeable. This
 module implements the algorithm of SeedSequence, which is M. E. O'Neill's seed_seq_fe ("Developing a seed_seq
-alternative", 2015), on arrays. A test compares both.
+alternative", 2015), on arrays. A test compares the module with NumPy.
 """
 
 from typing import Any
@@ -58,7 +58,7 @@ def child_words(entropy: int | np.ndarray, samples: np.ndarray, kind: int) -> np
 
 
 def _words(entropy: int | np.ndarray) -> list[Any]:
-    """Return the 32-bit words of a number or of an array of numbers, lowest first, padded with zeros."""
+    """Return the 32-bit words of a number or of an array of numbers, least significant first, padded with zeros."""
     words = [entropy & _MASK_32]
     while np.any(entropy := entropy >> 32):
         words.append(entropy & _MASK_32)

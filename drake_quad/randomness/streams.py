@@ -1,13 +1,13 @@
 """Streams of the random numbers of a study.
 
-A study has a seed, and each of its samples has three kinds of random numbers: drawn parameters, wind, and noise. Every
-drawn field and every port has its own stream, which is identified by its kind and name. For that reason, a sample does
-not depend on other random numbers, their order, other samples or the machine.
+A study has a seed, and each of its samples uses three kinds of random numbers: drawn parameters, wind, and noise. Every
+drawn field and every port has its own stream, which is identified by its kind and name. A sample therefore does not
+depend on other random numbers, the order of drawing, other samples or the machine.
 
-NumPy's generators draw numbers for one sample at a time, which took a seventh of the time of a fleet's flight. The
-numbers of a stream are therefore those of SplitMix64 (G. L. Steele, D. Lea and C. H. Flood, "Fast splittable
-pseudorandom number generators", OOPSLA 2014). It computes number k of a stream from k directly, for all streams at
-once: its state is incremented by a constant for each number, and a hash of the state is the number.
+NumPy's generators draw numbers for one sample at a time, which took a seventh of the time of a fleet's flight. Streams
+therefore use SplitMix64 (G. L. Steele, D. Lea and C. H. Flood, "Fast splittable pseudorandom number generators", OOPSLA
+2014). SplitMix64 computes number k of a stream directly from k, for all streams at once: each number increments the
+state by a constant, and the number is a hash of the state.
 """
 
 import functools
@@ -28,7 +28,8 @@ from drake_quad.signals import Number, Row
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)
 _FACTORS = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 _SHIFTS = np.uint64(30), np.uint64(27), np.uint64(31)
-# A uniform number uses the first 52 bits of a word. Half a bit more is added, so that it is above 0 and below 1.
+# A uniform number uses the first 52 bits of a word, plus half of the last bit, so that the number is above 0 and below
+# 1.
 _FRACTION_SHIFT = np.uint64(12)
 _HALF_WORD_SHIFT = np.uint64(32)
 _LOW_HALF_MASK = np.uint64(2**32 - 1)
@@ -61,7 +62,7 @@ def stream_states(seed: Seeds, samples: Sequence[int], kind: StreamKind, name: s
 
 @functools.lru_cache(maxsize=8)
 def _sample_words(seed: Seeds, samples: tuple[int, ...], kind: StreamKind) -> np.ndarray:
-    """Return the (N,) 64-bit words of the samples, which are independent of one another, uint64."""
+    """Return the (N,) 64-bit words of the samples, uint64. The words of different samples are independent."""
     return child_words(seed if isinstance(seed, int) else np.array(seed), np.array(samples), int(kind))
 
 
@@ -100,7 +101,7 @@ def random_numbers(state: StreamState, tick: Tick, num_rows: int, normal: bool) 
     """
     word = state.word
     if normal:
-        # A word yields two normal numbers, one for each tick of a pair.
+        # A word yields two normal numbers, which are used at two successive ticks.
         first = tick.pair * float(num_rows)
         pairs = [normal_pair(state_of_number(word, first + float(row))) for row in range(num_rows)]
         return tuple([where(tick.second, second, number) for number, second in pairs])
@@ -128,7 +129,8 @@ def uniform_number(state: Any) -> Row:
 def normal_pair(state: Any) -> tuple[Row, Row]:
     """Return two normal numbers, given their SplitMix64 state, uint64.
 
-    The method is that of Box and Muller: √(-2 ln u) times sine and cosine of 2π v, with u and v of 32 bits each.
+    By the method of Box and Muller, the numbers are √(-2 ln u) times sine and cosine of 2π v, with u and v of 32 bits
+    each.
     """
     word = splitmix64(state)
     radius = sqrt(-2.0 * log((float_of(word & _LOW_HALF_MASK) + 0.5) * 2.0**-32, normal=True))

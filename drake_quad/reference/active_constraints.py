@@ -18,7 +18,7 @@ class ActiveConstraint(NamedTuple):
     """Constraint that is active at a point of a path.
 
     Attributes:
-        what: kind of the constraint: "speed", "acceleration" or "corridor".
+        what: type of the constraint: "speed", "acceleration" or "corridor".
         where: wall of the corridor, such as "y max" or "face 0"; empty for a limit.
         segment: index of the segment.
         time: time at which the constraint is active, s.
@@ -38,7 +38,7 @@ def active_constraints(
     Args:
         path: path of the position.
         limits: limits of speed and acceleration.
-        corridors: corridor of each segment, None for a segment without one; empty if there are no corridors.
+        corridors: corridor of each segment, None for a segment without a corridor; empty if there are no corridors.
     """
     active = [*_active_limits(path, limits), *_active_walls(path, corridors)]
     return sorted(active, key=lambda constraint: constraint.time)

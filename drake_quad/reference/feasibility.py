@@ -6,7 +6,8 @@ import numpy as np
 
 from drake_quad.reference.polynomial_path import PolynomialPath
 
-# A segment is a polynomial of degree 7, so this many samples resolve every peak of its derivatives.
+# Number of samples of a segment. A segment is a polynomial of degree 7, so 64 samples resolve every peak of its
+# derivatives.
 _SAMPLES_PER_SEGMENT = 64
 
 

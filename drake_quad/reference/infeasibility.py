@@ -29,7 +29,7 @@ def explain_infeasibility(problem: PathProblem, durations: np.ndarray) -> str:
     except PLANNING_ERRORS:
         return _explain_corridors(problem, durations)
     if not problem.limits.by_order:
-        # The successful attempt started from slightly different points.
+        # The solver has now succeeded from slightly different points.
         return "there is a path, but the solver failed to find it; move a waypoint slightly, or change the times"
     try:
         least_excess = MinimumSnapProgram(problem, durations, slack=RelaxedBounds.LIMITS).solve()
@@ -40,11 +40,11 @@ def explain_infeasibility(problem: PathProblem, durations: np.ndarray) -> str:
     slower = _slower_factor(problem, durations, stretch_factor(unlimited, problem.limits))
     if slower is None:
         return f"{complaint}; no slower flight was found that satisfies the derivatives given at the waypoints"
-    return f"{complaint}; flown {slower:.3g} times slower it is feasible"
+    return f"{complaint}; flown {slower:.3g} times slower, it is feasible"
 
 
 def _describe_violation(problem: PathProblem, path: PolynomialPath, qualifier: str) -> str:
-    """Return a sentence with the limit that a path violates most, the segment, and the value that it needs there."""
+    """Return a sentence with the limit that a path violates most, the segment, and the value that would be needed."""
     violations = []
     for order, limit in problem.limits.by_order.items():
         peaks = norm_peaks(path, order)
@@ -65,7 +65,7 @@ def _slower_factor(problem: PathProblem, durations: np.ndarray, enough: float) -
         problem: problem that is infeasible for these durations.
         durations: (segments,) durations, s.
         enough: factor with which a path without limits satisfies the limits. It is used if no motion is given at the
-            waypoints, since the path can then be slowed down as it is.
+            waypoints, since the path can then be slowed down without changing its shape.
     """
 
     def feasible(factor: float) -> bool:
@@ -90,7 +90,7 @@ def _slower_factor(problem: PathProblem, durations: np.ndarray, enough: float) -
 
 
 def _explain_corridors(problem: PathProblem, durations: np.ndarray) -> str:
-    """Return a sentence with the corridor that cannot be kept, and the width that it would need."""
+    """Return a sentence with the corridor that cannot be kept, and the additional width that the path needs."""
     unknown = "no path was found that satisfies the corridors and the derivatives given at the waypoints at these times"
     relaxed = MinimumSnapProgram(problem.without_limits(), durations, slack=RelaxedBounds.CORRIDORS)
     try:
@@ -99,7 +99,7 @@ def _explain_corridors(problem: PathProblem, durations: np.ndarray) -> str:
         return unknown
     worst = min(wall_approaches(path, problem.corridors), key=lambda approach: approach.room, default=None)
     if worst is None or worst.room >= 0.0:
-        # The relaxed path keeps to the corridors, so a path exists that the solver failed to find.
+        # The relaxed path stays in the corridors, so the solver failed although a path exists.
         return unknown
     wider = WALL_MARGIN * worst.size - worst.room
     return (

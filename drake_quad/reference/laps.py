@@ -1,10 +1,10 @@
-"""Paths with several laps: from rest into a periodic path, and out of it to rest.
+"""Paths with several laps: they begin at rest, are periodic, and end at rest.
 
 The laps between the first and the last are identical. Each is the minimum-snap path with periodic ends: velocity,
 acceleration and jerk at the seam are such that the fourth to sixth derivatives are continuous there, as at any other
-waypoint. The first lap begins at rest and the last lap ends at rest, and both have the same motion at the seam as the
-others. Three derivatives are therefore continuous everywhere, and a controller that learns in one lap can use the
-result in the next.
+waypoint. The first lap begins at rest and the last lap ends at rest, and both share the motion of the other laps at the
+seam. Three derivatives are therefore continuous everywhere, and a controller that learns in one lap can use the result
+in the next.
 """
 
 from typing import NamedTuple
@@ -19,7 +19,7 @@ _CONTINUOUS_ORDERS = np.array([6, 5, 4])
 
 
 class LapDurations(NamedTuple):
-    """Durations of the segments in each kind of lap, (segments,) arrays, s.
+    """Durations of the segments of the first, the middle and the last laps, (segments,) arrays, s.
 
     Attributes:
         first: durations of the first lap, including the segments that lead to it.
@@ -35,10 +35,10 @@ class LapDurations(NamedTuple):
 def path_of_laps(
     waypoints: np.ndarray, durations: LapDurations, laps: int, *, lead: int = 0, stops: np.ndarray | None = None
 ) -> tuple[PolynomialPath, tuple[float, ...]]:
-    """Return the path of several laps, the start time of each lap, and the end time of the last one, s.
+    """Return the path of several laps, the start time of each lap, and the end time of the last lap, s.
 
     Args:
-        waypoints: (segments + 1, axes) points to pass, m. The last one is equal to the one with the index `lead`.
+        waypoints: (segments + 1, axes) points to pass, m. The last point equals the point with the index `lead`.
         durations: durations of the segments.
         laps: number of laps, two or more.
         lead: number of segments that lead to the first lap.
@@ -65,9 +65,10 @@ def periodic_seam(points: np.ndarray, durations: np.ndarray, derivatives: np.nda
     """Return the (3, axes) velocity, acceleration and jerk at the seam of the periodic minimum-snap path.
 
     Args:
-        points: (segments + 1, axes) waypoints of a lap, m; the last one is equal to the first.
+        points: (segments + 1, axes) waypoints of a lap, m; the last waypoint equals the first.
         durations: (segments,) durations, s.
-        derivatives: (segments + 1, 3, axes) derivatives as for `minimum_snap`; the last ones apply to the seam.
+        derivatives: (segments + 1, 3, axes) derivatives as for `minimum_snap`; the derivatives at the last waypoint
+            apply to the seam.
     """
     given = derivatives[-1]
     unknown = np.isnan(given).any(axis=1)

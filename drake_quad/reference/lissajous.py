@@ -7,7 +7,8 @@ from numpy.typing import ArrayLike
 
 from drake_quad.reference.polynomial_path import PolynomialPath, hermite_path
 
-# Knots per turn of the fastest sine. Between the knots, the error of the path is below 1e-10 of the amplitude.
+# Number of knots per period of the fastest sine. Between the knots, the error of the path is below 1e-10 of the
+# amplitude.
 _KNOTS_PER_TURN = 16
 
 
@@ -19,7 +20,7 @@ def lissajous(
     Args:
         centre: (3,) centre c, m.
         amplitude: (3,) amplitudes a, m.
-        turns: (3,) numbers n of turns per lap, integers.
+        turns: (3,) integer numbers n of periods per lap.
         phase: (3,) phases φ, rad.
         period: duration T of a lap, s.
         laps: number of laps.

@@ -5,19 +5,19 @@ On segment i of duration T_i, each axis is the polynomial p(s) = Σ c_k s^k, k =
 
 The boundary derivatives of a segment, position to jerk at both ends, determine its polynomial of degree 7. The
 positions are the waypoints. Velocity, acceleration and jerk are given at some waypoints, and are zero at both ends of
-the path (paper, section on the trajectory). The free derivatives are three numbers for each waypoint and axis. Both
-segments that meet at a waypoint share them, so the path has three continuous derivatives by construction.
+the path (paper, section on the trajectory). Each waypoint has three free derivatives per axis. Both segments that meet
+at a waypoint share these derivatives, so the path has three continuous derivatives by construction.
 
 The cost is a positive definite quadratic form in the free derivatives, with a block tridiagonal matrix. Its minimum
 therefore requires one banded Cholesky factorisation, whose cost is linear in the number of segments. At the minimum,
 the fourth to sixth derivatives are also continuous (paper eq (21)), except where a derivative is given.
 
 Every quantity is scaled by the duration of the shorter adjacent segment, and the matrix is scaled to unit diagonal.
-Absolute time never enters. The result is therefore accurate even if segments of 0.2 s and of 20 s are adjacent.
+Absolute time is not used. The result is therefore accurate even if segments of 0.2 s and of 20 s are adjacent.
 
-In these units, the entries of the form are powers of the durations, so their derivatives with respect to the durations
-have a simple form. The gradient of the cost requires no further solution (envelope theorem). The derivatives of the
-path with respect to all durations require one solution with as many right-hand sides.
+In these units, the entries of the quadratic form are powers of the durations, so their derivatives with respect to the
+durations are simple. The gradient of the cost requires no further solution (envelope theorem). The derivatives of the
+path with respect to all durations require one solution, with one right-hand side per duration.
 """
 
 import math
@@ -58,9 +58,9 @@ _SNAP_ROOT = np.linalg.cholesky(_SNAP_FORM[4:, 4:]).T @ FROM_BOUNDARY[4:]
 
 
 def minimum_snap(waypoints: ArrayLike, times: ArrayLike, derivatives: ArrayLike | None = None) -> PolynomialPath:
-    """Return the path with the least integrated squared snap through waypoints at given times.
+    """Return the path with the smallest integrated squared snap through waypoints at given times.
 
-    The problem is that of `minimum_snap_program` without inequalities, which has a closed-form solution.
+    This is the problem of `minimum_snap_program` without inequalities. It has a closed-form solution.
 
     Args:
         waypoints: (segments + 1, axes) points to pass, m.
@@ -76,7 +76,7 @@ def minimum_snap(waypoints: ArrayLike, times: ArrayLike, derivatives: ArrayLike 
 
 
 def rest_at_ends(count: int, axes: int) -> np.ndarray:
-    """Return (count, 3, axes) derivatives at the waypoints: zero at the first and the last, NaN (free) in between."""
+    """Return (count, 3, axes) derivatives at waypoints: zero at the first and the last one, NaN (free) in between."""
     derivatives = np.full((count, NUM_FREE, axes), np.nan)
     derivatives[[0, -1]] = 0.0
     return derivatives
@@ -179,7 +179,7 @@ class MinimumSnap:
         """Return the (segments,) derivatives of the cost with respect to the durations, m²/s⁸."""
         roots, growth = _SNAP_ROOT @ self.boundary, _SNAP_ROOT @ (ORDERS[:, np.newaxis] * self.boundary)
         gradient = np.einsum("n,nka,nka->n", self.durations**-8.0, roots, 2.0 * growth - 7.0 * roots)
-        # The multipliers are in the units of the form, in which the weight of the shortest segment is one.
+        # The multipliers are in the units of the quadratic form, in which the weight of the shortest segment is one.
         shortest = self.durations.min()
         shifts = self._at_contacts(ORDERS[:, np.newaxis] * self.boundary)
         for contact, multiplier, shift in zip(self.contacts, self._multipliers, shifts, strict=True):
@@ -190,7 +190,7 @@ class MinimumSnap:
         """Return the derivatives of `boundary` with respect to the logarithms of the durations.
 
         Returns:
-            (segments, 8, axes, segments) derivatives; the last index is that of the duration.
+            (segments, 8, axes, segments) derivatives; the last index selects the duration.
         """
         segments, _, axes = self.boundary.shape
         indices = np.arange(segments)
@@ -199,7 +199,7 @@ class MinimumSnap:
         if not self._fixed.all():
             form = BOUNDARY_FORM @ self.boundary
             residual = ORDERS[:, np.newaxis] * form - 7.0 * form + BOUNDARY_FORM @ growth
-            # A duration changes only the residual of its own segment, but the solution changes everywhere.
+            # A change of a duration changes the residual of this segment only, but the solution on all segments.
             local = np.zeros((segments, 8, axes, segments))
             local[indices, :, :, indices] = residual
             gaps = np.zeros((len(self.contacts), segments))
@@ -225,7 +225,7 @@ class MinimumSnap:
         return boundary
 
     def _free_gradient(self, boundary_gradient: np.ndarray) -> np.ndarray:
-        """Return the gradient (waypoints, 3, columns) with respect to the free derivatives; zero for given ones.
+        """Return the gradient (waypoints, 3, columns) with respect to the free derivatives; zero for given derivatives.
 
         Args:
             boundary_gradient: (segments, 8, columns) gradient with respect to the boundary derivatives, not yet
@@ -256,7 +256,7 @@ class MinimumSnap:
                     bands[row - column, column::NUM_FREE] = diagonal[:, row, column]
                 bands[NUM_FREE + row - column, column : size - NUM_FREE : NUM_FREE] = coupling[:, row, column]
         unit = 1.0 / np.sqrt(bands[0])
-        # Rows of given derivatives have no coupling to others, so the solution is zero there.
+        # Rows of given derivatives are not coupled to other rows, so their solution is zero.
         free = np.where(self._fixed.ravel(), 0.0, unit)
         for distance in range(1, 2 * NUM_FREE):
             bands[distance, : size - distance] *= free[: size - distance] * free[distance:]
@@ -326,7 +326,7 @@ def waypoint_units(durations: np.ndarray) -> np.ndarray:
 
 
 def boundary_scales(durations: np.ndarray, unit: np.ndarray) -> np.ndarray:
-    """Return (segments, 8) factors that convert derivatives from the waypoints' units of time to the segment's."""
+    """Return (segments, 8) factors that convert derivatives from the waypoints' units of time to the segment's unit."""
     ratio = np.repeat(np.column_stack([durations / unit[:-1], durations / unit[1:]]), 4, axis=1)
     return np.asarray(ratio**ORDERS)
 

@@ -26,18 +26,20 @@ from drake_quad.reference.polynomial_path import (
 from drake_quad.reference.regions import Box, Sphere
 from drake_quad.reference.walls import WallApproach, wall_approaches
 
-# Tolerances that are tried in this order. Near the limit of feasibility, Clarabel may fail to reach the smallest one.
-# Its default is 1e-8.
+# Solver tolerances, tried in this order. Near the limit of feasibility, Clarabel may fail to reach the smallest
+# tolerance. Clarabel's default is 1e-8.
 _SOLVER_TOLERANCES = (1e-9, 1e-7, 1e-5)
-# Smallest necessary violation of the limits, relative to them, that proves a problem to be infeasible.
+# A problem is infeasible if the smallest possible violation of the limits, relative to the limits, is larger than this.
 _MIN_RELATIVE_EXCESS = 1e-4
-# The program bounds a path at single points. These margins keep it within limits and corridors between the points.
+# The program bounds a path at single points. These margins keep the path within limits and corridors between the
+# points.
 _LIMIT_MARGIN = 1e-4  # relative to the limit
 WALL_MARGIN = 1e-5  # relative to the largest extent of the corridor
-# Tolerance for leaving a corridor, relative to its largest extent. A waypoint on a wall leaves no room for a margin.
+# Largest distance by which a path may leave a corridor, relative to the largest extent of the corridor. A waypoint on a
+# wall leaves no room for a margin.
 _WALL_TOLERANCE = 1e-7
 _MAX_ROUNDS = 25
-# Weight of the snap relative to the slack, large enough to select among paths with equal slack.
+# Weight of the snap relative to the slack. It selects among paths with equal slack.
 _SNAP_WEIGHT_WITH_SLACK = 1e-6
 
 
@@ -54,7 +56,7 @@ PLANNING_ERRORS = (InfeasibleError, SolverError)
 
 
 def path_within(problem: PathProblem, durations: np.ndarray) -> PolynomialPath:
-    """Return the path with the least integrated squared snap that satisfies the constraints of a problem.
+    """Return the path with the smallest integrated squared snap that satisfies the constraints of a problem.
 
     Args:
         problem: constraints of the path.
@@ -85,20 +87,20 @@ def _with_rounding(limit: float) -> float:
 
 
 class RelaxedBounds(Enum):
-    """Constraints that a program may violate. It then minimises the violation instead of the snap."""
+    """Constraints that a program may violate. The program then minimises the violation instead of the snap."""
 
     LIMITS = "limits"  # violation relative to each limit
     CORRIDORS = "corridors"  # violation as a distance, m
 
 
 class MinimumSnapProgram:
-    """Program whose solution is the path with the least integrated squared snap (paper eqs (18)-(21)).
+    """Program whose solution is the path with the smallest integrated squared snap (paper eqs (18)-(21)).
 
     The variables are the free positions, velocities, accelerations and jerks at the waypoints, relative to the
     unconstrained path through one point of each waypoint. They are scaled to similar magnitudes for any durations, and
     they are zero if no constraint is active. Both segments that meet at a waypoint share its variables, so the path has
-    three continuous derivatives. Without inequalities, six derivatives are continuous at the optimum. An active bound
-    can cause jumps of the fourth to sixth.
+    three continuous derivatives. Without inequalities, six derivatives are continuous at the optimum. At an active
+    bound, the fourth to sixth derivatives can jump.
 
     A limit or a corridor is an inequality for each of infinitely many points of a segment. The program starts without
     these inequalities. `solve` adds them at the points where the solution violates them most, until there is no
@@ -260,7 +262,7 @@ class MinimumSnapProgram:
                     self.program.AddLorentzConeConstraint(matrix, offset, position[free])
 
     def _local(self, segment: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return a segment's variables (None for given values), their mask, and its boundary derivatives without them.
+        """Return a segment's variables (None for given values), their mask, and boundary derivatives if all are zero.
 
         Each of the three arrays has the shape (8, axes).
         """
@@ -321,7 +323,7 @@ class MinimumSnapProgram:
             self.excess = float(result.GetSolution(self._slack_variable[0]))
 
     def _tighten(self, path: PolynomialPath) -> bool:
-        """Add bounds where the path violates a limit or a corridor, and return whether it does."""
+        """Add bounds where the path violates a limit or a corridor, and return whether any bound was added."""
         is_violated = False
         share = 1.0 + (self.excess if self._slack is RelaxedBounds.LIMITS else 0.0)
         for order, limit in self._problem.limits.by_order.items():
@@ -333,7 +335,7 @@ class MinimumSnapProgram:
         return self._tighten_walls(path) or is_violated
 
     def _tighten_walls(self, path: PolynomialPath) -> bool:
-        """Add bounds where the path leaves a corridor, and return whether it does."""
+        """Add bounds where the path leaves a corridor, and return whether any bound was added."""
         is_violated = False
         allowed_excess = self.excess if self._slack is RelaxedBounds.CORRIDORS else 0.0
         for approach in wall_approaches(path, self._problem.corridors):
@@ -365,12 +367,12 @@ class MinimumSnapProgram:
 def _variable_scales(path: MinimumSnap, unit: np.ndarray) -> np.ndarray:
     """Return (waypoints, 4) changes of position to jerk, in the waypoints' units of time, that cost as much as a path.
 
-    Each change alone has about the cost of the given path.
+    Each single change has about the cost of the given path.
     """
     scales = boundary_scales(path.durations, unit)
     costs = np.diag(BOUNDARY_FORM) * scales**2 * path.durations[:, np.newaxis] ** -7.0
     curvature = np.zeros((len(unit), NUM_FREE + 1))
     curvature[:-1] += costs[:, : NUM_FREE + 1]
     curvature[1:] += costs[:, NUM_FREE + 1 :]
-    # If the path has no cost, any scale will do.
+    # Without a cost, the scale does not matter.
     return np.asarray(np.sqrt((path.cost if path.cost > 0.0 else 1.0) / curvature))

@@ -1,4 +1,4 @@
-"""Path-planning problem: waypoints, derivatives that are given there, corridors and limits.
+"""Path-planning problem: waypoints, derivatives given at waypoints, corridors and limits.
 
 Waypoints and segments are numbered from 0, as in scenario files. Segment i leads from waypoint i to waypoint i + 1.
 """
@@ -28,14 +28,14 @@ from drake_quad.reference.regions import (
     overlap,
 )
 
-# Limits within which plans are accurate in floating point, and which include everything that a quadrotor flies.
+# Limits within which plans are accurate in floating point. They include everything that a quadrotor flies.
 _MIN_DISTANCE = 1e-5  # smallest distance between successive waypoints, m
 _MAX_COORDINATE = 1e5  # largest coordinate of a waypoint, m
 
 
 @dataclass(frozen=True)
 class PathLimits:
-    """Limits on speed and acceleration along the whole path; infinite if there is none.
+    """Limits on speed and acceleration along the whole path; infinite for no limit.
 
     Attributes:
         speed: largest norm of the velocity, m/s.
@@ -65,15 +65,16 @@ class PathProblem:
     """Constraints of a path that is to be planned.
 
     Attributes:
-        waypoints: regions through which the path passes, in order, segments + 1 of them; a point is a box of no extent.
+        waypoints: (segments + 1) regions through which the path passes, in order; a point is a box without extent.
         derivatives: (segments + 1, 3, axes) velocity (m/s), acceleration (m/s²) and jerk (m/s³) at the waypoints. Each
-            is given on all axes, or NaN on all axes if it is free. By default the path is at rest at both ends and free
-            in between.
-        corridors: box or polytope that the path must not leave, for each segment; None for a segment without one. By
-            default there are none.
-        limits: limits on speed and acceleration; by default there are none.
+            derivative is given on all axes, or NaN on all axes if it is free. By default the path is at rest at both
+            ends and free in between.
+        corridors: box or polytope that the path must not leave, for each segment; None for a segment without a
+            corridor. By default there are no corridors.
+        limits: limits on speed and acceleration; by default no limits.
         start: (segments + 1, axes) initial points of a search within the waypoints' regions, m. By default these are
-            the centres of the regions, or, if a region is a polytope, points on the shortest polyline through all.
+            the centres of the regions, or, if a region is a polytope, points on the shortest polyline through all
+            regions.
 
     Raises:
         InputError: if shapes do not match, or no path can satisfy the constraints at any times.
@@ -123,7 +124,7 @@ class PathProblem:
 
     @property
     def passes_points(self) -> bool:
-        """True if all waypoints are points and there are no corridors, so that only limits prevent a closed form."""
+        """True if all waypoints are points without corridors, so that the path without limits has a closed form."""
         return all(map(_is_point, self.waypoints)) and not any(self.corridors)
 
     @property
@@ -171,8 +172,8 @@ class PathProblem:
     def representatives(self) -> np.ndarray:
         """Return an allowed point (segments + 1, axes) for each waypoint, m.
 
-        The point is the nearest allowed one to `start`, or, without a start, to the centre of the waypoint's region. If
-        there is no start and a region is a polytope, all points are those of the shortest polyline.
+        The point is the allowed point nearest to `start`, or, without a start, to the centre of the waypoint's region.
+        If there is no start and a region is a polytope, all points lie on the shortest polyline.
         """
         return self._representatives
 
@@ -203,7 +204,7 @@ class PathProblem:
         return tuple(faces_of_waypoints)
 
     def _regions(self, waypoint: int) -> list[WaypointRegion]:
-        """Return the corridors before and after a waypoint, and its own region."""
+        """Return the corridors before and after a waypoint, and the waypoint's region."""
         adjacent = self.corridors[max(waypoint - 1, 0) : waypoint + 1]
         return [*(corridor for corridor in adjacent if corridor is not None), self.waypoints[waypoint]]
 
@@ -236,7 +237,7 @@ class PathProblem:
         )
 
     def _check_waypoints(self) -> None:
-        """Raise InputError if a waypoint is too far away, or too near to the next one."""
+        """Raise InputError if a waypoint is too far from the origin, or too near to the next waypoint."""
         for i, region in enumerate(self.waypoints):
             if np.abs(region.centre).max() > _MAX_COORDINATE:
                 raise InputError(f"waypoint {i}, {region} m, is farther than {_MAX_COORDINATE:g} m from the origin")
@@ -299,7 +300,7 @@ class PathProblem:
             for i in np.flatnonzero(sizes > limit):
                 name, unit = (("velocity", "m/s"), ("acceleration", "m/s²"))[order - 1]
                 raise InputError(
-                    f"the {name} at waypoint {i} is given as {sizes[i]:g} {unit}, beyond the limit of {limit:g} {unit}"
+                    f"the {name} at waypoint {i} is {sizes[i]:g} {unit}, more than the limit of {limit:g} {unit}"
                 )
 
 
@@ -309,7 +310,7 @@ def _is_point(region: WaypointRegion) -> bool:
 
 
 def _describe_gap(one: WaypointRegion, other: WaypointRegion) -> str:
-    """Return text with the distance of two regions, and for boxes the axis; empty if the distance is not known."""
+    """Return text with the distance between two regions, and for boxes the axis; empty if the distance is not known."""
     if isinstance(one, Polytope) or isinstance(other, Polytope):
         polytope, region = (one, other) if isinstance(one, Polytope) else (other, one)
         if not _is_point(region):

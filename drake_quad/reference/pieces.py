@@ -2,8 +2,8 @@
 
 A piece consists of a duration and polynomials c_0 + c_1 t + ... + c_7 t⁷ for x, y, z (m) and the yaw (rad), where t is
 the time from the beginning of the piece, s. In a file, the columns are `duration,x^0,...,x^7,y^0,...,z^0,...,yaw^0,...,
-yaw^7`, each row is a piece, and the first piece begins at time 0. The format is that of W. Hönig et al., "Trajectory
-planning for quadrotor swarms", 2018, and of the programs that are based on it.
+yaw^7`, each row is a piece, and the first piece begins at time 0. The format was introduced by W. Hönig et al.,
+"Trajectory planning for quadrotor swarms", 2018, and is used by the programs that are based on it.
 """
 
 import math
@@ -48,7 +48,7 @@ def pieces_of(plan: Plan) -> np.ndarray:
 def plan_of_pieces(rows: np.ndarray, *, origin: Any = (0.0, 0.0, 0.0), time_scale: float = 1.0) -> Plan:
     """Return the plan of a table of polynomial pieces.
 
-    The yaw of a piece is shifted by whole turns so that it begins nearest to the end of the piece before it. A table
+    The yaw of a piece is shifted by whole turns so that it begins nearest to the end of the preceding piece. A table
     whose yaw wraps from π to -π between two pieces therefore has a continuous yaw.
 
     Args:
@@ -92,7 +92,7 @@ def minsnap_trajectory(plan: Plan) -> Any:
     """Return the position of a plan as a `PiecewisePolynomialTrajectory` of minsnap-trajectories; exact.
 
     Raises:
-        ImportError: if minsnap-trajectories, which the extra `minsnap` contains, is not installed.
+        ImportError: if minsnap-trajectories is not installed; the extra `minsnap` contains it.
     """
     minsnap, path = import_extra("minsnap_trajectories", "minsnap"), plan.path
     scale = path.durations[:, np.newaxis, np.newaxis] ** -np.arange(path.coefficients.shape[1])[:, np.newaxis]
@@ -105,7 +105,7 @@ def minsnap_waypoints(plan: Plan) -> list[Any]:
     From these waypoints, minsnap-trajectories plans the same path with `degree=7` and `num_continuous_orders=4`.
 
     Raises:
-        ImportError: if minsnap-trajectories, which the extra `minsnap` contains, is not installed.
+        ImportError: if minsnap-trajectories is not installed; the extra `minsnap` contains it.
     """
     minsnap = import_extra("minsnap_trajectories", "minsnap")
     return [
@@ -122,7 +122,7 @@ def plan_of_minsnap(trajectory: Any, yaw: float = 0.0) -> Plan:
         yaw: constant yaw, rad.
 
     Raises:
-        InputError: if the trajectory has no piece, or not three dimensions.
+        InputError: if the trajectory has no pieces, or does not have three dimensions.
     """
     coefficients = np.asarray(trajectory.coefficients, dtype=float)
     times = np.asarray(trajectory.time_reference, dtype=float)

@@ -20,10 +20,10 @@ PATH_ORDERS = 4
 """Number of continuous derivatives of the position where a reference comes to rest, including order zero."""
 YAW_ORDERS = 2
 """Number of continuous derivatives of the yaw where a reference comes to rest, including order zero."""
-# Acceleration that braking may use even if the route needs less, m/s². It is the paper's limit on the acceleration.
+# Acceleration that braking may use even if the route needs less, m/s²: the paper's limit on the acceleration.
 _BRAKING_ACCELERATION = 0.7
-# Angular acceleration that braking of the yaw may use, rad/s². With this assumption, a yaw rate of 1 rad/s ends within
-# two seconds.
+# Angular acceleration that braking of the yaw may use, rad/s². With this value, a yaw rate of 1 rad/s ends within two
+# seconds.
 _YAW_BRAKING_ACCELERATION = 1.0
 
 REFERENCE_PORTS = {name: SIGNALS[name] for name in ("reference", "reference_jerk", "reference_snap")}
@@ -41,7 +41,7 @@ class Plan:
         path: path of the position in W.
         yaw: path of the yaw over the same time, with one axis, rad.
         legs: named parts of the route, for display.
-        laps: start times of the laps and end time of the last one, s; empty for a route without laps.
+        laps: start times of the laps and end time of the last lap, s; empty for a route without laps.
     """
 
     path: PolynomialPath
@@ -90,7 +90,7 @@ class Plan:
 
     @property
     def lap_times(self) -> tuple[float, ...]:
-        """Start times of the laps and end time of the last one, s; a route without laps counts as one lap."""
+        """Start times of the laps and end time of the last lap, s; a route without laps counts as one lap."""
         return self.laps or (float(self.path.times[0]), float(self.path.times[-1]))
 
     @property

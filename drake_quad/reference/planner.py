@@ -37,14 +37,14 @@ class GivenTimes:
 class Heuristic:
     """Heuristic timing: the faster of a non-stop and a stop-at-every-waypoint profile, scaled to the limits.
 
-    If a nonzero derivative is given at a waypoint, scaling would change it. The timing is then the first feasible one
-    of several total durations.
+    If a nonzero derivative is given at a waypoint, scaling would change it. The timing is then the first feasible
+    timing of several total durations.
     """
 
 
 @dataclass(frozen=True)
 class LeastSnap:
-    """Timing with the least integrated squared snap for a given total duration.
+    """Timing with the smallest integrated squared snap for a given total duration.
 
     Attributes:
         duration: total duration, s.
@@ -68,7 +68,8 @@ Timing = GivenTimes | Heuristic | LeastSnap | Shortest
 def plan_path(problem: PathProblem, timing: Timing) -> PolynomialPath:
     """Return the minimum-snap path that satisfies the constraints of a problem.
 
-    If the times are given, the vehicle stays at a waypoint that is repeated. Otherwise repeated waypoints count as one.
+    If the times are given, the vehicle stops at a waypoint that is repeated. Otherwise repeated waypoints count as one
+    waypoint.
 
     Args:
         problem: constraints of the path.
@@ -122,11 +123,11 @@ def without_repeats(problem: PathProblem) -> PathProblem:
         if (
             (kept_derivatives != repeated_derivatives) & ~np.isnan(kept_derivatives) & ~np.isnan(repeated_derivatives)
         ).any():
-            raise InputError(f"waypoint {i} repeats waypoint {i - 1}, but different derivatives are given there")
+            raise InputError(f"waypoint {i} repeats waypoint {i - 1}, but different derivatives are given at the two")
         derivatives[kept[-1]] = np.where(np.isnan(kept_derivatives), repeated_derivatives, kept_derivatives)
     if len(kept) < 2:
         raise InputError(f"all waypoints are the same point, {problem.waypoints[0]} m; there is nothing to fly")
-    # The remaining segments are those that lead to the remaining waypoints.
+    # The remaining segments lead to the remaining waypoints.
     corridors = [problem.corridors[i - 1] for i in kept[1:]]
     return PathProblem(
         [problem.waypoints[i] for i in kept],

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 # Number of intervals of a segment in which peaks are searched for. A polynomial of low degree has at most one relevant
-# peak in each.
+# peak in each interval.
 NUM_CELLS = 48
 _SAMPLES = np.linspace(0.0, 1.0, NUM_CELLS + 1)
-# The error of a peak's value is of second order in the error of its position, so these bisections leave only rounding.
+# Number of bisections that locate a peak. The error of its value is of second order in the error of its position, so
+# that only rounding errors remain.
 _NUM_BISECTIONS = 16
 
 
@@ -87,7 +88,8 @@ def hermite_matrix(orders: int) -> np.ndarray:
     the start and then at the end.
     """
     to_boundary = np.array([power_basis(order, s, 2 * orders) for s in (0.0, 1.0) for order in range(orders)])
-    # The entries of the inverse are integers divided by this factorial. Rounding to them removes the inversion error.
+    # The entries of the inverse are integers divided by this factorial. Rounding to such numbers removes the inversion
+    # error.
     denominator = math.factorial(orders - 1)
     return np.asarray(np.round(denominator * np.linalg.inv(to_boundary)) / denominator)
 
@@ -131,7 +133,7 @@ def path_derivative(path: PolynomialPath, order: int) -> PolynomialPath:
 
 
 def evaluate(path: PolynomialPath, times: ArrayLike, order: int = 0) -> np.ndarray:
-    """Return the (axes, samples) time derivative of a path; outside the path, the value is that at the nearer end.
+    """Return the (axes, samples) time derivative of a path; outside the path, the value at the nearer end.
 
     Args:
         path: path to evaluate.
@@ -163,12 +165,13 @@ def refined(path: PolynomialPath, times: np.ndarray) -> PolynomialPath:
     next_index = np.clip(np.searchsorted(path.times, times), 1, len(path.times) - 1)
     distance = np.minimum(np.abs(times - path.times[next_index - 1]), np.abs(times - path.times[next_index]))
     inside = (times > path.times[0]) & (times < path.times[-1])
-    # Times that differ only by rounding count as one.
+    # Times that differ only by rounding errors count as one time.
     joined = np.union1d(path.times, times[inside & (distance > 1e-9 * path.durations.min())])
     segment = np.searchsorted(path.times, joined[:-1], side="right") - 1
     duration = path.durations[segment]
     start, share = (joined[:-1] - path.times[segment]) / duration, np.diff(joined) / duration
-    # The coefficients are those of the Taylor series of p(start + share u) in u. A whole segment keeps its own.
+    # The coefficients are those of the Taylor series of p(start + share u) in u. A segment that is not divided keeps
+    # its coefficients.
     powers = path.coefficients.shape[1]
     taylor = np.stack([power_basis(k, start, powers) / math.factorial(k) for k in range(powers)], axis=1)
     taylor *= share[:, np.newaxis, np.newaxis] ** np.arange(powers)[:, np.newaxis]
@@ -179,7 +182,7 @@ def norm_peaks(path: PolynomialPath, order: int) -> Peaks:
     """Return the local maxima of the norm of a time derivative, and its values at the ends of the segments."""
     components = path_derivative(path, order).coefficients
     powers = components.shape[1]
-    # The slope of half the squared norm is the sum over the axes of products of two polynomials.
+    # The derivative of half the squared norm is the sum over the axes of products of two polynomials.
     rates = components[:, 1:] * np.arange(1.0, powers)[:, np.newaxis]
     slopes = np.zeros((len(components), 2 * powers - 2))
     for power in range(powers):
@@ -236,8 +239,8 @@ def _find_maxima(
     """Return the rows and arguments at which functions on [0, 1] have maxima.
 
     Args:
-        slopes: (rows, samples) slopes of the functions at the samples.
-        slope: function that returns slopes for rows and arguments.
+        slopes: (rows, samples) derivatives of the functions at the samples.
+        slope: function that returns derivatives for rows and arguments.
     """
     row, sample = np.nonzero((slopes[:, :-1] > 0.0) & (slopes[:, 1:] <= 0.0))
     low, high = _SAMPLES[sample], _SAMPLES[sample + 1]

@@ -1,4 +1,4 @@
-"""Routes: sequences of waypoints with named parts, without times."""
+"""Routes: sequences of waypoints without times, divided into named parts."""
 
 import math
 from typing import NamedTuple
@@ -23,7 +23,7 @@ class Route(NamedTuple):
 
     Attributes:
         waypoints: (segments + 1, 3) points in W, m.
-        legs: named parts in order; the first one begins at waypoint 0.
+        legs: named parts in order; the first part begins at waypoint 0.
     """
 
     waypoints: np.ndarray
@@ -41,9 +41,9 @@ def figure_eight(
     """Return the paper's route: two circles in opposite directions at different heights, and their tangents.
 
     The route leads from the ground up to the lower height, along a tangent to the upper height, and around the first
-    circle. It returns along the other tangent over the start, descends, follows the second circle in the opposite
-    direction, and leads straight back to the point above the start. The defaults give the extent of the paper's
-    figures, about ±1.4 m by ±3.3 m.
+    circle. It returns along the other tangent, passes over the start, descends, follows the second circle in the
+    opposite direction, and leads straight back to the point above the start. The defaults give the extent of the
+    paper's figures, about ±1.4 m by ±3.3 m.
 
     Args:
         lower_height: height of the second circle and of the end of the route, m.
@@ -52,7 +52,7 @@ def figure_eight(
         offset: distance of the circles' centres from the start, in the directions of Y and -Y, m; larger than the
             radius.
     """
-    # At the start, Y and a tangent include this angle. The circles sweep half a turn plus twice the angle.
+    # Angle between Y and a tangent at the start. Each circle sweeps half a turn plus twice this angle.
     tangent = math.asin(radius / offset)
     sweep = math.pi + 2.0 * tangent
     count = math.ceil(sweep / _MAX_ARC)

@@ -15,18 +15,18 @@ _REST_TO_REST_PEAKS = {1: 35.0 / 16.0, 2: 84.0 * math.sqrt(5.0) / 25.0}
 def trapezoid_times(waypoints: np.ndarray, *, speed: float, acceleration: float) -> np.ndarray:
     """Return the (segments + 1,) times of the waypoints for a trapezoidal speed profile along the polyline, s.
 
-    The profile starts and ends at rest and does not slow down at waypoints in between. It is a heuristic for
+    The profile starts and ends at rest and does not slow down at waypoints in between. The profile is a heuristic for
     `minimum_snap`, whose path then has larger peaks of speed and acceleration. `stretch_factor` returns the factor that
-    reduces them.
+    reduces these peaks.
 
     Args:
-        waypoints: (segments + 1, axes) points to pass, m; successive ones must differ.
-        speed: largest speed of the profile, m/s.
+        waypoints: (segments + 1, axes) points to pass, m; successive points must differ. speed: largest speed of the
+            profile, m/s.
         acceleration: acceleration at both ends of the profile, m/s².
     """
     distance = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(waypoints, axis=0), axis=1))])
     total = distance[-1]
-    # On a short route the profile is a triangle, since it must brake before it reaches the speed.
+    # On a short route the profile is a triangle, since braking begins before the speed is reached.
     top = min(speed, math.sqrt(acceleration * total))
     ramp = top**2 / (2.0 * acceleration)
     duration = total / top + top / acceleration
@@ -41,8 +41,8 @@ def rest_to_rest_durations(waypoints: np.ndarray, limits: PathLimits) -> np.ndar
     """Return the (segments,) shortest durations within the limits of a flight that stops at every waypoint, s.
 
     Args:
-        waypoints: (segments + 1, axes) points to pass, m; successive ones must differ.
-        limits: limits, of which at least one is finite.
+        waypoints: (segments + 1, axes) points to pass, m; successive points must differ. limits: limits, of which at
+            least one is finite.
     """
     distance = np.linalg.norm(np.diff(waypoints, axis=0), axis=1)
     demands = [
@@ -54,6 +54,6 @@ def rest_to_rest_durations(waypoints: np.ndarray, limits: PathLimits) -> np.ndar
 def stretch_factor(path: PolynomialPath, limits: PathLimits) -> float:
     """Return the factor on the durations with which a path attains one limit and satisfies the other.
 
-    The factor is less than one for a path that stays below the limits.
+    The factor is less than 1 for a path that stays below the limits.
     """
     return max((peak_norm(path, order) / limit) ** (1.0 / order) for order, limit in limits.by_order.items())

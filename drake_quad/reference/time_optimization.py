@@ -1,4 +1,4 @@
-"""Optimisation of waypoint times: the least snap for a given total time, or the least time within limits.
+"""Optimisation of waypoint times: the smallest snap for a given total time, or the shortest time within limits.
 
 Both methods use exact gradients of the path without inequalities (`minimum_snap.MinimumSnap`) with respect to the
 logarithms of the segments' durations. In logarithms, segments of 0.1 s and of 100 s have equal weight.
@@ -18,9 +18,10 @@ from drake_quad.reference.minimum_snap import DEGREE, FROM_BOUNDARY, Contact, Mi
 from drake_quad.reference.path_problem import PathLimits
 from drake_quad.reference.polynomial_path import norm_peaks, power_basis
 
-# Largest change of the logarithms of the durations. All observed optima need less, and floating point still suffices.
+# Largest change of the logarithms of the durations. All observed optima need smaller changes, and floating point is
+# still accurate.
 _MAX_LOG_CHANGE = 5.0
-# Radius of the trust region, in logarithms of the durations.
+# Initial, largest and smallest radius of the trust region, in logarithms of the durations.
 _INITIAL_TRUST_RADIUS = 0.3
 _MAX_TRUST_RADIUS = 1.0
 _MIN_TRUST_RADIUS = 1e-6
@@ -49,7 +50,7 @@ def least_snap_durations(
         durations: (segments,) initial durations, s.
         derivatives: derivatives that are given at the waypoints, as for `minimum_snap`.
         contacts: further conditions on the path.
-        reach: largest change of the logarithms of the durations, before these are scaled to their sum.
+        reach: largest change of the logarithms of the durations, before the durations are scaled to the given sum.
     """
     total = float(durations.sum())
 
@@ -74,7 +75,7 @@ def least_snap_durations(
     bounds = [(x - reach, x + reach) for x in start]
     options = {"maxiter": 300, "maxfun": 600, "ftol": 1e-12, "gtol": 1e-8}
     # The search can reach durations so unequal that the matrix is not positive definite in floating point. The result
-    # is then the best one found before.
+    # is then the best of the durations found before.
     with suppress(np.linalg.LinAlgError), single_threaded_blas():
         scipy.optimize.minimize(logarithm_of_cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
     return best[1]
@@ -89,13 +90,13 @@ def shortest_durations(
     contacts: Sequence[Contact] = (),
     reach: float = math.inf,
 ) -> np.ndarray:
-    """Return (segments,) durations with the least sum whose minimum-snap path satisfies the limits, s.
+    """Return (segments,) durations with the smallest sum whose minimum-snap path satisfies the limits, s.
 
     The result is a local optimum. For each peak of speed or acceleration there is a factor with which the path must be
     slowed down for this peak to satisfy its limit. The method minimises the largest factor times the total duration, by
     linear programs with the exact gradients of the peaks in a trust region. If nonzero derivatives are given, a path
-    cannot be slowed down as it is. The method then minimises a weighted sum of duration and excess, and some excess
-    over the limits may remain.
+    cannot be slowed down without changing its shape. The method then minimises a weighted sum of duration and excess,
+    and some excess over the limits may remain.
 
     Args:
         points: (segments + 1, axes) waypoints, m.
@@ -182,7 +183,7 @@ def _limit_peaks(solution: MinimumSnap, limits: PathLimits) -> _LimitPeaks:
 def _excess_gradients(peaks: _LimitPeaks) -> np.ndarray:
     """Return the (peaks, segments) derivatives of the excess with respect to the logarithms of the durations.
 
-    A peak also moves along the path, but to first order this does not change its height.
+    A peak also moves along the path, but to first order this motion does not change its height.
     """
     solution = peaks.solution
     boundary_gradient = solution.boundary_gradient()
@@ -222,7 +223,7 @@ def _best_change(
     segments = len(durations)
     slope = np.append(durations / durations.sum(), weight)
     rows = np.column_stack([gradients[is_relevant], np.full(int(is_relevant.sum()), -1.0)])
-    # SciPy's linprog takes five to eighteen times as long for such small programs.
+    # SciPy's linprog takes 5 to 18 times as long for such small programs.
     program = MathematicalProgram()
     x = program.NewContinuousVariables(segments + 1)
     program.AddLinearCost(slope, 0.0, x)

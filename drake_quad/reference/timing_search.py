@@ -22,25 +22,25 @@ _DURATION = attrgetter("duration")
 _ANY_LIMITS = PathLimits(acceleration=1.0)
 # Smallest initial duration of a segment, relative to the longest segment. It is smaller for a route of points, which is
 # planned in closed form, than for a route that requires the solver.
-_MIN_DURATION_SHARE_OF_POINTS = 1e-3
-_MIN_DURATION_SHARE = 1e-2
+_MIN_POINT_DURATION_RATIO = 1e-3
+_MIN_DURATION_RATIO = 1e-2
 # Largest number of rounds in which the times are adapted to the path.
 _MAX_ROUNDS = 10
 # Relative gain of a round below which the search ends.
 _MIN_GAIN = 1e-3
 # Distance from a wall at which a path counts as touching it, relative to the largest extent of the corridor.
 _CONTACT_TOLERANCE = 1e-4
-# Unit time from the ends of a segment within which contacts are ignored.
+# Distance from the ends of a segment, in unit time, within which contacts are ignored.
 _CONTACT_END_MARGIN = 0.02
 # Largest change of the logarithms of the durations in the first round.
 _INITIAL_REACH = 0.3
 # Limit on this change below which the search ends.
 _MIN_REACH = 0.02
 _NUM_BISECTIONS = 6
-# Total duration below which a path contains no motion except for rounding errors, s.
+# Total duration, s, below which any motion of a path is a rounding error.
 _MIN_TOTAL_DURATION = 1e-3
-# If a path takes more than this share of the duration of a flight with stops everywhere, a second start is tried.
-_MAX_SHARE_OF_STOPPING = 0.95
+# If a path takes more than this fraction of the duration of a flight with stops everywhere, a second start is tried.
+_MAX_FRACTION_OF_STOPPING = 0.95
 # Total durations that are tried if derivatives are given, relative to a flight with stops everywhere.
 _TRIED_FACTORS = (0.7, 0.85, 1.0, 1.25, 1.6, 2.5)
 
@@ -63,7 +63,7 @@ def heuristic_path(problem: PathProblem) -> PolynomialPath:
     Args:
         problem: problem with a limit, without given nonzero derivatives, and without repeated waypoints.
     """
-    # The flight with stops comes first, since its durations reveal a problem in which nothing has to move.
+    # The flight with stops is computed first, since its durations reveal a problem in which the vehicle need not move.
     candidates = [
         _scaled_to_limits(_path_by_rule(problem, rule), problem.limits)
         for rule in (_stopping_durations, _trapezoid_durations)
@@ -84,17 +84,17 @@ def _trapezoid_durations(problem: PathProblem, points: np.ndarray) -> np.ndarray
 
 
 def _with_min_durations(problem: PathProblem, durations: np.ndarray) -> np.ndarray:
-    """Return durations of which none is much shorter than the longest; all 1 s if there is no motion."""
+    """Return durations of which none is much shorter than the longest duration; all 1 s if there is no motion."""
     if durations.max() < _MIN_TOTAL_DURATION:
         return np.ones_like(durations)
-    share = _MIN_DURATION_SHARE_OF_POINTS if problem.passes_points else _MIN_DURATION_SHARE
+    share = _MIN_POINT_DURATION_RATIO if problem.passes_points else _MIN_DURATION_RATIO
     return np.maximum(durations, share * durations.max())
 
 
 def _path_by_rule(problem: PathProblem, rule: Callable[[PathProblem, np.ndarray], np.ndarray]) -> PolynomialPath:
-    """Return the path without limits whose durations follow from a rule.
+    """Return the path without limits whose durations are computed by a rule.
 
-    The rule is applied twice, since the path can choose its points within the waypoints' regions.
+    The rule is applied twice, since the durations affect the points at which the path passes the waypoints' regions.
     """
     unlimited = problem.without_limits()
     points = problem.representatives()
@@ -108,12 +108,12 @@ def _scaled_to_limits(path: PolynomialPath, limits: PathLimits) -> PolynomialPat
     """Return the path with all durations scaled so that it attains a limit."""
     factor = stretch_factor(path, limits)
     if factor * path.duration < _MIN_TOTAL_DURATION:
-        raise InputError("one point lies in the regions of all waypoints, so nothing has to move; give the times")
+        raise InputError("one point lies in the regions of all waypoints, so the vehicle need not move; give the times")
     return path.stretched(factor)
 
 
 def shortest_path(problem: PathProblem) -> PolynomialPath:
-    """Return the minimum-snap path with the least total time within the limits, a local optimum.
+    """Return the minimum-snap path with the shortest total time within the limits, a local optimum.
 
     Args:
         problem: problem with a limit, without given nonzero derivatives, and without repeated waypoints.
@@ -123,7 +123,7 @@ def shortest_path(problem: PathProblem) -> PolynomialPath:
     # A flight that stops everywhere satisfies the limits. For very unequal segments, it can be as fast as the optimum.
     stopping = 1.001 * _stopping_durations(problem, best.waypoints)
     # Paths that touch a wall and paths that do not can be different local optima.
-    if not problem.passes_points or best.duration > _MAX_SHARE_OF_STOPPING * stopping.sum():
+    if not problem.passes_points or best.duration > _MAX_FRACTION_OF_STOPPING * stopping.sum():
         best = min(best, _locally_shortest(problem, heuristic, smooth=False), key=_DURATION)
     return best if best.duration <= stopping.sum() else path_or_reason(problem, stopping)
 
@@ -134,8 +134,8 @@ def _locally_shortest(problem: PathProblem, path: PolynomialPath, *, smooth: boo
     Args:
         problem: problem with a limit, without given nonzero derivatives.
         path: path to start from.
-        smooth: True to start from the times with the least snap instead of the path's own. With its own times, the
-            result is never slower than the path.
+        smooth: True to start from the times with the smallest snap; False to start from the times of the path. With
+            False, the result is never slower than the path.
     """
     unlimited = problem.without_limits()
     start = (
@@ -166,7 +166,7 @@ def improve_repeatedly(
     """Apply changes to a path until the cost no longer decreases, and return the best path.
 
     A change assumes that the path keeps its present contacts with corridors and its points in the waypoints' regions.
-    If the cost increases because this does not hold, the reach is reduced.
+    If the cost increases because this assumption is violated, the reach is reduced.
 
     Args:
         path: initial path.
@@ -194,7 +194,7 @@ def path_through_given_motion(problem: PathProblem, *, shorten: bool) -> Polynom
     """Return the fastest path that is found for a problem with nonzero derivatives given at waypoints.
 
     Such a path cannot simply be slowed down to satisfy the limits. The search therefore tries several total durations,
-    each with the times of the least snap and with the shortest times near them.
+    each with the times of the smallest snap and with the shortest times near them.
 
     Args:
         problem: problem with a limit, and without repeated waypoints.
@@ -218,7 +218,7 @@ def path_through_given_motion(problem: PathProblem, *, shorten: bool) -> Polynom
 
 
 def _durations_to_try(problem: PathProblem, stopping: np.ndarray, *, shorten: bool) -> Iterator[np.ndarray]:
-    """Yield (segments,) durations with the least snap for several sums, and those with the least sum near them, s."""
+    """Yield (segments,) durations with the smallest snap for several sums, and nearby ones with the smallest sum, s."""
     for factor in _TRIED_FACTORS:
         try:
             path = _least_snap_with_same_duration(problem.without_limits(), factor * stopping)
@@ -232,7 +232,7 @@ def _durations_to_try(problem: PathProblem, stopping: np.ndarray, *, shorten: bo
 
 
 def _least_snap_with_same_duration(problem: PathProblem, durations: np.ndarray) -> PolynomialPath:
-    """Return the path with the least snap for the same total duration; limits are ignored."""
+    """Return the path with the smallest snap for the same total duration; limits are ignored."""
     if problem.passes_points:
         durations = least_snap_durations(problem.representatives(), durations, problem.derivatives)
         return path_within(problem, durations)
@@ -248,10 +248,10 @@ def _least_snap_with_same_duration(problem: PathProblem, durations: np.ndarray) 
 
 
 def least_snap_path(problem: PathProblem, total: float) -> PolynomialPath:
-    """Return the path with the least snap for a total time, within the limits.
+    """Return the path with the smallest snap for a total time, within the limits.
 
-    If the times with the least snap violate the limits, they are moved towards those of the fastest path until the
-    limits are satisfied.
+    If the times with the smallest snap violate the limits, they are moved towards the times of the fastest path until
+    the limits are satisfied.
 
     Args:
         problem: problem without repeated waypoints.
@@ -274,13 +274,13 @@ def least_snap_path(problem: PathProblem, total: float) -> PolynomialPath:
 
 
 def _nearest_within_limits(problem: PathProblem, durations: np.ndarray) -> PolynomialPath:
-    """Return the path within the limits whose durations are nearest to those with the least snap.
+    """Return the path within the limits whose durations are nearest to the durations with the smallest snap.
 
-    The durations are varied between those with the least snap and those of the fastest path.
+    The durations are varied between the durations with the smallest snap and the durations of the fastest path.
 
     Args:
         problem: problem with limits.
-        durations: (segments,) durations with the least snap, s.
+        durations: (segments,) durations with the smallest snap, s.
     """
     total = float(durations.sum())
     shortest = shortest_path(problem).durations

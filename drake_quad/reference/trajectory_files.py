@@ -30,15 +30,15 @@ def save_plan(plan: Plan, folder: Path | str, *, name: str, period: float = 0.02
     """Write a plan as samples in `trajectory.csv`, and exactly in `trajectory.yaml` and `pieces.csv`.
 
     The YAML file contains a scenario `name` that has only a route of kind `trajectory`, so that other scenarios can
-    extend it. The route contains the knots of the plan, or, if these do not determine the plan, the name of the file of
-    pieces. Crazyswarm2 can read this file (`drake_quad.reference.pieces`).
+    extend it. The route contains the knots of the plan, or, if the knots do not determine the plan, the name of the
+    file of pieces. Crazyswarm2 can read the file of pieces (`drake_quad.reference.pieces`).
 
     Args:
         plan: plan to write.
         folder: folder to write to.
         name: name of the scenario, of letters, digits, '_', '.' and '-'.
-        period: time between samples, s. It is longer if there would be more than 20,000 samples. The last sample is the
-            end of the plan.
+        period: time between samples, s. It is increased if there would be more than 20,000 samples. The last sample is
+            the end of the plan.
 
     Returns:
         Paths of the files.

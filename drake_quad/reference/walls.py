@@ -34,7 +34,7 @@ class WallApproach(NamedTuple):
 
     @property
     def room(self) -> float:
-        """Distance to the nearer wall, m; negative beyond it."""
+        """Distance to the nearer wall, m; negative beyond the wall."""
         return min(self.position - self.low, self.high - self.position)
 
 

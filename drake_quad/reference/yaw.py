@@ -20,7 +20,8 @@ _MIN_RELATIVE_SPEED = 0.02
 _MIN_RELATIVE_HORIZONTAL_SPEED = 0.1
 # Positions of the knots within a segment, in unit time, for a profile that follows a path.
 _KNOT_POSITIONS = np.linspace(0.0, 1.0, 16, endpoint=False)
-# Matrix of ∫₀¹ (d²y/ds²)² ds as a quadratic form in value and slope at the start, and value and slope at the end.
+# Matrix of ∫₀¹ (d²y/ds²)² ds as a quadratic form in value and derivative at the start, and value and derivative at the
+# end.
 _BENDING_FORM = np.array(
     [[12.0, 6.0, -12.0, 6.0], [6.0, 4.0, -6.0, 2.0], [-12.0, -6.0, 12.0, -6.0], [6.0, 2.0, -6.0, 4.0]]
 )
@@ -34,13 +35,13 @@ def constant_yaw(start: float, end: float, yaw: float) -> PolynomialPath:
 
 
 def yaw_through(times: ArrayLike, yaws: ArrayLike) -> PolynomialPath:
-    """Return the profile through given angles with the least integrated squared yaw acceleration.
+    """Return the profile through given angles with the smallest integrated squared yaw acceleration.
 
     The profile takes the shorter rotation from one angle to the next. It is constant before the first and after the
     last given angle.
 
     Args:
-        times: (waypoints,) times that do not decrease, s; equal for waypoints at the same instant.
+        times: (waypoints,) times, s, which must not decrease; waypoints passed at the same instant have equal times.
         yaws: (waypoints,) angles, rad; NaN for a waypoint at which the yaw is free.
 
     Raises:
@@ -49,7 +50,7 @@ def yaw_through(times: ArrayLike, yaws: ArrayLike) -> PolynomialPath:
     instants, angles = np.asarray(times, dtype=float), np.asarray(yaws, dtype=float)
     given = np.flatnonzero(np.isfinite(angles))
     if not given.size:
-        raise InputError("no waypoint has a yaw; give a yaw at one or more waypoints")
+        raise InputError("no waypoint has a yaw; give a yaw at at least one waypoint")
     for i, j in itertools.pairwise(given):
         if instants[i] == instants[j] and not math.isclose(math.cos(angles[i] - angles[j]), 1.0):
             raise InputError(f"waypoints {i} and {j} are passed at the same time, but have different yaws")
@@ -59,7 +60,7 @@ def yaw_through(times: ArrayLike, yaws: ArrayLike) -> PolynomialPath:
     knots, unwrapped = instants[given], np.unwrap(angles[given])
     parts = [] if knots[0] == instants[0] else [constant_yaw(instants[0], knots[0], unwrapped[0])]
     if len(given) > 1:
-        # The clamped cubic spline is the interpolant of least integrated squared second derivative.
+        # The clamped cubic spline is the interpolant with the smallest integrated squared second derivative.
         parts.append(_clamped_spline(knots, unwrapped))
     if knots[-1] < instants[-1]:
         parts.append(constant_yaw(knots[-1], instants[-1], unwrapped[-1]))
@@ -72,16 +73,16 @@ def yaw_through(times: ArrayLike, yaws: ArrayLike) -> PolynomialPath:
 def yaw_along(path: PolynomialPath, *, response: float = 0.5) -> PolynomialPath:
     """Return a smooth profile that points in the direction of flight.
 
-    The profile minimises ∫ ψ̈² + (ψ - direction)² (v / v_max)² / response⁴ dt. Here v is the horizontal speed, and v_max
-    is the larger of the largest horizontal speed and a tenth of the largest speed. The spline follows a direction that
-    turns at a constant rate exactly, and smooths one that turns faster than the response. Where the path stops or is
-    vertical, the yaw takes the shorter rotation from the direction before to the direction after. A path without
-    horizontal motion has yaw zero.
+    The profile minimises ∫ ψ̈² + (ψ - direction)² (v / v_max)² / response⁴ dt. Here v is the horizontal speed, and
+    v_max is the larger of the largest horizontal speed and a tenth of the largest speed. The spline follows a direction
+    that turns at a constant rate exactly, and smooths a direction that turns faster than the response. Where the path
+    stops or is vertical, the yaw takes the shorter rotation from the direction before to the direction after. A path
+    without horizontal motion has yaw zero.
 
     Args:
         path: path of the position, whose first two axes are horizontal.
         response: time within which the yaw follows the direction at the largest speed, s. The default is about the
-            response time of the shipped yaw loop, k_P = 4 1/s².
+            response time of the default yaw loop, with k_P = 4 1/s².
     """
     segment = np.repeat(np.arange(len(path.coefficients)), len(_KNOT_POSITIONS))
     s = np.tile(_KNOT_POSITIONS, len(path.coefficients))
@@ -111,7 +112,7 @@ def _smoothing_spline(times: np.ndarray, values: np.ndarray, weights: np.ndarray
         weights: (knots,) weights, 1/s⁴.
     """
     dt = np.diff(times)
-    # The unknowns are value and slope at the knots, with the mean interval as the unit of time.
+    # The unknowns are value and derivative at the knots, with the mean interval as the unit of time.
     unit = dt.mean()
     scale = np.ones((len(dt), 4))
     scale[:, 1::2] = dt[:, np.newaxis] / unit
@@ -124,7 +125,7 @@ def _smoothing_spline(times: np.ndarray, values: np.ndarray, weights: np.ndarray
     bands[0, ::2] += share
     right_side = np.zeros(2 * len(times))
     right_side[::2] = share * values
-    # The slopes at both ends are zero, so their rows are decoupled from the other unknowns.
+    # The derivatives at both ends are zero, so their rows are decoupled from the other unknowns.
     for end in (1, 2 * len(times) - 1):
         bands[:, end] = 0.0
         bands[0, end] = 1.0
@@ -136,7 +137,7 @@ def _smoothing_spline(times: np.ndarray, values: np.ndarray, weights: np.ndarray
 
 
 def _clamped_spline(times: np.ndarray, angles: np.ndarray) -> PolynomialPath:
-    """Return the cubic spline through angles (rad) at given times (s) with zero slope at both ends."""
+    """Return the cubic spline through angles (rad) at given times (s) with zero derivative at both ends."""
     spline = scipy.interpolate.CubicSpline(times, angles, bc_type="clamped")
     # SciPy's coefficients start with the highest power, in seconds since the knot.
     coefficients = spline.c[::-1].T * np.diff(times)[:, np.newaxis] ** np.arange(4)

@@ -1,4 +1,4 @@
-"""Comparison of several definitions of control effort, which the paper does not define, with its printed ratios."""
+"""Comparison of possible definitions of control effort, which the paper does not define, with its printed ratios."""
 
 import math
 from collections.abc import Sequence
@@ -21,10 +21,10 @@ class EffortMatch(NamedTuple):
 
     Attributes:
         name: name of the definition in `EFFORTS`.
-        ratio_x: effort of the networks divided by that of the PD on X, as the geometric mean over cells and samples.
+        ratio_x: effort of the networks on X divided by that of the PD, as the geometric mean over cells and samples.
         ratio_y: corresponding ratio on Y.
-        distance: typical factor between a ratio and its printed value: the exponential of the RMS, over all printed
-            ratios, of the logarithm of their quotient.
+        distance: typical factor between our ratios and the printed ones: exp(RMS of log(ours / printed)) over all
+            printed ratios.
     """
 
     name: str
@@ -33,16 +33,16 @@ class EffortMatch(NamedTuple):
     distance: Interval
 
 
-def effort_matches(found: Experiment) -> list[EffortMatch]:
-    """Return the agreement of every definition, the closest one first, with intervals over the recorded samples."""
+def effort_matches(experiment: Experiment) -> list[EffortMatch]:
+    """Return the agreement of each definition, the closest one first, with intervals over the recorded samples."""
     printed = printed_effort_ratios()
-    wanted = np.array([printed[cell] for cell in printed]).T
+    printed_values = np.array([printed[cell] for cell in printed]).T
     matches = []
     for name in EFFORTS:
-        ratios = np.array([[_ratio(found, cell, f"{name}_{axis}") for cell in printed] for axis in "xy"])
-        ratios[~np.isfinite(wanted)] = np.nan
-        off = np.nanmean(np.log(ratios / wanted[:, :, None]) ** 2, axis=(0, 1)) ** 0.5
-        distance = mean_interval(off[np.isfinite(off)])
+        ratios = np.array([[_ratio(experiment, cell, f"{name}_{axis}") for cell in printed] for axis in "xy"])
+        ratios[~np.isfinite(printed_values)] = np.nan
+        log_distances = np.nanmean(np.log(ratios / printed_values[:, :, None]) ** 2, axis=(0, 1)) ** 0.5
+        distance = mean_interval(log_distances[np.isfinite(log_distances)])
         x, y = np.exp(np.nanmean(np.log(ratios), axis=(1, 2)))
         matches.append(EffortMatch(name, float(x), float(y), Interval(*(math.exp(each) for each in distance))))
     return sorted(matches, key=lambda match: match.distance.value)
@@ -51,27 +51,27 @@ def effort_matches(found: Experiment) -> list[EffortMatch]:
 def write_efforts(path: Path, matches: Sequence[EffortMatch]) -> Path:
     """Write a row for each definition, and return the path."""
     columns = ("definition", "ratio_x", "ratio_y", "off_by_factor", "low", "high")
-    rows = ((EFFORTS[match.name].words, match.ratio_x, match.ratio_y, *match.distance) for match in matches)
+    rows = ((EFFORTS[match.name].definition, match.ratio_x, match.ratio_y, *match.distance) for match in matches)
     return write_rows(path, [dict(zip(columns, row, strict=True)) for row in rows])
 
 
 def printed_ratios() -> tuple[float, float]:
-    """Return the geometric means of the printed ratios on X and on Y."""
+    """Return the geometric means of the printed effort ratios on X and on Y."""
     x, y = np.exp(np.nanmean(np.log(list(printed_effort_ratios().values())), axis=0))
     return float(x), float(y)
 
 
 def printed_scatter() -> float:
-    """Return the typical factor between a printed ratio and its expected value, due to the scatter of the runs.
+    """Return the typical factor between a printed effort ratio and its expected value, due to the scatter of the runs.
 
-    The ratio is that of two means of three runs each. The factor follows from the standard deviation of the logarithms
-    of the printed runs, pooled over all lines that have three runs.
+    Each ratio is that of two means of three runs. The factor follows from the standard deviation of the logarithms of
+    the printed runs, pooled over all lines of the table with three runs.
     """
     printed = [each.runs for line in printed_table().values() for each in (line.effort_x, line.effort_y)]
     variance = float(np.nanmean([np.var(np.log(runs), ddof=1) for runs in printed]))
     return math.exp(math.sqrt(2.0 * variance / 3.0))
 
 
-def _ratio(found: Experiment, cell: Cell, name: str) -> np.ndarray:
-    """Return the ratio (samples,) of a cell's effort to that of the PD in the same wind."""
-    return np.asarray(found.recorded[cell][name] / found.recorded[Cell(cell.wind, "pd")][name])
+def _ratio(experiment: Experiment, cell: Cell, name: str) -> np.ndarray:
+    """Return the ratio (samples,) of a recorded measure of a cell to that of the PD in the same wind."""
+    return np.asarray(experiment.recorded[cell][name] / experiment.recorded[Cell(cell.wind, "pd")][name])

@@ -1,6 +1,6 @@
-"""Experiment of the replication: the cells of Table II, and the sweeps that the claims require.
+"""Flights of the replication: the cells of Table II, and the sweeps that the claims require.
 
-All comparisons are paired: a sample has the same wind and the same noise, whichever controller flies it.
+All comparisons are paired, since a sample has the same wind and the same noise for all controllers.
 """
 
 import shutil
@@ -17,9 +17,9 @@ from drake_quad.flight.flight import Flight
 from drake_quad.flight.simulation import simulate_samples
 from drake_quad.replication.measures import measures
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell
-from drake_quad.replication.results import FAIR, MAPPED, cells_of, write_recorded
+from drake_quad.replication.results import FAIR_CONTROLLERS, MAPPED_CONTROLLERS, cells_of, write_recorded
 from drake_quad.replication.sweeps import (
-    BEST_GAINS,
+    BEST_GAIN_RANGES,
     NOISE_SETTINGS,
     Q_SETTINGS,
     SLOPE_SETTINGS,
@@ -31,24 +31,23 @@ from drake_quad.replication.sweeps import (
 )
 from drake_quad.reports.jobs import Job, run_jobs
 from drake_quad.scenario.models import Scenario
-from drake_quad.studies.crew import Crew
 from drake_quad.studies.monte_carlo import run_monte_carlo
+from drake_quad.studies.worker_pool import WorkerPool
 
-# Largest number of vehicles in a fleet. Recording all signals takes more memory, so that recorded fleets are smaller.
-_MAX_VEHICLES = 1024
-_MAX_RECORDED_VEHICLES = 256
+_MAX_VEHICLES = 1024  # in a fleet
+_MAX_RECORDED_VEHICLES = 256  # in a recorded fleet, which needs more memory
 
 
 class ExperimentSizes(NamedTuple):
     """Numbers of samples and settings of the experiment.
 
     Attributes:
-        cells: samples of each cell.
-        recorded: samples of each cell of Table II that are recorded with all signals.
-        sweep: samples of each setting of noise, q and λ.
+        cells: number of samples of each cell.
+        recorded: number of samples of each cell of Table II for which all signals are recorded.
+        sweep: number of samples of each setting of noise, q and λ.
         grid: number of gains along each side of a map.
-        map: samples of each pair of gains in a map.
-        legs: samples of each pair of gains in the sweep whose errors are computed leg by leg.
+        map: number of samples of each pair of gains in a map.
+        legs: number of samples of each pair of gains in the sweep whose errors are computed leg by leg.
     """
 
     cells: int = 1000
@@ -67,9 +66,9 @@ class SweepPlan(NamedTuple):
 
     Attributes:
         cell: cell whose scenario is flown.
-        settings: (settings,) values of each number that is varied, by name.
+        settings: (settings,) values of each varied number, by its name.
         num_samples: number of samples that are flown with each setting.
-        fly: function that flies some of the settings in one fleet: `fly_settings` or `fly_legs`.
+        fly: function that flies a part of the settings in one fleet: `fly_settings` or `fly_legs`.
         max_vehicles: largest number of vehicles in a fleet.
     """
 
@@ -80,12 +79,12 @@ class SweepPlan(NamedTuple):
     max_vehicles: int = _MAX_VEHICLES
 
     def jobs(self, name: str, scenario: Scenario, *, compiled: bool) -> list[Job]:
-        """Return the jobs that fly the sweep, each with the settings for which a fleet has room.
+        """Return the jobs that fly the sweep, each with as many settings as a fleet has room for.
 
         Args:
             name: name of the jobs.
             scenario: scenario of the cell.
-            compiled: True to compile the diagrams to machine code. Otherwise the original diagrams are simulated.
+            compiled: True to compile the diagrams to machine code; False to simulate the uncompiled diagrams.
         """
         total = num_rows(self.settings)
         step = max(self.max_vehicles // self.num_samples, 1)
@@ -102,7 +101,7 @@ class SweepPlan(NamedTuple):
 
 
 def sweep_plans(sizes: ExperimentSizes) -> dict[str, SweepPlan]:
-    """Return the sweeps of the experiment by the name of their file."""
+    """Return the plans of all sweeps, by the name of their file."""
     network, pd = Cell("no_wind", "pd_t2fnn"), Cell("no_wind", "pd")
     slopes = {f"slope_{wind}": SweepPlan(Cell(wind, "pd_t2fnn"), SLOPE_SETTINGS, sizes.sweep) for wind in WINDS}
     gains = gain_settings(sizes.grid)
@@ -110,8 +109,10 @@ def sweep_plans(sizes: ExperimentSizes) -> dict[str, SweepPlan]:
         "noise": SweepPlan(network, NOISE_SETTINGS, sizes.sweep),
         "q": SweepPlan(network, Q_SETTINGS, sizes.sweep),
         **slopes,
-        **{f"map_{name}": SweepPlan(Cell("no_wind", name), gains, sizes.map) for name in MAPPED},
-        "legs": SweepPlan(pd, gain_settings(sizes.grid, BEST_GAINS), sizes.legs, fly_legs, _MAX_RECORDED_VEHICLES),
+        **{f"map_{name}": SweepPlan(Cell("no_wind", name), gains, sizes.map) for name in MAPPED_CONTROLLERS},
+        "legs": SweepPlan(
+            pd, gain_settings(sizes.grid, BEST_GAIN_RANGES), sizes.legs, fly_legs, _MAX_RECORDED_VEHICLES
+        ),
     }
 
 
@@ -119,22 +120,22 @@ def fly_experiment(
     load: Callable[[Cell], Scenario],
     sizes: ExperimentSizes,
     folder: Path,
-    workers: Crew | None = None,
+    workers: WorkerPool | None = None,
     *,
     resume: bool = False,
     compiled: bool = True,
     progress: Callable[[int, int, str], object] = lambda *_: None,
 ) -> dict[Cell, Flight]:
-    """Fly the experiment, and write its numbers to a folder, from which `read_experiment` reads them.
+    """Fly the experiment, and write its results to a folder, from which `read_experiment` reads them.
 
     Args:
         load: function that loads the scenario of a cell.
         sizes: sizes of the experiment.
-        folder: folder for the numbers; cells that an earlier experiment left there are replaced.
-        workers: workers that fly; by default this process flies.
+        folder: folder for the results; those of an earlier experiment are replaced.
+        workers: workers that fly; by default, this process flies.
         resume: True to keep the cells in the folder and to fly only their missing samples.
-        compiled: True to compile the diagrams to machine code. Otherwise the original diagrams are simulated.
-        progress: called with the number of finished flights, their total number, and the name of the case.
+        compiled: True to compile the diagrams to machine code; False to simulate the uncompiled diagrams.
+        progress: called with the number of finished flights, their total number, and the name of the job.
 
     Returns:
         The flight of sample 0 of each cell of Table II, for figures.
@@ -146,7 +147,7 @@ def fly_experiment(
     if (folder / "cells").exists() and not resume:
         shutil.rmtree(folder / "cells")
     jobs, plans = [], sweep_plans(sizes)
-    for cell in cells_of((*CONTROLLERS, *FAIR)):
+    for cell in cells_of((*CONTROLLERS, *FAIR_CONTROLLERS)):
         fly = partial(_fly_cell, load(cell), sizes.cells, folder / "cells" / cell.scenario, compiled=compiled)
         jobs.append(Job(cell.scenario, sizes.cells, fly))
     for cell in cells_of(CONTROLLERS):
@@ -159,16 +160,16 @@ def fly_experiment(
         results[job.name].append(result)
 
     recorded = {cell: results[f"recorded {cell.scenario}"][0] for cell in cells_of(CONTROLLERS)}
-    write_recorded(folder / "recorded.csv", {cell: found.measures for cell, found in recorded.items()})
+    write_recorded(folder / "recorded.csv", {cell: record.measures for cell, record in recorded.items()})
     for name, plan in plans.items():
         kind = type(results[name][0])
         metrics = kind(*(np.concatenate(parts) for parts in zip(*results[name], strict=True)))
         Sweep(plan.settings, np.arange(plan.num_samples), metrics).save(folder / f"{name}.csv")
-    return {cell: found.first for cell, found in recorded.items()}
+    return {cell: record.first for cell, record in recorded.items()}
 
 
 def _fly_cell(scenario: Scenario, num_samples: int, folder: Path, *, compiled: bool) -> None:
-    """Fly the missing samples of a cell's study in one fleet, since large fleets fly faster.
+    """Fly the missing samples of a cell's study in one fleet, since large fleets are simulated faster.
 
     Raises:
         RuntimeError: a sample could not be flown.
@@ -183,11 +184,11 @@ def _fly_cell(scenario: Scenario, num_samples: int, folder: Path, *, compiled: b
 
 
 class RecordedCell(NamedTuple):
-    """Numbers of the recorded samples of a cell.
+    """Results of the recorded samples of a cell.
 
     Attributes:
         first: flight of sample 0.
-        measures: (recorded,) values of each measure by name.
+        measures: (recorded,) values of each measure, by name.
     """
 
     first: Flight
@@ -195,7 +196,7 @@ class RecordedCell(NamedTuple):
 
 
 def _record_cell(scenario: Scenario, num_samples: int, *, compiled: bool) -> RecordedCell:
-    """Fly the first samples of a cell with all signals."""
+    """Fly the first samples of a cell, record all signals, and return the measures."""
     flights = simulate_samples(scenario, range(num_samples), compiled=compiled)
     numbers = [measures(flight) for flight in flights]
     return RecordedCell(flights[0], {name: np.array([each[name] for each in numbers]) for name in numbers[0]})

@@ -1,23 +1,23 @@
-"""Fair comparison of the paper's PD and PD+T2FNN with controllers that the paper does not have, on the same samples."""
+"""Comparison of the paper's PD and PD+T2FNN with simple controllers that the paper does not consider."""
 
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 from drake_quad.replication.printed import CONTROLLERS, Cell
-from drake_quad.replication.results import FAIR, Experiment, cells_of
+from drake_quad.replication.results import FAIR_CONTROLLERS, Experiment, cells_of
 from drake_quad.reports.results import write_rows
 from drake_quad.statistics.estimates import mean_interval
-from drake_quad.studies.statistics import Interval, of_survivors
+from drake_quad.studies.statistics import Interval, values_without_crashes
 
-COMPARED = {"pd": CONTROLLERS["pd"], "pd_t2fnn": CONTROLLERS["pd_t2fnn"], **FAIR}
+COMPARED_CONTROLLERS = {"pd": CONTROLLERS["pd"], "pd_t2fnn": CONTROLLERS["pd_t2fnn"], **FAIR_CONTROLLERS}
 
 
 class FairEntry(NamedTuple):
     """Result of a controller in a wind.
 
     Attributes:
-        cell: cell of the table, which has a controller and a wind.
+        cell: controller and wind.
         rmse: mean RMSE, m.
         peak_error: mean peak error, m.
         effort_x: mean control effort on X, m²/s⁴.
@@ -35,16 +35,16 @@ class FairEntry(NamedTuple):
     over_network: Interval
 
 
-def fair_entries(found: Experiment) -> list[FairEntry]:
-    """Return the results of all compared controllers, one wind after another."""
+def fair_entries(experiment: Experiment) -> list[FairEntry]:
+    """Return the results of all compared controllers, sorted by wind."""
     entries = []
-    for cell in cells_of(COMPARED):
+    for cell in cells_of(COMPARED_CONTROLLERS):
         means = [
-            mean_interval(of_survivors(found.cells[cell].metrics, name))
+            mean_interval(values_without_crashes(experiment.cells[cell].metrics, name))
             for name in ("rmse", "peak_error", "effort_x", "effort_y")
         ]
-        beside = [found.comparison(cell, Cell(cell.wind, name)).share for name in ("pd", "pd_t2fnn")]
-        entries.append(FairEntry(cell, *means, *beside))
+        ratios = [experiment.comparison(cell, Cell(cell.wind, name)).ratio for name in ("pd", "pd_t2fnn")]
+        entries.append(FairEntry(cell, *means, *ratios))
     return entries
 
 

@@ -1,4 +1,4 @@
-"""Figures of the report: those of the paper and further ones, each as wide as a column of a journal."""
+"""Figures of the replication's report: the paper's figures and further ones, each as wide as a journal column."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
@@ -15,13 +15,13 @@ from matplotlib.ticker import MaxNLocator, NullLocator, PercentFormatter
 from drake_quad.control.fuzzy.inference import elliptic_membership
 from drake_quad.flight.flight import Flight
 from drake_quad.replication.claims import advantage
-from drake_quad.replication.fair import COMPARED
+from drake_quad.replication.fair import COMPARED_CONTROLLERS
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
-from drake_quad.replication.results import MAPPED, Experiment
-from drake_quad.replication.sweeps import NOISE, Q_VALUES, Sweep
+from drake_quad.replication.results import MAPPED_CONTROLLERS, Experiment
+from drake_quad.replication.sweeps import NOISE_LEVELS, Q_VALUES, Sweep
 from drake_quad.reports.figures import print_panels
 from drake_quad.statistics.estimates import mean_interval
-from drake_quad.studies.statistics import of_survivors
+from drake_quad.studies.statistics import values_without_crashes
 from drake_quad.visualization.learning_plots import PAPER_EXPONENTS
 from drake_quad.visualization.leg_marks import leg_marks, number_legs, shade_legs
 from drake_quad.visualization.panels import legend_above, name_rows, plot_intervals
@@ -40,28 +40,33 @@ from drake_quad.visualization.style import (
 
 Flights = Mapping[Cell, Flight]
 
-_LINES = {"pd": (BLUE, "-"), "pd_t1fnn": (GREEN, "-."), "pd_t2fnn": (VERMILION, "-"), "pd_t2fnn_wide": (PURPLE, "--")}
+_LINE_STYLES = {
+    "pd": (BLUE, "-"),
+    "pd_t1fnn": (GREEN, "-."),
+    "pd_t2fnn": (VERMILION, "-"),
+    "pd_t2fnn_wide": (PURPLE, "--"),
+}
 # Peak errors read off the paper's Fig. 9, m.
 _PRINTED_PEAKS = {"pd": 1.3, "pd_t2fnn": 0.8}
 
 
-def paper_figures(found: Experiment, flights: Flights) -> Iterator[tuple[str, Figure]]:
+def paper_figures(experiment: Experiment, flights: Flights) -> Iterator[tuple[str, Figure]]:
     """Draw the figures one after another.
 
     Args:
-        found: numbers of the experiment.
+        experiment: results of the experiment.
         flights: sample 0 of each cell of Table II.
 
     Yields:
         The name of each figure in the report, and the figure.
     """
-    yield "table_ii", table_figure(found)
+    yield "table_ii", table_figure(experiment)
     yield "figure_4", figure_4()
     for name, draw in FLIGHT_FIGURES.items():
         yield name, draw(flights)
-    yield "advantage", advantage_figure(found)
-    yield "gains", gain_figure(found)
-    yield "fair", fair_figure(found)
+    yield "advantage", advantage_figure(experiment)
+    yield "gains", gain_figure(experiment)
+    yield "fair", fair_figure(experiment)
 
 
 def figure_4() -> Figure:
@@ -83,18 +88,18 @@ def figure_4() -> Figure:
 
 
 def figure_7(flights: Flights) -> Figure:
-    """Plot the paths of PD and PD+T2FNN without wind in space."""
+    """Plot the paths of PD and PD+T2FNN without wind in three dimensions."""
     with print_panels(2.7, subplot_kw={"projection": "3d"}) as (figure, axes):
-        wanted = positions(_whole(flights).record("reference")).T
-        axes.plot(*wanted, label="reference", **REFERENCE)
+        reference = positions(_complete_flight(flights).record("reference")).T
+        axes.plot(*reference, label="reference", **REFERENCE)
         for name in ("pd", "pd_t2fnn"):
             path = positions(flights[Cell("no_wind", name)].record("state")).T
             axes.plot(*path, **_style(name), label=CONTROLLERS[name])
-        for number, middle, right in leg_marks(_whole(flights).plan):
-            x, y, z = middle + 0.35 * np.array([*right, 0.0])
+        for number, position, normal in leg_marks(_complete_flight(flights).plan):
+            x, y, z = position + 0.35 * np.array([*normal, 0.0])
             axes.text(x, y, z, str(number), color="0.2", fontsize=8, fontweight="bold", ha="center", va="center")
         axes.set(xlabel="X (m)", ylabel="Y (m)", zlabel="Z (m)")
-        axes.set_box_aspect(np.maximum(np.ptp(wanted, axis=1), 1.5), zoom=1.0)
+        axes.set_box_aspect(np.maximum(np.ptp(reference, axis=1), 1.5), zoom=1.0)
         axes.view_init(elev=28.0, azim=-38.0)
         for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
             axis.set_major_locator(MaxNLocator(4))
@@ -109,7 +114,7 @@ def figure_7(flights: Flights) -> Figure:
 def figure_8(flights: Flights) -> Figure:
     """Plot the paths of PD and PD+T2FNN without wind from above."""
     with print_panels(4.6) as (figure, axes):
-        flight = _whole(flights)
+        flight = _complete_flight(flights)
         reference = flight.record("reference")
         axes.plot(reference.x, reference.y, label="reference", **REFERENCE)
         for name in ("pd", "pd_t2fnn"):
@@ -130,10 +135,10 @@ def errors_figure(
 
     Args:
         flights: sample 0 of each cell of Table II.
-        wind: wind in which the controllers are flown.
+        wind: name of the wind.
         controllers: names of the controllers.
-        levels: printed errors that are marked beside the axes, by controller, m.
-        caption: text that says what the printed errors are.
+        levels: printed errors that are marked next to the axes, by controller, m.
+        caption: legend entry for the printed errors.
     """
     errors = {name: flights[Cell(wind, name)].euclidean_error for name in controllers}
     time = max((flights[Cell(wind, name)].time for name in controllers), key=len)
@@ -143,14 +148,14 @@ def errors_figure(
         (axes,), *more = column
         for name, error in errors.items():
             axes.plot(time[: len(error)], error, **_style(name), label=CONTROLLERS[name])
-        # The markers are beside the axes and offset from each other, so that similar levels can be distinguished.
-        beside = axes.get_yaxis_transform()
-        for place, (name, level) in enumerate(levels.items()):
-            x = 1.025 + (0.03 * (place - 1) if len(levels) > 2 and place else 0.0)
-            axes.plot(x, level, "<", color=_LINES[name][0], markersize=4, transform=beside, clip_on=False)
+        # The markers are next to the axes and offset from each other, so that similar levels can be distinguished.
+        transform = axes.get_yaxis_transform()
+        for index, (name, level) in enumerate(levels.items()):
+            x = 1.025 + (0.03 * (index - 1) if len(levels) > 2 and index else 0.0)
+            axes.plot(x, level, "<", color=_LINE_STYLES[name][0], markersize=4, transform=transform, clip_on=False)
         axes.set(ylabel="Euclidean error (m)")
         axes.set_ylim(0.0, 1.02 * max(axes.get_ylim()[1], max(levels.values())))
-        _shade(axes, _whole(flights))
+        _shade_legs(axes, _complete_flight(flights))
         axes.plot([], [], linestyle="none", marker="<", color="0.4", markersize=4, label=caption)
         for (lower,) in more:
             for name in ("pd_t2fnn", "pd_t2fnn_wide"):
@@ -158,38 +163,38 @@ def errors_figure(
                 difference = 1e3 * (errors[name][:count] - errors["pd_t1fnn"][:count])
                 lower.plot(time[:count], difference, **_style(name))
             lower.axhline(0.0, **LIMIT)
-            lower.set_ylabel("minus that of\ntype 1 (mm)")
+            lower.set_ylabel("difference from\ntype 1 (mm)")
         figure.axes[-1].set_xlabel("time (s)")
         legend_above(figure, axes, 2, columnspacing=1.0)
         return figure
 
 
 def errors_in_wind(flights: Flights, wind: str) -> Figure:
-    """Plot the Euclidean errors in a wind, with the mean RMSE of Table II."""
+    """Plot the Euclidean errors of all controllers in a wind, with the mean RMSE of Table II."""
     means = {name: printed_table()[Cell(wind, name)].rmse.mean for name in CONTROLLERS}
     levels = {name: mean for name, mean in means.items() if np.isfinite(mean)}
     return errors_figure(flights, wind, tuple(CONTROLLERS), levels, "mean RMSE in Table II")
 
 
 def _style(name: str) -> dict[str, Any]:
-    color, style = _LINES[name]
+    color, style = _LINE_STYLES[name]
     return {"color": color, "linestyle": style}
 
 
 def commands_figure(flights: Flights, axis: str) -> Figure:
-    """Plot the commands of PD and network on an axis, without wind."""
+    """Plot the commands of PD and network on one axis, without wind."""
     with print_panels(2.6) as (figure, axes):
         flight = flights[Cell("no_wind", "pd_t2fnn")]
         pd, correction = (getattr(flight.record(name), axis) for name in ("pd", "correction"))
         axes.plot(flight.time, pd, color=BLUE, label=r"PD, $\tau_c$")
         axes.plot(flight.time, -correction, color=VERMILION, label=r"network, $-\tau_f$")
         axes.set(xlabel="time (s)", ylabel=f"command on {axis.upper()} (m/s²)")
-        _shade(axes, flight)
+        _shade_legs(axes, flight)
         legend_above(figure, axes, 2)
         return figure
 
 
-# Functions that draw the paper's figures of single flights.
+# Functions that draw the paper's figures of single flights, by the name of the figure.
 FLIGHT_FIGURES: dict[str, Callable[[Flights], Figure]] = {
     "figure_7": figure_7,
     "figure_8": figure_8,
@@ -207,25 +212,25 @@ FLIGHT_FIGURES: dict[str, Callable[[Flights], Figure]] = {
 }
 
 
-def table_figure(found: Experiment) -> Figure:
-    """Plot the errors of Table II: the printed runs and their mean, and ours over all samples."""
+def table_figure(experiment: Experiment) -> Figure:
+    """Plot the errors of Table II: the printed runs and their mean, and our mean and spread over all samples."""
     runs: Any = {"linestyle": "none", "marker": "o", "color": "0.6", "markersize": 3.2, "label": "printed runs"}
     mean: Any = {"linestyle": "none", "marker": "s", "color": BLACK, "markersize": 5.5, "fillstyle": "none"}
     ours: Any = {"linestyle": "none", "marker": "D", "color": VERMILION, "markersize": 4.5, "label": "ours, mean"}
     spread: Any = {"color": VERMILION, "linewidth": 5.0, "alpha": 0.35, "label": "ours, 95 % of the samples"}
     with print_panels(3.9, 3, 1, sharex=True) as (figure, column):
-        for (axes,), (wind, words) in zip(column, WINDS.items(), strict=True):
-            for place, name in enumerate(CONTROLLERS):
+        for (axes,), (wind, title) in zip(column, WINDS.items(), strict=True):
+            for row, name in enumerate(CONTROLLERS):
                 cell = Cell(wind, name)
-                errors = of_survivors(found.cells[cell].metrics, "rmse")
-                axes.plot(np.quantile(errors, [0.025, 0.975]), [place + 0.17] * 2, zorder=2, **spread)
-                axes.plot(errors.mean(), place + 0.17, zorder=3, **ours)
+                errors = values_without_crashes(experiment.cells[cell].metrics, "rmse")
+                axes.plot(np.quantile(errors, [0.025, 0.975]), [row + 0.17] * 2, zorder=2, **spread)
+                axes.plot(errors.mean(), row + 0.17, zorder=3, **ours)
                 if cell in printed_table():
                     printed = printed_table()[cell].rmse
-                    axes.plot(printed.runs, [place - 0.17] * 3, zorder=2, **runs)
-                    axes.plot(printed.mean, place - 0.17, zorder=3, **mean)
+                    axes.plot(printed.runs, [row - 0.17] * 3, zorder=2, **runs)
+                    axes.plot(printed.mean, row - 0.17, zorder=3, **mean)
             name_rows(axes, list(CONTROLLERS.values()))
-            axes.set_title(words, loc="left")
+            axes.set_title(title, loc="left")
         axes.set_xlabel("RMSE (m)")
         axes.set_xlim(0.4, 1.1)
         handles = [Line2D([], [], **style) for style in (runs, {**mean, "label": "printed mean"}, ours, spread)]
@@ -233,19 +238,20 @@ def table_figure(found: Experiment) -> Figure:
         return figure
 
 
-def fair_figure(found: Experiment) -> Figure:
-    """Plot the mean errors of the paper's PD and PD+T2FNN, and of controllers that the paper does not have."""
+def fair_figure(experiment: Experiment) -> Figure:
+    """Plot the mean errors of the paper's PD and PD+T2FNN, and of controllers that the paper does not consider."""
     with print_panels(3.0) as (figure, axes):
         styles = zip(WINDS.items(), (BLUE, ORANGE, VERMILION), (-0.24, 0.0, 0.24), strict=True)
-        for (wind, words), color, offset in styles:
+        for (wind, label), color, offset in styles:
             means = [
-                mean_interval(of_survivors(found.cells[Cell(wind, name)].metrics, "rmse")).value for name in COMPARED
+                mean_interval(values_without_crashes(experiment.cells[Cell(wind, name)].metrics, "rmse")).value
+                for name in COMPARED_CONTROLLERS
             ]
-            axes.barh(np.arange(len(COMPARED)) + offset, means, 0.22, color=color, label=words)
-            for place, mean in enumerate(means):
-                place_of_text: Any = {"xytext": (2, 0), "textcoords": "offset points", "va": "center"}
-                axes.annotate(f"{mean:.2f}", (mean, place + offset), fontsize=6.5, **place_of_text)
-        name_rows(axes, list(COMPARED.values()))
+            axes.barh(np.arange(len(COMPARED_CONTROLLERS)) + offset, means, 0.22, color=color, label=label)
+            for row, mean in enumerate(means):
+                text_position: Any = {"xytext": (2, 0), "textcoords": "offset points", "va": "center"}
+                axes.annotate(f"{mean:.2f}", (mean, row + offset), fontsize=6.5, **text_position)
+        name_rows(axes, list(COMPARED_CONTROLLERS.values()))
         axes.set_axisbelow(True)
         axes.set_xlim(0.0, 1.1 * axes.get_xlim()[1])
         axes.set_xlabel("mean RMSE (m)")
@@ -253,12 +259,12 @@ def fair_figure(found: Experiment) -> Figure:
         return figure
 
 
-def advantage_figure(found: Experiment) -> Figure:
-    """Plot the relative reduction of the error from type 1 to type 2 over the noise of the cameras and over q."""
+def advantage_figure(experiment: Experiment) -> Figure:
+    """Plot the relative reduction of the error by type 2, compared with type 1, over the camera noise and over q."""
     with print_panels(2.3, 1, 2, sharey=True) as (figure, ((left, right),)):
         sweeps = (
-            (left, found.noise, "noise", NOISE, 1e3, "noise of the cameras (mm)"),
-            (right, found.q, "q", Q_VALUES, 1.0, "q"),
+            (left, experiment.noise, "noise", NOISE_LEVELS, 1e3, "noise of the cameras (mm)"),
+            (right, experiment.q, "q", Q_VALUES, 1.0, "q"),
         )
         for axes, sweep, number, values, size, label in sweeps:
             axes.axhspan(0.02, 0.07, color="0.88", linewidth=0.0, label="claimed, 2 to 7 %")
@@ -268,23 +274,23 @@ def advantage_figure(found: Experiment) -> Figure:
                 own = {**_style(name), "marker": marker, "markersize": 3.0, "capsize": 2.0}
                 plot_intervals(axes, size * np.array(values), gains, label=CONTROLLERS[name], **own)
             axes.set_xlabel(label)
-        left.set_ylabel("RMSE less than type 1's")
+        left.set_ylabel("reduction of the RMSE")
         left.yaxis.set_major_formatter(PercentFormatter(1.0))
         legend_above(figure, left, 2, columnspacing=1.0)
         return figure
 
 
-def gain_figure(found: Experiment) -> Figure:
+def gain_figure(experiment: Experiment) -> Figure:
     """Plot the error over the gains of the PD, with and without a network."""
-    calibrated = found.cells[Cell("no_wind", "pd")].scenario.cascade.position.plain()
-    errors = {name: _mean_errors(found.maps[name]) for name in MAPPED}
-    seen = np.concatenate([error[np.isfinite(error)] for _, _, error in errors.values()])
-    least, largest = float(seen.min()), float(min(seen.max(), 16.0 * seen.min()))
+    calibrated = experiment.cells[Cell("no_wind", "pd")].scenario.cascade.position.plain()
+    errors = {name: _mean_errors(experiment.maps[name]) for name in MAPPED_CONTROLLERS}
+    finite = np.concatenate([error[np.isfinite(error)] for _, _, error in errors.values()])
+    smallest, largest = float(finite.min()), float(min(finite.max(), 16.0 * finite.min()))
     with print_panels(2.5, 1, 2, sharey=True) as (figure, (row,)):
-        for axes, name in zip(row, MAPPED, strict=True):
+        for axes, name in zip(row, MAPPED_CONTROLLERS, strict=True):
             k_p, k_d, error = errors[name]
             axes.set_facecolor("0.8")
-            norm = LogNorm(least, largest)
+            norm = LogNorm(smallest, largest)
             shades = axes.pcolormesh(k_d, k_p, error, cmap=shading(), norm=norm, shading="nearest")
             axes.contour(k_d, k_p, error, [1.2 * np.nanmin(error)], colors=VERMILION, linewidths=1.2)
             gains = calibrated.k_d[0], calibrated.k_p[0]
@@ -297,7 +303,7 @@ def gain_figure(found: Experiment) -> Figure:
             axes.grid(visible=False)
         row[0].set_ylabel("$k_P$ (1/s²)")
         bar = figure.colorbar(shades, ax=list(row), label="RMSE (m)", fraction=0.06, pad=0.02, extend="max")
-        bar.set_ticks([tick for tick in (0.05, 0.1, 0.2, 0.5, 1.0, 2.0) if least <= tick <= largest])
+        bar.set_ticks([tick for tick in (0.05, 0.1, 0.2, 0.5, 1.0, 2.0) if smallest <= tick <= largest])
         bar.ax.yaxis.set_major_formatter("{x:g}")
         bar.ax.yaxis.set_minor_locator(NullLocator())
         lines = [
@@ -310,19 +316,19 @@ def gain_figure(found: Experiment) -> Figure:
 
 
 def _mean_errors(sweep: Sweep) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the gains k_P and k_D along the axes of a map, and the mean RMSE (k_P, k_D); NaN if a sample crashed."""
+    """Return the gains k_P and k_D of a map, and its mean RMSE (k_P, k_D), which is NaN if a sample crashed."""
     k_p, k_d = (np.unique(sweep.settings[name]) for name in ("k_p", "k_d"))
     rmse = np.where(sweep.metrics.crashed, np.nan, sweep.metrics.rmse).mean(axis=1)
     return k_p, k_d, rmse.reshape(len(k_p), len(k_d))
 
 
-def _whole(flights: Flights) -> Flight:
-    """Return a flight that does not crash and therefore covers the whole route."""
+def _complete_flight(flights: Flights) -> Flight:
+    """Return a flight that covers the whole route, since it does not crash."""
     return flights[Cell("no_wind", "pd_t2fnn")]
 
 
-def _shade(axes: Axes, flight: Flight) -> None:
-    """Shade the legs of the route, and write their numbers along the top of the axes."""
+def _shade_legs(axes: Axes, flight: Flight) -> None:
+    """Shade the legs of the route, and write their numbers at the top of the axes."""
     low, high = axes.get_ylim()
     axes.set_ylim(low, high + 0.1 * (high - low))
     shade_legs(axes, flight.plan, float(flight.time[-1]), height=0.92)

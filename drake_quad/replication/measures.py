@@ -1,4 +1,4 @@
-"""Measures of recorded flights: control effort, the PD's output, the distance to the path, and metrics leg by leg."""
+"""Measures of recorded flights: control effort, output of the PD, distance to the path, and metrics leg by leg."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -9,26 +9,26 @@ import scipy
 
 from drake_quad.flight.flight import Flight
 
-# Time between the points of the path from which the distance is measured, s. At 2 m/s the points are 4 mm apart.
-_FINE = 0.002
+# Distances are measured from points of the path at this time step, s. At 2 m/s, the points are 4 mm apart.
+_PATH_TIME_STEP = 0.002
 
 # Names of the straight and of the curved legs.
-STRAIGHT = ("climb", "straight", "descent", "return")
-CURVED = ("circle", "turn", "curve")
+STRAIGHT_LEGS = ("climb", "straight", "descent", "return")
+CURVED_LEGS = ("circle", "turn", "curve")
 
 
 class Effort(NamedTuple):
     """Definition of control effort.
 
     Attributes:
-        words: definition in a few words.
+        definition: definition in a few words.
         signal: name of the signal from which the effort is computed.
         x: row of the signal that moves the vehicle along X.
         y: row of the signal that moves the vehicle along Y.
         measure: function from the values (ticks,) of a row to the effort.
     """
 
-    words: str
+    definition: str
     signal: str
     x: str
     y: str
@@ -39,7 +39,7 @@ def _mean_square(values: np.ndarray) -> float:
     return float(np.mean(values**2))
 
 
-def _mean_size(values: np.ndarray) -> float:
+def _mean_absolute(values: np.ndarray) -> float:
     return float(np.mean(np.abs(values)))
 
 
@@ -52,37 +52,39 @@ OUR_EFFORT = "command_mean_square"
 EFFORTS = {
     OUR_EFFORT: Effort("mean square of the command", *_COMMAND, _mean_square),
     "command_rms": Effort("root mean square of the command", *_COMMAND, lambda u: math.sqrt(_mean_square(u))),
-    "command_mean_size": Effort("mean size of the command", *_COMMAND, _mean_size),
+    "command_mean_size": Effort("mean absolute command", *_COMMAND, _mean_absolute),
     "command_variance": Effort("variance of the command", *_COMMAND, np.var),
-    "command_peak": Effort("largest command", *_COMMAND, lambda u: np.max(np.abs(u))),
+    "command_peak": Effort("largest absolute command", *_COMMAND, lambda u: np.max(np.abs(u))),
     "command_step_square": Effort("mean square of the command's steps", *_COMMAND, lambda u: _mean_square(np.diff(u))),
-    "command_step_size": Effort("total variation of the command", *_COMMAND, lambda u: _mean_size(np.diff(u))),
-    "pd_mean_square": Effort("mean square of the PD's part", *_PD, _mean_square),
-    "pd_mean_size": Effort("mean size of the PD's part", *_PD, _mean_size),
+    "command_step_size": Effort("total variation of the command", *_COMMAND, lambda u: _mean_absolute(np.diff(u))),
+    "pd_mean_square": Effort("mean square of the PD's output", *_PD, _mean_square),
+    "pd_mean_size": Effort("mean absolute output of the PD", *_PD, _mean_absolute),
     "torque_mean_square": Effort("mean square of the torque", *_TORQUE, _mean_square),
-    "torque_mean_size": Effort("mean size of the torque", *_TORQUE, _mean_size),
+    "torque_mean_size": Effort("mean absolute torque", *_TORQUE, _mean_absolute),
 }
 
 
 def measures(flight: Flight) -> dict[str, float]:
-    """Return all measures of a flight with a PD by name; NaN if the vehicle crashed.
+    """Return all measures of a flight with a PD, by name; they are NaN if the vehicle crashed.
 
-    The names of an effort end in "_x" and "_y". Two measures are ratios of RMS values of the PD's horizontal output.
-    "pd_fade" divides the RMS in the last quarter of the flight by that in the quarter after the climb. "pd_return"
-    divides the RMS in the 1 s after changes of segment by that in the 1 s before. "path_error" is the RMS distance to
-    the nearest point of the path, m.
+    - The efforts of `EFFORTS` on both axes, whose names end in "_x" and "_y".
+    - "pd_fade": RMS of the PD's horizontal output in the last quarter of the flight, divided by that in the quarter
+      after the climb.
+    - "pd_return": RMS of the PD's horizontal output in the 1 s after changes of segment, divided by that in the 1 s
+      before.
+    - "path_error": RMS distance to the nearest point of the path, m.
     """
-    found: dict[str, float] = {}
+    result: dict[str, float] = {}
     for name, effort in EFFORTS.items():
         signal = flight.record(effort.signal)
-        found[f"{name}_x"] = float(effort.measure(getattr(signal, effort.x)))
-        found[f"{name}_y"] = float(effort.measure(getattr(signal, effort.y)))
-    found |= {
-        "pd_fade": _late_over_early(flight),
-        "pd_return": _after_over_before(flight),
+        result[f"{name}_x"] = float(effort.measure(getattr(signal, effort.x)))
+        result[f"{name}_y"] = float(effort.measure(getattr(signal, effort.y)))
+    result |= {
+        "pd_fade": _fade_ratio(flight),
+        "pd_return": _return_ratio(flight),
         "path_error": _path_error(flight),
     }
-    return dict.fromkeys(found, np.nan) if flight.metrics.crashed else found
+    return dict.fromkeys(result, np.nan) if flight.metrics.crashed else result
 
 
 def _horizontal_square(flight: Flight) -> np.ndarray:
@@ -92,17 +94,17 @@ def _horizontal_square(flight: Flight) -> np.ndarray:
     return square
 
 
-def _late_over_early(flight: Flight) -> float:
+def _fade_ratio(flight: Flight) -> float:
     squared = _horizontal_square(flight)
     quarter = len(squared) // 4
     risen = int(np.searchsorted(flight.time, flight.plan.leg_times[1]))
     return float(np.sqrt(squared[-quarter:].mean() / squared[risen : risen + quarter].mean()))
 
 
-def _after_over_before(flight: Flight) -> float:
+def _return_ratio(flight: Flight) -> float:
     squared = _horizontal_square(flight)
-    # The first two legs are excluded. The first one begins with the flight, and is a climb on the spot that ends where
-    # the second one begins.
+    # The beginnings of the first two legs are excluded: the first is the beginning of the flight, and the second is the
+    # end of a vertical climb.
     changes = flight.plan.leg_times[2:]
     after, before = (
         np.any([(flight.time >= t + first) & (flight.time < t + first + 1.0) for t in changes], axis=0)
@@ -112,7 +114,9 @@ def _after_over_before(flight: Flight) -> float:
 
 
 def _path_error(flight: Flight) -> float:
-    path = scipy.spatial.KDTree(flight.plan.derivative(0).vector_values(np.arange(0.0, flight.time[-1], _FINE)).T)
+    path = scipy.spatial.KDTree(
+        flight.plan.derivative(0).vector_values(np.arange(0.0, flight.time[-1], _PATH_TIME_STEP)).T
+    )
     state = flight.record("state")
     distance, _ = path.query(np.column_stack([state.x, state.y, state.z]))
     return float(np.sqrt(np.mean(distance**2)))
@@ -134,15 +138,15 @@ class LegMetrics(NamedTuple):
 
 def leg_metrics(flights: Sequence[Flight]) -> LegMetrics:
     """Return the metrics (flights,) of flights over the paper's route; NaN for those that crashed."""
-    rows = [_of_flight(flight) if not flight.metrics.crashed else (np.nan,) * 3 for flight in flights]
+    rows = [_leg_metrics_of_flight(flight) if not flight.metrics.crashed else (np.nan,) * 3 for flight in flights]
     return LegMetrics(*np.array(rows).T)
 
 
-def _of_flight(flight: Flight) -> tuple[float, float, float]:
+def _leg_metrics_of_flight(flight: Flight) -> tuple[float, float, float]:
     names = np.array([leg.name for leg in flight.plan.legs])
     leg = names[np.searchsorted(flight.plan.leg_times, flight.time, side="right") - 1]
     squared = flight.euclidean_error**2
-    straight, curved = np.isin(leg, STRAIGHT), np.isin(leg, CURVED)
+    straight, curved = np.isin(leg, STRAIGHT_LEGS), np.isin(leg, CURVED_LEGS)
     command = flight.record("acceleration_command")
     steps = np.abs(np.diff(command.x)) + np.abs(np.diff(command.y))
     both = straight[1:] & straight[:-1]

@@ -1,4 +1,4 @@
-"""Table II as printed in the paper."""
+"""Values of Table II as printed in the paper."""
 
 import csv
 import math
@@ -12,8 +12,8 @@ CONTROLLERS = {
     "pd_t2fnn": "PD+T2FNN (1.2, 0.8)",
     "pd_t2fnn_wide": "PD+T2FNN (1.4, 0.6)",
 }
-# Names of winds and controllers by their names in the table. The table gives no exponents without wind. The narrower
-# pair is assumed there.
+# Names of winds and controllers, by their names in table_ii.csv. Without wind, the paper does not print the exponents
+# of PD+T2FNN, and the narrower pair is assumed.
 _WINDS = {"none": "no_wind", "low": "low_wind", "high": "high_wind"}
 _CONTROLLERS = {
     ("PD", ""): "pd",
@@ -25,7 +25,7 @@ _CONTROLLERS = {
 
 
 class Cell(NamedTuple):
-    """Wind and controller of a line of Table II.
+    """Cell of Table II: a combination of wind and controller.
 
     Attributes:
         wind: name of the wind, a key of `WINDS`.
@@ -41,13 +41,13 @@ class Cell(NamedTuple):
         return f"{self.wind}_{self.controller}"
 
     @property
-    def words(self) -> str:
+    def label(self) -> str:
         """Wind and controller as text."""
         return f"{WINDS[self.wind]}, {CONTROLLERS[self.controller]}"
 
 
 class Runs(NamedTuple):
-    """Values of a quantity in three runs, and their mean; NaN for a value that is missing in the paper.
+    """Values of a quantity in three runs, and their mean; values that are missing in the paper are NaN.
 
     Attributes:
         runs: value in each run.
@@ -58,7 +58,7 @@ class Runs(NamedTuple):
     mean: float
 
 
-class Line(NamedTuple):
+class PrintedLine(NamedTuple):
     """Printed values of a cell.
 
     Attributes:
@@ -72,14 +72,14 @@ class Line(NamedTuple):
     effort_y: Runs
 
 
-def printed_table() -> dict[Cell, Line]:
+def printed_table() -> dict[Cell, PrintedLine]:
     """Return the printed values by cell."""
-    found = {}
+    lines = {}
     text = files(__package__).joinpath("table_ii.csv").read_text(encoding="utf-8")
     for row in csv.DictReader(text.splitlines()):
         cell = Cell(_WINDS[row["wind"]], _CONTROLLERS[row["controller"], row["a1"]])
-        found[cell] = Line(*(_runs(row, name) for name in ("rmse_m", "effort_x", "effort_y")))
-    return found
+        lines[cell] = PrintedLine(*(_runs(row, name) for name in ("rmse_m", "effort_x", "effort_y")))
+    return lines
 
 
 def _runs(row: dict[str, str], name: str) -> Runs:

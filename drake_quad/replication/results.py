@@ -1,4 +1,4 @@
-"""Numbers of the replication, and the files that store them."""
+"""Results of the replication, and the files that store them."""
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
@@ -14,29 +14,29 @@ from drake_quad.reports.results import read_groups, write_groups
 from drake_quad.studies.statistics import Comparison, compare_studies
 from drake_quad.studies.study import Study, read_study
 
-# Names of controllers that the paper does not have, which are flown for a fair comparison.
-FAIR = {
+# Names of the controllers that the paper does not consider, which are flown for a fair comparison.
+FAIR_CONTROLLERS = {
     "pd_retuned": "PD, retuned",
     "pid": "PID, retuned",
     "pd_feed_forward": "PD with feed-forward",
     "pd_feed_forward_t2fnn": "PD with feed-forward + T2FNN",
 }
-# Controllers whose error is mapped over the PD gains.
-MAPPED = ("pd", "pd_t2fnn")
+# Controllers whose error is mapped over the gains of the PD.
+MAPPED_CONTROLLERS = ("pd", "pd_t2fnn")
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """Numbers of the experiment.
+    """Results of the experiment.
 
     Attributes:
-        cells: studies of the cells of the controllers of Table II and of `FAIR`.
-        recorded: (samples,) values of each of the `measures` by name, for each cell of Table II.
-        noise: sweep of networks without wind over the "noise" of the cameras (m) and the exponents "a1" and "a2".
-        q: sweep of networks without wind over "q" and the exponents "a1" and "a2".
+        cells: studies of the controllers of Table II and of `FAIR_CONTROLLERS` in each wind, by cell.
+        recorded: (samples,) values of the `measures` by name, for each cell of Table II.
+        noise: sweep of networks over the "noise" of the cameras (m) and the exponents "a1" and "a2", without wind.
+        q: sweep of networks over "q" and the exponents "a1" and "a2", without wind.
         slopes: sweep of PD+T2FNN over the "slope" λ (1/s), by wind.
-        maps: sweep of each controller of `MAPPED` without wind over "k_p" (1/s²) and "k_d" (1/s).
-        legs: sweep of the PD without wind over "k_p" (1/s²) and "k_d" (1/s) around the best gains, leg by leg.
+        maps: sweep over "k_p" (1/s²) and "k_d" (1/s) for each controller of `MAPPED_CONTROLLERS`, without wind.
+        legs: sweep of the PD over "k_p" (1/s²) and "k_d" (1/s) around the best gains, without wind, leg by leg.
     """
 
     cells: Mapping[Cell, Study]
@@ -53,16 +53,16 @@ class Experiment:
 
 
 def read_experiment(folder: Path) -> Experiment:
-    """Read the numbers that `fly_experiment` wrote to a folder.
+    """Read the results that `fly_experiment` wrote to a folder.
 
     Raises:
         InputError: a file is missing or invalid.
     """
-    cells = {cell: read_study(folder / "cells" / cell.scenario) for cell in cells_of((*CONTROLLERS, *FAIR))}
+    cells = {cell: read_study(folder / "cells" / cell.scenario) for cell in cells_of((*CONTROLLERS, *FAIR_CONTROLLERS))}
     recorded = {Cell(*group): columns for group, columns in read_groups(folder / "recorded.csv", Cell._fields).items()}
     noise, q = (load_sweep(folder / f"{name}.csv", Metrics) for name in ("noise", "q"))
     slopes = {wind: load_sweep(folder / f"slope_{wind}.csv", Metrics) for wind in WINDS}
-    maps = {name: load_sweep(folder / f"map_{name}.csv", Metrics) for name in MAPPED}
+    maps = {name: load_sweep(folder / f"map_{name}.csv", Metrics) for name in MAPPED_CONTROLLERS}
     return Experiment(cells, recorded, noise, q, slopes, maps, load_sweep(folder / "legs.csv", LegMetrics))
 
 
@@ -76,5 +76,5 @@ def write_recorded(path: Path, recorded: Mapping[Cell, Mapping[str, np.ndarray]]
 
 
 def cells_of(controllers: Collection[str], winds: Iterable[str] = WINDS) -> list[Cell]:
-    """Return the cells of some controllers, one wind after another."""
+    """Return the cells of the given controllers, sorted by wind."""
     return [Cell(wind, controller) for wind in winds for controller in controllers]

@@ -1,4 +1,4 @@
-"""Sweeps, which fly the same samples of a scenario with several settings of some of its numbers."""
+"""Sweeps, which fly the same samples of a scenario with several settings of its numbers."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,47 +17,47 @@ from drake_quad.reports.results import read_columns
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.models import Scenario
 
-SomeMetrics = TypeVar("SomeMetrics", Metrics, LegMetrics)
+MetricsType = TypeVar("MetricsType", Metrics, LegMetrics)
 
 
 @dataclass(frozen=True)
-class Sweep(Generic[SomeMetrics]):
+class Sweep(Generic[MetricsType]):
     """Metrics of a scenario with several settings.
 
     Attributes:
-        settings: (settings,) values of each number that is varied, by name.
-        samples: (samples,) indices of the samples that are flown with each setting.
+        settings: (settings,) values of each varied number, by its name.
+        samples: (samples,) indices of the samples, which are the same for each setting.
         metrics: (settings, samples) values of each metric.
     """
 
     settings: Mapping[str, np.ndarray]
     samples: np.ndarray
-    metrics: SomeMetrics
+    metrics: MetricsType
 
     def save(self, path: Path) -> Path:
         """Write a row for each setting and sample, and return the path."""
         values = {name: np.ravel(values) for name, values in self.metrics._asdict().items()}
-        return write_table(path, crossed(self.settings, {"sample": self.samples}) | values)
+        return write_table(path, all_combinations(self.settings, {"sample": self.samples}) | values)
 
 
 def num_rows(columns: Mapping[str, np.ndarray]) -> int:
-    """Return the length of columns of equal length."""
+    """Return the common length of columns."""
     return len(next(iter(columns.values())))
 
 
-def crossed(first: Mapping[str, np.ndarray], second: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+def all_combinations(first: Mapping[str, np.ndarray], second: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Return all combinations of the rows of two groups of columns; the rows of the second group vary faster."""
     num_first, num_second = num_rows(first), num_rows(second)
     repeated = {name: np.repeat(values, num_second) for name, values in first.items()}
     return repeated | {name: np.tile(values, num_first) for name, values in second.items()}
 
 
-def load_sweep(path: Path, kind: type[SomeMetrics]) -> Sweep[SomeMetrics]:
+def load_sweep(path: Path, kind: type[MetricsType]) -> Sweep[MetricsType]:
     """Read a sweep.
 
     Args:
-        path: path of the file.
-        kind: class of the metrics.
+        path: path of the CSV file.
+        kind: class of the metrics in the file, `Metrics` or `LegMetrics`.
 
     Raises:
         InputError: the file cannot be read.
@@ -69,27 +69,26 @@ def load_sweep(path: Path, kind: type[SomeMetrics]) -> Sweep[SomeMetrics]:
     return Sweep({name: values[:: len(samples)] for name, values in table.items()}, samples, metrics)
 
 
-# Exponents (a1, a2) of the networks of Table II. With exponents of 1, the sets are the triangles of type 1.
+# Exponents (a1, a2) of the networks of Table II. With exponents of 1, the sets are the triangular sets of type 1.
 EXPONENTS = {"pd_t1fnn": (1.0, 1.0), "pd_t2fnn": (1.2, 0.8), "pd_t2fnn_wide": (1.4, 0.6)}
-# Standard deviations of the position noise, m.
-NOISE = (0.0, 0.001, 0.005, 0.01, 0.02)
+NOISE_LEVELS = (0.0, 0.001, 0.005, 0.01, 0.02)  # m, standard deviations of the position noise
 Q_VALUES = (0.0, 0.25, 0.5, 0.75, 1.0)
-# Slopes λ around the calibrated one of 1.975, 1/s.
-SLOPES = (1.0, 1.5, 1.75, 2.0, 2.25, 2.5, 3.0)
-_POSITION, _NETWORK = "control.position", "control.network"
-# Ranges of k_P (1/s²) and k_D (1/s) around the calibrated gains of 1.447 and 1.684. They are wide enough to contain the
-# best gains.
-_ALL_GAINS = (0.3, 20.0), (0.3, 12.0)
+SLOPES = (1.0, 1.5, 1.75, 2.0, 2.25, 2.5, 3.0)  # 1/s, values of λ around the calibrated 1.975 1/s
+_POSITION = "control.position"
+_NETWORK = "control.network"
+# Ranges of k_P (1/s²) and k_D (1/s) around the calibrated gains of 1.447 and 1.684, wide enough to contain the best
+# gains.
+_GAIN_RANGES = (0.3, 20.0), (0.3, 12.0)
 # Narrower ranges around the best gains, which distinguish the best gains on straight lines from those on curves.
-BEST_GAINS = (2.5, 9.0), (1.0, 4.5)
+BEST_GAIN_RANGES = (2.5, 9.0), (1.0, 4.5)
 _EXPONENTS = dict(zip(("a1", "a2"), np.transpose([*EXPONENTS.values()]), strict=True))
 # Settings of the sweeps: all noise levels and all values of q are combined with all pairs of exponents.
-NOISE_SETTINGS = crossed({"noise": np.array(NOISE)}, _EXPONENTS)
-Q_SETTINGS = crossed({"q": np.array(Q_VALUES)}, _EXPONENTS)
+NOISE_SETTINGS = all_combinations({"noise": np.array(NOISE_LEVELS)}, _EXPONENTS)
+Q_SETTINGS = all_combinations({"q": np.array(Q_VALUES)}, _EXPONENTS)
 SLOPE_SETTINGS = {"slope": np.array(SLOPES)}
 
 
-def gain_settings(count: int, ranges: tuple[tuple[float, float], ...] = _ALL_GAINS) -> dict[str, np.ndarray]:
+def gain_settings(count: int, ranges: tuple[tuple[float, float], ...] = _GAIN_RANGES) -> dict[str, np.ndarray]:
     """Return a square grid of "k_p" (1/s²) and "k_d" (1/s) of X and Y.
 
     Args:
@@ -97,10 +96,10 @@ def gain_settings(count: int, ranges: tuple[tuple[float, float], ...] = _ALL_GAI
         ranges: smallest and largest k_p, and smallest and largest k_d.
     """
     k_p, k_d = (np.geomspace(*ends, count) for ends in ranges)
-    return crossed({"k_p": k_p}, {"k_d": k_d})
+    return all_combinations({"k_p": k_p}, {"k_d": k_d})
 
 
-# Fields of a scenario that each number is written to.
+# Paths of the fields that are set to each number.
 _PATHS = {
     "noise": ["laboratory.motion_capture.position_noise"],
     "q": [f"{_NETWORK}.q"],
@@ -115,7 +114,7 @@ _PATHS = {
 def fly_settings(
     scenario: Scenario, settings: Mapping[str, np.ndarray], samples: Sequence[int], *, compiled: bool = True
 ) -> Metrics:
-    """Fly samples of a scenario with each setting, in one fleet, and return (settings, samples) metrics."""
+    """Fly the same samples with each setting, in one fleet, and return (settings, samples) metrics."""
     batch = settings_batch(scenario, settings, samples)
     metrics = StudyFleet(scenario, plan_route(scenario), len(batch), compiled=compiled).fly_batch(batch)
     return Metrics(*np.reshape(metrics, (-1, num_rows(settings), len(samples))))
@@ -124,13 +123,13 @@ def fly_settings(
 def fly_legs(
     scenario: Scenario, settings: Mapping[str, np.ndarray], samples: Sequence[int], *, compiled: bool = True
 ) -> LegMetrics:
-    """Fly samples of a scenario with each setting, in one recorded fleet, and return (settings, samples) metrics."""
+    """Fly the same samples with each setting, in one recorded fleet, and return (settings, samples) leg metrics."""
     flights = simulate_batch(settings_batch(scenario, settings, samples), compiled=compiled)
     return LegMetrics(*np.reshape(leg_metrics(flights), (-1, num_rows(settings), len(samples))))
 
 
 def settings_batch(scenario: Scenario, settings: Mapping[str, np.ndarray], samples: Sequence[int]) -> Batch:
-    """Return the batch in which all samples are flown with the first setting, then with the second, and so on."""
-    columns = crossed(settings, {"sample": np.asarray(samples)})
+    """Return the batch that consists of all samples with the first setting, all with the second, and so on."""
+    columns = all_combinations(settings, {"sample": np.asarray(samples)})
     varying = {path: columns[name] for name in settings for path in _PATHS[name]}
     return Batch.draw(scenario, columns["sample"].tolist()).with_varying(varying)

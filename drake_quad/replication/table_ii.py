@@ -1,4 +1,4 @@
-"""Table II of the replication, in comparison with the printed one.
+"""Table II of the replication, compared with the printed table.
 
 For each number, the table contains the values and the mean of three runs, as in the paper, and the mean of all samples
 with its interval.
@@ -16,13 +16,13 @@ from drake_quad.replication.results import cells_of
 from drake_quad.reports.page import row
 from drake_quad.reports.results import write_rows
 from drake_quad.statistics.estimates import mean_interval
-from drake_quad.studies.statistics import Interval, of_survivors
+from drake_quad.studies.statistics import Interval, values_without_crashes
 from drake_quad.studies.study import Study
 
 # Headings of the quantities of Table II in a report, by the name of the metric.
 QUANTITIES = {"rmse": "RMSE (m)", "effort_x": "control effort on X (m²/s⁴)", "effort_y": "control effort on Y (m²/s⁴)"}
 _HEADER = """\
-| | | printed: three runs | mean | ours: three runs | mean | all samples, 95 % | off |
+| | | printed: three runs | mean | ours: three runs | mean | all samples, 95 % | deviation |
 |---|---|---|---|---|---|---|---|"""
 
 
@@ -46,17 +46,17 @@ class TableEntry(NamedTuple):
     crashed: int
 
     @property
-    def off(self) -> float:
+    def deviation(self) -> float:
         """Relative difference between the mean and the printed mean; NaN if no mean is printed."""
         return self.mean.value / self.printed.mean - 1.0
 
 
 def table_entries(cells: Mapping[Cell, Study]) -> list[TableEntry]:
-    """Return an entry for each quantity and each combination of wind and controller, from the studies of the cells.
+    """Return an entry for each quantity and each cell, from the studies of the cells.
 
-    If the paper does not have such a cell, the printed values are NaN.
+    If the paper does not print a cell, its printed values are NaN.
     """
-    gap = Runs((math.nan, math.nan, math.nan), math.nan)
+    missing = Runs((math.nan, math.nan, math.nan), math.nan)
     printed = printed_table()
     entries = []
     for quantity in QUANTITIES:
@@ -67,9 +67,9 @@ def table_entries(cells: Mapping[Cell, Study]) -> list[TableEntry]:
                 TableEntry(
                     cell,
                     quantity,
-                    getattr(printed[cell], quantity) if cell in printed else gap,
+                    getattr(printed[cell], quantity) if cell in printed else missing,
                     Runs((first, second, third), float(np.mean([first, second, third]))),
-                    mean_interval(of_survivors(metrics, quantity)),
+                    mean_interval(values_without_crashes(metrics, quantity)),
                     int(metrics.crashed.sum()),
                 )
             )
@@ -88,7 +88,7 @@ def write_entries(path: Path, entries: Sequence[TableEntry]) -> Path:
 
 
 def table_markdown(entries: Sequence[TableEntry], quantity: str) -> str:
-    """Return the entries of one quantity as a table in Markdown."""
+    """Return the entries of one quantity as a Markdown table."""
     rows = (
         (
             WINDS[entry.cell.wind],
@@ -98,7 +98,7 @@ def table_markdown(entries: Sequence[TableEntry], quantity: str) -> str:
             _runs(entry.runs),
             number_or_dash(entry.runs.mean),
             entry.mean.text(),
-            percent_or_dash(entry.off),
+            percent_or_dash(entry.deviation),
         )
         for entry in entries
         if entry.quantity == quantity
@@ -111,10 +111,10 @@ def _runs(runs: Runs) -> str:
 
 
 def number_or_dash(value: float) -> str:
-    """Return a number with three decimals as text; a dash if it is NaN."""
+    """Return a number with three decimals, or a dash if it is NaN."""
     return "–" if math.isnan(value) else f"{value:.3f}"
 
 
 def percent_or_dash(share: float) -> str:
-    """Return a relative difference as text; a dash if it is NaN."""
+    """Return a relative difference in per cent, or a dash if it is NaN."""
     return "–" if math.isnan(share) else f"{100.0 * share:+.1f} %"

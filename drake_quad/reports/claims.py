@@ -16,7 +16,7 @@ class Claim(NamedTuple):
     """Claim and the verdict on it.
 
     Attributes:
-        words: statement that is judged.
+        statement: statement that is judged.
         evidence: numbers of the experiment, with 95 % intervals.
         verdict: verdict on the claim.
         rule: rule by which the verdict follows from the evidence.
@@ -25,7 +25,7 @@ class Claim(NamedTuple):
         figure: name of a figure that shows the evidence; empty if there is none.
     """
 
-    words: str
+    statement: str
     evidence: str
     verdict: Verdict
     rule: str

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
-from drake_quad.studies.crew import Crew, outcomes_of
+from drake_quad.studies.worker_pool import WorkerPool, run_tasks
 
 
 class Job(NamedTuple):
@@ -22,7 +22,7 @@ class Job(NamedTuple):
 
 def run_jobs(
     jobs: Sequence[Job],
-    workers: Crew | None = None,
+    workers: WorkerPool | None = None,
     *,
     finished: Callable[[Any], object] = lambda result: None,
     progress: Callable[[int, int, str], object] = lambda *_: None,
@@ -47,17 +47,17 @@ def run_jobs(
     return [results[number] for number in range(len(jobs))]
 
 
-def _results(jobs: Sequence[Job], workers: Crew | None) -> Iterator[tuple[int, Any]]:
+def _results(jobs: Sequence[Job], workers: WorkerPool | None) -> Iterator[tuple[int, Any]]:
     """Do jobs and yield the number and the result of each as soon as it is done."""
     if workers is None:
         for number, job in enumerate(jobs):
             yield number, job.call()
         return
     waiting = enumerate(jobs)
-    for outcome in outcomes_of(workers, _call, lambda: next(waiting, None)):
+    for outcome in run_tasks(workers, _call, lambda: next(waiting, None)):
         if outcome.reason:
             raise RuntimeError(outcome.reason)
-        yield outcome.given[0], outcome.result
+        yield outcome.argument[0], outcome.result
 
 
 def _call(numbered: tuple[int, Job]) -> Any:

@@ -22,9 +22,10 @@ class Batch:
         scenario: scenario of the study, with its distributions.
         samples: (N,) indices of the samples in the study, counted from 0. Together with the seed they determine wind
             and noise.
-        varying: (N,) numbers of each field, by path, that differ from vehicle to vehicle, such as the numbers drawn
-            from a distribution.
-        seeds: (N,) seeds of the samples, for samples of several studies; None if all have the seed of the scenario.
+        varying: (N,) values, by path, of each field that differs from vehicle to vehicle, such as a field with a
+            distribution.
+        seeds: (N,) seeds of the samples, for samples of several studies; None if all samples use the seed of the
+            scenario.
     """
 
     scenario: Scenario
@@ -38,8 +39,8 @@ class Batch:
     ) -> "Batch":
         """Draw samples of a scenario's study.
 
-        Fields are drawn independently, except that moments of inertia that no rigid body has are replaced by the
-        nearest ones that a rigid body can have.
+        Fields are drawn independently, unless their distributions share variables. Moments of inertia that no rigid
+        body can have are replaced by the nearest possible moments.
 
         Args:
             scenario: scenario, which may contain distributions.
@@ -80,10 +81,10 @@ class Batch:
         return len(self.samples)
 
     def with_varying(self, varying: Mapping[str, np.ndarray]) -> "Batch":
-        """Return the batch with other numbers in some fields, without validation.
+        """Return the batch with new values of some fields, without validation.
 
         Args:
-            varying: (N,) numbers of each field, by path.
+            varying: (N,) new values of each field, by path.
         """
         return replace(self, varying={**self.varying, **varying})
 
@@ -122,7 +123,7 @@ def draw_sample(scenario: Scenario, sample: int, *, seed: int | None = None) -> 
 def at_quantile(scenario: Scenario, share: float) -> Scenario:
     """Return the scenario with the quantile of each distribution at a given probability.
 
-    Moments of inertia that no rigid body has are replaced by the nearest ones that a rigid body can have.
+    Moments of inertia that no rigid body can have are replaced by the nearest possible moments.
 
     Args:
         scenario: scenario with distributions.
@@ -138,7 +139,7 @@ def middle_of(scenario: Scenario) -> Scenario:
 
 
 def _with_rigid_bodies(scenario: Scenario, varying: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return drawn numbers in which the moments of inertia are those of rigid bodies.
+    """Return drawn values in which impossible moments of inertia are replaced by those of rigid bodies.
 
     Args:
         scenario: scenario with distributions.
@@ -160,7 +161,8 @@ def _with_rigid_bodies(scenario: Scenario, varying: Mapping[str, np.ndarray]) ->
 def _stream_name(path: str) -> str:
     """Return the name of the random stream of a field: its path with indices in brackets, as in `vehicle.inertia[0]`.
 
-    Earlier versions wrote paths in this form. Keeping it in the names of streams keeps the samples of studies.
+    Earlier versions wrote paths in this form. The names of streams still use it, so that the samples of existing
+    studies do not change.
     """
     first, *steps = steps_of(path)
     return first + "".join(f"[{step}]" if step.isdecimal() else f".{step}" for step in steps)

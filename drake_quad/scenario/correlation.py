@@ -200,7 +200,7 @@ def correlated_normals(
     deviation = checked_deviations(names, mean, covariance)
     correlation = covariance / np.outer(deviation, deviation)
     if len(names) and np.linalg.eigvalsh(correlation)[0] < -_ROUNDING * len(names):
-        raise InputError("the covariance is not positive semidefinite, so no random numbers can have it")
+        raise InputError("the covariance matrix is not positive semidefinite, so no random numbers have it")
     weights = _weights(correlation)
     result: dict[str, dict[str, Any]] = {}
     for name, centre, spread, row in zip(names, mean, deviation, weights, strict=True):
@@ -238,7 +238,7 @@ def checked_deviations(names: Sequence[str], mean: np.ndarray, covariance: np.nd
     deviation: np.ndarray = np.sqrt(variance)
     scale = np.outer(deviation, deviation)
     if not np.all(np.abs(covariance - covariance.T) <= _ROUNDING * scale):
-        raise InputError("the covariance is not symmetric")
+        raise InputError("the covariance matrix is not symmetric")
     return deviation
 
 
@@ -299,7 +299,7 @@ def _eigenvalue_factors(correlation: np.ndarray) -> np.ndarray:
     """Return the (n, n) factors V √(Λ - λ), sorted from the largest to the smallest eigenvalue."""
     size, vectors = np.linalg.eigh(0.5 * (correlation + correlation.T))
     factors: np.ndarray = vectors[:, ::-1] * np.sqrt(np.maximum(size[::-1] - max(size[0], 0.0), 0.0))
-    # The sign of an eigenvector is arbitrary, so the entry with the largest size is made positive.
+    # The sign of an eigenvector is arbitrary, so its entry with the largest magnitude is made positive.
     signs = np.sign(factors[np.argmax(np.abs(factors), axis=0), np.arange(len(size))])
     return factors * np.where(signs == 0.0, 1.0, signs)
 

@@ -78,8 +78,8 @@ def refused(demand: str, **context: Any) -> PydanticCustomError:
 def omits_defaults(*names: str) -> Any:
     """Return a serializer that omits some fields of a model if they have their defaults.
 
-    The fields were added in later versions. Documents of earlier versions do not have them, and a study is identified
-    by its document.
+    These fields were added in later versions. A study is identified by its document, so the documents of earlier
+    versions, which lack these fields, must not change.
     """
 
     @model_serializer(mode="wrap")
@@ -284,7 +284,7 @@ class Choice(Distribution):
         return min(self.choice), max(self.choice)
 
     def quantile(self, probability: Any) -> Any:
-        """Return the quantile, where the numbers are ordered as they are given."""
+        """Return the quantile, with the numbers in the order in which they are given."""
         return np.array(self.choice)[(np.asarray(probability) * len(self.choice)).astype(int)]
 
 
@@ -304,7 +304,7 @@ def is_distribution(fields: Mapping[str, Any]) -> bool:
 
 
 def is_number_or_distribution(hint: Any) -> bool:
-    """Return whether a type without its annotations is that of a number that may be a distribution."""
+    """Return whether a type, without its annotations, is a number that may be replaced by a distribution."""
     return any(get_args(member)[:1] == (Normal,) for member in get_args(hint))
 
 

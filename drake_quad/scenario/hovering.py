@@ -12,10 +12,10 @@ _HOVER = HoverRoute(kind="hover", position=(0.0, 0.0, 1.0))
 def at_rest(scenario: Scenario) -> Scenario:
     """Return the scenario in hover, without random or time-varying effects.
 
-    The vehicle hovers where the scenario's route hovers, or at (0, 0, 1). Noise, lost frames and packets, turbulence,
-    gusts, sinusoidal wind, battery sag, the battery, rotor failures and obstacles are removed. Delays, lags, filters,
-    drag, errors of the vehicle, the bias of the gyroscope, fans and steady wind remain. A payload remains if the
-    vehicle carries it at the start of the flight.
+    The vehicle hovers at the position of the route if its kind is `hover`, and otherwise at (0, 0, 1). Noise, lost
+    frames and packets, turbulence, gusts, sinusoidal wind, battery sag, the battery, rotor failures and obstacles are
+    removed. Delays, lags, filters, drag, errors of the vehicle, the bias of the gyroscope, fans and steady wind remain.
+    A payload remains if the vehicle carries it at the start of the flight.
 
     Raises:
         InputError: if the scenario contains a distribution.

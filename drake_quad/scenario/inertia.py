@@ -20,7 +20,7 @@ def inertia_flaw(moments: Sequence[NumberOrDistribution]) -> str:
     lowest, _ = bounds = _bounds(moments)
     flaw = rigid_body.inertia_flaw(rigid_body.nearest_rigid(lowest, *bounds).tolist())
     drawn = not all(isinstance(moment, float) for moment in moments)
-    return f"must be that of a rigid body: {'for every draw, ' * drawn}{flaw}" if flaw else ""
+    return f"must belong to a rigid body: {'for every draw, ' * drawn}{flaw}" if flaw else ""
 
 
 def rigid_draws(moments: Sequence[NumberOrDistribution], drawn: Sequence[Any]) -> np.ndarray:

@@ -20,7 +20,7 @@ _Turns = Literal["clockwise", "anticlockwise"]
 class RotorLayout(Model):
     """Positions and directions of rotation of four rotors.
 
-    In the scenario of a fleet, numbers that a study draws are (N,) arrays.
+    In the scenario of a fleet, values that a study draws are (N,) arrays.
 
     Attributes:
         is_paired: True if opposite rotors of every airframe with the layout form pairs, see `paired_rotor_action`.
@@ -125,10 +125,10 @@ class RotorPlace(Model):
     )
     turns: _Turns = Field(description="direction of rotation, seen from above")
     thrust_factor: Positive | None = Field(
-        default=None, description="thrust factor b of the rotor (N s²); that of the airframe if not given"
+        default=None, description="thrust factor b of the rotor (N s²); the factor of the airframe if not given"
     )
     drag_factor: Positive | None = Field(
-        default=None, description="drag factor d of the rotor (N m s²); that of the airframe if not given"
+        default=None, description="drag factor d of the rotor (N m s²); the factor of the airframe if not given"
     )
 
 
@@ -149,7 +149,7 @@ class RotorsLayout(RotorLayout):
         return True
 
     def rotors_of(self, airframe: Any) -> Rotors:
-        """Return the rotors; a rotor without factors of its own has those of the airframe."""
+        """Return the rotors; a factor that a rotor omits is the factor of the airframe."""
         return Rotors._make(_rotor(place, airframe) for place in self.rotors)
 
 

@@ -16,7 +16,7 @@ class LoopTerms(Model):
 
     k_i: Gains | None = Field(default=None, description="integral gains (unit of the proportional gains over s)")
     integral_limit: Positives | None = Field(
-        default=None, description="largest size of the integral term (unit of the output); no limit if not given"
+        default=None, description="largest magnitude of the integral term (unit of the output); no limit if not given"
     )
     integral_fade: Positive | None = Field(
         default=None,
@@ -37,7 +37,7 @@ class LoopTerms(Model):
         default=None, description="gains of the feed-forward of the setpoint (unit of the proportional gains)"
     )
     limit: Positives | None = Field(
-        default=None, description="largest size of the output (its unit); no limit if not given"
+        default=None, description="largest magnitude of the output (its unit); no limit if not given"
     )
 
     @property

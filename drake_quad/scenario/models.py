@@ -107,7 +107,7 @@ class Airframe(Model, Generic[_Positive, _NonNegative]):
         if any(path.startswith(rotors) for path in distributions_in(self)):
             return
         if missing := missing_direction(rotors_of(self)):
-            raise self.field_error(f"must produce thrust and all torques, but has no {missing}", "layout")
+            raise self.field_error(f"must produce thrust and all torques, but cannot produce {missing}", "layout")
 
     def check_inertia(self) -> None:
         """Raise a validation error if no draw of the moments of inertia belongs to a rigid body."""
@@ -115,13 +115,13 @@ class Airframe(Model, Generic[_Positive, _NonNegative]):
             raise self.field_error(flaw, "inertia")
 
     def _check_arm(self) -> None:
-        """Raise an error if the arm length contradicts the distances of the layout, which would otherwise be used."""
+        """Raise an error if the arm length contradicts the distances of the layout, which the model uses instead."""
         if "arm_length" not in self.model_fields_set or not self.layout.has_distances:
             return
         written: Any = self.arm_length
         if not isinstance(written, float):
             raise self.field_error("must be left out, since the layout has distances", "arm_length")
-        # A layout with distributions has no definite arms to compare with.
+        # The arms of a layout with distributions are not definite, so no arm length can contradict them.
         if distributions_in(self.layout):
             return
         shortest, longest = arms_of(self)
@@ -135,7 +135,9 @@ class Airframe(Model, Generic[_Positive, _NonNegative]):
 class Nominal(Airframe[PlainPositive, PlainNonNegative]):
     """Vehicle that planner and controllers assume. Defaults are those of the paper's Table I where it has a value."""
 
-    motors: BelievedMotors = Field(default=SpeedMotors(kind="speed"), description="quantity that the motors take")
+    motors: BelievedMotors = Field(
+        default=SpeedMotors(kind="speed"), description="quantity by which the motors are commanded"
+    )
 
     @field_validator("layout")
     @classmethod
@@ -157,7 +159,7 @@ class Nominal(Airframe[PlainPositive, PlainNonNegative]):
 
 
 class Vehicle(Airframe[Positive, NonNegative]):
-    """The real aircraft. A field that is not given is as in `nominal`, which planner and controllers use."""
+    """The real aircraft. A field that is not given has its value in `nominal`, which planner and controllers use."""
 
     thrust_factor_error: Annotated[tuple[Share, Share, Share, Share], Field(strict=False)] = Field(
         default=(0.0, 0.0, 0.0, 0.0), description="relative error of the thrust factor b of each rotor (1)"
@@ -175,7 +177,7 @@ class Vehicle(Airframe[Positive, NonNegative]):
     )
     motors: Motors = Field(
         default=SpeedMotors(kind="speed"),
-        description="quantity that the motors take; of the same kind as in `nominal`",
+        description="quantity by which the motors are commanded; of the same kind as in `nominal`",
     )
     battery_sag: Annotated[Number, bounded(least=0.0, below=1.0)] = Field(
         default=0.0, description="fraction of the rotor speed lost by the end of the flight (1), growing linearly"
@@ -286,7 +288,7 @@ class Crash(Model):
 
     tilt: PlainTilt | None = Field(
         default=math.radians(80.0),
-        description="largest size of roll or pitch (rad); null for a vehicle that may turn over",
+        description="largest magnitude of roll or pitch (rad); null for a vehicle that may turn over",
     )
     position_error: PlainPositive = Field(default=5.0, description="largest distance from the reference (m)")
     height: Real = Field(default=-0.5, description="smallest height (m)")
@@ -299,7 +301,7 @@ class Mission(Model):
         default="scenario",
         pattern=NAME,
         max_length=100,
-        description="name of plots and folders, of letters, digits, '_', '.' and '-'",
+        description="name of plots and folders; it consists of letters, digits, '_', '.' and '-'",
     )
     route: AnyRoute
     nominal: Nominal = Nominal()
@@ -413,8 +415,8 @@ class Scenario(Mission):
         for path, distribution in distributions_in(self).items():
             names.update(shared_names([distribution]))
             if len(names) > MAX_SHARED:
-                demand = f"must not add a shared variable, since the scenario already has {MAX_SHARED}, the largest"
-                raise refused(f"{demand} number", path=(*keys_of(path), "normal", "shared"))
+                demand = f"must not add a shared variable, since the scenario already has {MAX_SHARED}, the limit"
+                raise refused(demand, path=(*keys_of(path), "normal", "shared"))
         return self
 
     @model_validator(mode="after")

@@ -11,7 +11,7 @@ from drake_quad.vehicle.motors import ThrustCurve
 
 
 class SpeedMotors(Model):
-    """Motors that take a rotor speed as their command."""
+    """Motors commanded by a rotor speed."""
 
     kind: Literal["speed"]
     take_throttles: ClassVar = False
@@ -22,14 +22,15 @@ class SpeedMotors(Model):
 
 
 class ThrottleMotors(Model):
-    """Motors that take a throttle u from 0 to 1; the thrust of a rotor is K0 + K1 u + K2 u²."""
+    """Motors commanded by a throttle u from 0 to 1; the thrust of a rotor is K0 + K1 u + K2 u²."""
 
     kind: Literal["throttle"]
     curve: Annotated[tuple[Number, Number, Number], Field(strict=False)] = Field(
         description="coefficients K0, K1, K2 of the thrust (N)"
     )
     voltage: Annotated[float, Field(gt=0.0)] | None = Field(
-        default=None, description="battery voltage at which the curve holds (V); only the evaluation of logs uses it"
+        default=None,
+        description="battery voltage at which the curve is valid (V); only the evaluation of logs uses it",
     )
     take_throttles: ClassVar = True
 

@@ -24,7 +24,7 @@ def number_at(scenario: Scenario, path: str) -> float:
 
 
 def with_number(scenario: Scenario, path: str, value: float) -> Scenario:
-    """Return the scenario with another number in a field.
+    """Return the scenario with a new number in a field.
 
     Fields that the scenario omits keep their defaults. If `nominal.mass` changes, for example, so does the mass of a
     vehicle whose mass is not given.

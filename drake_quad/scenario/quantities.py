@@ -57,8 +57,8 @@ class Rule:
         lower: smallest number that follows the rule; None if there is no lower bound.
         upper: largest number that follows the rule; None if there is no upper bound.
         is_whole: whether numbers must be whole.
-        is_of_numbers: whether the rule is for the numbers that are written, before pydantic converts them, rather than
-            for all that a distribution can give.
+        is_of_numbers: whether the rule applies to the numbers as written, before pydantic converts them, rather than to
+            all values of a distribution.
     """
 
     check: Callable[[Any], Any]
@@ -107,7 +107,7 @@ def radians(most: float) -> Rule:
     """Return a rule that rejects angles that must have been given in degrees.
 
     Args:
-        most: largest plausible size of an angle, or of a parameter of its distribution, rad.
+        most: largest plausible magnitude of an angle, or of a parameter of its distribution, rad.
     """
 
     def check(value: Any) -> Any:
@@ -124,9 +124,11 @@ def radians_demand(degrees: float, most: float) -> str:
 
     Args:
         degrees: given number.
-        most: largest plausible size of the angle, rad.
+        most: largest plausible magnitude of the angle, rad.
     """
-    return f"must be in radians, at most {most:.4g} in size; {degrees:g} degrees are {math.radians(degrees):.4g} rad"
+    return (
+        f"must be in radians, at most {most:.4g} in magnitude; {degrees:g} degrees are {math.radians(degrees):.4g} rad"
+    )
 
 
 def _numbers_in(value: Any) -> Iterator[float]:
@@ -146,7 +148,7 @@ def whole(*, least: int, most: int) -> Rule:
     def check(value: NumberOrDistribution) -> NumberOrDistribution:
         numbers = _values_of(value)
         if numbers is None or not all(number.is_integer() and least <= number <= most for number in numbers):
-            raise refused(f"must be a whole number from {least} to {most}, or a choice of such")
+            raise refused(f"must be a whole number from {least} to {most}, or a choice of such numbers")
         return value
 
     return Rule(check, least, most, is_whole=True)
@@ -176,7 +178,7 @@ def largest_ticks(written: Any, flown: Any) -> int:
 
 
 def excludes_zero(value: NumberOrDistribution) -> bool:
-    """Return whether all values of a quantity have the same sign and at least the size `SMALLEST`."""
+    """Return whether all values of a quantity have the same sign and at least the magnitude `SMALLEST`."""
     values = _values_of(value)
     if values is not None:
         return all(abs(number) >= SMALLEST for number in values)
@@ -194,14 +196,14 @@ Number = NumberOrDistribution
 Positive = Annotated[NumberOrDistribution, bounded(above=0.0), bounded(least=SMALLEST)]
 NonNegative = Annotated[NumberOrDistribution, bounded(least=0.0)]
 Probability = Annotated[NumberOrDistribution, bounded(least=0.0, most=1.0)]
-# An error relative to what it is added to, which it cannot turn round.
+# Relative error of a quantity. Above -1, so that the quantity does not change its sign.
 Share = Annotated[NumberOrDistribution, bounded(above=-1.0)]
-# Whole periods of delay; fifty are a second of control.
+# Delay in whole periods. Fifty periods of the control link are one second by default.
 Ticks = Annotated[NumberOrDistribution, whole(least=0, most=50)]
-# Times in a flight, and how long something takes, s.
+# Times and durations in a flight, s.
 Moment = Annotated[NumberOrDistribution, bounded(least=0.0, most=LONGEST)]
 Span = Annotated[NumberOrDistribution, bounded(above=0.0), bounded(least=SHORTEST, most=LONGEST)]
-# Limits of angles, rad. No direction needs more than two turns, and a body that tilts by more than 90° is upside down.
+# Largest angles, rad. No direction needs more than two turns, and a body that tilts by more than 90° is upside down.
 TWO_TURNS = 4.0 * math.pi
 _UPRIGHT = 0.5 * math.pi
 Direction = Annotated[NumberOrDistribution, radians(TWO_TURNS)]
@@ -214,7 +216,7 @@ Gains = Annotated[tuple[NonNegative, NonNegative, NonNegative], Field(strict=Fal
 Positives = Annotated[tuple[Positive, Positive, Positive], Field(strict=False)]
 Spans = Annotated[tuple[Span, Span, Span], Field(strict=False)]
 
-# The same without distributions.
+# Types of the same quantities without distributions.
 PlainPositive = Annotated[float, Field(ge=SMALLEST, le=LARGEST)]
 PlainNonNegative = Annotated[float, Field(ge=0.0, le=LARGEST)]
 PlainMoment = Annotated[float, Field(ge=0.0, le=LONGEST)]
@@ -227,7 +229,7 @@ PlainDirections = Annotated[tuple[PlainDirection, PlainDirection, PlainDirection
 PlainAngleNoise = Annotated[PlainPositive, radians(_UPRIGHT)]
 PlainTilt = Annotated[float, Field(gt=0.0, lt=_UPRIGHT), radians(_UPRIGHT)]
 HalfTurn = Annotated[float, Field(ge=-math.pi, le=math.pi), radians(math.pi)]
-# Between ticks of cameras, control or integration, s; nothing flies with less than one a second.
+# Period of cameras, control or integration, s. No vehicle can be flown with less than one tick per second.
 Period = Annotated[float, Field(ge=SHORTEST, le=1.0)]
 Step = Annotated[float, Field(ge=0.0, le=1.0), AfterValidator(_no_shorter_step)]
 

@@ -70,7 +70,11 @@ def _allow_relative(definitions: dict[str, Any]) -> None:
             if isinstance(node, list) and any(map(_is_distribution, node)):
                 node.append({"$ref": f"{_REFERENCE}Relative"})
     forms = {name: definitions[model]["properties"][name] for model, name in _DISTRIBUTION_NAMES.items()}
-    to = {"type": "number", "exclusiveMinimum": 0.0, "description": "value of the field to which the numbers belong"}
+    to = {
+        "type": "number",
+        "exclusiveMinimum": 0.0,
+        "description": "value of the field to which the distribution applies",
+    }
     definitions["Relative"] = {
         "type": "object",
         "description": "a distribution that is scaled in proportion to the value of the vehicle that flies",

@@ -16,7 +16,7 @@ from drake_quad.space.shapes import Ball, Cuboid, Cylinder, Hull, hull_of, trans
 from drake_quad.space.simplification import MAX_GROWTH, surrounding
 
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,59}")
-# Names that obstacles must not have, since the merging of layers gives these keys of a mapping a meaning of their own.
+# Names that obstacles must not have, since these keys of a mapping have a special meaning when layers are merged.
 _RESERVED_NAMES = ("kind", *DISTRIBUTIONS)
 
 
@@ -109,7 +109,7 @@ class SpaceSettings(Model):
 
     bounds: BoxRegion | None = Field(
         default=None,
-        description="box that the centre of mass does not leave in a plan; a vehicle that leaves it has not crashed",
+        description="box inside which a plan keeps the centre of mass; leaving the box in flight is not a crash",
     )
     obstacles: dict[str, AnyObstacle] = Field(default={}, description="solids, by name")
     margin: PlainNonNegative = Field(

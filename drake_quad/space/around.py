@@ -21,18 +21,20 @@ from drake_quad.space.passage import Passage, candidate_regions, find_passage, o
 from drake_quad.space.regions import SLACK, Regions
 from drake_quad.space.space import Space
 
-# Largest number of points and smallest spacing (m) of the grid that provides seeds for regions. If the first grid
-# contains no route, the second one is tried.
+# Largest number of points and smallest spacing (m) of each grid that provides seeds for regions. If the first grid
+# contains no route, the second grid is tried.
 _GRIDS = ((30_000, 0.05), (400_000, 0.03))
-# Number of points on each axis that are checked in a waypoint's region that is not a point.
+# Number of grid points on each axis of a waypoint's region (unless the region is a point) that are checked for
+# clearance.
 _POINTS_PER_AXIS = 21
-# Largest number of pieces into which obstacles may divide a waypoint's region. Pieces near its middle come first.
+# Largest number of pieces of a waypoint's region, divided by obstacles, that are considered. Pieces near the middle of
+# the region come first.
 _MAX_PIECES = 4
-# Number of passages that are drawn in addition to the shortest one.
+# Number of passages that are drawn at random in addition to the shortest passage.
 _NUM_OTHER_PASSAGES = 12
-# Largest number of routes whose times are optimised, which takes almost a second for each.
+# Largest number of routes whose times are optimised. An optimisation takes almost a second.
 _MAX_OPTIMISED_ROUTES = 3
-# Limits with which routes are compared if the problem has none.
+# Limits with which routes are compared if the problem has no limits.
 _ANY_LIMITS = PathLimits(acceleration=1.0)
 
 
@@ -42,7 +44,7 @@ class RouteAround(NamedTuple):
     Attributes:
         problem: problem whose corridors are free of obstacles. It has an additional waypoint in the intersection of
             each two successive corridors.
-        waypoints: (waypoints,) indices of the given waypoints among those of the problem.
+        waypoints: (waypoints,) indices of the given waypoints among the waypoints of the problem.
     """
 
     problem: PathProblem
@@ -76,7 +78,7 @@ def plan_around(space: Space, bounds: Box, problem: PathProblem, timing: Timing)
     """Plan a path around obstacles; the result is deterministic.
 
     If there are several passages, the function returns the best path by the criterion of the timing: the shortest time,
-    or the least snap if the time is given.
+    or the smallest snap if the time is given.
 
     Args:
         space: obstacles.
@@ -92,7 +94,7 @@ def plan_around(space: Space, bounds: Box, problem: PathProblem, timing: Timing)
     """
     routes = _routes_around(space, bounds, problem)
     if isinstance(timing, Shortest | LeastSnap) and len(routes) > _MAX_OPTIMISED_ROUTES:
-        # The shortest route is always optimised, together with the most promising ones.
+        # The shortest route is always optimised, together with the routes of the lowest estimated cost.
         order = sorted(range(1, len(routes)), key=lambda i: _estimated_cost(routes[i], timing))[
             : _MAX_OPTIMISED_ROUTES - 1
         ]
@@ -147,7 +149,7 @@ def _timing_for(route: RouteAround, timing: Timing) -> Timing:
 
 
 def _routes_around(space: Space, bounds: Box, problem: PathProblem) -> list[RouteAround]:
-    """Return routes around obstacles, the shortest one first.
+    """Return routes around obstacles, the shortest route first.
 
     Raises:
         InputError: if no route is found.
@@ -188,7 +190,7 @@ def _routes(
 def _split_into_pieces(space: Space, points: np.ndarray) -> list[np.ndarray]:
     """Split the free points (k, 3) of a waypoint, m, into pieces.
 
-    In each piece, a free straight line joins the first point to any other.
+    In each piece, a free straight line joins the first point to every other point.
     """
     pieces: list[np.ndarray] = []
     shares = np.linspace(0.0, 1.0, _POINTS_PER_AXIS)[:, np.newaxis, np.newaxis]
@@ -245,8 +247,8 @@ def _routes_through(
         problem: problem with the waypoints.
         grid: grid of free points of the space.
         free_points: free points (k, 3) of each waypoint, m.
-        divided: True if the points are those of one piece of each waypoint only. Each leg must then start and end in
-            regions that contain such points.
+        divided: True if the points of each waypoint belong to only one of its pieces. Each leg must then start and end
+            in regions that contain such points.
     """
     clearance = space.clearance + SLACK
     free = grid.nearest >= clearance
@@ -284,16 +286,16 @@ def _routes_through(
     ]
     routes = [with_corridors(problem, regions, passage)]
     for other in others:
-        # The intersection of a waypoint and the regions around it can be too small.
+        # The intersection of a waypoint's region and the regions around it can be too small for the solver.
         with contextlib.suppress(InputError):
             routes.append(with_corridors(problem, regions, other))
     return routes
 
 
 def _free_points(problem: PathProblem, space: Space, bounds: Box) -> list[np.ndarray]:
-    """Return the free points (k, 3) of each waypoint, m, the nearest to its middle first.
+    """Return the free points (k, 3) of each waypoint, m, sorted by the distance from the middle of its region.
 
-    A waypoint that is a point has only this point. Other waypoints have points on a grid.
+    For a waypoint that is a point, only this point is checked. In other waypoints, the points of a grid are checked.
 
     Raises:
         InputError: if a waypoint has no free point.

@@ -1,4 +1,4 @@
-"""Explanation for a missing route: the waypoints between which there is none, and the obstacles that block it."""
+"""Explanation for a missing route: the waypoints between which no route exists, and the obstacles that block it."""
 
 import itertools
 from collections.abc import Sequence
@@ -11,9 +11,10 @@ from drake_quad.reference.regions import Box
 from drake_quad.space.grid import Grid, is_near
 from drake_quad.space.space import Space
 
-# Largest number of points and smallest spacing (m) of the grids on which a route is searched for.
+# Largest number of points and smallest spacing (m) of each grid on which a route is searched for.
 _GRIDS = ((500_000, 0.05), (3_000_000, 0.02))
-# All sets of up to this number of obstacles are tried. Of larger sets, only one minimal set is determined.
+# Largest number of obstacles of which all sets are tried. If none of these sets blocks the route, one larger minimal
+# set is determined.
 _MAX_SET_SIZE = 2
 
 
@@ -24,7 +25,7 @@ def explain_blockage(space: Space, bounds: Box, problem: PathProblem) -> str:
     successive such grid points are equal or neighbours. Distances from obstacles change by no more than the distance
     moved, so these grid points have at least the clearance minus half the diagonal. They are also within half the
     diagonal of the corridor of the leg, if it has one. If such grid points do not connect two waypoints, there is no
-    route between them. If they do, a route may still not exist.
+    route between them. If they do connect the waypoints, a route may still not exist.
 
     Args:
         space: obstacles.
@@ -36,12 +37,12 @@ def explain_blockage(space: Space, bounds: Box, problem: PathProblem) -> str:
         search = _Search(Grid.of(space, bounds, most=most, finest=finest), problem, certain=False)
         free = search.grid.nearest >= space.clearance - search.half_diagonal
         for last in range(1, legs + 1):
-            # Each leg alone may have a route, but not from the points that the leg before reaches.
+            # Every single leg may have a route, but not one that starts at the points that the preceding leg reaches.
             for first in dict.fromkeys((last - 1, 0)):
                 if not search.connects(free, first, last):
                     return _sentence(space, problem, first, last, _blocking_sets(space, bounds, problem, first, last))
     return (
-        f"no way was found with a clearance of {space.clearance:.3g} m ({space.clearance_in_words}); there may be one"
+        f"no way was found with a clearance of {space.clearance:.3g} m ({space.clearance_in_words}); a way may exist"
         f" through gaps that are narrower than {2.0 * search.half_diagonal:.2g} m for the centre of mass"
     )
 
@@ -78,7 +79,7 @@ class _Search:
         ]
 
     def connects(self, free: np.ndarray, first: int, last: int) -> bool:
-        """Return True if free points connect a waypoint to a later one through all waypoints between them."""
+        """Return True if free points connect a waypoint to a later waypoint through all waypoints between them."""
         reached = self._near[first] & free
         components = None
         for leg in range(first, last):
@@ -106,14 +107,15 @@ def _sentence(space: Space, problem: PathProblem, first: int, last: int, blockin
         return f"{between} within the bounds of the space"
     remedies = [_join_names([space.names[number] for number in without]) for without in blocking.sets]
     would = "would" if blocking.is_sure else "may"
-    return f"{between} ({space.clearance_in_words}); without {', or without '.join(remedies)}, there {would} be one"
+    return f"{between} ({space.clearance_in_words}); without {', or without '.join(remedies)}, there {would} be a way"
 
 
 def _blocking_sets(space: Space, bounds: Box, problem: PathProblem, first: int, last: int) -> _BlockingSets:
-    """Return the smallest sets of obstacles whose removal opens a route on the grid; none if no removal does.
+    """Return the smallest sets of obstacles whose removal opens a route on the grid; empty if there is no such set.
 
-    Sets are preferred whose removal certainly opens a route. The route then uses points whose distance from the
-    remaining obstacles exceeds the clearance by half a cell's diagonal, so that the lines between neighbours are free.
+    Sets whose removal certainly opens a route are preferred. For such a set, the route uses points whose distance from
+    the remaining obstacles exceeds the clearance by half a cell's diagonal, so that the lines between neighbours are
+    free.
     """
     most, finest = _GRIDS[0]
     grid = Grid.of(space, bounds, most=most, finest=finest)

@@ -38,7 +38,8 @@ def nearest_approach(path: PolynomialPath, space: Space) -> NearestApproach | No
 
     The distance is accurate to a hundredth of a millimetre. The method is branch and bound: the length of a piece of
     the path is at most its duration times the largest speed on its segment, and the distance from an obstacle changes
-    by no more than the distance moved. Pieces that cannot contain the minimum are discarded, and the others are halved.
+    by no more than the distance moved. Pieces that cannot contain the minimum are discarded, and all other pieces are
+    halved.
     """
     if not space.obstacles:
         return None

@@ -13,9 +13,9 @@ import numpy as np
 from drake_quad.reference.regions import Box, Sphere, WaypointRegion
 from drake_quad.space.space import Space
 
-# Largest distance between a waypoint and the grid points that it is connected to, in spacings of the grid.
+# Largest distance between a waypoint and the grid points to which it is connected, in spacings of the grid.
 _MAX_CONNECTION_SPACINGS = 1.8
-# Directions to the 26 neighbours of a point, one of each opposite pair.
+# Directions to the 26 neighbours of a point, with one direction of each opposite pair.
 _DIRECTIONS = [step for step in itertools.product((-1, 0, 1), repeat=3) if step > (0, 0, 0)]
 
 
@@ -76,8 +76,9 @@ class Grid:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the lengths of the shortest routes over free points from any of several starting points.
 
-        The lengths are weighted: by two at the clearance from an obstacle, and by less at larger distances. Convex
-        regions are bounded by planes, so a route that closely follows an obstacle would need many of them.
+        The lengths are weighted: by two at a distance from an obstacle equal to the clearance, and by less at larger
+        distances. Convex regions are bounded by planes, so a route that closely follows an obstacle would require many
+        regions.
 
         Args:
             starts: (k, 3) starting points, m.
@@ -101,7 +102,7 @@ class Grid:
             one, other = one[both], other[both]
             length = np.linalg.norm(self.points[other] - self.points[one], axis=1)
             # Distances from obstacles change by no more than the distance moved, which often proves that the line is
-            # free. Otherwise its middle is checked.
+            # free. Otherwise the middle of the line is checked.
             is_free = self.nearest[one] + self.nearest[other] - length >= 2.0 * clearance
             uncertain = np.flatnonzero(~is_free)
             middles = 0.5 * (self.points[one[uncertain]] + self.points[other[uncertain]])
@@ -122,7 +123,7 @@ class Grid:
         return all_lengths[:-1], np.where(predecessors[:-1] == size - 1, -1, predecessors[:-1])
 
     def neighbours(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Yield, for each of 13 directions, the indices of the points with a neighbour there, and of the neighbours."""
+        """Yield, for each of 13 directions, the indices of all points with a neighbour there, and of the neighbours."""
         numbers = np.arange(len(self.points)).reshape(self.shape)
         for step in _DIRECTIONS:
             starts = numbers[tuple(slice(max(0, -s), n - max(0, s)) for s, n in zip(step, self.shape, strict=True))]
@@ -132,7 +133,7 @@ class Grid:
     def shortest_route(
         self, lengths: np.ndarray, predecessors: np.ndarray, starts: np.ndarray, ends: np.ndarray
     ) -> np.ndarray | None:
-        """Return the shortest route (corners, 3) from any starting point to any end point, m; None if there is none.
+        """Return the shortest route (corners, 3) from any starting point to any end point, m; None if no route exists.
 
         Args:
             lengths: (n,) lengths from the starting points, a result of `lengths_from`.

@@ -1,7 +1,8 @@
 """Search for the convex regions through which a path leads: a shortest path in a graph of convex sets.
 
-Routes on a grid determine the candidate regions: those through which the shortest route or a slightly longer one leads.
-Among these, Drake finds the shortest polyline, with a cost for each transition from one region to the next.
+Routes on a grid determine the candidate regions, through which the shortest route or a slightly longer route leads.
+Among all polylines through these regions, Drake finds the shortest, with a cost for each transition from one region to
+the next.
 
 T. Marcucci, M. Petersen, D. von Wrangel and R. Tedrake, "Motion planning around obstacles with convex optimization",
 Science Robotics 8 (84), 2023.
@@ -26,9 +27,10 @@ from drake_quad.process_settings import without_drake_remarks
 from drake_quad.reference.regions import Box, Corridor, Polytope, Sphere, WaypointRegion
 from drake_quad.space.regions import MIN_COMMON_RADIUS, Regions
 
-# Number of candidate regions of a leg, unless its chain has more. The search takes half a second for this number.
+# Number of candidate regions of a leg, unless its chain has more. With this number, the search takes half a second.
 _MAX_CANDIDATES = 8
-# Cost of a transition to another region, in m of length. A path with fewer segments has fewer turns.
+# Cost of a transition to another region, as a length in m. It favours paths with fewer segments, which have fewer
+# turns.
 _TRANSITION_COST = 0.1
 # Number of paths that Drake tries when it rounds the solution of the convex relaxation.
 _MAX_ROUNDED_PATHS = 10
@@ -43,7 +45,7 @@ Passage = tuple[tuple[int, ...], ...]
 
 
 def region_chain(regions: Regions, route: np.ndarray) -> list[int]:
-    """Return a chain of regions that covers a route, with an intersection between each two successive ones.
+    """Return a chain of regions that covers a route, in which each two successive regions intersect.
 
     New regions are grown where no existing region continues the chain.
 
@@ -59,7 +61,7 @@ def region_chain(regions: Regions, route: np.ndarray) -> list[int]:
     for _ in range(_MAX_CHAIN_LENGTH):
         inside = regions.containing(np.array(points))
         steps = inside[:, :-1] & inside[:, 1:]
-        # Each region covers this number of steps of the route from here on.
+        # Number of steps that each region covers, starting from the current point of the route.
         follows = np.cumprod(steps, axis=1).sum(axis=1)
         best = next(
             (
@@ -90,15 +92,15 @@ def find_passage(
     *,
     ends: Sequence[np.ndarray] | None = None,
 ) -> Passage | None:
-    """Return the shortest passage; None if there is none.
+    """Return the shortest passage; None if no passage exists.
 
     Args:
         regions: all regions.
         candidates: indices of the regions that each leg may use.
-        waypoints: regions of the waypoints, legs + 1 of them.
+        waypoints: (legs + 1) regions of the waypoints.
         corridors: corridor of each leg, which it must not leave; None for a leg without a corridor.
-        ends: for each waypoint, (regions,) True for the regions in which a leg may start or end there; all regions if
-            not given.
+        ends: for each waypoint, (regions,) True for the regions in which a leg may start or end at this waypoint; all
+            regions if not given.
     """
     graph = GcsTrajectoryOptimization(3)
     # Passing a waypoint takes no time, but Drake requires a positive upper limit.
@@ -121,7 +123,8 @@ def find_passage(
         inside = [regions[n] if corridor is None else regions[n].intersection(corridor) for n in numbers]
         sets = [HPolyhedron(region.normals, region.offsets) for region in inside if region is not None]
         part = graph.AddRegions(sets, pairs, 1, name=f"leg {leg}")
-        # Drake would use linear programs to find the regions that contain a waypoint, and fail if one of them fails.
+        # Drake would find the regions that contain a waypoint by linear programs, and fail if one of these programs
+        # fails.
         first, last = (
             [
                 n
@@ -202,7 +205,7 @@ def other_passages(
 def _distance_matrix(
     regions: Regions, containing: Sequence[np.ndarray], ends: Sequence[np.ndarray], corridor: Corridor | None
 ) -> np.ndarray:
-    """Return the lengths of transitions between regions, m; zero if there is none.
+    """Return the lengths of transitions between regions, m; zero for regions without a transition.
 
     A transition leads from centre to centre through the centre of the intersection, and includes the transition cost.
     The last two rows and columns are the start and the end of the leg.
@@ -259,7 +262,7 @@ def _convex_set(waypoint: WaypointRegion) -> ConvexSet:
 
 
 def candidate_regions(regions: Regions, chain: Sequence[int], points: np.ndarray, lengths: np.ndarray) -> list[int]:
-    """Return the indices of the candidate regions of a leg: its chain, then regions on short routes.
+    """Return the indices of the candidate regions of a leg: the regions of its chain, then regions on short routes.
 
     Args:
         regions: all regions.

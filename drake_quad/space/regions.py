@@ -1,9 +1,9 @@
 """Approximation of the free space by convex regions, which Drake's IRIS grows around seeds.
 
 A point is free if its distance from every obstacle is at least the clearance. IRIS grows a region between the original
-obstacles, and the faces of the region are then moved inwards by the clearance. A ball with this radius around a point
-of the reduced region is in the original region, so it touches no obstacle. The seed is in the reduced region, since
-IRIS starts with such a ball around it.
+obstacles, and the faces of the region are then moved inwards by the clearance. A ball whose radius is the clearance,
+around any point of the reduced region, lies in the original region and touches no obstacle. The seed is in the reduced
+region, since IRIS starts with such a ball around the seed.
 
 R. Deits and R. Tedrake, "Computing large convex regions of obstacle-free space through semidefinite programming",
 Workshop on the Algorithmic Foundations of Robotics, 2014.
@@ -21,13 +21,13 @@ from drake_quad.space.space import Space
 SLACK = 1e-5
 # Smallest radius of the ball inscribed in the intersection of two regions between which a path may lead, m.
 MIN_COMMON_RADIUS = 1e-3
-# Limits of the iterations of IRIS. Regions between obstacles hardly grow in further iterations.
+# Limits on the iterations of IRIS. Regions between obstacles hardly grow in further iterations.
 _MAX_IRIS_ROUNDS = 4
-_MIN_IRIS_GAIN = 0.05  # relative growth of the region's ellipsoid
-# Share of the free points that the regions must cover, unless there are already `_MAX_REGIONS`.
+_MIN_IRIS_GAIN = 0.05  # smallest relative growth of the region's ellipsoid that is worth a further iteration
+# Fraction of the free points that the regions must cover, unless there are already `_MAX_REGIONS`.
 _MIN_COVERAGE = 0.95
 _MAX_REGIONS = 40
-# Tolerance with which a point on a face counts as a point of the region, for rounding errors, m.
+# Largest distance from a face, m, at which a point still counts as a point of the region, to allow for rounding errors.
 _FACE_TOLERANCE = 1e-9
 
 
@@ -61,7 +61,7 @@ class Regions:
             region = Iris(self._sets, seed, domain, options)
             lengths = np.linalg.norm(region.A(), axis=1)
             normals, offsets = region.A() / lengths[:, np.newaxis], region.b() / lengths - self._distance
-            # Rounds after the first may lose the ball around the seed.
+            # After the first iteration, the region may no longer contain the ball around the seed.
             if (normals @ seed <= offsets + _FACE_TOLERANCE).all():
                 break
         reduced = HPolyhedron(normals, offsets).ReduceInequalities()

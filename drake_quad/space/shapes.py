@@ -21,9 +21,10 @@ from drake_quad.signals import Row
 
 Vector = tuple[float, float, float]
 _ZERO_VECTOR = (0.0, 0.0, 0.0)
-# Number of sides of the polygon that is drawn for a circle.
+# Number of sides of the polygon by which a circle is drawn.
 _CIRCLE_SIDES = 32
-# Tolerance with which a projected point counts as a point of a face, relative to the size of the solid.
+# Largest distance from a face, relative to the size of the solid, at which a projected point still counts as a point of
+# the face.
 _RELATIVE_ROUNDING = 1e-12
 
 
@@ -120,7 +121,7 @@ class Cylinder(_Solid):
 
     Attributes:
         radius: radius, m.
-        height: height along the cylinder's own Z axis, m.
+        height: height along the axis of the cylinder, m.
 
     Raises:
         InputError: if a number is not finite, or the radius or the height is not positive.
@@ -225,7 +226,7 @@ class Hull:
         """Return the distance of a point in W from the surface, m; negative inside.
 
         For a point outside, no plane of a face is farther away than the hull. If the projection of the point onto the
-        farthest plane is in the hull, it is the nearest point. Otherwise the nearest point is on an edge.
+        farthest plane is in the hull, this projection is the nearest point. Otherwise the nearest point is on an edge.
         """
         c_x, c_y, c_z = centre = self.centre
         p = (x - c_x, y - c_y, z - c_z)
@@ -343,7 +344,7 @@ def hull_of(points: ArrayLike) -> Hull:
 def transformed_points(
     points: ArrayLike, *, centre: Vector = _ZERO_VECTOR, rotation: Vector = _ZERO_VECTOR, scale: float = 1.0
 ) -> np.ndarray:
-    """Return points (n, 3) of a solid's own frame in W, m.
+    """Return points (n, 3), given in the frame of a solid, in W, m.
 
     Args:
         points: (n, 3) points in the frame of the solid.

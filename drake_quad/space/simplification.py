@@ -1,9 +1,9 @@
 """Approximation of a convex hull from outside by a hull with fewer corners.
 
-1. The algorithm selects some of the corners: first the extreme ones along the coordinate axes, then repeatedly the
-   corner that is farthest from the hull of the selected ones.
-2. It shifts and scales the hull of the selected corners by the smallest factor with which the hull contains all
-   corners. Scaling keeps the face normals, so the shift and the factor follow from a linear programme.
+1. The algorithm selects some of the corners: first the extreme corners along the coordinate axes, then repeatedly the
+corner that is farthest from the hull of the selected corners. 2. It shifts and scales the hull of the selected corners
+by the smallest factor with which the hull contains all corners. Scaling keeps the face normals, so the shift and the
+factor follow from a linear programme.
 
 The result contains the original hull. Its corners are the points that are farthest from the original hull, so their
 distance bounds the error.
@@ -23,15 +23,16 @@ from numpy.typing import ArrayLike
 from drake_quad.errors import InputError
 from drake_quad.space.shapes import hull_of
 
-# Largest growth relative to the size of the hull. With 100 corners, the hull of a finely meshed sphere grows by 2.5 %,
-# and the mesh of a drone, which has flat sides, by less than 1 %.
+# Largest growth of a hull, relative to its size. With 100 corners, the hull of a finely meshed sphere grows by 2.5 %,
+# and the hull of a drone's mesh, which has flat sides, by less than 1 %.
 MAX_GROWTH = 0.05
 # If a hull has more corners, only the extreme corners along this number of directions are candidates.
 _MAX_CANDIDATES = 500
-# Enlargement of the result relative to its smallest width, so that it contains all corners in spite of rounding.
+# Smallest enlargement of the result, relative to its smallest width, so that the result contains all corners in spite
+# of rounding.
 _MIN_ROUNDING_MARGIN = 1e-9
-# Rounding error of the distance of a point from a face, relative to the largest coordinate. It sums the errors of three
-# products, of the sums, and of the corners themselves.
+# Rounding error of the distance of a point from a face, relative to the largest coordinate. The error is the sum of the
+# errors of three products, of the additions, and of the corners themselves.
 _ROUNDING_ERROR = 16.0 * float(np.finfo(float).eps)
 
 
@@ -52,7 +53,7 @@ class Surrounding(NamedTuple):
 
     @property
     def is_simpler(self) -> bool:
-        """True if the hull has fewer corners than the original; otherwise the two are equal."""
+        """True if the hull has fewer corners than the original hull; otherwise the two hulls are equal."""
         return len(self.corners) < self.replaced
 
     def __str__(self) -> str:
@@ -60,7 +61,7 @@ class Surrounding(NamedTuple):
         share = 100.0 * self.growth / self.size
         return (
             f"its convex hull with {self.replaced} corners is replaced by a hull with {len(self.corners)} corners"
-            f" around it, which is larger by at most {self.growth:.3g}, {share:.2g} % of its size"
+            f" around it, larger by at most {self.growth:.3g}, {share:.2g} % of its size"
         )
 
 
@@ -69,7 +70,7 @@ def surrounding(points: ArrayLike, most: int) -> Surrounding:
 
     Args:
         points: (n, 3) points that the hull contains, m.
-        most: largest number of corners. If the hull of the points has no more, it is returned unchanged.
+        most: largest number of corners. If the hull of the points has no more corners, it is returned unchanged.
 
     Raises:
         InputError: if the points have no hull with a volume, no hull around them is found, or the hull would grow by
@@ -115,7 +116,7 @@ def _principal(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def _spread(corners: np.ndarray, count: int) -> np.ndarray:
-    """Return the indices of `count` corners, selected greedily by their distance from the hull of those before."""
+    """Return the indices of `count` corners, each selected as the farthest from the hull of the preceding corners."""
     candidates = np.arange(len(corners))
     if len(corners) > _MAX_CANDIDATES:
         candidates = np.unique((corners @ _directions(_MAX_CANDIDATES).T).argmax(axis=0))
@@ -141,7 +142,7 @@ def _directions(count: int) -> np.ndarray:
 def _outside(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """Return the distances (n,) of points (n, 3) from the hull of corners, measured across its faces; negative inside.
 
-    If the corners span only a plane, a line or a point, the distance is that from this subspace.
+    If the corners span only a plane, a line or a point, the distance is measured from this subspace.
     """
     middle, widths, axes = _principal(corners)
     if len(corners) < 4 or widths[-1] <= 1e-6 * widths[0]:
@@ -167,7 +168,7 @@ def _around(points: np.ndarray, corners: np.ndarray, margin: float) -> np.ndarra
     Args:
         points: (n, 3) points around the origin whose hull has the width 1 along each axis.
         corners: (m, 3) some of these points.
-        margin: distance by which the hull is larger than necessary.
+        margin: distance by which the hull exceeds the smallest possible hull.
 
     Raises:
         InputError: if the solver fails.
@@ -186,7 +187,8 @@ def _around(points: np.ndarray, corners: np.ndarray, margin: float) -> np.ndarra
             " the mesh"
         )
     shift = least.x[:3]
-    # The solver may violate a face by its tolerance, so the factor is computed again. All offsets are positive.
+    # The solver may violate a face by its tolerance, so the factor is computed again from the solution. All offsets are
+    # positive.
     factor = float(((support + margin - normals @ shift) / offsets).max())
     enlarged: np.ndarray = shift + factor * centred
     return enlarged

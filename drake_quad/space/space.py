@@ -30,9 +30,9 @@ class Space:
     Attributes:
         obstacles: solids.
         radius: radius of the vehicle around its centre of mass, m. A vehicle that is nearer to an obstacle has crashed.
-        bounds: bounds of the centre of mass in plans; None if there are none.
-        margin: additional clearance of plans, m.
-        tracking: further clearance of plans for the predicted tracking error, m.
+        bounds: bounds of the centre of mass in plans; None for no bounds.
+        margin: clearance of plans in addition to the radius, m.
+        tracking: additional clearance of plans for the predicted tracking error, m.
     """
 
     obstacles: tuple[Obstacle, ...]

@@ -1,7 +1,7 @@
-"""Ratios of the means of a metric in two studies of the same samples.
+"""Ratio of the mean of a metric in one study to its mean in another study with the same samples.
 
-The estimand is E[a] / E[b], not the mean E[a / b] of the ratios of single samples. The two differ wherever b varies,
-and only the first is above 1 if and only if the difference E[a] - E[b] is positive.
+The estimated ratio is E[a] / E[b], not the mean E[a / b] of the ratios of single samples. The two differ if b varies,
+and only E[a] / E[b] is above 1 if and only if the difference E[a] - E[b] is positive.
 """
 
 import math
@@ -15,10 +15,10 @@ from drake_quad.statistics.interval import CONFIDENCE, Interval
 def ratio_of_means(values: np.ndarray, baseline: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
     """Return the ratio of the means of two metrics, with Fieller's interval.
 
-    The interval contains each ratio R for which Student's interval of the mean of a - R b contains zero (E. C. Fieller,
-    "Some problems in interval estimation", Journal of the Royal Statistical Society B, 1954). If the mean of b is not
-    distinguishable from zero, Fieller's set is unbounded. Then the upper end is infinite, and the lower end is the
-    smallest nonnegative ratio in the set.
+    The interval contains each ratio R for which Student's t interval of the mean of a - R b contains zero (E. C.
+    Fieller, "Some problems in interval estimation", Journal of the Royal Statistical Society B, 1954). If the mean of b
+    is not significantly different from zero, the set of these ratios is unbounded. Then the upper end is infinite, and
+    the lower end is the smallest nonnegative ratio in the set.
 
     Args:
         values: (n,) nonnegative samples of the metric a.
@@ -26,7 +26,8 @@ def ratio_of_means(values: np.ndarray, baseline: np.ndarray, confidence: float =
         confidence: probability that the interval contains the ratio.
 
     Returns:
-        The ratio. It is NaN if the mean of the baseline is zero, and its ends are NaN for fewer than two samples.
+        The ratio with its interval. The ratio is NaN if the mean of the baseline is zero, and the ends of the interval
+        are NaN for fewer than two samples.
     """
     n = len(values)
     mean = float(np.mean(baseline)) if n else 0.0
@@ -35,8 +36,8 @@ def ratio_of_means(values: np.ndarray, baseline: np.ndarray, confidence: float =
     ratio = float(np.mean(values)) / mean
     if n < 2:
         return Interval(ratio, math.nan, math.nan)
-    # Let d be the difference between R and the estimate, and e = a - ratio b the residuals, whose mean is zero. Then
-    # the set is (mean² - q var(b)) d² + 2 q cov(e, b) d - q var(e) <= 0.
+    # Let d be R minus the estimated ratio, and e = a - ratio b the residuals, whose mean is zero. The set consists of
+    # all R with (mean² - q var(b)) d² + 2 q cov(e, b) d - q var(e) <= 0.
     q = float(scipy.special.stdtrit(n - 1, 0.5 * (1.0 + confidence))) ** 2 / n
     (var_e, cov), (_, var_b) = np.cov(np.stack([values - ratio * baseline, baseline]))
     square, half = mean**2 - q * var_b, q * cov
@@ -54,12 +55,12 @@ def ratio_of_means(values: np.ndarray, baseline: np.ndarray, confidence: float =
 def linearized_ratio(values: np.ndarray, baseline: np.ndarray) -> np.ndarray:
     """Return the linearised contribution of each sample to the ratio of the means of two metrics (delta method).
 
-    The mean of the contributions is the ratio, and their standard error is that of the ratio to first order. The
-    difference of two ratios on the same samples is the mean of the differences of their contributions.
+    The mean of the contributions is the ratio. To first order, the standard error of this mean is the standard error of
+    the ratio. The difference of two ratios on the same samples is the mean of the differences of their contributions.
 
     Args:
         values: (n,) samples of one metric.
-        baseline: (n,) values of the other metric on the same samples; their mean must not be zero.
+        baseline: (n,) values of the other metric on the same samples; the mean of these values must not be zero.
 
     Returns:
         (n,) contributions.

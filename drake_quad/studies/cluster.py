@@ -1,4 +1,4 @@
-"""Workers of a Dask cluster that fly the batches of a study."""
+"""Pool of the workers of a Dask cluster, which fly the batches of a study."""
 
 import gc
 import logging
@@ -9,20 +9,19 @@ from typing import Any
 
 from drake_quad.errors import InputError
 from drake_quad.process_settings import ProcessSetting
-from drake_quad.studies.crew import Crew, Outcome, attempt, failed
-from drake_quad.studies.provenance import difference, provenance
+from drake_quad.studies.provenance import code_difference, provenance
+from drake_quad.studies.worker_pool import Outcome, WorkerPool, failed_outcome, run_task
 
-# Timeouts of a connection and of an answer from the scheduler, s. They are generous, since the scheduler may run on a
-# busy machine.
-_CONNECTION_TIMEOUT, _ANSWER_TIMEOUT = 10.0, 30.0
-# Periods, s. Checking the futures takes microseconds, whereas a request to the scheduler takes milliseconds.
-_POLL_PERIOD, _BETWEEN_QUESTIONS = 0.05, 2.0
-# Time limit, s. A cluster that scales automatically may have no workers for a while.
-_LONGEST_WITHOUT_WORKERS = 60.0
+# The timeouts (s) are long, since the scheduler may run on a busy machine.
+_CONNECTION_TIMEOUT = 10.0
+_REPLY_TIMEOUT = 30.0
+_POLL_PERIOD = 0.05  # s between checks of the futures; a check takes microseconds
+_REQUEST_PERIOD = 2.0  # s between requests to the scheduler; a request takes milliseconds
+_MAX_TIME_WITHOUT_WORKERS = 60.0  # s; an automatically scaled cluster may have no workers for a while
 
 
-class DaskCrew(Crew):
-    """Crew of the workers of a Dask cluster, which can be used while the scheduler answers.
+class DaskPool(WorkerPool):
+    """Pool of the workers of a Dask cluster, which can be used as long as the scheduler replies.
 
     Args:
         client: connected Dask client.
@@ -32,80 +31,81 @@ class DaskCrew(Crew):
 
     def __init__(self, client: Any, address: str, num_workers: int) -> None:
         self.num_workers = num_workers
-        self.capacity = 2 * num_workers  # each worker has a second task in its queue and does not wait for the network
+        self.capacity = 2 * num_workers  # a queued task for each worker, so that no worker waits for the network
         self._client, self._address = client, address
-        self._under_way: dict[Any, Any] = {}
-        self._asked = self._had_workers = time.monotonic()
+        self._pending: dict[Any, Any] = {}
+        self._last_request = self._last_time_with_workers = time.monotonic()
 
-    def begin(self, function: Callable[[Any], Any], given: Any) -> None:
-        """Begin a task, as `Crew.begin` does."""
+    def submit(self, function: Callable[[Any], Any], argument: Any) -> None:
+        """Start a task, as `WorkerPool.submit` does."""
         self._check_connection()
-        self._under_way[self._client.submit(attempt, function, given, pure=False)] = given
+        self._pending[self._client.submit(run_task, function, argument, pure=False)] = argument
 
-    def finished(self) -> list[Outcome]:
-        """Wait for outcomes, as `Crew.finished` does.
+    def next_outcomes(self) -> list[Outcome]:
+        """Wait for outcomes, as `WorkerPool.next_outcomes` does.
 
         Raises:
-            ConnectionError: the scheduler is gone, or the cluster has had no workers for a minute.
+            ConnectionError: the scheduler does not reply, or the cluster has had no workers for a minute.
         """
         while True:
-            done = [future for future in self._under_way if future.done()]
+            done = [future for future in self._pending if future.done()]
             self._check_connection()
             if done:
-                return [self._outcome(future, self._under_way.pop(future)) for future in done]
+                return [self._outcome(future, self._pending.pop(future)) for future in done]
             self._check_scheduler()
             time.sleep(_POLL_PERIOD)
 
-    def give_up(self) -> None:
-        """Abandon all tasks, as `Crew.give_up` does, except that workers complete the tasks that they have begun."""
-        self._under_way.clear()  # the scheduler cancels tasks whose futures are garbage-collected
+    def abandon(self) -> None:
+        """Cancel all pending tasks; workers complete the tasks that are already running."""
+        self._pending.clear()  # the scheduler cancels a task when its future is garbage-collected
 
-    def _outcome(self, future: Any, given: Any) -> Outcome:
+    def _outcome(self, future: Any, argument: Any) -> Outcome:
         try:
-            outcome: Outcome = future.result(timeout=_ANSWER_TIMEOUT)
+            outcome: Outcome = future.result(timeout=_REPLY_TIMEOUT)
         except TimeoutError:
-            raise self._silence() from None
+            raise self._timeout_error() from None
         except Exception as error:  # the worker died, or could not unpickle the task
-            return failed(given, error)
+            return failed_outcome(argument, error)
         return outcome
 
-    def _silence(self) -> ConnectionError:
-        """Return the error for a request that the scheduler does not answer."""
+    def _timeout_error(self) -> ConnectionError:
+        """Return the error for a request to which the scheduler does not reply."""
         self._check_connection()
-        return self._lost("does not answer")
+        return self._connection_error("does not reply")
 
-    def _lost(self, how: str) -> ConnectionError:
-        return ConnectionError(f"the Dask scheduler at {self._address} {how}")
+    def _connection_error(self, problem: str) -> ConnectionError:
+        return ConnectionError(f"the Dask scheduler at {self._address} {problem}")
 
     def _check_connection(self) -> None:
-        # A client that loses its scheduler cancels its futures, even if it finds another scheduler later. The status
-        # "lost" has another meaning: the worker with the result died, and the scheduler repeats the computation.
-        if self._client.status != "running" or any(future.status == "cancelled" for future in self._under_way):
-            raise self._lost("is gone")
+        # A client that loses its scheduler cancels its futures, even if it connects to another scheduler later. The
+        # status "lost" is no reason to stop: it means that the worker with the result died, and the scheduler repeats
+        # the task.
+        if self._client.status != "running" or any(future.status == "cancelled" for future in self._pending):
+            raise self._connection_error("has closed the connection")
 
     def _check_scheduler(self) -> None:
         """Request the number of workers from the scheduler, at most every two seconds."""
         now = time.monotonic()
-        if now < self._asked + _BETWEEN_QUESTIONS:
+        if now < self._last_request + _REQUEST_PERIOD:
             return
         try:
-            threads = self._client.sync(self._client.scheduler.ncores, callback_timeout=_ANSWER_TIMEOUT)
+            threads = self._client.sync(self._client.scheduler.ncores, callback_timeout=_REPLY_TIMEOUT)
         except (OSError, TimeoutError, AttributeError):
-            raise self._silence() from None
-        self._asked = time.monotonic()
+            raise self._timeout_error() from None
+        self._last_request = time.monotonic()
         if threads:
-            self._had_workers = now
-        elif now > self._had_workers + _LONGEST_WITHOUT_WORKERS:
-            raise self._lost("has had no workers for a minute")
+            self._last_time_with_workers = now
+        elif now > self._last_time_with_workers + _MAX_TIME_WITHOUT_WORKERS:
+            raise self._connection_error("has had no workers for a minute; start workers and resume the study")
 
 
 @contextmanager
-def dask_crew(address: str, num_workers: int | None = None) -> Iterator[DaskCrew]:
-    """Connect to a Dask cluster whose workers have the same code as this process, and yield its crew.
+def dask_pool(address: str, num_workers: int | None = None) -> Iterator[DaskPool]:
+    """Connect to a Dask cluster whose workers have the same code as this process, and yield the pool of its workers.
 
     Args:
         address: address of the scheduler, such as tcp://localhost:8786.
-        num_workers: number of simultaneous tasks; one for each thread of the cluster's workers if not given.
+        num_workers: number of simultaneous tasks; by default, one for each thread of the cluster's workers.
 
     Raises:
         InputError: Dask is not installed, no scheduler or no worker can be reached, or a worker has different code.
@@ -113,17 +113,19 @@ def dask_crew(address: str, num_workers: int | None = None) -> Iterator[DaskCrew
     try:
         from distributed import Client
     except ImportError:
-        raise InputError("Dask is not installed; pip install 'drake_quad[cluster]' has it") from None
+        raise InputError("Dask is not installed; install it by pip install 'drake_quad[cluster]'") from None
     with _silently():
         client = _connected(Client, address)
         try:
             try:
-                client.wait_for_workers(1, timeout=_LONGEST_WITHOUT_WORKERS)
+                client.wait_for_workers(1, timeout=_MAX_TIME_WITHOUT_WORKERS)
             except TimeoutError:
-                raise InputError(f"the Dask scheduler at {address} has no workers") from None
+                raise InputError(
+                    f"the Dask scheduler at {address} has no workers; start some with dask worker {address}"
+                ) from None
             _check_code(client)
             threads = sum(client.nthreads().values())
-            yield DaskCrew(client, address, threads if num_workers is None else num_workers)
+            yield DaskPool(client, address, threads if num_workers is None else num_workers)
         finally:
             _close(client)
 
@@ -138,8 +140,8 @@ def _connected(client: Callable[..., Any], address: str) -> Any:
         return client(address, timeout=_CONNECTION_TIMEOUT, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-    # Dask leaves an incomplete client, which closes when it is garbage-collected. At the end of the process, closing
-    # would take 20 s and print a traceback.
+    # Dask leaves an incomplete client behind, which is closed here by garbage collection. At the end of the process,
+    # closing it would take 20 s and print a traceback.
     gc.collect()
     raise InputError(f"no Dask scheduler can be reached at {address}: {reason}")
 
@@ -153,14 +155,14 @@ def _check_code(client: Any) -> None:
     here = provenance()
     for worker, there in client.run(provenance, on_error="return").items():
         if not isinstance(there, dict):
-            raise InputError(f"the worker at {worker} cannot fly: {type(there).__name__}: {there}")
-        other = difference(here, there)
-        if other is not None:
-            raise InputError(f"the worker at {worker} has {other}")
+            raise InputError(f"the worker at {worker} cannot import drake_quad: {type(there).__name__}: {there}")
+        mismatch = code_difference(here, there)
+        if mismatch is not None:
+            raise InputError(f"the worker at {worker} has {mismatch}")
 
 
 def _close(client: Any) -> None:
-    """Close a client, without waiting for a scheduler that does not answer."""
+    """Close a client, without waiting for a scheduler that does not reply."""
     with suppress(TimeoutError):
         client.close(timeout=_CONNECTION_TIMEOUT)
 
@@ -169,7 +171,7 @@ def _close(client: Any) -> None:
 def _silent(*packages: str) -> Iterator[None]:
     """Silence the loggers of packages whose errors are reported by this module.
 
-    Each logger is silenced separately, since loggers with a level of their own ignore the level of their parent.
+    Each logger is silenced separately, since a logger that has its own level ignores the level of its parent.
     """
     names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] in packages]
     before = {name: logging.getLogger(name).level for name in names}

@@ -1,4 +1,4 @@
-"""Metrics of several controllers on the same samples."""
+"""Function that flies selected samples of a study, so that several controllers can fly the same samples."""
 
 from collections.abc import Callable, Sequence
 
@@ -20,13 +20,13 @@ def fly_samples(
     Args:
         scenario: scenario, with or without distributions.
         samples: indices of N samples.
-        compiled: True to compile the diagram to machine code. Otherwise the original diagram is simulated.
+        compiled: True to compile the diagram to machine code; False to simulate the uncompiled diagram.
         progress: function that is called repeatedly with the simulated time and the duration of the flight, s.
 
     Returns:
         (N,) values of each metric.
 
     Raises:
-        InputError: the route contains a distribution, or the rotors cannot fly it.
+        InputError: the route contains a distribution, or the rotors are too weak for it.
     """
     return StudyFleet(scenario, plan_route(scenario), len(samples), compiled=compiled).fly(samples, progress=progress)

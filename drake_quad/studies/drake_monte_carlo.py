@@ -1,4 +1,4 @@
-"""Studies with Drake's Monte Carlo tool, for comparison and for code that is built on this tool."""
+"""Studies with Drake's `MonteCarloSimulation`, for comparison and for code that already uses this class."""
 
 import numpy as np
 from pydrake.common import RandomGenerator
@@ -14,17 +14,17 @@ from drake_quad.scenario.models import Scenario
 
 
 def drake_monte_carlo(scenario: Scenario, num_samples: int, seed: int | None = None) -> Metrics:
-    """Fly samples of a scenario by `MonteCarloSimulation`, one vehicle after another.
+    """Fly samples of a scenario with `MonteCarloSimulation`, one vehicle after another.
 
     Drake's generator is the only source of randomness. It selects the index of the sample whose parameters are drawn,
-    and Drake seeds the random sources of wind and noise with it, as in any diagram. The flights therefore have the same
-    distribution as those of `run_monte_carlo`, but are different flights. Each flight has a new diagram, since Drake
-    resets the parameters of a diagram to their defaults before it simulates.
+    and it seeds the random sources of wind and noise. The flights therefore have the same distribution as those of
+    `run_monte_carlo`, but they are different flights. Each flight uses a new diagram, since Drake resets the parameters
+    of a diagram to their defaults before a simulation.
 
     Args:
         scenario: scenario, with or without distributions.
         num_samples: number n of samples.
-        seed: seed of the study; that of the scenario if not given.
+        seed: seed of the study; the scenario's seed by default.
 
     Returns:
         (n,) values of each metric.
@@ -37,7 +37,7 @@ def drake_monte_carlo(scenario: Scenario, num_samples: int, seed: int | None = N
     flights: list[Metrics] = []
 
     def make_simulator(generator: RandomGenerator) -> Simulator:
-        # The generator returns 32 bits, whereas the index of a sample has at most 31.
+        # The generator returns 32 bits, but the index of a sample has at most 31.
         drawn = draw_sample(scenario, generator() >> 1, seed=seed)
         return Simulator(build_tracking_diagram(drawn, plan=plan, drake_random=True))
 
@@ -45,7 +45,7 @@ def drake_monte_carlo(scenario: Scenario, num_samples: int, seed: int | None = N
         flights.append(read_metrics(diagram, context))
         return float(flights[-1].rmse[0])
 
-    # The simulation ends after the last tick, whose updates would otherwise remain pending, and before the next event.
+    # The simulation ends between the last tick, whose updates would otherwise remain pending, and the next event.
     final_time = flight_duration(scenario, plan) + 0.25 * min(scenario.periods.values())
     MonteCarloSimulation(make_simulator, output, final_time, num_samples, RandomGenerator(seed))
     return Metrics(*(np.concatenate(values) for values in zip(*flights, strict=True)))

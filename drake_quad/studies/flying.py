@@ -14,11 +14,11 @@ from drake_quad.flight.simulation import simulate
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.models import Scenario
-from drake_quad.studies.provenance import difference, provenance, sources_of
+from drake_quad.studies.provenance import code_difference, provenance, source_digest
 from drake_quad.studies.study import rows_of
 
-# Each thread has its own diagrams, since an executor may have several threads.
-_own = threading.local()
+# Each thread has separate diagrams, since an executor may have several threads.
+_thread_data = threading.local()
 
 
 class BatchJob(NamedTuple):
@@ -26,11 +26,11 @@ class BatchJob(NamedTuple):
 
     Attributes:
         key: unique text that identifies this run of the study.
-        code: versions and sources that the workers must have, see `code_of`.
+        code: versions and source digests that the workers must match, see `code_versions`.
         scenario: scenario with the seed of the study.
         plan: plan of the flight.
         num_vehicles: number N of vehicles in the largest fleet.
-        own: functions that return the user's systems for N vehicles.
+        user_systems: functions that return the user's systems for N vehicles.
         compiled: True to compile the diagram to machine code. Otherwise the original diagram is simulated.
     """
 
@@ -39,13 +39,13 @@ class BatchJob(NamedTuple):
     scenario: Scenario
     plan: Plan
     num_vehicles: int
-    own: UserSystems
+    user_systems: UserSystems
     compiled: bool
 
 
-def code_of(own: UserSystems) -> dict[str, str]:
-    """Return the code that this process would fly: its `provenance`, and a digest of the user's sources."""
-    return {**provenance(), "own": sources_of(own.given.values())}
+def code_versions(user_systems: UserSystems) -> dict[str, str]:
+    """Return the versions and digests of the code in this process: its `provenance`, and the user's source files."""
+    return {**provenance(), "user_systems": source_digest(user_systems.given.values())}
 
 
 def fly_batch(job: BatchJob, samples: Sequence[int]) -> np.ndarray:
@@ -61,47 +61,48 @@ def fly_batch(job: BatchJob, samples: Sequence[int]) -> np.ndarray:
 
 
 def fly_trial(job: BatchJob, samples: Sequence[int]) -> np.ndarray:
-    """Fly the last of some samples alone, alone again, and together with the others, and return its three rows."""
+    """Fly the last sample alone, alone again, and together with all samples, and return its three rows."""
     last = samples[-1:]
     return np.vstack([fly_batch(job, last), fly_batch(job, last), fly_batch(job, samples)[-1:]])
 
 
-def cause_of_crash(job: BatchJob, samples: Sequence[int]) -> str | None:
-    """Return a sentence on the first value that was NaN or infinite in the flight of the first of some samples.
+def crash_cause(job: BatchJob, samples: Sequence[int]) -> str | None:
+    """Return a sentence that names the first NaN or infinite value in the flight of the first sample.
 
-    The result is None if the vehicle did not crash for this reason.
+    The result is None if the vehicle did not crash because of such a value.
     """
-    own = job.own.build(1).given
-    return simulate(job.scenario, sample=samples[0], plan=job.plan, compiled=job.compiled, **own).cause
+    systems = job.user_systems.build(1).given
+    return simulate(job.scenario, sample=samples[0], plan=job.plan, compiled=job.compiled, **systems).cause
 
 
-def prepare(job: BatchJob) -> None:
-    """Build the fleet of a job and fly its first steps, so that forked processes inherit the compiled fleet."""
+def build_fleet(job: BatchJob) -> None:
+    """Build the fleet of a job and simulate its first ticks, so that forked processes inherit the compiled fleet."""
     fleet = _fleet(job, job.num_vehicles)
     fleet.fly(range(job.num_vehicles), duration=2.0 * job.scenario.laboratory.command_link.period)
 
 
-def forget() -> None:
+def delete_fleets() -> None:
     """Delete the fleets of this thread."""
-    _own.__dict__.clear()
+    _thread_data.__dict__.clear()
 
 
 def _fleet(job: BatchJob, num_samples: int) -> StudyFleet:
-    """Return a fleet that has room for a number of samples.
+    """Return a fleet with at least as many vehicles as there are samples.
 
-    Its size is that of the largest fleet, halved as often as possible. A job therefore needs only a few fleets.
+    The size of a fleet is the size of the largest fleet divided by a power of two, so that a job needs only a few
+    fleets.
     """
-    if getattr(_own, "key", None) != job.key:
-        forget()
-        other = difference(job.code, code_of(job.own))
-        if other is not None:
-            raise InputError(f"a worker on {platform.node()} has {other}")
-        _own.fleets = {}
-        _own.key = job.key
+    if getattr(_thread_data, "key", None) != job.key:
+        delete_fleets()
+        mismatch = code_difference(job.code, code_versions(job.user_systems))
+        if mismatch is not None:
+            raise InputError(f"a worker on {platform.node()} has {mismatch}")
+        _thread_data.fleets = {}
+        _thread_data.key = job.key
     size = job.num_vehicles
     while size > 1 and (size + 1) // 2 >= num_samples:
         size = (size + 1) // 2
-    fleets: dict[int, StudyFleet] = _own.fleets
+    fleets: dict[int, StudyFleet] = _thread_data.fleets
     if size not in fleets:
-        fleets[size] = StudyFleet(job.scenario, job.plan, size, own=job.own, compiled=job.compiled)
+        fleets[size] = StudyFleet(job.scenario, job.plan, size, own=job.user_systems, compiled=job.compiled)
     return fleets[size]

@@ -7,7 +7,7 @@ import numpy as np
 
 
 class MissingSamples(Sequence[int]):
-    """Sorted indices of the missing samples of a study, in no more memory than the indices of the present ones.
+    """Sorted indices of the missing samples of a study. The memory grows with the number of present samples only.
 
     Args:
         num_samples: number of samples in the complete study.
@@ -16,14 +16,14 @@ class MissingSamples(Sequence[int]):
 
     def __init__(self, num_samples: int, present: np.ndarray) -> None:
         self._count = num_samples - len(present)
-        # The array contains the number of missing samples before each present one.
-        self._before = np.sort(present.astype(int)) - np.arange(len(present))
+        # Element i is the number of missing samples before the i-th present sample.
+        self._num_missing_before = np.sort(present.astype(int)) - np.arange(len(present))
 
     def __len__(self) -> int:
         return self._count
 
-    def __getitem__(self, place: Any) -> Any:
-        """Return the missing sample at a position, or the list of missing samples at a slice."""
-        places = range(self._count)[place]
-        found = np.asarray(places, dtype=int) + np.searchsorted(self._before, places, side="right")
-        return found.tolist()
+    def __getitem__(self, index: Any) -> Any:
+        """Return the missing sample at an index, or the list of missing samples in a slice."""
+        positions = range(self._count)[index]
+        samples = np.asarray(positions, dtype=int) + np.searchsorted(self._num_missing_before, positions, side="right")
+        return samples.tolist()

@@ -1,4 +1,4 @@
-"""Versions and sources of the code that flies a study, on this machine and on others."""
+"""Versions and digests of the code that flies a study, for comparison with those of other machines."""
 
 import functools
 import hashlib
@@ -14,7 +14,7 @@ _PACKAGES = ("drake_quad", "drake", "numpy", "scipy", "llvmlite")
 
 
 def provenance() -> dict[str, str]:
-    """Return the versions of Python and of the packages that a flight depends on, and a digest of our sources."""
+    """Return the versions of Python and of the required packages, and a digest of drake_quad's source files."""
     return {
         "python": platform.python_version(),
         **{name: version(name) for name in _PACKAGES},
@@ -28,10 +28,10 @@ def _digest_of_package() -> str:
     return _digest(sorted(folder.rglob("*.py")), folder)
 
 
-def sources_of(functions: Iterable[Callable[..., Any] | None]) -> str:
-    """Return a digest of the files of some functions or classes, as this process would import them.
+def source_digest(functions: Iterable[Callable[..., Any] | None]) -> str:
+    """Return a digest of the source files in which functions or classes are defined.
 
-    Functions without a file do not contribute. Nor do those of the main script, whose module has a different name in
+    Functions without a file are ignored, and so are functions of the main script, whose module has a different name in
     other processes.
     """
     files = set()
@@ -53,12 +53,15 @@ def _digest(files: Iterable[Path], folder: Path | None) -> str:
     return digest.hexdigest()[:16]
 
 
-# Descriptions of digests that differ, for messages.
-_DIGESTS = {"sources": "other sources of drake_quad", "own": "another controller or wind of the user's"}
+# Messages about digests that differ.
+_DIGEST_MESSAGES = {
+    "sources": "a different version of drake_quad's source files",
+    "user_systems": "different source files of the user's systems",
+}
 
 
-def difference(here: dict[str, str], there: dict[str, str]) -> str | None:
-    """Return the first difference between the code of another process and this one as text; None if there is none.
+def code_difference(here: dict[str, str], there: dict[str, str]) -> str | None:
+    """Return a description of the first difference between the code of two processes; None if there is none.
 
     Args:
         here: code of this process, see `provenance`.
@@ -66,5 +69,5 @@ def difference(here: dict[str, str], there: dict[str, str]) -> str | None:
     """
     for name, value in here.items():
         if there.get(name) != value:
-            return _DIGESTS.get(name, f"{name} {there.get(name)}, not {value}")
+            return _DIGEST_MESSAGES.get(name, f"{name} {there.get(name)}, not {value}")
     return None

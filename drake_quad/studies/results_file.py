@@ -1,4 +1,4 @@
-"""Results of a study in a CSV file, to which rows are appended and which remains valid if the process is killed.
+"""CSV file with the results of a study. Rows are appended, and the file remains valid if the process is killed.
 
 Every row ends with a checksum of its text and of its study. The checksum reveals rows that were altered and rows of
 another study.
@@ -18,21 +18,20 @@ from drake_quad.files import write_atomically
 
 try:
     import fcntl
-except ImportError:  # Windows has no fcntl, so that two studies could write to the same file
+except ImportError:  # Windows has no fcntl, so two studies could write to the same file there
     fcntl = None  # type: ignore[assignment]
 
 CHECKSUM = "checksum"
-# Format of a number. Two runs of a sample agree in more than 12 digits.
-_NUMBER_FORMAT = "%.12g"
+_NUMBER_FORMAT = "%.12g"  # repeated flights of a sample agree to more than 12 digits
 
 
-class Format(NamedTuple):
-    """Format of the rows in the file of a study.
+class RowFormat(NamedTuple):
+    """Format of the rows in a results file.
 
     Attributes:
         columns: names of the columns; the first is `sample`. An empty cell means infinity in the column `crash_time`,
             and NaN in other columns.
-        study: text that is unique to the study.
+        study: text that identifies the study; the checksums include it.
     """
 
     columns: Sequence[str]
@@ -44,13 +43,13 @@ class Format(NamedTuple):
         return (",".join([*self.columns, CHECKSUM]) + "\n").encode()
 
     def text(self, rows: np.ndarray) -> bytes:
-        """Return rows (n, columns) as lines of the file."""
+        """Return rows (n, columns) as the text of n lines."""
         pattern = ",".join([_NUMBER_FORMAT] * len(self.columns)) + ","
         lines = [(pattern % tuple(row)).replace("nan", "").replace("inf", "").encode() for row in rows.tolist()]
         return b"".join([line + self._checksum(line) + b"\n" for line in lines])
 
     def row(self, line: bytes) -> list[float] | None:
-        """Return the numbers of a line without its line break; None if the checksum is wrong."""
+        """Return the numbers in a line (without line break); None if the checksum is wrong."""
         numbers, comma, checksum = line.rpartition(b",")
         numbers += comma
         if checksum != self._checksum(numbers):
@@ -62,19 +61,19 @@ class Format(NamedTuple):
         return b"%08x" % zlib.crc32(numbers, zlib.crc32(self.study.encode()))
 
 
-class Found(NamedTuple):
+class StoredRows(NamedTuple):
     """Content of a results file.
 
     Attributes:
         rows: (n, columns) rows of n different samples.
-        lines: (n,) line numbers of the rows, from 1 on.
-        misfits: line numbers of invalid rows, from 1 on.
+        lines: (n,) line numbers of the rows; the first line of the file has number 1.
+        invalid_lines: line numbers of invalid rows.
         end: position of the end of the last complete line, bytes.
     """
 
     rows: np.ndarray
     lines: np.ndarray
-    misfits: list[int]
+    invalid_lines: list[int]
     end: int
 
 
@@ -82,21 +81,21 @@ class ResultsFile:
     """Results file that is open for appending rows.
 
     Args:
-        path: path of the file.
-        form: format of the rows.
-        file: file object that is open for reading and writing, without a buffer.
+        path: path of the CSV file.
+        row_format: format of the rows.
+        file: unbuffered file object that is open for reading and writing.
     """
 
-    def __init__(self, path: Path, form: Format, file: BinaryIO) -> None:
-        self.path, self._form, self._file = path, form, file
+    def __init__(self, path: Path, row_format: RowFormat, file: BinaryIO) -> None:
+        self.path, self._row_format, self._file = path, row_format, file
 
     def append(self, rows: np.ndarray) -> None:
         """Append rows (n, columns) and pass them to the operating system.
 
         Raises:
-            OSError: the rows could not be written; the file is restored.
+            OSError: the rows could not be written; the file is unchanged.
         """
-        end, text = self._file.seek(0, os.SEEK_END), memoryview(self._form.text(rows))
+        end, text = self._file.seek(0, os.SEEK_END), memoryview(self._row_format.text(rows))
         try:
             while text:
                 text = text[self._file.write(text) :]
@@ -106,7 +105,7 @@ class ResultsFile:
 
 
 @contextmanager
-def open_results(path: Path, form: Format) -> Iterator[tuple[ResultsFile, Found]]:
+def open_results(path: Path, row_format: RowFormat) -> Iterator[tuple[ResultsFile, StoredRows]]:
     """Open a results file for appending rows, and yield the file and its content.
 
     An incomplete row at the end of the file is removed. The file is created if it does not exist.
@@ -114,19 +113,19 @@ def open_results(path: Path, form: Format) -> Iterator[tuple[ResultsFile, Found]
     Raises:
         InputError: the file belongs to another study, or another run is writing to it.
     """
-    # The file has no buffer, so that a failed write leaves nothing to be written later.
+    # With a buffer, the data of a failed write could be written later.
     with path.open("a+b", buffering=0) as file:
         _lock(file, path)
         file.seek(0)
-        if form.header.startswith(file.read()):
+        if row_format.header.startswith(file.read()):
             file.truncate(0)
-            file.write(form.header)
-        found = read_results(path, form)
-        file.truncate(found.end)
-        yield ResultsFile(path, form, file), found
+            file.write(row_format.header)
+        stored = read_results(path, row_format)
+        file.truncate(stored.end)
+        yield ResultsFile(path, row_format, file), stored
 
 
-def read_results(path: Path, form: Format) -> Found:
+def read_results(path: Path, row_format: RowFormat) -> StoredRows:
     """Read a results file.
 
     Raises:
@@ -136,26 +135,26 @@ def read_results(path: Path, form: Format) -> Found:
         content = path.read_bytes()
     except OSError as error:
         raise InputError(f"{path} cannot be read: {(error.strerror or str(error)).lower()}") from None
-    if not content.startswith(form.header):
-        raise InputError(f"{path} is not a results file of this study: its columns are others")
+    if not content.startswith(row_format.header):
+        raise InputError(f"{path} is not a results file of this study: its columns are different")
     end = content.rfind(b"\n") + 1
     rows: dict[float, tuple[int, list[float]]] = {}
-    misfits = []
-    for number, line in enumerate(content[len(form.header) : end].split(b"\n")[:-1], start=2):
-        row = form.row(line)
+    invalid_lines = []
+    for number, line in enumerate(content[len(row_format.header) : end].split(b"\n")[:-1], start=2):
+        row = row_format.row(line)
         if row is None:
-            misfits.append(number)
+            invalid_lines.append(number)
         else:
             rows.setdefault(row[0], (number, row))
-    table = np.array([row for _, row in rows.values()]).reshape(-1, len(form.columns))
-    return Found(table, np.array([number for number, _ in rows.values()], dtype=int), misfits, end)
+    table = np.array([row for _, row in rows.values()]).reshape(-1, len(row_format.columns))
+    return StoredRows(table, np.array([number for number, _ in rows.values()], dtype=int), invalid_lines, end)
 
 
-def write_results(path: Path, form: Format, rows: np.ndarray) -> Path:
+def write_results(path: Path, row_format: RowFormat, rows: np.ndarray) -> Path:
     """Write a complete results file atomically, and return its path."""
 
     def write(target: Path) -> None:
-        target.write_bytes(form.header + form.text(rows))
+        target.write_bytes(row_format.header + row_format.text(rows))
 
     return write_atomically(path, write)
 
@@ -166,4 +165,4 @@ def _lock(file: BinaryIO, path: Path) -> None:
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        raise InputError(f"{path} is being written by another run") from None
+        raise InputError(f"another run is writing to {path}; wait until it ends, or choose another folder") from None

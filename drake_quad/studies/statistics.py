@@ -1,12 +1,13 @@
 """Statistics of the samples of a study, with a confidence interval for every estimate.
 
-The error of a crashed vehicle cannot be averaged. Means are therefore those of the flights without a crash, and are
-reported with the number of these flights. Quantiles are those of all samples, where a crash is worse than any error.
+The error of a crashed vehicle cannot be averaged. Means are therefore taken over the flights without a crash, and
+reported with the number of these flights. Quantiles are taken over all samples, and a crash counts as worse than any
+error.
 
-Intervals of means are Student's. For few samples of a skewed metric, their coverage is below the nominal confidence. A
-95 % interval contains the mean of log-normal numbers with σ = 1 in 84 % of studies with 10 samples, and in 88 % of
-studies with 30. docs/how_to/studies.md has tables. The intervals of quantiles and probabilities are valid for any
-metric and any number of samples.
+Intervals of means are Student's t intervals. For few samples of a skewed metric, their coverage is below the nominal
+confidence. A 95 % interval contains the mean of log-normal numbers with σ = 1 in 84 % of studies with 10 samples, and
+in 88 % of studies with 30. docs/how_to/studies.md has tables. The intervals of quantiles and probabilities are valid
+for any metric and any number of samples.
 """
 
 import math
@@ -22,34 +23,35 @@ from drake_quad.scenario.paths import distributions_in
 from drake_quad.statistics.estimates import (
     mean_interval,
     partial_rank_correlation,
-    positive,
     rank_correlation,
     share_interval,
     share_mean_interval,
     two_sided_sign_test,
+    without_negative_part,
 )
 from drake_quad.statistics.interval import Interval
 from drake_quad.statistics.ratios import ratio_of_means
 from drake_quad.studies.study import Study
 
-# Limits of the default number of bins for the crash probability over a drawn number.
+# Smallest and largest default number of bins in `crash_bins`.
 _MIN_BINS = 2
 _MAX_BINS = 20
 
 
 def metric_mean(metrics: Metrics, name: str) -> Interval:
-    """Return the mean of a metric over the flights without a crash.
+    """Return the mean of a metric over the flights without a crash, with its interval.
 
-    The interval is that of `share_mean_interval` for a share, and the nonnegative part of Student's interval otherwise.
+    The interval is computed by `share_mean_interval` for a fraction, and is the nonnegative part of Student's t
+    interval otherwise.
 
     Args:
         metrics: (n,) metrics of the samples.
         name: name of a metric that is never negative.
     """
-    values = of_survivors(metrics, name)
+    values = values_without_crashes(metrics, name)
     if UNITS[name] == "1":
         return share_mean_interval(values)
-    return positive(mean_interval(values))
+    return without_negative_part(mean_interval(values))
 
 
 def crash_probability(metrics: Metrics) -> Interval:
@@ -57,15 +59,15 @@ def crash_probability(metrics: Metrics) -> Interval:
     return share_interval(int(np.sum(metrics.crashed)), len(metrics.crashed))
 
 
-def of_survivors(metrics: Metrics, name: str) -> np.ndarray:
-    """Return the values of a metric over the flights without a crash, without those that are NaN."""
+def values_without_crashes(metrics: Metrics, name: str) -> np.ndarray:
+    """Return the values of a metric that are not NaN, for the flights without a crash."""
     values = getattr(metrics, name)[~metrics.crashed]
-    found: np.ndarray = values[~np.isnan(values)]
-    return found
+    finite: np.ndarray = values[~np.isnan(values)]
+    return finite
 
 
-def with_crashes(metrics: Metrics, name: str) -> np.ndarray:
-    """Return the values (n,) of a metric for all samples, infinite for those that crashed."""
+def values_with_crashes(metrics: Metrics, name: str) -> np.ndarray:
+    """Return the values (n,) of a metric for all samples, where a crash counts as infinite."""
     return np.where(metrics.crashed, math.inf, getattr(metrics, name))
 
 
@@ -73,18 +75,18 @@ class Influence(NamedTuple):
     """Influence of a drawn number on a metric.
 
     Attributes:
-        path: path of the field.
-        correlation: rank correlation of the number and the metric. If the number is correlated with others, it includes
-            their influence.
-        alone: partial rank correlation, given the numbers that are correlated with this one; equal to `correlation` if
-            there are none.
+        path: path of the drawn field, such as vehicle.mass.
+        correlation: rank correlation of the number and the metric. If the number is correlated with other drawn
+            numbers, the correlation includes their influence.
+        partial: partial rank correlation, given the numbers that are correlated with this number; equal to
+            `correlation` if there are none.
         low: mean of the metric over the tenth of the samples with the smallest numbers.
         high: mean of the metric over the tenth of the samples with the largest numbers.
     """
 
     path: str
     correlation: Interval
-    alone: Interval
+    partial: Interval
     low: Interval
     high: Interval
 
@@ -93,37 +95,37 @@ def influences(study: Study, name: str = "rmse") -> list[Influence]:
     """Return the influence of each drawn number on a metric of the flights without a crash, the largest one first.
 
     Args:
-        study: study with the samples.
-        name: name of the metric, or "crashed" for the influence on crashes, which takes all flights into account.
+        study: study of a scenario with distributions.
+        name: name of the metric, or "crashed" for the influence on crashes, where all flights count.
     """
     values = np.asarray(getattr(study.metrics, name), dtype=float)
-    kept = ~np.isnan(values) & (~study.metrics.crashed | (name == "crashed"))
-    values = values[kept]
-    found = []
+    used = ~np.isnan(values) & (~study.metrics.crashed | (name == "crashed"))
+    values = values[used]
+    result = []
     groups = correlated_groups(distributions_in(study.scenario))
     for path, numbers in study.parameters.items():
-        drawn = numbers[kept]
+        drawn = numbers[used]
         if len(drawn):
             low, high = np.quantile(drawn, (0.1, 0.9))
-            ends = (_level(values[tenth], name) for tenth in (drawn <= low, drawn >= high))
-            others = [study.parameters[other][kept] for other in groups.get(path, ()) if other != path]
-            alone = partial_rank_correlation(drawn, values, np.array(others))
-            found.append(Influence(path, rank_correlation(drawn, values), alone, *ends))
-    return sorted(found, key=lambda each: -abs(np.nan_to_num(each.correlation.value)))
+            ends = (_tail_mean(values[tenth], name) for tenth in (drawn <= low, drawn >= high))
+            others = [study.parameters[other][used] for other in groups.get(path, ()) if other != path]
+            partial = partial_rank_correlation(drawn, values, np.array(others))
+            result.append(Influence(path, rank_correlation(drawn, values), partial, *ends))
+    return sorted(result, key=lambda each: -abs(np.nan_to_num(each.correlation.value)))
 
 
-def _level(values: np.ndarray, name: str) -> Interval:
+def _tail_mean(values: np.ndarray, name: str) -> Interval:
     return share_interval(int(values.sum()), len(values)) if name == "crashed" else mean_interval(values)
 
 
-class CrashLevel(NamedTuple):
-    """Crash probability of the samples whose drawn number is in a range.
+class CrashBin(NamedTuple):
+    """Bin of samples whose drawn number is in a range, with their crash probability.
 
     Attributes:
-        low: smallest number of these samples.
-        high: largest number of these samples.
-        middle: median of these numbers.
-        num_samples: number of these samples.
+        low: smallest drawn number in the bin.
+        high: largest drawn number in the bin.
+        middle: median of the drawn numbers in the bin.
+        num_samples: number of samples in the bin.
         probability: probability of a crash.
     """
 
@@ -134,66 +136,71 @@ class CrashLevel(NamedTuple):
     probability: Interval
 
 
-def crash_levels(study: Study, path: str, *, num_bins: int | None = None) -> list[CrashLevel]:
-    """Return the crash probability over a drawn number, in bins with equal numbers of samples.
+def crash_bins(study: Study, path: str, *, num_bins: int | None = None) -> list[CrashBin]:
+    """Return the crash probability as a function of a drawn number, in bins with equal numbers of samples.
 
-    Samples with the same number are in the same bin, so that a choice of few numbers has a bin for each number.
+    Samples with the same number are in the same bin. A number that is chosen from a few values therefore has a bin for
+    each value.
 
     Args:
-        study: study with the samples.
-        path: path of the field.
-        num_bins: number of bins, unless there are fewer different numbers. The default is the cube root of the number
-            of samples, limited to 2 to 20. More samples then make the bins narrower and their intervals shorter.
+        study: study of a scenario with distributions.
+        path: path of the drawn field, such as vehicle.mass.
+        num_bins: number of bins, or the number of distinct values if it is smaller. The default is the cube root of the
+            number of samples, limited to 2 to 20. More samples then make the bins narrower and their intervals shorter.
 
     Raises:
-        InputError: if the field is not a distribution, or the number of bins is less than 1.
+        InputError: the field is not a distribution, or the number of bins is less than 1.
     """
     if path not in study.parameters:
-        raise InputError(f"{path} is not drawn in this study; drawn are {listed([*study.parameters]) or 'no numbers'}")
+        drawn = listed([*study.parameters]) or "none"
+        raise InputError(f"{path} is not a drawn field of this study; the drawn fields are: {drawn}")
     if num_bins is not None and num_bins < 1:
-        raise InputError(f"the number of bins is {num_bins}, but must be at least 1")
+        raise InputError(f"the number of bins is {num_bins}; it must be at least 1")
     numbers, crashed = study.parameters[path], study.metrics.crashed
     if not len(numbers):
         return []
-    wanted = num_bins or min(max(round(len(numbers) ** (1.0 / 3.0)), _MIN_BINS), _MAX_BINS)
-    different = np.unique(numbers)
-    if len(different) <= wanted:
-        first = different
+    max_bins = num_bins or min(max(round(len(numbers) ** (1.0 / 3.0)), _MIN_BINS), _MAX_BINS)
+    distinct = np.unique(numbers)
+    if len(distinct) <= max_bins:
+        edges = distinct
     else:
-        first = np.unique(np.sort(numbers)[np.arange(wanted) * len(numbers) // wanted])
-    bins = np.searchsorted(first, numbers, side="right") - 1
-    levels = []
-    for own in (bins == i for i in range(len(first))):
-        drawn, count = numbers[own], int(own.sum())
-        probability = share_interval(int(crashed[own].sum()), count)
-        levels.append(CrashLevel(drawn.min(), drawn.max(), float(np.median(drawn)), count, probability))
-    return levels
+        edges = np.unique(np.sort(numbers)[np.arange(max_bins) * len(numbers) // max_bins])
+    indices = np.searchsorted(edges, numbers, side="right") - 1
+    bins = []
+    for in_bin in (indices == i for i in range(len(edges))):
+        drawn, count = numbers[in_bin], int(in_bin.sum())
+        probability = share_interval(int(crashed[in_bin].sum()), count)
+        bins.append(CrashBin(drawn.min(), drawn.max(), float(np.median(drawn)), count, probability))
+    return bins
 
 
-def most_influential(studies: Iterable[Study]) -> str | None:
-    """Return the number, drawn in all studies, with the largest rank correlation with crashes in any; None if none."""
+def most_influential_path(studies: Iterable[Study]) -> str | None:
+    """Return the path of the drawn field with the largest rank correlation with crashes in any of the studies.
+
+    Only fields that are drawn in all studies are considered. The result is None if there are none.
+    """
     studies = [*studies]
-    found = [
+    candidates = [
         each
         for study in studies
         for each in influences(study, "crashed")
         if all(each.path in other.parameters for other in studies)
     ]
-    sizes = [np.nan_to_num(abs(each.correlation.value)) for each in found]
-    return found[int(np.argmax(sizes))].path if found else None
+    sizes = [np.nan_to_num(abs(each.correlation.value)) for each in candidates]
+    return candidates[int(np.argmax(sizes))].path if candidates else None
 
 
 class Comparison(NamedTuple):
     """Comparison of two controllers on the same samples.
 
-    Difference and share compare the same two means, taken over the pairs. The share is therefore above 1 if and only if
-    the difference is positive.
+    The pairs are the samples on which neither controller crashed. Difference and ratio compare the same two means over
+    the pairs, so the ratio is above 1 if and only if the difference is positive.
 
     Attributes:
-        num_pairs: number of samples on which neither controller crashed.
-        difference: mean of the metric minus that of the baseline, in the unit of the metric.
-        share: ratio of the mean of the metric to that of the baseline, see `ratio_of_means`.
-        better: share of the pairs in which the metric is smaller than that of the baseline.
+        num_pairs: number of pairs.
+        difference: mean of the metric minus the mean of the baseline, in the unit of the metric.
+        ratio: mean of the metric divided by the mean of the baseline, see `ratio_of_means`.
+        better: fraction of the pairs in which the metric is smaller than for the baseline.
         crashed: number of samples on which only this controller crashed.
         baseline_crashed: number of samples on which only the baseline crashed.
         crash_significance: p-value of McNemar's exact test of equal crash probabilities.
@@ -201,7 +208,7 @@ class Comparison(NamedTuple):
 
     num_pairs: int
     difference: Interval
-    share: Interval
+    ratio: Interval
     better: Interval
     crashed: int
     baseline_crashed: int
@@ -214,11 +221,11 @@ def compare(metrics: Metrics, baseline: Metrics, name: str = "rmse") -> Comparis
     Args:
         metrics: (n,) metrics of one controller.
         baseline: (n,) metrics of the baseline on the same samples.
-        name: name of the metric.
+        name: name of the compared metric.
     """
     value, reference = getattr(metrics, name), getattr(baseline, name)
-    both = ~(metrics.crashed | baseline.crashed | np.isnan(value) | np.isnan(reference))
-    value, reference = value[both], reference[both]
+    valid = ~(metrics.crashed | baseline.crashed | np.isnan(value) | np.isnan(reference))
+    value, reference = value[valid], reference[valid]
     only, baseline_only = (
         int(np.sum(crashed & ~other))
         for crashed, other in ((metrics.crashed, baseline.crashed), (baseline.crashed, metrics.crashed))
@@ -241,7 +248,7 @@ def compare_studies(study: Study, baseline: Study, name: str = "rmse") -> Compar
 
 
 def worst(study: Study, count: int = 5) -> list[int]:
-    """Return the indices of the worst samples: those that crashed, earliest first, then those with the largest RMSE."""
+    """Return the indices of the worst samples: first the earliest crashes, then the largest RMSE without a crash."""
     metrics = study.metrics
     value = np.nan_to_num(metrics.rmse, nan=-math.inf)
     order = np.lexsort((-value, metrics.crash_time))

@@ -1,4 +1,4 @@
-"""Results of a study, with a row of numbers for every sample, in memory and on disk."""
+"""Results of a study in memory and on disk, with a row of numbers for each sample."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -22,17 +22,18 @@ from drake_quad.scenario.files.loading import load_scenario
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in
 from drake_quad.studies.provenance import provenance
-from drake_quad.studies.results_file import CHECKSUM, Format, Found, read_results
+from drake_quad.studies.results_file import CHECKSUM, RowFormat, StoredRows, read_results
 
 if TYPE_CHECKING:
     import pandas as pd
 
-RESULTS, SCENARIO, STUDY, FAILED = "results.csv", "scenario.yaml", "study.yaml", "failed.csv"
-PARQUET = "results.parquet"
-# Name of the column with the obstacle that a sample crashed into.
-_OBSTACLE = "obstacle"
-# Relative tolerance on the difference of two numbers, which are written with twelve digits.
-_ROUNDING_TOLERANCE = 1e-11
+RESULTS_FILE = "results.csv"
+SCENARIO_FILE = "scenario.yaml"
+STUDY_FILE = "study.yaml"
+FAILED_FILE = "failed.csv"
+PARQUET_FILE = "results.parquet"
+_OBSTACLE_COLUMN = "obstacle"  # column with the number of the obstacle that a sample crashed into
+_ROUNDING_TOLERANCE = 1e-11  # relative; numbers are written with twelve digits
 
 
 @dataclass(frozen=True, repr=False)
@@ -43,13 +44,13 @@ class Study:
         scenario: scenario of the study, with its distributions and its seed.
         duration: duration of a flight, s.
         samples: (n,) indices of the flown samples, in increasing order.
-        parameters: (n,) drawn numbers by the path of the field, for each field that contains a distribution.
-        metrics: (n,) values of each metric; NaN if no tick counts for it.
+        parameters: (n,) drawn numbers of each field that contains a distribution, by the path of the field.
+        metrics: (n,) values of each metric; NaN if no tick counts for the metric.
         failures: reasons why samples could not be flown, by the index of the sample.
         flown_time: total simulated time of the samples that were flown in this run and not read from a file, s.
-        misfits: line numbers of invalid rows in the results file, whose samples were flown again.
-        touched: (n,) number of the obstacle that each sample crashed into, from 1 on in the order of the scenario; 0 if
-            the sample did not crash into an obstacle. None if there are no obstacles.
+        invalid_lines: line numbers of invalid rows in the results file, whose samples were flown again.
+        obstacle_hit: (n,) number of the obstacle that each sample crashed into, from 1 on in the order of the scenario;
+            0 if the sample did not crash into an obstacle. None if there are no obstacles.
     """
 
     scenario: Scenario
@@ -59,8 +60,8 @@ class Study:
     metrics: Metrics
     failures: Mapping[int, str] = field(default_factory=dict)
     flown_time: float = 0.0
-    misfits: Sequence[int] = ()
-    touched: np.ndarray | None = None
+    invalid_lines: Sequence[int] = ()
+    obstacle_hit: np.ndarray | None = None
 
     @classmethod
     def of_rows(
@@ -71,7 +72,7 @@ class Study:
         *,
         failures: Mapping[int, str] = {},
         flown_time: float = 0.0,
-        misfits: Sequence[int] = (),
+        invalid_lines: Sequence[int] = (),
     ) -> "Study":
         """Return the study with the given rows.
 
@@ -81,7 +82,7 @@ class Study:
             rows: (n, columns) rows with the columns of `columns_of`, sorted by sample.
             failures: reasons why samples could not be flown, by the index of the sample.
             flown_time: total simulated time of the samples that were flown in this run, s.
-            misfits: line numbers of invalid rows in the results file.
+            invalid_lines: line numbers of invalid rows in the results file.
         """
         columns = dict(zip(columns_of(scenario), rows.T, strict=True))
         return cls(
@@ -92,68 +93,68 @@ class Study:
             Metrics(*(columns[name] for name in Metrics._fields)),
             dict(failures),
             flown_time,
-            tuple(misfits),
-            columns[_OBSTACLE].astype(int) if _OBSTACLE in columns else None,
+            tuple(invalid_lines),
+            columns[_OBSTACLE_COLUMN].astype(int) if _OBSTACLE_COLUMN in columns else None,
         )
 
     def __repr__(self) -> str:
         """Return a one-line description."""
         crashed, flown = int(self.metrics.crashed.sum()), len(self.samples)
         failed = f", {len(self.failures)} not flown" if self.failures else ""
-        numbers = listed([*self.parameters]) or "nothing"
-        return f"<Study of {self.scenario.name}: {flown} samples, {crashed} crashed{failed}; drawn are {numbers}>"
+        fields = listed([*self.parameters]) or "none"
+        return f"<Study of {self.scenario.name}: {flown} samples, {crashed} crashed{failed}; drawn fields: {fields}>"
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Remarks to read before using the results of the study, see `flight_remarks`."""
+        """Remarks on the scenario that matter for the interpretation of the results, see `flight_remarks`."""
         return flight_remarks(self.scenario)
 
     @property
     def flight_time(self) -> np.ndarray:
-        """Time (n,) that each sample flew until its end or crash, s."""
+        """Flight time (n,) of each sample until its end or crash, s."""
         return np.minimum(self.metrics.crash_time, self.duration)
 
     @property
-    def touches(self) -> dict[str, int]:
+    def crashes_by_obstacle(self) -> dict[str, int]:
         """Number of samples that crashed into each obstacle, by the name of the obstacle."""
-        if self.touched is None:
+        if self.obstacle_hit is None:
             return {}
-        return {name: int((self.touched == i).sum()) for i, name in enumerate(_obstacles(self.scenario), start=1)}
+        return {name: int((self.obstacle_hit == i).sum()) for i, name in enumerate(_obstacles(self.scenario), start=1)}
 
-    def obstacle_of(self, place: int) -> str | None:
+    def obstacle_of(self, index: int) -> str | None:
         """Return the name of the obstacle that a sample crashed into; None if there is none.
 
         Args:
-            place: position of the sample in `samples`.
+            index: position of the sample in `samples`.
         """
-        number = 0 if self.touched is None else int(self.touched[place])
+        number = 0 if self.obstacle_hit is None else int(self.obstacle_hit[index])
         return _obstacles(self.scenario)[number - 1] if number else None
 
     def to_frame(self) -> "pd.DataFrame":
         """Return the study as a pandas table with a row for each flown sample.
 
-        The index is the index of the sample, so that the tables of controllers that flew the same samples can be
-        joined. The columns are the drawn numbers by the path of their field, the metrics, `crashed` as True or False,
-        and `crash_time`, which is NaN for a sample that did not crash. If there are obstacles, the column `obstacle`
+        The table is indexed by sample, so that the tables of controllers that flew the same samples can be joined. The
+        columns are the drawn numbers by the path of their field, the metrics, `crashed` as True or False, and
+        `crash_time`, which is NaN for a sample that did not crash. If there are obstacles, the column `obstacle`
         contains the name of the obstacle that the sample crashed into, or None. The metrics of a sample that crashed
-        are those of its flight until the crash.
+        are computed over its flight until the crash.
 
         `frame.attrs` contains the `units` of the columns, the name of the `scenario`, the `seed`, the `duration` of a
         flight (s), and the `failures`: the reasons why samples without a row could not be flown, by their index.
 
         Raises:
-            ImportError: pandas is not installed; the extra `tables` installs it.
+            ImportError: pandas is not installed; pip install 'drake_quad[tables]' installs it.
         """
         pandas = import_extra("pandas", "tables")
         columns = {**self.parameters, **self.metrics._asdict(), "crashed": self.metrics.crashed}
         columns["crash_time"] = np.where(self.metrics.crashed, self.metrics.crash_time, np.nan)
-        if self.touched is not None:
+        if self.obstacle_hit is not None:
             names = np.array([None, *_obstacles(self.scenario)], dtype=object)
-            columns[_OBSTACLE] = names[self.touched]
+            columns[_OBSTACLE_COLUMN] = names[self.obstacle_hit]
         ordered = {name: columns[name] for name in columns_of(self.scenario)[1:]}
         frame = pandas.DataFrame(ordered, index=pandas.Index(self.samples, name="sample"))
         frame.attrs = {
-            "units": {name: unit_of(self.scenario, name) for name in ordered},
+            "units": {name: column_unit(self.scenario, name) for name in ordered},
             "scenario": self.scenario.name,
             "seed": self.scenario.seed,
             "duration": self.duration,
@@ -167,7 +168,7 @@ class Study:
         `pandas.read_parquet` reads the same table. A study can be resumed from its CSV file only.
 
         Raises:
-            ImportError: pandas or pyarrow is not installed; the extra `tables` installs them.
+            ImportError: pandas or pyarrow is not installed; pip install 'drake_quad[tables]' installs them.
             OSError: the file cannot be written.
         """
         import_extra("pyarrow", "tables")
@@ -176,52 +177,56 @@ class Study:
 
 
 def columns_of(scenario: Scenario) -> list[str]:
-    """Return the columns of a study's rows: sample, drawn fields, metrics, and the obstacle if there are obstacles."""
+    """Return the columns of a study's rows: the sample, drawn fields, metrics and, if there are any, the obstacle."""
     measured = [name for name in Metrics._fields if name != "crash_time"]
-    touched = [_OBSTACLE] if _obstacles(scenario) else []
-    return ["sample", *distributions_in(scenario), *measured, "crashed", "crash_time", *touched]
+    obstacle = [_OBSTACLE_COLUMN] if _obstacles(scenario) else []
+    return ["sample", *distributions_in(scenario), *measured, "crashed", "crash_time", *obstacle]
 
 
 def _obstacles(scenario: Scenario) -> list[str]:
-    """Return the names of the obstacles."""
+    """Return the names of a scenario's obstacles."""
     return [] if scenario.space is None else [*scenario.space.obstacles]
 
 
-def rows_of(batch: Batch, metrics: Metrics, touched: np.ndarray | None = None) -> np.ndarray:
+def rows_of(batch: Batch, metrics: Metrics, obstacle_hit: np.ndarray | None = None) -> np.ndarray:
     """Return the rows (n, columns) of a batch.
 
     Args:
-        batch: batch of n samples.
+        batch: batch of n samples that were flown.
         metrics: (n,) values of each metric.
-        touched: (n,) number of the obstacle that each sample crashed into, or 0; not used if there are no obstacles.
+        obstacle_hit: (n,) number of the obstacle that each sample crashed into, or 0; not used without obstacles.
     """
     columns = {"sample": batch.samples, **batch.varying, **metrics._asdict(), "crashed": metrics.crashed}
-    columns[_OBSTACLE] = touched
+    columns[_OBSTACLE_COLUMN] = obstacle_hit
     return np.column_stack([columns[name] for name in columns_of(batch.scenario)])
 
 
-def format_of(scenario: Scenario) -> Format:
+def format_of(scenario: Scenario) -> RowFormat:
     """Return the format of the results file of a scenario's study."""
-    return Format(columns_of(scenario), scenario.model_dump_json())
+    return RowFormat(columns_of(scenario), scenario.model_dump_json())
 
 
-def fitting(scenario: Scenario, found: Found) -> Found:
-    """Return the content of a results file, with rows whose drawn numbers do not follow from the seed as misfits."""
-    if not len(found.rows):
-        return found
-    columns = dict(zip(columns_of(scenario), found.rows.T, strict=True))
+def check_draws(scenario: Scenario, stored: StoredRows) -> StoredRows:
+    """Return the content of a results file, with a row invalid if its drawn numbers do not follow from the seed."""
+    if not len(stored.rows):
+        return stored
+    columns = dict(zip(columns_of(scenario), stored.rows.T, strict=True))
     drawn = Batch.draw(scenario, columns["sample"].astype(int).tolist()).varying
-    fits = np.ones(len(found.rows), dtype=bool)
+    fits = np.ones(len(stored.rows), dtype=bool)
     for path, numbers in drawn.items():
         fits &= np.isclose(columns[path], numbers, rtol=_ROUNDING_TOLERANCE, atol=0.0)
-    return found._replace(rows=found.rows[fits], lines=found.lines[fits], misfits=[*found.misfits, *found.lines[~fits]])
+    return stored._replace(
+        rows=stored.rows[fits],
+        lines=stored.lines[fits],
+        invalid_lines=[*stored.invalid_lines, *stored.lines[~fits]],
+    )
 
 
 def read_study(path: Path | str) -> Study:
-    """Read the results of a study, which may be under way or interrupted.
+    """Read the results of a study, which may still be running or may have been interrupted.
 
     Args:
-        path: folder of the study, one of its files, or a folder that contains no other study.
+        path: folder of the study, one of its files, or a folder that contains a single study.
 
     Raises:
         InputError: there is no study or more than one, or its files do not belong together.
@@ -229,8 +234,8 @@ def read_study(path: Path | str) -> Study:
     folders = study_folders(path)
     if len(folders) > 1:
         raise InputError(
-            f"{path} holds {len(folders)} studies, {listed([*folders])}; read one of these folders, or all of them by"
-            " read_studies"
+            f"{path} contains {len(folders)} studies, {listed([*folders])}; read one of these folders, or read all of"
+            " them with read_studies"
         )
     return _read(next(iter(folders.values())))
 
@@ -248,7 +253,7 @@ def read_studies(path: Path | str) -> dict[str, Study]:
 
 
 def study_folders(path: Path | str) -> dict[str, Path]:
-    """Return the folders of the studies at a path by name: the folder itself, or the folders in it.
+    """Return the folders of the studies at a path by name: the folder itself, or its subfolders.
 
     Args:
         path: folder of a study, one of its files, or a folder that contains the folders of studies.
@@ -257,33 +262,40 @@ def study_folders(path: Path | str) -> dict[str, Path]:
         InputError: there is no study.
     """
     path = Path(path)
-    own = path.parent if path.is_file() and path.name in (RESULTS, PARQUET, SCENARIO, STUDY, FAILED) else path
-    if (own / RESULTS).is_file():
-        return {own.resolve().name: own}
+    names = (RESULTS_FILE, PARQUET_FILE, SCENARIO_FILE, STUDY_FILE, FAILED_FILE)
+    folder = path.parent if path.is_file() and path.name in names else path
+    if (folder / RESULTS_FILE).is_file():
+        return {folder.resolve().name: folder}
     if not path.exists():
         raise InputError(f"{path} does not exist")
-    inside = sorted(each.parent for each in own.glob(f"*/{RESULTS}")) if own.is_dir() else []
-    if not inside:
-        there = sorted(each.name for each in own.iterdir()) if own.is_dir() else []
-        holds = f"it holds {listed(there)}" if there else "it is empty" if own.is_dir() else "it is another file"
-        raise InputError(f"{path} is no study, which has {RESULTS}, {SCENARIO} and {STUDY}; {holds}")
-    return {each.name: each for each in inside}
+    subfolders = sorted(each.parent for each in folder.glob(f"*/{RESULTS_FILE}")) if folder.is_dir() else []
+    if not subfolders:
+        content = sorted(each.name for each in folder.iterdir()) if folder.is_dir() else []
+        what = (
+            f"it contains {listed(content)}" if content else "it is empty" if folder.is_dir() else "it is another file"
+        )
+        raise InputError(
+            f"{path} is not the folder of a study, which contains {RESULTS_FILE}, {SCENARIO_FILE} and {STUDY_FILE};"
+            f" {what}"
+        )
+    return {each.name: each for each in subfolders}
 
 
 def _read(folder: Path) -> Study:
     """Read the study in a folder.
 
     Raises:
-        InputError: a file cannot be read, or contains a row that is not as it was written.
+        InputError: a file cannot be read, or contains a row that was altered.
     """
-    record, scenario = read_record(folder), load_scenario(folder / SCENARIO)
-    found = fitting(scenario, read_results(folder / RESULTS, format_of(scenario)))
-    if found.misfits:
+    record, scenario = read_record(folder), load_scenario(folder / SCENARIO_FILE)
+    stored = check_draws(scenario, read_results(folder / RESULTS_FILE, format_of(scenario)))
+    if stored.invalid_lines:
         raise InputError(
-            f"{folder / RESULTS}, line {min(found.misfits)}: is not as it was written; --resume flies it again"
+            f"{folder / RESULTS_FILE}:{min(stored.invalid_lines)}: the row was altered; resume the study to fly the"
+            " sample again"
         )
-    rows = found.rows[np.argsort(found.rows[:, 0])]
-    return Study.of_rows(scenario, record.duration, rows, failures=_read_failures(folder / FAILED))
+    rows = stored.rows[np.argsort(stored.rows[:, 0])]
+    return Study.of_rows(scenario, record.duration, rows, failures=_read_failures(folder / FAILED_FILE))
 
 
 def _read_failures(path: Path) -> dict[int, str]:
@@ -298,11 +310,11 @@ def _read_failures(path: Path) -> dict[int, str]:
         table = read_table(path)
         return {int(sample): str(reason) for sample, reason in zip(table["sample"], table["reason"], strict=True)}
     except (KeyError, ValueError):
-        raise InputError(f"{path} is not the table of the samples that could not be flown") from None
+        raise InputError(f"{path} is not a table with the columns sample and reason") from None
 
 
 class Record(BaseModel):
-    """Record of a study that is written beside its scenario.
+    """Content of the file study.yaml, which records how a study was made.
 
     Attributes:
         samples: number of samples of the complete study.
@@ -312,8 +324,8 @@ class Record(BaseModel):
         control: name of the function that returns the user's control cascade, if any.
         wind: name of the function that returns the user's additional wind, if any.
         policy: name of the function that returns the user's policy, if any.
-        flown: kinds of diagrams that were used, compiled or wired, in the order of their last use.
-        versions: versions and sources of the code that was used, in the order of their last use.
+        flown: kinds of simulated diagrams, "compiled" or "wired" (uncompiled), in the order of their last use.
+        versions: versions and digests of the code that was used, in the order of their last use.
         columns: meaning of each column of the results.
     """
 
@@ -331,24 +343,26 @@ class Record(BaseModel):
     columns: dict[str, str]
 
     @classmethod
-    def of(cls, scenario: Scenario, num_samples: int, duration: float, own: UserSystems, *, compiled: bool) -> "Record":
+    def of(
+        cls, scenario: Scenario, num_samples: int, duration: float, user_systems: UserSystems, *, compiled: bool
+    ) -> "Record":
         """Return the record of a new study.
 
         Args:
             scenario: scenario with the seed of the study.
             num_samples: number of samples of the complete study.
             duration: duration of a flight, s.
-            own: functions that return the user's systems.
+            user_systems: functions that return the user's systems.
             compiled: True if the diagrams are compiled to machine code.
         """
         return cls(
             samples=num_samples,
             seed=scenario.seed,
             duration=duration,
-            **{name: _called(function) for name, function in own.given.items()},
+            **{name: _import_path(function) for name, function in user_systems.given.items()},
             flown=["compiled" if compiled else "wired"],
             versions=[provenance()],
-            columns={name: meaning(scenario, name) for name in [*columns_of(scenario), CHECKSUM]},
+            columns={name: column_meaning(scenario, name) for name in [*columns_of(scenario), CHECKSUM]},
         )
 
     def write(self, path: Path) -> None:
@@ -362,37 +376,43 @@ def read_record(folder: Path) -> Record:
     Raises:
         InputError: the file cannot be read, or is not the record of a study.
     """
-    path = folder / STUDY
+    path = folder / STUDY_FILE
     try:
         content = YAML(typ="safe", pure=True).load(path)
     except (OSError, YAMLError, ValueError):
-        raise InputError(f"{path} cannot be read, or is not YAML") from None
+        raise InputError(f"{path} cannot be read as YAML") from None
     try:
         return Record.model_validate(content)
     except ValidationError as error:
-        place = ".".join(map(str, error.errors()[0]["loc"]))
-        raise InputError(f"{path} is not the record of a study" + (f": see its {place}" if place else "")) from None
+        field_path = ".".join(map(str, error.errors()[0]["loc"]))
+        problem = f": {field_path} is missing or invalid" if field_path else ""
+        raise InputError(f"{path} is not the record of a study{problem}") from None
 
 
-def _called(function: Callable[..., Any]) -> str:
-    """Return the name of a function as `module:name`, by which it can be imported."""
+def _import_path(function: Callable[..., Any]) -> str:
+    """Return the import path of a function, `module:name`."""
     function = getattr(function, "func", function)
     return f"{function.__module__}:{function.__qualname__}"
 
 
-def meaning(scenario: Scenario, column: str) -> str:
+def column_meaning(scenario: Scenario, column: str) -> str:
     """Return the meaning of a column of a study's results, with its unit."""
-    own = {
-        "sample": "number of the sample",
+    meanings = {
+        "sample": "index of the sample",
         "crashed": "1 if the vehicle crashed, else 0",
-        _OBSTACLE: "number of the obstacle that it crashed into, from 1 on as in the scenario; 0 if it touched none",
-        CHECKSUM: "CRC-32 of the row and its study, by which a row that was altered is known",
+        _OBSTACLE_COLUMN: "number of the obstacle that the vehicle crashed into, from 1 on in the order of the"
+        " scenario; 0 if there is none",
+        CHECKSUM: "CRC-32 of the row and its study, which reveals rows that were altered",
     }
-    if column in own:
-        return own[column]
+    if column in meanings:
+        return meanings[column]
     return f"metric ({UNITS[column]})" if column in UNITS else description_at(scenario, column)
 
 
-def unit_of(scenario: Scenario, column: str) -> str:
+def column_unit(scenario: Scenario, column: str) -> str:
     """Return the unit of a column of a study's results; "" if the column has none."""
-    return UNITS.get(column, "") if column in ("sample", "crashed", _OBSTACLE, *UNITS) else unit_at(scenario, column)
+    return (
+        UNITS.get(column, "")
+        if column in ("sample", "crashed", _OBSTACLE_COLUMN, *UNITS)
+        else unit_at(scenario, column)
+    )

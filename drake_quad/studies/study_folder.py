@@ -1,4 +1,4 @@
-"""Rows of a study that is under way, which are written to its folder if it has one."""
+"""Rows of a running study, which are written to the study's folder if there is one."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,32 +13,32 @@ from drake_quad.files import output_folder, write_atomically, write_table
 from drake_quad.scenario.files.loading import load_scenario
 from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.scenario.models import Scenario
-from drake_quad.studies.crew import Outcome
 from drake_quad.studies.missing_samples import MissingSamples
-from drake_quad.studies.results_file import Found, ResultsFile, open_results, write_results
+from drake_quad.studies.results_file import ResultsFile, StoredRows, open_results, write_results
 from drake_quad.studies.study import (
-    FAILED,
-    PARQUET,
-    RESULTS,
-    SCENARIO,
-    STUDY,
+    FAILED_FILE,
+    PARQUET_FILE,
+    RESULTS_FILE,
+    SCENARIO_FILE,
+    STUDY_FILE,
     Record,
     Study,
+    check_draws,
     columns_of,
-    fitting,
     format_of,
     read_record,
 )
+from drake_quad.studies.worker_pool import Outcome
 
 
 class StudyRows:
-    """Present rows of a study.
+    """Rows of the samples that have been flown so far.
 
     Args:
         scenario: scenario with the seed of the study.
         num_samples: number of samples of the complete study.
         duration: duration of a flight, s.
-        found: initial content of the results file; None if there is no file.
+        stored: initial content of the results file; None if there is no file.
         file: results file to which new rows are appended; None if there is no file.
     """
 
@@ -48,17 +48,17 @@ class StudyRows:
         num_samples: int,
         duration: float,
         *,
-        found: Found | None = None,
+        stored: StoredRows | None = None,
         file: ResultsFile | None = None,
     ) -> None:
         self._scenario, self.num_samples, self._duration, self._file = scenario, num_samples, duration, file
         columns = columns_of(scenario)
         self._crash_time = columns.index("crash_time")
         self._parts = [np.empty((0, len(columns)))]
-        self._misfits: list[int] = []
-        if found is not None:
-            self._parts.append(found.rows)
-            self._misfits = sorted(found.misfits)
+        self._invalid_lines: list[int] = []
+        if stored is not None:
+            self._parts.append(stored.rows)
+            self._invalid_lines = sorted(stored.invalid_lines)
         self._count = sum(map(len, self._parts))
         self._flown_time = 0.0
         self.failures: dict[int, str] = {}
@@ -68,19 +68,19 @@ class StudyRows:
 
     @property
     def missing(self) -> MissingSamples:
-        """Indices of the samples that are still missing."""
+        """Indices of the samples that have not been flown."""
         return MissingSamples(self.num_samples, np.concatenate([part[:, 0] for part in self._parts]))
 
     @property
     def rows(self) -> np.ndarray:
-        """Rows (n, columns) of the present samples, sorted by sample."""
+        """Rows (n, columns) of the flown samples, sorted by sample."""
         self._parts = [np.concatenate(self._parts)]
         (rows,) = self._parts
         return rows[np.argsort(rows[:, 0])]
 
     @property
     def saved(self) -> str:
-        """Text for messages that says which samples are on disk."""
+        """Text for messages that says how many samples are on disk."""
         if self._file is None:
             return "nothing was written"
         return f"{len(self)} of {self.num_samples} samples are in {self._file.path}"
@@ -92,7 +92,7 @@ class StudyRows:
             OSError: the rows could not be written.
         """
         if outcome.reason:
-            self.failures |= dict.fromkeys(outcome.given, outcome.reason)
+            self.failures |= dict.fromkeys(outcome.argument, outcome.reason)
             return
         rows = outcome.result
         if self._file is not None:
@@ -102,14 +102,14 @@ class StudyRows:
         self._flown_time += float(np.minimum(rows[:, self._crash_time], self._duration).sum())
 
     def study(self) -> Study:
-        """Return the study with the present rows."""
+        """Return the study with the samples that have been flown so far."""
         return Study.of_rows(
             self._scenario,
             self._duration,
             self.rows,
             failures=dict(sorted(self.failures.items())),
             flown_time=self._flown_time,
-            misfits=self._misfits,
+            invalid_lines=self._invalid_lines,
         )
 
 
@@ -119,75 +119,77 @@ def open_study(
     scenario: Scenario,
     num_samples: int,
     duration: float,
-    own: UserSystems,
+    user_systems: UserSystems,
     *,
     compiled: bool,
     resume: bool,
 ) -> Iterator[StudyRows]:
-    """Begin or resume a study, yield its rows, and sort the rows in the folder at the end.
+    """Begin or resume a study, yield its rows, and sort the rows in its results file at the end.
 
     Args:
         folder: folder of the study; None if nothing is to be written.
         scenario: scenario with the seed of the study.
         num_samples: number of samples of the complete study.
         duration: duration of a flight, s.
-        own: functions that return the user's systems.
+        user_systems: functions that return the user's systems.
         compiled: True if the diagrams are compiled to machine code.
-        resume: True to continue the study in the folder, if there is one.
+        resume: True to continue a study that the folder already contains.
 
     Raises:
-        InputError: the folder cannot be written, or contains another study or one that is not to be resumed.
+        InputError: the folder cannot be written, or contains another study, or a study that must not be resumed.
     """
     if folder is None:
         yield StudyRows(scenario, num_samples, duration)
         return
-    folder, form = output_folder(Path(folder)), format_of(scenario)
-    record = Record.of(scenario, num_samples, duration, own, compiled=compiled)
-    if (folder / RESULTS).exists():
-        record = _gone_on_with(folder, scenario, record, resume=resume)
+    folder, row_format = output_folder(Path(folder)), format_of(scenario)
+    record = Record.of(scenario, num_samples, duration, user_systems, compiled=compiled)
+    if (folder / RESULTS_FILE).exists():
+        record = _resumed_record(folder, scenario, record, resume=resume)
     else:
-        _check_vacant(folder, scenario)
-        write_atomically(folder / SCENARIO, lambda path: save_scenario(scenario, path))
-        write_atomically(folder / STUDY, record.write)
-    with open_results(folder / RESULTS, form) as (file, whole):
-        found = fitting(scenario, whole)
-        if len(found.rows) and found.rows[:, 0].max() >= num_samples:
+        _check_no_foreign_files(folder, scenario)
+        write_atomically(folder / SCENARIO_FILE, lambda path: save_scenario(scenario, path))
+        write_atomically(folder / STUDY_FILE, record.write)
+    with open_results(folder / RESULTS_FILE, row_format) as (file, content):
+        stored = check_draws(scenario, content)
+        if len(stored.rows) and stored.rows[:, 0].max() >= num_samples:
             raise InputError(
-                f"{folder / RESULTS} holds sample {found.rows[:, 0].max():.0f} already, but the study is to have only"
-                f" {num_samples} samples"
+                f"{folder / RESULTS_FILE} already contains sample {stored.rows[:, 0].max():.0f}, so the study cannot be"
+                f" resumed with only {num_samples} samples"
             )
-        write_atomically(folder / STUDY, record.write)
-        (folder / PARQUET).unlink(missing_ok=True)  # a table of an earlier run would have fewer rows
-        rows = StudyRows(scenario, num_samples, duration, found=found, file=file)
+        write_atomically(folder / STUDY_FILE, record.write)
+        (folder / PARQUET_FILE).unlink(missing_ok=True)  # the table of an earlier run would lack the new rows
+        rows = StudyRows(scenario, num_samples, duration, stored=stored, file=file)
         yield rows
         if rows.failures:
             samples = sorted(rows.failures)
             reasons = [rows.failures[sample] for sample in samples]
-            write_table(folder / FAILED, {"sample": samples, "reason": reasons})
+            write_table(folder / FAILED_FILE, {"sample": samples, "reason": reasons})
         else:
-            (folder / FAILED).unlink(missing_ok=True)
-        write_results(folder / RESULTS, form, rows.rows)
+            (folder / FAILED_FILE).unlink(missing_ok=True)
+        write_results(folder / RESULTS_FILE, row_format, rows.rows)
 
 
-def _check_vacant(folder: Path, scenario: Scenario) -> None:
-    """Check that a folder without results contains no files of another origin that the study would overwrite.
+def _check_no_foreign_files(folder: Path, scenario: Scenario) -> None:
+    """Check that a folder without results contains no files that do not belong to this study but would be overwritten.
 
     Raises:
         InputError: the folder contains another scenario, or a record without a scenario.
     """
-    if (folder / SCENARIO).exists():
+    if (folder / SCENARIO_FILE).exists():
         try:
-            ours = load_scenario(folder / SCENARIO) == scenario
+            is_ours = load_scenario(folder / SCENARIO_FILE) == scenario
         except InputError:
-            ours = False
-        if not ours:
-            raise InputError(f"{folder / SCENARIO} would be overwritten, and is no study's; choose another folder")
-    elif (folder / STUDY).exists():
-        raise InputError(f"{folder / STUDY} would be overwritten, and is no study's; choose another folder")
+            is_ours = False
+        if not is_ours:
+            raise InputError(
+                f"{folder / SCENARIO_FILE} is a different scenario and is not overwritten; choose another folder"
+            )
+    elif (folder / STUDY_FILE).exists():
+        raise InputError(f"{folder / STUDY_FILE} exists already and is not overwritten; choose another folder")
 
 
-def _gone_on_with(folder: Path, scenario: Scenario, record: Record, *, resume: bool) -> Record:
-    """Return the record of the resumed study, which lists the old and the new versions.
+def _resumed_record(folder: Path, scenario: Scenario, record: Record, *, resume: bool) -> Record:
+    """Return the record of a resumed study, which lists the versions of earlier runs and of this one.
 
     Args:
         folder: folder of the study.
@@ -199,28 +201,30 @@ def _gone_on_with(folder: Path, scenario: Scenario, record: Record, *, resume: b
         InputError: the study may not be resumed, cannot be read, or is a different study.
     """
     if not resume:
-        raise InputError(f"{folder} holds a study already; go on with it by --resume, or write elsewhere by --output")
+        raise InputError(
+            f"{folder} already contains a study; continue it with --resume, or choose another folder with --output"
+        )
     try:
         before = read_record(folder)
-        saved = load_scenario(folder / SCENARIO)
+        saved = load_scenario(folder / SCENARIO_FILE)
     except InputError as error:
-        raise InputError(f"{folder / RESULTS} cannot be gone on with: {error}") from None
+        raise InputError(f"the study in {folder} cannot be resumed: {error}") from None
     for name in ("seed", *UserSystems._fields):
         if getattr(before, name) != getattr(record, name):
             raise InputError(
-                f"{folder / RESULTS} is of another study: its {name} is {getattr(before, name)}, not"
+                f"{folder} contains a different study: its {name} is {getattr(before, name)}, not"
                 f" {getattr(record, name)}"
             )
     difference = _difference(saved.model_dump(mode="json"), scenario.model_dump(mode="json"))
     if difference is not None:
-        raise InputError(f"{folder / RESULTS} is of another scenario: {difference}")
+        raise InputError(f"{folder} contains a study of a different scenario: {difference}")
     flown = [each for each in before.flown if each not in record.flown]
     versions = [each for each in before.versions if each not in record.versions]
     return record.model_copy(update={"flown": [*flown, *record.flown], "versions": [*versions, *record.versions]})
 
 
 def _difference(before: Any, now: Any, path: str = "") -> str | None:
-    """Return the first field in which two dumped scenarios differ as text; None if they are equal."""
+    """Return a description of the first field in which two dumped scenarios differ; None if they are equal."""
     if isinstance(before, dict) and isinstance(now, dict) and before.keys() == now.keys():
         pairs = [(f"{path}.{key}".lstrip("."), before[key], now[key]) for key in now]
     elif isinstance(before, list) and isinstance(now, list) and len(before) == len(now):

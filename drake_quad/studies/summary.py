@@ -1,4 +1,4 @@
-"""Summaries of a study as tables of texts."""
+"""Tables of text that summarise and compare studies."""
 
 import math
 from collections.abc import Mapping
@@ -7,16 +7,22 @@ from typing import NamedTuple
 import numpy as np
 
 from drake_quad.laboratory.metrics import METRICS, UNITS
-from drake_quad.statistics.estimates import positive, quantile_interval, share_interval
+from drake_quad.statistics.estimates import quantile_interval, share_interval, without_negative_part
 from drake_quad.statistics.interval import Interval
-from drake_quad.studies.statistics import compare_studies, crash_probability, metric_mean, of_survivors, with_crashes
+from drake_quad.studies.statistics import (
+    compare_studies,
+    crash_probability,
+    metric_mean,
+    values_with_crashes,
+    values_without_crashes,
+)
 from drake_quad.studies.study import Study
 
 _QUANTILES = (0.05, 0.5, 0.95)
 
 
 class Summary(NamedTuple):
-    """Table of texts, with remarks that are needed to read it.
+    """Table whose cells are text, with remarks that are needed to interpret it.
 
     Attributes:
         headings: headings of the columns.
@@ -29,46 +35,47 @@ class Summary(NamedTuple):
     remarks: list[str]
 
 
-def crashes_of(study: Study) -> str:
-    """Return the number and probability of crashes as text, and those of crashes into obstacles if there are any."""
+def crash_text(study: Study) -> str:
+    """Return the number and probability of all crashes and, if there are obstacles, of crashes into them, as text."""
     crashes = f"{int(study.metrics.crashed.sum()):,} crashed, {crash_probability(study.metrics).percent()}"
-    touched = sum(study.touches.values())
-    if study.touched is None:
+    if study.obstacle_hit is None:
         return crashes
-    return f"{crashes}; {touched:,} of them into obstacles, {share_interval(touched, len(study.samples)).percent()}"
+    into_obstacles = sum(study.crashes_by_obstacle.values())
+    share = share_interval(into_obstacles, len(study.samples)).percent()
+    return f"{crashes}; {into_obstacles:,} of them into obstacles, {share}"
 
 
-def touches_of(study: Study) -> Summary:
-    """Return the number and probability of the crashes into each obstacle, the most frequent obstacle first."""
-    ordered = sorted(study.touches.items(), key=lambda each: -each[1])
+def obstacle_table(study: Study) -> Summary:
+    """Return the number and probability of the crashes into each obstacle, in the order of decreasing probability."""
+    ordered = sorted(study.crashes_by_obstacle.items(), key=lambda each: -each[1])
     rows: list[tuple[str, ...]] = [
         (name, f"{count:,}", share_interval(count, len(study.samples)).percent()) for name, count in ordered if count
     ]
     return Summary(("crashed into", "samples", "share"), rows, [])
 
 
-def summary_of(study: Study) -> Summary:
+def metric_table(study: Study) -> Summary:
     """Return the means, deviations and quantiles of a study's metrics, with their 95 % intervals.
 
     Crashed samples are excluded from means, and count as worse than any error in quantiles.
     """
     metrics = study.metrics
     crashed, count = int(metrics.crashed.sum()), len(study.samples)
-    beyond = "crash" if crashed else "∞"
+    infinity_text = "crash" if crashed else "∞"
     rows: list[tuple[str, ...]] = []
     for metric, definition in METRICS.items():
         if definition.display is None:
             continue
         size = definition.display.size
-        values, everyone = of_survivors(metrics, metric), with_crashes(metrics, metric)
+        values, all_values = values_without_crashes(metrics, metric), values_with_crashes(metrics, metric)
         spread = float(np.std(values, ddof=1)) if len(values) > 1 else math.nan
-        quantiles = (_quantile(everyone, share) for share in _QUANTILES)
+        quantiles = (_quantile(all_values, share) for share in _QUANTILES)
         rows.append(
             (
                 definition.label,
                 metric_mean(metrics, metric).text(size=size),
                 Interval(spread, math.nan, math.nan).text(size=size),
-                *(quantile.text(size=size, infinite=beyond) for quantile in quantiles),
+                *(quantile.text(size=size, infinite=infinity_text) for quantile in quantiles),
                 definition.display.unit,
             )
         )
@@ -78,23 +85,23 @@ def summary_of(study: Study) -> Summary:
 
 def _quantile(values: np.ndarray, probability: float) -> Interval:
     """Return a quantile of a nonnegative metric; if it is finite, its interval has no negative part."""
-    found = quantile_interval(values, probability)
-    return positive(found) if math.isfinite(found.value) else found
+    quantile = quantile_interval(values, probability)
+    return without_negative_part(quantile) if math.isfinite(quantile.value) else quantile
 
 
 def _remarks(crashed: int, count: int) -> list[str]:
     if not crashed:
         return []
     if crashed == count:
-        return ["no sample flew to the end: there is nothing to average"]
+        return ["every sample crashed, so there are no means"]
     survivors = "one sample" if count - crashed == 1 else f"{count - crashed:,} samples"
     return [
-        f"means and deviations are of the {survivors} that flew to the end; quantiles are of all, a crash being worse"
-        " than any error"
+        f"means and standard deviations are taken over the {survivors} without a crash; quantiles are taken"
+        " over all samples, where a crash counts as worse than any error"
     ]
 
 
-def comparison_of(studies: Mapping[str, Study], metric: str) -> Summary:
+def comparison_table(studies: Mapping[str, Study], metric: str) -> Summary:
     """Compare each controller with the first one, on the samples on which neither crashed.
 
     Args:
@@ -106,21 +113,21 @@ def comparison_of(studies: Mapping[str, Study], metric: str) -> Summary:
     unit, size = (UNITS[metric], 1.0) if display is None else display[:2]
     rows: list[tuple[str, ...]] = []
     for name, study in others:
-        found = compare_studies(study, baseline, metric)
-        alone = found.crashed + found.baseline_crashed
+        comparison = compare_studies(study, baseline, metric)
+        num_different = comparison.crashed + comparison.baseline_crashed
         rows.append(
             (
                 name,
-                found.difference.text(signed=True, size=size),
-                found.share.percent(),
-                found.better.percent(),
-                f"{found.num_pairs:,}",
-                f"{found.crashed:,} : {found.baseline_crashed:,}",
-                f"p = {found.crash_significance:.2g}" if alone else "",
+                comparison.difference.text(signed=True, size=size),
+                comparison.ratio.percent(),
+                comparison.better.percent(),
+                f"{comparison.num_pairs:,}",
+                f"{comparison.crashed:,} : {comparison.baseline_crashed:,}",
+                f"p = {comparison.crash_significance:.2g}" if num_different else "",
             )
         )
     crashed = any(study.metrics.crashed.any() for study in studies.values())
-    remark = ["differences and shares are of the pairs, the samples that both controllers flew to the end"]
+    remark = ["differences and ratios are taken over the pairs: samples on which neither controller crashed"]
     headings = (
         "",
         f"difference of {METRICS[metric].label} ({unit})",

@@ -1,19 +1,19 @@
 """Aerodynamic forces on the body and on the rotors, in addition to thrust.
 
-The forces along the axes of B are, with u the velocity of the air relative to the vehicle at its centre of mass:
+Let u be the velocity of the air relative to the centre of mass, along the axes of B. The forces in B are:
 
-    body drag            F_k = (c₁ₖ + c₂ₖ |u|) u_k                          at the centre of pressure
-    translational lift   F_z = c_lift (u_x² + u_y²)                         at the mean position of the rotors
-    climb                F_z = c_climb u_z: thrust is lost with the speed w = -u_z of climb
-    rotor drag, inflow   F = Σ ωᵢ (k_d u_x, k_d u_y, k_z u_z)
+    body drag            F_k = (c₁ₖ + c₂ₖ |u|) u_k                     at the centre of pressure
+    translational lift   F_z = c_lift (u_x² + u_y²)                    at the mean position of the rotors
+    climb                F_z = c_climb u_z, a loss of thrust           at the mean position of the rotors
+    rotor drag, inflow   F = Σ ωᵢ (k_d u_x, k_d u_y, k_z u_z)          at the mean position of the rotors
 
-Body drag is that of a blunt body, independently for each axis. The other three effects are first-order results of blade
-element and momentum theory. The drag of a rotor is proportional to its speed (Martin and Salaün, "The true role of
-accelerometer feedback in quadrotor control", ICRA 2010). Thrust decreases with the inflow through the disc and
-increases with the airspeed across it (Svacha, Mohta and Kumar, "Improving quadrotor trajectory tracking by compensating
-for aerodynamic effects", ICUAS 2017).
+Body drag follows the drag law of a blunt body, independently for each axis. The other effects are first-order results
+of blade element and momentum theory. The drag of a rotor is proportional to its speed (Martin and Salaün, "The true
+role of accelerometer feedback in quadrotor control", ICRA 2010). Thrust decreases with the inflow through the disc and
+increases with the airspeed parallel to the disc (Svacha, Mohta and Kumar, "Improving quadrotor trajectory tracking by
+compensating for aerodynamic effects", ICUAS 2017).
 
-The model neglects body rates: the air velocity at the centre of mass applies to the body and to all rotors.
+The model neglects body rates: the body and all rotors have the same velocity relative to the air as the centre of mass.
 """
 
 from typing import Annotated, NamedTuple, Protocol
@@ -30,20 +30,20 @@ _QuadraticDrag = Annotated[Row, Quantity("N s²/m²", "B")]
 
 
 class Load(NamedTuple):
-    """A force and its torque about the centre of mass, in the axes of B."""
+    """Force and torque about the centre of mass, along the axes of B."""
 
     force: Vector
     torque: Vector
 
 
 class Flow(NamedTuple):
-    """State of the air and of the rotors, from which the load on a vehicle follows.
+    """State of the air and of the rotors, on which the load on a vehicle depends.
 
     Attributes:
         air: velocity u of the air relative to the vehicle, along the axes of B, m/s.
         air_in_world: the same velocity along the axes of W, m/s.
         rotors: speeds of the rotors.
-        wrench: thrust and torques of the rotors without the load.
+        wrench: thrust and torques of the rotors by eq (5), without additional loads.
         height: height of the vehicle in W, m.
         parameters: parameters of the vehicle.
     """
@@ -60,11 +60,11 @@ class AirLoad(Protocol):
     """Parameters of a load on the vehicle that depends on the air and on the rotors."""
 
     def load(self, flow: Flow) -> Load:
-        """Return the force and the torque on the vehicle, in addition to those of the paper's equations."""
+        """Return the force and the torque on the vehicle, in addition to the forces in the paper's equations."""
 
 
 class LinearDrag(NamedTuple):
-    """Drag force over airspeed, c₁ along each axis."""
+    """Ratio c₁ of drag force to airspeed along each axis."""
 
     x: _LinearDrag = 0.0
     y: _LinearDrag = 0.0
@@ -72,7 +72,7 @@ class LinearDrag(NamedTuple):
 
 
 class QuadraticDrag(NamedTuple):
-    """Drag force over squared airspeed, c₂ along each axis."""
+    """Ratio c₂ of drag force to squared airspeed along each axis."""
 
     x: _QuadraticDrag = 0.0
     y: _QuadraticDrag = 0.0
@@ -102,7 +102,8 @@ class BodyDrag(NamedTuple):
 
     def load(self, flow: Flow) -> Load:
         """Return the drag of the body."""
-        # The speed is computed from the velocity in W, as for isotropic drag (`drake_quad.vehicle.dynamics.drag`).
+        # The airspeed is computed from the velocity in W, so that isotropic coefficients give exactly the same result
+        # as `drake_quad.vehicle.dynamics.drag`.
         speed, coefficients = length(flow.air_in_world), zip(self.linear, self.quadratic, flow.air, strict=True)
         force = Vector._make((c_1 + c_2 * speed) * u for c_1, c_2, u in coefficients)
         return Load(force, cross(Vector(*self.centre_of_pressure), force))
@@ -112,10 +113,11 @@ class RotorAerodynamics(NamedTuple):
     """Coefficients of the aerodynamic forces on the rotors.
 
     Attributes:
-        lift: c_lift, thrust of all rotors over the squared speed across their discs.
-        climb: c_climb, thrust that all rotors lose over the speed along z of B at which they climb through the air.
-        drag: k_d, force across z of B over a rotor's speed and the airspeed.
-        inflow: k_z, thrust over a rotor's speed and the airspeed along z of B.
+        lift: c_lift, ratio of the additional thrust of all rotors to the squared airspeed parallel to their discs.
+        climb: c_climb, ratio of the thrust that all rotors lose to their climb speed relative to the air, along z of B.
+        drag: k_d, ratio of the force parallel to the disc to the product of rotor speed and airspeed parallel to the
+            disc.
+        inflow: k_z, ratio of the force along z of B to the product of rotor speed and airspeed along z of B.
     """
 
     lift: Annotated[Row, Quantity("N s²/m²")] = 0.0
@@ -135,7 +137,7 @@ class RotorAerodynamics(NamedTuple):
 
 
 class GroundEffect(NamedTuple):
-    """Thrust that rotors gain close above the ground.
+    """Increase of thrust close to the ground.
 
     Attributes:
         rotor_radius: radius R of a rotor.
@@ -149,10 +151,10 @@ class GroundEffect(NamedTuple):
 def ground_effect(height: Row, ground: GroundEffect) -> Row:
     """Return the ratio of the thrust to the thrust far from the ground at the same rotor speed: 1 / (1 - (R / 4z)²).
 
-    The formula is that of Cheeseman and Bennett, "The effect of the ground on a helicopter rotor in forward flight",
-    ARC R&M 3021, 1955, who model the ground by a source that mirrors the rotor. The gain decays as 1 / z²: it is 1.6 %
-    at a height of 2 R and 0.4 % at 4 R. The formula has a pole at R / 4. We therefore limit the ratio: below R / 2, and
-    below the ground, it is 4/3, its value at R / 2.
+    The formula is from Cheeseman and Bennett, "The effect of the ground on a helicopter rotor in forward flight",
+    ARC R&M 3021, 1955, who model the ground by a mirror image of the rotor. The increase of thrust decays as 1 / z²: it
+    is 1.6 % at a height of 2 R and 0.4 % at 4 R. Since the formula has a pole at R / 4, the height is limited: for all
+    heights below R / 2, the ratio is 4/3, its value at R / 2.
 
     Args:
         height: height of the vehicle in W, m. The rotors are at the height of the centre of mass.

@@ -1,20 +1,20 @@
 """Control allocation from a commanded wrench to rotor speeds: the inverse of eq (5) within the rotors' limits.
 
-If the rotors cannot produce the whole wrench, a `Priority` determines the order in which its parts are kept:
+If the rotors cannot produce the whole wrench, a `Priority` determines the order in which its parts are chosen:
 
 - "roll_pitch", the default: roll and pitch torque first, thrust second, yaw torque third;
 - "thrust": thrust first, roll and pitch torque second, yaw torque third.
 
-With roll and pitch first, each part is the best one that the parts before it allow:
+With roll and pitch torque first, each part is chosen within the freedom that the earlier parts leave:
 
-1. Roll and pitch torque are scaled by a common share in [0, 1], which keeps their direction. The share is the largest
-   one that the rotors can produce at any thrust, with a yaw torque between zero and the commanded one.
-2. The thrust is the one nearest to the commanded thrust. It is reduced if a rotor would exceed its maximum speed, and
-   increased if a rotor would fall below idle speed.
-3. The yaw torque is the one nearest to the commanded yaw torque.
+1. Roll and pitch torque are multiplied by a common factor in [0, 1], their share, which keeps their direction. It is
+   the largest factor that the rotors can produce at any thrust, with a yaw torque between zero and the commanded value.
+2. The thrust is the feasible value nearest to the commanded thrust. It is reduced if a rotor would exceed its maximum
+   speed, and increased if a rotor would fall below idle speed.
+3. The yaw torque is the feasible value nearest to the commanded yaw torque.
 
-With thrust first, the thrust is the one nearest to the commanded thrust that the rotors can produce without any torque.
-The share of roll and pitch torque and the yaw torque follow as above.
+With thrust first, the thrust is the value nearest to the commanded thrust that the rotors can produce without torque.
+The share of roll and pitch torque, and then the yaw torque, are chosen as above.
 """
 
 from collections.abc import Callable, Sequence
@@ -29,12 +29,13 @@ from drake_quad.vehicle.mixer import Mixer, mixer_of
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 Priority = Literal["roll_pitch", "thrust"]
-"""Part of a wrench that is kept first if the rotors cannot produce the whole wrench."""
+"""Part of a wrench that has priority if the rotors cannot produce the whole wrench."""
 
-# Offset that avoids 0 / 0 if both the room and the demand are zero. It is negligible for any other room.
+# Offset that avoids 0 / 0 if both the available range and the demand are zero. Otherwise it is negligible.
 _ZERO_DIVISION_OFFSET = 1e-100
 _UNBOUNDED = 1e100  # larger than any force or torque
-# Coefficients below this, relative to the largest ones of their kind, are rounding errors of zero.
+# Coefficients below this limit, relative to the sum of the coefficients of all rotors, are treated as rounding errors
+# of zero.
 _MIN_COEFFICIENT = 1e-9
 
 
@@ -62,7 +63,8 @@ class Allocated(NamedTuple):
 
     Attributes:
         rotor_speed_command: rotor speeds that produce the wrench, or the part of it that the rotors can produce.
-        shortfall: commanded wrench minus the wrench of these speeds; exactly zero in the parts that are kept.
+        shortfall: commanded wrench minus the wrench of these speeds; exactly zero for each part that is produced
+            completely.
     """
 
     rotor_speed_command: RotorSpeed
@@ -84,7 +86,7 @@ class _Square(NamedTuple):
 
 
 class _Bound(NamedTuple):
-    """Inequality that limits the share of roll and pitch torque: least <= tilt * share <= most."""
+    """Inequality that bounds the share of roll and pitch torque: least <= tilt * share <= most."""
 
     tilt: Row
     least: Row
@@ -92,7 +94,7 @@ class _Bound(NamedTuple):
 
 
 class _Kept(NamedTuple):
-    """Part of a wrench that is kept: thrust (N), share of roll and pitch torque, and yaw torque (N m)."""
+    """Producible part of a wrench: thrust (N), share of roll and pitch torque, and yaw torque (N m)."""
 
     thrust: Row
     share: Row
@@ -102,13 +104,13 @@ class _Kept(NamedTuple):
 def allocate(wrench: Wrench, rotors: RotorModel, priority: Priority = "roll_pitch") -> Allocated:
     """Return the rotor speeds for a wrench, and the part of the wrench that the rotors cannot produce.
 
-    The function works for any layout in which all rotors carry a part of the thrust in hover. The whole wrench is kept
-    if every rotor is within its limits for the whole wrench and for its thrust alone.
+    The function works for any layout in which all rotors carry a part of the thrust in hover. The whole wrench is
+    produced if every rotor is within its limits both for the whole wrench and for the thrust without torque.
 
     Args:
         wrench: commanded wrench.
         rotors: autopilot's model of the rotors.
-        priority: part of the wrench that is kept first.
+        priority: part of the wrench that has priority.
     """
     low, high = rotors.min_speed * rotors.min_speed, rotors.max_speed * rotors.max_speed
     squares = [
@@ -141,17 +143,18 @@ def allocate(wrench: Wrench, rotors: RotorModel, priority: Priority = "roll_pitc
 def _within_limits(priority: Priority, thrust: Row, tau_z: Row, low: Row, high: Row, *rows: Row) -> _Kept:
     """Return the part of a wrench that the rotors can produce.
 
-    The squared speed of each rotor is linear in thrust, share of roll and pitch torque, and yaw torque, and lies
-    between two limits. Weighted sums of two or three squared speeds, with weights that cancel the yaw torque or the
-    thrust or both, bound the other unknowns. By Helly's theorem, sums over more rotors give no tighter bounds.
+    The squared speed of each rotor is a linear function of three unknowns (thrust, share of roll and pitch torque, and
+    yaw torque) and lies between two limits. In weighted sums of two or three squared speeds, the weights cancel the yaw
+    torque, the thrust, or both. The limits of these sums bound the other unknowns. By Helly's theorem, sums over more
+    rotors give no tighter bounds.
 
     Args:
-        priority: part of the wrench that is kept first.
+        priority: part of the wrench that has priority.
         thrust: commanded thrust, N.
         tau_z: commanded yaw torque, N m.
-        low: smallest squared speed.
-        high: largest squared speed.
-        rows: rows of the `_Square` of all rotors, one rotor after another.
+        low: smallest squared speed, rad²/s².
+        high: largest squared speed, rad²/s².
+        rows: rows of the `_Square` of each rotor, rotor by rotor.
     """
     squares = [_Square(*three) for three in zip(*[iter(rows)] * len(_Square._fields))]
     size = sum(abs(square.yaw) for square in squares)
@@ -165,7 +168,7 @@ def _within_limits(priority: Priority, thrust: Row, tau_z: Row, low: Row, high: 
 
 
 def _roll_pitch_first(squares: Sequence[_Square], thrust: Row, tau_z: Row, low: Row, high: Row) -> tuple[Row, Row]:
-    """Return the thrust and the share for the largest share at any thrust, and then the nearest thrust."""
+    """Return the thrust and the share: the largest share at any thrust, and then the nearest feasible thrust."""
     share = _largest_share(_share_bounds(squares, tau_z, low, high))
     bounds = [
         _between(bound.least - bound.tilt * share, bound.most - bound.tilt * share, factor)
@@ -175,7 +178,7 @@ def _roll_pitch_first(squares: Sequence[_Square], thrust: Row, tau_z: Row, low: 
 
 
 def _thrust_first(squares: Sequence[_Square], thrust: Row, tau_z: Row, low: Row, high: Row) -> tuple[Row, Row]:
-    """Return the thrust and the share for the nearest thrust without torque, and then the largest share."""
+    """Return the thrust and the share: the nearest thrust that is feasible without torque, then the largest share."""
     given = _nearest(thrust, [(low / square.thrust, high / square.thrust) for square in squares])
     bounds = [
         _Bound(bound.tilt, bound.least - factor * given, bound.most - factor * given)
@@ -191,10 +194,10 @@ _THRUST_AND_SHARE: dict[Priority, Callable[..., tuple[Row, Row]]] = {
 
 
 def _thrust_and_share_bounds(squares: Sequence[_Square], tau_z: Row, low: Row, high: Row) -> list[tuple[Row, _Bound]]:
-    """Return the bounds on thrust and share for which some yaw torque between zero and tau_z is feasible.
+    """Return the bounds on thrust and share within which some yaw torque between zero and tau_z is feasible.
 
-    Each rotor gives a bound with its most favourable yaw torque. Each pair of rotors gives one that does not depend on
-    the yaw torque.
+    Each rotor gives a bound with the most favourable yaw torque for this rotor. Each pair of rotors gives a bound that
+    does not depend on the yaw torque.
 
     Returns:
         Factors and bounds of the inequalities least <= factor * thrust + tilt * share <= most.
@@ -207,10 +210,10 @@ def _thrust_and_share_bounds(squares: Sequence[_Square], tau_z: Row, low: Row, h
 
 
 def _share_bounds(squares: Sequence[_Square], tau_z: Row, low: Row, high: Row) -> list[_Bound]:
-    """Return the bounds on the share for which some thrust and some yaw torque between zero and tau_z are feasible.
+    """Return the bounds on the share within which some thrust and some yaw torque between 0 and tau_z are feasible.
 
-    Each pair of rotors gives a bound that does not depend on the thrust, with its most favourable yaw torque. Each
-    triple of rotors gives one that depends on neither thrust nor yaw torque.
+    Each pair of rotors gives a bound that does not depend on the thrust, with the most favourable yaw torque for this
+    pair. Each triple of rotors gives a bound that depends on neither thrust nor yaw torque.
     """
     bounds = []
     for one, other in combinations(squares, 2):
@@ -224,7 +227,7 @@ def _share_bounds(squares: Sequence[_Square], tau_z: Row, low: Row, high: Row) -
 
 
 def _turn(one: _Square, other: _Square, squares: Sequence[_Square]) -> Row:
-    """Return the determinant of two rotors' coefficients of thrust and yaw torque."""
+    """Return the determinant of the thrust and yaw coefficients of two rotors."""
     size = sum(square.thrust for square in squares) * sum(abs(square.yaw) for square in squares)
     return _without_rounding(one.thrust * other.yaw - other.thrust * one.yaw, size)
 
@@ -235,7 +238,7 @@ def _without_rounding(coefficient: Row, size: Row) -> Row:
 
 
 def _range(weights: Sequence[Row], low: Row, high: Row) -> tuple[Row, Row]:
-    """Return the smallest and the largest weighted sum of squared speeds that lie between two limits."""
+    """Return the smallest and the largest weighted sum of squared speeds that each lie between two limits."""
     up, down = sum(maximum(weight, 0.0) for weight in weights), sum(minimum(weight, 0.0) for weight in weights)
     return up * low + down * high, up * high + down * low
 
@@ -263,7 +266,7 @@ def _between(least: Row, most: Row, factor: Row) -> tuple[Row, Row]:
 
 
 def _nearest(wanted: Row, bounds: Sequence[tuple[Row, Row]]) -> Row:
-    """Return the number nearest to `wanted` that satisfies all bounds (smallest, largest)."""
+    """Return the number nearest to `wanted` that satisfies all bounds, each a pair of smallest and largest value."""
     least, most = -_UNBOUNDED, _UNBOUNDED
     for down, up in bounds:
         least, most = maximum(down, least), minimum(up, most)
@@ -271,7 +274,7 @@ def _nearest(wanted: Row, bounds: Sequence[tuple[Row, Row]]) -> Row:
 
 
 def _fitting(room: Row, demand: Row) -> Row:
-    """Return the share of a demand for which there is room, at most 1; the share is 1 if the demand is zero."""
+    """Return the fraction of a demand that fits into an available range, at most 1; 1 if the demand is zero."""
     room = room + _ZERO_DIVISION_OFFSET
     return room / maximum(demand, room)
 
@@ -281,9 +284,9 @@ class _Pairs(NamedTuple):
 
     Attributes:
         level: contribution of the thrust, the same for all rotors.
-        pair_13: contribution of roll and pitch torque to rotor 1; that to rotor 3 has the opposite sign.
-        pair_24: contribution of roll and pitch torque to rotor 2; that to rotor 4 has the opposite sign.
-        yaw: contribution of yaw torque to rotors 1 and 3; that to rotors 2 and 4 has the opposite sign.
+        pair_13: contribution of roll and pitch torque to rotor 1; the contribution to rotor 3 is -pair_13.
+        pair_24: contribution of roll and pitch torque to rotor 2; the contribution to rotor 4 is -pair_24.
+        yaw: contribution of yaw torque to rotors 1 and 3; the contribution to rotors 2 and 4 is -yaw.
     """
 
     level: Row
@@ -293,18 +296,18 @@ class _Pairs(NamedTuple):
 
 
 def allocate_to_pairs(wrench: Wrench, rotors: RotorModel, priority: Priority = "roll_pitch") -> Allocated:
-    """Return the result of `allocate`, with fewer operations, for equal rotors in opposite pairs.
+    """Return the result of `allocate` for equal rotors in opposite pairs, with fewer operations.
 
-    A plus, an x and an h have such rotors. Their squared speeds are
+    The layouts plus, x and h consist of such pairs. The squared speeds are
 
         1, 3: level ± pair_13 + yaw        2, 4: level ± pair_24 - yaw
 
-    so that the yaw torque is limited to an interval for given thrust and roll and pitch torque.
+    so that the feasible yaw torques form an interval, given the thrust and the roll and pitch torque.
 
     Args:
         wrench: commanded wrench.
         rotors: autopilot's model of the rotors.
-        priority: part of the wrench that is kept first.
+        priority: part of the wrench that has priority.
     """
     thrust, tau_x, tau_y, tau_z = wrench
     mixer, min_speed, max_speed = rotors
@@ -340,11 +343,11 @@ def allocate_to_pairs(wrench: Wrench, rotors: RotorModel, priority: Priority = "
 
 
 def _paired_roll_pitch_first(wanted: _Pairs, low: Row, high: Row) -> tuple[Row, Row]:
-    """Return the level nearest to the wanted one that permits the largest share, and this share.
+    """Return the largest share of roll and pitch torque, and the feasible level nearest to the wanted level.
 
-    The share is limited by half the distance between the limits, for a pair at the middle level without yaw. The part
-    of this distance that a pair does not use limits the deviation of its level, level + yaw or level - yaw, from the
-    middle.
+    The result is the pair (level, share). A pair of rotors at the middle level without yaw can use half the distance
+    between the limits for roll and pitch torque, which limits the share. The part of this half that a pair does not use
+    limits the deviation of the pair's mean squared speed (level + yaw or level - yaw) from the middle level.
     """
     half, middle = 0.5 * (high - low), 0.5 * (high + low)
     size_13, size_24 = abs(wanted.pair_13), abs(wanted.pair_24)
@@ -358,9 +361,9 @@ def _paired_roll_pitch_first(wanted: _Pairs, low: Row, high: Row) -> tuple[Row, 
 
 
 def _paired_thrust_first(wanted: _Pairs, low: Row, high: Row) -> tuple[Row, Row]:
-    """Return the feasible level nearest to the wanted one, and the largest share at this level.
+    """Return the feasible level nearest to the wanted level, and the largest share at this level.
 
-    Some yaw between zero and the wanted one must also be feasible.
+    The share is limited such that some yaw between zero and the wanted yaw remains feasible.
     """
     level = minimum(maximum(wanted.level, low), high)
     size_13, size_24 = abs(wanted.pair_13), abs(wanted.pair_24)
@@ -391,15 +394,15 @@ class Allocation(FleetSystem):
         output_ports:
         - rotor_speed_command_and_shortfall
 
-    The output packs the two signals of `Allocated`: `rotor_speed_command`, the inverse of eq (5) within the rotors'
-    limits, and `shortfall`, the part of the `wrench` that the rotors cannot produce.
+    The output packs the two signals of `Allocated`: `rotor_speed_command`, from the inverse of eq (5) within the limits
+    of the rotors, and `shortfall`, the part of the `wrench` that the rotors cannot produce.
 
     The only parameter of the context is `rotors`.
 
     Args:
         num_vehicles: number N of vehicles.
         paired: True if all rotors are equal and in opposite pairs, which saves operations.
-        priority: part of the wrench that is kept first if the rotors cannot produce the whole wrench.
+        priority: part of the wrench that has priority if the rotors cannot produce the whole wrench.
         numbers: autopilot's model of the rotors.
     """
 

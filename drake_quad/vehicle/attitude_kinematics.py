@@ -1,18 +1,18 @@
-"""Attitude kinematics: rates of the attitude for body rates, and integration of the attitude over a time step.
+"""Attitude kinematics: rates of the attitude angles, and integration of the attitude over a time step.
 
 Ports and states contain roll, pitch and yaw, whose rates are infinite at a pitch of 90°. A time step therefore
-integrates the quaternion ε of the rotation since its start, which has no singularity:
+integrates a quaternion ε without singularity, the rotation relative to the start of the step:
 
     R_WB(t) = R_WB(0) R(ε),    ε̇ = ½ ε ∘ (0, p, q, r),    ε(0) = 1
 
 R(ε) omits the division by |ε|², which is 1 up to the integration error. At the end of the step, the rotation is
 converted back to angles:
 
-- The pitch is between -90° and 90°, and the roll between -180° and 180° if it was so at the start.
-- The yaw is not wrapped: a step changes it by at most 180°, and the yaw of a vehicle that flies in circles grows beyond
-  180°.
+- The pitch is between -90° and 90°. The roll is between -180° and 180° if it was in this range at the start.
+- The yaw is not wrapped: a step changes the yaw by at most 180°, and the yaw of a vehicle that flies in circles grows
+  beyond 180°.
 - At a pitch of ±90° the rotation determines only the sum or the difference of roll and yaw. The yaw is then arbitrary,
-  and the roll follows from the rotation and that yaw, so that the three angles reproduce the rotation up to rounding.
+  and the roll is chosen such that the three angles reproduce the rotation up to rounding.
 
 When a vehicle pitches over, roll and yaw jump by 180°, but the rotation is continuous.
 
@@ -51,8 +51,9 @@ class AttitudeKinematics(NamedTuple):
     """Kinematics of the attitude.
 
     Attributes:
-        angle_rates: function that returns the rates of roll, pitch and yaw (rad/s) for body rates and an attitude.
-        integrated: function that returns the attitude over a step for the attitude at the start of the step.
+        angle_rates: function that returns the rates of roll, pitch and yaw (rad/s), given the body rates and the
+            attitude.
+        integrated: function that returns the attitude over a step, given the attitude at the start of the step.
     """
 
     angle_rates: Callable[[BodyRates, Attitude], Attitude]
@@ -65,7 +66,7 @@ _MAX_SINE = 0.5
 
 
 class RotationSince(NamedTuple):
-    """Attitude over a time step, as the rotation since the start of the step.
+    """Attitude over a time step, as the rotation relative to the start of the step.
 
     Attributes:
         beginning: attitude at the start of the step.
@@ -79,16 +80,16 @@ class RotationSince(NamedTuple):
 
     @classmethod
     def of(cls, attitude: Attitude) -> "RotationSince":
-        """Return the rotation of a step that starts with an attitude."""
+        """Return the attitude over a step that starts at the given attitude."""
         return cls(attitude, Tilt.of(attitude.roll, attitude.pitch), BodyAxes.of(*attitude))
 
     @property
     def start(self) -> Quaternion:
-        """Quaternion of no rotation."""
+        """Quaternion of the identity rotation."""
         return NO_ROTATION
 
     def axes(self, coordinates: Quaternion) -> BodyAxes:
-        """Return the axes of B in W after a rotation."""
+        """Return the axes of B in W after a rotation from the start of the step."""
         if coordinates is NO_ROTATION:
             return self.beginning_axes
         return BodyAxes._make(self.beginning_axes.in_world(axis) for axis in coordinates.axes())
@@ -98,17 +99,17 @@ class RotationSince(NamedTuple):
         return coordinates.rates(body_rates)
 
     def attitude(self, coordinates: Quaternion) -> Attitude:
-        """Return roll, pitch and yaw after a rotation.
+        """Return roll, pitch and yaw after a rotation from the start of the step.
 
-        The yaw is the sum of the yaw at the start and the change of heading, so that it stays exactly the same if the
-        vehicle does not turn. If the roll changes by less than 7°, as is usual, it is a sum of the same kind. If in
-        addition the pitch is below 30°, polynomials replace the costlier functions for arbitrary angles; the results
-        agree up to rounding.
+        The yaw is the sum of the yaw at the start and the change of heading, so that the yaw of a vehicle that does not
+        turn remains exactly constant. If the roll changes by less than 7°, as is usual, the roll is also computed as a
+        sum of initial value and change. If in addition the pitch is below 30°, polynomials replace the costlier
+        functions for arbitrary angles; the results agree up to rounding.
         """
         tilt, before = self.tilt, self.beginning
         x, y, z = (tilt.in_heading(axis) for axis in coordinates.axes())
         sin_pitch = 0.0 - x.z
-        # These are sine and cosine of the change of roll, both multiplied by the cosine of the pitch.
+        # `sine` and `cosine` are the sine and cosine of the change of roll, multiplied by the cosine of the pitch.
         sine = tilt.cos_roll * y.z - tilt.sin_roll * z.z
         cosine = tilt.cos_roll * z.z + tilt.sin_roll * y.z
         usual = Attitude(
@@ -116,7 +117,7 @@ class RotationSince(NamedTuple):
             arcsin(sin_pitch, small=True),
             arctan(x.y / (x.x + TINY_COSINE), small=True),
         )
-        upside_down = z.z < 0.0  # then the roll may pass 180°
+        upside_down = z.z < 0.0  # the roll of such a vehicle may pass 180°
         large = upside_down | (abs(sine) > _MAX_TANGENT * cosine) | (abs(x.y) > _MAX_TANGENT * x.x)
         unusual = large | (abs(sin_pitch) > _MAX_SINE)
         in_heading = where_needed(unusual, _angles_in_heading, (*tilt, *coordinates), usual)
@@ -126,7 +127,7 @@ class RotationSince(NamedTuple):
 def _angles_in_heading(
     sin_roll: Row, cos_roll: Row, sin_pitch: Row, cos_pitch: Row, w: Row, x: Row, y: Row, z: Row
 ) -> Attitude:
-    """Return the angles after a rotation in the heading frame, for the tilt at its start and its quaternion."""
+    """Return the angles in the heading frame after a rotation, given the initial tilt and the quaternion."""
     tilt = Tilt(sin_roll, cos_roll, sin_pitch, cos_pitch)
     return BodyAxes._make(tilt.in_heading(axis) for axis in Quaternion(w, x, y, z).axes()).angles()
 

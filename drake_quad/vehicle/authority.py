@@ -1,4 +1,4 @@
-"""Checks that a layout of four rotors can produce every wrench, and can hover."""
+"""Checks whether a layout of four rotors can produce every wrench, and whether it can hover."""
 
 import numpy as np
 
@@ -6,21 +6,23 @@ from drake_quad.vehicle.mixer import mixer_of
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.rotors import Rotors
 
-# Smallest accepted singular value of the scaled map from rotor forces to the wrench, relative to the largest. Below it,
-# a thousandth of the arm or of the drag factor would have to produce a part of the wrench.
+# Smallest accepted ratio of the smallest to the largest singular value of the scaled map from rotor forces to the
+# wrench. At smaller ratios, a part of the wrench would be produced only by differences of about a thousandth of the arm
+# length or of the drag factor.
 _MIN_SINGULAR_VALUE = 1e-3
-# Components of a unit vector below this size are not mentioned in a message.
+# Components of a unit vector below this magnitude are not mentioned in a message.
 _MIN_COMPONENT = 0.02
-# Tolerance on a rotor's share of the thrust, relative to the largest share.
+# Tolerance on the fraction of the thrust that a rotor carries, relative to the largest fraction.
 _SHARE_TOLERANCE = 1e-9
 _WRENCH_PARTS = ("thrust", "roll torque", "pitch torque", "yaw torque")
 
 
 def missing_direction(rotors: Rotors) -> str | None:
-    """Return the part of a wrench that four rotors cannot produce, in words; None if they can produce every wrench.
+    """Return a description of the wrench that four rotors cannot produce; None if they can produce every wrench.
 
     Args:
-        rotors: rotors of one vehicle, or of several. The result is that of the first vehicle with a missing part.
+        rotors: rotors of one vehicle or of several. The result describes the first vehicle that cannot produce every
+            wrench.
     """
     rows = [
         row
@@ -42,13 +44,14 @@ def missing_direction(rotors: Rotors) -> str | None:
 
 
 def _describe_missing(direction: np.ndarray) -> str:
-    """Return the missing part of a wrench in words, for the direction of a scaled wrench that no rotor produces."""
+    """Return a description of a wrench that the rotors cannot produce, given its direction in scaled coordinates."""
     thrust, roll, pitch, yaw = np.abs(direction) > _MIN_COMPONENT
     if roll and pitch and not thrust and not yaw:
         _, x, y, _ = direction
         size = np.copysign(np.hypot(x, y), x)
         return f"torque about the axis ({x / size:.2f}, {y / size:.2f}, 0), since its rotors are in a line"
-    # If several parts are involved, the last one cannot be produced without the others.
+    # If the direction has several parts, for example thrust and yaw torque, the rotors can produce these parts only in
+    # a fixed ratio. The message says that the last part cannot be produced without the others.
     names = [name for name, part in zip(_WRENCH_PARTS, (thrust, roll, pitch, yaw), strict=True) if part]
     *others, lacking = names
     if not others:
@@ -59,7 +62,7 @@ def _describe_missing(direction: np.ndarray) -> str:
 
 
 def hover_flaw(rotors: Rotors, *, min_speed: float, max_speed: float) -> str | None:
-    """Return the reason why four rotors cannot produce thrust without torque, in words; None if they can.
+    """Return the reason why four rotors cannot produce thrust without torque; None if they can.
 
     Args:
         rotors: rotors of one vehicle, for which `missing_direction` is None.
@@ -75,7 +78,7 @@ def hover_flaw(rotors: Rotors, *, min_speed: float, max_speed: float) -> str | N
     if not min_speed < max_speed * slowest / fastest:
         number = shares.index(min(shares)) + 1
         return (
-            f"rotor {number} would have to turn {slowest:.2g} times as fast as the fastest, less than min_rotor_speed"
-            " over max_rotor_speed"
+            f"rotor {number} would have to turn at {slowest:.2g} times the speed of the fastest rotor, which is less"
+            " than min_rotor_speed / max_rotor_speed"
         )
     return None

@@ -1,12 +1,13 @@
 """Attitude control on board: from an attitude target to a wrench.
 
-A loop of the attitude turns its error into body rates, and a loop of the body rates, on a gyroscope, turns these into
-torques. Both are proportional, and both can have the further terms of `drake_quad.pid.loop`. With them the loops are
-those of PX4 (PX4 User Guide, "Controller diagrams: multicopter attitude and angular rate controller", docs.px4.io;
-D. Brescianini, M. Hehn and R. D'Andrea, "Nonlinear quadrocopter attitude control", ETH Zurich 2013) or those of the
-Crazyflie's firmware (Bitcraze, crazyflie-firmware 2025.12, `attitude_pid_controller.c`):
+An attitude loop converts the attitude error to commanded body rates. A rate loop converts the difference between these
+commands and the rates that a gyroscope measures to torques. Both loops are proportional, and both can be extended by
+the terms of `drake_quad.pid.loop`. The extended loops reproduce the loops of PX4 (PX4 User Guide, "Controller diagrams:
+multicopter attitude and angular rate controller", docs.px4.io; D. Brescianini, M. Hehn and R. D'Andrea, "Nonlinear
+quadrocopter attitude control", ETH Zurich 2013) or of the Crazyflie's firmware (Bitcraze, crazyflie-firmware 2025.12,
+`attitude_pid_controller.c`):
 
-    attitude    error of roll, pitch and yaw (Crazyflie), or of the rotation with a weight of the yaw (PX4)
+    attitude    errors of roll, pitch and yaw (Crazyflie), or a rotation error with reduced weight of the yaw (PX4)
     rate        PID with integral, filtered derivative, feed-forward and limits
 """
 
@@ -41,7 +42,7 @@ from drake_quad.vehicle.runge_kutta import advanced
 
 
 class LoopGains(NamedTuple):
-    """Gains about each axis."""
+    """Gain for each axis."""
 
     roll: Gain
     pitch: Gain
@@ -61,11 +62,12 @@ class Gyroscope(NamedTuple):
 
 
 class NeglectedDrag(NamedTuple):
-    """Drag that an estimator of the attitude neglects.
+    """Drag that an attitude estimator neglects.
 
-    An estimator whose model has no drag mistakes the drag force for a tilt. In flight at the velocity v, the estimated
-    thrust direction leans less in the direction of flight than the true one, by the angle d v / g, once the correction
-    of the attitude by position measurements has settled. This correction has a first-order lag.
+    An estimator whose model contains no drag mistakes the drag force for a tilt. In flight at velocity v, the estimated
+    thrust direction is tilted less in the direction of flight than the true thrust direction. The difference is the
+    angle d v / g once the correction of the attitude by position measurements has settled. This correction has a
+    first-order lag.
 
     Attributes:
         lean: ratio d / g of the tilt error to the velocity.
@@ -84,7 +86,7 @@ class LeanError(NamedTuple):
 
 
 class LoopAxisTerms(NamedTuple):
-    """Terms of a loop about each axis, in addition to the proportional term."""
+    """Terms of a loop for each axis, in addition to the proportional term."""
 
     roll: Terms
     pitch: Terms
@@ -92,21 +94,21 @@ class LoopAxisTerms(NamedTuple):
 
 
 class AutopilotNumbers(NamedTuple):
-    """Parameters of an autopilot and of its sensors. The autopilot has no part whose parameters are None.
+    """Parameters of an autopilot and of its sensors; None for an optional part that the autopilot does not contain.
 
     Attributes:
-        k_attitude: gains of the attitude loop, body rate over attitude error.
-        k_rate: gains of the rate loop, angular acceleration over error of the body rate.
+        k_attitude: gains of the attitude loop, from attitude error to body rate.
+        k_rate: gains of the rate loop, from body rate error to angular acceleration.
         inertia: moments of inertia in the autopilot's model of the vehicle.
         gyroscope: errors of the gyroscope.
-        attitude_noise: standard deviation of the estimates of roll, pitch and yaw.
-        initial: wrench before the first one is computed.
+        attitude_noise: standard deviation of the noise of the estimated roll, pitch and yaw.
+        initial: output before the first wrench is computed.
         attitude: further terms of the attitude loop, whose output is a body rate.
         rate: further terms of the rate loop, whose output is an angular acceleration.
         gyroscope_filter: low-pass filter of the measured body rates.
         max_rates: largest commanded body rates.
-        yaw_weight: weight of the yaw in the error of the rotation; None for errors of roll, pitch and yaw.
-        neglected_drag: drag that the estimator of the attitude neglects; None if it is exact.
+        yaw_weight: weight of the yaw in the rotation error; None if the loop uses the errors of roll, pitch and yaw.
+        neglected_drag: drag that the attitude estimator neglects; None if the estimator is exact.
     """
 
     k_attitude: LoopGains
@@ -127,9 +129,9 @@ class LoopRules(NamedTuple):
     """Variants of the loops.
 
     Attributes:
-        gyroscopic: True if the torque ω × I ω is added.
-        attitude_integrates_first: True if the integral of the attitude loop includes the error of the present instant.
-        rate_integrates_first: True if the integral of the rate loop includes the error of the present instant.
+        gyroscopic: True if the gyroscopic torque ω × I ω is added.
+        attitude_integrates_first: True if the integral of the attitude loop includes the error of the current tick.
+        rate_integrates_first: True if the integral of the rate loop includes the error of the current tick.
     """
 
     gyroscopic: bool = True
@@ -138,7 +140,7 @@ class LoopRules(NamedTuple):
 
 
 class LoopMemory(NamedTuple):
-    """Memory of a loop about each axis."""
+    """Memory of a loop for each axis."""
 
     roll: Memory
     pitch: Memory
@@ -146,7 +148,7 @@ class LoopMemory(NamedTuple):
 
     @classmethod
     def of(cls, terms: LoopAxisTerms | None) -> "LoopMemory":
-        """Return the memory before the first instant."""
+        """Return the memory before the first tick."""
         return cls(*[Memory.of(each) for each in terms or (None, None, None)])
 
 
@@ -167,7 +169,7 @@ class AutopilotMemory(NamedTuple):
 
     @classmethod
     def of(cls, numbers: AutopilotNumbers) -> "AutopilotMemory":
-        """Return the memory before the first instant."""
+        """Return the memory before the first tick."""
         gyroscope = None if numbers.gyroscope_filter is None else (EMPTY_FILTER, EMPTY_FILTER, EMPTY_FILTER)
         lean = None if numbers.neglected_drag is None else LeanError(0.0, 0.0)
         return cls(LoopMemory.of(numbers.attitude), LoopMemory.of(numbers.rate), gyroscope, lean)
@@ -183,7 +185,7 @@ class SensorNoise(NamedTuple):
 def estimated_attitude_and_rates(
     state: State, noise: SensorNoise | None, numbers: AutopilotNumbers, lean: LeanError | None = None
 ) -> tuple[Attitude, BodyRates]:
-    """Return attitude and body rates as the autopilot estimates them.
+    """Return the autopilot's estimates of attitude and body rates.
 
     Args:
         state: true state of the vehicle.
@@ -210,7 +212,7 @@ def next_lean_error(lean: LeanError, state: State, drag: NeglectedDrag, period: 
         lean: error at the start of the period.
         state: state of the vehicle at the end of the period.
         drag: drag that the estimator neglects.
-        period: length of the period, s.
+        period: duration of the period, s.
     """
     gain = 1.0 - exp(-period / drag.time)
     return LeanError(
@@ -219,12 +221,12 @@ def next_lean_error(lean: LeanError, state: State, drag: NeglectedDrag, period: 
 
 
 def rotation_error(attitude: Attitude, target: Attitude, yaw_weight: Number) -> BodyRates:
-    """Return the error of the attitude along the axes of B as PX4 defines it, in rad for small errors.
+    """Return the attitude error along the axes of B as PX4 defines it, in rad for small errors.
 
-    The rotation to the target is decomposed into a rotation about z_B and a rotation that then tilts the thrust axis
-    along the shortest path. The angle of the first rotation is multiplied by `yaw_weight`, since rotors have little yaw
-    torque. The error is twice the vector part of the resulting quaternion. Its yaw component is divided by the weight,
-    so that the weight does not change the yaw gain.
+    The rotation to the target is decomposed into a rotation about z_B, followed by a rotation that tilts the thrust
+    axis along the shortest path. The angle of the first rotation is multiplied by `yaw_weight`, since rotors produce
+    little yaw torque. The error is twice the vector part of the resulting quaternion. Its yaw component is divided by
+    the weight, so that the weight does not change the yaw gain.
 
     Args:
         attitude: estimated attitude.
@@ -232,7 +234,8 @@ def rotation_error(attitude: Attitude, target: Attitude, yaw_weight: Number) -> 
         yaw_weight: weight of the yaw, in (0, 1].
     """
     w, x, y, z = Quaternion.of(*attitude).turn_to(Quaternion.of(*target))
-    # Two quaternions describe the same rotation. The sign selects the one with the smaller angle.
+    # Two quaternions of opposite sign describe the same rotation. The sign selects the quaternion with the smaller
+    # angle.
     sign = where(w < 0.0, -1.0, 1.0)
     w, x, y, z = sign * w, sign * x, sign * y, sign * z
     upright = sqrt(w * w + z * z + TINY)
@@ -293,8 +296,8 @@ def autopilot_step(
         state: true state of the vehicle.
         noise: standard normal samples for the noise of the sensors; None if there is no noise.
         numbers: parameters of the autopilot.
-        memory: memory of the instant before; None if the autopilot has no memory.
-        period: period h of the autopilot, s.
+        memory: memory from the previous tick; None if the autopilot has no memory.
+        period: tick period h of the autopilot, s.
         rules: variants of the loops.
     """
     i_xx, i_yy, i_zz = numbers.inertia
@@ -342,26 +345,27 @@ class AttitudeAutopilot(FleetSystem):
         output_ports:
         - wrench
 
-    e is the attitude of the `attitude_target` minus that of the vehicle, with the yaw error between -π and π. ω_r are
-    the body rates of the target, and ω are the body rates that the gyroscope measures. The thrust is that of the
-    target. The autopilot is on board, so it uses the `state` without delay. It holds the `wrench` until its next tick:
+    e is the attitude in the `attitude_target` minus the attitude of the vehicle, with the yaw error between -π and π.
+    ω_r are the body rates in the target, and ω are the body rates that the gyroscope measures. The thrust in the target
+    is passed on unchanged. The autopilot is on board, so it uses the `state` without delay. It holds the `wrench` until
+    its next tick:
 
         state, target ●━━━━━○
                       ●━━━━━○ wrench
                       0     h
 
-    A target that arrives at a tick of the autopilot takes effect at the next tick. `sensor_noise` is a random input:
-    standard normal samples for the gyroscope and the attitude. The port exists only if there is noise.
+    A target that arrives at a tick of the autopilot takes effect at the next tick. `sensor_noise` is a random input
+    with standard normal samples for the gyroscope and the attitude. The port exists only if there is noise.
 
     `AutopilotNumbers` lists the optional parts: integrals, filtered derivatives, feed-forward and limits of both loops,
-    a filter of the gyroscope, and a rotation error that replaces the errors of the angles.
+    a filter for the gyroscope, and a rotation error that replaces the errors of the angles.
 
     The states are `wrench` and, if a part has a memory, `memory`. The only parameter of the context is `autopilot`.
 
     Args:
         num_vehicles: number N of vehicles.
-        period: period h of the autopilot, s. The default, 2.5 ms, corresponds to 400 Hz, the default of PX4's parameter
-            IMU_GYRO_RATEMAX.
+        period: tick period h of the autopilot, s. The default, 2.5 ms, corresponds to 400 Hz, the default of PX4's
+            parameter IMU_GYRO_RATEMAX.
         noisy: True if the sensors have noise.
         rules: variants of the loops.
         numbers: gains, parameters of the sensors, and the autopilot's model of the vehicle.

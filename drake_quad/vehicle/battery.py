@@ -1,12 +1,12 @@
-"""Battery that discharges, and whose voltage sags under load.
+"""Battery whose voltage decreases with the discharged charge and with the load.
 
     V_0 = V_full + (V_empty - V_full) Q / C                   without current: linear in the discharged charge Q
     V = V_0 - R I,    η V I = P = Σ d |ωᵢ|³                   with the current I of the rotors
     V = (V_0 + √(V_0² - 4 R P / η)) / 2
 
-The speed of a motor at full throttle is proportional to its voltage. The rotors therefore reach V / V_full of the
-commanded speed, which is (V / V_full)² of the thrust. If the battery cannot deliver the power, V is V_0 / 2, the
-voltage of maximum power.
+The speed of a motor at full throttle is proportional to its voltage. The rotors therefore reach only V / V_full times
+the commanded speed, and (V / V_full)² times the commanded thrust. If the battery cannot deliver the power, V is
+V_0 / 2, the voltage of maximum power.
 """
 
 from typing import Annotated, NamedTuple
@@ -39,7 +39,7 @@ class Battery(NamedTuple):
 
 
 FULL = Charge(0.0)
-"""Charge drawn from a full battery."""
+"""Charge that has been drawn from a full battery: none."""
 
 
 class Terminals(NamedTuple):
@@ -50,7 +50,7 @@ class Terminals(NamedTuple):
 
 
 def terminals(charge: Charge, power: Row, battery: Battery) -> Terminals:
-    """Return the voltage and the current of a battery that supplies a mechanical power (W) of the rotors."""
+    """Return the voltage and the current of a battery that supplies the mechanical power (W) of the rotors."""
     drawn = charge.drawn / battery.capacity
     at_rest = maximum(battery.voltage + (battery.empty_voltage - battery.voltage) * drawn, 0.0)
     electrical = power / battery.efficiency
@@ -68,5 +68,5 @@ def rotor_power(speed: RotorSpeed, parameters: QuadrotorParameters) -> Row:
 
 
 def charge_rate(current: Row) -> Charge:
-    """Return the rate at which a current (A) discharges the battery, A h per second."""
+    """Return the rate at which a current (A) discharges the battery, A h/s."""
     return Charge(current / _SECONDS_PER_HOUR)

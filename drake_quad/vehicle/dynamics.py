@@ -1,8 +1,8 @@
 """Equations of motion, numbered as in the paper.
 
-The world frame W has Z up. The body frame B has its origin at the centre of mass, x forward, y to the left, and z up.
-Rotor i is at (xᵢ, yᵢ) relative to the origin of the layout. Its direction of rotation sᵢ is 1 for anticlockwise seen
-from above and -1 for clockwise.
+In the world frame W, Z points up. The body frame B has its origin at the centre of mass; x points forward, y to the
+left, and z up. Rotor i is at (xᵢ, yᵢ) relative to the origin of the layout. Its direction of rotation sᵢ, seen from
+above, is 1 for anticlockwise and -1 for clockwise.
 
     (1) R_WB = Rz(ψ) Ry(θ) Rx(φ)
     (2) (p, q, r)ᵀ = [1 0 -sθ; 0 cφ sφcθ; 0 -sφ cφcθ] (φ̇, θ̇, ψ̇)ᵀ, in `drake_quad.vehicle.attitude_kinematics`
@@ -10,17 +10,18 @@ from above and -1 for clockwise.
     (4) ω_r = Σ sᵢ ωᵢ
     (5) F_z = Σ bᵢ ωᵢ², τ_x = Σ (yᵢ - c_y) bᵢ ωᵢ², τ_y = -Σ (xᵢ - c_x) bᵢ ωᵢ², τ_z = -Σ sᵢ dᵢ ωᵢ²
 
-The centre of mass is at (c_x, c_y) relative to the origin of the layout. The paper's vehicle is a plus: rotor 1 is in
-front, 2 to the right, 3 at the back, 4 to the left, all at a distance l from the centre of mass. Rotors 1 and 3 turn
-clockwise. For this vehicle
+The centre of mass is at (c_x, c_y) relative to the origin of the layout. The rotors of the paper's vehicle form a plus:
+rotor 1 is in front, 2 to the right, 3 at the back, 4 to the left, all at a distance l from the centre of mass. Rotors 1
+and 3 turn clockwise. For this vehicle
 
     (4) ω_r = -ω₁ + ω₂ - ω₃ + ω₄
     (5) F_z = Σ b ωᵢ², τ_x = l b (ω₄² - ω₂²), τ_y = l b (ω₃² - ω₁²), τ_z = d (ω₁² - ω₂² + ω₃² - ω₄²)
 
 Drag acts at the centre of mass.
 
-The rotors cause the gyroscopic torque of their total angular momentum J_r ω_r along z. As in the paper, the reaction to
-its rate of change is neglected, unless it is switched on (`drake_quad.vehicle.effects`).
+The gyroscopic torque of the rotors follows from their total angular momentum J_r ω_r along z. As in the paper, the
+reaction torque due to the rate of change of this momentum is neglected, unless the effect is switched on
+(`drake_quad.vehicle.effects`).
 """
 
 from typing import NamedTuple
@@ -56,7 +57,7 @@ class RotorAction(NamedTuple):
 
     Attributes:
         wrench: total thrust of the rotors, and their torques about the centre of mass.
-        residual: residual speed ω_r, the sum of the speeds with the signs of the directions of rotation.
+        residual: residual speed ω_r, the sum of the rotor speeds, signed by the directions of rotation.
     """
 
     wrench: Wrench
@@ -113,7 +114,7 @@ def equations_of_motion(
     parameters: QuadrotorParameters,
     force: Vector | None = None,
 ) -> Motion:
-    """Return the linear and angular accelerations of the vehicle, which are eq (3) without the kinematics.
+    """Return the linear and angular accelerations of the vehicle, the part of eq (3) without the kinematics.
 
     Args:
         axes: axes of B in W.
@@ -121,7 +122,7 @@ def equations_of_motion(
         rotors: action of the rotors on the body.
         wind: velocity of the air in W.
         parameters: parameters of the vehicle.
-        force: force on the centre of mass in W, in addition to thrust, drag and weight, N; None if there is none.
+        force: additional force on the centre of mass in W, besides thrust, drag and weight, N; None if there is none.
     """
     v_x, v_y, v_z, p, q, r = motion
     thrust, tau_x, tau_y, tau_z = rotors.wrench
@@ -145,12 +146,12 @@ def target_rotor_speed(command: RotorSpeed, parameters: QuadrotorParameters, fac
     """Return the speeds that the rotors approach under a constant command.
 
     A command is clipped to the limits of the rotors; NaN becomes idle speed. The result is then multiplied by the
-    factors of faulty rotors.
+    factors for faulty rotors.
 
     Args:
         command: commanded rotor speeds.
         parameters: parameters of the vehicle.
-        factors: factor of each rotor, 1 if it is not faulty.
+        factors: factor for each rotor, 1 if the rotor is not faulty.
     """
     low, high = parameters.min_rotor_speed, parameters.max_rotor_speed
     return RotorSpeed._make(
@@ -159,10 +160,10 @@ def target_rotor_speed(command: RotorSpeed, parameters: QuadrotorParameters, fac
 
 
 def hover_rotor_speeds(parameters: QuadrotorParameters) -> RotorSpeed:
-    """Return the rotor speeds for hover in still air: their wrench by eq (5) balances the weight without torque.
+    """Return the rotor speeds for hover in still air, whose wrench by eq (5) balances the weight without torque.
 
-    The speeds differ if the rotors differ or the centre of mass is not in the middle. The speed is zero for a rotor
-    that would have to push the vehicle down.
+    The four speeds differ if the rotors are not equal or the centre of mass is not in the middle. The speed is zero for
+    a rotor that would have to push the vehicle down.
     """
     weight = parameters.mass * parameters.gravity
     return RotorSpeed._make(sqrt(maximum(row.thrust * weight, 0.0)) for row in mixer_of(parameters))

@@ -23,21 +23,21 @@ class ReactionTorque(NamedTuple):
 
 
 class Effects(NamedTuple):
-    """Numbers of the effects that are switched on; None for an effect that is off.
+    """Parameters of the effects that are switched on; None for an effect that is switched off.
 
-    An effect has a field of its own if the formulas of the motion ask for it. All other effects are further `loads`.
+    Effects that the equations of motion treat individually have a field each. All other effects are in `loads`.
 
     Attributes:
         body_drag: drag of the body along each of its axes, at a centre of pressure.
         rotor_aerodynamics: lift, climb, drag and inflow of the rotors.
-        ground_effect: thrust that rotors gain close above the ground.
-        reaction_torque: torque of rotors that accelerate.
-        spin_down: time constant of rotors that slow down.
-        thrust_curve: thrust over throttle, for motors that take throttles.
+        ground_effect: increase of thrust close to the ground.
+        reaction_torque: reaction torque of accelerating rotors.
+        spin_down: time constant of decelerating rotors.
+        thrust_curve: thrust as a function of the throttle, for motors that are commanded by throttles.
         payload: mass that is picked up or dropped.
         battery: battery that the rotors discharge.
         slung_load: load on a cable.
-        loads: further loads that depend on the air and on the rotors, such as a user's own.
+        loads: further loads that depend on the air and on the rotors, such as user-defined loads.
     """
 
     body_drag: BodyDrag | None = None
@@ -58,7 +58,7 @@ class Effects(NamedTuple):
 
     @property
     def air_loads(self) -> tuple[AirLoad, ...]:
-        """Numbers of all loads that depend on the air and on the rotors."""
+        """All loads that depend on the air and on the rotors."""
         own = self.body_drag, self.rotor_aerodynamics
         return (*(load for load in own if load is not None), *self.loads)
 
@@ -69,14 +69,14 @@ class Effects(NamedTuple):
 
     @property
     def load_the_body(self) -> bool:
-        """True if there are forces on the body other than those of the paper's equations."""
+        """True if there are forces on the body that are not part of the paper's equations."""
         return bool(self.air_loads) or self.payload is not None or self.slung_load is not None
 
     def only(self, names: Sequence[str]) -> "Effects":
-        """Return these effects with all but the named ones switched off.
+        """Return these effects with all except the named effects switched off.
 
         Raises:
-            ValueError: if a named effect is off.
+            ValueError: if a named effect is switched off.
         """
         for name in names:
             if name not in self.names:
@@ -89,7 +89,7 @@ NO_EFFECTS = Effects()
 
 
 def hover_equivalent(parameters: QuadrotorParameters, effects: Effects, height: PositionW) -> QuadrotorParameters:
-    """Return the parameters of a vehicle without effects that has the same rotor speeds in hover.
+    """Return the parameters of a vehicle without effects whose rotor speeds in hover are the same.
 
     The result accounts for a payload that is attached at time zero, for a slung load and for ground effect.
 

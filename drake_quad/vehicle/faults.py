@@ -20,9 +20,9 @@ class RotorFaults(NamedTuple):
     """Parameters of rotor faults.
 
     Attributes:
-        battery_sag: share of the commanded speed that all rotors lose per second of flight.
-        failure_time: time at which rotors fail; infinite if none fails.
-        failure_factor: factors on the rotor speeds from the failure on.
+        battery_sag: fraction of the commanded speed that all rotors lose per second of flight.
+        failure_time: time at which rotors fail; infinite if no rotor fails.
+        failure_factor: factors on the rotor speeds after the failure.
     """
 
     battery_sag: Annotated[Row, Quantity("1/s")] = 0.0

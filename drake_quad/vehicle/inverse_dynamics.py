@@ -1,4 +1,4 @@
-"""Inverse dynamics: rotor speeds that are necessary to follow a trajectory.
+"""Inverse dynamics: rotor speeds that are required to follow a trajectory.
 
 The vehicle is differentially flat (`drake_quad.geometry.flatness`): position and yaw as functions of time determine the
 attitude, the body rates and the torques.
@@ -16,7 +16,7 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 
 
 class RotorDemand(NamedTuple):
-    """State and wrench that are necessary to follow a trajectory, with rows shaped like those of the trajectory.
+    """State and wrench that are required to follow a trajectory, with rows of the same shape as in the trajectory.
 
     Attributes:
         rotor_speed: rotor speeds; zero for a rotor that would have to push the vehicle down.
@@ -32,10 +32,10 @@ class RotorDemand(NamedTuple):
 
 
 def rotor_demand(reference: Reference, jerk: Jerk, snap: Snap, parameters: QuadrotorParameters) -> RotorDemand:
-    """Return the rotor speeds, attitude, body rates and wrench for which a vehicle follows a trajectory exactly.
+    """Return the rotor speeds, attitude, body rates and wrench with which a vehicle follows a trajectory exactly.
 
-    The air is still, and drag and the lag of the rotors are neglected. The gyroscopic torque of the rotors' residual
-    speed is also neglected: it is small, since the rotors turn in opposite directions at nearly equal speeds.
+    The air is still. Drag, the lag of the rotors, and the gyroscopic torque of the rotors are neglected. The gyroscopic
+    torque is small, since the rotors turn in opposite directions at nearly equal speeds.
 
     Args:
         reference: reference at one instant (numbers) or at several instants (arrays).

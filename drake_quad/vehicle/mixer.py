@@ -29,10 +29,11 @@ class Mixer(NamedTuple):
 def mixer_of(parameters: QuadrotorParameters) -> Mixer:
     """Return the mixer of a vehicle with any layout of four rotors.
 
-    The ratio of torque to thrust is the mean of the rotors' levers, weighted by their thrusts. The thrusts are
-    therefore the barycentric coordinates of the wrench in the tetrahedron of the four levers. The share of a rotor is
-    the distance of the wrench from the face that the other three levers span, divided by the distance of its own lever
-    from this face.
+    The lever of a rotor is the ratio of its torque to its thrust, a vector. The ratio of the total torque to the total
+    thrust is the mean of the four levers, weighted by the thrusts of the rotors. The fractions of the thrust that the
+    rotors carry are therefore the barycentric coordinates of this ratio in the tetrahedron of the four levers. The
+    fraction of a rotor is the distance of the ratio from the face that the other three levers span, divided by the
+    distance of the rotor's lever from this face.
 
     Args:
         parameters: parameters of a vehicle. The levers of its rotors must span a tetrahedron, which
@@ -50,5 +51,5 @@ def mixer_of(parameters: QuadrotorParameters) -> Mixer:
 
 
 def _lever(rotor: Rotor, centre: CentreOfMass) -> Vector:
-    """Return the torque of a rotor over its thrust, m."""
+    """Return the ratio of the torque of a rotor to its thrust, m."""
     return Vector(rotor.y - centre.y, centre.x - rotor.x, -rotor.direction * (rotor.drag_factor / rotor.thrust_factor))

@@ -34,7 +34,7 @@ class Accelerations(NamedTuple):
 
 
 class RotorState(NamedTuple):
-    """Rotors at an instant.
+    """State of the rotors at an instant.
 
     Attributes:
         speed: rotor speeds.
@@ -46,7 +46,7 @@ class RotorState(NamedTuple):
 
 
 def rotor_state(speed: RotorSpeed, target: RotorSpeed, parameters: QuadrotorParameters, effects: Effects) -> RotorState:
-    """Return the rotors at an instant, for their speeds and the target speeds that they approach."""
+    """Return the state of the rotors at an instant, given their speeds and the target speeds that they approach."""
     action = rotor_action(speed, parameters)
     if effects.reaction_torque is not None:
         rate = residual_speed(rotor_accelerations(speed, target, parameters, effects.spin_down), parameters.rotors)
@@ -59,7 +59,7 @@ def rotor_state(speed: RotorSpeed, target: RotorSpeed, parameters: QuadrotorPara
 def rotor_states_over_step(
     rotors: RotorSpeed, target: RotorSpeed, half: float, parameters: QuadrotorParameters, effects: Effects
 ) -> list[RotorState]:
-    """Return the rotors at the start, in the middle and at the end of a step of which a half is given, s."""
+    """Return the state of the rotors at the start, in the middle and at the end of a step of duration 2 `half`, s."""
     decay = decay_factors(rotors, target, half, parameters, effects.spin_down)
     middle = lagged_speeds(rotors, target, decay)
     speeds = rotors, middle, lagged_speeds(middle, target, decay)
@@ -83,12 +83,12 @@ def accelerations(
         axes: axes of B in W.
         motion: velocity and body rates of the vehicle.
         rod: rod of a slung load; None if there is none.
-        height: height of the vehicle in W, m; it only matters for ground effect.
+        height: height of the vehicle in W, m; used by the ground effect and by loads that depend on height.
         rotors: speeds of the rotors and their action on the body at this instant.
         wind: velocity of the air in W.
         parameters: parameters of the vehicle.
         effects: effects on the vehicle.
-        time: time, s; it only matters for a payload.
+        time: time, s; used only for a payload.
     """
     action = rotors.action
     force: Vector | None = None
@@ -107,7 +107,7 @@ def accelerations(
         force = plus(times(load.x, axes.x), times(load.y, axes.y))
 
     def on_centre() -> Vector:
-        """Return all force on the vehicle in W but for its weight, N."""
+        """Return the total force on the vehicle in W, excluding its weight, N."""
         dragging = drag(Wind(*air), parameters.linear_drag, parameters.quadratic_drag)
         total = plus(axes.in_world(Vector(0.0, 0.0, action.wrench.thrust)), Vector(*dragging))
         return total if force is None else plus(total, force)
@@ -137,7 +137,7 @@ def _with_payload(
     body: LoadedBody,
     parameters: QuadrotorParameters,
 ) -> Motion:
-    """Return the accelerations of a vehicle with a payload, for a force in W that excludes the weight, N."""
+    """Return the accelerations of a vehicle with a payload; `force` is the total force in W without the weight, N."""
     _, *torque = action.wrench
     spin = parameters.rotor_inertia * action.residual
     linear, angular = loaded_body_accelerations(

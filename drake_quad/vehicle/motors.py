@@ -1,4 +1,4 @@
-"""Motors: thrust curves of throttles, and the lag from commanded to actual rotor speeds."""
+"""Motors: thrust as a function of the throttle, and the lag from commanded to actual rotor speeds."""
 
 from collections.abc import Callable
 from typing import Annotated, NamedTuple
@@ -22,7 +22,7 @@ class ThrustCurve(NamedTuple):
 
 
 class SpinDown(NamedTuple):
-    """Time constant of rotors that slow down; `rotor_time_constant` then applies only to rotors that speed up."""
+    """Time constant of decelerating rotors; `rotor_time_constant` then applies only to accelerating rotors."""
 
     time_constant: Annotated[Row, Quantity("s")]
 
@@ -39,7 +39,7 @@ def thrust_of(throttle: Row, curve: ThrustCurve) -> Row:
 
 
 def throttle_for(thrust: Row, curve: ThrustCurve) -> Row:
-    """Return the throttle for a thrust (N); the curve must increase over [0, 1]."""
+    """Return the throttle for a thrust (N), given a curve that increases over [0, 1]."""
     above = thrust - curve.k_0
     root = sqrt(maximum(curve.k_1 * curve.k_1 + 4.0 * curve.k_2 * above, 0.0))
     # This form of the root of the quadratic equation is also valid for a straight line, k_2 = 0.
@@ -57,10 +57,10 @@ def speed_range_of_throttles(curve: ThrustCurve, thrust_factor: Row) -> tuple[Ro
 
 
 def rotor_speeds_of_throttles(command: Throttle, curve: ThrustCurve, parameters: QuadrotorParameters) -> RotorSpeed:
-    """Return the rotor speeds that throttles command: √(T / b), with the mean b of the rotors' thrust factors.
+    """Return the rotor speeds that throttles command: √(T / b), where b is the mean thrust factor of the rotors.
 
-    The thrust of a rotor deviates from the curve by the same factor by which its own thrust factor deviates from the
-    mean. Throttles are clipped to [0, 1]; NaN becomes 0.
+    The ratio of the thrust of a rotor to the curve is the ratio of the rotor's thrust factor to the mean. Throttles are
+    clipped to [0, 1]; NaN becomes 0.
     """
     per_factor = 1.0 / mean_thrust_factor(parameters)
     thrusts = [thrust_of(minimum(maximum(throttle, 0.0), 1.0), curve) for throttle in command]
@@ -70,15 +70,15 @@ def rotor_speeds_of_throttles(command: Throttle, curve: ThrustCurve, parameters:
 def time_constants(
     speed: RotorSpeed, target: RotorSpeed, parameters: QuadrotorParameters, down: SpinDown | None
 ) -> RotorSpeed:
-    """Return the time constant of each rotor, s, which depends on whether the rotor speeds up or slows down.
+    """Return the time constant of each rotor, s, which depends on whether the rotor accelerates or decelerates.
 
-    A rotor that has reached its target has the time constant of a rotor that slows down.
+    The time constant of a rotor at its target is the value for decelerating rotors.
 
     Args:
         speed: rotor speeds.
         target: speeds that the rotors approach.
         parameters: parameters of the vehicle.
-        down: time constant of rotors that slow down; None if it is the same in both directions.
+        down: time constant of decelerating rotors; None if it is the same in both directions.
     """
     up = parameters.rotor_time_constant
     if down is None:
@@ -87,12 +87,12 @@ def time_constants(
 
 
 def lagged_speeds(speed: RotorSpeed, target: RotorSpeed, decay: RotorSpeed) -> RotorSpeed:
-    """Return the rotor speeds after some time, given the factors by which the distances to the targets decay.
+    """Return the rotor speeds after some time, given the factors by which their differences from the targets decay.
 
     Args:
-        speed: rotor speeds at the beginning.
+        speed: initial rotor speeds.
         target: constant speeds that the rotors approach.
-        decay: results of `decay_factors`.
+        decay: result of `decay_factors`.
     """
     return RotorSpeed._make(t + (w - t) * d for w, t, d in zip(speed, target, decay, strict=True))
 
@@ -100,9 +100,9 @@ def lagged_speeds(speed: RotorSpeed, target: RotorSpeed, decay: RotorSpeed) -> R
 def decay_factors(
     speed: RotorSpeed, target: RotorSpeed, time: Row, parameters: QuadrotorParameters, down: SpinDown | None
 ) -> RotorSpeed:
-    """Return exp(-time / time constant) of each rotor, for a time in s; further arguments as for `time_constants`.
+    """Return exp(-time / time constant) for each rotor; time in s, other arguments as in `time_constants`.
 
-    A rotor that approaches a constant target never passes it, so its time constant does not change on the way.
+    A rotor never passes a constant target, so its time constant does not change during this time.
     """
     if down is None:
         decay = exp(-time / parameters.rotor_time_constant)
@@ -114,13 +114,13 @@ def decay_factors(
 def rotor_accelerations(
     speed: RotorSpeed, target: RotorSpeed, parameters: QuadrotorParameters, down: SpinDown | None
 ) -> RotorSpeed:
-    """Return the rates dω/dt of the rotor speeds, rad/s²; arguments are those of `time_constants`."""
+    """Return the rates dω/dt of the rotor speeds, rad/s²; the arguments are as in `time_constants`."""
     lags = time_constants(speed, target, parameters, down)
     return RotorSpeed._make((t - w) / lag for w, t, lag in zip(speed, target, lags, strict=True))
 
 
 class ThrottleModel(NamedTuple):
-    """Autopilot's model of rotors whose motors take throttles.
+    """Autopilot's model of rotors whose motors are commanded by throttles.
 
     Attributes:
         rotors: model of the rotors.
@@ -134,7 +134,7 @@ class ThrottleModel(NamedTuple):
 
     @classmethod
     def of(cls, parameters: QuadrotorParameters, curve: ThrustCurve) -> "ThrottleModel":
-        """Return an exact model of a vehicle with a thrust curve."""
+        """Return the exact model of a vehicle with a thrust curve."""
         return cls(RotorModel.of(parameters), mean_thrust_factor(parameters), curve)
 
 
@@ -156,7 +156,7 @@ class AllocatedThrottle(NamedTuple):
 
     Attributes:
         throttle_command: throttles that produce the wrench, or the part of it that the rotors can produce.
-        shortfall: part of the wrench that the rotors cannot produce, exactly zero for parts that are kept.
+        shortfall: commanded wrench minus the produced wrench; exactly zero for each part that is produced completely.
     """
 
     throttle_command: Throttle
@@ -174,7 +174,7 @@ def allocate_throttle(
     Args:
         wrench: commanded wrench.
         model: autopilot's model of the motors.
-        priority: part of the wrench that is kept first.
+        priority: part of the wrench that has priority.
         allocation: `allocate` or `allocate_to_pairs`.
     """
     rotors, b, curve = model
@@ -187,7 +187,7 @@ def allocate_throttle(
 
 @fleet_system(float, AutoDiffXd)
 class ThrottleAllocation(FleetSystem):
-    """Control allocation on board a vehicle whose motors take throttles.
+    """Control allocation on board a vehicle whose motors are commanded by throttles.
 
     .. pydrake_system::
 
@@ -197,15 +197,15 @@ class ThrottleAllocation(FleetSystem):
         output_ports:
         - throttle_command_and_shortfall
 
-    The output packs the two signals of `AllocatedThrottle`. The rotor speeds are those of an `Allocation`, each
-    converted to a throttle u by the autopilot's thrust curve T = K₀ + K₁ u + K₂ u².
+    The output packs the two signals of `AllocatedThrottle`. The system computes rotor speeds as an `Allocation` does,
+    and converts each to a throttle u by the autopilot's thrust curve T = K₀ + K₁ u + K₂ u².
 
     The only parameter of the context is `model`.
 
     Args:
         num_vehicles: number N of vehicles.
         paired: True if all rotors are equal and in opposite pairs, which saves operations.
-        priority: part of the wrench that is kept first if the rotors cannot produce the whole wrench.
+        priority: part of the wrench that has priority if the rotors cannot produce the whole wrench.
         numbers: autopilot's model of the motors, whose thrust curve increases over [0, 1].
     """
 

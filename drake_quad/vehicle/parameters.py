@@ -25,7 +25,7 @@ class CentreOfMass(NamedTuple):
 
 
 class QuadrotorParameters(NamedTuple):
-    """Parameters of the vehicle; the defaults are the paper's Table I where it has them.
+    """Parameters of the vehicle; the defaults are from the paper's Table I unless stated otherwise.
 
     Each row is a number for one vehicle or an (N,) array for a fleet.
 
@@ -35,15 +35,14 @@ class QuadrotorParameters(NamedTuple):
         rotor_inertia: moment of inertia J_r of one rotor with its motor.
         rotors: positions, directions of rotation, and factors b and d of the rotors.
         gravity: gravitational acceleration g.
-        linear_drag: ratio of drag force to airspeed. The paper neglects drag: 0.
-        quadratic_drag: ratio of drag force to squared airspeed. The paper neglects drag: 0.
-        rotor_time_constant: time constant of the lag from the command to the rotor speed. It is not in the paper; 50 ms
-            is typical of hobby-class motors of this size in step tests.
-        min_rotor_speed: idle speed. It is not in the paper; the default is a fifth of the maximum speed.
-        max_rotor_speed: maximum speed. It is not in the paper; the default gives 2.2 times the thrust of hover, a usual
-            ratio.
-        centre_of_mass: position relative to the origin of the rotors' layout, along the axes of B. It is 0 in the
-            paper.
+        linear_drag: ratio of drag force to airspeed. The default is 0, since the paper neglects drag.
+        quadratic_drag: ratio of drag force to squared airspeed. The default is 0, since the paper neglects drag.
+        rotor_time_constant: time constant of the lag from the command to the rotor speed. The paper gives no value; the
+            default, 50 ms, is typical of step tests of hobby-class motors of this size.
+        min_rotor_speed: idle speed. The paper gives no value; the default is a fifth of the maximum speed.
+        max_rotor_speed: maximum speed. The paper gives no value; the default gives 2.2 times the thrust in hover, a
+            usual ratio.
+        centre_of_mass: position relative to the origin of the rotors' layout, along the axes of B; 0 in the paper.
     """
 
     mass: _Mass = 0.68

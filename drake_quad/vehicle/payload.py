@@ -1,16 +1,16 @@
 """Payload: a mass that is fixed to the vehicle, and that is picked up or dropped at a given time.
 
-State and equations are always those of the point P, the centre of mass of the vehicle without its payload. The velocity
-of P and the body rates are continuous when the payload is picked up or dropped: a dropped payload keeps its velocity,
-and a payload that is picked up already moves with the vehicle. With the payload, the common centre of mass C is at the
+State and equations always refer to the point P, the centre of mass of the vehicle without its payload. The velocity of
+P and the body rates are continuous when the payload is picked up or dropped: a dropped payload keeps its velocity, and
+a payload already moves with the vehicle before it is picked up. With the payload, the common centre of mass C is at the
 position c relative to P:
 
     M = m + m_p,    c = m_p r / M
     I_C = I + I_p + (m m_p / M) (|r|² 1 - r rᵀ)                   parallel axis theorem, with products of inertia
     I_C α = τ_P - c x F - ω x (I_C ω + J_r ω_r z)
-    a_P = F / M - α x c - ω x (ω x c)                             without gravity, in the axes of B
+    a_P = F / M - α x c - ω x (ω x c)                             without gravity, along the axes of B
 
-where F is the force on the vehicle without its weight, and τ_P is the torque about P.
+where F is the force on the vehicle, excluding its weight, and τ_P is the torque about P.
 """
 
 import math
@@ -24,7 +24,7 @@ from drake_quad.vehicle.rotors import Length
 
 
 class PayloadPosition(NamedTuple):
-    """Position of the payload's centre of mass relative to the vehicle's own centre of mass."""
+    """Position of the payload's centre of mass relative to P."""
 
     x: Length
     y: Length
@@ -32,14 +32,14 @@ class PayloadPosition(NamedTuple):
 
 
 class Payload(NamedTuple):
-    """A mass that the vehicle carries for some time.
+    """Mass that the vehicle carries for some time.
 
     Attributes:
         mass: mass m_p.
         position: position r.
-        inertia: moments of inertia I_p about the payload's own centre of mass, along the axes of B.
-        picked_up: time at which the vehicle picks up the payload; 0 if it carries the payload from the beginning.
-        dropped: time at which the vehicle drops the payload; infinite if it keeps it.
+        inertia: moments of inertia I_p about the centre of mass of the payload, along the axes of B.
+        picked_up: time at which the vehicle picks up the payload; 0 if the vehicle carries it from the start.
+        dropped: time at which the vehicle drops the payload; infinite if the vehicle never drops it.
     """
 
     mass: Annotated[Row, Quantity("kg")]
@@ -66,7 +66,7 @@ class LoadedBody(NamedTuple):
 
 
 def loaded_body(mass: Row, inertia: Inertia, payload: Payload, time: Row) -> LoadedBody:
-    """Return the vehicle together with its payload, or alone if the payload is not attached at this time.
+    """Return the vehicle with its payload, or without it if the payload is not attached at this time.
 
     Args:
         mass: mass m of the vehicle, kg.
@@ -92,7 +92,7 @@ def loaded_body(mass: Row, inertia: Inertia, payload: Payload, time: Row) -> Loa
 def loaded_body_accelerations(
     force: Vector, torque: Vector, rates: Vector, spin: Row, body: LoadedBody
 ) -> tuple[Vector, Vector]:
-    """Return the acceleration of P without gravity (m/s²) and the angular acceleration (rad/s²), in the axes of B.
+    """Return the acceleration of P without gravity (m/s²) and the angular acceleration (rad/s²), along the axes of B.
 
     Args:
         force: force F in B, N.

@@ -27,7 +27,7 @@ KINEMATICS = {"exact": RIGID_KINEMATICS, "small_angle": SMALL_ANGLE_KINEMATICS}
 
 
 class Place(NamedTuple):
-    """Position and yaw of a vehicle in hover."""
+    """Position and yaw in hover."""
 
     x: PositionW = 0.0
     y: PositionW = 0.0
@@ -40,8 +40,8 @@ class QuadrotorNumbers(NamedTuple):
 
     Attributes:
         parameters: parameters of the vehicle.
-        faults: faults of its rotors.
-        start: position and yaw in which the vehicle hovers at the beginning, with its rotors at hover speed.
+        faults: faults of the rotors.
+        start: position and yaw at which the vehicle hovers at time 0, with its rotors at hover speed.
         effects: parameters of the effects on the vehicle.
     """
 
@@ -86,39 +86,39 @@ class Quadrotor(FleetSystem):
     is not zero; if the port is not connected, all vehicles fly.
 
     With a time step the state is discrete, in the groups `state` and `rotor_speed`. A periodic unrestricted update
-    integrates the elapsed interval with the inputs held over it, so that systems that sample at the same instant see
+    integrates the elapsed interval with the inputs held over it. Systems that sample at the same instant therefore use
     the new state:
 
         t = 0        h        2h
         inputs ●━━━━━○
-               ●━━━━━→ state at h, seen by the discrete updates at h
+               ●━━━━━→ state at h, used by the discrete updates at h
 
-    The update at time zero does nothing. The faults at the middle of a step apply to the whole step. A step integrates
-    the attitude as a quaternion, so that the vehicle can turn over. After a step the pitch is between -π/2 and π/2, and
-    the roll between -π and π. The yaw is not wrapped.
+    There is no update at time zero. The faults at the middle of a step apply to the whole step. A step integrates the
+    attitude as a quaternion, so that the vehicle can turn over. After a step the pitch is between -π/2 and π/2, and the
+    roll between -π and π. The yaw is not wrapped.
 
     With `time_step=0` the state is continuous, a `VehicleState`, for `Linearize` and for integrators with error
     control. The state is singular where the pitch is ±π/2 (infinite rates of roll and yaw), and where the rod of a
-    slung load is horizontal along X (infinite rate of its roll). An integrator with error control takes shorter steps
-    near these singularities; a fixed-step integrator is inaccurate there. The forces jump when a rotor fails or a
-    payload is picked up or dropped. No step is short enough to cross such a jump, so a simulation with error control
-    must be advanced to the instant just before it, and then to the instant itself.
+    slung load is horizontal along X (infinite roll rate of the rod). An integrator with error control takes shorter
+    steps near these singularities; a fixed-step integrator is inaccurate there. The forces jump when a rotor fails or a
+    payload is picked up or dropped. Error control cannot step across such a jump, so a simulation must be advanced to
+    the instant just before the jump, and then to the instant of the jump.
 
-    `acceleration` is that of the instant: the time derivative of the motion under the present state and inputs. A
-    sensor that samples it at a step's end sees the inputs that were held over the step.
+    `acceleration` is the time derivative of the motion for the current state and inputs. A sensor that samples it at
+    the end of a step uses the inputs that were held over the step.
 
     Effects (`drake_quad.vehicle.effects`) extend the paper's equations. A `slung_load` adds the state and output
-    `swing`, and a `battery` adds `charge`. With a `thrust_curve` the commands are throttles, at the input
-    `throttle_command` in place of `rotor_speed_command`.
+    `swing`, and a `battery` adds `charge`. With a `thrust_curve` the commands are throttles, and the input
+    `throttle_command` replaces `rotor_speed_command`.
 
     The parameters of the context are `parameters`, for vehicles with faults also `faults`, and for vehicles with
     effects also `effects`. The scalar type Expression supports neither faults nor the effects `spin_down` and
-    `payload`, which depend on a case distinction.
+    `payload`, whose equations contain conditions.
 
     Args:
         num_vehicles: number N of vehicles.
         time_step: time step h, s, 10 ms by default; 0 for a continuous state.
-        kinematics: "exact", or "small_angle" for the last three lines of eq (3) as in the paper.
+        kinematics: "exact", or "small_angle" for the small-angle kinematics of eq (3) in the paper.
         faulty: True if rotors may have faults.
         effects: names of the effects that are switched on.
         numbers: parameters of the vehicles.
@@ -153,7 +153,8 @@ class Quadrotor(FleetSystem):
         effect_numbers = self.parameter("effects", active_effects) if effects else NO_EFFECTS
         command = self.input("throttle_command" if "thrust_curve" in effects else "rotor_speed_command")
         inputs = command, self.input("wind", absent=Wind(0.0, 0.0, 0.0)), self.input("crashed")
-        # Only faults and a payload depend on the time. Other vehicles must not, so that they support Expression.
+        # Only faults and a payload depend on time. Without them, the equations must not contain the time, so that they
+        # support Expression.
         time = TIME if faulty or "payload" in effects else 0.0
         arguments = *inputs, parameters, faults, effect_numbers, time
         motion = KINEMATICS[kinematics]
@@ -177,7 +178,7 @@ class Quadrotor(FleetSystem):
             self.output("acceleration", acceleration_at, state, *arguments, motion)
 
     def set_hover(self, context: Context, place: Place) -> None:
-        """Set the state of a context to hover at a place, for the parameters of the context."""
+        """Set the state of a context to hover at a position and yaw, for the parameters of the context."""
         effects = self.get_parameter(context, "effects") if "effects" in self.parameters else NO_EFFECTS
         state = hover(self.get_parameter(context, "parameters"), place, effects)
         if self.time_step == 0.0:

@@ -1,12 +1,12 @@
 """Quadrotor with a second-order model of its closed attitude loop.
 
-The model describes an autopilot together with its vehicle, as it is identified from flights. Each angle follows its
-command by
+The model describes an autopilot together with its vehicle, as identified from flights. Each angle follows its command
+according to
 
     φ̈ = ω_n² (φ_r - φ) - 2 ζ ω_n φ̇
 
-The thrust lags behind its command as the rotors do. The torques of the rotors have no effect, since the response of the
-attitude includes them. Translation follows the same equations as for a `Quadrotor`.
+The thrust follows its command with the lag of the rotors. The torques of the rotors have no effect, since the attitude
+response includes them. The equations of translation are the same as for a `Quadrotor`.
 """
 
 from collections.abc import Callable
@@ -46,7 +46,7 @@ from drake_quad.vehicle.runge_kutta import runge_kutta_step
 from drake_quad.vehicle.stepping import VehicleState, rotor_target, unless_crashed, zeros_like
 
 RESPONDING_EFFECTS = ("body_drag", "rotor_aerodynamics", "ground_effect", "spin_down", "thrust_curve", "loads")
-"""Names of the supported effects. Others act on the attitude, whose response already includes them."""
+"""Names of the supported effects. The other effects act on the attitude, whose response already includes them."""
 
 
 class NaturalFrequencies(NamedTuple):
@@ -114,16 +114,16 @@ class RespondingState(NamedTuple):
 
 
 BodyRatesOf = Callable[[Attitude, Attitude], BodyRates]
-"""Function that returns body rates for the rates of the angles and the attitude."""
+"""Function that returns the body rates, given the rates of the angles and the attitude."""
 
 
 def _angle_rates_as_body_rates(rates: Attitude, attitude: Attitude) -> BodyRates:
-    """Return the rates of the angles as body rates, which is the small-angle approximation of eq (3)."""
+    """Return the rates of the angles as body rates, the small-angle approximation of eq (3)."""
     return BodyRates(*rates)
 
 
 def _angle_accelerations_as_body(accelerations: Attitude, *_: Attitude) -> AngularAcceleration:
-    """Return the second derivatives of the angles, in place of the derivative of eq (2)."""
+    """Return the second derivatives of the angles as angular acceleration, the small-angle approximation of eq (3)."""
     return AngularAcceleration(*accelerations)
 
 
@@ -139,7 +139,7 @@ def state_of(body: RespondingBody, body_rates: BodyRatesOf) -> State:
 
     Args:
         body: state of the body.
-        body_rates: function that returns the body rates for the rates of the angles and the attitude.
+        body_rates: function that returns the body rates, given the rates of the angles and the attitude.
     """
     x, y, z, roll, pitch, yaw, v_x, v_y, v_z, *rates = body
     p, q, r = body_rates(Attitude(*rates), Attitude(roll, pitch, yaw))
@@ -147,7 +147,7 @@ def state_of(body: RespondingBody, body_rates: BodyRatesOf) -> State:
 
 
 def _angle_acceleration(error: Row, rate: Row, natural_frequency: Row, damping: Row) -> AngleAcceleration:
-    """Return the second derivative of an angle (rad/s²), for its error (rad) and its rate (rad/s)."""
+    """Return the second derivative of an angle (rad/s²), given its error (rad) and its rate (rad/s)."""
     return natural_frequency * (natural_frequency * error - 2.0 * damping * rate)
 
 
@@ -164,7 +164,7 @@ def body_slope(
 
     Args:
         body: state of the body.
-        rotors: rotors at this instant, of which only the forces matter.
+        rotors: state of the rotors at this instant; only their forces are used.
         target: commanded attitude.
         wind: velocity of the air in W.
         parameters: parameters of the vehicle.
@@ -207,18 +207,18 @@ def responding_step(
     time_step: float,
     kinematics: Kinematics,
 ) -> RespondingState:
-    """Return the vehicle at the end of a step of the classical fourth-order Runge–Kutta method, as for a `Quadrotor`.
+    """Return the state at the end of a step of the classical fourth-order Runge–Kutta method.
 
     Args:
-        body: body at the start of the step.
-        rotors: rotors at the start of the step.
+        body: state of the body at the start of the step.
+        rotors: rotor speeds at the start of the step.
         command: commanded rotor speeds, which are clipped to the rotors' limits, or throttles.
         target: commanded attitude.
         wind: velocity of the air in W.
         crashed: nonzero for a vehicle whose state is frozen; None if all vehicles fly.
         parameters: parameters of the vehicle.
         response: response of the attitude.
-        faults: faults of the rotors at the middle of the step; None if there are none.
+        faults: faults of the rotors, evaluated at the middle of the step; None if there are none.
         effects: effects of motors and air on the vehicle.
         time: time at the end of the step, s.
         time_step: time step h, s.
@@ -250,7 +250,7 @@ def responding_slope(
     time: Row,
     kinematics: Kinematics,
 ) -> RespondingState:
-    """Return the time derivative of body and rotors; arguments are those of `responding_step`."""
+    """Return the time derivative of the state; the arguments are as in `responding_step`."""
     now = VehicleState(state_of(state.body, _BODY_RATES[kinematics]), state.rotors)
     goal = rotor_target(now, command, parameters, faults, effects, time)
     rotors = rotor_state(state.rotors, goal, parameters, effects)
@@ -262,10 +262,10 @@ def responding_slope(
 
 
 def acceleration_of(state: RespondingState, *others: Any) -> VehicleAcceleration:
-    """Return the acceleration of the vehicle, zero if it has crashed; arguments are those of `responding_slope`."""
+    """Return the acceleration of the vehicle, zero after a crash; the arguments are as in `responding_slope`."""
     *_, kinematics = others
     slope, body = responding_slope(state, *others).body, state.body
-    # The rates of the angles are those of the slope, which are zero for a vehicle that has crashed.
+    # The angle rates are read from the state derivative, which is zero for a crashed vehicle.
     angular = _BODY_ACCELERATIONS[kinematics](
         Attitude(slope.roll_rate, slope.pitch_rate, slope.yaw_rate),
         Attitude(slope.roll, slope.pitch, slope.yaw),
@@ -275,7 +275,7 @@ def acceleration_of(state: RespondingState, *others: Any) -> VehicleAcceleration
 
 
 def stepping_acceleration(body: RespondingBody, rotors: RotorSpeed, *others: Any) -> VehicleAcceleration:
-    """Return the acceleration of the vehicle as `acceleration_of` does, for the groups of a discrete state."""
+    """Return the acceleration of a vehicle with a discrete state, like `acceleration_of`."""
     return acceleration_of(RespondingState(body, rotors), *others)
 
 
@@ -293,7 +293,7 @@ def _state_output(state: RespondingState, body_rates: BodyRatesOf) -> State:
 
 @fleet_system(float, AutoDiffXd)
 class RespondingQuadrotor(FleetSystem):
-    """Quadrotor with its autopilot, or a fleet of them, whose attitude has a second-order response to its command.
+    """Quadrotor with autopilot, or a fleet of them, whose attitude follows its command with a second-order response.
 
     .. pydrake_system::
 
@@ -308,19 +308,19 @@ class RespondingQuadrotor(FleetSystem):
         - rotor_speed
         - acceleration
 
-    The system is a point mass with an attitude. The thrust of the rotors, gravity and drag move it as they move a
-    `Quadrotor` (`drake_quad.vehicle.dynamics`). The attitude follows that of the `attitude_target`; the thrust and the
-    body rates of the target have no effect. Only the sum of the rotors' thrusts matters, and inertia has no effect.
+    The system is a point mass with an attitude. Thrust, gravity and drag accelerate it as they accelerate a
+    `Quadrotor` (`drake_quad.vehicle.dynamics`). The attitude follows the angles in the `attitude_target`; the thrust
+    and the body rates in the target have no effect. Only the total thrust of the rotors is used. Inertia has no effect.
 
-    Ports, time steps, faults and inputs that are not connected are as for a `Quadrotor`. The discrete state consists of
-    the groups `state`, a `RespondingBody`, and `rotor_speed`. The continuous state is a `RespondingState`. The
-    parameters of the context are `parameters` and `response`, for vehicles with faults also `faults`, and for vehicles
-    with effects also `effects`.
+    Ports, time steps, faults and inputs that are not connected are treated as in a `Quadrotor`. The discrete state
+    consists of the groups `state`, a `RespondingBody`, and `rotor_speed`. The continuous state is a `RespondingState`.
+    The parameters of the context are `parameters` and `response`, for vehicles with faults also `faults`, and for
+    vehicles with effects also `effects`.
 
     Args:
         num_vehicles: number N of vehicles.
         time_step: time step h, s, 10 ms by default; 0 for a continuous state.
-        kinematics: "exact", or "small_angle" if the body rates are the rates of the angles.
+        kinematics: "exact", or "small_angle" to use the rates of the angles as body rates.
         faulty: True if rotors may have faults.
         effects: names of the effects that are switched on, a subset of `RESPONDING_EFFECTS`.
         numbers: parameters of the vehicles.

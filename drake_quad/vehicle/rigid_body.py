@@ -1,7 +1,7 @@
 """Condition on the moments of inertia of a rigid body.
 
-A rigid body has I_xx + I_yy - I_zz = 2 ∫ z² dm, which is not negative. The same holds for the other axes. No moment is
-therefore larger than the sum of the other two. A flat plate attains equality for the axis along its normal.
+For a rigid body, I_xx + I_yy - I_zz = 2 ∫ z² dm is not negative. The same holds for the other axes. No moment is
+therefore larger than the sum of the other two. For the normal axis of a flat plate, it equals this sum.
 """
 
 from collections.abc import Sequence
@@ -9,13 +9,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-# Data sheets and papers round moments to two or three digits, so those of a flat body may slightly violate the rule.
+# Data sheets and papers round moments to two or three digits, so the published moments of a flat body may slightly
+# violate the condition.
 _SUM_TOLERANCE = 0.01
 _MOMENT_NAMES = ("I_xx", "I_yy", "I_zz")
 
 
 def inertia_flaw(moments: Sequence[float]) -> str:
-    """Return the reason why no rigid body has these moments of inertia; empty if one has, up to a tolerance of 1 %.
+    """Return the reason why no rigid body has these moments of inertia, within 1 %; empty if they are possible.
 
     Args:
         moments: I_xx, I_yy, I_zz, kg m².
@@ -35,8 +36,8 @@ def nearest_rigid(
 ) -> np.ndarray:
     """Return the nearest moments of inertia, within bounds, that a rigid body can have.
 
-    Moments that a rigid body can have are returned exactly. Otherwise the largest moment decreases and the other two
-    increase by the same amount, up to their bounds.
+    Moments that a rigid body can have are returned unchanged. Otherwise the largest moment is decreased and the other
+    two are increased by the same amount, up to their bounds.
 
     Args:
         moments: I_xx, I_yy, I_zz, each a number or an (N,) array, kg m².
@@ -50,7 +51,7 @@ def nearest_rigid(
     columns = (-1, *[1] * (nearest.ndim - 1))
     low = np.reshape(lowest, columns)
     high = np.full_like(low, np.inf) if highest is None else np.reshape(highest, columns)
-    # Each pass either removes the excess or moves another moment to its bound, so three passes suffice.
+    # Each pass either removes the excess or moves one more moment to its bound, so three passes suffice.
     for _ in _MOMENT_NAMES:
         largest = nearest == nearest.max(axis=0)
         excess = np.maximum(0.0, 2.0 * nearest.max(axis=0) - nearest.sum(axis=0))

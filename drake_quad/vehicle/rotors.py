@@ -17,10 +17,10 @@ class Rotor(NamedTuple):
     """Rotor whose thrust is along z of B.
 
     Attributes:
-        x: forward coordinate relative to the origin of the layout, which is the middle of a plus or an x.
+        x: forward coordinate relative to the origin of the layout, which is the centre of a plus or an x.
         y: coordinate to the left, relative to the same origin.
         z: upward coordinate, relative to the same origin.
-        direction: 1 for a rotor that turns anticlockwise seen from above, -1 for clockwise.
+        direction: direction of rotation seen from above, 1 for anticlockwise and -1 for clockwise.
         thrust_factor: b, ratio of thrust to squared speed.
         drag_factor: d, ratio of torque to squared speed.
     """
@@ -36,9 +36,9 @@ class Rotor(NamedTuple):
 class Rotors(NamedTuple):
     """The four rotors of a vehicle; rows are numbers for one vehicle, or arrays for a fleet.
 
-    `plus` and `x` number the rotors clockwise seen from above, and neighbouring rotors turn in opposite directions.
-    Their default values are those of the paper's Table I. The thrust factor of this table is large for an 8-inch
-    propeller; it is kept, since all results of the paper depend on it.
+    `plus` and `x` number the rotors clockwise as seen from above, and neighbouring rotors turn in opposite directions.
+    Default values are from the paper's Table I. The thrust factor in this table is large for an 8-inch propeller; it is
+    kept, since all results of the paper depend on it.
     """
 
     rotor_1: Rotor
@@ -96,7 +96,7 @@ class Rotors(NamedTuple):
     def _alternating(
         cls, positions: tuple[tuple[Row, Row], ...], direction: float, thrust_factor: Row, drag_factor: Row
     ) -> "Rotors":
-        """Return rotors in the order of the positions, of which neighbours turn in opposite directions."""
+        """Return rotors at the given positions, in this order; neighbouring rotors turn in opposite directions."""
         directions = direction, -direction, direction, -direction
         return cls(
             *(

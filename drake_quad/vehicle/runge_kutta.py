@@ -7,7 +7,7 @@ from drake_quad.signals import Row
 
 
 class Step(NamedTuple):
-    """A step of the method.
+    """Step of the method.
 
     Attributes:
         stages: state at each of the four stages.
@@ -23,8 +23,9 @@ def runge_kutta_step(start: Any, slope: Callable[[int, Any, Any], Any], time_ste
 
     Args:
         start: state at the start of the step.
-        slope: function of the number of a stage (0 to 3), the state there, and the state of the stage before, which
-            for stage 0 is the start. It returns the time derivative, which may differ in type from the state.
+        slope: function that returns the time derivative, which may differ in type from the state. Its arguments are the
+            number of the stage (0 to 3), the state at this stage, and the state at the previous stage; for stage 0,
+            both are `start`.
         time_step: time step h, s.
     """
     half = 0.5 * time_step
@@ -43,7 +44,7 @@ def runge_kutta_step(start: Any, slope: Callable[[int, Any, Any], Any], time_ste
 
 
 def advanced(state: Any, slope: Any, time: Row) -> Any:
-    """Advance a row, or a record of rows, by a time (s) with constant slope; a part that is None stays None."""
+    """Advance a row, or a record of rows, by a time (s) with a constant derivative; a part that is None stays None."""
     if state is None:
         return None
     if not isinstance(state, tuple):

@@ -1,8 +1,8 @@
 """Slung load: a point mass on a massless rod that is attached to the centre of mass of the vehicle.
 
-The rod replaces a taut cable and can also push. The load has no aerodynamic drag. Let q be the direction of the rod
-from the vehicle to the load, l its length, m and m_L the masses, and F the force on the vehicle without its weight and
-without the force of the rod. Then
+The rod models a taut cable; unlike a cable, it can also push. The load has no aerodynamic drag. Let q be the direction
+of the rod from the vehicle to the load, l its length, m and m_L the masses of vehicle and load, and F the force on the
+vehicle, excluding its weight and the force of the rod. Then
 
     m a = F - m g z + T q,    m_L (a + l q̈) = -m_L g z - T q
     T = m_L (m l |q̇|² - F · q) / (m + m_L)
@@ -10,8 +10,8 @@ without the force of the rod. Then
 
 (Sreenath, Michael and Kumar, "Trajectory generation and control of a quadrotor with a cable-suspended load", ICRA
 2013).
-A time step integrates q and q̇ along the axes of W. Ports and states contain the rotation of the rod from the vertical,
-by its pitch β about Y and then by its roll α about X of W, and the rates of these angles:
+A time step integrates q and q̇ along the axes of W. Ports and states contain the angles of the rod, which rotate it
+from the vertical by the pitch β about Y and then by the roll α about X of W, and the rates of these angles:
 
     q = Rx(α) Ry(β) (0, 0, -1)ᵀ = (-sβ, sα cβ, -cα cβ)ᵀ
     q̇ = β̇ e_β + cβ α̇ e_α,    e_β = (-cβ, -sα sβ, cα sβ)ᵀ,    e_α = (0, cα, sα)ᵀ
@@ -43,16 +43,16 @@ class SlungLoad(NamedTuple):
 HANGING = Swing(0.0, 0.0, 0.0, 0.0)
 """Swing of a load that hangs straight down at rest."""
 
-# Offset that is added to -q · z to avoid 0 / 0 if the rod is horizontal along X. It is too small to change components
-# above 1e-14.
+# Offset that is added to -q · z, to avoid 0 / 0 if the rod is horizontal along X. It does not change components above
+# 1e-14.
 _COMPONENT_OFFSET = 1e-30
 
 
 class Rod(NamedTuple):
-    """Direction of the rod and its rate, or their time derivatives.
+    """Direction of the rod and rate of this direction, or their time derivatives.
 
     Attributes:
-        direction: direction q in W.
+        direction: direction q in W, a unit vector.
         rate: rate q̇ in W, 1/s.
     """
 
@@ -73,7 +73,10 @@ def rod_of(swing: Swing) -> Rod:
 
 
 def swing_of(rod: Rod) -> Swing:
-    """Return the swing of a rod; its direction need not have unit length, and the rate is projected across it."""
+    """Return the swing of a rod.
+
+    The direction need not have unit length. The component of the rate along the direction is ignored.
+    """
     (x, y, z), rate = rod
     down = _COMPONENT_OFFSET - z
     across = sqrt(y * y + down * down)
@@ -102,7 +105,7 @@ def pull(force: Vector, rod: Rod, mass: Row, load: SlungLoad) -> Vector:
 
 
 def rod_rates(force: Vector, rod: Rod, mass: Row, load: SlungLoad) -> Rod:
-    """Return q̇ in 1/s and q̈ in 1/s²; arguments are those of `pull`."""
+    """Return q̇ in 1/s and q̈ in 1/s²; the arguments are as in `pull`."""
     q = rod.direction
     inverse = -1.0 / (mass * load.length)
     along = dot(force, q) * inverse + dot(rod.rate, rod.rate)

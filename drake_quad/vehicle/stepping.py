@@ -1,11 +1,11 @@
-"""Time steps of the vehicle with constant inputs, and its time derivative at an instant.
+"""Time steps of the vehicle with constant inputs, and the time derivative of its state.
 
-The rotors do not depend on the rigid body, and their lag behind a constant command has a closed form. A step therefore
-evaluates the rotors exactly at its start, middle and end. It integrates the rigid body, and the slung load if there is
-one, under their wrench by the classical fourth-order Runge–Kutta method. The attitude is integrated as a quaternion
-(`drake_quad.vehicle.attitude_kinematics`) and the rod of a slung load as a direction in W
-(`drake_quad.vehicle.slung_load`), so that a step has no singularity. The state of the battery at the start of the step
-applies to the whole step.
+The rotor speeds do not depend on the rigid body, and their response to a constant command has a closed form. A step
+therefore computes the rotor speeds exactly at its start, middle and end. With the resulting wrenches, the step
+integrates the rigid body, and the slung load if there is one, by the classical fourth-order Runge–Kutta method. The
+attitude is integrated as a quaternion (`drake_quad.vehicle.attitude_kinematics`) and the rod of a slung load as a
+direction in W (`drake_quad.vehicle.slung_load`), so that a step has no singularity. The battery voltage at the start of
+the step applies to the whole step.
 """
 
 from typing import Any, NamedTuple, TypeVar
@@ -70,19 +70,19 @@ def quadrotor_step(
     time_step: float,
     kinematics: AttitudeKinematics,
 ) -> VehicleState:
-    """Return the vehicle at the end of a step.
+    """Return the state of the vehicle at the end of a step.
 
     Args:
-        body: rigid body at the start of the step.
-        rotors: rotors at the start of the step.
+        body: state of the rigid body at the start of the step.
+        rotors: rotor speeds at the start of the step.
         swing: swing of a slung load at the start of the step; None if there is none.
         charge: charge drawn from the battery up to the start of the step; None if there is no battery.
         command: commanded rotor speeds, which are clipped to the rotors' limits, or throttles.
         wind: velocity of the air in W.
         crashed: nonzero for a vehicle whose state is frozen; None if all vehicles fly.
         parameters: parameters of the vehicle.
-        faults: faults of the rotors at the middle of the step; None if there are none.
-        effects: effects on the vehicle; a payload counts if it is attached at the middle of the step.
+        faults: faults of the rotors, evaluated at the middle of the step; None if there are none.
+        effects: effects on the vehicle. A payload acts during the step if it is attached at the middle of the step.
         time: time at the end of the step, s.
         time_step: time step h, s.
         kinematics: `RIGID_KINEMATICS` or `SMALL_ANGLE_KINEMATICS`.
@@ -103,7 +103,7 @@ def rotor_target(
 ) -> RotorSpeed:
     """Return the speeds that the rotors approach, given the faults, the battery and the thrust curve.
 
-    The arguments are those of `quadrotor_step`, except that `time` is the instant at which the faults are evaluated, s.
+    The arguments are as in `quadrotor_step`, except that `time` is the time at which the faults are evaluated, s.
     """
     factors = SpeedFactors() if faults is None else speed_factors(faults, time)
     if effects.battery is not None and state.charge is not None:
@@ -139,10 +139,10 @@ def step_of_flight(
     time_step: float,
     kinematics: AttitudeKinematics,
 ) -> VehicleState:
-    """Return the end of a step of a vehicle that has not crashed, and whose rotors approach a target speed."""
+    """Return the state at the end of a step of a vehicle that has not crashed, given the target rotor speeds."""
     body, half = before.body, 0.5 * time_step
     rotors_of_stages = start, middle, end = rotor_states_over_step(before.rotors, target, half, parameters, effects)
-    # Each stage of the method has its rotor state and its time since the start of the step.
+    # Each stage of the method is given by the state of the rotors and the time since the start of the step, s.
     stages = (start, 0.0), (middle, half), (middle, half), (end, time_step)
     attitude = kinematics.integrated(Attitude(body.roll, body.pitch, body.yaw))
     payload_time = 0.0 if effects.payload is None else time - half
@@ -161,7 +161,8 @@ def step_of_flight(
     moving = IntegratedState(attitude.start, Motion.of(body), None if before.swing is None else rod_of(before.swing))
     step = runge_kutta_step(moving, slope, time_step)
     moving, sixth = step.end, time_step / 6.0
-    # The derivative of the position is a state, so the method reduces to a weighted mean of the stages' velocities.
+    # The derivative of the position is the velocity, which is itself a state. For the position, the method therefore
+    # reduces to a weighted mean of the velocities at the stages.
     motion_1, motion_2, motion_3, motion_4 = (stage.motion for stage in step.stages)
     x = body.x + sixth * (motion_1.v_x + 2.0 * (motion_2.v_x + motion_3.v_x) + motion_4.v_x)
     y = body.y + sixth * (motion_1.v_y + 2.0 * (motion_2.v_y + motion_3.v_y) + motion_4.v_y)
@@ -192,7 +193,7 @@ def quadrotor_slope(
     time: Row,
     kinematics: AttitudeKinematics,
 ) -> VehicleState:
-    """Return the time derivative of rigid body and rotors; arguments are those of `quadrotor_step`."""
+    """Return the time derivative of the state of a vehicle; the arguments are as in `quadrotor_step`."""
     body = state.body
     target = rotor_target(state, command, parameters, faults, effects, time)
     rotors = rotor_state(state.rotors, target, parameters, effects)
@@ -215,7 +216,7 @@ def quadrotor_slope(
 
 
 def acceleration_at(state: VehicleState, *others: Any) -> VehicleAcceleration:
-    """Return the acceleration of the vehicle, zero if it has crashed; arguments are those of `quadrotor_slope`."""
+    """Return the acceleration of the vehicle, zero after a crash; the arguments are as in `quadrotor_slope`."""
     slope = quadrotor_slope(state, *others).body
     return VehicleAcceleration(slope.v_x, slope.v_y, slope.v_z, slope.p, slope.q, slope.r)
 
@@ -223,12 +224,12 @@ def acceleration_at(state: VehicleState, *others: Any) -> VehicleAcceleration:
 def stepping_acceleration(
     body: State, rotors: RotorSpeed, swing: Swing | None, charge: Charge | None, *others: Any
 ) -> VehicleAcceleration:
-    """Return the acceleration of the vehicle as `acceleration_at` does, for the groups of a discrete state."""
+    """Return the acceleration of a vehicle with a discrete state, like `acceleration_at`."""
     return acceleration_at(VehicleState(body, rotors, swing, charge), *others)
 
 
 def unless_crashed(crashed: Crashed | None, stopped: _Record, flying: _Record) -> _Record:
-    """Return `stopped` for vehicles that have crashed, and `flying` for others; without `crashed` none can crash."""
+    """Return `stopped` for vehicles that have crashed and `flying` for others; None means that no vehicle crashes."""
     return flying if crashed is None else where(crashed.crashed != 0.0, stopped, flying)
 
 

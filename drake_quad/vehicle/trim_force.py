@@ -1,7 +1,8 @@
-"""Constant force that a vehicle feels along its own axes, whatever the air and the rotors do.
+"""Constant force on a vehicle along the axes of B, independent of the air and of the rotors.
 
-Flights of real vehicles show such a force: rotors that are not mounted parallel, or a bias of the attitude that the
-autopilot calls level. In the flights of Neural-Fly it is 1.06 N along x on a vehicle of 2.6 kg.
+Such a force is observed in flights of real vehicles. It is caused by rotors that are not mounted parallel, or by a bias
+of the attitude that the autopilot considers level. In the flights of Neural-Fly the force is 1.06 N along x, on a
+vehicle of 2.6 kg.
 """
 
 from typing import NamedTuple

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.studies.statistics import of_survivors
+from drake_quad.studies.statistics import values_without_crashes
 from drake_quad.visualization.panels import name_rows, new_panels
 from drake_quad.visualization.style import TEXT_BACKGROUND
 
@@ -27,7 +27,7 @@ def plot_comparison(flights: Mapping[str, Mapping[str, Metrics]]) -> Figure:
         for axes, (scenario, metrics_by_controller) in zip(row, flights.items(), strict=True):
             for height, name in enumerate(controllers):
                 metrics = metrics_by_controller[name]
-                errors = 100.0 * of_survivors(metrics, "rmse")
+                errors = 100.0 * values_without_crashes(metrics, "rmse")
                 offsets = np.linspace(-0.22, 0.22, len(errors)) if len(errors) > 1 else np.zeros(len(errors))
                 axes.plot(errors, height + offsets, ".", color="0.6", markersize=3.0, zorder=2)
                 label = ""

@@ -110,7 +110,7 @@ def plot_thrust(identification: Identification, commands: np.ndarray | None = No
 
     Args:
         identification: identification of the vehicle.
-        commands: logged throttles, whose range from the 1 % to the 99 % quantile is shaded.
+        commands: throttles commanded in flight, whose range from the 1 % to the 99 % quantile is shaded.
 
     Returns:
         The figure; None if the identification estimated no thrust curve.

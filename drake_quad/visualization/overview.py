@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from drake_quad.flight.flight import Flight
 from drake_quad.statistics.estimates import mean_interval, share_interval
-from drake_quad.studies.statistics import of_survivors
+from drake_quad.studies.statistics import values_without_crashes
 from drake_quad.studies.study import Study
 from drake_quad.visualization.curves import dash_overlapping_curves
 from drake_quad.visualization.panels import name_rows
@@ -64,7 +64,7 @@ def plot_study(studies: Study | Mapping[str, Study], name: str = "rmse") -> tupl
         figure = new_figure(9.5, 3.4 + 0.25 * len(study_by_name))
         axes = figure.subplot_mosaic([["distribution", "mean"], ["distribution", "crashes"]], width_ratios=[3, 2])
         draw_distribution(axes["distribution"], study_by_name, name)
-        means = [mean_interval(of_survivors(study.metrics, name)) for study in study_by_name.values()]
+        means = [mean_interval(values_without_crashes(study.metrics, name)) for study in study_by_name.values()]
         crashes = [
             share_interval(int(study.metrics.crashed.sum()), len(study.samples)) for study in study_by_name.values()
         ]

@@ -16,12 +16,12 @@ from drake_quad.laboratory.metrics import METRICS, UNITS
 from drake_quad.scenario.description import unit_at
 from drake_quad.statistics.estimates import quantile_interval, running_mean, share_interval
 from drake_quad.studies.statistics import (
-    crash_levels,
+    crash_bins,
     crash_probability,
     influences,
-    most_influential,
-    of_survivors,
-    with_crashes,
+    most_influential_path,
+    values_with_crashes,
+    values_without_crashes,
 )
 from drake_quad.studies.study import Study
 from drake_quad.visualization.names import short_name
@@ -83,14 +83,14 @@ def draw_distribution(axes: Axes, studies: Mapping[str, Study], name: str) -> No
         name: name of the metric.
     """
     for (controller, study), (color, style) in zip(studies.items(), cycle(_LINE_STYLES), strict=False):
-        values = np.sort(with_crashes(study.metrics, name))
+        values = np.sort(values_with_crashes(study.metrics, name))
         n = len(values)
         finite = values[np.isfinite(values)]
         share = np.arange(1, len(finite) + 1) / n
         half_width = np.sqrt(np.log(2.0 / 0.05) / (2.0 * n))
         label = controller
         if study.metrics.crashed.any():
-            label += f" ({crash_probability(study.metrics).alone().percent()} crashed)"
+            label += f" ({crash_probability(study.metrics).without_interval().percent()} crashed)"
         axes.step(finite, share, where="post", color=color, linestyle=style, label=label)
         axes.fill_between(
             finite,
@@ -102,7 +102,7 @@ def draw_distribution(axes: Axes, studies: Mapping[str, Study], name: str) -> No
             linewidth=0.0,
         )
     axes.set(ylabel="cumulative share of samples", ylim=(0.0, 1.02))
-    survivors = [of_survivors(study.metrics, name) for study in studies.values()]
+    survivors = [values_without_crashes(study.metrics, name) for study in studies.values()]
     medians = [median for values in survivors if len(values) and (median := np.median(values)) > 0.0]
     if medians and max(medians) > _LOG_AXIS_RATIO * min(medians):
         axes.set_xscale("log")
@@ -153,7 +153,7 @@ def plot_convergence(studies: Mapping[str, Study], name: str = "rmse") -> Figure
 
 def _running_mean(study: Study, name: str) -> tuple[np.ndarray, ...]:
     """Return numbers n of flights without a crash, the mean over the first n, and the ends of its 95 % interval."""
-    values = of_survivors(study.metrics, name)
+    values = values_without_crashes(study.metrics, name)
     # The first few points are left out, because their wide intervals would dominate the axis.
     first = max(min(10, len(values)) - 1, 0)
     return np.arange(1, len(values) + 1)[first:], *(each[first:] for each in running_mean(values))
@@ -168,15 +168,17 @@ def plot_influences(study: Study, name: str = "rmse") -> Figure:
     """
     ranking = influences(study, name)
     with new_panels(8.6, 1.4 + 0.34 * max(min(len(ranking), _MAX_FIELDS), 1)) as (figure, axes):
-        mean = float(np.mean(study.metrics.crashed if name == "crashed" else of_survivors(study.metrics, name)))
+        mean = float(
+            np.mean(study.metrics.crashed if name == "crashed" else values_without_crashes(study.metrics, name))
+        )
         for row, influence in enumerate(ranking[:_MAX_FIELDS]):
             for end, color, offset in ((influence.low, SKY, -0.18), (influence.high, ORANGE, 0.18)):
                 axes.barh(row + offset, end.value - mean, 0.36, left=mean, color=color)
                 axes.plot([end.low, end.high], [row + offset] * 2, color="0.25", linewidth=1.0)
             rho = influence.correlation
             text = rho.text(signed=True)
-            if influence.alone != rho and np.isfinite(influence.alone.value):
-                text += f"; partial {influence.alone.value:+.2f}"
+            if influence.partial != rho and np.isfinite(influence.partial.value):
+                text += f"; partial {influence.partial.value:+.2f}"
             axes.annotate(text, (1.01, row), xycoords=("axes fraction", "data"), va="center", fontsize=8.5)
         labels = [_field_label(study, influence.path) for influence in ranking[:_MAX_FIELDS]]
         name_rows(axes, labels)
@@ -209,25 +211,25 @@ def plot_crash_probability(
     """Plot the probability of a crash over a random parameter, with 95 % confidence intervals.
 
     The samples are divided into bins of equal size. Each point is at the median of a bin, and its horizontal line spans
-    the bin; see `crash_levels`. Thin horizontal lines are the probabilities over all samples.
+    the bin; see `crash_bins`. Thin horizontal lines are the probabilities over all samples.
 
     Args:
         studies: study, or several studies by controller; the parameter is random in all of them.
         path: path of the parameter; by default the one with the largest influence on crashes.
-        num_bins: number of bins; None for the default of `crash_levels`.
+        num_bins: number of bins; None for the default of `crash_bins`.
 
     Raises:
         InputError: if the studies have no random parameter, or none at this path.
     """
     studies = {studies.scenario.name: studies} if isinstance(studies, Study) else studies
-    path = path or most_influential(studies.values())
+    path = path or most_influential_path(studies.values())
     if path is None:
         raise InputError("the crash probability cannot be plotted: this study has no random parameter")
     with new_panels(7.0, 4.2) as (figure, axes):
         for index, ((controller, study), (color, style)) in enumerate(
             zip(studies.items(), cycle(_LINE_STYLES), strict=False)
         ):
-            levels = crash_levels(study, path, num_bins=num_bins)
+            levels = crash_bins(study, path, num_bins=num_bins)
             if not levels:
                 continue
             middle = np.array([level.middle for level in levels])

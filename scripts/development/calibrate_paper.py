@@ -17,8 +17,8 @@ _PAPER = Path(__file__).parents[2] / "diagrams" / "paper.yaml"
 
 def main() -> None:
     options = bare_parser(__doc__, "python scripts/development/calibrate_paper.py --quick")
-    options.add_argument("--samples", type=int, help="flights of each cell, whose errors are averaged (default: 64)")
-    options.add_argument("--quick", action="store_true", help="8 samples, and the first hypothesis alone")
+    options.add_argument("--samples", type=int, help="number of flights of each cell (default: 64)")
+    options.add_argument("--quick", action="store_true", help="use 8 samples and only the first hypothesis")
     options.add_argument("--output", type=Path, default=Path("out/calibration"), help="folder (default: %(default)s)")
     add_wired(options)
     arguments = options.parse_args()
@@ -26,12 +26,12 @@ def main() -> None:
     num_samples = arguments.samples or (8 if arguments.quick else 64)
     names = list(HYPOTHESES)[:1] if arguments.quick else list(HYPOTHESES)
     folder = output_folder(arguments.output)
-    found = {
+    calibrations = {
         name: calibrate(HYPOTHESES[name], load, num_samples, compiled=not arguments.wired)
         for name in new_bar(names, desc="fitting")
     }
-    file = write_calibrations(folder / "calibration.csv", found)
-    for calibration in found.values():
+    file = write_calibrations(folder / "calibration.csv", calibrations)
+    for calibration in calibrations.values():
         print_calibration(calibration)
     print_files([file])
 
@@ -41,31 +41,31 @@ def load(cell: Cell, overrides: list[str]) -> Scenario:
     return load_scenario(f"{_PAPER}:{cell.scenario}", overrides)
 
 
-def print_calibration(found: Calibration) -> None:
-    """Print the fitted numbers, and the error of every cell next to that of the paper."""
-    hypothesis = found.hypothesis
-    print(f"{hypothesis.words}: {hypothesis.pd.words} {found.pd:.4g}, {hypothesis.network.words} {found.network:.4g}")
+def print_calibration(calibration: Calibration) -> None:
+    """Print the fitted parameters, and for each cell the simulated RMSE beside that of the paper."""
+    label, _, pd, network = calibration.hypothesis
+    print(f"{label}: {pd.label} {calibration.pd:.4g}, {network.label} {calibration.network:.4g}")
     rows = []
     for cell, line in printed_table().items():
-        ours, printed = found.errors[cell], line.rmse.mean
+        simulated, printed = calibration.errors[cell], line.rmse.mean
         rows.append(
             (
                 WINDS[cell.wind],
                 CONTROLLERS[cell.controller],
-                ours.text(),
+                simulated.text(),
                 f"{printed:.3f}" if printed == printed else "–",
-                f"{100.0 * (ours.value / printed - 1.0):+.1f} %" if printed == printed else "–",
+                f"{100.0 * (simulated.value / printed - 1.0):+.1f} %" if printed == printed else "–",
                 "fitted" if cell in (PD_CELL, NETWORK_CELL) else "predicted",
             )
         )
-    print_columns(("", "", "RMSE (m)", "printed", "off by", ""), rows)
+    print_columns(("", "", "RMSE (m)", "paper", "difference", ""), rows)
 
 
-def write_calibrations(path: Path, found: dict[str, Calibration]) -> Path:
+def write_calibrations(path: Path, calibrations: dict[str, Calibration]) -> Path:
     """Write a CSV file with a row for each hypothesis and cell, and return its path."""
     rows = [
         (name, each.pd, each.network, *cell, *error)
-        for name, each in found.items()
+        for name, each in calibrations.items()
         for cell, error in each.errors.items()
     ]
     header = ("hypothesis", "pd_number", "network_number", "wind", "controller", "rmse_m", "low", "high")

@@ -3,11 +3,11 @@
 The environments of this library are:
 
 - the figure eight at 100 Hz in the ideal laboratory
-- the figure eight with wind, noise, losses, and a vehicle that differs from its nominal model
-- robustness.yaml under random actions, with which vehicles crash and restart all the time
+- the figure eight with wind, noise, packet loss, and a vehicle that differs from its nominal model
+- robustness.yaml under random actions, under which vehicles frequently crash and restart
 
-The environment of crazyflow is its figure eight, at 100 Hz with five simulator steps each and at 500 Hz with one. It is
-measured if crazyflow is installed: pip install crazyflow==0.4.0
+The environment of crazyflow is its figure eight, at 100 Hz with five simulator steps per environment step and at 500 Hz
+with one. It is measured if crazyflow is installed: pip install crazyflow==0.4.0
 """
 
 import resource
@@ -20,39 +20,42 @@ from importlib import import_module
 from pathlib import Path
 
 sys.path += [str(folder) for folder in Path(__file__).parents[:2]]  # folders of contenders.py and benchmark.py
-from benchmark import EVERYTHING, machine
-from contenders import Contender, apart, installed, is_quick
+from benchmark import ALL_IMPERFECTIONS, machine
+from contenders import Contender, installed, is_quick, run_isolated
 from drake_quad.command_line.running import run
 
 import numpy as np
 from tqdm import tqdm
 
 SIZES = (1, 64, 1024)
-# Duration of a measurement (s), which follows a warm-up of the same duration, and number of rounds.
-_SECONDS, _ROUNDS = 2.0, 5
+_MEASURED_SECONDS = 2.0  # after a warm-up of the same duration
+_NUM_ROUNDS = 5
 _AT_100_HZ = {"laboratory.command_link.period": 0.01}
-# Number of vehicle steps over which the memory of a process is measured.
-_MEMORY_STEPS = 10_000_000
+# Number of vehicle steps for the measurement of a process's memory.
+_NUM_MEMORY_STEPS = 10_000_000
 
 # Function that advances all vehicles by a step.
-Stepping = Callable[[], object]
+Step = Callable[[], object]
 
 
 def main() -> None:
     example = "python scripts/development/compare_environments.py --quick"
-    quick, there = is_quick(__doc__, example, "64 vehicles, one round of a tenth of a second"), installed(CONTENDERS)
-    rounds, seconds, sizes = (1, 0.1, SIZES[1:2]) if quick else (_ROUNDS, _SECONDS, SIZES)
-    found: dict[str, list[list[float]]] = {each.how: [[] for _ in sizes] for each in there}
+    quick, available = (
+        is_quick(__doc__, example, "64 vehicles, one round of a tenth of a second"),
+        installed(CONTENDERS),
+    )
+    rounds, seconds, sizes = (1, 0.1, SIZES[1:2]) if quick else (_NUM_ROUNDS, _MEASURED_SECONDS, SIZES)
+    rates_by_label: dict[str, list[list[float]]] = {each.label: [[] for _ in sizes] for each in available}
     for _ in tqdm(range(rounds), desc="rounds", leave=False, disable=None):
-        for contender in there:
-            for place, size in enumerate(sizes):
-                found[contender.how][place].append(apart(partial(rate, contender, size, seconds)))
-    print(f"{machine()}; medians of {rounds} launches by turns.\n")
-    print("| steps a second | " + " | ".join(f"{size:,} vehicle{'s' if size > 1 else ''}" for size in sizes) + " |")
+        for contender in available:
+            for column, size in enumerate(sizes):
+                rates_by_label[contender.label][column].append(run_isolated(partial(rate, contender, size, seconds)))
+    print(f"{machine()}; medians of {rounds} interleaved launches.\n")
+    print("| steps per second | " + " | ".join(f"{size:,} vehicle{'s' if size > 1 else ''}" for size in sizes) + " |")
     print("|---|" + "---|" * len(sizes))
-    for how, rates in found.items():
-        print(f"| {how} | " + " | ".join(f"{statistics.median(each):,.0f}" for each in rates) + " |")
-    print(f"\n{grown(1024, _MEMORY_STEPS // (100 if quick else 1))}")
+    for label, rates in rates_by_label.items():
+        print(f"| {label} | " + " | ".join(f"{statistics.median(each):,.0f}" for each in rates) + " |")
+    print(f"\n{memory_growth(1024, _NUM_MEMORY_STEPS // (100 if quick else 1))}")
 
 
 def rate(contender: Contender, num_vehicles: int, seconds: float) -> float:
@@ -68,17 +71,17 @@ def rate(contender: Contender, num_vehicles: int, seconds: float) -> float:
     return num_vehicles * count / taken
 
 
-def grown(num_vehicles: int, steps: int) -> str:
-    """Return a sentence on the memory of a process after many steps of an environment with frequent crashes."""
-    first, last = apart(partial(_sizes, num_vehicles, steps))
+def memory_growth(num_vehicles: int, steps: int) -> str:
+    """Return a sentence about the memory of a process during many steps of an environment with frequent crashes."""
+    first, last = run_isolated(partial(_peak_sizes, num_vehicles, steps))
     return (
-        f"{steps:,} steps of {num_vehicles:,} vehicles that begin anew all the time: {first:.1f} MB at most in the"
-        f" first tenth, {last:.1f} MB in all"
+        f"memory during {steps:,} steps of {num_vehicles:,} vehicles that frequently restart: peak {first:.1f} MB in"
+        f" the first tenth of the steps, {last:.1f} MB in total"
     )
 
 
-def _sizes(num_vehicles: int, steps: int) -> Sequence[float]:
-    step, sizes = crashing(num_vehicles), []
+def _peak_sizes(num_vehicles: int, steps: int) -> Sequence[float]:
+    step, sizes = crashing_fleet(num_vehicles), []
     for k in range(rounds := max(10, steps // num_vehicles)):
         step()
         if k + 1 in (rounds // 10, rounds):
@@ -86,19 +89,19 @@ def _sizes(num_vehicles: int, steps: int) -> Sequence[float]:
     return sizes
 
 
-def ours(num_vehicles: int, *, everything: bool) -> Stepping:
-    """Return a step of the figure eight of this library under a hover action."""
+def figure_eight(num_vehicles: int, *, everything: bool) -> Step:
+    """Return a function that steps this library's figure eight under a hover action."""
     from drake_quad.gym import QuadrotorVectorEnv
 
-    scenario, more = ("laboratory:nominal", EVERYTHING) if everything else ("figure_eight", [])
+    scenario, more = ("laboratory:nominal", ALL_IMPERFECTIONS) if everything else ("figure_eight", [])
     envs = QuadrotorVectorEnv(scenario, [*more, _AT_100_HZ], num_envs=num_vehicles, action="attitude")
     envs.reset(seed=0)
     actions = np.zeros((num_vehicles, 4))
     return lambda: envs.step(actions)
 
 
-def crashing(num_vehicles: int) -> Stepping:
-    """Return a step of an environment of this library with 31 distributions and frequent crashes."""
+def crashing_fleet(num_vehicles: int) -> Step:
+    """Return a function that steps an environment of this library with 31 distributions and frequent crashes."""
     from drake_quad.gym import QuadrotorVectorEnv
 
     envs = QuadrotorVectorEnv("robustness", _AT_100_HZ, num_envs=num_vehicles, action="rates")
@@ -107,8 +110,8 @@ def crashing(num_vehicles: int) -> Stepping:
     return lambda: envs.step(random.uniform(-1.0, 1.0, (num_vehicles, 4)))
 
 
-def crazyflow(num_vehicles: int, *, frequency: int) -> Stepping:
-    """Return a step of the figure eight of crazyflow under a hover action, with NumPy arrays as output."""
+def crazyflow_figure_eight(num_vehicles: int, *, frequency: int) -> Step:
+    """Return a function that steps crazyflow's figure eight under a hover action, with NumPy arrays as output."""
     tree = import_module("jax").tree
     envs = import_module("crazyflow.envs").FigureEightEnv(num_envs=num_vehicles, freq=frequency)
     envs.reset(seed=0)
@@ -117,11 +120,11 @@ def crazyflow(num_vehicles: int, *, frequency: int) -> Stepping:
 
 
 CONTENDERS = [
-    Contender("drake_quad", "drake_quad, ideal", partial(ours, everything=False)),
-    Contender("drake_quad", "drake_quad, everything", partial(ours, everything=True)),
-    Contender("drake_quad", "drake_quad, robustness, crashing", crashing),
-    Contender("crazyflow", "crazyflow 0.4, 100 Hz", partial(crazyflow, frequency=100)),
-    Contender("crazyflow", "crazyflow 0.4, 500 Hz", partial(crazyflow, frequency=500)),
+    Contender("drake_quad", "drake_quad, ideal", partial(figure_eight, everything=False)),
+    Contender("drake_quad", "drake_quad, everything", partial(figure_eight, everything=True)),
+    Contender("drake_quad", "drake_quad, robustness, crashing", crashing_fleet),
+    Contender("crazyflow", "crazyflow 0.4, 100 Hz", partial(crazyflow_figure_eight, frequency=100)),
+    Contender("crazyflow", "crazyflow 0.4, 500 Hz", partial(crazyflow_figure_eight, frequency=500)),
 ]
 
 

@@ -17,7 +17,7 @@ from typing import Any
 
 sys.path += [str(folder) for folder in Path(__file__).parents[:2]]  # folders of contenders.py and benchmark.py
 from benchmark import machine, timed
-from contenders import Contender, apart, installed, is_quick
+from contenders import Contender, installed, is_quick, run_isolated
 from drake_quad.command_line.running import run
 
 import numpy as np
@@ -30,11 +30,10 @@ from drake_quad.reference.polynomial_path import hermite_path
 from drake_quad.scenario.batch import Batch
 
 _DIAGRAMS = Path(__file__).parents[2] / "diagrams"
-# The flight is one circle of 1 m radius at 0.63 m/s, 1 m above the ground.
-_DURATION = 10.0
+# Each flight is one circle of 1 m radius at 0.63 m/s, 1 m above the ground.
+_DURATION = 10.0  # s
 _RATE = 2.0 * math.pi / _DURATION
-# A vehicle with a larger RMSE over the second half (m) does not fly the circle.
-_MAX_RMSE = 0.2
+_MAX_RMSE = 0.2  # m, limit of the RMSE over the second half, beyond which a vehicle does not fly the circle
 
 # Function that flies all vehicles of a fleet around the circle once, and returns the RMSE of the first one (m).
 Flight = Callable[[], float]
@@ -42,28 +41,28 @@ Flight = Callable[[], float]
 
 def main() -> None:
     example = "python scripts/development/compare_simulators.py --quick"
-    quick, there = is_quick(__doc__, example, "fleets of 50, each flown once"), installed(CONTENDERS)
+    quick, available = is_quick(__doc__, example, "fleets of 50, each flown once"), installed(CONTENDERS)
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     fleet = 50 if quick else 1000
-    print(f"{machine()}; medians (and best) on one core, after a first flight that compiles.\n")
+    print(f"{machine()}; medians (and best) on one core, without the first flight, which compiles.\n")
     print(f"| | one vehicle, × real time | {fleet:,} vehicles, vehicle-seconds per second |")
     print("|---|---|---|", flush=True)
-    for contender in tqdm(there, desc="flying", leave=False, disable=None):
-        name = f"{contender.package} {version(contender.package)}, {contender.how}"
+    for contender in tqdm(available, desc="flying", leave=False, disable=None):
+        name = f"{contender.package} {version(contender.package)}, {contender.label}"
         try:
             count = 1 if quick else contender.repetitions
-            alone, beside = (apart(partial(measured, contender, size, count)) for size in (1, fleet))
+            single, fleet_speed = (run_isolated(partial(measured, contender, size, count)) for size in (1, fleet))
         except Exception as error:
-            raise RuntimeError(f"{name} does not fly: {error}") from error
-        print(f"| {name} | {alone} | {beside} |", flush=True)
+            raise RuntimeError(f"{name}: cannot fly the circle: {error}") from error
+        print(f"| {name} | {single} | {fleet_speed} |", flush=True)
 
 
 def measured(contender: Contender, num_vehicles: int, repetitions: int) -> str:
     """Return the vehicle-seconds per second of a contender, as a median and the best."""
     flight = contender.build(num_vehicles)
     if not (error := flight()) < _MAX_RMSE:
-        raise RuntimeError(f"it is {error:.2f} m off the circle")
+        raise RuntimeError(f"the RMSE is {error:.2f} m, more than {_MAX_RMSE} m")
     seconds = [timed(flight) for _ in range(repetitions)]
     median, best = (num_vehicles * _DURATION / time for time in (statistics.median(seconds), min(seconds)))
     digits = 1 if best < 100.0 else 0
@@ -82,7 +81,7 @@ def circle() -> tuple[Scenario, Plan]:
 
 
 def drake_quad_flight(num_vehicles: int, *, compiled: bool) -> Flight:
-    """Return a flight of this library; it starts at rest, whereas those of other simulators start in motion."""
+    """Return a flight of this library. It starts at rest, whereas flights of the other simulators start in motion."""
     scenario, plan = circle()
     batch = Batch.draw(scenario, range(num_vehicles))
     simulation = simulate_fleet(batch, plan, record=num_vehicles == 1, compiled=compiled)
@@ -96,7 +95,7 @@ def drake_quad_flight(num_vehicles: int, *, compiled: bool) -> Flight:
 
 
 def rotorpy_flight(num_vehicles: int) -> Flight:
-    """Return a Crazyflie flight under RotorPy's geometric controller: its Environment, or its PyTorch batch."""
+    """Return a flight of RotorPy's Crazyflie under its geometric controller, for a fleet in its PyTorch batch."""
     return _rotorpy_alone() if num_vehicles == 1 else _rotorpy_batch(num_vehicles)
 
 
@@ -113,8 +112,8 @@ def _rotorpy_alone() -> Flight:
         environment = _module("rotorpy.environments").Environment(
             vehicle, control.SE3Control(parameters), trajectory, sim_rate=100
         )
-        found = environment.run(t_final=_DURATION)
-        return rmse(found["state"]["x"], found["flat"]["x"])
+        results = environment.run(t_final=_DURATION)
+        return rmse(results["state"]["x"], results["flat"]["x"])
 
     return flight
 
@@ -134,25 +133,25 @@ def _rotorpy_batch(num_vehicles: int) -> Flight:
     world = worlds.World.empty((-3.0, 3.0, -3.0, 3.0, -3.0, 3.0))
 
     class Circle:
-        """Circle for each vehicle; RotorPy's own class fails for the arrays of times that its simulation passes."""
+        """Circle for all vehicles. RotorPy's own class fails for the arrays of times that its simulation passes."""
 
         def update(self, times: np.ndarray) -> dict[str, Any]:
             cos, sin = torch.cos(torch.as_tensor(_RATE * times)), torch.sin(torch.as_tensor(_RATE * times))
             zero = torch.zeros_like(cos)
             turns = [(cos, sin), (-sin, cos), (-cos, -sin), (sin, -cos), (cos, sin)]
             names = ("x", "x_dot", "x_ddot", "x_dddot", "x_ddddot")
-            found = {
+            derivatives = {
                 name: torch.stack([_RATE**order * x, _RATE**order * y, zero + (order == 0)], dim=1)
                 for order, (name, (x, y)) in enumerate(zip(names, turns, strict=True))
             }
-            return found | {"yaw": zero, "yaw_dot": zero}
+            return derivatives | {"yaw": zero, "yaw_dot": zero}
 
     def flight() -> float:
         until = np.full(num_vehicles, _DURATION)
         options = {"terminate": False, "check_collisions": False}
         simulate = _module("rotorpy.simulate").simulate_batch
-        found = simulate(world, state, vehicle, controller, Circle(), calm, imu, until, 0.01, 0.25, **options)
-        return rmse(found[1]["x"][:, 0], found[3]["x"][:, 0])
+        results = simulate(world, state, vehicle, controller, Circle(), calm, imu, until, 0.01, 0.25, **options)
+        return rmse(results[1]["x"][:, 0], results[3]["x"][:, 0])
 
     return flight
 
@@ -168,7 +167,7 @@ _ROTORPY_STATE = {
 
 
 def crazyflow_flight(num_vehicles: int, **options: Any) -> Flight:
-    """Return a Crazyflie flight under Mellinger's controller, as one compiled scan, crazyflow's fastest mode."""
+    """Return a flight of crazyflow's Crazyflie under Mellinger's controller, compiled as one scan, its fastest mode."""
     jax, functional = _module("jax"), _module("crazyflow.sim.functional")
     jnp = jax.numpy
     options = {"state_freq": 100} | options
@@ -213,7 +212,7 @@ def _module(name: str) -> Any:
     return importlib.import_module(name)
 
 
-# These settings give crazyflow the time steps of this library, because its default steps are shorter.
+# Settings that give crazyflow the time steps of this library. Its default steps are shorter.
 _OUR_TIME_STEPS: dict[str, Any] = {
     "freq": 100,
     "attitude_freq": 100,
@@ -223,14 +222,14 @@ _OUR_TIME_STEPS: dict[str, Any] = {
     "integrator": "rk4",
 }
 
-_OURS = "100 Hz, Runge-Kutta 4, control at 50 Hz"
+_OUR_RATES = "100 Hz, Runge-Kutta 4, control at 50 Hz"
 
 CONTENDERS = (
-    Contender("drake_quad", f"compiled, {_OURS}", partial(drake_quad_flight, compiled=True)),
-    Contender("drake_quad", f"as it is wired, {_OURS}", partial(drake_quad_flight, compiled=False)),
+    Contender("drake_quad", f"compiled, {_OUR_RATES}", partial(drake_quad_flight, compiled=True)),
+    Contender("drake_quad", f"uncompiled, {_OUR_RATES}", partial(drake_quad_flight, compiled=False)),
     Contender("crazyflow", "100 Hz, Runge-Kutta 4", partial(crazyflow_flight, **_OUR_TIME_STEPS)),
-    Contender("crazyflow", "as it comes: 500 Hz, Euler", crazyflow_flight),
-    Contender("rotorpy", "as it comes: 100 Hz; fleet: Runge-Kutta 4", rotorpy_flight, repetitions=2),
+    Contender("crazyflow", "default settings: 500 Hz, Euler", crazyflow_flight),
+    Contender("rotorpy", "default settings: 100 Hz; fleet: Runge-Kutta 4", rotorpy_flight, repetitions=2),
 )
 
 

@@ -1,4 +1,4 @@
-"""Contenders of a comparison, each of which is measured in a process of its own."""
+"""Contenders of a comparison, each of which is measured in its own process."""
 
 import importlib.util
 import multiprocessing
@@ -13,17 +13,17 @@ from drake_quad.command_line.output import remark
 
 
 class Contender(NamedTuple):
-    """Simulator, or an environment of it, with the settings with which it is measured.
+    """Simulator or environment, with the settings of its measurement.
 
     Attributes:
         package: name of its package on PyPI.
-        how: its settings in words, for the table.
-        build: function that returns, for a number of vehicles, a function without arguments whose calls are timed.
-        repetitions: number of measurements.
+        label: description of its settings for the table.
+        build: function from a number of vehicles to a function without arguments, whose calls are timed.
+        repetitions: number of timed calls.
     """
 
     package: str
-    how: str
+    label: str
     build: Callable[[int], Callable[[], Any]]
     repetitions: int = 5
 
@@ -36,16 +36,16 @@ def is_quick(description: str | None, example: str, quick: str) -> bool:
 
 
 def installed(contenders: Sequence[Contender]) -> list[Contender]:
-    """Return the contenders whose packages are installed, and print a remark on each other package."""
-    there = [each for each in contenders if importlib.util.find_spec(each.package)]
-    for package in sorted({each.package for each in contenders} - {each.package for each in there}):
+    """Return the contenders whose packages are installed, and print a remark for each missing package."""
+    available = [each for each in contenders if importlib.util.find_spec(each.package)]
+    for package in sorted({each.package for each in contenders} - {each.package for each in available}):
         remark(f"{package} is not installed, so it is not measured")
-    os.environ["SCIPY_ARRAY_API"] = "1"  # crazyflow needs it from the first import of SciPy on
-    return there
+    os.environ["SCIPY_ARRAY_API"] = "1"  # crazyflow needs this before the first import of SciPy
+    return available
 
 
-def apart(work: Callable[[], Any]) -> Any:
-    """Return the result of a function that is called in a process of its own, whose output is discarded."""
+def run_isolated(work: Callable[[], Any]) -> Any:
+    """Call a function in its own process, discard the output of the process, and return the result."""
     context = multiprocessing.get_context("spawn")
     with (
         tempfile.TemporaryDirectory() as folder,
@@ -55,8 +55,8 @@ def apart(work: Callable[[], Any]) -> Any:
 
 
 def _silence(folder: str) -> None:
-    """Discard what libraries print, and have them write their logs, such as that of MuJoCo, into a folder."""
+    """Discard printed output, and let libraries such as MuJoCo write their log files into a folder."""
     os.chdir(folder)
-    nowhere = os.open(os.devnull, os.O_WRONLY)
+    devnull = os.open(os.devnull, os.O_WRONLY)
     for stream in (1, 2):
-        os.dup2(nowhere, stream)
+        os.dup2(devnull, stream)

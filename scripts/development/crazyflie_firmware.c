@@ -1,6 +1,6 @@
 /* Runs the PID controller of a checkout of crazyflie-firmware on recorded inputs, for record_crazyflie_firmware.py.
  *
- * Nothing of the firmware is in this file. It includes the firmware's own files from the checkout, so that their static
+ * This file contains no code of the firmware. It includes the firmware's files from the checkout, so that their static
  * variables can be read. Headers that need the hardware, logging or parameters are replaced by empty ones.
  */
 #include "controller_pid.c"

@@ -1,4 +1,4 @@
-"""Fly the forest with plans of several margins, and plot the probability of touching a trunk."""
+"""Fly the forest along plans with several margins, and plot the probability of touching a trunk."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MARGINS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4)  # m
-# The controllers are a regulator, and the best of the others in the comparison of controllers without a forest.
+# An LQG regulator, and the best other controller of the comparison without obstacles.
 CONTROLLERS = {"lqg": "lqg:lqg_robustness", "indi_t2fnn": "designed/robustness:indi_t2fnn"}
 _DIAGRAMS = Path(__file__).parents[2] / "diagrams"
 
 
 class Point(NamedTuple):
-    """Flights of a plan.
+    """Outcome of the flights along one plan.
 
     Attributes:
         controller: name of the controller.
@@ -59,9 +59,7 @@ def main() -> None:
     check_ranges(arguments, {"samples": (10, 100_000)})
     folder = output_folder(arguments.output)
     points = [
-        flown(name, margin, arguments.samples)
-        for name in new_bar(list(CONTROLLERS), desc="flying")
-        for margin in MARGINS
+        fly(name, margin, arguments.samples) for name in new_bar(list(CONTROLLERS), desc="flying") for margin in MARGINS
     ]
     columns = [*zip(*points, strict=True), *zip(*(point.probability for point in points), strict=True)]
     names = [*Point._fields, "probability", "low", "high"]
@@ -76,14 +74,16 @@ def main() -> None:
     print_files([table, *save_figures({"forest_margins": draw(points)}, folder)])
 
 
-def flown(controller: str, margin: float, samples: int) -> Point:
-    """Fly samples of the forest with a plan that keeps a margin (m)."""
+def fly(controller: str, margin: float, samples: int) -> Point:
+    """Fly samples of the forest along a plan that keeps a margin (m) from the trunks."""
     file, name = CONTROLLERS[controller].split(":")
     layer = f"{_DIAGRAMS / 'controllers' / file}.yaml:{name}"
     scenario = load_scenario(_DIAGRAMS / "forest.yaml", [f"space.margin={margin}"], layers=[layer])
     study = run_monte_carlo(scenario, samples)
     duration = planned(scenario).plan.duration
-    return Point(controller, margin, duration, samples, sum(study.touches.values()), int(study.metrics.crashed.sum()))
+    return Point(
+        controller, margin, duration, samples, sum(study.crashes_by_obstacle.values()), int(study.metrics.crashed.sum())
+    )
 
 
 def draw(points: list[Point]) -> "Figure":

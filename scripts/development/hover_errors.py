@@ -1,8 +1,8 @@
 """Compare the RMS position errors of simulated hovers with those of the linear model, and print two tables.
 
-The first table lists the shipped controllers in `laboratory:nominal`. Its columns are the RMS errors along x and z of
-the linear model, of simulations without packet loss, and of simulations with the packet loss of the laboratory. The
-last column repeats the latter error along x with another seed and divides the two.
+The first table has a row for each shipped controller in `laboratory:nominal`. Its columns are the RMS errors along x
+and z of the linear model, of simulations without packet loss, and of simulations with the packet loss of the
+laboratory. The last column is the latter error along x with another seed, relative to that with the first seed.
 
 The second table lists the ratio of simulated and linear errors of one controller for several noise levels.
 """
@@ -23,7 +23,7 @@ from drake_quad.scenario.paths import replaced
 
 _CONTROLLERS = Path(__file__).parents[2] / "diagrams" / "controllers"
 _DESIGNED = _CONTROLLERS / "designed" / "laboratory.yaml"
-_LQG = ("lqg_low_wind", "lqg_robustness")
+_LQG_CONTROLLERS = ("lqg_low_wind", "lqg_robustness")
 _LOSSLESS = "laboratory.command_link.loss_rate=0"
 _OTHER_SEED = 1
 _NOISE_FIELDS = ("laboratory.motion_capture.position_noise", "laboratory.motion_capture.attitude_noise")
@@ -36,7 +36,7 @@ def main() -> None:
         "--noise-of", default="indi", metavar="NAME", help="controller of the second table (default: %(default)s)"
     )
     arguments = options.parse_args()
-    print("| RMS error in hover, mm | linear, x | z | nothing lost, x | z | flown, x | z | again |")
+    print("| RMS error in hover, mm | linear, x | z | no packet loss, x | z | packet loss, x | z | other seed |")
     print("|---|---|---|---|---|---|---|---|")
     for name, layer in shipped():
         print_controller(name, layer)
@@ -45,24 +45,24 @@ def main() -> None:
 
 
 def shipped() -> Iterator[tuple[str, str]]:
-    """Yield the name and the layer of each controller that is tuned for the laboratory."""
+    """Yield the name and the layer of each controller that was tuned for the laboratory."""
     for name in re.findall(r"^(\w+):", _DESIGNED.read_text(encoding="utf-8"), re.MULTILINE):
         yield name, f"{_DESIGNED}:{name}"
-    for name in _LQG:
+    for name in _LQG_CONTROLLERS:
         yield f"{name} of `controllers/lqg.yaml`", f"{_CONTROLLERS / 'lqg.yaml'}:{name}"
 
 
 def print_controller(name: str, layer: str) -> None:
-    """Print the row of a controller in the first table."""
+    """Print a controller's row of the first table."""
     scenario, lossless = (load_scenario("laboratory:nominal", each, layers=[layer]) for each in ([], [_LOSSLESS]))
-    whole, nothing_lost = hover_error(scenario), hover_error(lossless)
-    again = hover_error(scenario, seed=_OTHER_SEED).x.value / whole.x.value
-    flown = (nothing_lost.x.value, nothing_lost.z.value, whole.x.value, whole.z.value)
-    print(f"| {name} | {' | '.join(in_millimetres(*linear_errors(lossless), *flown))} | {again:.2f} |")
+    lossy_error, lossless_error = hover_error(scenario), hover_error(lossless)
+    seed_ratio = hover_error(scenario, seed=_OTHER_SEED).x.value / lossy_error.x.value
+    simulated = (lossless_error.x.value, lossless_error.z.value, lossy_error.x.value, lossy_error.z.value)
+    print(f"| {name} | {' | '.join(in_millimetres(*linear_errors(lossless), *simulated))} | {seed_ratio:.2f} |")
 
 
 def linear_errors(scenario: Scenario) -> tuple[float, float]:
-    """Return the RMS errors along x and z that the linear model predicts, m; NaN if it predicts none."""
+    """Return the RMS errors along x and z that the linear model predicts, m; NaN where the model does not apply."""
     try:
         x, _, z = np.hypot(*linear_hover_error(scenario))
     except InputError:
@@ -76,8 +76,8 @@ def in_millimetres(*errors: float) -> list[str]:
 
 
 def print_noises(layer: str) -> None:
-    """Print the second table, with ratios of simulated and linear errors of a controller for several noise levels."""
-    print("| noise of `laboratory:nominal` times | nothing lost, x | z | flown, x | z |")
+    """Print the second table for a controller."""
+    print("| noise relative to `laboratory:nominal` | no packet loss, x | z | packet loss, x | z |")
     print("|---|---|---|---|---|")
     for factor in _NOISE_FACTORS:
         cells = []

@@ -1,8 +1,9 @@
-"""Predict the published flights of Neural-Fly in wind, with and without modelled effects, and print a table.
+"""Predict the published flights of Neural-Fly in wind with and without modelled effects, and print a table.
 
-The controller of the flights (`diagrams/vehicles/neural_fly.yaml`) is simulated in five winds. The table compares the
-RMS errors of the flights with those of the simulations; both use positions that the cameras measure. The phase of the
-sinusoidal wind is read from the log of the flight (`--log`). The line below the table has the errors for other phases.
+The script simulates the controller of the flights (`diagrams/vehicles/neural_fly.yaml`) in five winds. The table
+compares the RMS errors of the flights with those of the simulations. Both use positions that cameras measure. The phase
+of the sinusoidal wind was identified from the log of the flight (`--log`). The line below the table lists the errors
+for other phases.
 """
 
 import math
@@ -24,14 +25,14 @@ from drake_quad.scenario.winds.steady import SteadySource
 _DIAGRAMS = Path(__file__).parents[2] / "diagrams"
 _VEHICLE = _DIAGRAMS / "vehicles" / "neural_fly.yaml"
 _LABORATORY = _DIAGRAMS / "neural_fly.yaml"
-# RMS error over the last six laps with the baseline, m, by the scenario that flies it: O'Connell et al., 2022.
-FLOWN = {"still": 0.119, "wind_4": 0.107, "wind_8": 0.163, "wind_12": 0.239, "wind_8_sine": 0.312}
+# RMS error (m) of the baseline controller over the last six laps (O'Connell et al., 2022), by name of the scenario.
+PUBLISHED_ERRORS = {"still": 0.119, "wind_4": 0.107, "wind_8": 0.163, "wind_12": 0.239, "wind_8_sine": 0.312}
 _NUM_SAMPLES = 16
 _NUM_PHASES = 16
-_NO_CURVE = "vehicle.motors={kind: throttle, curve: [0.0, 14.27, 0.0]}"
-_QUICK = ("laboratory.autopilot.natural_frequency=[40, 40, 40]", "laboratory.autopilot.damping=[1, 1, 1]")
-# This drag is fitted to the same residual forces, but is the same from all sides.
-_ISOTROPIC = (
+_NOMINAL_THRUST_CURVE = "vehicle.motors={kind: throttle, curve: [0.0, 14.27, 0.0]}"
+_FAST_ATTITUDE = ("laboratory.autopilot.natural_frequency=[40, 40, 40]", "laboratory.autopilot.damping=[1, 1, 1]")
+# Drag that is fitted to the same residual forces, but is equal in all directions.
+_ISOTROPIC_DRAG = (
     "vehicle.body_drag=null",
     "vehicle.rotor_aerodynamics=null",
     "vehicle.linear_drag=0.357",
@@ -41,10 +42,10 @@ IDENTIFIED = "as identified"
 VARIANTS: dict[str, tuple[str, ...]] = {
     IDENTIFIED: (),
     "without translational lift and climb": ("vehicle.rotor_aerodynamics=null",),
-    "with the thrust curve that is believed": (_NO_CURVE,),
-    "with an attitude that follows at once": _QUICK,
-    "with isotropic drag": _ISOTROPIC,
-    "with isotropic drag and the thrust curve that is believed": (*_ISOTROPIC, _NO_CURVE),
+    "with the nominal thrust curve": (_NOMINAL_THRUST_CURVE,),
+    "with an attitude without lag": _FAST_ATTITUDE,
+    "with isotropic drag": _ISOTROPIC_DRAG,
+    "with isotropic drag and the nominal thrust curve": (*_ISOTROPIC_DRAG, _NOMINAL_THRUST_CURVE),
 }
 
 
@@ -53,12 +54,12 @@ def main() -> None:
     options.add_argument(
         "--log",
         type=Path,
-        help="read amplitude and phase of the sinusoidal wind from a log, custom_figure8_baseline_70p20sint.csv",
+        help="identify amplitude and phase of the sinusoidal wind from this log, custom_figure8_baseline_70p20sint.csv",
     )
     arguments = options.parse_args()
     print("| RMSE, cm | 0 m/s | 4.2 m/s | 8.5 m/s | 12.1 m/s | 8.5 m/s and a sine |")
     print("|---|---|---|---|---|---|")
-    print_row("flown", list(FLOWN.values()))
+    print_row("flown", list(PUBLISHED_ERRORS.values()))
     for name, overrides in VARIANTS.items():
         errors = predicted(overrides)
         print_row(name, errors)
@@ -77,21 +78,21 @@ def predicted(overrides: tuple[str, ...] = (), *, measured: bool = True) -> list
 
     Args:
         overrides: overrides of the vehicle.
-        measured: True for positions that the cameras measure, False for true positions.
+        measured: whether the errors are those of the positions that the cameras measure, or of the true positions.
     """
-    flights = [simulate(load_scenario(f"{_VEHICLE}:{name}", overrides)) for name in FLOWN]
+    flights = [simulate(load_scenario(f"{_VEHICLE}:{name}", overrides)) for name in PUBLISHED_ERRORS]
     return [measured_rmse(flight) if measured else float(flight.metrics.rmse) for flight in flights]
 
 
 def predicted_in_laboratory() -> list[float]:
     """Return the mean predicted RMS errors of the five flights with noise and turbulence, m."""
-    scenarios = (load_scenario(f"{_LABORATORY}:{name}") for name in FLOWN)
+    scenarios = (load_scenario(f"{_LABORATORY}:{name}") for name in PUBLISHED_ERRORS)
     fleets = (simulate_samples(scenario, range(_NUM_SAMPLES)) for scenario in scenarios)
     return [float(np.mean([measured_rmse(flight) for flight in flights])) for flights in fleets]
 
 
 def measured_rmse(flight: Flight) -> float:
-    """Return the RMS error of the measured positions from the start of the metric window on, m.
+    """Return the RMS error of the measured positions in the metric window, m.
 
     A log only contains measured positions, whereas `flight.metrics.rmse` is the error of the true positions.
     """
@@ -102,14 +103,14 @@ def measured_rmse(flight: Flight) -> float:
 
 
 def print_row(name: str, errors: list[float]) -> None:
-    """Print a row of the table, given errors in m."""
+    """Print a row of the table; errors are in m."""
     print(f"| {name} | {' | '.join(f'{100.0 * error:.1f}' for error in errors)} |")
 
 
 def print_differences(errors: list[float]) -> None:
-    """Print the relative differences of predicted errors from those of the flights."""
-    shares = [100.0 * (error / flown - 1.0) for error, flown in zip(errors, FLOWN.values(), strict=True)]
-    print(f"| less what was flown | {' | '.join(f'{share:+.0f} %' for share in shares)} |")
+    """Print the predicted errors relative to those of the flights, as differences in %."""
+    shares = [100.0 * (error / flown - 1.0) for error, flown in zip(errors, PUBLISHED_ERRORS.values(), strict=True)]
+    print(f"| difference from the flights | {' | '.join(f'{share:+.0f} %' for share in shares)} |")
 
 
 def print_phases() -> None:
@@ -130,15 +131,14 @@ def print_log(path: Path) -> None:
     amplitude, phase = sine_in_log(path)
     sine = {"laboratory.wind.1.phase": phase, "laboratory.wind.1.velocity": [-amplitude, 0.0, 0.0]}
     error = measured_rmse(simulate(load_scenario(f"{_VEHICLE}:wind_8_sine", sine)))
-    print(f"{path.name}: {amplitude:.2f} m/s and {phase:.2f} rad, with which {100.0 * error:.1f} cm are predicted")
+    print(f"{path.name}: {amplitude:.2f} m/s and {phase:.2f} rad, predicted RMSE {100.0 * error:.1f} cm")
 
 
 def sine_in_log(path: Path) -> tuple[float, float]:
-    """Estimate the amplitude (m/s) and the phase (rad) of a sinusoidal wind from the residual force in a log.
+    """Return the amplitude (m/s) and phase (rad) of a sinusoidal wind, estimated from the residual force in a log.
 
-    A least-squares fit over the last six laps models the force along x of the body as the vehicle's drag plus a
-    constant trim. As in the scenario, phase 0 is the time at which the reference x = 1.25 sin t passes its middle
-    towards +x.
+    A least-squares fit over the last six laps models the force along the body's x axis as the drag of the vehicle plus
+    a constant trim. As in the scenario, the phase is 0 when the reference x = 1.25 sin t passes its middle towards +x.
     """
     record = read_log(path)
     scenario = load_scenario(f"{_VEHICLE}:wind_8_sine")
@@ -167,9 +167,9 @@ def sine_in_log(path: Path) -> tuple[float, float]:
 
 
 def _phase(weights: np.ndarray) -> float:
-    """Return the phase of a sine, rad, from its weights of sine and cosine."""
-    of_sine, of_cosine = weights
-    return math.atan2(of_cosine, of_sine)
+    """Return the phase (rad) of a sinusoid with given weights of sin and cos."""
+    sine, cosine = weights
+    return math.atan2(cosine, sine)
 
 
 if __name__ == "__main__":

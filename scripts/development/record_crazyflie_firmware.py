@@ -1,7 +1,7 @@
 """Record the outputs of the PID controller of the Crazyflie's firmware for tests/design/test_firmware.py.
 
-Give a checkout of github.com/bitcraze/crazyflie-firmware (GPL-3.0, version 2025.12.1). Its C files are compiled as they
-are; only the numbers that they compute are kept.
+The argument is a checkout of github.com/bitcraze/crazyflie-firmware (GPL-3.0, version 2025.12.1). The script compiles
+its unchanged C files, and keeps only the numbers that they compute.
 """
 
 import ctypes
@@ -24,8 +24,8 @@ FOLDERS = (
     "modules/src modules/src/controller modules/interface modules/interface/controller utils/interface"
     " utils/interface/lighthouse hal/interface drivers/interface"
 )
-# These headers replace those that need hardware or libraries, reduced to the parts that the controller uses.
-STUBS = {
+# Replacements for headers that need hardware or libraries, with only the parts that the controller uses.
+STUB_HEADERS = {
     "autoconf.h": "#define CONFIG_PLATFORM_CF2\n#define CONFIG_ENABLE_THRUST_BAT_COMPENSATED\n"
     "#define CONFIG_CRAZYFLIE_21_PLUS",
     "log.h": "\n".join(f"#define LOG_{name}(...)" for name in ("GROUP_START", "ADD", "ADD_CORE", "GROUP_STOP")),
@@ -38,16 +38,16 @@ STUBS = {
     "debug.h": "#define DEBUG_PRINT(...)",
     "config.h": "",
 }
-# The sizes of the signals grow: at first no limit is active, in the end all are, and the yaw passes half a turn.
-SIZES = [0.4, 0.4, 0.3, 0.6, 0.6, 0.4, 14.0, 11.0, 120.0, 90.0, 80.0, 50.0, 0.9, 0.8, 0.4, 100.0]
+# Final amplitudes of the inputs. Amplitudes grow over time, so that at first no limit is active and at the end all are.
+AMPLITUDES = [0.4, 0.4, 0.3, 0.6, 0.6, 0.4, 14.0, 11.0, 120.0, 90.0, 80.0, 50.0, 0.9, 0.8, 0.4, 100.0]
 
 
 def inputs(count: int) -> np.ndarray:
-    """Return (count, 16) inputs at 500 Hz, sums of sines in single precision."""
+    """Return inputs (count, 16) at 500 Hz, which are sums of sines in single precision."""
     rng, time = np.random.default_rng(2025), 0.002 * np.arange(count)
     waves = [
-        size * sum(np.sin(w * time + phase) for w, phase in rng.uniform([1.0, 0.0], [25.0, 6.28], (3, 2)))
-        for size in SIZES
+        amplitude * sum(np.sin(w * time + phase) for w, phase in rng.uniform([1.0, 0.0], [25.0, 6.28], (3, 2)))
+        for amplitude in AMPLITUDES
     ]
     rows = np.array(waves).T * np.linspace(0.0, 1.2, count)[:, None] ** 2
     rows[:, [8, 15]] = (rows[:, [8, 15]] + 180.0) % 360.0 - 180.0
@@ -55,23 +55,23 @@ def inputs(count: int) -> np.ndarray:
 
 
 def compiled(source: Path, folder: Path) -> Path:
-    """Compile the files of a checkout in a folder, and return the library."""
-    for name, text in STUBS.items():
+    """Compile the controller of a checkout into a folder, and return the path of the library."""
+    for name, text in STUB_HEADERS.items():
         (folder / name).write_text(text)
-    places = [folder, *(source / each for each in FOLDERS.split()), source / "platform" / "interface"]
+    include_folders = [folder, *(source / each for each in FOLDERS.split()), source / "platform" / "interface"]
     files = [HARNESS, *(source / "utils" / "src" / name for name in ("pid.c", "num.c", "filter.c"))]
     library = folder / "firmware.so"
-    search = [f"-I{place}" for place in places]
+    search = [f"-I{each}" for each in include_folders]
     subprocess.run(["cc", "-O1", "-w", "-shared", "-fPIC", *search, "-o", library, *files, "-lm"], check=True)
     return library
 
 
 def outputs(library: Path, given: np.ndarray, tuned: np.ndarray | None) -> np.ndarray:
-    """Return the outputs of the firmware for inputs, with its defaults or with tuned parameters."""
+    """Return the outputs of the firmware for given inputs, with its default parameters if `tuned` is None."""
     # Each call loads a copy of the library, which has its own static variables.
-    own = library.with_name(f"firmware_{tuned is not None}.so")
-    own.write_bytes(library.read_bytes())
-    firmware, out = ctypes.CDLL(str(own)), np.zeros((len(given), len(OUTPUTS.split())), dtype=np.float32)
+    copy = library.with_name(f"firmware_{tuned is not None}.so")
+    copy.write_bytes(library.read_bytes())
+    firmware, out = ctypes.CDLL(str(copy)), np.zeros((len(given), len(OUTPUTS.split())), dtype=np.float32)
     if tuned is not None:
         firmware.tune(tuned.ctypes.data_as(FLOATS))
     firmware.run(len(given), given.ctypes.data_as(FLOATS), out.ctypes.data_as(FLOATS))
@@ -82,7 +82,7 @@ def main() -> None:
     """Compile and run the firmware, and record its outputs."""
     options = bare_parser(__doc__, "python scripts/development/record_crazyflie_firmware.py crazyflie-firmware")
     options.add_argument("checkout", type=Path)
-    options.add_argument("--count", type=int, default=160, help="ticks at 500 Hz")
+    options.add_argument("--count", type=int, default=160, help="number of ticks at 500 Hz")
     arguments = options.parse_args()
     given = inputs(arguments.count)
     tuned = np.loadtxt(TESTS / "crazyflie_tuned.txt", usecols=1, dtype=np.float32)

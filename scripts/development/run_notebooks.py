@@ -1,6 +1,6 @@
-"""Run the notebooks among the pages, and write them with their results, as code hosts show them.
+"""Run the notebooks of the documentation, and write them with their results for code hosts, which do not run them.
 
-The needed libraries are those of `make docs`.
+The script needs the libraries of `make docs`.
 """
 
 import re
@@ -14,7 +14,7 @@ from drake_quad.command_line.output import print_files
 from drake_quad.files import output_folder, write_text
 
 _DOCS = Path(__file__).parents[2] / "docs"
-_TIMEOUT = 300  # s, limit for a cell
+_TIMEOUT = 300  # s for each cell
 
 
 def main() -> None:
@@ -27,11 +27,11 @@ def main() -> None:
 
 
 def with_results(page: Path) -> str:
-    """Return a page in MyST Markdown as a notebook with its results, in JSON.
+    """Run a page in MyST Markdown, and return it as a notebook with results, in JSON.
 
-    Its links lead to the same files from another folder beside that of the page.
+    Relative links are rewritten, because the notebook is in another folder beside that of the page.
     """
-    # These libraries are only installed for the documentation.
+    # Only the documentation needs these libraries.
     import nbformat
     from myst_nb.core.read import read_myst_markdown_notebook
     from nbclient import NotebookClient
@@ -41,7 +41,7 @@ def with_results(page: Path) -> str:
     with tempfile.TemporaryDirectory() as folder:
         NotebookClient(notebook, timeout=_TIMEOUT, resources={"metadata": {"path": folder}}).execute()
     for number, cell in enumerate(notebook.cells):
-        # Identifiers and metadata that change from run to run are removed, so that equal results give equal files.
+        # These identifiers and metadata change in each run. Without them, equal results give equal files.
         cell["id"] = f"cell-{number}"
         cell["metadata"] = {}
         for output in cell.get("outputs", []):

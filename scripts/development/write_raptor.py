@@ -1,10 +1,10 @@
-"""Write the weights of RAPTOR, a policy for quadrotors of all sizes, from the package that publishes it.
+"""Write a file with the weights of RAPTOR, a policy for quadrotors of all sizes, from its published package.
 
 J. Eschmann, D. Albani and G. Loianno, "RAPTOR: a foundation policy for quadrotor control", 2025 (arXiv 2509.11481); the
-package foundation-policy 1.0.2 has the network, under the MIT licence: pip install foundation-policy==1.0.2
+package foundation-policy 1.0.2 contains the network under the MIT licence: pip install foundation-policy==1.0.2
 
-Its inputs are position and velocity minus those of the reference, whereas errors in this library have the opposite
-sign. These inputs are therefore scaled by -1.
+The network expects position and velocity minus those of the reference, whereas errors in this library have the opposite
+sign. The file therefore scales these inputs by -1.
 """
 
 from pathlib import Path
@@ -19,7 +19,7 @@ from drake_quad.command_line.output import print_files
 from drake_quad.extras import import_extra
 from drake_quad.files import output_folder, write_atomically
 
-# Scale of position error, rotation, velocity error, body rates and last action.
+# Scale of each input: position error, rotation, velocity error, body rates and last action.
 _SCALE = np.repeat([-1.0, 1.0, -1.0, 1.0, 1.0], [3, 9, 3, 3, 4])
 
 
@@ -32,7 +32,7 @@ def main() -> None:
 
 
 def network_of(raptor: Any) -> dict[str, Any]:
-    """Return the arrays of an .npz file with the network of the package."""
+    """Return the arrays of a policy's .npz file from the network of the package."""
     first, memory, last = raptor.layers
     return {
         "scale": _SCALE,

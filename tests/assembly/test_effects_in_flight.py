@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from both_ways import assert_flown_alike
+from compiled_comparison import assert_flown_alike
 
 from drake_quad import InputError, simulate
 from drake_quad.assembly.laboratory import laboratory_recipes

@@ -70,7 +70,7 @@ def test_drawn_rotors_must_produce_every_torque(diagrams):
     fleet = batch.with_varying({field: np.array([0.1, 0.2, 0.3])})
     recipe = laboratory_recipes(fleet, plan, DURATION)["vehicle"]
     np.testing.assert_array_equal(recipe.numbers.parameters.rotors.rotor_1.x, [0.1, 0.2, 0.3])
-    words = "vehicle.layout produces no yaw torque without thrust, roll torque and pitch torque"
+    words = "vehicle.layout cannot produce yaw torque without thrust, roll torque and pitch torque"
     with pytest.raises(InputError, match=words):
         laboratory_recipes(batch.with_varying({field: np.array([0.1, -0.3, 0.3])}), plan, DURATION)
 

@@ -30,7 +30,7 @@ OUTPUTS = {"acceleration_command": 3}
 @pytest.mark.parametrize(
     ("argument", "inputs", "outputs", "sentence"),
     [
-        ("control", INPUTS, {"wrnch": 4}, "control needs the output port `wrench`, but has `wrnch`"),
+        ("control", INPUTS, {"wrnch": 4}, "control must have the output port `wrench`, but has `wrnch`"),
         (
             "control",
             {"refrence": 11},
@@ -48,12 +48,12 @@ OUTPUTS = {"acceleration_command": 3}
             "position_controller",
             {"measurement": 12},
             OUTPUTS,
-            "needs the input port `reference`, but has `mea",
+            "must have the input port `reference`, but has `mea",
         ),
-        ("position_controller", INPUTS, {}, "needs the output port `acceleration_command`, but has none"),
-        ("wind", {}, {"wind": 3, "gust": 3}, "wind needs a single output port, but has `wind`, `gust`"),
+        ("position_controller", INPUTS, {}, "must have the output port `acceleration_command`, but has none"),
+        ("wind", {}, {"wind": 3, "gust": 3}, "wind must have a single output port, but has `wind`, `gust`"),
         ("wind", {"position": 3}, {"wind": 3}, "wind has the input port `position`, but may only have `state`"),
-        ("wind", {}, {}, "wind needs a single output port, but has none"),
+        ("wind", {}, {}, "wind must have a single output port, but has none"),
         ("wind", {"state": 6}, {"gust": 3}, "the port `state` of wind must have 12 rows, but has 6"),
         ("wind", {}, {"gust": 2}, "the port `gust` of wind must have 3 rows, but has 2"),
     ],
@@ -74,7 +74,7 @@ def test_objects_that_are_no_systems_or_whose_ports_have_too_few_rows_are_refuse
         simulate(scenario, wind={})
     with pytest.raises(InputError, match="must have 12 rows for each of 3 vehicles, but has 12"):
         build_tracking_diagram(scenario, 3, position_controller=WithPorts(INPUTS, OUTPUTS))
-    with pytest.raises(InputError, match="position_controller must not be given with it"):
+    with pytest.raises(InputError, match="must not be given together with position_controller"):
         simulate(scenario, control=WithPorts(INPUTS, {"wrench": 4}), position_controller=WithPorts(INPUTS, OUTPUTS))
 
 

@@ -1,4 +1,4 @@
-"""Commands and development scripts work as a user runs them."""
+"""Commands and development scripts, run as by a user."""
 
 import csv
 import importlib.util
@@ -46,7 +46,7 @@ def test_fly_prints_a_table_and_the_files_that_it_wrote(run, tmp_path):
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "without_figures")
 def test_fly_simulates_another_layout(run, tmp_path):
-    """An X layout flies as well as the plus with arms of the same length, and the saved scenario is the flown one."""
+    """An X layout flies as well as a plus layout with arms of the same length. The saved scenario is the flown one."""
     short = ["diagrams/figure_eight.yaml", "--set", "duration=2", "--output"]
     plus = run("fly", *short, tmp_path / "plus")
     result = run("fly", *short, tmp_path / "x", "--set", "nominal.layout={kind: x}")
@@ -63,7 +63,7 @@ def test_fly_simulates_another_layout(run, tmp_path):
         ("{kind: y}", "nominal.layout.kind is 'y', but must be"),
         ("{kind: x, length: 0.2}", "but must have width and length"),
         ("{kind: h, length: 0.2, width: -0.3}", "nominal.layout.width is -0.3, but must be"),
-        ("{kind: x, length: 0.2, width: 0.000001}", "must produce thrust and all torques, but has no"),
+        ("{kind: x, length: 0.2, width: 0.000001}", "must produce thrust and all torques, but cannot produce"),
     ],
 )
 def test_fly_refuses_an_invalid_layout_in_one_sentence(run, tmp_path, layout, words):
@@ -179,7 +179,10 @@ def test_plan_prints_the_active_limits_and_writes_a_trajectory_that_can_be_flown
         (["course.csv"], "course.csv: cannot be read"),
         (["diagrams/slalom.yaml", "--set", "route.top_speed=0"], "route.top_speed is 0, but must be larger than 0"),
         (["--set", "route.space={min: [1, -2, 0], max: [9, 3, 3]}"], "waypoint 0, .* lies outside the corridor"),
-        (["--set", "route.times=[0, 1, 2, 3, 4, 5, 6]"], "times slower it is feasible|satisfies the derivatives given"),
+        (
+            ["--set", "route.times=[0, 1, 2, 3, 4, 5, 6]"],
+            "times slower, it is feasible|satisfies the derivatives given",
+        ),
         (["diagrams/figure_eight.yaml", "--set", "rout=1"], "rout is unknown"),
         (["--set", "vehicle.mass=1.4"], "a plan does not depend on vehicle, only on name, route, nominal"),
         (["--set", "nominal.mass=3"], "the rotors cannot fly this route"),
@@ -291,7 +294,7 @@ def test_judge_flies_the_designs_and_writes_a_report(run, tmp_path):
     assert (result.returncode, result.stderr) == (0, "")
     assert re.search(r"^PD( +\d+\.\d+){3}$", result.stdout, re.MULTILINE)
     report = (tmp_path / "report.md").read_text(encoding="utf-8")
-    assert "a network of type 2 around PD makes its error smaller" in report
+    assert "adding a type-2 network to PD reduces the error" in report
     assert (tmp_path / "figures" / "errors.png").exists()
     rows = csv.DictReader((tmp_path / "summary.csv").read_text(encoding="utf-8").splitlines())
     assert {row["controller"] for row in rows} == {"pd", "pd_t2fnn"}
@@ -299,7 +302,7 @@ def test_judge_flies_the_designs_and_writes_a_report(run, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_design_includes_loops_on_board_and_the_position_around_them(run, tmp_path):
+def test_design_includes_the_loops_on_board_and_the_position_loop(run, tmp_path):
     result = run("design", ONBOARD, "--on-board", "--phase-margin", "65", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     rows = re.findall(r"^(\w+(?: rate)?) .* (\d\d\.\d)° .* dB .* ms .* rad/s ", result.stdout, re.MULTILINE)
@@ -351,7 +354,7 @@ def test_gains_are_designed_for_a_vehicle_without_a_controller_and_fly(run, tmp_
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_map_prints_shares_and_draws_a_figure(run, tmp_path):
+def test_map_prints_fractions_and_draws_a_figure(run, tmp_path):
     result = run("map", "--quick", "--loop", "attitude", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     assert re.search(r"^nominal: \d+ % of the gains are stable, \d+ % do not crash", result.stdout, re.MULTILINE)
@@ -375,8 +378,8 @@ def test_with_an_autopilot_the_gains_on_board_are_mapped(run, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("unpainted")
-def test_a_map_of_gains_from_zero_on_and_of_flights_without_error(run, tmp_path):
-    """Gains and errors of zero cause no warning about the logarithm of zero, which would fail the test."""
+def test_a_map_may_contain_gains_and_errors_of_zero(run, tmp_path):
+    """A warning about the logarithm of zero would fail the test."""
     result = run(
         *("map", "diagrams/hover.yaml", "--size", "3", "--set", "duration=0.2"),
         *("--k-p", "0", "1", "--k-d", "0", "1", "--output", tmp_path),
@@ -467,7 +470,7 @@ def test_sensitivities_are_sorted_by_effect(run, tmp_path):
         ),
         ("tune", ["--tune", "control.position.k_p.0=3"], "the range 3; write it as LOW:HIGH with two numbers"),
         ("judge", ["--samples", "1"], "--samples is 1, but must be between 2 and 10000"),
-        ("judge", ["--tune", "outdoor", "--only", "lqg"], "lqg is no controller that is tuned here"),
+        ("judge", ["--tune", "outdoor", "--only", "lqg"], "there is no tunable controller lqg"),
         ("design-lqg", ["--sensitivity", "1"], "--sensitivity is 1, but must be between 1.2 and 10"),
         ("design-lqg", ["--delay-margin", "-1"], "--delay-margin is -1, but must be between 0 and 10"),
         ("design-lqg", ["--snap", "0"], "--snap is 0, but must be between 0.1 and 10000"),
@@ -546,7 +549,7 @@ def test_study_names_correlated_random_parameters(run, tmp_path):
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "without_figures")
 def test_the_command_for_a_worst_sample_flies_it_again(run, tmp_path):
-    """The repeated flight has the metrics in the row of the sample, to 1e-9."""
+    """The metrics of the repeated flight agree with the row of the sample to 1e-9."""
     result = monte_carlo(run, tmp_path, "--seed", 3)
     command = re.search(r"drake-quad (\S+) (\S+) --sample (\d+)", result.stdout)
     again = run(command[1], command[2], "--sample", command[3], "--output", tmp_path)
@@ -598,7 +601,7 @@ def test_study_compares_controllers_on_the_same_samples(run, tmp_path):
     [
         (["--samples", 0], "samples is 0"),
         (["--workers", -2], "workers is -2"),
-        (["--batch", 0], "batch is 0"),
+        (["--batch", 0], "batch_size is 0"),
         (["--seed", -1], "seed"),
         (["--output", "/proc/nowhere"], "cannot write to the output folder"),
         (["--set", "route.radius={uniform: {min: 1.2, max: 1.4}}"], "route.radius is a distribution"),
@@ -613,7 +616,7 @@ def test_study_refuses_input_that_it_cannot_fly(run, tmp_path, arguments, words)
 
 @pytest.mark.parametrize("name", ["..", ".", "a b"])
 def test_a_controller_whose_name_cannot_name_a_folder_is_refused(run, tmp_path, name):
-    """A folder called `..` would be the parent folder."""
+    """For example, `..` would be the parent folder."""
     file = tmp_path / "controllers.yaml"
     file.write_text(f"{{'{name}': {{control: {{thrust_vectoring: {{max_tilt: 0.5}}}}}}}}\n")
     result = monte_carlo(run, tmp_path / "study", "--controller", f"{file}:{name}")
@@ -651,7 +654,7 @@ def test_study_remarks_on_a_scenario_without_distributions(run, tmp_path):
 def test_an_existing_study_is_neither_overwritten_nor_mixed_with_another(run, tmp_path):
     assert monte_carlo(run, tmp_path).returncode == 0
     before = (tmp_path / "results.csv").read_bytes()
-    for arguments, words in (([], "holds a study already"), (["--resume", "--seed", 9], "its seed is 0, not 9")):
+    for arguments, words in (([], "already contains a study"), (["--resume", "--seed", 9], "its seed is 0, not 9")):
         result = monte_carlo(run, tmp_path, *arguments)
         assert result.returncode == 2
         assert words in result.stderr
@@ -719,7 +722,7 @@ def forked(monkeypatch):
     """Make measurements in forked processes, which need not import and compile everything again."""
     monkeypatch.setenv("SCIPY_ARRAY_API", "1")
     monkeypatch.setattr(os, "sched_setaffinity", lambda process, cores: None, raising=False)
-    # crazyflow must be imported before SciPy, which only a spawned process can do.
+    # crazyflow must be imported before SciPy, which is possible only in a spawned process.
     if "fork" in multiprocessing.get_all_start_methods() and importlib.util.find_spec("crazyflow") is None:
         fork = multiprocessing.get_context("fork")
         monkeypatch.setattr(multiprocessing, "get_context", lambda method: fork)
@@ -746,7 +749,7 @@ def test_installed_environments_are_compared(run):
     assert re.search(r"^\| drake_quad, everything \| [\d,]+ \|$", result.stdout, re.M)
     reports_missing = "crazyflow is not installed, so it is not measured" in result.stderr
     assert reports_missing != bool(re.search(r"^\| crazyflow ", result.stdout, re.MULTILINE))
-    first, last = map(float, re.search(r"time: ([\d.]+) MB .*, ([\d.]+) MB in all", result.stdout).groups())
+    first, last = map(float, re.search(r"peak ([\d.]+) MB .*, ([\d.]+) MB in total", result.stdout).groups())
     assert last - first < 12.0
 
 
@@ -767,7 +770,7 @@ PX4 = "tests/data/px4/sample_px4_events.ulg.xz"
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn", "shared_fits")
 def test_the_shipped_crazyswarm2_vehicle_can_be_identified_again(run, tmp_path):
-    """The script identifies from a log the vehicle in the shipped file, to 2 %."""
+    """The vehicle that the script identifies from a log agrees with the shipped file to 2 %."""
     result = run("identify_crazyswarm2.py", "--log", "180", "--output", tmp_path / "mine.yaml")
     assert result.returncode == 0
     assert load_scenario(f"{tmp_path / 'mine.yaml'}:log180").name == "log180"
@@ -776,7 +779,7 @@ def test_the_shipped_crazyswarm2_vehicle_can_be_identified_again(run, tmp_path):
         (path.read_text(encoding="utf-8").partition("\nlog180:")[2]).splitlines()
         for path in (tmp_path / "mine.yaml", ROOT / "diagrams" / "crazyswarm2.yaml")
     ]
-    # log180 does not determine the centre of mass, of some 30 µm, to 2 % of its value, so the tolerance is 2 µm.
+    # log180 does not determine the centre of mass, about 30 µm, to 2 %, so its tolerance is 2 µm.
     atol = 0.0
     for mine, shipped in zip(*lines, strict=True):
         if mine.endswith(":"):
@@ -791,7 +794,7 @@ def test_the_shipped_crazyswarm2_vehicle_can_be_identified_again(run, tmp_path):
 def test_a_partial_identification_does_not_overwrite_the_shipped_crazyflies(run):
     shipped = (ROOT / "diagrams" / "crazyswarm2.yaml").read_bytes()
     result = run("identify_crazyswarm2.py", "--log", "180")
-    sentence = "error: --log: the shipped file has all four; --output says where to write some\n"
+    sentence = "error: --log: the shipped file contains all four logs; use --output to write fewer to another file\n"
     assert (result.returncode, result.stderr) == (2, sentence)
     assert (ROOT / "diagrams" / "crazyswarm2.yaml").read_bytes() == shipped
 
@@ -803,7 +806,7 @@ def test_a_vehicle_is_identified_written_and_flown(run, tmp_path):
     result = run("identify", LOG, "--mass", "0.0375", "--output", mine, "--name", "log_100")
     assert result.returncode == 0
     assert re.search(r"^thrust_factor +3\.0\d+e-08 ± ", result.stdout, re.MULTILINE)
-    # For each parameter, the table gives the number of held-out segments whose estimate is within its interval.
+    # For each parameter, the table states how many estimates from held-out segments are within the interval.
     held = re.findall(r"  (\d+) of 10\b", result.stdout)
     assert len(held) >= 8
     assert min(map(int, held)) >= 9
@@ -825,7 +828,7 @@ def test_a_vehicle_is_identified_written_and_flown(run, tmp_path):
 
 
 def test_intervals_that_contain_the_true_value_are_counted(run, tmp_path):
-    """The run is finished, so nothing is flown. One flight identified nothing, and another one only the inertia."""
+    """The run is complete, so nothing is flown. One flight identified nothing, and another one only the inertia."""
     path = tmp_path / "wind.csv"
     rows = ["0,inertia[0],1.0,1.2,0.1,inf", "0,linear_drag,0.1,0.3,0.1,inf", "1,inertia[0],1.0,0.9,0.1,inf", "2,,,,,"]
     head = ["# wind seed=11", "sample,name,true,value,deviation,degrees_of_freedom"]
@@ -834,7 +837,7 @@ def test_intervals_that_contain_the_true_value_are_counted(run, tmp_path):
     assert (result.returncode, result.stderr) == (0, "")
     lines = [line.split() for line in result.stdout.splitlines() if "of" in line.split()]
     assert result.stdout.startswith("3 flights")
-    # Two estimates are off by 2 and by -1 standard deviations; their mean over their spread is 0.05 / 0.15.
+    # Two estimates have errors of 2 and -1 standard deviations; their mean divided by their spread is 0.05 / 0.15.
     assert lines[0] == ["inertia[0]", "1", "of", "2", "50", "%", "[1,", "99]", "+0.33", "0.63", "0.16", "1"]
     assert lines[1][:4] == ["linear_drag", "0", "of", "1"]
     assert lines[1][-1] == "2"
@@ -844,7 +847,7 @@ def test_intervals_that_contain_the_true_value_are_counted(run, tmp_path):
 def second_flight(task):
     """Return the identification of the second flight; worker processes import this function."""
     assert task.samples == [1]
-    return {1: [known_flights.Checked("autopilot.damping[0]", 0.5, 0.6, 0.1, 30.0)]}
+    return {1: [known_flights.CheckedParameter("autopilot.damping[0]", 0.5, 0.6, 0.1, 30.0)]}
 
 
 @pytest.mark.slow
@@ -871,13 +874,16 @@ def test_a_known_vehicle_is_identified_and_the_next_run_continues(run, tmp_path,
     ("arguments", "words"),
     [
         (["wind", "--samples", "0"], "--samples is 0, but must be between 1"),
-        (["wind", "--output", "mine.txt"], "--output mine.txt: must end in .csv"),
+        (["wind", "--output", "mine.txt"], "--output mine.txt: the name must end in .csv"),
         (["wind", "--set", "vehicle.mas=1"], "vehicle.mas"),
-        (["wind", "--output", "other.csv"], "is not of this script, or was cut off"),
-        (["wind", "--output", "cut.csv"], "is not of this script, or was cut off"),
-        (["wind", "--output", "row.csv"], "is not of this script, or was cut off"),
-        (["wind", "--output", "binary.csv"], "is not of this script, or was cut off"),
-        (["wind", "--seed", "12", "--output", "before.csv"], "is of 'wind seed=11', not of 'wind seed=12'"),
+        (["wind", "--output", "other.csv"], "the file is truncated or was not written by this script"),
+        (["wind", "--output", "cut.csv"], "the file is truncated or was not written by this script"),
+        (["wind", "--output", "row.csv"], "the file is truncated or was not written by this script"),
+        (["wind", "--output", "binary.csv"], "the file is truncated or was not written by this script"),
+        (
+            ["wind", "--seed", "12", "--output", "before.csv"],
+            "contains flights of 'wind seed=11', not of 'wind seed=12'",
+        ),
     ],
 )
 def test_an_impossible_check_gets_one_sentence_and_status_2(run, tmp_path, arguments, words):
@@ -948,7 +954,7 @@ def test_an_impossible_identification_gets_one_sentence_and_status_2(run, tmp_pa
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_a_study_is_written_as_parquet_and_its_crashes_are_plotted_over_a_parameter(run, tmp_path):
+def test_a_study_is_written_as_parquet_and_its_crashes_are_plotted_against_a_parameter(run, tmp_path):
     over = ["--over", "vehicle.mass", "--parquet", "--set", "crash.position_error=0.1", "--set", "duration=2"]
     result = monte_carlo(run, tmp_path, *over)
     assert result.returncode == 0

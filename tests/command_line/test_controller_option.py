@@ -8,7 +8,8 @@ import pytest
 from drake_quad import InputError, load_scenario
 from drake_quad.command_line.main import COMMANDS
 from drake_quad.command_line.options import controller_of, scenario_of
-from drake_quad.evaluation.claims import WORDS
+from drake_quad.command_line.sensitivities import default_fields
+from drake_quad.evaluation.claims import CONTROLLER_NAMES
 
 MINE = """
 from typing import NamedTuple
@@ -51,12 +52,12 @@ def arguments(**given):
     return argparse.Namespace(**({"scenario": "hover", "set": [], "seed": None, "controller": None} | given))
 
 
-def test_a_layer_is_laid_over_the_scenario() -> None:
+def test_a_layer_overrides_the_scenario() -> None:
     scenario = scenario_of(arguments(scenario="laboratory:nominal", controller="controllers/paper:pd"))
     assert scenario == load_scenario("laboratory:nominal", layers=["controllers/paper:pd"])
 
 
-def test_a_position_controller_in_python_keeps_the_feed_forward_of_the_scenario(mine) -> None:
+def test_a_position_controller_in_python_keeps_the_feedforward_of_the_scenario(mine) -> None:
     scenario = scenario_of(arguments(scenario="laboratory:nominal", controller=f"{mine}:Mine"))
     shipped = load_scenario("laboratory:nominal")
     assert scenario.control.position.kind == f"{mine.stem}.Mine"
@@ -68,6 +69,13 @@ def test_a_position_controller_in_python_keeps_the_feed_forward_of_the_scenario(
 def test_parameters_of_a_controller_in_python_can_be_set(mine) -> None:
     scenario = scenario_of(arguments(controller=f"{mine}:Mine", set=["control.position.k_p=0.75"]))
     assert scenario.control.position.k_p == 0.75
+
+
+def test_the_gains_of_a_controller_in_python_are_default_fields_of_sensitivities(mine) -> None:
+    """They are single numbers, where the gains of shipped controllers have one number per axis."""
+    fields = default_fields(scenario_of(arguments(controller=f"{mine}:Mine")))
+    assert "control.position.k_p" in fields
+    assert "control.position.k_p.0" in default_fields(load_scenario("hover"))
 
 
 def test_a_scenario_with_the_controller_keeps_its_parameters(mine, tmp_path) -> None:
@@ -122,14 +130,14 @@ def test_judged_controllers_need_different_names(mine) -> None:
 
     found = own_controllers([f"{mine}:Mine", "controllers/lqg:lqg"])
     assert [each.name for each in found] == ["Mine", "controllers/lqg:lqg"]
-    assert "lqg" in WORDS
-    assert WORDS["Mine"] == "Mine"
+    assert "lqg" in CONTROLLER_NAMES
+    assert CONTROLLER_NAMES["Mine"] == "Mine"
     with pytest.raises(InputError, match="another controller is also called Mine"):
         own_controllers([f"{mine}:Mine", f"{mine}:Mine"])
 
 
 @pytest.mark.slow
-def test_a_controller_in_python_is_judged_beside_the_designed_ones(run, mine, tmp_path) -> None:
+def test_a_controller_in_python_is_judged_together_with_designed_ones(run, mine, tmp_path) -> None:
     command_line = ["judge", "--quick", "--family", "outdoor", "--only", "pd", "--controller", f"{mine}:Mine"]
     result = run(*command_line, "--output", tmp_path)
     assert result.returncode == 0, result.stderr

@@ -1,4 +1,4 @@
-"""Commands that design gains, plan routes and read logs, with replaced computations; and interruptions of commands."""
+"""Commands that design gains, plan routes and read logs, with replaced computations. Interruptions of commands."""
 
 import importlib
 import math
@@ -314,7 +314,7 @@ def test_a_vehicle_is_identified_with_the_given_options(run, replaced, tmp_path)
     assert (path, name, estimates, named["base"]) == (mine, "mine", "estimates", "vehicles/hummingbird")
     assert named["nominal"] is False
     assert named["given"] == ["vehicle.linear_drag=0.1", "nominal.mass=0.55"]
-    # The thrust curve holds for this voltage of the battery.
+    # The thrust curve refers to this voltage of the battery.
     assert named["voltage"] == 11.1
     # The trim in hover refers to the measured mass.
     (((_, weight), _),) = calls["print_hover"]
@@ -345,7 +345,7 @@ def test_input_warnings_are_printed_as_remarks_and_others_as_warnings(capsys, mo
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     def command():
-        # From this point on, Ctrl-C raises KeyboardInterrupt, as usual in Python.
+        # From here on, Ctrl-C raises KeyboardInterrupt, as usual in Python.
         assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
         warnings.showwarning(InputWarning("rock.obj: is large"), InputWarning, "file.py", 3)
         warnings.showwarning(RuntimeWarning("of another kind"), RuntimeWarning, "file.py", 4)
@@ -356,7 +356,7 @@ def test_input_warnings_are_printed_as_remarks_and_others_as_warnings(capsys, mo
     assert (str(message), category, where) == ("of another kind", RuntimeWarning, ["file.py", 4])
 
 
-def test_ctrl_c_during_imports_ends_a_command_with_a_sentence(capsys, monkeypatch):
+def test_ctrl_c_during_imports_ends_a_command_with_one_sentence(capsys, monkeypatch):
     ended = []
     monkeypatch.setattr(interruption.os, "_exit", ended.append)
     signal.signal(signal.SIGINT, signal.SIG_DFL)

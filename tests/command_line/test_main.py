@@ -67,7 +67,7 @@ def test_every_module_with_options_is_a_command():
 
 
 @pytest.mark.slow
-def test_a_command_runs_in_a_process_of_its_own_from_anywhere(tmp_path):
+def test_a_command_runs_in_a_new_process_from_any_folder(tmp_path):
     command = [sys.executable, "-m", "drake_quad", "fly", "hover", "--set", "duration=1"]
     result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
     assert (result.returncode, result.stderr) == (0, "")

@@ -15,7 +15,7 @@ from drake_quad.command_line import map as stability_map
 from drake_quad.command_line.main import COMMANDS, module_of
 from drake_quad.command_line.options import overrides_of, scenario_of
 from drake_quad.identification.logs.record import FlightRecord
-from drake_quad.replication.report import FIGURES
+from drake_quad.replication.report import CAPTIONS
 from drake_quad.scenario.batch import draw_sample
 
 # Commands for a scenario that write no files, and commands without a scenario.
@@ -101,7 +101,7 @@ def test_a_live_view_shows_the_flight_at_its_rate_and_then_its_replay(run, repla
         assert calls["show_replay"] == [(("a browser", "robustness", flown["flight"]), {})]
 
 
-def test_the_default_worst_case_is_that_of_the_flown_sample():
+def test_the_default_worst_case_belongs_to_the_flown_sample():
     for overrides, sample in (([], 0), (["sample=3"], 3)):
         scenario = load_scenario("robustness", ["vehicle.rotor_time_constant={choice: [0.02, 0.05]}", *overrides])
         drawn = draw_sample(scenario, sample)
@@ -157,14 +157,14 @@ def test_the_progress_bar_of_a_report_counts_its_figures(run, replaced, monkeypa
     monkeypatch.setattr(replicate, "new_bar", lambda *items, **options: bars.append(Bar(*items, **options)) or bars[-1])
 
     def write_report(*_, progress, **__):
-        for _ in FIGURES:
+        for _ in CAPTIONS:
             progress()
         return []
 
     findings = SimpleNamespace(entries=[], claims=[])
     replaced("replicate", fly_experiment=None, read_experiment=None, findings_of=findings, write_report=write_report)
     assert run("replicate", "--quick", "--workers", 1, "--output", tmp_path).returncode == 0
-    assert bars[-1].n == bars[-1].total == len(FIGURES)
+    assert bars[-1].n == bars[-1].total == len(CAPTIONS)
 
 
 def test_correlations_and_obstacles_of_a_study_are_printed(capsys, tmp_path):
@@ -173,11 +173,13 @@ def test_correlations_and_obstacles_of_a_study_are_printed(capsys, tmp_path):
     obstacle = "space={obstacles: {post: {kind: cylinder, centre: [3, 0, 1], radius: 0.1, height: 2}}}"
     scenario = load_scenario("hover", [shared.format(*each) for each in numbers] + [obstacle])
     found = studied(scenario, 4, crashed=[1, 2])
-    found = type(found)(scenario, 10.0, found.samples, found.parameters, found.metrics, touched=np.array([0, 1, 0, 0]))
+    found = type(found)(
+        scenario, 10.0, found.samples, found.parameters, found.metrics, obstacle_hit=np.array([0, 1, 0, 0])
+    )
     study.print_study("mine", found, tmp_path, "compiled")
     text = capsys.readouterr().out
     assert "(vehicle.mass and vehicle.linear_drag: +0.45; 2 more pairs)" in text
-    assert "means and deviations are of the 2 samples that flew to the end" in text
+    assert "means and standard deviations are taken over the 2 samples without a crash" in text
     (post,) = (line.split() for line in text.splitlines() if line.startswith("post"))
     assert post[1] == "1"
     assert "crashed into post at 3.00 s" in text
@@ -195,7 +197,7 @@ def test_the_first_sample_is_drawn_as_a_diagram(run, replaced, tmp_path):  # noq
 
 
 def test_further_overrides_come_after_those_of_the_command_line():
-    """They take precedence: `--set` does not change the delay in the worst case of a map."""
+    """Later overrides have priority, so `--set` does not change the delay in the worst case of a map."""
     arguments = argparse.Namespace(scenario="hover", set=["duration=3", "name=mine"], seed=7)
     scenario = scenario_of(arguments, further=overrides_of(["duration=2"], "--worst"))
     assert (scenario.duration, scenario.name, scenario.seed) == (2.0, "mine", 7)

@@ -32,7 +32,7 @@ from drake_quad.design.gains import PolePair, RegulatorRequirements
 from drake_quad.design.tuning import Budget, Knob
 from drake_quad.evaluation.experiment import QUICK, EvaluationSizes
 from drake_quad.evaluation.families import FAMILIES
-from drake_quad.evaluation.results import PRICED
+from drake_quad.evaluation.results import PRICED_DESIGNS
 from drake_quad.flight.formats.flight_format import FORMATS
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.laboratory.metrics import Metrics
@@ -98,7 +98,7 @@ def test_controllers_are_compared_on_the_requested_number_of_samples(run, replac
     assert run(*one, "--samples", 10_001).returncode == 2
 
 
-def test_each_controller_is_laid_over_each_laboratory():
+def test_each_controller_is_combined_with_each_laboratory():
     arguments = argparse.Namespace(scenario=None, controller=None, quick=True, set=["vehicle.mass=0.7"], seed=3)
     found = compare.scenarios_of(arguments)
     names = ["pd", "pd_t1fnn", "pd_t2fnn", "pid", "pd_feed_forward"]
@@ -116,7 +116,7 @@ def test_each_controller_is_laid_over_each_laboratory():
         compare.scenarios_of(twice)
 
 
-def test_samples_are_replayed_from_the_first_on(run, replaced, tmp_path):
+def test_replayed_samples_begin_with_the_given_one(run, replaced, tmp_path):
     flight = SimpleNamespace(metrics=SimpleNamespace(crashed=False))
     calls = replaced(
         "replay", simulate_samples=lambda _, samples: [flight] * len(samples), save_swarm=None, save_replay=None
@@ -158,7 +158,7 @@ def test_repeated_sensitivity_fields_are_used_once(run, replaced, tmp_path):
 
 
 @pytest.mark.parametrize(("loop", "block", "axis"), [("position", "position", 0), ("attitude", "attitude", 1)])
-def test_gains_are_mapped_around_those_of_the_scenario(run, replaced, tmp_path, loop, block, axis):
+def test_gains_are_mapped_around_the_gains_of_the_scenario(run, replaced, tmp_path, loop, block, axis):
     calls = replaced("map", panel="a panel", plot_map=None, write_map="file", print_panel=None, save_figures=[])
     own = [f"control.{block}.k_p=[1.5, 2.5, 3.5]", f"control.{block}.k_d=[4.5, 5.5, 6.5]"]
     command_line = ["hover", "--loop", loop, "--set", own[0], "--set", own[1], "--output", tmp_path]
@@ -255,7 +255,7 @@ def test_a_controller_is_tuned_on_training_samples_and_tested_on_later_ones(run,
     lines = [line.split("  ") for line in result.stdout.splitlines()]
     k_p = [word.strip() for word in lines[1] if word.strip()]
     assert k_p == ["control.position.k_p.0, control.position.k_p.1", "2", "1.5"]
-    # The mean of 10, 13.3 and 16.7 cm. The fourth flight crashes.
+    # The expected value is the mean of 10, 13.3 and 16.7 cm; the fourth flight crashes.
     assert "13.33 cm, 1 crashed" in result.stdout
     assert "no candidate keeps the limits; the best one meets 88 % of them" in result.stdout
     tuned.share = 1.0
@@ -275,7 +275,7 @@ def studied(scenario, samples, **given):
 
 
 @pytest.mark.slow
-def test_a_study_flies_each_controller_into_a_folder_of_its_own(run, replaced, tmp_path):
+def test_a_study_writes_each_controller_to_its_own_folder(run, replaced, tmp_path):
     calls = replaced("study", run_monte_carlo=lambda scenario, samples, **_: studied(scenario, samples), save_plots=[])
     two = [f"--controller=controllers/paper:{name}" for name in ("pd", "pid")]
     options = ["--samples", 5, "--workers", 1, "--batch", 7, "--resume", "--wired", "--output", tmp_path]
@@ -299,23 +299,23 @@ def test_a_study_flies_each_controller_into_a_folder_of_its_own(run, replaced, t
 
 
 def test_a_study_reports_altered_rows_and_fails_if_a_sample_fails(run, replaced, tmp_path):
-    rows = SimpleNamespace(misfits=(3, 4, 5, 6, 7, 8), failures={})
+    rows = SimpleNamespace(invalid_lines=(3, 4, 5, 6, 7, 8), failures={})
     replaced(
         "study",
         run_monte_carlo=lambda scenario, samples, **_: studied(
-            scenario, samples, misfits=rows.misfits, failures=rows.failures
+            scenario, samples, invalid_lines=rows.invalid_lines, failures=rows.failures
         ),
         save_plots=[],
     )
     command_line = ["study", "robustness", "--samples", 4, "--workers", 1, "--output", tmp_path]
     for lines, words in (((3, 4, 5, 6, 7, 8), "3, 4, 5, 6, 7, ..."), ((3, 4, 5, 6, 7), "3, 4, 5, 6, 7")):
-        rows.misfits = lines
+        rows.invalid_lines = lines
         result = run(*command_line)
         message = (
             f"remark: {tmp_path / 'results.csv'}: lines {words} had been altered, so their samples were flown again\n"
         )
         assert (result.returncode, result.stderr) == (0, message)
-    rows.misfits, rows.failures = (), {2: "too slow"}
+    rows.invalid_lines, rows.failures = (), {2: "too slow"}
     result = run(*command_line)
     assert result.returncode == 1
     assert "failed: 1 samples could not be simulated (sample 2 of robustness: too slow)" in result.stderr
@@ -376,7 +376,7 @@ def test_batches_fly_on_this_machine_or_on_a_cluster(monkeypatch):
         yield "a crew"
 
     monkeypatch.setattr(study, "Workers", crew)
-    monkeypatch.setattr(study, "dask_crew", crew)
+    monkeypatch.setattr(study, "dask_pool", crew)
     for cluster, limit in ((None, 5.0), ("tcp://there", None)):
         with study.open_executor(SimpleNamespace(cluster=cluster, workers=3, time_limit=limit)) as found:
             assert found == "a crew"
@@ -425,7 +425,7 @@ def flown(replaced, monkeypatch):
     return calls
 
 
-def test_the_flown_sample_is_that_of_the_option_or_of_the_scenario(run, flown, tmp_path):
+def test_the_flown_sample_is_given_by_the_option_or_the_scenario(run, flown, tmp_path):
     for more, sample, compiled in (
         ([], None, None),
         (["--sample", 0, "--wired"], 0, False),
@@ -466,7 +466,7 @@ class Terminal(io.StringIO):
 
 
 def test_on_a_terminal_a_flight_waits_for_its_viewer(monkeypatch, capsys):
-    """The flight starts as soon as a browser is connected; the command ends at Enter or at the end of the input."""
+    """The flight starts when a browser is connected. The command ends at Enter or at the end of the input."""
     connections = iter((0, 0, 1))
     meshcat = SimpleNamespace(
         web_url=lambda: "http://127.0.0.1:7000", GetNumActiveConnections=lambda: next(connections), Delete=lambda: None
@@ -581,7 +581,7 @@ def test_a_vehicle_is_named_after_its_file_or_its_first_log():
         name("a b")
 
 
-def test_the_initial_vehicle_is_named_by_the_log_or_saved_beside_it(tmp_path):
+def test_the_initial_vehicle_is_named_by_the_log_or_saved_next_to_it(tmp_path):
     time = np.arange(3.0)
     plain, crazyflie = FlightRecord("a", time), FlightRecord("b", time, vehicle="vehicles/crazyflie")
     logs = [tmp_path / "flight.csv.xz", tmp_path / "b.csv"]
@@ -647,26 +647,26 @@ def test_controllers_are_judged_in_all_families_unless_some_are_named(run, repla
 
 
 def test_controllers_are_tuned_family_by_family(run, replaced):
-    design_of = SimpleNamespace(name="pd", words="6 numbers")
-    calls = replaced("judge", design_family=[design_of], design_prices=[design_of] * 2, tunable="entries")
-    result = run("judge", "--tune", "outdoor", PRICED, "--rounds", 3, "--only", "pd")
+    design_of = SimpleNamespace(name="pd", description="6 numbers")
+    calls = replaced("judge", design_family=[design_of], design_priced=[design_of] * 2, tunable_entries="entries")
+    result = run("judge", "--tune", "outdoor", PRICED_DESIGNS, "--rounds", 3, "--only", "pd")
     assert result.returncode == 0
     (((_, name, family, entries), named),) = calls["design_family"]
     assert (name, family, entries, named) == ("outdoor", FAMILIES["outdoor"], "entries", {"budget": Budget(rounds=3)})
-    assert calls["tunable"][0][0][0] == FAMILIES["outdoor"]
-    assert calls["tunable"][0][0][2] == ["pd"]
-    assert calls["design_prices"][0][1] == {"budget": Budget(rounds=3)}
+    assert calls["tunable_entries"][0][0][0] == FAMILIES["outdoor"]
+    assert calls["tunable_entries"][0][0][2] == ["pd"]
+    assert calls["design_priced"][0][1] == {"budget": Budget(rounds=3)}
     assert result.stdout.count("outdoor: pd, 6 numbers, 0 s\n") == 1
-    assert result.stdout.count(f"{PRICED}: pd, 6 numbers, 0 s\n") == 2
+    assert result.stdout.count(f"{PRICED_DESIGNS}: pd, 6 numbers, 0 s\n") == 2
     assert run("judge", "--tune").returncode == 0
     assert [arguments[1] for arguments, _ in calls["design_family"][1:]] == [*FAMILIES]
-    assert len(calls["design_prices"]) == 2
+    assert len(calls["design_priced"]) == 2
     for rounds, status in ((0, 2), (1, 0), (1000, 0), (1001, 2)):
-        assert run("judge", "--tune", PRICED, "--rounds", rounds).returncode == status
+        assert run("judge", "--tune", PRICED_DESIGNS, "--rounds", rounds).returncode == status
 
 
 def test_the_experiment_is_flown_in_the_requested_size(run, replaced, tmp_path, monkeypatch):
-    findings = SimpleNamespace(entries=[], claims=[SimpleNamespace(words="a claim", verdict="holds")])
+    findings = SimpleNamespace(entries=[], claims=[SimpleNamespace(statement="a claim", verdict="holds")])
     calls = replaced(
         "replicate",
         fly_experiment="flights",
@@ -795,7 +795,7 @@ def test_scenarios_are_named_after_their_controllers():
         controlled("controllers/paper:pd", "controllers/paper:pd")
 
 
-def test_the_folder_is_that_of_the_option_or_named_after_the_scenario():
+def test_the_folder_is_given_by_the_option_or_named_after_the_scenario():
     folder = argparse.Namespace(output=None, default_output=Path("out/study"))
     assert options.folder_of(folder, "mine") == Path("out/study/mine")
     folder.output = Path("there")

@@ -1,4 +1,4 @@
-"""Commands print invented results in the right units, and write them into tables."""
+"""Commands print invented results in the right units, and write them to tables."""
 
 import math
 import re
@@ -48,19 +48,19 @@ from drake_quad.reference.path_problem import PathLimits
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.replication.printed import Cell, Runs
 from drake_quad.replication.table_ii import TableEntry
-from drake_quad.statistics.interval import Interval, plus_minus, spread_alone
+from drake_quad.statistics.interval import Interval, plus_minus, spread_text
 from drake_quad.studies.study import Study
 
 RNG = np.random.default_rng(8)
 
 
 def cells(text):
-    """Return the cells of each line of a printed table, which are two or more spaces apart."""
+    """Return the cells of each line of a printed table; cells are at least two spaces apart."""
     return [re.split(r" {2,}", line.strip()) for line in text.splitlines()]
 
 
 def metrics_of(rmse, crashed=()):
-    """Return metrics with a given RMSE of each flight, some of which crash after 3 s; the others are 1, 2, ...."""
+    """Return metrics with the given RMSE of each flight; some flights crash after 3 s. Other metrics are 1, 2, ...."""
     rmse = np.asarray(rmse, dtype=float)
     time = np.full(len(rmse), np.inf)
     time[list(crashed)] = 3.0
@@ -93,7 +93,7 @@ def test_margins_have_a_row_for_each_loop(capsys):
 
 @pytest.mark.slow
 def test_predictions_have_a_row_for_each_horizon_that_is_reached(capsys):
-    """Equal errors are their own RMS value, in cm and degrees; no prediction reaches the horizon of 1 s."""
+    """The RMS value of equal errors is the error, in cm and degrees. No prediction reaches the horizon of 1 s."""
     errors = np.empty((2, 2, 12))
     errors[0], errors[1] = 0.02, 0.04
     errors[:, 1] = np.nan
@@ -147,7 +147,10 @@ def test_compared_controllers_have_means_deviations_and_relative_errors(capsys, 
 
 @pytest.fixture(scope="module")
 def compared():
-    """Return twenty predictions of a log, two of which crash; on z the errors of the log are a tenth as large."""
+    """Return twenty predictions of a log, two of which crash.
+
+    Along z, the errors of the log are a tenth of the others.
+    """
     rng = np.random.default_rng(4)
     time = 3.0 + 0.01 * np.arange(50)
     predicted = 0.01 + 0.001 * rng.normal(size=(20, 50, 3))
@@ -162,7 +165,7 @@ def test_a_log_is_compared_in_centimetres_axis_by_axis(compared, capsys):
     compare_log.print_comparison(compared)
     first, second, header, *rows, crashes, last = capsys.readouterr().out.splitlines()
     assert first == "log7: 50 samples, from 3.00 to 3.49 s of the log"
-    assert second == "reference: 2 pieces of degree 7, within 1.23 mm of the log's"
+    assert second == "reference: 2 pieces of degree 7, within 1.23 mm of the logged positions"
     assert cells(header) == [["error (cm)", "axis", "measured", "predicted median [95 %]", "measured within 95 %"]]
     rows = cells("\n".join(rows))
     assert [row[:2] for row in rows] == [
@@ -362,10 +365,10 @@ def test_estimates_are_printed_with_intervals_and_explained_variance(capsys):
     lines = printed.out.splitlines()
     assert cells(lines[1]) == [["parameter", "value", "unit", "new flight", "within", "explained variance"]]
     mass, damping, drag = cells("\n".join(lines[2:5]))
-    # The standard deviation of the mean is 0.02 kg, and that of a new flight is 0.04 kg more, in quadrature. Together
-    # they have 6.25 degrees of freedom.
+    # The standard deviation is 0.02 kg for the mean, and √(0.02² + 0.04²) kg for a new flight. The sum has 6.25 degrees
+    # of freedom.
     far = scipy.stats.t.ppf(0.975, 6.25) * math.sqrt(0.002)
-    assert mass == ["mass", plus_minus(0.5, 1.96 * 0.02), "kg", spread_alone(far), "9 of 10", "12.3 % of climb"]
+    assert mass == ["mass", plus_minus(0.5, 1.96 * 0.02), "kg", spread_text(far), "9 of 10", "12.3 % of climb"]
     assert damping == ["autopilot.damping[0]", plus_minus(0.7, 1.96 * 0.05), "–"]
     assert drag == ["linear_drag", plus_minus(0.1, 1.96 * 0.01), "N s/m", "–"]
     assert lines[5:] == [
@@ -425,11 +428,13 @@ def test_noise_and_trim_of_a_hover_are_printed(capsys, monkeypatch):
     assert "correlation" not in capsys.readouterr().out
 
 
-def test_throttles_of_all_logs_are_combined():
-    time = np.arange(2.0)
-    four = FlightRecord("a", time, motor_command=np.array([[0.1, 0.2, 0.3, 0.4], [0.5, 0.6, 0.7, 0.8]]))
-    one = FlightRecord("b", time, thrust_share=np.array([0.9, 1.0]))
-    assert identify.throttles([four, one]).tolist() == [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0]
+def test_throttles_in_flight_of_all_logs_are_combined():
+    """The throttle of 0.1 at rest before and after the flight is left out."""
+    time = 0.02 * np.arange(1000)
+    in_flight = ((time > 3.0) & (time < 17.0))[:, None]
+    four = FlightRecord("a", time, motor_command=np.where(in_flight, [0.5, 0.6, 0.7, 0.8], 0.1))
+    one = FlightRecord("b", time, thrust_share=np.where(in_flight[:, 0], 0.9, 0.1))
+    assert np.unique(identify.throttles([four, one])).tolist() == [0.5, 0.6, 0.7, 0.8, 0.9]
     assert identify.throttles([FlightRecord("c", time)]) is None
 
 
@@ -500,7 +505,7 @@ def test_default_fields_are_those_of_the_layout_and_the_autopilot():
     attitude = [f"control.attitude.{gain}.{axis}" for gain in ("k_p", "k_d") for axis in (0, 1)]
     turning = [f"{owner}.inertia.{axis}" for owner in ("vehicle", "nominal") for axis in (0, 1)]
     on_board = "laboratory.autopilot."
-    air = ["vehicle.linear_drag", "vehicle.quadratic_drag"]  # of the vehicle in `onboard`
+    air = ["vehicle.linear_drag", "vehicle.quadratic_drag"]  # drag fields of the vehicle in `onboard`
     response = "laboratory.autopilot={kind: response, natural_frequency: [6.8, 6.1, 3], damping: [0.5, 0.5, 0.7]}"
     fields = {
         name: [*sensitivities.default_fields(load_scenario(*arguments))]
@@ -536,7 +541,7 @@ def test_default_fields_are_those_of_the_layout_and_the_autopilot():
     assert [path for path in dragged if "drag" in path] == [
         "vehicle.body_drag.linear.0", "vehicle.body_drag.linear.1", "vehicle.body_drag.quadratic.2",
     ]  # fmt: skip
-    # Inertia and arms are left out, since the attitude response replaces them.
+    # Inertia and arm lengths are left out, since the attitude response replaces them.
     assert fields["response"] == [
         *vehicle, *position,
         *(f"{on_board}{number}.{axis}" for number in ("natural_frequency", "damping") for axis in (0, 1)),
@@ -574,7 +579,7 @@ def test_the_summary_of_a_plan_has_its_length_peaks_and_rotor_speeds():
     assert rows["rotor speeds"][1] == f"rad/s of {parameters.min_rotor_speed:g} to {parameters.max_rotor_speed:g}"
 
 
-def test_errors_of_table_ii_are_printed_beside_those_of_the_paper(capsys):
+def test_errors_of_table_ii_are_printed_next_to_the_published_ones(capsys):
     gap = Runs((math.nan,) * 3, math.nan)
     runs = Runs((0.1, 0.1, 0.1), 0.1)
     entries = [
@@ -642,7 +647,7 @@ def test_crashes_of_replayed_flights_are_counted(capsys):
     assert capsys.readouterr().out == "a: 3 flights, 2 crashed\nb: 1 flights, 0 crashed\n"
 
 
-def test_errors_of_judged_controllers_are_in_centimetres_with_the_share_of_crashes(capsys):
+def test_errors_of_judged_controllers_are_in_centimetres_with_the_fraction_of_crashes(capsys):
     metrics = metrics_of([0.1, 0.2, 0.3, 0.9], crashed=[3])
     assert judge.error_text(None) == "–"
     assert judge.error_text(metrics) == "20.0 25.0 %"

@@ -1,4 +1,4 @@
-"""A failing command prints one sentence and exits with a status, on any output stream."""
+"""A failing command prints one sentence and exits with a nonzero status, for any output stream."""
 
 import io
 import os
@@ -15,7 +15,7 @@ from drake_quad import InputError
 
 
 def status_of(words, error):
-    """Return the exit status of a process that prints words and then raises an error, if one is given."""
+    """Return the exit status of a process that prints words and then raises the given error, if any."""
 
     def command():
         print(words)
@@ -68,7 +68,7 @@ def test_characters_that_the_encoding_lacks_are_escaped(encoding, monkeypatch):
 
 
 def test_without_a_standard_output_nothing_is_printed_and_nothing_fails(monkeypatch):
-    """A process that is started with `>&-` has no standard output; text that is written to it is discarded."""
+    """A process started with `>&-` has no standard output; printed text is discarded."""
     monkeypatch.setattr(sys, "stdout", None)
     with orderly_exit():
         print("lost")

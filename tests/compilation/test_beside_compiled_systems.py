@@ -1,8 +1,8 @@
-"""Tests of uncompiled systems beside compiled ones, by comparison with the uncompiled diagram."""
+"""Tests of diagrams with compiled and uncompiled systems, by comparison with uncompiled diagrams."""
 
 import numpy as np
 import pytest
-from both_ways import assert_alike, assert_flights_alike, assert_metrics_alike
+from compiled_comparison import assert_alike, assert_flights_alike, assert_metrics_alike
 from pydrake.common.value import AbstractValue
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
@@ -22,7 +22,7 @@ from drake_quad.signals import Wind
 
 @pytest.fixture(scope="module")
 def scenario(diagrams):
-    """Return half a second of the figure eight in a steady wind."""
+    """Return 0.5 s of the figure eight in a steady wind."""
     wind = "laboratory.wind=[{kind: steady, velocity: [1.0, -0.5, 0.2]}]"
     return load_scenario(diagrams / "figure_eight.yaml", ["duration=0.5", "vehicle.linear_drag=0.2", wind])
 
@@ -32,8 +32,8 @@ def plan(scenario):
     return plan_route(scenario)
 
 
-class Own(LeafSystem):
-    """PD for N vehicles, written by a user in plain Python."""
+class UserPd(LeafSystem):
+    """User-defined PD for N vehicles in plain Python."""
 
     def __init__(self, num_vehicles=1):
         super().__init__()
@@ -43,7 +43,7 @@ class Own(LeafSystem):
         self.DeclareVectorOutputPort("acceleration_command", 3 * num_vehicles, self._show)
 
     def error(self, context):
-        """Return the position error, (3 N,)."""
+        """Return the position errors (3 N,)."""
         return (
             self._reference.Eval(context)[: 3 * self._num_vehicles]
             - self._measurement.Eval(context)[: 3 * self._num_vehicles]
@@ -57,8 +57,8 @@ class Own(LeafSystem):
         output.SetFromVector(self.pd(context) + 0.1 * np.sin(5.0 * context.get_time()))
 
 
-class Integrates(Own):
-    """PD with an integral that is updated with a period, s."""
+class PdWithIntegral(UserPd):
+    """PD with an integral that is updated periodically."""
 
     def __init__(self, num_vehicles=1, period=0.02):
         super().__init__(num_vehicles)
@@ -74,7 +74,7 @@ class Integrates(Own):
         output.SetFromVector(self.pd(context) + 3.0 * context.get_discrete_state(self._integral).value())
 
 
-class Lags(Own):
+class PdWithFilter(UserPd):
     """PD with a filter in continuous time."""
 
     def __init__(self, num_vehicles=1):
@@ -89,7 +89,7 @@ class Lags(Own):
         output.SetFromVector(self.pd(context) + context.get_continuous_state_vector().CopyToVector())
 
 
-class Counts(Own):
+class PdWithCounter(UserPd):
     """PD with an abstract state, which unrestricted updates change."""
 
     def __init__(self, num_vehicles=1):
@@ -106,20 +106,20 @@ class Counts(Own):
         output.SetFromVector(self.pd(context) + total / (1 + count))
 
 
-def every_30_ms(num_vehicles=1):
-    return Integrates(num_vehicles, period=0.03)
+def integral_every_30_ms(num_vehicles=1):
+    return PdWithIntegral(num_vehicles, period=0.03)
 
 
-def every_5_ms(num_vehicles=1):
-    return Integrates(num_vehicles, period=0.005)
+def integral_every_5_ms(num_vehicles=1):
+    return PdWithIntegral(num_vehicles, period=0.005)
 
 
 def two_in_series(make_second):
-    """Return a function that builds a diagram of a PD in series with another system."""
+    """Return a function that builds a diagram with a PD in series with another system."""
 
     def make(num_vehicles=1):
         builder = DiagramBuilder()
-        pd = builder.AddNamedSystem("pd", Own(num_vehicles))
+        pd = builder.AddNamedSystem("pd", UserPd(num_vehicles))
         second = builder.AddNamedSystem("second", make_second(3 * num_vehicles))
         builder.Connect(pd.get_output_port(), second.get_input_port())
         for name in ("measurement", "reference"):
@@ -167,8 +167,8 @@ def integrating_cascade(num_vehicles=1):
     return Cascade(num_vehicles, integrates=True)
 
 
-class Breeze(LeafSystem):
-    """Wind for N vehicles that depends on time and position, and with a period (s) also on a state."""
+class VaryingWind(LeafSystem):
+    """Wind for N vehicles that depends on time and position, and on a state if a period (s) is given."""
 
     def __init__(self, num_vehicles=1, period=None):
         super().__init__()
@@ -189,28 +189,28 @@ class Breeze(LeafSystem):
         output.SetFromVector(wind + (context.get_discrete_state(self._memory).value() if self._remembers else 0.0))
 
 
-def breeze_with_state(num_vehicles=1):
-    return Breeze(num_vehicles, 0.02)
+def varying_wind_with_state(num_vehicles=1):
+    return VaryingWind(num_vehicles, 0.02)
 
 
-OWN = {
+USER_SYSTEMS = {
     "position_controller": [
-        Own,
-        Integrates,
-        every_30_ms,
-        every_5_ms,
-        Lags,
-        Counts,
+        UserPd,
+        PdWithIntegral,
+        integral_every_30_ms,
+        integral_every_5_ms,
+        PdWithFilter,
+        PdWithCounter,
         with_a_filter,
         with_a_hold,
         with_a_delay,
     ],
     "control": [Cascade, integrating_cascade],
-    "wind": [Breeze, breeze_with_state],
+    "wind": [VaryingWind, varying_wind_with_state],
 }
 each = pytest.mark.parametrize(
     ("place", "make"),
-    [(place, make) for place, makes in OWN.items() for make in makes],
+    [(place, make) for place, makes in USER_SYSTEMS.items() for make in makes],
     ids=lambda value: getattr(value, "__name__", value),
 )
 
@@ -226,7 +226,7 @@ def test_a_flight_with_a_users_system_is_the_same_compiled_and_uncompiled(scenar
 @pytest.mark.slow
 @each
 def test_a_fleet_with_a_users_system_flies_the_same_compiled_and_uncompiled(scenario, plan, place, make):
-    """The second flight of the fleet is the same, too."""
+    """The second flight of the fleet is also the same."""
     own = UserSystems(**{place: make})
     fleets = [StudyFleet(scenario, plan, 5, own=own, compiled=compiled) for compiled in (True, False)]
     for samples in (range(5), [7, 8]):
@@ -235,8 +235,8 @@ def test_a_fleet_with_a_users_system_flies_the_same_compiled_and_uncompiled(scen
 
 @pytest.mark.slow
 def test_a_stateless_system_can_have_a_stand_in_in_a_built_diagram(scenario, plan):
-    """The system belongs to the built diagram, and both diagrams can be simulated."""
-    wired = build_tracking_diagram(scenario, position_controller=Own(), wind=Breeze(), plan=plan)
+    """The system stays in the built diagram, and both diagrams can be simulated."""
+    wired = build_tracking_diagram(scenario, position_controller=UserPd(), wind=VaryingWind(), plan=plan)
     compiled = compile_diagram(wired)
     shown = [system for system in compiled.GetSystems() if isinstance(system, StandIn)]
     assert len(shown) == 2
@@ -245,11 +245,11 @@ def test_a_stateless_system_can_have_a_stand_in_in_a_built_diagram(scenario, pla
         for simulator in simulators:
             simulator.AdvanceTo(time)
         for name in ("acceleration_command", "wind", "wrench", "state"):
-            expected, found = (each.get_system().GetOutputPort(name).Eval(each.get_context()) for each in simulators)
-            assert_alike(found, expected, f"{name} at {time} s")
+            expected, actual = (each.get_system().GetOutputPort(name).Eval(each.get_context()) for each in simulators)
+            assert_alike(actual, expected, f"{name} at {time} s")
 
 
-@pytest.mark.parametrize("make", [Integrates, Lags, with_a_filter])
+@pytest.mark.parametrize("make", [PdWithIntegral, PdWithFilter, with_a_filter])
 def test_a_system_with_a_state_cannot_have_a_stand_in_in_a_built_diagram(scenario, plan, make):
     wired = build_tracking_diagram(scenario, position_controller=make(), plan=plan)
     with pytest.raises(
@@ -260,7 +260,7 @@ def test_a_system_with_a_state_cannot_have_a_stand_in_in_a_built_diagram(scenari
 
 @pytest.mark.slow
 def test_a_system_that_can_be_compiled_needs_no_stand_in(scenario, plan):
-    """It is part of the compiled system."""
+    """The compiled system contains it."""
     gains = PdGains(PerAxis(2.0, 2.0, 6.0), PerAxis(2.0, 2.0, 3.5))
     pd = build_position_controller(ProportionalDerivative(numbers=gains))
     assert as_compilable(pd) is pd
@@ -270,8 +270,8 @@ def test_a_system_that_can_be_compiled_needs_no_stand_in(scenario, plan):
 
 @pytest.mark.slow
 def test_a_compiled_diagram_contains_the_system_of_a_stand_in(scenario, plan):
-    """A diagram gets a stand-in if one of its systems cannot be compiled."""
-    for make in (Own, with_a_filter):
+    """A user's diagram gets a stand-in if one of its systems cannot be compiled."""
+    for make in (UserPd, with_a_filter):
         own = make()
         shown = as_compilable(own)
         assert isinstance(shown, StandIn)
@@ -280,8 +280,8 @@ def test_a_compiled_diagram_contains_the_system_of_a_stand_in(scenario, plan):
 
 
 def test_a_stand_in_has_the_outputs_of_its_system():
-    """The inputs change, and the outputs are compared at several times."""
-    own = Own(2)
+    """The outputs are compared at several times, between which the inputs change."""
+    own = UserPd(2)
     shown = StandIn(own)
     contexts = [system.CreateDefaultContext() for system in (own, shown)]
     for time in (0.0, 1.5):
@@ -289,15 +289,15 @@ def test_a_stand_in_has_the_outputs_of_its_system():
             for system, context in zip((own, shown), contexts, strict=True):
                 system.GetInputPort(name).FixValue(context, time + np.arange(float(size)))
                 context.SetTime(time)
-        expected, found = (
+        expected, actual = (
             system.GetOutputPort("acceleration_command").Eval(context)
             for system, context in zip((own, shown), contexts, strict=True)
         )
-        np.testing.assert_array_equal(found, expected)
+        np.testing.assert_array_equal(actual, expected)
 
 
-class Scales(LeafSystem):
-    """System with two rows of output: the input times the time."""
+class TimeScaling(LeafSystem):
+    """System with two rows of output, the product of input and time."""
 
     def __init__(self, size):
         super().__init__()
@@ -310,12 +310,12 @@ class Scales(LeafSystem):
 
 
 def mixed_diagram():
-    """Return a diagram of a hold and uncompiled systems, connected to each other and to inputs of the diagram."""
+    """Return a diagram of a hold and uncompiled systems that are connected to each other and to exported inputs."""
     builder = DiagramBuilder()
     n = 2
     hold = builder.AddNamedSystem("hold", ZeroOrderHold(0.02, 3 * n))
     wind = builder.AddNamedSystem("steady", SteadyWind(num_vehicles=n, numbers=Wind(1.0, 2.0, 3.0)))
-    first, second = (builder.AddNamedSystem(name, Scales(3 * n)) for name in ("first", "second"))
+    first, second = (builder.AddNamedSystem(name, TimeScaling(3 * n)) for name in ("first", "second"))
     builder.ExportInput(second.GetInputPort("second"), "v")
     builder.ExportInput(first.GetInputPort("first"), "u")
     builder.Connect(wind.get_output_port(), first.GetInputPort("second"))
@@ -346,8 +346,8 @@ def test_uncompiled_systems_can_be_connected_to_each_other_and_to_inputs_of_the_
         for simulator in simulators:
             simulator.AdvanceTo(time)
         for name in ("first", "held", "sum"):
-            expected, found = (each.get_system().GetOutputPort(name).Eval(each.get_context()) for each in simulators)
-            assert_alike(found, expected, f"{name} at {time} s")
+            expected, actual = (each.get_system().GetOutputPort(name).Eval(each.get_context()) for each in simulators)
+            assert_alike(actual, expected, f"{name} at {time} s")
 
 
 def test_a_missing_input_is_named():

@@ -1,11 +1,11 @@
-"""Tests of all declarations and of Drake's own systems in compiled diagrams, by comparison with uncompiled ones."""
+"""Tests of compiled diagrams with all kinds of declarations and with systems of Drake."""
 
 import re
 from typing import NamedTuple
 
 import numpy as np
 import pytest
-from both_ways import assert_alike
+from compiled_comparison import assert_alike
 from pydrake.common.value import AbstractValue
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
@@ -59,7 +59,7 @@ def after_tick(steps, memory):
 
 @fleet_system(float)
 class Counter(FleetSystem):
-    """System with every kind of declaration, whose state contains rows of its input."""
+    """System with every kind of declaration. Its state contains rows of its input."""
 
     def declare(self, *, period=0.02, step=0.01, at_start=False, tick=0.02, numbers=0.25):
         seen = self.input("seen", layout=PAIR, absent=Pair(0.1, 0.2))
@@ -93,10 +93,10 @@ def assert_same_ports(wired, compiled, times=(0.0, 0.007, 0.01, 0.02, 0.033, 0.0
         for simulator in simulators:
             simulator.AdvanceTo(time)
         for number in range(wired.num_output_ports()):
-            expected, found = (
+            expected, actual = (
                 simulator.get_system().get_output_port(number).Eval(simulator.get_context()) for simulator in simulators
             )
-            assert_alike(found, expected, f"{wired.get_output_port(number).get_name()} at {time} s")
+            assert_alike(actual, expected, f"{wired.get_output_port(number).get_name()} at {time} s")
 
 
 def counters(builder, n, **structure):
@@ -120,7 +120,7 @@ STRUCTURES = [{}, {"at_start": True}, {"period": 0.03, "tick": 0.03}, {"step": 0
 @pytest.mark.parametrize("structure", STRUCTURES)
 @pytest.mark.parametrize("n", [1, 3])
 def test_every_kind_of_declaration_can_be_compiled(n, structure):
-    """The systems have ticks, the time, initial updates, and unrestricted updates with and without time zero."""
+    """The systems use ticks, the time, initial updates, and unrestricted updates with and without time zero."""
     assert_same_ports(*uncompiled_and_compiled(lambda builder: counters(builder, n, **structure)))
 
 
@@ -143,7 +143,7 @@ def test_events_of_several_ticks_give_the_results_of_single_ticks(structure):
 
 @pytest.mark.parametrize("tick", [0.005, 0.015, 0.01, 0.04])
 def test_ticks_can_have_any_period(tick):
-    """The period differs from that of all events, and is shorter or longer."""
+    """The tick is shorter or longer than the periods of all events."""
     assert_same_ports(*uncompiled_and_compiled(lambda builder: counters(builder, 2, tick=tick)))
 
 
@@ -183,7 +183,7 @@ def drake_systems(builder, n):
 
 
 @pytest.mark.parametrize("n", [1, 3])
-def test_drakes_own_systems_are_compiled(n):
+def test_systems_of_drake_are_compiled(n):
     wired, compiled = uncompiled_and_compiled(lambda builder: drake_systems(builder, n))
     assert list(compiled.GetSystems()) == [compiled_part(compiled)]
     assert_same_ports(wired, compiled)
@@ -195,7 +195,7 @@ def refused(connect):
     return str(caught.value)
 
 
-def test_a_gain_that_differs_from_vehicle_to_vehicle_is_refused():
+def test_a_gain_that_differs_between_vehicles_is_refused():
     def connect(builder):
         counter = builder.AddNamedSystem("counter", Counter(num_vehicles=2))
         gain = builder.AddNamedSystem("gain", Gain(np.array([1.0, 2.0, 3.0, 4.0])))
@@ -215,7 +215,7 @@ def test_a_hold_with_an_offset_is_refused():
     assert refused(connect).startswith("hold, a ZeroOrderHold, cannot be compiled: ")
 
 
-def test_an_output_with_some_vehicles_only_is_refused():
+def test_an_output_with_only_some_vehicles_is_refused():
     def connect(builder):
         counter = builder.AddNamedSystem("counter", Counter(num_vehicles=2))
         parts = builder.AddNamedSystem("parts", Demultiplexer(4, 1))
@@ -247,7 +247,7 @@ def test_a_port_that_is_not_vector_valued_is_refused(make):
 
 @fleet_system(float)
 class Publishes(FleetSystem):
-    """System whose state changes in an event that is declared by a method of Drake."""
+    """System with a state that changes in an event, which is declared by a method of Drake."""
 
     def declare(self, when):
         self.memory = self.state("memory", lambda _: Pair(1.0, 2.0))
@@ -265,7 +265,7 @@ class Publishes(FleetSystem):
 
 
 @pytest.mark.parametrize("when", ["Periodic", "PerStep", "Initialization"])
-def test_a_system_with_an_event_of_drakes_own_methods_is_refused(when):
+def test_a_system_with_an_event_that_is_declared_by_drakes_methods_is_refused(when):
     def connect(builder):
         builder.AddNamedSystem("counter", Counter())
         return {"memory": builder.AddNamedSystem("own", Publishes(when=when)).get_output_port()}

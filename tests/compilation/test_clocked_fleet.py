@@ -19,7 +19,7 @@ OUTPUTS = ("state", "measurement", "reference")
 
 
 @pytest.fixture
-def windy(diagrams):
+def windy_scenario(diagrams):
     return load_scenario(diagrams / "robustness.yaml", {"duration": 2.0})
 
 
@@ -29,10 +29,10 @@ def restart_vehicles(fleet, diagram, vehicles):
     fleet.restart(np.array(vehicles), type(initial)._make(rows[: len(vehicles)] for rows in initial))
 
 
-def test_vehicles_that_start_at_different_times_fly_as_alone(windy):
+def test_vehicles_that_start_at_different_times_fly_like_single_vehicles(windy_scenario):
     """The scenario has wind and noise, and some vehicles restart while others continue."""
-    n, plan = LANES + 3, plan_route(windy)
-    diagrams = [build_fleet_diagram(Batch.draw(windy, range(first, first + n)), plan) for first in (0, 40)]
+    n, plan = LANES + 3, plan_route(windy_scenario)
+    diagrams = [build_fleet_diagram(Batch.draw(windy_scenario, range(first, first + n)), plan) for first in (0, 40)]
     fleet = ClockedFleet(diagrams[0], tick=0.02, num_ticks=60, outputs=OUTPUTS, monitor="monitor")
     restart_vehicles(fleet, diagrams[0], range(n))
     restarted = [1, LANES, n - 1]
@@ -49,52 +49,56 @@ def test_vehicles_that_start_at_different_times_fly_as_alone(windy):
     for vehicle, sample, first, last in [(0, 0, 0, 45), (LANES + 1, LANES + 1, 0, 45), (1, 1, 0, 17)] + [
         (each, 40 + k, 17, 45) for k, each in enumerate(restarted)
     ]:
-        flight = simulate(windy, sample=sample, until=2.0, compiled=False)
+        flight = simulate(windy_scenario, sample=sample, until=2.0, compiled=False)
         for name in OUTPUTS:
-            found = np.array([rows[vehicle] for rows in shown[name][first:last]])
-            np.testing.assert_allclose(found, flight[name][1 : 1 + last - first], rtol=0.0, atol=1e-9)
+            actual = np.array([rows[vehicle] for rows in shown[name][first:last]])
+            np.testing.assert_allclose(actual, flight[name][1 : 1 + last - first], rtol=0.0, atol=1e-9)
 
 
-def test_the_next_state_of_the_monitor_is_its_state_a_tick_later(windy):
-    n, plan = 3, plan_route(windy)
-    diagram = build_fleet_diagram(Batch.draw(windy, range(n)), plan)
+def test_the_next_state_of_the_monitor_is_its_state_a_tick_later(windy_scenario):
+    n, plan = 3, plan_route(windy_scenario)
+    diagram = build_fleet_diagram(Batch.draw(windy_scenario, range(n)), plan)
     fleet = ClockedFleet(diagram, tick=0.02, num_ticks=60, outputs=OUTPUTS, monitor="monitor")
     restart_vehicles(fleet, diagram, range(n))
     for _ in range(25):
         fleet.advance(np.zeros((n, 0)))
     sums = fleet.next_state("sums")
     for vehicle in range(n):
-        metrics = simulate(windy, sample=vehicle, until=0.5, compiled=False).metrics
+        metrics = simulate(windy_scenario, sample=vehicle, until=0.5, compiled=False).metrics
         np.testing.assert_allclose(np.sqrt(sums.error.x[vehicle] / 26), metrics.rmse_x, rtol=1e-9)
-    assert sums.ticks.tolist() == [26.0] * n  # including the first and the last vehicle
+    assert sums.ticks.tolist() == [26.0] * n  # the first and the last vehicle are among them
     assert fleet.next_state("crash_time").crash_time.tolist() == [np.inf] * n
 
 
-def test_a_clock_stays_at_its_last_tick(windy):
-    diagram = build_fleet_diagram(Batch.draw(windy, range(2)), plan_route(windy))
+def test_a_clock_stays_at_its_last_tick(windy_scenario):
+    diagram = build_fleet_diagram(Batch.draw(windy_scenario, range(2)), plan_route(windy_scenario))
     fleet = ClockedFleet(diagram, tick=0.02, num_ticks=3, outputs=OUTPUTS, monitor="monitor")
     restart_vehicles(fleet, diagram, range(2))
     for _ in range(5):
         fleet.advance(np.zeros((2, 0)))
     assert fleet.clocks.tolist() == [3, 3]
-    np.testing.assert_allclose(fleet.outputs("reference")[0], plan_route(windy).reference().value(0.08).ravel()[:11])
+    np.testing.assert_allclose(
+        fleet.outputs("reference")[0], plan_route(windy_scenario).reference().value(0.08).ravel()[:11]
+    )
 
 
-class Still(LeafSystem):
-    """Wind in plain Python."""
+class PythonWind(LeafSystem):
+    """Zero wind in plain Python."""
 
     def __init__(self):
         super().__init__()
         self.DeclareVectorOutputPort("wind", 6, lambda context, output: output.SetZero())
 
 
-def test_diagrams_whose_vehicles_cannot_have_clocks_are_refused(windy):
+def test_diagrams_whose_vehicles_cannot_have_clocks_are_refused(windy_scenario):
     def fleet_of(scenario, **own):
         diagram = build_fleet_diagram(Batch.draw(scenario, range(2)), plan_route(scenario), own=UserSystems(**own))
         return ClockedFleet(diagram, tick=0.02, num_ticks=3, outputs=OUTPUTS, monitor="monitor")
 
-    with pytest.raises(InputError, match="laboratory.wind.own.source, a Still, cannot be compiled, so vehicles of"):
-        fleet_of(windy, wind=Still())
+    with pytest.raises(
+        InputError, match="laboratory.wind.own.source, a PythonWind, cannot be compiled, so vehicles of"
+    ):
+        fleet_of(windy_scenario, wind=PythonWind())
     slow = load_scenario("figure_eight", {"laboratory.motion_capture.period": 0.04})
     with pytest.raises(InputError, match="a period of the diagram is longer than a tick of 0.02 s"):
         fleet_of(slow)

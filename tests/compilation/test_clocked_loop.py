@@ -1,4 +1,4 @@
-"""Tests of the machine code of ticks for vehicles with individual clocks, with listings written by hand."""
+"""Tests of the machine code of ticks for vehicles with individual clocks, with handwritten listings."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from drake_quad.framework.symbols import Listing
 
 
 def loop_of(n):
-    """Return the loop of x' = x + h (exp(p) x + u), which logs the sum of the old x and a number of the table."""
+    """Return the loop of x' = x + h (exp(p) x + u), which logs the sum of the previous x and a number of the table."""
     listing = Listing()
     x, p, u = listing.row(STATE, 1), listing.row(PARAMETERS, 0), listing.row(INPUTS, 0)
     step, shown = listing.shared(2), listing.shared(0)
@@ -25,7 +25,7 @@ def by_vehicle(rows, n):
 
 
 def fill(rows, values):
-    """Write (N, rows) values to rows, with those of the last vehicle in the unused lanes."""
+    """Write values (N, rows) to rows; the unused lanes get the values of the last vehicle."""
     vectors, _, lanes = rows.shape
     padded = np.concatenate([values, np.tile(values[-1:], (vectors * lanes - len(values), 1))])
     rows[...] = padded.reshape(vectors, lanes, -1).transpose(0, 2, 1)

@@ -1,9 +1,9 @@
-"""Tests that a compiled diagram has the same state and outputs as the original one at any time."""
+"""Tests that a compiled diagram has the same state and outputs as the original diagram at any time."""
 
 import numpy as np
 import pytest
 from all_systems import DIAGRAMS
-from both_ways import assert_alike
+from compiled_comparison import assert_alike
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, EventStatus
 from pydrake.systems.primitives import Sine, VectorLogSink, ZeroOrderHold
@@ -31,13 +31,13 @@ def wired(figure_eight):
 
 @pytest.fixture(scope="module")
 def compiled(wired):
-    """Return the compiled diagram with events at every instant."""
+    """Return the compiled diagram with an event at every instant."""
     return compile_diagram(wired)
 
 
 @pytest.fixture(scope="module")
 def strided(wired):
-    """Return the compiled diagram with events of ten ticks and a record."""
+    """Return the compiled diagram with events of ten ticks each, and a record."""
     return compile_diagram(wired, ticks=10, record=True)
 
 
@@ -69,14 +69,14 @@ def assert_equal_at(wired, compiled, context):
         assert_alike(compiled.get_system().GetOutputPort(name).Eval(compiled.get_context()), expected, name)
 
 
-ENTIRE = [
+COMPLETE_SCENARIOS = [
     ("pid", 1, ()),
     ("pd_t1fnn", 2, ("laboratory.motion_capture.period=0.02", "vehicle.time_step=0.005")),
 ]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "n", "overrides"), ENTIRE)
+@pytest.mark.parametrize(("name", "n", "overrides"), COMPLETE_SCENARIOS)
 def test_state_and_ports_are_those_of_the_diagram_at_and_between_all_instants(asymmetric, name, n, overrides):
     wired = build_tracking_diagram(asymmetric(name, *overrides), n)
     compiled = compile_diagram(wired)
@@ -95,7 +95,7 @@ def test_state_and_ports_are_those_of_the_diagram_at_and_between_all_instants(as
 
 
 def larger_diagram(laboratory):
-    """Return a diagram of a laboratory for two vehicles with wrench and crash inputs, and of systems of Drake."""
+    """Return a diagram with a laboratory for two vehicles, whose inputs come from systems of Drake."""
     builder = DiagramBuilder()
     builder.AddNamedSystem("laboratory", laboratory)
     heavy = np.repeat([0.5, 0.01, 0.02, 0.005], 2)
@@ -119,7 +119,7 @@ def make_of(builder):
 
 @pytest.mark.slow
 def test_a_compiled_diagram_can_replace_a_subsystem_of_a_larger_one():
-    """The logs of both diagrams are equal, also those of the initial wind."""
+    """The logs of both diagrams are equal, including the initial wind."""
     logs = []
     for laboratory in (make_of(build_laboratory)(), compile_diagram(make_of(build_laboratory)())):
         diagram = larger_diagram(laboratory)
@@ -134,8 +134,8 @@ def test_a_compiled_diagram_can_replace_a_subsystem_of_a_larger_one():
 
 
 @pytest.mark.slow
-def test_inputs_are_exported_as_in_the_diagram():
-    """Order and sizes of the ports do not depend on which input is used first."""
+def test_the_compiled_diagram_has_the_inputs_of_the_original():
+    """The order and the sizes of the ports do not depend on which input is used first."""
     for function in (build_laboratory, build_wind):
         diagram = make_of(function)()
         compiled = compile_diagram(diagram)
@@ -159,8 +159,8 @@ def test_state_and_parameters_are_copied_from_and_to_a_context_of_the_diagram(wi
     system.write(part, contexts[1])
     np.testing.assert_array_equal(state_of(contexts[1]), state_of(contexts[0]))
     for i in range(contexts[0].num_numeric_parameter_groups()):
-        found, expected = (context.get_numeric_parameter(i).CopyToVector() for context in reversed(contexts))
-        np.testing.assert_array_equal(found, expected)
+        actual, expected = (context.get_numeric_parameter(i).CopyToVector() for context in reversed(contexts))
+        np.testing.assert_array_equal(actual, expected)
     assert system.get_state(part, "laboratory.vehicle", "state") == vehicle.get_state(own, "state")
     own_pd = pd.GetMyContextFromRoot(contexts[0])
     assert system.get_parameter(part, "control.position.pd", "gains") == pd.get_parameter(own_pd, "gains")
@@ -168,7 +168,7 @@ def test_state_and_parameters_are_copied_from_and_to_a_context_of_the_diagram(wi
 
 @pytest.mark.slow
 def test_a_simulation_can_continue_from_any_state_with_any_parameters(wired, compiled):
-    """The vehicle moves and is heavier, and the gains are lower."""
+    """The test starts with a moving, heavier vehicle and lower gains."""
     simulators = [Simulator(wired), Simulator(compiled)]
     context = simulators[0].get_mutable_context()
     vehicle, pd = (subsystem(wired, path) for path in (("laboratory", "vehicle"), ("control", "position", "pd")))
@@ -189,11 +189,11 @@ def test_records_are_rows_of_vehicles_in_a_fleet(figure_eight):
     scenario, plan = figure_eight
     wired = build_tracking_diagram(scenario, 3, plan=plan)
     system = compiled_part(compile_diagram(wired, ticks=1))
-    found = system.get_state(system.CreateDefaultContext(), "laboratory.vehicle", "rotor_speed")
+    actual = system.get_state(system.CreateDefaultContext(), "laboratory.vehicle", "rotor_speed")
     vehicle = subsystem(wired, ("laboratory", "vehicle"))
     expected = vehicle.get_state(vehicle.CreateDefaultContext(), "rotor_speed")
     assert expected[0].shape == (3,)
-    np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(actual, expected)
 
 
 def test_a_record_is_a_copy(compiled):
@@ -217,7 +217,7 @@ def test_records_of_systems_that_are_not_compiled_are_refused(compiled, path):
 
 
 @pytest.mark.slow
-def test_a_monitor_of_drake_sees_the_same_flight(wired, compiled):
+def test_a_monitor_of_drake_observes_the_same_flight(wired, compiled):
     """The monitor is called at the same times, and ends the simulation at the same time."""
     seen = []
     for diagram in (wired, compiled):
@@ -241,7 +241,7 @@ def test_a_monitor_of_drake_sees_the_same_flight(wired, compiled):
 @pytest.mark.slow
 @pytest.mark.parametrize("last", [0.0, 0.1, 0.2, 0.21])
 def test_no_event_starts_after_the_end(strided, last):
-    """Events that start at the end or before are simulated with whole ticks."""
+    """An event that starts before or at the end is simulated with all of its ticks."""
     simulators = [Simulator(strided) for _ in range(2)]
     system, part = part_of(simulators[0])
     system.set_end(part, last)
@@ -275,7 +275,7 @@ def test_a_simulation_cannot_begin_between_events_of_several_ticks(strided):
 
 @pytest.mark.slow
 def test_the_record_has_the_values_before_the_discrete_updates(wired, strided, compiled):
-    """The record is the same for events of one and ten ticks, and starts at time zero."""
+    """The record starts at time zero, and is the same for events of one and of ten ticks."""
     often = compile_diagram(wired, record=True)
     logs = []
     for diagram in (strided, often):
@@ -288,7 +288,7 @@ def test_the_record_has_the_values_before_the_discrete_updates(wired, strided, c
     for name, values in logs[1].items():
         assert len(values) == 20
         np.testing.assert_array_equal(logs[0][name], values)
-    # Between two ticks, outputs are those of the first tick, except those of the vehicle, which moves.
+    # Between two ticks, all outputs are those of the first tick, except for the moving vehicle.
     simulator = Simulator(wired)
     simulator.AdvanceTo(0.3)
     assert_alike(logs[1]["wrench"][15], wired.GetOutputPort("wrench").Eval(simulator.get_context()))
@@ -306,7 +306,7 @@ def test_contexts_of_one_compiled_diagram_are_independent(strided):
     assert lengths == [10, 20]
 
 
-REFUSED = [
+REFUSED_SCENARIOS = [
     (
         ("vehicle.time_step=0",),
         {},
@@ -325,7 +325,7 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("overrides", "options", "sentence"), REFUSED)
+@pytest.mark.parametrize(("overrides", "options", "sentence"), REFUSED_SCENARIOS)
 def test_systems_that_cannot_be_compiled_are_named(diagrams, figure_eight, overrides, options, sentence):
     scenario = load_scenario(diagrams / "figure_eight.yaml", overrides)
     wired = build_tracking_diagram(scenario, plan=figure_eight[1], **options)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from both_ways import assert_flights_alike, assert_flown_alike, assert_metrics_alike
+from compiled_comparison import assert_flights_alike, assert_flown_alike, assert_metrics_alike
 
 from drake_quad import InputError, load_scenario, simulate
 from drake_quad.fleets.fleet_simulation import simulate_fleet
@@ -17,7 +17,7 @@ from drake_quad.signals import Acceleration, State
 
 @pytest.fixture(scope="module")
 def study(diagrams):
-    """Return a fifth of a second of the study of robustness."""
+    """Return 0.2 s of the robustness scenario."""
     return load_scenario(diagrams / "robustness.yaml", ["duration=0.2"])
 
 
@@ -28,7 +28,7 @@ def plan(study):
 
 @pytest.fixture(scope="module")
 def wired(study, plan):
-    """Return the metrics of a thousand samples in the uncompiled diagram."""
+    """Return the metrics of 1,000 samples in the uncompiled diagram."""
     return StudyFleet(study, plan, 1000, compiled=False).fly(range(1000))
 
 
@@ -40,8 +40,8 @@ def part(metrics, samples):
 @pytest.mark.parametrize("n", [1, 7, 8, 9, 1000])
 def test_a_fleet_of_any_size_has_the_metrics_of_the_uncompiled_diagram(study, plan, wired, n):
     samples = range(1000 - n, 1000)
-    found = StudyFleet(study, plan, n).fly(samples)
-    assert_metrics_alike(found, part(wired, samples))
+    actual = StudyFleet(study, plan, n).fly(samples)
+    assert_metrics_alike(actual, part(wired, samples))
 
 
 @pytest.mark.slow
@@ -51,18 +51,18 @@ def test_a_recorded_fleet_of_any_size_has_the_signals_of_the_uncompiled_diagram(
 
 
 @pytest.mark.slow
-def test_a_vehicle_of_a_compiled_fleet_flies_as_alone_to_the_bit(study, plan):
+def test_flights_in_a_compiled_fleet_and_alone_are_bitwise_equal(study, plan):
     fleet = simulate_samples(study, range(9), plan=plan, compiled=True)
     for sample in (0, 8):
-        alone = simulate(study, sample=sample, plan=plan, compiled=True)
-        for name, values in alone.signals.items():
+        single = simulate(study, sample=sample, plan=plan, compiled=True)
+        for name, values in single.signals.items():
             np.testing.assert_array_equal(fleet[sample][name], values, err_msg=name)
-        assert fleet[sample].metrics == alone.metrics
+        assert fleet[sample].metrics == single.metrics
 
 
 @pytest.mark.slow
 def test_a_batch_does_not_affect_the_next_one(study, plan, wired):
-    """The batches differ in duration, and some have fewer samples than the fleet has vehicles."""
+    """The batches have different durations, and some have fewer samples than the fleet has vehicles."""
     fleet = StudyFleet(study, plan, 9)
     first = fleet.fly(range(9))
     assert_metrics_alike(first, part(wired, range(9)))
@@ -70,13 +70,13 @@ def test_a_batch_does_not_affect_the_next_one(study, plan, wired):
     short = fleet.fly(range(9), duration=0.1)
     assert not np.any(short.rmse == first.rmse)
     assert_metrics_alike(fleet.fly(range(100, 109)), part(wired, range(100, 109)))
-    for found, expected in zip(fleet.fly(range(9)), first, strict=True):
-        np.testing.assert_array_equal(found, expected)
+    for actual, expected in zip(fleet.fly(range(9)), first, strict=True):
+        np.testing.assert_array_equal(actual, expected)
 
 
 @pytest.mark.slow
 def test_a_reset_deletes_the_record(study, plan):
-    """A second flight of the same batch has exactly the same record."""
+    """A second flight of the same batch has the same record to the last bit."""
     batch = Batch.draw(study, range(9))
     simulation = simulate_fleet(batch, plan, record=True, compiled=True)
     records = []
@@ -94,7 +94,7 @@ def test_a_reset_deletes_the_record(study, plan):
 @pytest.mark.slow
 @pytest.mark.parametrize("duration", [0.02, 0.14, 2.0, 2.02])
 def test_a_flight_ends_at_its_last_tick(diagrams, duration):
-    """The last tick does not depend on the number of ticks of an event, which is a hundred for a fleet."""
+    """The last tick does not depend on the number of ticks in an event, which is 100 for a fleet."""
     study = load_scenario(diagrams / "figure_eight.yaml", [f"duration={duration}"])
     flights = assert_flown_alike(Batch.draw(study, [0, 1]))
     assert [flight.time[-1] for flight in flights] == [duration, duration]
@@ -103,7 +103,7 @@ def test_a_flight_ends_at_its_last_tick(diagrams, duration):
 @pytest.mark.slow
 @pytest.mark.parametrize("n", [1, 2])
 def test_slower_cameras_do_not_change_the_ticks_of_the_control(diagrams, n):
-    """The flight can end, and is recorded, between two frames."""
+    """The flight is recorded and can end between two frames."""
     study = load_scenario(
         diagrams / "figure_eight.yaml", ["duration=0.42", "laboratory.motion_capture.period=0.08", "metrics.start=0.1"]
     )
@@ -113,7 +113,7 @@ def test_slower_cameras_do_not_change_the_ticks_of_the_control(diagrams, n):
 
 @pytest.mark.slow
 def test_a_flight_ends_when_the_last_vehicle_has_crashed(diagrams):
-    """Compiled diagrams check for crashes less often, but the metrics are those at the crash."""
+    """Compiled diagrams check for crashes less often, but their metrics are those at the time of the crash."""
     mass = "vehicle.mass={uniform: {min: 0.66, max: 0.67}}"
     study = load_scenario(diagrams / "figure_eight.yaml", ["duration=5", "crash.position_error=0.03", mass])
     flown = []
@@ -125,7 +125,7 @@ def test_a_flight_ends_when_the_last_vehicle_has_crashed(diagrams):
 
 
 def command(held, reference, measurement):
-    """Return the command of a PD that uses the current and the previous measurement."""
+    """Return the command of a PD that uses the current and the previous measurements."""
     return Acceleration(
         2.0 * (reference.x - held.x) + 2.5 * (reference.v_x - measurement.v_x),
         2.0 * (reference.y - held.y) + 2.5 * (reference.v_y - measurement.v_y),
@@ -134,7 +134,7 @@ def command(held, reference, measurement):
 
 
 @fleet_system(float)
-class Slow(FleetSystem):
+class SlowPd(FleetSystem):
     """Position controller with its own period."""
 
     def declare(self, *, period):
@@ -147,10 +147,10 @@ class Slow(FleetSystem):
 @pytest.mark.slow
 @pytest.mark.parametrize("period", [0.03, 0.04])
 def test_a_compiled_controller_can_have_its_own_period(diagrams, period):
-    """The flight ends, and is recorded, at the ticks of the control."""
+    """The flight is recorded at the ticks of the control, and ends at one of them."""
     study = load_scenario(diagrams / "figure_eight.yaml", ["duration=0.26"])
     flights = [
-        simulate(study, position_controller=Slow(period=period), compiled=compiled) for compiled in (True, False)
+        simulate(study, position_controller=SlowPd(period=period), compiled=compiled) for compiled in (True, False)
     ]
     assert_flights_alike(*flights)
     assert len(flights[0].time) == 14
@@ -159,7 +159,7 @@ def test_a_compiled_controller_can_have_its_own_period(diagrams, period):
 def test_a_controller_whose_period_does_not_fit_is_refused(diagrams):
     study = load_scenario(diagrams / "hover.yaml")
     with pytest.raises(InputError, match=r"^\S+ cannot be compiled: its period, 0.015 s, is not a multiple of 0.01 s$"):
-        simulate(study, position_controller=Slow(period=0.015), compiled=True)
+        simulate(study, position_controller=SlowPd(period=0.015), compiled=True)
 
 
 def test_a_continuous_vehicle_is_refused(diagrams):

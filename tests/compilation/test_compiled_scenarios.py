@@ -1,11 +1,11 @@
-"""Tests that flights are the same in compiled and uncompiled diagrams, for all scenarios."""
+"""Tests that compiled and uncompiled diagrams have the same flights, for shipped and random scenarios."""
 
 import os
 from pathlib import Path
 
 import numpy as np
 import pytest
-from both_ways import assert_flown_alike
+from compiled_comparison import assert_flown_alike
 from covering import covering
 from random_scenarios import scenario_of, structures
 from ruamel.yaml import YAML
@@ -21,12 +21,13 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[2]
 # Each structure is compiled once and flown with several sets of numbers. `make fuzz` sets a larger number of cases.
 CASES = os.environ.get("FUZZ_CASES")
-NUMBERS, AT_ONCE = 8, 8
-STRUCTURES = int(CASES) // 100 if CASES else AT_ONCE
+SAMPLES_PER_STRUCTURE = 8
+STRUCTURES_PER_SEED = 8
+NUM_STRUCTURES = int(CASES) // 100 if CASES else STRUCTURES_PER_SEED
 
 
 def specs():
-    """Return all scenarios in `diagrams`, and asymmetric ones, which reveal errors that symmetry hides."""
+    """Yield all scenarios in `diagrams`, and asymmetric scenarios, which reveal errors that symmetry hides."""
     for path in sorted((ROOT / "diagrams").glob("*.yaml")):
         yield from (f"{path}:{name}" for name in YAML(typ="safe").load(path))
     yield from (
@@ -35,15 +36,15 @@ def specs():
 
 
 def structures_in(batch, plan):
-    """Return the structures of the systems in the diagram of a batch: the name, the class and the arguments of each."""
+    """Return name, class and structural arguments of each system in the diagram of a batch."""
     recipes = laboratory_recipes(batch, plan, 1.0) | control_recipes(batch, plan)
     return {(name, each.system, repr(sorted(each.structure.items()))) for name, each in recipes.items()}
 
 
-def test_every_structure_in_the_shipped_scenarios_flies_the_same_compiled():
-    """Scenarios with the same systems compile to the same code, so a set of them that has every system is flown.
+def test_every_structure_of_the_shipped_scenarios_has_the_same_flight_when_compiled():
+    """Scenarios with the same systems compile to the same code, so only a subset with all systems is flown.
 
-    The obstacles are left out, since flights around them are compared below and their plans take seconds.
+    Obstacles are removed, because their plans take seconds, and the last test compares flights among obstacles.
     """
     plans, batches, structures = {}, {}, {}
     for spec in specs():
@@ -58,13 +59,15 @@ def test_every_structure_in_the_shipped_scenarios_flies_the_same_compiled():
         assert len(flight.time) == round(0.6 / flight.scenario.laboratory.command_link.period) + 1, spec
 
 
-@pytest.mark.parametrize("number", range(STRUCTURES))
-def test_random_scenarios_fly_the_same_compiled(number, tmp_path):
+@pytest.mark.parametrize("number", range(NUM_STRUCTURES))
+def test_random_scenarios_have_the_same_flights_when_compiled(number, tmp_path):
     rng = np.random.default_rng([number, 1])
-    structure = structures(np.random.default_rng(number // AT_ONCE), AT_ONCE)[number % AT_ONCE]
+    structure = structures(np.random.default_rng(number // STRUCTURES_PER_SEED), STRUCTURES_PER_SEED)[
+        number % STRUCTURES_PER_SEED
+    ]
     scenario = scenario_of(structure, rng, tmp_path, duration=0.7)
-    flights = assert_flown_alike(Batch.draw(scenario, range(NUMBERS)))
-    assert len({flight.metrics.rmse for flight in flights}) == NUMBERS
+    flights = assert_flown_alike(Batch.draw(scenario, range(SAMPLES_PER_STRUCTURE)))
+    assert len({flight.metrics.rmse for flight in flights}) == SAMPLES_PER_STRUCTURE
     if CASES:
         assert_flown_alike(Batch.draw(scenario, [number]))
 
@@ -77,13 +80,13 @@ OBSTACLES = {
 }
 
 
-def test_fleets_hit_the_same_obstacles_compiled_uncompiled_and_alone():
+def test_compiled_fleets_uncompiled_fleets_and_single_vehicles_hit_the_same_obstacles():
     scenario = load_scenario(f"{ROOT}/diagrams/robustness.yaml", {"space": {"obstacles": OBSTACLES}, "duration": 12.0})
     fleet = assert_flown_alike(Batch.draw(scenario, range(8)))
     touched = [flight.touched for flight in fleet]
     assert len({*touched}) > 2
-    alone = assert_flown_alike(Batch.draw(scenario, [5]))[0]
-    assert (alone.touched, alone.crash) == (fleet[5].touched, fleet[5].crash)
+    single = assert_flown_alike(Batch.draw(scenario, [5]))[0]
+    assert (single.touched, single.crash) == (fleet[5].touched, fleet[5].crash)
     for flight in fleet:
         if flight.touched is not None:
             state, solid = flight.record("state"), scenario.space.obstacles[flight.touched].shape()

@@ -1,4 +1,4 @@
-"""Tests of the machine code of events, with listings written by hand."""
+"""Tests of the machine code of events, with handwritten listings."""
 
 import itertools
 
@@ -17,7 +17,7 @@ NUM_VEHICLES = [1, 3, LANES, LANES + 3]
 
 
 def run(listing, changes, logged, *, state, parameters=(), inputs=(), shared, width=None, single_vehicle=False):
-    """Return state and log after events, given (rows, N) groups and (events, width) shared numbers."""
+    """Return the state and the log after events, given groups (rows, N) and shared numbers (events, width)."""
     state = np.array(state, dtype=float)
     n = state.shape[1]
     parameters, inputs = (np.array(rows, dtype=float).reshape(-1, n) for rows in (parameters, inputs))
@@ -42,7 +42,7 @@ def rows_of(listing, group, count):
 
 @pytest.mark.parametrize(("n", "single_vehicle"), [(1, True), *((n, False) for n in NUM_VEHICLES)])
 def test_consecutive_events_are_simulated_for_every_vehicle(n, single_vehicle):
-    """Each event reads the state after the previous one and its own shared numbers, and logs the old state."""
+    """Each event reads the state after the previous event and its own shared numbers, and logs the previous state."""
     listing = Listing()
     x, v = rows_of(listing, STATE, 2)
     ((stiffness,), (push,), step) = rows_of(listing, PARAMETERS, 1), rows_of(listing, INPUTS, 1), listing.shared(1)
@@ -50,7 +50,7 @@ def test_consecutive_events_are_simulated_for_every_vehicle(n, single_vehicle):
     rng = np.random.default_rng(n)
     state, parameters, inputs = rng.normal(size=(2, n)), rng.normal(size=(1, n)), rng.normal(size=(1, n))
     shared = rng.uniform(0.1, 0.2, (5, 2))
-    found, log = run(
+    actual, log = run(
         listing,
         changes,
         [x * v, 7.0, x],
@@ -64,12 +64,12 @@ def test_consecutive_events_are_simulated_for_every_vehicle(n, single_vehicle):
         a, b = state
         np.testing.assert_allclose(log[event], [a * b, np.full(n, 7.0), a], rtol=1e-13, atol=1e-15)
         state = np.array([a + h * b, b + h * (inputs[0] - np.exp(parameters[0]) * a)])
-    np.testing.assert_allclose(found, state, rtol=1e-13)
+    np.testing.assert_allclose(actual, state, rtol=1e-13)
 
 
 @pytest.mark.parametrize("n", NUM_VEHICLES)
 def test_only_rows_that_change_are_written(n):
-    """Memory beyond the fleet does not change, and without events nothing changes."""
+    """Memory outside the fleet does not change. Without events, nothing changes."""
     listing = Listing()
     (x, *_) = rows_of(listing, STATE, 3)
     loop = Loop(listing, {1: x + 1.0}, [], sizes=PartSizes(3, 0, 0), width=0, single_vehicle=False)
@@ -84,7 +84,7 @@ def test_only_rows_that_change_are_written(n):
 
 
 def test_aligned_arrays_begin_at_a_cache_line():
-    """Many arrays are tested, since some are aligned by chance."""
+    """The test checks many arrays, because some are aligned by chance."""
     for size in range(1, 40):
         array = parts.aligned(size)
         assert array.size == size
@@ -102,8 +102,8 @@ def test_a_log_has_room_for_whole_vectors():
     assert [loop.num_logged for loop in loops] == [1, 1]
 
 
-def tangled():
-    """Return a listing whose numbers, truth values, words and parameters are used again much later."""
+def listing_with_late_uses():
+    """Return a listing in which numbers, truth values, words and parameters are used again much later."""
     listing = Listing()
     state, parameters = rows_of(listing, STATE, 6), rows_of(listing, PARAMETERS, 3)
     (push,) = rows_of(listing, INPUTS, 1)
@@ -123,7 +123,7 @@ def tangled():
 
 @pytest.mark.parametrize("n", [1, LANES + 1])
 @pytest.mark.parametrize("window", [2, 7, 40, 10_000])
-def test_the_order_of_lines_does_not_change_a_bit(monkeypatch, window, n):
+def test_the_order_of_lines_does_not_change_the_results(monkeypatch, window, n):
     rng = np.random.default_rng(3)
     numbers = {
         "state": rng.uniform(-9.0, 9.0, (6, n)),
@@ -132,17 +132,17 @@ def test_the_order_of_lines_does_not_change_a_bit(monkeypatch, window, n):
         "shared": rng.normal(size=(3, 1)),
     }
     monkeypatch.setattr(scheduling, "_WINDOW", 1)
-    expected, expected_log = run(*tangled(), **numbers)
+    expected, expected_log = run(*listing_with_late_uses(), **numbers)
     monkeypatch.setattr(scheduling, "_WINDOW", window)
-    found, log = run(*tangled(), **numbers)
-    np.testing.assert_array_equal(found, expected)
+    actual, log = run(*listing_with_late_uses(), **numbers)
+    np.testing.assert_array_equal(actual, expected)
     np.testing.assert_array_equal(log, expected_log)
-    assert not np.array_equal(found, numbers["state"])
+    assert not np.array_equal(actual, numbers["state"])
 
 
 @pytest.mark.parametrize("order", list(itertools.permutations(range(4)))[::3], ids=str)
 def test_shifted_rows_are_read_before_they_are_overwritten(order):
-    """In a delay line, the first row is computed late, and the others are shifted, in any order of the lines."""
+    """The example is a delay line. Its first row is computed late, and the other rows are shifted in any order."""
     listing = Listing()
     rows = rows_of(listing, STATE, 4)
     fresh = rows[0]
@@ -150,7 +150,7 @@ def test_shifted_rows_are_read_before_they_are_overwritten(order):
         fresh = fresh * 0.5 + float(number)
     moves = {0: fresh, 1: rows[0], 2: rows[1], 3: rows[2]}
     logged = [rows[3], rows[order[0]] + fresh]
-    found, log = run(
+    actual, log = run(
         listing, {row: moves[row] for row in order}, logged, state=[[1.0], [2.0], [3.0], [4.0]], shared=[[0.0]] * 3
     )
     state, expected_log = [1.0, 2.0, 3.0, 4.0], []
@@ -160,22 +160,22 @@ def test_shifted_rows_are_read_before_they_are_overwritten(order):
             new = new * 0.5 + number
         expected_log.append([state[3], state[order[0]] + new])
         state = [new, *state[:3]]
-    np.testing.assert_array_equal(found[:, 0], state)
+    np.testing.assert_array_equal(actual[:, 0], state)
     np.testing.assert_array_equal(log[:, :, 0], expected_log)
 
 
 @pytest.mark.parametrize("targets", list(itertools.permutations(range(3))), ids=str)
 def test_rows_can_be_exchanged(targets):
-    """Other rows are computed from them, before and after the exchange."""
+    """Other rows depend on the exchanged rows, and are computed before and after the exchange."""
     listing = Listing()
     rows = rows_of(listing, STATE, 4)
     early, late = rows[0] * 2.0, rows[1] + rows[2]
     for _ in range(4):
         late = late * rows[2]
     changes = {**{row: rows[target] for row, target in enumerate(targets)}, 3: early + late}
-    (found, _) = run(listing, changes, [], state=[[1.0], [2.0], [3.0], [4.0]], shared=[[0.0]])
-    np.testing.assert_array_equal(found[:3, 0], 1.0 + np.array(targets))
-    assert found[3, 0] == 2.0 + 5.0 * 3.0**4
+    (actual, _) = run(listing, changes, [], state=[[1.0], [2.0], [3.0], [4.0]], shared=[[0.0]])
+    np.testing.assert_array_equal(actual[:3, 0], 1.0 + np.array(targets))
+    assert actual[3, 0] == 2.0 + 5.0 * 3.0**4
 
 
 def names_of(listing):
@@ -208,7 +208,7 @@ def test_unused_operations_are_omitted():
 
 
 def test_a_long_chain_of_operations_does_not_recurse():
-    """This holds for results that depend on parameters only, and for the rest."""
+    """There is such a chain in the part that depends only on parameters, and in the rest."""
     listing = Listing()
     x, k = listing.row(STATE, 0), listing.row(PARAMETERS, 0)
     for _ in range(3000):
@@ -219,7 +219,7 @@ def test_a_long_chain_of_operations_does_not_recurse():
 
 @pytest.mark.parametrize(("n", "single_vehicle"), [(1, True), *((n, False) for n in NUM_VEHICLES)])
 def test_branches_are_evaluated_at_every_event(n, single_vehicle):
-    """A branch can depend on parameters only, in which case it is evaluated in advance, and occur twice in an event."""
+    """A branch that depends only on parameters is evaluated in advance. A branch can occur twice in an event."""
 
     def root(x, y):
         return elementary.sqrt(x * x + y), y
@@ -233,7 +233,7 @@ def test_branches_are_evaluated_at_every_event(n, single_vehicle):
     state, parameters = rng.normal(size=(2, n)), rng.normal(size=(2, n))
     changes = {0: 0.5 * second - listing.shared(0), 1: fixed - first}
     shared = rng.uniform(0.5, 1.0, (6, 1))
-    found, log = run(
+    actual, log = run(
         listing,
         changes,
         [given, fixed],
@@ -249,4 +249,4 @@ def test_branches_are_evaluated_at_every_event(n, single_vehicle):
         np.testing.assert_array_equal(log[event], [np.where(one > 1.0, abs(v), -1.0), constant])
         two = np.where(one > 1.0, np.sqrt(one * one + abs(v)), x)
         state = np.array([0.5 * two - h, constant - one])
-    np.testing.assert_array_equal(found, state)
+    np.testing.assert_array_equal(actual, state)

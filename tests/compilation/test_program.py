@@ -1,4 +1,4 @@
-"""Tests that equivalent diagrams share the machine code of their events, and others do not."""
+"""Tests that equivalent diagrams share the machine code of their events, and different diagrams do not."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ def swapped(x, constant):
 
 @fleet_system(float)
 class Growing(FleetSystem):
-    """System with a row that a formula with a constant updates periodically."""
+    """System with one row, which a formula with a constant updates periodically."""
 
     def declare(
         self, *, formula=shrunk, constant=2.0, absent=0.0, period=0.01, unrestricted=False, at_start=True, numbers=1.0
@@ -68,7 +68,7 @@ def diagram_of(n=1, *, hold=0.02, gain=3.0, connected=True, value=4.0, name="sma
 
 @pytest.fixture
 def new_loops(monkeypatch):
-    """Return the list of loops that are created from now on, starting with an empty cache."""
+    """Empty the cache of events, and return a list to which every new loop is added."""
     monkeypatch.setattr(program, "_event_cache", ThreadSafeCache())
     loops, make = [], program.Loop
 
@@ -80,8 +80,8 @@ def new_loops(monkeypatch):
     return loops
 
 
-def flown(diagram, **options):
-    """Return the state after some time."""
+def compiled_outputs(diagram, **options):
+    """Return the outputs of the compiled diagram after 0.055 s."""
     compiled = compile_diagram(diagram, **options)
     simulator = Simulator(compiled)
     simulator.AdvanceTo(0.055)
@@ -96,17 +96,17 @@ def wired(diagram):
 
 def test_diagrams_that_differ_only_in_numbers_share_events(new_loops):
     """The diagrams differ in parameters, initial state and name."""
-    first = flown(diagram_of())
+    first = compiled_outputs(diagram_of())
     count = len(new_loops)
     assert count > 0
     other = diagram_of(numbers=0.7, value=-1.0, name="other")
-    np.testing.assert_allclose(flown(other), wired(other), rtol=1e-12)
+    np.testing.assert_allclose(compiled_outputs(other), wired(other), rtol=1e-12)
     assert len(new_loops) == count
-    assert not np.array_equal(flown(other), first)
+    assert not np.array_equal(compiled_outputs(other), first)
 
 
 def test_fleets_of_different_sizes_share_events(new_loops):
-    """The diagram has a multiplexer, a demultiplexer, and a reference that all vehicles share."""
+    """The diagram has a multiplexer, a demultiplexer, and a trajectory that all vehicles share."""
 
     def fleet(n):
         builder = DiagramBuilder()
@@ -133,14 +133,14 @@ def test_fleets_of_different_sizes_share_events(new_loops):
 
     counts = []
     for n in (3, 2, 17):
-        np.testing.assert_allclose(flown(fleet(n)), wired(fleet(n)), rtol=1e-12)
+        np.testing.assert_allclose(compiled_outputs(fleet(n)), wired(fleet(n)), rtol=1e-12)
         counts.append(len(new_loops))
     assert counts == counts[:1] * 3
-    flown(fleet(1))
+    compiled_outputs(fleet(1))
     assert len(new_loops) > counts[0]
 
 
-DIFFERENT = [
+DIFFERENCES = [
     {"formula": grown},
     {"constant": 2.5},
     {"absent": 0.25, "connected": False},
@@ -155,21 +155,21 @@ DIFFERENT = [
 ]
 
 
-@pytest.mark.parametrize("difference", DIFFERENT, ids=" ".join)
+@pytest.mark.parametrize("difference", DIFFERENCES, ids=" ".join)
 def test_diagrams_with_different_computations_have_different_events(new_loops, difference):
     before = {"constant": 0.0} if difference.get("constant") == 0.0 else {}
-    flown(diagram_of(**before))
+    compiled_outputs(diagram_of(**before))
     count = len(new_loops)
     other = diagram_of(**difference)
-    found = flown(other)
+    actual = compiled_outputs(other)
     assert len(new_loops) > count
-    np.testing.assert_allclose(found, wired(other), rtol=1e-12)
-    np.testing.assert_array_equal(np.signbit(found), np.signbit(wired(other)))
+    np.testing.assert_allclose(actual, wired(other), rtol=1e-12)
+    np.testing.assert_array_equal(np.signbit(actual), np.signbit(wired(other)))
 
 
 @pytest.mark.parametrize("first", [1, 2])
 def test_diagrams_that_split_rows_differently_have_different_events(first):
-    """The diagrams differ only in the sizes of the split outputs."""
+    """The diagrams differ only in the sizes of the outputs of a demultiplexer."""
     builder = DiagramBuilder()
     grows = builder.AddNamedSystem("grows", Growing())
     numbers = builder.AddNamedSystem("numbers", ConstantVectorSource([1.0, 2.0, 3.0]))
@@ -178,8 +178,8 @@ def test_diagrams_that_split_rows_differently_have_different_events(first):
     builder.ExportOutput(grows.GetOutputPort("x"), "x")
     builder.ExportOutput(parts.get_output_port(1), "second")
     compiled = compile_diagram(builder.Build())
-    found = compiled.GetOutputPort("second").Eval(compiled.CreateDefaultContext())
-    np.testing.assert_array_equal(found, [2.0, 3.0][first - 1 :])
+    actual = compiled.GetOutputPort("second").Eval(compiled.CreateDefaultContext())
+    np.testing.assert_array_equal(actual, [2.0, 3.0][first - 1 :])
 
 
 @fleet_system(float)
@@ -203,7 +203,7 @@ def total(x, by, seen):
 
 @fleet_system(float)
 class Selecting(FleetSystem):
-    """System with two ports, two parameters and two states, of which one each is used."""
+    """System with two ports, two parameters and two states; its formula uses one of each."""
 
     def declare(self, *, seen="one", by="one", read="one", written="one"):
         inputs = {name: self.input(f"seen_{name}", layout=ROW) for name in ("one", "two")}
@@ -229,12 +229,12 @@ def test_each_row_has_its_own_gain():
         builder.ExportOutput(grows.GetOutputPort("x"), "x")
         builder.ExportOutput(gain.get_output_port(), "gained")
         compiled = compile_diagram(builder.Build())
-        found = compiled.GetOutputPort("gained").Eval(compiled.CreateDefaultContext())
-        np.testing.assert_array_equal(found, [3.0, 2.0 * second])
+        actual = compiled.GetOutputPort("gained").Eval(compiled.CreateDefaultContext())
+        np.testing.assert_array_equal(actual, [3.0, 2.0 * second])
 
 
-def test_diagrams_that_use_other_equal_ports_have_different_events():
-    """Each number shows which port, parameter or state it comes from."""
+def test_diagrams_that_use_different_ports_of_the_same_kind_have_different_events():
+    """The result reveals which port, parameter and state the formula uses, because all numbers differ."""
     for choice in ({}, *({name: "two"} for name in ("seen", "by", "read", "written"))):
         builder = DiagramBuilder()
         chooses = builder.AddNamedSystem("chooses", Selecting(**choice))
@@ -275,15 +275,15 @@ def test_events_differ_by_recorded_ports_and_number_of_ticks(new_loops):
     assert len(new_loops) == counts[-1]
 
 
-def test_events_that_were_dropped_from_the_cache_are_compiled_again(new_loops, monkeypatch):
+def test_events_that_were_removed_from_the_cache_are_compiled_again(new_loops, monkeypatch):
     monkeypatch.setattr(program, "_event_cache", ThreadSafeCache(2))
     diagram = diagram_of()
-    first = flown(diagram)
+    first = compiled_outputs(diagram)
     assert len(program._event_cache) <= 2
-    np.testing.assert_array_equal(flown(diagram), first)
+    np.testing.assert_array_equal(compiled_outputs(diagram), first)
 
 
-def test_tables_that_were_dropped_from_the_cache_are_computed_again(monkeypatch):
+def test_tables_that_were_removed_from_the_cache_are_computed_again(monkeypatch):
     diagram = diagram_of()
     logs = []
     for most in (256, 1):

@@ -1,4 +1,4 @@
-"""Tests of the table of shared numbers."""
+"""Tests of the table of the numbers that all vehicles share."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from drake_quad.compilation.shared_numbers import TIME_NUMBER, NumberSource, Sha
 from drake_quad.framework.formulas import TickOf
 
 
-def nothing(path, output, time):
+def no_value(path, output, time):
     raise AssertionError(path)
 
 
@@ -35,7 +35,7 @@ def test_times_and_ticks_are_those_of_each_event_and_instant():
     assert columns == [0, 1, 2, 3]
     times = np.array([[0.0, 0.02], [0.06, 0.08], [0.08, 0.1]])
     np.testing.assert_array_equal(
-        shared.table(times, nothing), [[0.02, 0.0, 0.0, 1.0], [0.08, 1.0, 1.0, 0.0], [0.1, 2.0, 0.0, 1.0]]
+        shared.table(times, no_value), [[0.02, 0.0, 0.0, 1.0], [0.08, 1.0, 1.0, 0.0], [0.1, 2.0, 0.0, 1.0]]
     )
 
 
@@ -57,4 +57,4 @@ def test_a_source_is_evaluated_once_for_all_its_elements():
 
 @pytest.mark.parametrize("events", [0, 2])
 def test_a_table_without_numbers_has_a_row_for_each_event(events):
-    assert SharedNumbers().table(np.zeros((events, 1)), nothing).shape == (events, 1)
+    assert SharedNumbers().table(np.zeros((events, 1)), no_value).shape == (events, 1)

@@ -1,4 +1,4 @@
-"""Tests of connections through nested diagrams."""
+"""Tests of the connections of systems through nested diagrams."""
 
 import pytest
 from pydrake.systems.framework import DiagramBuilder
@@ -13,7 +13,7 @@ def named(builder, name, system):
 
 @pytest.fixture(scope="module")
 def topology():
-    """Return the topology of a gain in two nested diagrams, and an adder beside them.
+    """Return the topology of a gain in two nested diagrams, and an adder outside of them.
 
     u ──┬──▶ outer( inner( gain ) ──▶ twice ) ──┐
         └──────────────────────────────▶ adder ◀┘ ◀── constant

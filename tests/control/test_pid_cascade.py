@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from both_ways import assert_flown_alike
+from compiled_comparison import assert_flown_alike
 from pydrake.systems.analysis import Simulator
 from scipy.spatial.transform import Rotation
 

@@ -217,7 +217,7 @@ def test_parameters_are_read_from_a_ulog(tmp_path):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"nothing: 1", "not a parameter file of PX4 or of a Crazyflie: it has neither posCtlPid.* nor MPC_"),
+        (b"nothing: 1", "not a parameter file of PX4 or of a Crazyflie: it contains neither posCtlPid.* nor MPC_"),
         (b"", "is empty"),
         (b"\xff\xfe\x00", "neither a text file nor a ULog"),
         (b"MC_ROLL_P nan", "MC_ROLL_P is nan; it must be finite and not negative"),

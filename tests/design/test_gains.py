@@ -458,8 +458,8 @@ class ProportionalFamily:
         ((-1.0, 0.5), r"a negative gain: k_P -1, k_D 0\.5"),
         ((1.0, 0.0), r"a negative gain: k_P 1, k_D 0"),
         ((np.nan, 1.0), "no gains: none exist for this effort"),
-        ((1.0, 0.001), r"no stability: a pole of size 1\.000\d"),
-        ((1.0, 120.0), r"no stability: a pole of size 1\.\d{4}"),
+        ((1.0, 0.001), r"no stability: a pole of magnitude 1\.000\d"),
+        ((1.0, 120.0), r"no stability: a pole of magnitude 1\.\d{4}"),
     ],
 )
 def test_missing_gains_have_a_reason(gains, words):

@@ -1,9 +1,9 @@
-"""Flights that were never flown, whose statistics are known."""
+"""Invented flights with known statistics."""
 
 import numpy as np
 
 from drake_quad.evaluation.families import FAMILIES
-from drake_quad.evaluation.results import PRICED, Evaluation, Traits, in_laps
+from drake_quad.evaluation.results import PRICED_DESIGNS, Evaluation, Traits, laboratory_with_laps
 from drake_quad.laboratory.metrics import Metrics
 
 COUNT = 40
@@ -11,7 +11,7 @@ NOISE = np.random.default_rng(3).normal(size=(2, COUNT))
 
 
 def flights(error, *, own=0, crashed=()):
-    """Flights with a mean error (m), of which the samples that are named crash."""
+    """Return metrics of invented flights with a mean error (m), in which the given samples crash."""
     rmse = error * (1.0 + 0.1 * NOISE[0]) + 0.001 * error * NOISE[1] * own
     time = np.full(COUNT, np.inf)
     time[list(crashed)] = 3.0
@@ -20,7 +20,7 @@ def flights(error, *, own=0, crashed=()):
 
 
 def evaluation(network=0.9, other=0.8, *, crashed=()):
-    """PDs and INDIs with networks, in two families, and designs with less margin."""
+    """Return an invented evaluation of PD and INDI with networks in two families, and of designs with other limits."""
     errors = {"pd": 0.2, "pd_t1fnn": 0.2 * network, "pd_t2fnn": 0.2 * network * other, "indi": 0.04, "indi_t2fnn": 0.04}
     found = {
         place: {name: flights(error, own=own) for own, (name, error) in enumerate(errors.items())}
@@ -29,7 +29,7 @@ def evaluation(network=0.9, other=0.8, *, crashed=()):
     found["outdoor"]["pd_t2fnn"] = flights(0.2 * network * other, own=2, crashed=crashed)
     found["high wind"] |= {"indi@1.6": flights(0.06, own=5), "indi@3": flights(0.03, own=6)}
     for count, error in enumerate((0.2, 0.1, 0.05), start=1):
-        found[in_laps(count)] = {"pd": flights(0.2), "pd_t2fnn_map": flights(error, own=count)}
+        found[laboratory_with_laps(count)] = {"pd": flights(0.2), "pd_t2fnn_map": flights(error, own=count)}
     told = {name: Traits(2.2, 0.06, 0.09, 80e-6, 1e-6) for name in errors}
-    priced = {f"indi@{limit:g}": Traits(limit, 0.05, 0.1 / limit, 1e-4, 1e-6) for limit in (1.6, 3.0)}
-    return Evaluation(found, {"laboratory": told, "outdoor": told, PRICED: priced})
+    designs_by_sensitivity = {f"indi@{limit:g}": Traits(limit, 0.05, 0.1 / limit, 1e-4, 1e-6) for limit in (1.6, 3.0)}
+    return Evaluation(found, {"laboratory": told, "outdoor": told, PRICED_DESIGNS: designs_by_sensitivity})

@@ -1,17 +1,17 @@
-"""The shipped designs are the entries of the evaluation with tuned numbers."""
+"""Tests of the shipped designs, which must equal the entries of the evaluation except for tuned parameters."""
 
 import pytest
 
 from drake_quad.evaluation.designs import design_file, designs_in, write_designs
 from drake_quad.evaluation.entries import entries_of
 from drake_quad.evaluation.families import FAMILIES
-from drake_quad.evaluation.protocol import _predictive, numbers_before
-from drake_quad.evaluation.results import PRICED, PRICED_CONTROLLERS, SENSITIVITIES, priced_name
+from drake_quad.evaluation.protocol import _write_predictive_control, previous_numbers
+from drake_quad.evaluation.results import PRICED_CONTROLLERS, PRICED_DESIGNS, SENSITIVITY_LIMITS, priced_name
 from drake_quad.scenario.paths import steps_of
 
 
 def numbers_in(design, paths):
-    """Return the numbers that a design has at some paths."""
+    """Return the values at the given paths of a design."""
     found = []
     for path in paths:
         part = design
@@ -23,16 +23,16 @@ def numbers_in(design, paths):
 
 @pytest.fixture(scope="module")
 def designs(diagrams):
-    """The shipped designs by family, and those with other limits."""
-    return {name: designs_in(design_file(diagrams, name)) for name in (*FAMILIES, PRICED)}
+    """Return the shipped designs by family, and the designs with other limits."""
+    return {name: designs_in(design_file(diagrams, name)) for name in (*FAMILIES, PRICED_DESIGNS)}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FAMILIES)
-def test_a_shipped_design_differs_from_its_entry_only_in_its_tuned_numbers(name, designs):
+def test_a_shipped_design_differs_from_its_entry_only_in_tuned_parameters(name, designs):
     family = FAMILIES[name]
     entries = entries_of(on_board=family.on_board, maps=family.maps)
-    # The file of the laboratory has a design with less margin as well.
+    # The file of the laboratory also contains a design with a smaller margin.
     assert designs[name].keys() - {"indi_fast"} == entries.keys()
     for key, entry in entries.items():
         design = designs[name][key]
@@ -40,34 +40,35 @@ def test_a_shipped_design_differs_from_its_entry_only_in_its_tuned_numbers(name,
         for knob, found in zip(entry.knobs, numbers, strict=True):
             assert len(set(found)) == 1
             assert knob.low <= found[0] <= knob.high
-            # The report says that all ranges are a factor of ten or more wide.
+            # The report states that each range spans at least a factor of ten.
             assert knob.high >= 9.99 * knob.low
         if entry.knobs:
             assert entry.tree([found[0] for found in numbers]) == design
         else:
             assert design["control"]["kind"] == key
     for key in PRICED_CONTROLLERS:
-        for limit in SENSITIVITIES if name == "laboratory" else ():
-            design, knobs = designs[PRICED][priced_name(key, limit)], entries[key].knobs
+        for limit in SENSITIVITY_LIMITS if name == "laboratory" else ():
+            design, knobs = designs[PRICED_DESIGNS][priced_name(key, limit)], entries[key].knobs
             if knobs:
                 assert entries[key].tree([numbers_in(design, knob.paths)[0] for knob in knobs]) == design
 
 
-def test_an_entry_says_how_a_controller_is_flown_and_trained():
+def test_entries_have_consistent_attributes():
     entries = entries_of(on_board=False, maps=True)
-    assert [name for name, each in entries.items() if each.slow] == ["mpc"]
-    assert [name for name, each in entries.items() if each.laps] == [name for name in entries if name.endswith("_map")]
+    assert [name for name, each in entries.items() if each.uncompiled] == ["mpc"]
+    in_laps = [name for name, each in entries.items() if each.trained_in_laps]
+    assert in_laps == [name for name in entries if name.endswith("_map")]
     for name, each in entries.items():
-        assert each.around == (name.partition("_t1")[0].partition("_t2")[0] if "fnn" in name else "")
-        assert each.words == "LQG" or not each.around or each.words.startswith(f"{entries[each.around].words} + type ")
-        assert each.around or ("lag" in each.told) == ("lag" in str(each.knobs) or name == "lqg")
-    assert len({each.words for each in entries.values()}) == len(entries)
+        assert each.base == (name.partition("_t1")[0].partition("_t2")[0] if "fnn" in name else "")
+        assert each.label == "LQG" or not each.base or each.label.startswith(f"{entries[each.base].label} + type ")
+        assert each.base or ("lag" in each.plant_knowledge) == ("lag" in str(each.knobs) or name == "lqg")
+    assert len({each.label for each in entries.values()}) == len(entries)
     without = entries_of(on_board=False, maps=False)
-    assert entries.keys() - without.keys() == {name for name, each in entries.items() if each.laps}
+    assert entries.keys() - without.keys() == set(in_laps)
     assert entries.keys() - entries_of(on_board=True, maps=True).keys() == {"geometric"}
 
 
-def test_the_middle_of_the_ranges_is_that_of_their_logarithms():
+def test_the_middle_of_a_range_is_its_geometric_mean():
     entry = entries_of(on_board=True, maps=False)["pd"]
     tree = entry.middle()
     for knob in entry.knobs:
@@ -77,44 +78,44 @@ def test_the_middle_of_the_ranges_is_that_of_their_logarithms():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FAMILIES)
-def test_model_predictive_control_is_the_regulator_of_lqg_with_a_horizon(name, designs, tmp_path):
+def test_the_mpc_design_is_the_lqg_regulator_with_a_horizon(name, designs, tmp_path):
     path = tmp_path / "designs.yaml"
-    assert list(_predictive(path)) == []
+    assert list(_write_predictive_control(path)) == []
     path.write_text("lqg:\n  control: {kind: lqg, kalman: [1.0, 2.0]}\n", encoding="utf-8")
-    assert [each.name for each in _predictive(path)] == ["mpc"]
+    assert [each.name for each in _write_predictive_control(path)] == ["mpc"]
     assert designs_in(path)["mpc"] == {"control": {"kind": "mpc", "kalman": [1.0, 2.0], "horizon": 0.6}}
     shipped = designs[name]
     assert shipped["mpc"]["control"] == {**shipped["lqg"]["control"], "kind": "mpc", "horizon": 0.6}
 
 
 @pytest.mark.slow
-def test_the_numbers_of_an_earlier_design_are_read_from_its_file(diagrams, designs, tmp_path):
+def test_the_parameters_of_an_earlier_design_are_read_from_its_file(diagrams, designs, tmp_path):
     family = FAMILIES["laboratory"]
     path = design_file(diagrams, "laboratory")
     entries = entries_of(on_board=False, maps=True)
     for key in ("indi", "pd_t2fnn"):
         expected = [numbers_in(designs["laboratory"][key], knob.paths)[0] for knob in entries[key].knobs]
-        assert numbers_before(diagrams, family, path, key, entries[key]) == expected
-    assert numbers_before(diagrams, family, tmp_path / "none.yaml", "pd", entries["pd"]) is None
-    # A design of another kind has no such numbers.
-    assert numbers_before(diagrams, family, path, "pd", entries["pid"]) is None
+        assert previous_numbers(diagrams, family, path, key, entries[key]) == expected
+    assert previous_numbers(diagrams, family, tmp_path / "none.yaml", "pd", entries["pd"]) is None
+    # A design of another kind has no such parameters.
+    assert previous_numbers(diagrams, family, path, "pd", entries["pid"]) is None
 
 
 def plain(tree):
-    """Return a tree without what YAML keeps of its style."""
+    """Return a tree of plain lists and dictionaries, without the style of the YAML file."""
     if isinstance(tree, dict):
         return {key: plain(part) for key, part in tree.items()}
     return [plain(part) for part in tree] if isinstance(tree, list) else tree
 
 
 @pytest.mark.slow
-def test_designs_that_are_written_again_leave_the_text_of_their_file_as_it_is(diagrams, tmp_path):
+def test_rewriting_designs_does_not_change_their_file(diagrams, tmp_path):
     path = design_file(diagrams, "neural_fly")
     copy = tmp_path / "designs.yaml"
     copy.write_bytes(path.read_bytes())
-    write_designs(copy, plain(designs_in(copy)), said={})
+    write_designs(copy, plain(designs_in(copy)), comments={})
     assert copy.read_text(encoding="utf-8") == path.read_text(encoding="utf-8")
     text = copy.read_text(encoding="utf-8")
     assert "attitude: null" in text
-    write_designs(copy, {}, said={}, head="Two\nlines")
+    write_designs(copy, {}, comments={}, header="Two\nlines")
     assert copy.read_text(encoding="utf-8").startswith("# Two\n# lines\n")

@@ -1,4 +1,4 @@
-"""Answers about invented flights, whose numbers are worked out here."""
+"""Verdicts on invented flights, compared with independent computations."""
 
 import re
 
@@ -7,7 +7,7 @@ import pytest
 from invented_flights import COUNT, evaluation, flights
 
 from drake_quad.errors import InputError
-from drake_quad.evaluation.claims import all_claims, best_in, effects, price_of_margin
+from drake_quad.evaluation.claims import all_claims, best_controllers, comparisons_by_laboratory, judge_price_of_margin
 from drake_quad.evaluation.families import FAMILIES
 from drake_quad.evaluation.report import report_markdown, write_summary
 from drake_quad.evaluation.results import read_evaluation, write_evaluation
@@ -17,69 +17,69 @@ from drake_quad.statistics.estimates import share_interval
 
 
 def verdicts(found):
-    return {each.words: each.verdict for each in all_claims(found)}
+    return {each.statement: each.verdict for each in all_claims(found)}
 
 
-AROUND_PD = "a network of type 2 around PD makes its error smaller"
-OVER_TYPE_1 = "type 2 is better than type 1 around the PD"
+ADDED_TO_PD = "adding a type-2 network to PD reduces the error"
+OVER_TYPE_1 = "with the PD, a type-2 network has a smaller error than a type-1 network"
 
 
-def test_a_network_that_helps_everywhere_holds_and_one_that_changes_nothing_cannot_be_decided():
+def test_claims_about_effective_networks_hold_and_about_neutral_ones_are_undecided():
     found = verdicts(evaluation())
-    assert found[AROUND_PD] == found[OVER_TYPE_1] == "holds"
-    assert found["a network of type 2 around INDI makes its error smaller"] == "cannot be decided"
+    assert found[ADDED_TO_PD] == found[OVER_TYPE_1] == "holds"
+    assert found["adding a type-2 network to INDI reduces the error"] == "cannot be decided"
 
 
-def test_a_network_that_harms_does_not_hold():
+def test_a_claim_about_a_harmful_network_does_not_hold():
     found = verdicts(evaluation(network=1.1, other=1.05))
-    assert found[AROUND_PD] == found[OVER_TYPE_1] == "does not hold"
+    assert found[ADDED_TO_PD] == found[OVER_TYPE_1] == "does not hold"
 
 
-def test_a_network_that_crashes_where_nothing_else_does_holds_in_part():
+def test_crashes_with_a_network_make_its_claim_hold_in_part():
     found = verdicts(evaluation(crashed=range(8)))
-    assert found[AROUND_PD] == "holds in part"
-    (text,) = (each.evidence for each in all_claims(evaluation(crashed=range(8))) if each.words == AROUND_PD)
-    assert "outdoor: 8 samples crash with it alone, 0 with the other alone (p = 0.0078)" in text
-    assert verdicts(evaluation(crashed=range(2)))[AROUND_PD] == "holds"
+    assert found[ADDED_TO_PD] == "holds in part"
+    (text,) = (each.evidence for each in all_claims(evaluation(crashed=range(8))) if each.statement == ADDED_TO_PD)
+    assert "outdoor: it alone crashes on 8 samples, the other alone on 0 (p = 0.0078)" in text
+    assert verdicts(evaluation(crashed=range(2)))[ADDED_TO_PD] == "holds"
 
 
-def test_shares_are_those_of_the_same_samples():
-    compared = effects(evaluation(network=0.9, other=0.8), "pd_t2fnn", "pd")
+def test_reductions_are_paired_by_sample():
+    compared = comparisons_by_laboratory(evaluation(network=0.9, other=0.8), "pd_t2fnn", "pd")
     assert list(compared) == [*FAMILIES["laboratory"].laboratories, "outdoor"]
     for each in compared.values():
-        assert reduction(each.share).value == pytest.approx(0.28, abs=0.002)
-        # Paired, ten per cent of scatter are no part of the interval.
-        assert reduction(each.share).high - reduction(each.share).low < 0.002
+        assert reduction(each.ratio).value == pytest.approx(0.28, abs=0.002)
+        # The scatter of 10 % between samples cancels in a paired comparison.
+        assert reduction(each.ratio).high - reduction(each.ratio).low < 0.002
 
 
-def test_a_map_serves_if_the_last_lap_is_better_than_the_first_and_than_no_map():
-    (claim,) = (each for each in all_claims(evaluation()) if each.words.startswith("in laps"))
+def test_learning_in_laps_must_improve_on_the_first_lap_and_on_flights_without_a_network():
+    (claim,) = (each for each in all_claims(evaluation()) if each.statement.startswith("over several laps"))
     assert claim.verdict == "holds"
-    assert claim.evidence.startswith("in lap 3 its RMSE is less by 75.")
+    assert claim.evidence.startswith("in lap 3 its RMSE is smaller by 75.")
 
 
-def test_margin_is_paid_for_where_every_step_errs_less():
+def test_margin_costs_accuracy_if_every_step_reduces_the_error():
     found = evaluation()
-    claim = price_of_margin(found)
+    claim = judge_price_of_margin(found)
     assert claim.verdict == "holds"
-    assert "with a peak sensitivity of 3.00 in place of 1.60 the RMSE of INDI is less by 50." in claim.evidence
+    assert "with a peak sensitivity of 3.00 instead of 1.60, the RMSE of INDI is smaller by 50." in claim.evidence
     assert "from 62 ms to 33 ms" in claim.evidence
     found.flights["high wind"]["indi@3"] = flights(0.05, own=6)
-    assert price_of_margin(found).verdict == "holds in part"
+    assert judge_price_of_margin(found).verdict == "holds in part"
 
 
-def test_the_best_is_that_of_least_error_which_hardly_crashes():
+def test_the_best_controller_has_the_smallest_error_of_those_that_hardly_crash():
     found = evaluation()
-    assert sorted(best_in(found, "low wind")) == ["indi", "indi_t2fnn"]
+    assert sorted(best_controllers(found, "low wind")) == ["indi", "indi_t2fnn"]
     found.flights["low wind"]["pd"] = flights(0.03)
-    assert best_in(found, "low wind") == ["pd"]
+    assert best_controllers(found, "low wind") == ["pd"]
     found.flights["low wind"]["pd"] = flights(0.2, crashed=[1])
-    assert sorted(best_in(found, "low wind")) == ["indi", "indi_t2fnn"]
+    assert sorted(best_controllers(found, "low wind")) == ["indi", "indi_t2fnn"]
     found.flights["low wind"]["pd"] = flights(0.03, crashed=range(4))
-    assert sorted(best_in(found, "low wind")) == ["indi", "indi_t2fnn"]
+    assert sorted(best_controllers(found, "low wind")) == ["indi", "indi_t2fnn"]
 
 
-def test_what_is_written_is_read_again(tmp_path):
+def test_an_evaluation_is_read_as_it_was_written(tmp_path):
     found = evaluation(crashed=[1])
     flights_file, traits_file = write_evaluation(tmp_path, found)
     assert (flights_file.name, traits_file.name) == ("flights.csv", "traits.csv")
@@ -99,7 +99,7 @@ def test_what_is_written_is_read_again(tmp_path):
         read_evaluation(tmp_path)
 
 
-def test_the_report_says_what_the_numbers_say(tmp_path):
+def test_the_report_agrees_with_the_evaluation(tmp_path):
     found = evaluation(crashed=range(8))
     found.flights["low wind"]["indi_t2fnn"] = flights(0.05)
     text = report_markdown(found, all_claims(found), ["errors"])

@@ -1,4 +1,4 @@
-"""Choice of the flights that judge controllers; flights are replaced by a record of their requests."""
+"""Selection of the flights of the evaluation. Flights are replaced by a record of the requests."""
 
 import math
 from types import SimpleNamespace
@@ -21,22 +21,22 @@ from drake_quad.evaluation.experiment import (
     fly_priced,
     missing_designs,
 )
-from drake_quad.evaluation.families import FAMILIES, FIRST_JUDGED, LaboratoryFamily, laps_of
+from drake_quad.evaluation.families import FAMILIES, FIRST_EVALUATION_SAMPLE, LaboratoryFamily, overrides_for_laps
 from drake_quad.evaluation.results import (
-    PRICED,
     PRICED_CONTROLLERS,
-    SENSITIVITIES,
+    PRICED_DESIGNS,
+    SENSITIVITY_LIMITS,
     Traits,
-    in_laps,
+    laboratory_with_laps,
     priced_name,
 )
 
-SIZES = EvaluationSizes(samples=7, slow=3, laps=5, most_laps=3, delayed=4, most_frames=6)
+SIZES = EvaluationSizes(samples=7, uncompiled=3, laps=5, max_laps=3, delayed=4, max_delay_frames=6)
 
 
 @pytest.fixture
-def told(monkeypatch):
-    """Replace flights and linear models by texts that say of what they are, and scenarios by their layers."""
+def replaced_flights(monkeypatch):
+    """Replace flights and linear models by texts that describe them, and scenarios by their layers."""
 
     def scenario(family, diagrams, place, layers=(), overrides=()):
         return (place, *(layer.rpartition(":")[2] for layer in layers), *overrides)
@@ -47,30 +47,30 @@ def told(monkeypatch):
     )
     monkeypatch.setattr(experiment, "worst_margins", lambda of: (f"peak {of}", f"delay {of}"))
     monkeypatch.setattr(experiment, "delay_flown", lambda of, sizes: f"stood {of} {sizes.delayed}")
-    monkeypatch.setattr(experiment, "lone_time", lambda of, compiled=True: f"lone {of} {compiled}")
+    monkeypatch.setattr(experiment, "single_vehicle_time", lambda of, compiled=True: f"lone {of} {compiled}")
 
 
-def test_a_family_is_judged_in_each_of_its_laboratories(told, diagrams):
+def test_a_controller_flies_in_each_laboratory_of_its_family(replaced_flights, diagrams):
     family = LaboratoryFamily({"gale": "a", "calm": "b"}, ("calm",), "gale", on_board=False, maps=True)
     for name in ("pd", "pd_t2fnn_map", "mpc"):
         *found, last = fly_family(diagrams, "mine", family, name, SIZES)
-        slow = name == "mpc"
-        count = 3 if slow else 7
+        uncompiled = name == "mpc"
+        count = 3 if uncompiled else 7
         for place, flown in zip(("gale", "calm"), found, strict=True):
-            assert flown == (place, name, ("flown", (place, name), count, not slow))
-        # The margin of a network is that of the controller that it stands around.
-        base = ("calm", "mpc" if slow else "pd")
+            assert flown == (place, name, ("flown", (place, name), count, not uncompiled))
+        # A network has the margin of the controller to which it is added.
+        base = ("calm", "mpc" if uncompiled else "pd")
         windy = ("gale", name)
-        stood = last[2].delay_flown
+        tolerated = last[2].delay_flown
         assert last == (
             "mine",
             name,
-            Traits(f"peak {base}", f"delay {base}", stood, f"lone {windy} {not slow}", "time gale"),
+            Traits(f"peak {base}", f"delay {base}", tolerated, f"lone {windy} {not uncompiled}", "time gale"),
         )
-        assert math.isnan(stood) if slow else stood == f"stood {windy} 4"
+        assert math.isnan(tolerated) if uncompiled else tolerated == f"stood {windy} 4"
 
 
-def test_shorter_flights_are_those_of_all_laboratories_but_not_of_the_margins(told, diagrams):
+def test_margins_do_not_depend_on_the_flight_duration(replaced_flights, diagrams):
     family = FAMILIES["neural_fly"]
     found = list(fly_family(diagrams, "neural_fly", family, "indi_t2fnn_map", SIZES._replace(duration=2.5)))
     assert [place for place, *_ in found] == [*family.laboratories, "neural_fly"]
@@ -81,21 +81,21 @@ def test_shorter_flights_are_those_of_all_laboratories_but_not_of_the_margins(to
     assert SIZES.overrides == ()
 
 
-def test_maps_and_what_they_stand_around_fly_all_numbers_of_laps(told, diagrams):
+def test_position_networks_and_their_bases_fly_all_numbers_of_laps(replaced_flights, diagrams):
     entries = ["pd", "pd_t2fnn", "indi", "indi_t2fnn_map", "lqg"]
     found = list(fly_laps(diagrams, "laboratory", FAMILIES["laboratory"], entries, SIZES))
     assert [each[:2] for each in found] == [
-        (in_laps(n), name) for name in ("indi", "indi_t2fnn_map") for n in (1, 2, 3)
+        (laboratory_with_laps(n), name) for name in ("indi", "indi_t2fnn_map") for n in (1, 2, 3)
     ]
     for place, name, metrics in found:
         laps = int(place[-1])
-        assert metrics == ("flown", ("high wind", name, *laps_of(laps)), 5, True)
-    assert laps_of(3) == ("route.laps=3", "metrics.first_lap=3")
+        assert metrics == ("flown", ("high wind", name, *overrides_for_laps(laps)), 5, True)
+    assert overrides_for_laps(3) == ("route.laps=3", "metrics.first_lap=3")
 
 
-def test_designs_with_other_limits_fly_in_high_wind(told, diagrams):
+def test_designs_with_other_limits_fly_in_high_wind(replaced_flights, diagrams):
     found = list(fly_priced(diagrams, FAMILIES["laboratory"], ["pd", "lqg"], SIZES._replace(duration=2.0)))
-    names = [priced_name("lqg", limit) for limit in SENSITIVITIES]
+    names = [priced_name("lqg", limit) for limit in SENSITIVITY_LIMITS]
     assert [each[:2] for each in found] == [(place, name) for name in names for place in ("high wind", "priced")]
     short = ("high wind", names[0], "duration=2.0")
     assert found[0][2] == ("flown", short, 7, True)
@@ -105,8 +105,11 @@ def test_designs_with_other_limits_fly_in_high_wind(told, diagrams):
     )
 
 
-def test_times_are_cpu_times_of_a_vehicle_a_tick(monkeypatch, diagrams):
-    """A flight of 4 s has 200 ticks of 20 ms. Three lone flights take 3 s, 1 s and, up to a crash after 1 s, 0.5 s."""
+def test_times_are_cpu_times_per_vehicle_and_tick(monkeypatch, diagrams):
+    """A flight of 4 s has 200 ticks.
+
+    Three single flights take 3 s, 1 s, and 0.5 s, since the third crashes after 1 s of flight.
+    """
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal")
     clock, made, flown = iter([0.0, 14.0, 20.0, 23.0, 30.0, 31.0, 40.0, 40.5]), [], []
 
@@ -117,26 +120,29 @@ def test_times_are_cpu_times_of_a_vehicle_a_tick(monkeypatch, diagrams):
 
         def fly(self, samples):
             flown.append([*samples])
-            return SimpleNamespace(crash_time=np.array([1.0 if samples[0] == FIRST_JUDGED + 2 else np.inf]))
+            return SimpleNamespace(crash_time=np.array([1.0 if samples[0] == FIRST_EVALUATION_SAMPLE + 2 else np.inf]))
 
     monkeypatch.setattr(experiment, "StudyFleet", Fleet)
     monkeypatch.setattr(experiment.time, "process_time", lambda: next(clock))
     assert scenario.laboratory.command_link.period == 0.02
     _, spent = experiment.timed_flights(scenario, 7)
     assert spent == pytest.approx(14.0 / 7.0 / 200.0)
-    assert experiment.lone_time(scenario) == pytest.approx(1.0 / 200.0)
+    assert experiment.single_vehicle_time(scenario) == pytest.approx(1.0 / 200.0)
     assert made == [(7, True), (1, True)]
-    assert flown == [[*range(FIRST_JUDGED, FIRST_JUDGED + 7)], *([FIRST_JUDGED + i] for i in range(3))]
+    assert flown == [
+        [*range(FIRST_EVALUATION_SAMPLE, FIRST_EVALUATION_SAMPLE + 7)],
+        *([FIRST_EVALUATION_SAMPLE + i] for i in range(3)),
+    ]
     clock = iter(range(20))
     experiment.timed_flights(scenario, 3, compiled=False)
-    experiment.lone_time(scenario, compiled=False)
+    experiment.single_vehicle_time(scenario, compiled=False)
     assert made[2:] == [(3, False), (1, False)]
 
 
 @pytest.mark.parametrize(
     ("crashes_from", "expected"), [(0.0, -0.01), (1.0, 0.0), (4.0, 0.03), (6.0, 0.05), (7.0, math.inf)]
 )
-def test_the_delay_that_is_flown_is_one_frame_less_than_the_first_that_crashes(
+def test_the_tolerated_delay_is_one_frame_below_the_first_delay_with_a_crash(
     monkeypatch, diagrams, crashes_from, expected
 ):
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal")
@@ -146,18 +152,18 @@ def test_the_delay_that_is_flown_is_one_frame_less_than_the_first_that_crashes(
         late = batch.varying[experiment.LATENCY] - own
         seen.append((late.tolist(), batch.samples))
         # Only one of the samples crashes.
-        crashed = (late >= crashes_from) & (np.array(batch.samples) == FIRST_JUDGED + 2)
+        crashed = (late >= crashes_from) & (np.array(batch.samples) == FIRST_EVALUATION_SAMPLE + 2)
         return SimpleNamespace(fly=seen.append, metrics=lambda: SimpleNamespace(crashed=crashed))
 
     monkeypatch.setattr(experiment, "simulate_fleet", simulate)
     assert experiment.delay_flown(scenario, SIZES) == pytest.approx(expected)
     (late, samples), duration = seen
     assert late == [float(frames) for frames in range(7) for _ in range(4)]
-    assert samples == (*range(FIRST_JUDGED, FIRST_JUDGED + 4),) * 7
+    assert samples == (*range(FIRST_EVALUATION_SAMPLE, FIRST_EVALUATION_SAMPLE + 4),) * 7
     assert duration > 10.0
 
 
-def test_margins_are_those_of_the_worst_loop(monkeypatch, diagrams):
+def test_the_margin_is_the_smallest_of_all_loops(monkeypatch, diagrams):
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal")
     loops = {
         "one": SimpleNamespace(sensitivity=2.0, delay=0.04),
@@ -174,7 +180,7 @@ def test_margins_are_those_of_the_worst_loop(monkeypatch, diagrams):
     assert all(map(math.isnan, experiment.worst_margins(scenario)))
 
 
-def test_designs_that_a_family_lacks_are_named(tmp_path):
+def test_missing_designs_of_a_family_are_named(tmp_path):
     write_all_designs_but(tmp_path, "outdoor", ("pid", "lqg"))
     assert missing_designs(tmp_path, "outdoor") == ["pid", "lqg"]
 
@@ -183,12 +189,12 @@ def write_all_designs_but(folder, family, names):
     path = design_file(folder, family)
     path.parent.mkdir(parents=True, exist_ok=True)
     designs = {name: {"control": {}} for name in FAMILIES[family].entries if name not in names}
-    write_designs(path, designs, said={})
+    write_designs(path, designs, comments={})
 
 
 def test_an_experiment_is_flown_job_by_job(monkeypatch, tmp_path):
-    """Laps and designs with other limits are flown where the family has the laboratory for them."""
-    traits, asked, told, rows = Traits(1.0, 2.0, 3.0, 4.0, 5.0), [], [], []
+    """Laps and designs with other limits are flown if the family has the laboratory for them."""
+    traits, asked, reports, rows = Traits(1.0, 2.0, 3.0, 4.0, 5.0), [], [], []
 
     def of_family(folder, name, family, entry, sizes):
         asked.append((name, entry, sizes))
@@ -197,11 +203,11 @@ def test_an_experiment_is_flown_job_by_job(monkeypatch, tmp_path):
 
     def of_laps(folder, name, family, entries, sizes):
         asked.append(("laps", name, family, entries, sizes))
-        yield in_laps(1), "pd", flights(0.2)
+        yield laboratory_with_laps(1), "pd", flights(0.2)
 
     def of_prices(folder, family, entries, sizes):
         asked.append(("priced", family, entries, sizes))
-        yield PRICED, "indi@3", traits
+        yield PRICED_DESIGNS, "indi@3", traits
 
     for name, function in {"fly_family": of_family, "fly_laps": of_laps, "fly_priced": of_prices}.items():
         monkeypatch.setattr(experiment, name, function)
@@ -209,7 +215,7 @@ def test_an_experiment_is_flown_job_by_job(monkeypatch, tmp_path):
     write_all_designs_but(tmp_path, "laboratory", [])
 
     def progress(*each):
-        told.append(each)
+        reports.append(each)
         rows.append(len((tmp_path / "flights.csv").read_text(encoding="utf-8").splitlines()) - 1)
 
     families = ["outdoor", "laboratory"]
@@ -222,26 +228,26 @@ def test_an_experiment_is_flown_job_by_job(monkeypatch, tmp_path):
         ("laps", "laboratory", laboratory, ["pd", "mpc"], QUICK),
         ("priced", laboratory, ["pd", "mpc"], QUICK),
     ]
-    names = ["outdoor pd", "laboratory pd", "laboratory mpc", "laps", PRICED]
-    assert told == [(done, 5, name) for done, name in enumerate(names, start=1)]
-    # What is done is written after each job.
+    names = ["outdoor pd", "laboratory pd", "laboratory mpc", "laps", PRICED_DESIGNS]
+    assert reports == [(done, 5, name) for done, name in enumerate(names, start=1)]
+    # The results are written after each job.
     assert rows == [COUNT, 2 * COUNT, 3 * COUNT, 4 * COUNT, 4 * COUNT]
     assert {place: [*each] for place, each in found.flights.items()} == {
         "outdoor": ["pd"], "no wind": ["pd", "mpc"], "high wind, lap 1": ["pd"],
     }  # fmt: skip
     assert {name: [*each] for name, each in found.traits.items()} == {
-        "outdoor": ["pd"], "laboratory": ["pd", "mpc"], PRICED: ["indi@3"],
+        "outdoor": ["pd"], "laboratory": ["pd", "mpc"], PRICED_DESIGNS: ["indi@3"],
     }  # fmt: skip
     for name in ("mpc", "moon"):
-        with pytest.raises(InputError, match="there is no design of what shall be flown"):
+        with pytest.raises(InputError, match="none of the chosen controllers has a design"):
             fly_evaluation(tmp_path, ["outdoor"], QUICK, tmp_path, only=[name])
-    with pytest.raises(InputError, match="there is no design of what shall be flown"):
+    with pytest.raises(InputError, match="none of the chosen controllers has a design"):
         fly_evaluation(tmp_path, ["laboratory"], QUICK, tmp_path, only=["moon"])
 
 
 @pytest.fixture
 def tuned(monkeypatch):
-    """Replace searches by the middle of the ranges, and keep what they are asked for."""
+    """Replace searches by the middle of the ranges, and record their arguments."""
     kept = []
 
     def tune(scenarios, knobs, shares, *, budget, extra_latency=0.0, before=None, progress=None):
@@ -254,8 +260,8 @@ def tuned(monkeypatch):
 
 
 @pytest.mark.slow
-def test_designs_for_other_limits_are_written_beside_those_that_are_there(tuned, monkeypatch, diagrams, tmp_path):
-    """INDI is tuned by the search and LQG by its designer, each under four limits."""
+def test_designs_with_other_limits_are_added_to_their_file(tuned, monkeypatch, diagrams, tmp_path):
+    """INDI is tuned by the search and LQG from Riccati equations, each with four limits."""
     lqg, limits = load_scenario(diagrams / "laboratory.yaml:nominal"), []
     folder = tmp_path / "diagrams"
     (folder / "controllers" / "designed").mkdir(parents=True)
@@ -264,46 +270,51 @@ def test_designs_for_other_limits_are_written_beside_those_that_are_there(tuned,
     monkeypatch.setattr(protocol, "design_lqg", lambda place, wanted: limits.append((place, wanted)) or lqg)
     monkeypatch.setattr(LoopLimit, "shares_met", lambda limit, scenario: limit.sensitivity)
     budget = Budget(rounds=2, candidates=4)
-    made = list(protocol.design_prices(folder, budget=budget))
+    made = list(protocol.design_priced(folder, budget=budget))
     path = design_file(folder, "priced")
-    names = [priced_name(name, limit) for name in PRICED_CONTROLLERS for limit in SENSITIVITIES]
+    names = [priced_name(name, limit) for name in PRICED_CONTROLLERS for limit in SENSITIVITY_LIMITS]
     assert [each.name for each in made] == [*designs_in(path)] == names
     assert list(path.parent.iterdir()) == [path]
     assert path.read_text(encoding="utf-8").startswith(
-        "# Controllers for laboratory.yaml with other limits on the peak sensitivity"
+        "# Controllers for laboratory.yaml that were designed with other limits on the peak sensitivity"
     )
     entry = entries_of(on_board=False, maps=False)["indi"]
     assert designs_in(path)["indi@1.6"] == entry.middle()
-    for (scenarios, shares, given, later, _), limit in zip(tuned, SENSITIVITIES, strict=True):
+    for (scenarios, shares, given, later, _), limit in zip(tuned, SENSITIVITY_LIMITS, strict=True):
         assert [each.name for each in scenarios] == ["low_wind", "high_wind"]
         assert shares(scenarios[0]) == limit
         assert (given, later) == (budget, 0.0)
-    assert made[0].words == f"{len(entry.knobs)} numbers tuned in 2 rounds, 12.34 cm in training"
-    assert [wanted.sensitivity for _, wanted in limits] == [*SENSITIVITIES]
+    assert made[0].description == f"{len(entry.knobs)} numbers tuned in 2 rounds, 12.34 cm in training"
+    assert [wanted.sensitivity for _, wanted in limits] == [*SENSITIVITY_LIMITS]
     assert {(place.name, wanted.delay) for place, wanted in limits} == {("high_wind", 0.05)}
     assert designs_in(path)["lqg@3"]["control"] == lqg.control.model_dump(mode="json", exclude_none=True)
-    assert made[-1].words == "by its designer"
+    assert made[-1].description == "designed from Riccati equations"
 
 
 @pytest.mark.slow
-def test_a_network_is_tuned_without_a_linear_limit_but_with_late_frames(tuned, monkeypatch, diagrams, tmp_path):
-    """The frames are as late as the controller alone tolerates, which keeps the file's earlier numbers."""
+def test_a_network_is_tuned_with_late_frames_instead_of_a_linear_limit(tuned, monkeypatch, diagrams, tmp_path):
+    """The additional delay is the delay that the controller tolerates without a network.
+
+    The earlier design is a candidate.
+    """
     folder = tmp_path / "diagrams"
     (folder / "controllers" / "designed").mkdir(parents=True)
     (folder / "mine.yaml").write_text(f"mine: {{extends: '{diagrams}/laboratory.yaml:low_wind'}}\n", encoding="utf-8")
-    family = LaboratoryFamily({"low wind": "mine.yaml"}, ("low wind",), "low wind", laps=laps_of(2), maps=True)
+    family = LaboratoryFamily(
+        {"low wind": "mine.yaml"}, ("low wind",), "low wind", lap_overrides=overrides_for_laps(2), maps=True
+    )
     asked = []
 
-    def stood(scenarios, most, *, budget):
+    def tolerated(scenarios, most, *, budget):
         asked.append((scenarios, most, budget))
         return 0.03
 
-    monkeypatch.setattr(protocol, "tolerated_delay", stood)
+    monkeypatch.setattr(protocol, "tolerated_delay", tolerated)
     entries = {name: entries_of(on_board=False, maps=True)[name] for name in ("pd", "pd_t2fnn", "pd_t2fnn_map")}
     budget = Budget(rounds=3)
     made = list(protocol.design_family(folder, "mine", family, entries, budget=budget))
-    late = "numbers tuned in 3 rounds, 12.34 cm in training, also 30 ms late, with 88 % of the limit"
-    assert [each.words for each in made] == [
+    late = "numbers tuned in 3 rounds, 12.34 cm in training, also with 30 ms of extra delay, meets 88 % of the limit"
+    assert [each.description for each in made] == [
         "6 numbers tuned in 3 rounds, 12.34 cm in training",
         *(f"{len(entries[name].knobs)} {late}" for name in ("pd_t2fnn", "pd_t2fnn_map")),
     ]
@@ -312,7 +323,7 @@ def test_a_network_is_tuned_without_a_linear_limit_but_with_late_frames(tuned, m
     ]  # fmt: skip
     assert [(most, given) for _, most, given in asked] == [(0.05, budget)] * 2
     assert all(alone[0].control.network is None for alone, *_ in asked)
-    # Only networks over the position are trained in laps.
+    # Only networks that depend on the position are trained in laps.
     assert [scenarios[0].route.laps for scenarios, *_ in tuned] == [1, 1, 2]
     again = list(protocol.design_family(folder, "mine", family, {"pd": entries["pd"]}, budget=budget))
     assert tuned[-1][4] == pytest.approx([math.sqrt(knob.low * knob.high) for knob in entries["pd"].knobs], rel=1e-3)

@@ -1,30 +1,30 @@
-"""The figures of the evaluation show the numbers of invented flights."""
+"""Tests that the figures of the evaluation show the results of invented flights."""
 
 import numpy as np
 import pytest
 from invented_flights import evaluation, flights
 
-from drake_quad.evaluation.claims import WORDS, effects
+from drake_quad.evaluation.claims import CONTROLLER_NAMES, comparisons_by_laboratory
 from drake_quad.evaluation.families import FAMILIES
 from drake_quad.evaluation.figures import (
+    base_and_network,
     errors_figure,
     evaluation_figures,
     laps_figure,
     margins_figure,
     networks_figure,
-    networks_of,
-    parts_of,
+    reductions_by_network,
 )
 from drake_quad.evaluation.results import Evaluation
 from drake_quad.reports.claims import reduction
 from drake_quad.statistics.estimates import mean_interval
-from drake_quad.studies.statistics import of_survivors
+from drake_quad.studies.statistics import values_without_crashes
 
 PLACES = ("no wind", "low wind", "high wind", "outdoor")
 
 
 def centimetres(metrics):
-    return mean_interval(100.0 * of_survivors(metrics, "rmse"))
+    return mean_interval(100.0 * values_without_crashes(metrics, "rmse"))
 
 
 def ticks(axis):
@@ -32,14 +32,14 @@ def ticks(axis):
     return axis.get_ticklocs().tolist(), [text.get_text() for text in axis.get_ticklabels()]
 
 
-def test_only_figures_that_have_flights_are_drawn():
+def test_only_figures_with_flights_are_drawn():
     found = evaluation()
     drawn = dict(evaluation_figures(found))
     assert list(drawn) == ["errors", "networks", "margins", "laps"]
     labels = {name: [(axes.get_xlabel(), axes.get_ylabel()) for axes in figure.axes] for name, figure in drawn.items()}
     assert drawn["errors"].get_supxlabel() == "RMSE (cm)"
-    assert labels["networks"] == [("RMSE less than without the network (%)", "")]
-    sensitivity, delay = "peak sensitivity", "further delay without a crash (ms)"
+    assert labels["networks"] == [("reduction of the RMSE by the network (%)", "")]
+    sensitivity, delay = "peak sensitivity", "tolerated additional delay (ms)"
     assert labels["margins"] == [(sensitivity, "RMSE in high wind (cm)"), (delay, "")]
     assert labels["laps"] == [("lap", "RMSE (cm)")]
     for name in ("margins", "laps"):
@@ -50,13 +50,13 @@ def test_only_figures_that_have_flights_are_drawn():
     assert [name for name, _ in evaluation_figures(few)] == ["errors"]
 
 
-def test_parts_of_a_name_are_a_controller_and_the_kind_of_its_network():
-    assert parts_of("pid_t2fnn") == ("pid", "t2fnn")
-    assert parts_of("pd_t2fnn_map") == ("pd", "t2fnn_map")
-    assert parts_of("disturbance_observer") == ("disturbance_observer", "")
+def test_a_name_is_split_into_controller_and_network():
+    assert base_and_network("pid_t2fnn") == ("pid", "t2fnn")
+    assert base_and_network("pd_t2fnn_map") == ("pd", "t2fnn_map")
+    assert base_and_network("disturbance_observer") == ("disturbance_observer", "")
 
 
-def test_the_errors_figure_has_a_mark_and_an_interval_for_each_controller_and_laboratory():
+def test_the_errors_figure_has_markers_with_intervals():
     found = evaluation(crashed=range(8))
     for place in ("robustness", "still air"):
         found.flights[place] = {"pd": flights(0.9), "indi": flights(0.01, own=1)}
@@ -67,7 +67,7 @@ def test_the_errors_figure_has_a_mark_and_an_interval_for_each_controller_and_la
     assert [axes.get_title().split("\n")[-1] for axes in shown] == titles
     assert shown[0].get_title() == "laboratory\nno wind"
     assert shown[3].get_title() == "outdoor"
-    assert ticks(shown[0].yaxis) == ([*range(5)], [WORDS[name] for name in names])
+    assert ticks(shown[0].yaxis) == ([*range(5)], [CONTROLLER_NAMES[name] for name in names])
     looks = {}
     for axes, place in zip(shown, titles, strict=True):
         flown = [name for name in names if name in found.flights[place]]
@@ -85,12 +85,12 @@ def test_the_errors_figure_has_a_mark_and_an_interval_for_each_controller_and_la
         assert len(at) >= 3
         assert low <= min(at) < max(at) <= high
         assert written == [f"{each:g}" for each in at]
-        # Numbers are round and have room.
+        # Tick labels are round numbers and do not overlap.
         assert {f"{each:e}".partition("e")[0].rstrip(".0") for each in at} <= {"1", "2", "3", "5"}
         assert min(np.diff(np.log10(at))) > 0.06 * np.log10(high / low)
         assert not len(axes.xaxis.get_minorticklocs())
         assert axes.get_xscale() == "log"
-    # A controller has one colour with and without a network, and a kind of network has one mark.
+    # A controller has the same colour with and without a network, and each kind of network has one marker.
     ((color, mark),) = looks["pd"]
     assert looks["pd_t2fnn"] == {(color, looks["indi_t2fnn"].copy().pop()[1])}
     assert looks["pd_t1fnn"] != looks["pd_t2fnn"]
@@ -98,19 +98,19 @@ def test_the_errors_figure_has_a_mark_and_an_interval_for_each_controller_and_la
     assert looks["indi"].copy().pop()[1] == mark
 
 
-def test_errors_without_a_survivor_are_not_drawn():
+def test_errors_without_a_completed_flight_are_not_drawn():
     lost = Evaluation({"outdoor": {"pd": flights(0.2, crashed=range(40)), "indi": flights(0.1)}}, {})
     (axes,) = errors_figure(lost).axes
     assert [line.get_ydata()[0] for line in axes.lines] == [1, 1]
 
 
-def test_the_networks_figure_has_a_row_for_each_network_and_a_mark_for_each_laboratory():
+def test_the_networks_figure_has_a_row_per_network():
     found = evaluation(network=0.9, other=0.8)
     found.flights["high wind"]["pd_t2fnn_map"] = flights(0.5, own=1)
-    cuts = networks_of(found)
+    cuts = reductions_by_network(found)
     assert list(cuts) == ["pd_t1fnn", "pd_t2fnn", "pd_t2fnn_map", "indi_t2fnn"]
     assert [*cuts["pd_t1fnn"]] == [*PLACES]
-    assert cuts["pd_t2fnn"]["outdoor"] == reduction(effects(found, "pd_t2fnn", "pd")["outdoor"].share)
+    assert cuts["pd_t2fnn"]["outdoor"] == reduction(comparisons_by_laboratory(found, "pd_t2fnn", "pd")["outdoor"].ratio)
     figure = networks_figure(found)
     (axes,) = figure.axes
     zero, *lines = axes.lines
@@ -132,13 +132,13 @@ def test_the_networks_figure_has_a_row_for_each_network_and_a_mark_for_each_labo
             np.testing.assert_allclose(interval.get_ydata(), mark.get_ydata()[0])
             heights.append(float(mark.get_ydata()[0]) - row)
             assert low < 100.0 * each.low < 100.0 * each.high < high
-        # Marks of one row stand apart, in order, and nearer to their row than to the next one.
+        # The markers of a row are separate, in order, and closer to their row than to the next one.
         assert sorted(heights) == heights
         assert max(np.abs(heights)) < 0.5
         assert len(set(heights)) == len(by_place)
     assert next(shown, None) is None
     at, written = ticks(axes.yaxis)
-    assert (at, written) == ([*range(4)], [WORDS[name] for name in cuts])
+    assert (at, written) == ([*range(4)], [CONTROLLER_NAMES[name] for name in cuts])
     bottom, top = axes.get_ylim()
     assert (bottom, top) == (3.5, -0.5)
     at, written = ticks(axes.xaxis)
@@ -156,7 +156,7 @@ def test_small_changes_by_networks_are_shown_within_six_per_cent():
 
 
 def test_large_changes_by_networks_do_not_hide_small_ones():
-    """The scale is logarithmic beyond 10 %, and a network that makes the error thirty times as large is cut off."""
+    """The scale is logarithmic beyond 10 %. A network with thirty times the error is outside of the axis."""
     axes = networks_figure(evaluation(network=30.0, other=0.0001)).axes[0]
     assert axes.get_xscale() == "symlog"
     assert axes.xaxis.get_transform().linthresh == 10.0
@@ -169,13 +169,13 @@ def test_the_margins_figure_shows_errors_over_the_peak_sensitivity_and_over_the_
     errors = {name: centimetres(each).value for name, each in found.flights["high wind"].items()}
     expected = [errors["indi@1.6"], errors["indi"], errors["indi@3"]]
     for axes, line, plain in zip(figure.axes, ([1.6, 2.2, 3.0], [62.5, 90.0, 100.0 / 3.0]), (2.2, 90.0), strict=True):
-        priced, *others = axes.lines
-        np.testing.assert_allclose(priced.get_xydata(), np.transpose([line, expected]))
+        designs_by_sensitivity, *others = axes.lines
+        np.testing.assert_allclose(designs_by_sensitivity.get_xydata(), np.transpose([line, expected]))
         assert [other.get_label() for other in others] == ["PD", "INDI"]
         np.testing.assert_allclose(
             [other.get_xydata()[0] for other in others], [[plain, errors["pd"]], [plain, errors["indi"]]]
         )
-        assert priced.get_color() == others[1].get_color() != others[0].get_color()
+        assert designs_by_sensitivity.get_color() == others[1].get_color() != others[0].get_color()
         low, high = axes.get_xlim()
         assert low <= min(line)
         assert high >= max(line)
@@ -199,7 +199,7 @@ def test_the_margins_figure_shows_all_designs_beyond_its_usual_limits():
     assert left.get_xlim()[0] < 1.2
     assert left.get_xlim()[1] > 4.0
     assert right.get_xlim()[1] > 250.0
-    # A delay that no flight limits has no place on the axis.
+    # An infinite tolerated delay is not drawn.
     assert np.isnan(right.lines[-1].get_xdata()[0])
 
 
@@ -210,7 +210,7 @@ def test_the_laps_figure_shows_errors_lap_by_lap():
     for container, controller in zip(axes.containers, ("pd", "pd_t2fnn_map"), strict=True):
         means = [centimetres(found.flights[f"high wind, lap {lap}"][controller]) for lap in (1, 2, 3)]
         curve, _, (bars,) = container
-        assert container.get_label() == WORDS[controller]
+        assert container.get_label() == CONTROLLER_NAMES[controller]
         np.testing.assert_allclose(curve.get_xydata(), [[i, mean.value] for i, mean in enumerate(means, start=1)])
         for i, (bar, mean) in enumerate(zip(bars.get_segments(), means, strict=True), start=1):
             np.testing.assert_allclose(bar, [[i, mean.low], [i, mean.high]])

@@ -1,4 +1,4 @@
-"""Designs are trained on what is never judged, and written so that nothing else in a file changes."""
+"""Tests of the tuning protocol and of the files of designs."""
 
 import numpy as np
 import pytest
@@ -8,40 +8,47 @@ from drake_quad.design.tuning import Budget, LoopLimit
 from drake_quad.evaluation import experiment
 from drake_quad.evaluation.designs import designs_in, write_designs
 from drake_quad.evaluation.entries import entries_of
-from drake_quad.evaluation.experiment import QUICK, EvaluationSizes, delay_flown, fly_family, fly_laps, lone_time
-from drake_quad.evaluation.families import FAMILIES, FIRST_JUDGED, LaboratoryFamily
-from drake_quad.evaluation.protocol import design_family, training, tunable
-from drake_quad.evaluation.results import in_laps
+from drake_quad.evaluation.experiment import (
+    QUICK,
+    EvaluationSizes,
+    delay_flown,
+    fly_family,
+    fly_laps,
+    single_vehicle_time,
+)
+from drake_quad.evaluation.families import FAMILIES, FIRST_EVALUATION_SAMPLE, LaboratoryFamily
+from drake_quad.evaluation.protocol import design_family, training_scenarios, tunable_entries
+from drake_quad.evaluation.results import laboratory_with_laps
 from drake_quad.scenario.paths import value_at
 from drake_quad.studies.comparison import fly_samples
 
 
-def test_what_is_trained_on_is_never_judged():
-    assert Budget().samples <= FIRST_JUDGED
+def test_training_and_evaluation_samples_are_disjoint():
+    assert Budget().samples <= FIRST_EVALUATION_SAMPLE
     for family in FAMILIES.values():
-        assert set(family.trained) <= family.laboratories.keys()
-        assert family.windiest in family.laboratories
+        assert set(family.training_laboratories) <= family.laboratories.keys()
+        assert family.windiest_laboratory in family.laboratories
 
 
 @pytest.mark.parametrize("name", FAMILIES)
-def test_every_knob_turns_a_number_of_its_entry_in_its_family(name, diagrams, tmp_path):
+def test_every_tuned_parameter_is_a_field_of_its_entry(name, diagrams, tmp_path):
     family = FAMILIES[name]
     entries = {key: each for key, each in entries_of(on_board=family.on_board, maps=family.maps).items() if each.knobs}
-    own = {key: each for key, each in entries.items() if each.around != "lqg"}
-    path = write_designs(tmp_path / "designs.yaml", {key: each.middle() for key, each in own.items()}, said={})
+    own = {key: each for key, each in entries.items() if each.base != "lqg"}
+    path = write_designs(tmp_path / "designs.yaml", {key: each.middle() for key, each in own.items()}, comments={})
     for key in ("pd", "disturbance_observer", "pd_t2fnn_adaptive", "indi_t2fnn"):
-        (scenario, *_) = training(diagrams, family, f"{path}:{key}", own[key])
+        (scenario, *_) = training_scenarios(diagrams, family, f"{path}:{key}", own[key])
         for knob in own[key].knobs:
             for field in knob.paths:
                 assert knob.low < value_at(scenario, field) < knob.high
-        assert scenario.control.network is None or own[key].around
+        assert scenario.control.network is None or own[key].base
 
 
-def test_other_designs_of_a_file_stay_as_they_are(tmp_path):
+def test_other_designs_in_a_file_are_not_changed(tmp_path):
     path = tmp_path / "designs.yaml"
     path.write_text("# By somebody.\nmine:\n  control: {kind: lqg}    # as it was\n", encoding="utf-8")
-    write_designs(path, {"pd": {"control": {"gains": [1.5, 2.0], "kind": "pd"}}}, said={"pd": "2 numbers"})
-    write_designs(path, {"pd": {"control": {"gains": [2.5, 2.0], "kind": "pd"}}}, said={"pd": "3 numbers"})
+    write_designs(path, {"pd": {"control": {"gains": [1.5, 2.0], "kind": "pd"}}}, comments={"pd": "2 numbers"})
+    write_designs(path, {"pd": {"control": {"gains": [2.5, 2.0], "kind": "pd"}}}, comments={"pd": "3 numbers"})
     text = path.read_text(encoding="utf-8")
     assert text.startswith("# By somebody.\nmine:\n  control: {kind: lqg}    # as it was\n")
     assert text.count("numbers") == 1
@@ -50,23 +57,23 @@ def test_other_designs_of_a_file_stay_as_they_are(tmp_path):
     assert tuple(designs_in(path)) == ("mine", "pd")
 
 
-def test_what_is_no_file_of_designs_is_told(tmp_path):
+def test_an_invalid_design_file_is_refused(tmp_path):
     path = tmp_path / "designs.yaml"
     path.write_text("- pd\n", encoding="utf-8")
-    with pytest.raises(InputError, match="must be a mapping of controllers by their names"):
+    with pytest.raises(InputError, match="must contain a mapping from names to controllers"):
         designs_in(path)
-    with pytest.raises(InputError, match="lqg is no controller that is tuned here"):
-        tunable(FAMILIES["outdoor"], tmp_path / "none.yaml", ["lqg"])
+    with pytest.raises(InputError, match="there is no tunable controller lqg"):
+        tunable_entries(FAMILIES["outdoor"], tmp_path / "none.yaml", ["lqg"])
 
 
-def test_a_network_waits_for_what_it_stands_around(tmp_path):
-    path = write_designs(tmp_path / "designs.yaml", {"indi": {"control": {}}}, said={})
-    assert list(tunable(FAMILIES["outdoor"], path, ["indi_t2fnn", "lqg_t2fnn"])) == ["indi_t2fnn"]
+def test_a_network_requires_a_design_of_its_base(tmp_path):
+    path = write_designs(tmp_path / "designs.yaml", {"indi": {"control": {}}}, comments={})
+    assert list(tunable_entries(FAMILIES["outdoor"], path, ["indi_t2fnn", "lqg_t2fnn"])) == ["indi_t2fnn"]
 
 
 @pytest.fixture
 def copied(diagrams, tmp_path):
-    """A folder of diagrams in which designs can be written, and a small family in it."""
+    """Return a writable folder of diagrams with a small family."""
     folder = tmp_path / "diagrams"
     (folder / "controllers" / "designed").mkdir(parents=True)
     spec = f"{diagrams}/laboratory.yaml:low_wind"
@@ -75,24 +82,24 @@ def copied(diagrams, tmp_path):
 
 
 @pytest.mark.slow
-def test_designs_are_made_flown_and_better_than_the_middle_of_their_ranges(copied, monkeypatch):
-    """The search and the flights are real; the linear models, which take most of the time, have tests of their own."""
+def test_tuned_designs_are_better_than_the_middle_of_their_ranges(copied, monkeypatch):
+    """The search and the flights are real; the linear models, which take most of the time, are replaced."""
     monkeypatch.setattr(LoopLimit, "shares_met", lambda limit, scenario: np.ones(1))
     monkeypatch.setattr(experiment, "worst_margins", lambda scenario: (2.0, 0.05))
     folder, family = copied
     path = folder / "controllers" / "designed" / "mine.yaml"
-    entries = tunable(family, path, ["pd", "pd_t1fnn"])
+    entries = tunable_entries(family, path, ["pd", "pd_t1fnn"])
     budget = Budget(rounds=2, candidates=16, samples=2, checks=2, steps=4)
     made = list(design_family(folder, "mine", family, entries, budget=budget))
     assert [each.name for each in made] == ["pd", "pd_t1fnn"]
     assert tuple(designs_in(path)) == ("pd", "pd_t1fnn")
     assert list(path.parent.iterdir()) == [path]
-    sizes = EvaluationSizes(samples=3, delayed=2, most_frames=2)
+    sizes = EvaluationSizes(samples=3, delayed=2, max_delay_frames=2)
     (place, name, metrics), (_, _, traits), *_ = fly_family(folder, "mine", family, "pd", sizes)
     assert (place, name, len(metrics.rmse)) == ("low wind", "pd", 3)
     assert (traits.sensitivity, traits.delay) == (2.0, 0.05)
     assert min(traits.fleet, traits.lone) > 0.0
-    write_designs(path, {"middle": entries["pd"].middle()}, said={})
+    write_designs(path, {"middle": entries["pd"].middle()}, comments={})
     tuned, middle = (
         fly_samples(family.scenario(folder, "low wind", [f"{path}:{key}"]), range(2)) for key in ("pd", "middle")
     )
@@ -100,30 +107,30 @@ def test_designs_are_made_flown_and_better_than_the_middle_of_their_ranges(copie
 
 
 @pytest.mark.slow
-def test_the_delay_that_is_flown_is_one_frame_less_than_what_crashes(diagrams):
+def test_one_frame_more_than_the_tolerated_delay_crashes(diagrams):
     stiff = ["control.attitude.k_p=[16, 16, 5.356]", "control.attitude.k_d=[6, 6, 3.5]", "duration=6"]
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal", stiff)
-    found = delay_flown(scenario, EvaluationSizes(delayed=2, most_frames=25))
+    found = delay_flown(scenario, EvaluationSizes(delayed=2, max_delay_frames=25))
     assert 0.0 < found < 0.25
     frame = scenario.laboratory.motion_capture.period
     for more, frames in ((False, round(found / frame)), (True, round(found / frame) + 1)):
         late = [*stiff, f"laboratory.motion_capture.latency_frames={frames}"]
         again = load_scenario(diagrams / "laboratory.yaml:nominal", late)
-        assert (delay_flown(again, EvaluationSizes(delayed=2, most_frames=0)) < 0.0) is more
-    assert lone_time(scenario) > 0.0
+        assert (delay_flown(again, EvaluationSizes(delayed=2, max_delay_frames=0)) < 0.0) is more
+    assert single_vehicle_time(scenario) > 0.0
 
 
 @pytest.mark.slow
-def test_laps_are_flown_with_and_without_a_map(diagrams, tmp_path):
+def test_laps_are_flown_with_and_without_a_position_network(diagrams, tmp_path):
     family = FAMILIES["laboratory"]
     entries = entries_of(on_board=False, maps=True)
     (tmp_path / "controllers" / "designed").mkdir(parents=True)
     (tmp_path / "lab.yaml").write_text(f"lab: {{extends: '{diagrams}/laboratory.yaml:high_wind'}}\n", encoding="utf-8")
     own = {name: entries[name].middle() for name in ("pd", "pd_t2fnn_map")}
-    write_designs(tmp_path / "controllers" / "designed" / "mine.yaml", own, said={})
+    write_designs(tmp_path / "controllers" / "designed" / "mine.yaml", own, comments={})
     place = family._replace(laboratories={"high wind": "lab.yaml"})
     found = list(fly_laps(tmp_path, "mine", place, ["pd", "pd_t2fnn_map"], QUICK))
     assert [each[:2] for each in found] == [
-        (in_laps(count), name) for name in ("pd", "pd_t2fnn_map") for count in (1, 2)
+        (laboratory_with_laps(count), name) for name in ("pd", "pd_t2fnn_map") for count in (1, 2)
     ]
     assert all(len(metrics.rmse) == QUICK.laps for _, _, metrics in found)

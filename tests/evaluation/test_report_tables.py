@@ -1,4 +1,4 @@
-"""The tables and sentences of the report, about invented flights."""
+"""Tables and sentences of the report of the evaluation, for invented flights."""
 
 import numpy as np
 import pytest
@@ -7,24 +7,24 @@ from test_evaluation_claims import verdicts
 
 from drake_quad.design.tuning import Budget, LoopLimit
 from drake_quad.evaluation.claims import (
-    WORDS,
+    CONTROLLER_NAMES,
     all_claims,
-    beside,
-    best_in,
-    delay_words,
-    effects,
-    laps_flown,
-    priced,
+    best_controllers,
+    compare_common_samples,
+    comparisons_by_laboratory,
+    delay_text,
+    designs_by_sensitivity,
+    lap_counts,
 )
 from drake_quad.evaluation.entries import entries_of
 from drake_quad.evaluation.experiment import QUICK, EvaluationSizes
-from drake_quad.evaluation.families import FAMILIES, FIRST_JUDGED
-from drake_quad.evaluation.report import FIGURES, machine, report_markdown, write_summary
-from drake_quad.evaluation.results import SENSITIVITIES, Traits, in_laps
+from drake_quad.evaluation.families import FAMILIES, FIRST_EVALUATION_SAMPLE
+from drake_quad.evaluation.report import CAPTIONS, machine, report_markdown, write_summary
+from drake_quad.evaluation.results import SENSITIVITY_LIMITS, Traits, laboratory_with_laps
 from drake_quad.files import read_table
 from drake_quad.reports.claims import reduction, verdict_counts
 from drake_quad.statistics.estimates import mean_interval, share_interval
-from drake_quad.studies.statistics import of_survivors
+from drake_quad.studies.statistics import values_without_crashes
 
 
 def rows_of(text):
@@ -33,7 +33,7 @@ def rows_of(text):
 
 
 def centimetres(metrics, name="rmse"):
-    return mean_interval(of_survivors(metrics, name)).text(size=0.01)
+    return mean_interval(values_without_crashes(metrics, name)).text(size=0.01)
 
 
 @pytest.fixture(scope="module")
@@ -45,110 +45,113 @@ def found():
     return found
 
 
-def test_the_report_that_is_shipped_is_that_of_the_default_sizes(root):
-    """Its statements are in the order in which all are asked."""
+def test_the_committed_report_has_the_default_sizes(root):
+    """Its claims are in the order of `all_claims`."""
     text = (root / "docs" / "controllers" / "report.md").read_text(encoding="utf-8")
     whole = EvaluationSizes()
     assert text.startswith("#")
     for words in (
         f" laboratories with {whole.samples} samples each",
-        f"| MPC ({whole.slow} samples) |",
-        f"in lap {whole.most_laps} its RMSE is less by",
+        f"| MPC ({whole.uncompiled} samples) |",
+        f"in lap {whole.max_laps} its RMSE is smaller by",
         f"none of {whole.delayed} samples crashes",
     ):
         assert words in text
     budget, limit, flowing = Budget(), LoopLimit(), " ".join(text.split())
     for words in (
-        f"trained on {budget.samples} flights, with samples from 0 on, and evaluated on samples from {FIRST_JUDGED} on",
+        f"trained on {budget.samples} flights, with samples from 0 on, and evaluated on samples from"
+        f" {FIRST_EVALUATION_SAMPLE} on",
         f"{budget.rounds} rounds of {budget.candidates} candidates",
         f"checked for {budget.checks} candidates in each round",
         f"(COBYLA) of {budget.steps} steps",
         f"a peak sensitivity of at most {limit.sensitivity:g} and a delay margin of at least {1e3 * limit.delay:g} ms",
     ):
         assert words in flowing
-    assert list(SENSITIVITIES) == sorted(SENSITIVITIES)
-    # A quick run flies less of everything.
+    assert list(SENSITIVITY_LIMITS) == sorted(SENSITIVITY_LIMITS)
+    # All sizes of a quick run are smaller.
     assert all(few < many for few, many in zip(QUICK[:-1], whole[:-1], strict=True))
     found = evaluation()
     for place in FAMILIES["laboratory"].laboratories:
         found.flights[place] |= {"pd_t2fnn_adaptive": flights(0.1, own=3), "pd_t2fnn_map": flights(0.1, own=4)}
         found.flights[place] |= {"pid": flights(0.2), "pid_t2fnn": flights(0.1, own=3), "indi_t2fnn_map": flights(0.1)}
-    asked = [each.words for each in all_claims(found)]
+    asked = [each.statement for each in all_claims(found)]
     shipped = [row[0] for row in rows_of(text) if row[0] in asked]
     assert asked == shipped
     assert len(asked) >= 9
 
 
-def test_a_delay_in_words():
+def test_delays_as_text():
     delays = (np.nan, -0.01, 0.0, 0.0624, np.inf)
-    assert [delay_words(delay) for delay in delays] == ["–", "none", "0 ms", "62 ms", "all tried"]
+    assert [delay_text(delay) for delay in delays] == ["–", "none", "0 ms", "62 ms", "all tried"]
 
 
 def test_a_controller_with_fewer_samples_is_compared_on_the_first_ones():
     many, few = flights(0.3), flights(0.2, own=1).take(slice(10))
     for one, other in ((many, few), (few, many)):
-        assert beside(one, other) == beside(*(each.take(slice(10)) for each in (one, other)))
+        assert compare_common_samples(one, other) == compare_common_samples(
+            *(each.take(slice(10)) for each in (one, other))
+        )
 
 
-def test_a_controller_with_fewer_samples_is_best_only_as_an_equal():
+def test_a_controller_with_fewer_samples_cannot_be_the_best():
     found = evaluation()
     found.flights["outdoor"] = {"pd": flights(0.2), "indi": flights(0.2001, own=9).take(slice(10))}
-    assert best_in(found, "outdoor") == ["pd", "indi"]
+    assert best_controllers(found, "outdoor") == ["pd", "indi"]
     found.flights["outdoor"]["indi"] = flights(0.1).take(slice(10))
-    assert best_in(found, "outdoor") == ["pd"]
-    # If all crash often, the best of them is still named. Designs with other limits are no candidates.
+    assert best_controllers(found, "outdoor") == ["pd"]
+    # If all controllers crash often, the best of them is still named. Designs with other limits do not count.
     found.flights["outdoor"] = {"pd": flights(0.2, crashed=range(9)), "indi@3": flights(0.1)}
-    assert best_in(found, "outdoor") == ["pd"]
+    assert best_controllers(found, "outdoor") == ["pd"]
 
 
-def test_a_network_with_more_crashes_does_not_hold_even_if_its_error_is_smaller():
+def test_a_claim_does_not_hold_with_more_crashes_despite_a_smaller_error():
     found = evaluation(crashed=range(8))
     for place in FAMILIES["laboratory"].laboratories:
         del found.flights[place]["pd_t2fnn"]
-    (claim,) = (each for each in all_claims(found) if each.words.endswith("around PD makes its error smaller"))
+    (claim,) = (each for each in all_claims(found) if each.statement.endswith("to PD reduces the error"))
     assert claim.verdict == "does not hold"
-    assert "RMSE is less by 28." in claim.evidence
-    # A baseline that crashes more often is no reason against it.
+    assert "reduction of the RMSE: 28." in claim.evidence
+    # The claim may hold if the baseline crashes more often.
     found.flights["outdoor"]["pd"] = flights(0.2, crashed=range(20, 40))
     found.flights["outdoor"]["pd_t2fnn"] = flights(0.1, own=2)
-    assert verdicts(found)[claim.words] == "holds"
+    assert verdicts(found)[claim.statement] == "holds"
 
 
-def test_a_network_is_said_to_keep_the_delay_of_each_family():
+def test_the_tolerated_delay_is_reported_for_each_family():
     found = evaluation()
     found.traits["outdoor"] = {**found.traits["outdoor"], "pd_t2fnn": Traits(2.2, 0.06, 0.04, 1e-4, 1e-6)}
     claim = all_claims(found)[0]
     assert claim.evidence.endswith(
-        "; the delay that it stands goes from 90 ms to 90 ms (laboratory), 90 ms to 40 ms (outdoor)"
+        "; the tolerated delay changes from 90 ms to 90 ms (laboratory), 90 ms to 40 ms (outdoor)"
     )
 
 
 def test_a_comparison_needs_both_controllers():
     found = evaluation()
-    assert "no wind" in effects(found, "pd_t1fnn", "pd")
+    assert "no wind" in comparisons_by_laboratory(found, "pd_t1fnn", "pd")
     del found.flights["no wind"]["pd_t1fnn"]
-    assert "no wind" not in effects(found, "pd_t1fnn", "pd")
-    assert effects(found, "l1", "pd") == {}
-    statements = [each.words for each in all_claims(found)]
-    assert not any("L1" in each or "over the position are better" in each for each in statements)
-    assert laps_flown(found, "pd_t2fnn_map") == [1, 2, 3]
-    del found.flights[in_laps(2)]["pd_t2fnn_map"]
-    assert laps_flown(found, "pd_t2fnn_map") == [1]
-    assert not any(each.words.startswith("in laps") for each in all_claims(found))
+    assert "no wind" not in comparisons_by_laboratory(found, "pd_t1fnn", "pd")
+    assert comparisons_by_laboratory(found, "l1", "pd") == {}
+    statements = [each.statement for each in all_claims(found)]
+    assert not any("L1" in each or "over the position has a smaller error" in each for each in statements)
+    assert lap_counts(found, "pd_t2fnn_map") == [1, 2, 3]
+    del found.flights[laboratory_with_laps(2)]["pd_t2fnn_map"]
+    assert lap_counts(found, "pd_t2fnn_map") == [1]
+    assert not any(each.statement.startswith("over several laps") for each in all_claims(found))
 
 
 def test_designs_are_ordered_by_their_peak_sensitivity():
     found = evaluation()
-    assert [each.sensitivity for each, _ in priced(found, "indi")] == [1.6, 2.2, 3.0]
-    assert priced(found, "lqg") == []
-    errors = [metrics.rmse.mean() for _, metrics in priced(found, "indi")]
+    assert [each.sensitivity for each, _ in designs_by_sensitivity(found, "indi")] == [1.6, 2.2, 3.0]
+    assert designs_by_sensitivity(found, "lqg") == []
+    errors = [metrics.rmse.mean() for _, metrics in designs_by_sensitivity(found, "indi")]
     assert errors == [found.flights["high wind"][name].rmse.mean() for name in ("indi@1.6", "indi", "indi@3")]
 
 
 def test_a_row_of_a_family_has_errors_crashes_effort_and_traits(found):
     text = report_markdown(found, all_claims(found), [])
     rows, outdoor = rows_of(text), found.flights["outdoor"]
-    # The metrics of invented flights are 0.25 and so on: a peak error of 3.25 m, efforts of 4.25, 5.25 and 6.25.
+    # The metrics of invented flights are 0.25, 1.25, …: the peak error is 3.25 m, and efforts are 4.25, 5.25 and 6.25.
     (network,) = (row for row in rows if row[0] == "PD + type 2" and len(row) == 10)
     peak = centimetres(outdoor["pd_t2fnn"], "peak_error")
     assert network == [
@@ -173,7 +176,7 @@ def test_crashes_are_listed_laboratory_by_laboratory():
     rows = rows_of(report_markdown(found, all_claims(found), []))
     (pd,) = (row for row in rows if row[0] == "PD" and len(row) == 12)
     assert pd[4] == "0, 0, 40"
-    # Nobody is left, so there is no effort.
+    # All vehicles crash, so there is no effort.
     assert pd[6] == "–"
 
 
@@ -186,16 +189,17 @@ def test_designs_with_other_limits_have_rows(found):
     ]
     without = evaluation()
     del without.traits["priced"]
-    assert "None were flown." in report_markdown(without, all_claims(without), [])
+    assert "No design was flown." in report_markdown(without, all_claims(without), [])
 
 
 def test_the_report_names_the_protocol_that_is_used(found):
     claims = all_claims(found)
-    text = " ".join(report_markdown(found, claims, [*FIGURES]).split())
+    text = " ".join(report_markdown(found, claims, [*CAPTIONS]).split())
     budget, limit = Budget(), LoopLimit()
     for words in (
         f"flown in 4 laboratories with {COUNT} samples each",
-        f"trained on {budget.samples} flights, with samples from 0 on, and evaluated on samples from {FIRST_JUDGED} on",
+        f"trained on {budget.samples} flights, with samples from 0 on, and evaluated on samples from"
+        f" {FIRST_EVALUATION_SAMPLE} on",
         f"{budget.rounds} rounds of {budget.candidates} candidates",
         f"a peak sensitivity of at most {limit.sensitivity:g} and a delay margin of at least {1e3 * limit.delay:g} ms",
         f"checked for {budget.checks} candidates in each round",
@@ -204,20 +208,20 @@ def test_the_report_names_the_protocol_that_is_used(found):
         f"in machine code on {machine()}.",
     ):
         assert words in text
-    assert all(f"figures/{name}.png" in text for name in FIGURES)
+    assert all(f"figures/{name}.png" in text for name in CAPTIONS)
     entries = entries_of(on_board=False, maps=True)
     rows = rows_of(report_markdown(found, claims, []))
     for each in entries.values():
-        tuned = f"the search, {len(each.knobs)} numbers" if each.knobs else "the designer of LQG"
-        assert [each.words, each.told, tuned] in rows
+        tuned = f"search over {len(each.knobs)} numbers" if each.knobs else "Riccati equations"
+        assert [each.label, each.plant_knowledge, tuned] in rows
 
 
-def test_claims_are_in_the_table_of_verdicts_and_rules_name_theirs(found):
+def test_rules_list_the_values_of_their_claims(found):
     claims = all_claims(found)
     text = report_markdown(found, claims, [])
     for each in claims:
-        assert [each.words, each.evidence, f"**{each.verdict}**"] in rows_of(text)
-    assert f"The verdicts are {verdict_counts(claims)}." in text
+        assert [each.statement, each.evidence, f"**{each.verdict}**"] in rows_of(text)
+    assert f"The verdicts are: {verdict_counts(claims)}." in text
     for rule in {each.rule for each in claims}:
         own = [str(i) for i, each in enumerate(claims, start=1) if each.rule == rule]
         assert f"- {rule}: {', '.join(own)}\n" in text
@@ -227,7 +231,7 @@ def test_entries_without_a_design_are_listed(found):
     text = report_markdown(found, all_claims(found), [])
     (line,) = (line for line in text.split("\n") if line.startswith("- outdoor: ") and " cm " not in line)
     known = entries_of(on_board=False, maps=False)
-    names = [each.words for name, each in known.items() if name not in found.traits["outdoor"]]
+    names = [each.label for name, each in known.items() if name not in found.traits["outdoor"]]
     assert line == f"- outdoor: {', '.join(names)}"
     whole = evaluation()
     for name, family in FAMILIES.items():
@@ -235,18 +239,20 @@ def test_entries_without_a_design_are_listed(found):
         whole.traits[name] = dict.fromkeys(names, Traits(2.0, 0.1, 0.1, 1e-4, 1e-6))
         for place in family.laboratories:
             whole.flights[place] = {**whole.flights.get(place, {}), **dict.fromkeys(names, flights(0.1))}
-    assert "All controllers have a design for every family." in report_markdown(whole, all_claims(whole), [])
+    assert "All controllers have a design for each family." in report_markdown(whole, all_claims(whole), [])
 
 
-def test_the_best_controller_of_each_laboratory_is_named_with_its_equals():
+def test_the_best_controllers_of_each_laboratory_are_named():
     found = evaluation()
     outdoor = found.flights["outdoor"]
-    best, equal = best_in(found, "outdoor")
+    best, equal = best_controllers(found, "outdoor")
     assert {best, equal} == {"indi", "indi_t2fnn"}
     mean = mean_interval(outdoor[best].rmse).text(unit="cm", size=0.01)
-    ratio = beside(outdoor["pd"], outdoor[best]).share.ratio()
-    others = f"not significantly different from {WORDS[equal]}"
-    line = f"- outdoor: {WORDS[best]}, {mean}; the RMSE of the tuned PD is {ratio} times as large; {others}\n"
+    ratio = compare_common_samples(outdoor["pd"], outdoor[best]).ratio.ratio()
+    others = f"not significantly different from {CONTROLLER_NAMES[equal]}"
+    line = (
+        f"- outdoor: {CONTROLLER_NAMES[best]}, {mean}; the RMSE of the tuned PD is {ratio} times as large; {others}\n"
+    )
     assert line in report_markdown(found, all_claims(found), [])
     # The PD is not compared with itself.
     found.flights["outdoor"] = outdoor | {"pd": flights(0.01)}
@@ -258,7 +264,7 @@ def test_the_summary_has_intervals_and_traits(found, tmp_path):
     summary = read_table(write_summary(tmp_path / "summary.csv", found))
     row = np.flatnonzero((summary["laboratory"] == "outdoor") & (summary["controller"] == "pd_t2fnn"))[0]
     metrics = found.flights["outdoor"]["pd_t2fnn"]
-    mean, crashes = mean_interval(of_survivors(metrics, "rmse")), share_interval(8, COUNT)
+    mean, crashes = mean_interval(values_without_crashes(metrics, "rmse")), share_interval(8, COUNT)
     for name, expected in (("rmse", mean), ("crashes", crashes)):
         ends = [summary[f"{name}{end}"][row] for end in ("", "_low", "_high")]
         np.testing.assert_allclose(ends, [expected.value, expected.low, expected.high], rtol=1e-5)
@@ -272,7 +278,7 @@ def test_the_summary_has_intervals_and_traits(found, tmp_path):
     assert list(zip(summary["laboratory"], summary["controller"], strict=True)) == flown
 
 
-def test_shares_that_are_cut_have_the_sign_of_the_change():
-    compared = effects(evaluation(network=1.1), "pd_t1fnn", "pd")["outdoor"]
-    assert reduction(compared.share).value == pytest.approx(-0.1, abs=0.002)
-    assert reduction(compared.share).low < reduction(compared.share).value < reduction(compared.share).high < 0.0
+def test_reductions_have_the_sign_of_the_change():
+    compared = comparisons_by_laboratory(evaluation(network=1.1), "pd_t1fnn", "pd")["outdoor"]
+    assert reduction(compared.ratio).value == pytest.approx(-0.1, abs=0.002)
+    assert reduction(compared.ratio).low < reduction(compared.ratio).value < reduction(compared.ratio).high < 0.0

@@ -1,4 +1,4 @@
-"""Tests of simulations of fleets: their end, records and resets."""
+"""Tests of fleet simulations: when they end, what they record, and how they are reset."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from drake_quad.scenario.batch import Batch
 
 @pytest.fixture(scope="module")
 def scenario(diagrams):
-    """Return a hover in turbulence in which a rotor fails partly after some time."""
+    """Return a hover in turbulence with a partial rotor failure at 0.1 s."""
     overrides = [
         "route.duration=20",
         "laboratory.wind=[{kind: dryden, level: light}]",
@@ -21,7 +21,7 @@ def scenario(diagrams):
 
 
 def simulation_of(scenario, samples, compiled, factors=None):
-    """Return the simulation of some samples, whose failed rotors keep the given fractions of their speed."""
+    """Return a batch of samples and its simulation; failed rotors keep the given fractions of their speed."""
     batch = Batch.draw(scenario, samples)
     if factors is not None:
         batch = batch.with_varying({"vehicle.rotor_failure.speed_factor": np.array(factors)})
@@ -30,8 +30,8 @@ def simulation_of(scenario, samples, compiled, factors=None):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("compiled", [False, True])
-def test_a_fleet_that_is_reset_flies_as_a_new_one(scenario, compiled):
-    """In a compiled diagram, different code computes the initial wind, whose last bit may differ."""
+def test_a_reset_fleet_flies_like_a_new_fleet(scenario, compiled):
+    """In a compiled diagram, other code computes the initial wind after a reset, so its last bit may differ."""
     first, simulation = simulation_of(scenario, [3, 5], compiled)
     flown = []
     for batch in (first, Batch.draw(scenario, [8, 1]), first):
@@ -51,8 +51,8 @@ def test_a_fleet_that_is_reset_flies_as_a_new_one(scenario, compiled):
     np.testing.assert_allclose(flown[2], flown[0], rtol=1e-9, atol=1e-12)
 
 
-def test_a_continuous_fleet_that_is_reset_stops_where_its_new_rotors_fail(diagrams):
-    """Before and after the failure, its steps are those of a new fleet to the last bit."""
+def test_a_continuous_fleet_stops_its_steps_at_the_rotor_failures_of_its_last_reset(diagrams):
+    """Before and after the failure, its steps equal those of a new fleet to the last bit."""
     failure = "{rotor: 2, time: {uniform: {min: 0.05, max: 0.25}}, speed_factor: 0.5}"
     overrides = ["vehicle.time_step=0", "crash.tilt=null", f"vehicle.rotor_failure={failure}"]
     continuous = load_scenario(diagrams / "hover.yaml", overrides)
@@ -67,37 +67,37 @@ def test_a_continuous_fleet_that_is_reset_stops_where_its_new_rotors_fail(diagra
 @pytest.mark.slow
 @pytest.mark.parametrize("compiled", [False, True])
 def test_a_fleet_ends_when_all_have_crashed(scenario, compiled):
-    told = []
+    reports = []
     _, simulation = simulation_of(scenario, [0, 1], compiled, [0.0, 0.5])
-    simulation.fly(20.0, progress=lambda *now: told.append(now))
+    simulation.fly(20.0, progress=lambda *now: reports.append(now))
     crash_times = simulation.metrics().crash_time
     assert crash_times.max() < 3.0
-    times = [time for time, _ in told]
+    times = [time for time, _ in reports]
     strides = np.diff([0.0, *times])
     np.testing.assert_allclose(strides, strides[0])
     assert times[-1] - strides[0] <= crash_times.max() <= times[-1] < 6.0
-    assert {duration for _, duration in told} == {20.0}
+    assert {duration for _, duration in reports} == {20.0}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("compiled", [False, True])
 def test_a_fleet_flies_until_its_end_if_one_vehicle_has_not_crashed(scenario, compiled):
-    """It ends at the duration, even if that is not a multiple of the interval between checks for crashes."""
-    told = []
+    """The fleet ends at its duration, even if that is not a multiple of the interval between checks for crashes."""
+    reports = []
     _, simulation = simulation_of(scenario, [0, 1], compiled, [0.0, 0.99])
-    simulation.fly(5.5, progress=lambda time, _: told.append(time))
-    assert told[-1] == simulation.simulator.get_context().get_time() == 5.5
+    simulation.fly(5.5, progress=lambda time, _: reports.append(time))
+    assert reports[-1] == simulation.simulator.get_context().get_time() == 5.5
     np.testing.assert_array_equal(np.isfinite(simulation.metrics().crash_time), [True, False])
     time, signals = simulation.recording()
     np.testing.assert_allclose(time, 0.02 * np.arange(276), atol=1e-12)
     assert {len(values) for values in signals.values()} == {276}
     states = signals["state"].reshape(276, 12, 2)
-    # A vehicle that has crashed is frozen from the next tick on.
+    # A crashed vehicle is frozen from the next tick on.
     crashed = time > simulation.metrics().crash_time[0]
     np.testing.assert_array_equal(states[crashed, :, 0], np.tile(states[-1, :, 0], (crashed.sum(), 1)))
     assert np.ptp(states[crashed, 0, 1]) > 0.0
 
 
 @pytest.mark.slow
-def test_a_simulation_tells_whether_it_is_compiled(scenario):
+def test_a_simulation_reports_whether_it_is_compiled(scenario):
     assert [simulation_of(scenario, [0], compiled)[1].compiled for compiled in (False, True)] == [False, True]

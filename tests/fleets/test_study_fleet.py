@@ -1,4 +1,4 @@
-"""Tests that samples fly in a reused fleet as in a fleet that is built for them."""
+"""Tests that samples fly in a reused fleet as in a new fleet."""
 
 import resource
 from pathlib import Path
@@ -22,7 +22,7 @@ from drake_quad.scenario.batch import Batch
 
 @pytest.fixture(scope="module")
 def scenario(diagrams):
-    """Return a function that loads half a second of the study of robustness, with overrides and a controller."""
+    """Return a function that loads 0.5 s of the robustness scenario with given overrides and controller."""
 
     def load(*overrides, controller=None):
         paper = diagrams / "controllers" / "paper.yaml"
@@ -32,8 +32,8 @@ def scenario(diagrams):
     return load
 
 
-def flown(study, batch):
-    """Return the metrics of a fleet that is built for a batch and never reset."""
+def new_fleet_metrics(study, batch):
+    """Return the metrics of a fleet that is built for a batch and not reset."""
     diagram = build_fleet_diagram(batch, plan_route(study))
     simulator = Simulator(diagram)
     fly(simulator, study.duration)
@@ -41,7 +41,7 @@ def flown(study, batch):
 
 
 CONTROLLERS = ["pd", "pid", "pd_t1fnn", "pd_t2fnn", "pd_feed_forward"]
-SIGN = ["control.network.learning={kind: sign, rate: {uniform: {min: 0.5, max: 1.0}}}"]
+SIGN_LAW = ["control.network.learning={kind: sign, rate: {uniform: {min: 0.5, max: 1.0}}}"]
 NETWORK = [
     "control.network.a1={uniform: {min: 1.1, max: 1.5}}",
     "control.network.learning.initial_covariance={uniform: {min: 1.0, max: 6.0}}",
@@ -49,16 +49,17 @@ NETWORK = [
     "vehicle.rotor_failure={rotor: {choice: [1, 2]}, time: 0.2, speed_factor: {uniform: {min: 0.8, max: 0.9}}}",
 ]
 PD = "k_p: [1.5, 1.6, 5.0], k_d: [2.0, 2.1, 3.2], feed_forward: snap"
-SEEN = "response: {kind: tilt, lag: {uniform: {min: 0.05, max: 0.09}}}"
-BELIEVED = "response: {kind: commanded, lag: [{uniform: {min: 0.2, max: 0.3}}, 0.25, 0.07]}"
+TILT_RESPONSE = "response: {kind: tilt, lag: {uniform: {min: 0.05, max: 0.09}}}"
+COMMANDED_RESPONSE = "response: {kind: commanded, lag: [{uniform: {min: 0.2, max: 0.3}}, 0.25, 0.07]}"
 ESTIMATORS = [
     [
-        f"control.position={{kind: indi, {PD}, {SEEN}, bandwidth: [2.0, {{uniform: {{min: 1.0, max: 3.0}}}}, 4.0]}}",
+        f"control.position={{kind: indi, {PD}, {TILT_RESPONSE},"
+        " bandwidth: [2.0, {uniform: {min: 1.0, max: 3.0}}, 4.0]}",
         "control.attitude={kind: indi, k_p: [15.0, 15.0, 5.0], k_d: [6.5, 6.5, 3.4],"
         " lag: {uniform: {min: 0.05, max: 0.09}}, bandwidth: 1.0}",
     ],
     [
-        f"control.position={{kind: l1, {PD}, {BELIEVED}, bandwidth: [1.0, 1.1, 1.2],"
+        f"control.position={{kind: l1, {PD}, {COMMANDED_RESPONSE}, bandwidth: [1.0, 1.1, 1.2],"
         " adaptation: {uniform: {min: 0.5, max: 2.0}}}",
         "control.attitude={kind: geometric, k_p: [15.0, 15.0, 5.0], k_d: [6.5, 6.5, 3.4]}",
     ],
@@ -70,15 +71,15 @@ ESTIMATORS = [
     [
         *(([], name) for name in CONTROLLERS),
         (NETWORK, "pd_t2fnn"),
-        (SIGN, "pd_t1fnn"),
+        (SIGN_LAW, "pd_t1fnn"),
         *((overrides, None) for overrides in ESTIMATORS),
     ],
 )
-def test_a_second_batch_flies_as_in_a_fleet_of_its_own(scenario, overrides, controller):
-    """The scenarios have every kind of system and vary every number that may differ between samples.
+def test_a_second_batch_flies_as_in_a_new_fleet(scenario, overrides, controller):
+    """The scenarios have every kind of system, and vary every number that may differ between samples.
 
-    The uncompiled results are equal bit for bit. In a compiled diagram, different code computes the first frame and
-    wind, and rounds the last bit of some samples differently.
+    Uncompiled results are equal to the last bit. In a compiled diagram, other code computes the first frame and the
+    initial wind after a reset, and rounds the last bit of some samples differently.
     """
     study = scenario(*overrides, controller=controller)
     wired, compiled = (
@@ -90,15 +91,15 @@ def test_a_second_batch_flies_as_in_a_fleet_of_its_own(scenario, overrides, cont
         assert fleet._simulation.compiled == is_compiled
         assert not fleet._simulation._diagram.HasSubsystemNamed("recorder")
     for samples in ([7, 8, 9], [3, 1, 2]):
-        expected = flown(study, Batch.draw(study, samples))
-        for found, wanted in zip(wired.fly(samples), expected, strict=True):
-            np.testing.assert_array_equal(found, wanted)
-        for found, wanted in zip(compiled.fly(samples), expected, strict=True):
-            np.testing.assert_allclose(found, wanted, rtol=1e-12)
+        expected = new_fleet_metrics(study, Batch.draw(study, samples))
+        for actual, desired in zip(wired.fly(samples), expected, strict=True):
+            np.testing.assert_array_equal(actual, desired)
+        for actual, desired in zip(compiled.fly(samples), expected, strict=True):
+            np.testing.assert_allclose(actual, desired, rtol=1e-12)
 
 
-def test_overridden_numbers_fly_as_in_a_fleet_of_their_own(scenario):
-    """The numbers are gains, an item of a list, and a whole number of ticks."""
+def test_vehicles_with_overridden_numbers_fly_as_in_a_new_fleet(scenario):
+    """The overridden numbers are gains, an element of a list, and an integer number of ticks."""
     study = scenario("laboratory.command_link.delay_ticks={choice: [0, 2]}", controller="pd_t2fnn")
     varying = {
         "laboratory.command_link.delay_ticks": np.array([2.0, 0.0, 1.0]),
@@ -109,18 +110,18 @@ def test_overridden_numbers_fly_as_in_a_fleet_of_their_own(scenario):
     fleet, drawn = StudyFleet(study, plan_route(study), 3), Batch.draw(study, [5, 5, 2])
     varied = drawn.with_varying(varying)
     metrics = fleet.fly_batch(varied)
-    for found, expected in zip(metrics, flown(study, varied), strict=True):
-        np.testing.assert_array_equal(found, expected)
-    # Each vehicle flies as in a scenario with its numbers.
+    for actual, expected in zip(metrics, new_fleet_metrics(study, varied), strict=True):
+        np.testing.assert_array_equal(actual, expected)
+    # Each vehicle flies as a single vehicle with its numbers.
     for i in range(3):
-        alone = simulate(varied.scenario_of(i), compiled=False).metrics
-        np.testing.assert_allclose([float(value[i]) for value in metrics], alone, rtol=1e-9)
+        single = simulate(varied.scenario_of(i), compiled=False).metrics
+        np.testing.assert_allclose([float(value[i]) for value in metrics], single, rtol=1e-9)
     # The next batch is not affected.
-    for found, expected in zip(fleet.fly_batch(drawn), flown(study, drawn), strict=True):
-        np.testing.assert_array_equal(found, expected)
+    for actual, expected in zip(fleet.fly_batch(drawn), new_fleet_metrics(study, drawn), strict=True):
+        np.testing.assert_array_equal(actual, expected)
 
 
-BEYOND = {
+OPTIONAL_PARTS = {
     "laboratory.command_link.delay_ticks": [0.0, 1.0, 3.0],
     "laboratory.command_link.loss_rate": [0.0, 0.2, 0.4],
     "laboratory.motion_capture.latency_frames": [0.0, 2.0, 3.0],
@@ -134,22 +135,22 @@ BEYOND = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("path", BEYOND)
+@pytest.mark.parametrize("path", OPTIONAL_PARTS)
 def test_optional_parts_can_vary_only_if_the_diagram_was_built_with_them(diagrams, path):
-    """A diagram that was built without the part refuses the numbers, rather than ignoring them."""
+    """A diagram without the optional part refuses such numbers and does not ignore them."""
     calm = "laboratory.wind=[{kind: steady, velocity: [0.0, 0.0, 0.0]}]"
     ideal = load_scenario(diagrams / "figure_eight.yaml", ["duration=2", "vehicle.linear_drag=0.2", calm])
-    varied = Batch.draw(ideal, [0, 0, 0]).with_varying({path: np.array(BEYOND[path])})
-    metrics = flown(ideal, varied)
-    alone = [simulate(varied.scenario_of(i), compiled=False).metrics.rmse for i in range(3)]
-    assert len(set(alone)) == 3
-    np.testing.assert_allclose(metrics.rmse, alone, rtol=1e-9)
+    varied = Batch.draw(ideal, [0, 0, 0]).with_varying({path: np.array(OPTIONAL_PARTS[path])})
+    metrics = new_fleet_metrics(ideal, varied)
+    single = [simulate(varied.scenario_of(i), compiled=False).metrics.rmse for i in range(3)]
+    assert len(set(single)) == 3
+    np.testing.assert_allclose(metrics.rmse, single, rtol=1e-9)
     with pytest.raises((ValueError, RuntimeError), match="was built with|steady"):
         StudyFleet(ideal, plan_route(ideal), 3).fly_batch(varied)
 
 
-def test_a_context_that_is_reset_is_the_default_one_of_the_fleet_of_its_batch(scenario):
-    """All parameters, states and random numbers are compared, also those that do not affect metrics."""
+def test_a_reset_context_equals_the_default_context_of_a_new_fleet(scenario):
+    """All parameters, states and random numbers are compared, including those that do not affect metrics."""
     study = scenario(*NETWORK)
     plan = plan_route(study)
     first, second = Batch.draw(study, range(4)), Batch.draw(study, [9, 8, 7, 6])
@@ -160,18 +161,18 @@ def test_a_context_that_is_reset_is_the_default_one_of_the_fleet_of_its_batch(sc
     assert sizes[0] == sizes[1]
     assert sizes[0][0] > 10
     for i in range(sizes[0][0]):
-        found, expected = (context.get_numeric_parameter(i).CopyToVector() for context in contexts)
-        np.testing.assert_array_equal(found, expected)
+        actual, expected = (context.get_numeric_parameter(i).CopyToVector() for context in contexts)
+        np.testing.assert_array_equal(actual, expected)
     for i in range(sizes[0][1]):
-        found, expected = (context.get_discrete_state(i).CopyToVector() for context in contexts)
-        np.testing.assert_array_equal(found, expected)
+        actual, expected = (context.get_discrete_state(i).CopyToVector() for context in contexts)
+        np.testing.assert_array_equal(actual, expected)
 
 
 def test_a_context_is_completely_reset_after_a_flight(scenario):
-    """Time, states and the state of a user's system are those of a new fleet."""
+    """The time, all states and the state of a user-defined system equal those of a new fleet."""
     study = scenario(*NETWORK)
     plan, batch = plan_route(study), Batch.draw(study, range(2))
-    own = UserSystems(position_controller=stiff).build(2)
+    own = UserSystems(position_controller=high_gain_controller).build(2)
     diagram = build_fleet_diagram(batch, plan, own=own)
     simulator = Simulator(diagram)
     context = simulator.get_mutable_context()
@@ -183,8 +184,8 @@ def test_a_context_is_completely_reset_after_a_flight(scenario):
     fresh = diagram.CreateDefaultContext()
     assert context.get_time() == 0.0
     for i in range(fresh.num_discrete_state_groups()):
-        found, expected = (each.get_discrete_state(i).CopyToVector() for each in (context, fresh))
-        np.testing.assert_array_equal(found, expected)
+        actual, expected = (each.get_discrete_state(i).CopyToVector() for each in (context, fresh))
+        np.testing.assert_array_equal(actual, expected)
     np.testing.assert_array_equal(pd.get_parameter(of_pd, "gains").k_p.z, 6.0)
 
 
@@ -196,13 +197,13 @@ def test_metrics_do_not_depend_on_the_size_of_the_fleet(scenario):
         fleet = StudyFleet(study, plan_route(study), size)
         for first in range(0, 70, size)[:3]:
             samples = range(first, min(first + size, 70))
-            for found, expected in zip(fleet.fly(samples), whole, strict=True):
-                np.testing.assert_allclose(found, expected[first : first + len(samples)], rtol=1e-9)
+            for actual, expected in zip(fleet.fly(samples), whole, strict=True):
+                np.testing.assert_allclose(actual, expected[first : first + len(samples)], rtol=1e-9)
 
 
 @pytest.mark.slow
 def test_batches_with_and_without_an_effect_fly_in_the_same_diagram(scenario):
-    """Effects that a distribution can make zero, and queues for the longest delay, are part of every diagram."""
+    """Every diagram includes effects that a distribution can make zero, and queues for the longest delay."""
     study = scenario(
         "laboratory.motion_capture.latency_frames={choice: [0, 2]}",
         "laboratory.command_link.delay_ticks={choice: [0, 2]}",
@@ -210,22 +211,22 @@ def test_batches_with_and_without_an_effect_fly_in_the_same_diagram(scenario):
     )
     fleet = StudyFleet(study, plan_route(study), 1)
     for sample in range(5):
-        alone = simulate(study, sample=sample, compiled=False).metrics
-        np.testing.assert_allclose([float(value[0]) for value in fleet.fly([sample])], alone, rtol=1e-9)
+        single = simulate(study, sample=sample, compiled=False).metrics
+        np.testing.assert_allclose([float(value[0]) for value in fleet.fly([sample])], single, rtol=1e-9)
 
 
-def stiff(num_vehicles):
-    """Return a user's position controller."""
+def high_gain_controller(num_vehicles):
+    """Return a user-defined position controller with high gains."""
     gains = PdGains(PerAxis(2.0, 2.0, 6.0), PerAxis(2.0, 2.0, 3.5))
     return build_position_controller(ProportionalDerivative(num_vehicles=num_vehicles, numbers=gains))
 
 
-def test_a_fleet_can_fly_with_a_users_controller(scenario):
+def test_a_fleet_can_fly_with_a_user_defined_controller(scenario):
     study = scenario()
-    fleet = StudyFleet(study, plan_route(study), 2, own=UserSystems(position_controller=stiff))
+    fleet = StudyFleet(study, plan_route(study), 2, own=UserSystems(position_controller=high_gain_controller))
     for sample in (0, 5):
-        alone = simulate(study, sample=sample, position_controller=stiff(1)).metrics
-        assert fleet.fly([sample]).rmse[0] == pytest.approx(alone.rmse, rel=1e-9)
+        single = simulate(study, sample=sample, position_controller=high_gain_controller(1)).metrics
+        assert fleet.fly([sample]).rmse[0] == pytest.approx(single.rmse, rel=1e-9)
 
 
 def test_too_many_samples_or_none_are_refused(scenario):
@@ -247,9 +248,9 @@ def test_a_recorded_fleet_refuses_a_route_with_a_distribution(scenario):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="needs Linux's /proc")
-def test_further_batches_take_no_more_memory(scenario):
-    """A diagram or context for every batch would take megabytes each time."""
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="the test needs /proc of Linux")
+def test_later_batches_need_no_additional_memory(scenario):
+    """A new diagram or context for every batch would take several megabytes."""
 
     def resident():
         return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from both_ways import assert_flights_alike, assert_flown_alike, assert_metrics_alike
+from compiled_comparison import assert_flights_alike, assert_flown_alike, assert_metrics_alike
 from pydrake.systems.framework import BasicVector, LeafSystem
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate
@@ -153,7 +153,7 @@ def test_a_control_without_the_output_for_its_autopilot_is_refused(scenario):
 
     study = scenario("attitude")
     for control, words in (
-        (Wrenches("wrench", 4), "control needs the output port `attitude_target`, but has `wrench`"),
+        (Wrenches("wrench", 4), "control must have the output port `attitude_target`, but has `wrench`"),
         (Wrenches("attitude_target", 4), "the port `attitude_target` of control must have 7 rows, but has 4"),
     ):
         with pytest.raises(InputError, match=words):

@@ -279,7 +279,7 @@ def test_the_repr_of_a_flight_is_one_line_with_its_signals(diagrams):
         flight = simulate(scenario, compiled=compiled)
         line = rf"<Flight of hover{suffix}: 1\.00 s, RMSE \S+ cm; reference, .*wind, crashed>"
         assert re.fullmatch(line, repr(flight))
-    with pytest.raises(KeyError, match="weights is not a signal of this flight, which has reference, "):
+    with pytest.raises(KeyError, match="weights is not a signal of this flight; its signals are reference, "):
         flight["weights"]
 
 

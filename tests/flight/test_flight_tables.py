@@ -100,11 +100,11 @@ def test_folders_without_a_flight_and_damaged_files_are_refused(flight, tmp_path
     arrays = {"time": flight.time, **flight.signals}
     for damage in (b"", b"PK\x03\x04 and no more", b"\x93NUMPY"):
         (tmp_path / "flight.npz").write_bytes(damage)
-        with pytest.raises(InputError, match="flight.npz cannot be read, or is not the file of a flight"):
+        with pytest.raises(InputError, match="flight.npz is damaged, or is not the file of a flight"):
             read_flight(tmp_path)
     with (tmp_path / "flight.npz").open("wb") as file:
         np.save(file, flight.time)
-    with pytest.raises(InputError, match="flight.npz cannot be read, or is not the file of a flight"):
+    with pytest.raises(InputError, match="flight.npz is damaged, or is not the file of a flight"):
         read_flight(tmp_path)
     for damaged in ({"colour": flight.time}, {"state": flight["state"][:-1]}, {"state": np.array("x", dtype=object)}):
         np.savez(tmp_path / "flight.npz", **{**arrays, **damaged})

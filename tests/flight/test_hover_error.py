@@ -228,7 +228,7 @@ def test_the_believed_tracking_error_is_that_of_the_nominal_vehicle_in_the_stron
         (
             "laboratory:nominal",
             ["laboratory.wind=[{kind: gust, speed: 1.0, heading: 0.0, start: 1.0, rise_time: 0.5}]"],
-            r"wind\.0 is a gust; hovers predict the error in steady wind",
+            r"wind\.0 is a gust, which depends on time; the error can be predicted only",
         ),
         ("robustness", [], r"laboratory\.wind\.4 is a gust"),
         (

@@ -123,7 +123,7 @@ def test_a_network_that_diverged_is_not_saved(asymmetric, tmp_path):
         weights[-1, 4] = value
         diverged = dataclasses.replace(flight, signals={**flight.signals, "weights": weights})
         with pytest.raises(
-            InputError, match="the parameters of the network cannot be saved, since some are not finite"
+            InputError, match="the parameters of the network cannot be saved, since some are NaN or infinite"
         ):
             save_network(diverged, tmp_path / "learned.yaml")
     assert not [*tmp_path.iterdir()]

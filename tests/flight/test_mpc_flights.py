@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from both_ways import assert_flown_alike, assert_metrics_alike
+from compiled_comparison import assert_flown_alike, assert_metrics_alike
 
 from drake_quad import load_scenario, simulate
 from drake_quad.control.mpc.programme import Programme

@@ -4,7 +4,7 @@ import csv
 
 import numpy as np
 import pytest
-from both_ways import assert_flights_alike, assert_flown_alike
+from compiled_comparison import assert_flights_alike, assert_flown_alike
 from pydrake.systems.framework import LeafSystem
 
 from drake_quad import InputError, load_scenario, run_monte_carlo, save_scenario, simulate
@@ -226,7 +226,7 @@ def test_the_foundation_policy_follows_a_yaw_along_the_path(layers):
 
 
 def test_a_users_policy_needs_a_control_of_kind_policy():
-    with pytest.raises(InputError, match="a policy can only be given for a scenario with control of kind policy"):
+    with pytest.raises(InputError, match="a policy requires a scenario with control of kind policy"):
         simulate(load_scenario("hover"), policy=action_source(np.zeros((2, 3)), 0.02))
     task = task_of("hover")
     with pytest.raises(InputError, match="the port .* of policy must have 3 rows, but has 4"):

@@ -1,4 +1,4 @@
-"""Tests that only complete files of this user, with the right name, are loaded from the cache of machine code."""
+"""Tests that the cache of machine code loads only complete files that belong to this user and have the right name."""
 
 import ctypes
 import os
@@ -19,7 +19,7 @@ CODE = bytes(range(200))
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """Return the folder of the cache, which does not exist yet, and reset the warnings that are logged once."""
+    """Return the folder of the cache, which does not exist yet; warnings that are logged once are logged again."""
     code_cache._warn_once.cache_clear()
     monkeypatch.setenv("DRAKE_QUAD_CACHE", str(tmp_path / "cache"))
     return tmp_path / "cache"
@@ -27,7 +27,7 @@ def folder(tmp_path, monkeypatch):
 
 @pytest.fixture
 def file(folder):
-    """Return the file of a cached module that can be read."""
+    """Return the file of a cached module."""
     code_cache.write(NAME, CODE)
     assert code_cache.read(NAME) == CODE
     return folder / f"{NAME}.o"
@@ -79,7 +79,7 @@ def test_files_and_folders_of_another_user_are_not_used(file, monkeypatch):
     assert code_cache.read(NAME) is None
     code_cache.write(OTHER_NAME, CODE)
     assert [*file.parent.iterdir()] == [file]
-    # A file may belong to another user although the folder does not.
+    # Another user may own a file in the folder of this user.
     monkeypatch.setattr(code_cache, "_is_trusted", lambda folder: True)
     assert code_cache.read(NAME) is None
 
@@ -107,13 +107,13 @@ def replace_with_open_fifo(file, _):
 
 
 @pytest.mark.parametrize("replace", [replace_with_link, replace_with_folder, replace_with_fifo, replace_with_open_fifo])
-def test_only_regular_files_are_read_and_the_others_do_not_block(file, replace, tmp_path):
-    found = []
+def test_only_regular_files_are_read_and_other_files_do_not_block(file, replace, tmp_path):
+    actual = []
     with replace(file, tmp_path / "elsewhere") or nullcontext():
-        thread = threading.Thread(target=lambda: found.append(code_cache.read(NAME)), daemon=True)
+        thread = threading.Thread(target=lambda: actual.append(code_cache.read(NAME)), daemon=True)
         thread.start()
         thread.join(10.0)
-        assert found == [None]
+        assert actual == [None]
 
 
 def test_a_folder_that_is_a_file_is_not_used(folder):
@@ -136,7 +136,7 @@ def test_a_folder_that_is_a_file_is_not_used(folder):
         ({"DRAKE_QUAD_CACHE": "", "XDG_CACHE_HOME": "/caches"}, None),
     ],
 )
-def test_a_relative_path_names_no_folder(variables, expected, monkeypatch, caplog):
+def test_a_relative_path_is_not_used_as_folder(variables, expected, monkeypatch, caplog):
     """A warning is logged if the variable is DRAKE_QUAD_CACHE."""
     code_cache._warn_once.cache_clear()
     monkeypatch.setattr("sys.platform", "linux")
@@ -165,13 +165,13 @@ def test_the_least_recently_used_file_is_deleted_first(folder):
     assert {*folder.iterdir()} == {mine, *(folder / f"{names[k]}.o" for k in (0, 3, 4))}
 
 
-def test_a_file_that_a_killed_process_left_behind_is_deleted(folder):
+def test_a_temporary_file_of_a_killed_process_is_deleted(folder):
     folder.mkdir(mode=0o700)
-    left = folder / f".{NAME}.1234.5678.o"
-    left.write_bytes(bytes(10))
-    os.utime(left, (0.0, 0.0))
+    leftover = folder / f".{NAME}.1234.5678.o"
+    leftover.write_bytes(bytes(10))
+    os.utime(leftover, (0.0, 0.0))
     code_cache.prune(folder, 9)
-    assert not left.exists()
+    assert not leftover.exists()
 
 
 def test_writing_keeps_the_cache_below_its_limit(folder, monkeypatch):
@@ -181,7 +181,7 @@ def test_writing_keeps_the_cache_below_its_limit(folder, monkeypatch):
     assert 1 <= len([*folder.iterdir()]) <= 1_000 // (len(CODE) + 32) + 15
 
 
-def test_one_write_in_sixteen_prunes(folder, monkeypatch):
+def test_one_write_in_sixteen_deletes_old_files(folder, monkeypatch):
     pruned = []
     monkeypatch.setattr(code_cache, "prune", lambda *given: pruned.append(given))
     for number in range(32):
@@ -193,7 +193,7 @@ def module(number):
     return f"define i64 @kernel() {{\n  ret i64 {number}\n}}"
 
 
-def called(text):
+def run_module(text):
     return ctypes.CFUNCTYPE(ctypes.c_int64)(machine_code.kernel_address(text))()
 
 
@@ -201,15 +201,15 @@ def test_an_object_file_without_the_function_is_not_called(folder, monkeypatch):
     """The digest is valid, and LLVM returns address 0 for the function."""
     text = module(4_711)
     code_cache.write(machine_code._name(text), machine_code._compile(module(1).replace("@kernel(", "@another(")))
-    assert called(text) == 4_711
-    # The module that was compiled instead is cached.
+    assert run_module(text) == 4_711
+    # The recompiled module replaces the faulty file in the cache.
     monkeypatch.setattr(machine_code, "_addresses", ThreadSafeCache())
     monkeypatch.setattr(machine_code, "_compile", None)
-    assert called(text) == 4_711
+    assert run_module(text) == 4_711
 
 
 def test_a_module_is_found_under_its_own_name(folder):
-    assert called(module(815)) == 815
+    assert run_module(module(815)) == 815
     (file,) = folder.iterdir()
     assert re.fullmatch(code_cache._CACHE_FILE_NAME, file.name)
     assert file.stem == machine_code._name(module(815))

@@ -9,14 +9,14 @@ from drake_quad.framework.drivers import Driver, copy_functions
 from drake_quad.framework.machine_code import LANES, kernel_address
 
 
-def called(text, *arguments):
+def run_function(text, *arguments):
     types = [ctypes.py_object if isinstance(each, np.ndarray) else ctypes.c_int64 for each in arguments]
     ctypes.PYFUNCTYPE(None, *types)(kernel_address(text))(*arguments)
 
 
 @pytest.mark.parametrize(("begin", "end", "step"), [(0, 5, 1), (0, 5, 2), (2, 9, 3), (3, 3, 1), (4, 3, 1), (0, 0, 8)])
-def test_nested_loops_and_conditions_count_as_python_does(begin, end, step):
-    """The inner loop ends at the counter of the outer one, and the condition skips the diagonal."""
+def test_nested_loops_and_conditions_count_as_in_python(begin, end, step):
+    """The inner loop ends at the counter of the outer loop, and the condition skips the diagonal."""
     driver = Driver.of_arrays("i64 %begin, i64 %end", ["count", "sum"])
     with driver.loop("i", "%begin", "%end", step):
         with driver.loop("j", 0, "%i"):
@@ -30,7 +30,7 @@ def test_nested_loops_and_conditions_count_as_python_does(begin, end, step):
         driver.let("more", "add i64 %seen, 1")
         driver.do("store i64 %more, ptr %count")
     count, total = np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64)
-    called(driver.text(), begin, end, count, total)
+    run_function(driver.text(), begin, end, count, total)
     assert count[0] == len(range(begin, end, step))
     assert total[0] == sum(i * j for i in range(begin, end, step) for j in range(i) if 2 * j != i)
 
@@ -38,7 +38,7 @@ def test_nested_loops_and_conditions_count_as_python_does(begin, end, step):
 @pytest.mark.parametrize("vehicles", [1, LANES - 1, LANES, LANES + 1, 2 * LANES + 3])
 @pytest.mark.parametrize("rows", [0, 1, 3])
 def test_gather_and_scatter_copy_the_rows_of_a_fleet(vehicles, rows):
-    """Lanes after the last vehicle repeat it in the copy, and are not copied back."""
+    """In the copy, the last vehicle is repeated in the unused lanes, which are not copied back."""
     driver = Driver.of_arrays("i64 %n, i64 %first", ["fleet", "copy", "other"])
     driver.let("left", "sub i64 %n, %first")
     driver.at("there", "fleet", "%first")
@@ -50,7 +50,7 @@ def test_gather_and_scatter_copy_the_rows_of_a_fleet(vehicles, rows):
     other = np.zeros_like(fleet)
     for first in range(0, vehicles, LANES):
         copy = np.full((rows, LANES), np.nan)
-        called(text, vehicles, first, fleet, copy, other)
+        run_function(text, vehicles, first, fleet, copy, other)
         np.testing.assert_array_equal(copy, fleet[:, np.minimum(first + np.arange(LANES), vehicles - 1)])
         np.testing.assert_array_equal(other[:, : first + LANES], fleet[:, : first + LANES])
         assert not other[:, first + LANES :].any()

@@ -1,3 +1,5 @@
+"""Tests of elementary functions on numbers, arrays, AutoDiffXd and Expression, by comparison with NumPy and SciPy."""
+
 import math
 
 import numpy as np
@@ -8,7 +10,7 @@ from pydrake.symbolic import Expression, Variable
 
 from drake_quad.framework import elementary
 
-# Arithmetic on Expression sets floating-point flags, which are meaningless.
+# Arithmetic on Expression sets floating-point flags that have no meaning.
 pytestmark = pytest.mark.filterwarnings("ignore:invalid value encountered")
 
 FUNCTIONS = [elementary.cos, elementary.sqrt, elementary.arcsin, elementary.arctan, elementary.exp, elementary.tanh]
@@ -27,17 +29,17 @@ def test_functions_agree_on_all_scalar_types(function):
 
 
 def test_log1p_is_accurate_and_has_derivatives():
-    """Numbers and arrays, with and without derivatives, agree; for tiny x, log(1 + x) = x."""
+    """The function accepts numbers and arrays, with and without derivatives. For tiny x, log(1 + x) = x."""
     numbers = [0.3, 1e-9, 1e-20, 0.0]
     expected = np.log1p(numbers)
     assert [elementary.log1p(x) for x in numbers] == pytest.approx(expected, rel=1e-15)
     np.testing.assert_allclose(elementary.log1p(np.array(numbers)), expected, rtol=1e-15)
     with_derivatives = [AutoDiffXd(x, [1.0]) for x in numbers]
-    alone = [elementary.log1p(x) for x in with_derivatives]
-    beside = elementary.log1p(np.array(with_derivatives))
-    for found in (alone, beside):
-        np.testing.assert_allclose([each.value() for each in found], expected, rtol=1e-15)
-    for one, other, x in zip(alone, beside, numbers, strict=True):
+    elementwise = [elementary.log1p(x) for x in with_derivatives]
+    vectorised = elementary.log1p(np.array(with_derivatives))
+    for actual in (elementwise, vectorised):
+        np.testing.assert_allclose([each.value() for each in actual], expected, rtol=1e-15)
+    for one, other, x in zip(elementwise, vectorised, numbers, strict=True):
         assert one.derivatives() == other.derivatives()
         assert one.derivatives()[0] == pytest.approx(1.0 / (1.0 + x), rel=1e-6)
 
@@ -48,11 +50,11 @@ def test_the_error_function_has_the_right_derivatives():
     assert [elementary.erf(x) for x in numbers] == pytest.approx(expected, rel=1e-15)
     np.testing.assert_allclose(elementary.erf(np.array(numbers)), expected, rtol=1e-15)
     with_derivatives = [AutoDiffXd(x, [2.0, 0.0]) for x in numbers]
-    alone = [elementary.erf(x) for x in with_derivatives]
-    for found in (alone, elementary.erf(np.array(with_derivatives))):
-        np.testing.assert_allclose([each.value() for each in found], expected, rtol=1e-15)
+    elementwise = [elementary.erf(x) for x in with_derivatives]
+    for actual in (elementwise, elementary.erf(np.array(with_derivatives))):
+        np.testing.assert_allclose([each.value() for each in actual], expected, rtol=1e-15)
         slopes = [2.0 * 2.0 / math.sqrt(math.pi) * math.exp(-x * x) for x in numbers]
-        np.testing.assert_allclose([each.derivatives() for each in found], [[slope, 0.0] for slope in slopes])
+        np.testing.assert_allclose([each.derivatives() for each in actual], [[slope, 0.0] for slope in slopes])
 
 
 @pytest.mark.parametrize(("function", "expected"), [(elementary.maximum, 2.0), (elementary.minimum, 1.0)])
@@ -65,13 +67,13 @@ def test_maximum_and_minimum_of_all_scalar_types(function, expected):
     for value, other in ((1.0, 2.0), (2.0, 1.0)):
         assert function(Expression(variable), other).Evaluate({variable: value}) == expected
         assert function(np.array([Expression(variable)]), other)[0].Evaluate({variable: value}) == expected
-    # A number is preferred to NaN.
+    # The functions prefer a number to NaN.
     assert function(math.nan, 1.5) == 1.5
     np.testing.assert_array_equal(function(np.array([math.nan]), 1.5), 1.5)
 
 
 @pytest.mark.parametrize("angle", [-10.0, -3.2, -1.0, 0.0, 2.0, 3.2, 100.0])
-def test_wrapped_angles_are_within_pi_and_keep_derivatives(angle):
+def test_wrapped_angles_lie_within_pi_and_keep_their_derivatives(angle):
     expected = math.atan2(math.sin(angle), math.cos(angle))
     for value in (
         elementary.wrap_angle(angle),
@@ -85,7 +87,7 @@ def test_wrapped_angles_are_within_pi_and_keep_derivatives(angle):
 
 @pytest.mark.parametrize("number", [-2.6, -0.4, 0.0, 1.4, 7.5])
 def test_the_nearest_whole_number_has_no_derivatives(number):
-    """The result is its own nearest whole number, for every scalar type."""
+    """The function returns an integral value for every scalar type, and is idempotent."""
     expected = float(round(number))
     for value in (number, np.float64(number), AutoDiffXd(number, [1.0])):
         assert elementary.nearest(value) == elementary.nearest(elementary.nearest(value)) == expected
@@ -97,7 +99,7 @@ def test_where_selects_by_a_mask():
     assert elementary.where(True, 1.0, 2.0) == 1.0
     mask = np.array([True, False])
     np.testing.assert_array_equal(elementary.where(mask, 1.0, 2.0), [1.0, 2.0])
-    # A record can mix rows and numbers that are the same for all vehicles.
+    # A record can contain both rows and numbers that are the same for all vehicles.
     rows = elementary.where(mask, (1.0, 2.0, 3.0), (np.array([4.0, 5.0]), 6.0, np.array([7.0, 8.0])))
     np.testing.assert_array_equal(rows, [[1.0, 5.0], [2.0, 6.0], [3.0, 8.0]])
 
@@ -109,7 +111,7 @@ def test_a_float_outside_the_domain_gives_nan():
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-300, 0.3, -1.5, math.pi / 2, math.pi, -math.pi, 7.0, -1e5])
-def test_sin_cos_is_sine_and_cosine(angle):
+def test_sin_cos_equals_sine_and_cosine(angle):
     expected = math.sin(angle), math.cos(angle)
     assert elementary.sin_cos(angle) == expected
     np.testing.assert_allclose(np.array(elementary.sin_cos(np.full(3, angle)))[:, 0], expected, rtol=0.0, atol=4e-16)
@@ -131,20 +133,20 @@ def test_conversion_to_a_word_and_back_is_exact(number):
 
 
 def test_where_needed_evaluates_the_formula_only_for_vehicles_that_need_it():
-    asked = []
+    evaluated = []
 
     def inverse(x):
-        asked.append(np.size(x))
+        evaluated.append(np.size(x))
         return 1.0 / x, x
 
     x = np.array([0.0, 2.0, 4.0, 0.0])
-    found = elementary.where_needed(x > 0.0, inverse, (x,), (math.inf, -x))
-    np.testing.assert_array_equal(found, [[math.inf, 0.5, 0.25, math.inf], [0.0, 2.0, 4.0, 0.0]])
-    found = elementary.where_needed(x > 9.0, inverse, (x,), (7.0, x))
-    np.testing.assert_array_equal(found, [[7.0] * 4, x])
+    actual = elementary.where_needed(x > 0.0, inverse, (x,), (math.inf, -x))
+    np.testing.assert_array_equal(actual, [[math.inf, 0.5, 0.25, math.inf], [0.0, 2.0, 4.0, 0.0]])
+    actual = elementary.where_needed(x > 9.0, inverse, (x,), (7.0, x))
+    np.testing.assert_array_equal(actual, [[7.0] * 4, x])
     assert elementary.where_needed(False, inverse, (0.0,), (1.0, 2.0)) == (1.0, 2.0)
     assert elementary.where_needed(True, inverse, (4.0,), (1.0, 2.0)) == (0.25, 4.0)
-    assert asked == [2, 1]
+    assert evaluated == [2, 1]
     # A result that is the same for all vehicles remains a number.
     shifted = elementary.where_needed(x > 0.0, lambda x, y: x + y, (x, 1.0), 0.0)
     np.testing.assert_array_equal(shifted, [0.0, 3.0, 5.0, 0.0])
@@ -152,7 +154,7 @@ def test_where_needed_evaluates_the_formula_only_for_vehicles_that_need_it():
 
 def test_where_needed_has_derivatives():
     x = np.array([AutoDiffXd(value, [1.0]) for value in (1.0, 3.0)])
-    found = elementary.where_needed(x > 2.0, lambda x: x * x, (x,), 5.0)
-    assert [each.value() for each in found] == [5.0, 9.0]
-    assert found[1].derivatives() == [6.0]
+    actual = elementary.where_needed(x > 2.0, lambda x: x * x, (x,), 5.0)
+    assert [each.value() for each in actual] == [5.0, 9.0]
+    assert actual[1].derivatives() == [6.0]
     assert elementary.where_needed(x[1] > 2.0, lambda x: x * x, (x[1],), 5.0).derivatives() == [6.0]

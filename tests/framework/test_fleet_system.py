@@ -51,7 +51,7 @@ def doubled(total):
 
 @fleet_system(float, AutoDiffXd, Expression)
 class Example(FleetSystem):
-    """System with a memoryless law and a sum of inputs."""
+    """System with a memoryless control law and a sum of its inputs."""
 
     def declare(self, *, period=0.5, unrestricted=False, at_start=True, numbers=Numbers()):
         error, wind = self.input("error"), self.input("wind")
@@ -92,7 +92,7 @@ def test_outputs_follow_from_the_formula(n):
     error, wind = np.random.default_rng(0).normal(size=(2, 3 * n))
     system.GetInputPort("error").FixValue(context, error)
     np.testing.assert_allclose(system.GetOutputPort("pd").Eval(context), -2.0 * error)
-    # An input port that is not connected is None to the formula.
+    # For a disconnected input port, the formula gets None.
     system.GetInputPort("wind").FixValue(context, wind)
     np.testing.assert_allclose(system.GetOutputPort("pd").Eval(context), -2.0 * error + wind)
     system.set_parameter(context, "gains", Gains(np.arange(1.0, n + 1.0), Acceleration(0.0, 0.5, 0.0)))
@@ -111,10 +111,10 @@ def test_other_scalar_types_execute_the_formula_in_python(n):
     converted = system.ToAutoDiffXd()
     context = converted.CreateDefaultContext()
     converted.GetInputPort("error").FixValue(context, np.array([AutoDiffXd(x, [1.0]) for x in error]))
-    found = converted.GetOutputPort("pd").Eval(context)
-    np.testing.assert_allclose([x.value() for x in found], expected)
+    actual = converted.GetOutputPort("pd").Eval(context)
+    np.testing.assert_allclose([x.value() for x in actual], expected)
     np.testing.assert_allclose(
-        [x.derivatives()[0] for x in found], -np.tile(np.arange(1.0, n + 1.0) if n > 1 else 1.5, 3)
+        [x.derivatives()[0] for x in actual], -np.tile(np.arange(1.0, n + 1.0) if n > 1 else 1.5, 3)
     )
     if n == 1:
         symbolic = system.ToSymbolic()
@@ -131,7 +131,7 @@ def test_updates_read_the_previous_state_and_the_time(n):
     context = simulator.get_mutable_context()
     system.GetInputPort("error").FixValue(context, np.ones(3 * n))
     simulator.AdvanceTo(0.75)
-    # The updates at 0 s and 0.5 s add an error of one each, and ten times the time.
+    # Each of the updates at 0 s and 0.5 s adds an error of 1 and ten times the time.
     total = system.get_state(context, "total")
     np.testing.assert_allclose(total.x, 5.0 + 2.0 + 5.0)
     np.testing.assert_allclose(total.z, 2.0 + 5.0)
@@ -139,7 +139,7 @@ def test_updates_read_the_previous_state_and_the_time(n):
 
 
 @pytest.mark.parametrize("unrestricted", [False, True])
-def test_an_update_can_skip_time_zero(unrestricted):
+def test_an_update_can_omit_time_zero(unrestricted):
     system = Example(at_start=False, unrestricted=unrestricted)
     simulator = Simulator(system)
     system.GetInputPort("error").FixValue(simulator.get_mutable_context(), np.ones(3))
@@ -154,11 +154,11 @@ def test_a_continuous_state_is_the_integral_of_its_derivative():
         system = Falling(num_vehicles=n, numbers=Numbers(Gains(k_p=0.5), start=3.0))
         simulator = Simulator(system)
         simulator.AdvanceTo(1.0)
-        found = system.get_state(simulator.get_context(), "continuous")
+        actual = system.get_state(simulator.get_context(), "continuous")
         np.testing.assert_allclose(
-            [found.x, found.y], np.multiply.outer([3.0, 1.0], np.squeeze([math.exp(-0.5)] * n)), rtol=1e-3
+            [actual.x, actual.y], np.multiply.outer([3.0, 1.0], np.squeeze([math.exp(-0.5)] * n)), rtol=1e-3
         )
-        np.testing.assert_array_equal(system.GetOutputPort("error").Eval(simulator.get_context())[:n], found.x)
+        np.testing.assert_array_equal(system.GetOutputPort("error").Eval(simulator.get_context())[:n], actual.x)
 
 
 def test_a_packed_output_is_split_into_its_signals():
@@ -177,7 +177,7 @@ def test_a_packed_output_is_split_into_its_signals():
 
 
 @pytest.mark.parametrize("n", [1, 3])
-def test_reset_evaluates_the_recipes_again(n):
+def test_a_reset_evaluates_the_recipes_again(n):
     rows = np.arange(1.0, n + 1.0) if n > 1 else 1.0
     numbers = Numbers(Gains(k_p=rows, offset=Acceleration(0.1, 0.2, 0.3)), start=-rows)
     fresh, used = Example(num_vehicles=n, numbers=numbers), Example(num_vehicles=n)
@@ -223,13 +223,13 @@ def test_an_output_that_reads_the_time_changes_with_it(n):
     context = system.CreateDefaultContext()
     for time in (0.0, 1.5, 4.0):
         context.SetTime(time)
-        found = system.GetOutputPort("wind").Eval(context).reshape(3, n)
-        np.testing.assert_array_equal(found, np.multiply.outer([time, 2.0 * time, 0.0], np.ones(n)))
+        actual = system.GetOutputPort("wind").Eval(context).reshape(3, n)
+        np.testing.assert_array_equal(actual, np.multiply.outer([time, 2.0 * time, 0.0], np.ones(n)))
 
 
 @fleet_system(float, AutoDiffXd, Expression)
 class Held(FleetSystem):
-    """System with an output for its state."""
+    """System that outputs its state."""
 
     def declare(self, *, numbers=Numbers()):
         self.state_output(self.state("error", lambda numbers: PositionError(numbers.start, 1.0, -2.0)))
@@ -240,8 +240,8 @@ class Held(FleetSystem):
 def test_a_state_output_has_all_rows_of_the_state(n, scalar):
     system = Held(num_vehicles=n, numbers=Numbers(start=0.5))
     system = system if scalar is float else system.ToScalarType[scalar]()
-    found = system.get_output_port().Eval(system.CreateDefaultContext())
-    values = [each if scalar is float else each.value() if scalar is AutoDiffXd else each.Evaluate() for each in found]
+    actual = system.get_output_port().Eval(system.CreateDefaultContext())
+    values = [each if scalar is float else each.value() if scalar is AutoDiffXd else each.Evaluate() for each in actual]
     assert values == [0.5] * n + [1.0] * n + [-2.0] * n
 
 

@@ -1,4 +1,4 @@
-"""Tests of the execution of formulas, and of ticks among their arguments."""
+"""Tests of the execution of formulas, and of their arguments that count ticks."""
 
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ PERIODS = [0.02, 0.01, 0.1, 1.0 / 3.0, 7.0, 1e-4]
 
 @pytest.mark.parametrize("period", PERIODS)
 def test_ticks_are_counted_in_pairs(period):
-    """The times are those of Drake's events, and times slightly before and after them."""
+    """The times are those of Drake's events, and slightly earlier and later times."""
     ticks = TickOf(period)
     for number in [*range(9), 1001, 123_456]:
         for time in (number * period, (number + 0.3) * period, (number - 0.3) * period):
@@ -45,9 +45,9 @@ def test_machine_code_distinguishes_zero_from_minus_zero(one, other):
         return x * zero
 
     for zero in (one, other):
-        found = np.empty(9)
-        kernel(scaled, (ROW, zero), (ROW,), single_vehicle=False)(9, 0.0, found, np.ones(9))
-        np.testing.assert_array_equal(np.signbit(found), np.signbit(zero))
+        actual = np.empty(9)
+        kernel(scaled, (ROW, zero), (ROW,), single_vehicle=False)(9, 0.0, actual, np.ones(9))
+        np.testing.assert_array_equal(np.signbit(actual), np.signbit(zero))
 
 
 def counted(x, tick, by):
@@ -59,14 +59,14 @@ def test_machine_code_and_python_get_the_same_tick(n):
     arguments, x = (ROW, TickOf(0.02), 0.5), np.arange(float(n))
     run = kernel(counted, arguments, (ROW,), single_vehicle=n == 1)
     for number in (0, 1, 2, 3, 50, 51):
-        found = np.empty(n)
-        run(n, 0.02 * number, found, x)
-        np.testing.assert_array_equal(found, x + 10.0 * (number // 2) + 0.5 * (number % 2))
+        actual = np.empty(n)
+        run(n, 0.02 * number, actual, x)
+        np.testing.assert_array_equal(actual, x + 10.0 * (number // 2) + 0.5 * (number % 2))
         layout = layout_of(tuple[float])
         (interpreted,) = interpret(
             lambda x, *rest: (counted(x[0], *rest),), (layout, *arguments[1:]), [x], [layout], n, 0.02 * number
         )
-        np.testing.assert_array_equal(interpreted, found)
+        np.testing.assert_array_equal(interpreted, actual)
 
 
 class Parts(NamedTuple):
@@ -79,18 +79,18 @@ def test_absent_results_are_omitted():
     def parts(x):
         return Parts(x, None, 2.0 * x)
 
-    found = interpret(parts, (ROW,), [np.array([1.0, 3.0])], (ROW, ABSENT, ROW), 2, 0.0)
-    np.testing.assert_array_equal(found, [[1.0, 3.0], [2.0, 6.0]])
+    actual = interpret(parts, (ROW,), [np.array([1.0, 3.0])], (ROW, ABSENT, ROW), 2, 0.0)
+    np.testing.assert_array_equal(actual, [[1.0, 3.0], [2.0, 6.0]])
 
 
-def test_an_operation_is_written_down_for_symbols_alone():
+def test_an_operation_without_symbols_cannot_be_recorded():
     with pytest.raises(TypeError, match="none of the operands is a symbol"):
         operation("add", 1.0, 2.0)
 
 
 @pytest.mark.parametrize("n", [1, 3])
 def test_rows_are_packed_one_after_another(n):
-    """Each is a number or one of each vehicle; a row of another size is refused."""
+    """A row is one number or a number for each vehicle. Rows of other sizes are refused."""
     row = np.arange(1.0, n + 1.0)
     np.testing.assert_array_equal(
         packed([2.0, row, np.array(5.0), True], n), [*[2.0] * n, *row, *[5.0] * n, *[1.0] * n]
@@ -126,12 +126,12 @@ def test_where_keeps_parts_that_are_none():
         lambda x: True,
     ],
 )
-def test_comparisons_are_numbers_in_machine_code_as_in_python(formula, n):
+def test_comparisons_can_be_used_as_numbers_in_machine_code_and_in_python(formula, n):
     x = np.linspace(-1.0, 3.0, n) if n > 1 else np.array([0.5])
-    found = np.full(n, np.nan)
-    kernel(formula, (ROW,), (ROW,), single_vehicle=n == 1)(n, 0.0, found, x)
+    actual = np.full(n, np.nan)
+    kernel(formula, (ROW,), (ROW,), single_vehicle=n == 1)(n, 0.0, actual, x)
     (expected,) = interpret(formula, (ROW,), [x], (ROW,), n, 0.0)
-    np.testing.assert_array_equal(found, np.asarray(expected, dtype=float))
+    np.testing.assert_array_equal(actual, np.asarray(expected, dtype=float))
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Tests of network layers, which are a loop in machine code and sums of rows elsewhere."""
+"""Tests of network layers, which machine code evaluates in a loop and Python as sums of rows."""
 
 import numpy as np
 import pytest
@@ -31,24 +31,26 @@ def numbers_of(matrix):
 
 @pytest.mark.parametrize("n", [1, 3, 8, 19])
 @pytest.mark.parametrize(("outputs", "inputs"), [(1, 1), (7, 3), (8, 5), (9, 24), (33, 2)])
-def test_machine_code_sums_in_the_order_of_python(outputs, inputs, n):
-    """The sums agree to the last bit, whether or not the rows fill a block of the loop."""
+def test_machine_code_and_python_sum_in_the_same_order(outputs, inputs, n):
+    """The sums agree to the last bit, even if the rows do not fill a block of the loop."""
     matrix = matrix_of(outputs, inputs)
 
     def formula(rows):
         return tuple(dense(matrix, rows, squared))
 
     rows = np.random.default_rng(n).normal(size=(inputs, n))
-    found = np.empty(outputs * n)
-    kernel(formula, (rows_layout(inputs),), (rows_layout(outputs),), single_vehicle=n == 1)(n, 0.0, found, rows.ravel())
+    actual = np.empty(outputs * n)
+    kernel(formula, (rows_layout(inputs),), (rows_layout(outputs),), single_vehicle=n == 1)(
+        n, 0.0, actual, rows.ravel()
+    )
     expected = np.array([formula(column.tolist()) for column in rows.T]).T
-    np.testing.assert_array_equal(found.reshape(outputs, n), expected)
+    np.testing.assert_array_equal(actual.reshape(outputs, n), expected)
     weights, biases = numbers_of(matrix)
     np.testing.assert_allclose(expected, (weights @ rows + biases[:, None]) ** 2, rtol=1e-12, atol=1e-14)
 
 
-def test_layers_can_follow_each_other_and_be_inside_a_branch():
-    """The example has two layers with one matrix, a constant row, and a layer inside a branch."""
+def test_layers_can_be_in_series_and_inside_a_branch():
+    """The example has two layers with the same matrix, a constant row, and a layer inside a branch."""
     first, second = matrix_of(5, 3), matrix_of(4, 5)
 
     def inner(x, y):
@@ -62,24 +64,24 @@ def test_layers_can_follow_each_other_and_be_inside_a_branch():
         return (*out, *some)
 
     rows = np.random.default_rng(1).normal(size=(2, 21))
-    found = np.empty(6 * 21)
-    kernel(formula, (rows_layout(2),), (rows_layout(6),), single_vehicle=False)(21, 0.0, found, rows.ravel())
+    actual = np.empty(6 * 21)
+    kernel(formula, (rows_layout(2),), (rows_layout(6),), single_vehicle=False)(21, 0.0, actual, rows.ravel())
     expected = np.array([formula(column.tolist()) for column in rows.T]).T
-    np.testing.assert_allclose(found.reshape(6, 21), expected, rtol=1e-14)
+    np.testing.assert_allclose(actual.reshape(6, 21), expected, rtol=1e-14)
     assert {*(expected[4] == 7.0).tolist()} == {True, False}
 
 
-def test_derivatives_are_those_of_the_matrix():
+def test_the_derivatives_of_a_layer_are_its_matrix():
     matrix = matrix_of(3, 2)
     weights, _ = numbers_of(matrix)
     rows = [AutoDiffXd(0.3, [1.0, 0.0]), AutoDiffXd(-0.2, [0.0, 1.0])]
-    found = dense(matrix, rows, elementary.tanh)
+    actual = dense(matrix, rows, elementary.tanh)
     values = np.array([each.value() for each in dense(matrix, rows, identity_of)])
-    slopes = np.array([each.derivatives() for each in found])
+    slopes = np.array([each.derivatives() for each in actual])
     np.testing.assert_allclose(slopes, (1.0 - np.tanh(values) ** 2)[:, None] * weights, rtol=1e-13)
 
 
-def test_matrices_are_equal_if_their_numbers_are():
+def test_matrices_are_equal_if_their_numbers_are_equal():
     assert matrix_of(3, 2) == matrix_of(3, 2)
     assert hash(matrix_of(3, 2)) == hash(matrix_of(3, 2))
     assert matrix_of(3, 2) != matrix_of(3, 2, seed=1)
@@ -90,7 +92,7 @@ def test_matrices_are_equal_if_their_numbers_are():
 
 
 def test_the_numbers_of_a_matrix_cannot_be_changed():
-    """Machine code is cached under a digest of the numbers, so a matrix that changed would run the wrong code."""
+    """Machine code is cached under a digest of the numbers, so a changed matrix would run the wrong code."""
     matrix = matrix_of(3, 2)
     with pytest.raises(ValueError, match="read-only"):
         matrix._numbers[0, 0] = 1.0

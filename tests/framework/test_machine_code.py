@@ -1,4 +1,4 @@
-"""Tests of machine code by comparison with Python."""
+"""Comparison of machine code with Python."""
 
 import math
 import os
@@ -21,20 +21,20 @@ from drake_quad.signals import Row
 
 
 def run_on_arrays(formula: Callable[..., Row], sources: list[np.ndarray]) -> np.ndarray:
-    """Return the result of the machine code of a formula for (n,) arrays."""
+    """Run the machine code of a formula on arrays (n,), and return the result."""
     result = np.empty_like(sources[0])
     kernel(formula, (ROW,) * len(sources), (ROW,), single_vehicle=False)(result.size, 0.0, result, *sources)
     return result
 
 
 def machine(formula: Callable[..., Row], *arguments: float) -> float:
-    """Return the result of the machine code of a formula for numbers."""
+    """Run the machine code of a formula on numbers, and return the result."""
     return float(run_on_arrays(formula, [np.array([argument]) for argument in arguments])[0])
 
 
-def ulps(found: float, expected: float) -> float:
-    """Return the difference of two numbers in units in the last place."""
-    return abs(found - expected) / np.spacing(abs(expected))
+def ulps(actual: float, expected: float) -> float:
+    """Return the difference of two numbers in units in the last place (ulp)."""
+    return abs(actual - expected) / np.spacing(abs(expected))
 
 
 def sine(x):
@@ -61,17 +61,17 @@ def small_arcsin(x):
     return elementary.arcsin(x, small=True)
 
 
-WIDE = st.floats(-700.0, 700.0) | st.floats(-4.0, 4.0) | st.floats(-1e-8, 1e-8)
+WIDE_RANGE = st.floats(-700.0, 700.0) | st.floats(-4.0, 4.0) | st.floats(-1e-8, 1e-8)
 POSITIVE = st.floats(1e-300, 1e300) | st.floats(0.5, 2.0)
 FUNCTIONS = [
     (sine, math.sin, st.floats(-1e6, 1e6) | st.floats(-4.0, 4.0)),
     (elementary.cos, math.cos, st.floats(-1e6, 1e6) | st.floats(-4.0, 4.0)),
-    (elementary.exp, math.exp, WIDE),
-    (elementary.tanh, math.tanh, WIDE | st.floats(-0.7, 0.7)),
-    (elementary.erf, math.erf, WIDE | st.floats(-7.0, 7.0) | st.floats(-1.1, 1.1)),
+    (elementary.exp, math.exp, WIDE_RANGE),
+    (elementary.tanh, math.tanh, WIDE_RANGE | st.floats(-0.7, 0.7)),
+    (elementary.erf, math.erf, WIDE_RANGE | st.floats(-7.0, 7.0) | st.floats(-1.1, 1.1)),
     (elementary.log, math.log, POSITIVE),
     (elementary.log1p, math.log1p, POSITIVE | st.floats(1e-300, 1e-8)),
-    (elementary.arctan, math.atan, WIDE | st.floats(-1e30, 1e30)),
+    (elementary.arctan, math.atan, WIDE_RANGE | st.floats(-1e30, 1e30)),
     (elementary.arcsin, math.asin, st.floats(-1.0, 1.0)),
     (small_arctan, math.atan, st.floats(-0.125, 0.125)),
     (small_arcsin, math.asin, st.floats(-0.5, 0.5)),
@@ -86,16 +86,16 @@ def test_a_function_is_within_two_units_in_the_last_place(function, expected, nu
     @given(numbers)
     def check(x):
         x = smallest_normal(x)
-        wanted = expected(x)
-        # Near a zero of the sine, the rounding error of the angle limits the accuracy.
-        assert ulps(machine(function, x), wanted) <= 2.0 or abs(machine(function, x) - wanted) < 1e-16 * abs(x)
+        desired = expected(x)
+        # Near a zero of the sine, the rounding error of the angle determines the accuracy.
+        assert ulps(machine(function, x), desired) <= 2.0 or abs(machine(function, x) - desired) < 1e-16 * abs(x)
 
     check()
 
 
 @pytest.mark.slow
 @settings(max_examples=400, deadline=None)
-@given(WIDE, WIDE)
+@given(WIDE_RANGE, WIDE_RANGE)
 def test_functions_of_two_arguments_are_accurate(x, y):
     x, y = smallest_normal(x), smallest_normal(y)
     assert ulps(machine(elementary.arctan2, y, x), math.atan2(y, x)) <= 2.0 or (x, y) == (0.0, 0.0)
@@ -107,13 +107,13 @@ def test_functions_of_two_arguments_are_accurate(x, y):
     assert machine(elementary.nearest, x) == round(x)
 
 
-WHOLE = st.integers(0, 2**52 - 1) | st.integers(0, 9)
+INTEGERS = st.integers(0, 2**52 - 1) | st.integers(0, 9)
 
 
 @settings(max_examples=50, deadline=None)
-@given(WHOLE, WHOLE)
-def test_arithmetic_of_words_is_that_of_64_bit_integers(x, y):
-    """Sums, products, shifts and bitwise operations of words are those of integers modulo 2**64."""
+@given(INTEGERS, INTEGERS)
+def test_words_have_the_arithmetic_of_64_bit_integers(x, y):
+    """Sums, products, shifts and bitwise operations of words are computed modulo 2**64."""
     assert machine(there_and_back, float(x)) == x
     assert machine(lower_half, float(x), float(y)) == (x + y) % 2**26
 
@@ -136,14 +136,14 @@ def test_special_values_have_defined_results():
     assert math.isnan(machine(elementary.erf, nan))
     assert math.isnan(machine(elementary.tanh, nan))
     assert machine(elementary.log, 0.0) == -inf
-    # Numbers below the smallest normal one count as zero.
+    # Subnormal numbers count as zero.
     assert machine(elementary.log, 2.0**-1022) == math.log(2.0**-1022)
     assert machine(elementary.log, 0.9 * 2.0**-1022) == machine(elementary.log, 5e-324) == -inf
     assert machine(elementary.log, inf) == inf
     assert math.isnan(machine(elementary.log, -1.0))
     assert machine(elementary.arctan, inf) == math.pi / 2
     assert math.isnan(machine(elementary.sqrt, -1.0))
-    # The second argument replaces NaN, and zeros have signs.
+    # The second argument replaces a first argument of NaN. Zeros have signs.
     assert machine(elementary.maximum, nan, 1.0) == machine(elementary.minimum, nan, 1.0) == 1.0
     assert math.isnan(machine(elementary.maximum, 1.0, nan))
     for y in (0.0, -0.0):
@@ -169,7 +169,7 @@ BINARY = (
 
 
 def expressions_of(inside):
-    """Return the strategy for expressions that contain others."""
+    """Return a strategy for expressions that contain other expressions."""
     one = st.tuples(st.sampled_from(UNARY), inside).map(lambda pair: pair[0].format(pair[1]))
     two = st.tuples(st.sampled_from(BINARY), inside, inside).map(lambda triple: triple[0].format(*triple[1:]))
     return one | two
@@ -182,9 +182,9 @@ def test_random_expressions_agree_with_numpy(text, seed):
     formula = eval(f"lambda x, y: {text}", vars(elementary).copy())
     x, y = np.random.default_rng(seed).uniform(-5.0, 5.0, (2, LANES + 3))
     expected = np.broadcast_to(formula(x, y), x.shape)
-    found = run_on_arrays(formula, [x, y])
-    # A mask that differs because of rounding errors is not an error.
-    assert np.isclose(found, expected, rtol=1e-9, atol=1e-9).sum() >= len(x) - 1
+    actual = run_on_arrays(formula, [x, y])
+    # Masks may differ because of rounding errors.
+    assert np.isclose(actual, expected, rtol=1e-9, atol=1e-9).sum() >= len(x) - 1
 
 
 class Place(NamedTuple):
@@ -205,18 +205,18 @@ def turned(place: Place, angle: tuple[Row], scale: tuple[Row], time: Row, offset
 
 
 @pytest.mark.parametrize("n", [1, 2, LANES - 1, LANES, LANES + 1, 3 * LANES + 5])
-def test_a_vehicle_has_the_same_results_in_a_fleet_and_alone_to_the_bit(n):
+def test_a_vehicle_has_bitwise_equal_results_alone_and_in_a_fleet(n):
     rng = np.random.default_rng(n)
     place, angle, scale = rng.normal(size=2 * n), rng.normal(size=n), rng.normal(size=n)
     one = layout_of(tuple[Row])
     arguments = (layout_of(Place), one, one, TIME, 0.25)
     fleet = kernel(turned, arguments, (layout_of(Place), one), single_vehicle=n == 1)
-    alone = kernel(turned, arguments, (layout_of(Place), one), single_vehicle=True)
+    single = kernel(turned, arguments, (layout_of(Place), one), single_vehicle=True)
     moved, later = np.empty(2 * n), np.empty(n)
     fleet(n, 3.0, moved, later, place, angle, scale)
     for i in range(n):
         own, own_later = np.empty(2), np.empty(1)
-        alone(1, 3.0, own, own_later, place[i::n].copy(), angle[i::n].copy(), scale[i::n].copy())
+        single(1, 3.0, own, own_later, place[i::n].copy(), angle[i::n].copy(), scale[i::n].copy())
         np.testing.assert_array_equal(own, moved[i::n])
         np.testing.assert_array_equal(own_later, later[i::n])
     expected = turned(Place(*place.reshape(2, n)), (angle,), (scale,), 3.0, 0.25)
@@ -224,7 +224,7 @@ def test_a_vehicle_has_the_same_results_in_a_fleet_and_alone_to_the_bit(n):
 
 
 @pytest.mark.parametrize("n", [1, LANES + 3])
-def test_a_target_may_be_a_source(n):
+def test_an_output_array_may_also_be_an_input(n):
     values = np.arange(2.0 * n)
     swap = kernel(
         lambda place: Place(place.y, place.x), (layout_of(Place),), (layout_of(Place),), single_vehicle=n == 1
@@ -273,7 +273,7 @@ def test_a_function_that_does_not_accept_rows_is_refused_with_advice(formula, wo
 
 
 def test_numpy_scalars_compute_with_rows():
-    """A NumPy scalar may stand on either side of an operator, as a Python number may."""
+    """Like a Python number, a NumPy scalar may be on either side of an operator."""
     two = np.float64(2.0)
     x = 3.0
     formulas = [
@@ -306,7 +306,7 @@ def seldom_polar(x: Row, y: Row, bound: Row) -> Polar:
 
 
 def nested(x: Row, y: Row, bound: Row) -> Row:
-    """Use a branch twice with different rows, once inside another branch, and compute with its results."""
+    """Use a branch twice with different rows, once inside another branch, and compute with the results."""
 
     def inside(x: Row, y: Row) -> Row:
         length, slope = elementary.where_needed(y > 0.0, polar, (x, y), (x, 0.5))
@@ -316,13 +316,13 @@ def nested(x: Row, y: Row, bound: Row) -> Row:
     return first / (3.0 + abs(elementary.where_needed(first < y, inside, (y, first), 0.25)))
 
 
-MASKED = [np.zeros(3 * LANES + 5, bool), np.ones(3 * LANES + 5, bool), np.arange(3 * LANES + 5) % 7 == 3]
+MASKS = [np.zeros(3 * LANES + 5, bool), np.ones(3 * LANES + 5, bool), np.arange(3 * LANES + 5) % 7 == 3]
 
 
-@pytest.mark.parametrize("needed", MASKED, ids=("none", "all", "some"))
+@pytest.mark.parametrize("needed", MASKS, ids=("none", "all", "some"))
 @pytest.mark.parametrize("n", [1, LANES - 1, LANES, 3 * LANES + 5])
 @pytest.mark.parametrize("single_vehicle", [True, False])
-def test_where_needed_equals_where_to_the_bit(needed, n, single_vehicle):
+def test_where_needed_and_where_are_bitwise_equal(needed, n, single_vehicle):
     rng = np.random.default_rng(n)
     x, y = rng.uniform(0.5, 2.0, (2, n))
     bound = np.where(needed[:n], x - 0.1, x + 0.1)
@@ -330,13 +330,13 @@ def test_where_needed_equals_where_to_the_bit(needed, n, single_vehicle):
     np.testing.assert_array_equal(seldom_polar(x, y, bound), expected)
     run = kernel(seldom_polar, (ROW, ROW, ROW), (layout_of(Polar),), single_vehicle=single_vehicle)
     if not single_vehicle:
-        found = np.full((2, n), np.nan)
-        run(n, 0.0, found, x, y, bound)
-        np.testing.assert_array_equal(found, expected)
+        actual = np.full((2, n), np.nan)
+        run(n, 0.0, actual, x, y, bound)
+        np.testing.assert_array_equal(actual, expected)
     for i in range(n):
-        alone, one = np.full(2, np.nan), [np.array([row[i]]) for row in (x, y, bound)]
-        run(1, 0.0, alone, *one)
-        np.testing.assert_array_equal(alone, np.array(expected)[:, i])
+        single, one = np.full(2, np.nan), [np.array([row[i]]) for row in (x, y, bound)]
+        run(1, 0.0, single, *one)
+        np.testing.assert_array_equal(single, np.array(expected)[:, i])
         assert seldom_polar(*(float(row[0]) for row in one)) == tuple(np.array(expected)[:, i].tolist())
 
 
@@ -389,7 +389,7 @@ def test_branches_are_separate_functions_that_are_shared():
     results = [*seldom_polar(x, y, bound), *seldom_polar(y, x, bound)]
     assert {operation.name for operation in listing.operations} == {"row", "constant", "greater", "branch", "select"}
     text = kernels._module(listing, results, [3], [4], LANES)
-    # Both calls use the same function.
+    # Both calls share one function.
     assert text.count("fdiv") == text.count("define internal void @block_0(") == 1
     assert text.count("call void @block_0(") == 2
 
@@ -409,7 +409,7 @@ def test_a_constant_mask_needs_no_branch():
     assert "branch" not in {operation.name for operation in listing.operations}
     elementary.where_needed(x > 0.0, doubled, (x, 2.0), 7.0)
     assert taken == [2.0, 2.0, 2.0]
-    # A formula whose result is a constant needs no function.
+    # A formula with a constant result needs no function.
     results = [elementary.where_needed(x > 0.0, lambda: 3.0, (), x)]
     assert machine(lambda x: elementary.where_needed(x > 0.0, lambda: 3.0, (), x), 1.0) == 3.0
     assert results[0].listing is listing
@@ -472,7 +472,7 @@ def run(folder, cache):
 def test_machine_code_is_cached_and_recompiled_when_a_module_that_it_uses_changes(tmp_path):
     cache = tmp_path / "cache"
     (tmp_path / "user_drag.py").write_text("def drag(x):\n    return 0.5 * x\n")
-    # The formula uses the module by attribute and in a closure, so that its own names do not change.
+    # The formula uses the module through an attribute and a closure, so its own source text does not change.
     (tmp_path / "user_formula.py").write_text(
         "import user_drag\n\ndef twice(f):\n    return lambda x: 2.0 * f(x)\n\n"
         "doubled_drag = twice(lambda x: user_drag.drag(x))\n"

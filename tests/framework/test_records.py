@@ -1,3 +1,5 @@
+"""Tests of the layouts of records in rows."""
+
 from types import SimpleNamespace
 from typing import Annotated, Any, NamedTuple
 

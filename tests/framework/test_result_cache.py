@@ -1,4 +1,4 @@
-"""Tests of the cache of results on the disk."""
+"""Tests of the cache of results on disk."""
 
 import os
 import shutil
@@ -85,7 +85,7 @@ def test_old_results_are_pruned_like_machine_code(folder):
 
 @pytest.fixture
 def package(tmp_path, monkeypatch):
-    """Return a copy of some files of the package, which represents the package."""
+    """Return a folder with copies of some files, which represents the package."""
     copy = tmp_path / "package"
     shutil.copytree(result_cache._PACKAGE / "framework", copy, ignore=shutil.ignore_patterns("__pycache__"))
     monkeypatch.setattr(result_cache, "_PACKAGE", copy)

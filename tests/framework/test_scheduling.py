@@ -1,4 +1,4 @@
-"""Tests of the scheduling of lines."""
+"""Tests of the scheduling of the lines of a listing."""
 
 import random
 
@@ -10,7 +10,7 @@ from drake_quad.framework.symbols import LEAVES, Listing
 
 
 def chains(count, length):
-    """Return a listing of independent chains of sums, one chain after another."""
+    """Return a listing of independent chains of sums, in which the chains follow each other."""
     listing = Listing()
     for chain in range(count):
         x = listing.row(0, chain)
@@ -49,7 +49,7 @@ def test_chains_are_interleaved_so_that_no_line_waits_for_the_previous_one():
 
 
 def test_no_more_chains_start_than_the_latency_requires():
-    """As many chains start as lines fit into the latency of the first one, which then continues."""
+    """As many chains start as there are lines in the latency of the first chain, which then continues."""
     listing = chains(30, 2)
     sums = [line for line, operation in enumerate(listing.operations) if operation.name == "add"]
     begins, ends = sums[::2], sums[1::2]

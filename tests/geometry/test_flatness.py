@@ -1,4 +1,4 @@
-"""Tests of attitudes from paths and of their derivatives, by Drake's rotations and finite differences."""
+"""Tests of the attitude that follows from a path, by comparison with Drake's rotations and finite differences."""
 
 import math
 
@@ -34,14 +34,14 @@ def tilt_at(thrust, yaw):
 
 @given(vectors, angles, st.sampled_from([1.0, -1.0]))
 def test_the_thrust_points_along_the_z_axis_of_the_body(acceleration, yaw, up):
-    """The equation is f = F z_B with Drake's rotation matrix, at any yaw, also upside down."""
+    """The equation is f = F z_B with Drake's rotation matrix, at any yaw, even upside down."""
     thrust = up * (acceleration + G)
     tilt = tilt_at(thrust, yaw)
     z_B = RollPitchYaw(*attitude_of(tilt), yaw).ToRotationMatrix().matrix()[:, 2]
     np.testing.assert_allclose(tilt.thrust * z_B, thrust, atol=1e-12)
 
 
-def test_attitude_is_eq_7_at_zero_yaw():
+def test_at_zero_yaw_the_attitude_is_that_of_eq_7():
     u_x, u_y, u_z = 1.2, -0.7, 0.5
     mass = 0.68
     tilt = tilt_of(HeadingVector(u_x, u_y, u_z + 9.81))
@@ -56,7 +56,7 @@ def test_rates_and_accelerations_are_derivatives_of_the_attitude(
     acceleration, jerk, snap, yaw, yaw_rate, yaw_acceleration
 ):
     def motion(time):
-        """Return attitude, body rates and angular accelerations from the path at a time."""
+        """Return attitude, body rates and angular accelerations at a time from the path."""
         thrust = acceleration + G + jerk * time + 0.5 * snap * time**2
         heading = yaw + yaw_rate * time + 0.5 * yaw_acceleration * time**2
         turning = yaw_rate + yaw_acceleration * time

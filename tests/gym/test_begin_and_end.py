@@ -1,4 +1,4 @@
-"""Tests of defaults and seeds of environments, and of the last ended episode."""
+"""Tests of the defaults and seeds of environments, and of the last completed episode."""
 
 import numpy as np
 import pytest
@@ -29,10 +29,10 @@ def test_a_seed_also_seeds_the_generator_of_the_environment():
     envs = hover(num_envs=2)
     envs.reset(seed=7)
     assert envs.np_random_seed == 7
-    # The first reset draws a seed for vehicles that have none.
+    # The first reset also draws a seed for vehicles without one, so the generator is compared after the second reset.
     envs.reset(seed=7)
     drawn = envs.np_random.random()
-    # Seeds of single vehicles and resets without a seed leave the generator alone.
+    # Seeds of single vehicles and resets without a seed do not change the generator.
     envs.reset(seed=[1, 2])
     envs.reset(seed=np.array([3, 4]))
     envs.reset()
@@ -51,8 +51,8 @@ def test_options_without_a_mask_reset_all_vehicles():
 
 
 @pytest.mark.parametrize("ticks", [1, 2])
-def test_an_episode_without_a_tick_is_not_the_last_ended_one(ticks):
-    """A reset ends an episode after one tick, but not an episode without any."""
+def test_an_episode_without_a_tick_is_not_the_last_completed_one(ticks):
+    """A reset completes an episode that has at least one tick."""
     envs = hover(num_envs=2, record=True)
     envs.reset(seed=3)
     for _ in range(ticks):

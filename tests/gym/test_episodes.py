@@ -1,4 +1,4 @@
-"""Tests of the initial values of episodes."""
+"""Tests of the computation of initial values of episodes in advance."""
 
 import math
 
@@ -13,7 +13,7 @@ from drake_quad.gym.task import task_of
 
 @pytest.mark.parametrize(("n", "most"), [(1, 32), (500, 4096), (4097, 2 * 4097)])
 def test_the_number_of_episodes_in_memory_is_bounded(n, most):
-    """There is memory for the current and the next episode of each vehicle, and for more in small fleets only."""
+    """The current and the next episode of each vehicle are kept, and more only in small fleets."""
     scenario = task_of("hover")
     episodes = Episodes(scenario, plan_route(scenario), n, outputs=("state",))
     for rows in episodes._ready:
@@ -22,15 +22,15 @@ def test_the_number_of_episodes_in_memory_is_bounded(n, most):
 
 @pytest.mark.slow
 def test_a_vehicle_with_more_resets_than_others_gets_its_own_next_episode(monkeypatch):
-    """Its episodes are computed when it needs them, although other vehicles still have some."""
+    """Its next episodes are computed when it needs them, although those of other vehicles are not used up."""
     scenario = task_of("robustness")
     plan = plan_route(scenario)
 
     def parameters(*vehicles):
         episodes = Episodes(scenario, plan, 2, outputs=("state",))
         for each in vehicles:
-            found = episodes.begin(np.array(each)).parameters
-        return found
+            actual = episodes.begin(np.array(each)).parameters
+        return actual
 
     # All of them are computed at the start.
     expected = parameters([0, 1], [0], [0, 1])

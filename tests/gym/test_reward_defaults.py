@@ -8,7 +8,7 @@ from drake_quad.signals import Reference, State
 
 
 def step(error=0.0, action=0.0, last_action=0.0, crashed=False, touched=0):
-    """Return a step of one vehicle with four actions."""
+    """Return a transition of one vehicle with four actions."""
     state = State(*np.zeros((12, 1)))
     reference = Reference(*np.zeros((11, 1)))._replace(x=np.array([error]))
     return Transition(
@@ -18,7 +18,7 @@ def step(error=0.0, action=0.0, last_action=0.0, crashed=False, touched=0):
 
 
 def test_errors_of_decimetres_and_crashes_dominate_the_default_reward():
-    """Costs of full actions are small compared with the reward of 1 for exact tracking, and a crash costs more."""
+    """The costs of full actions are small compared with the reward of 1 for exact tracking. A crash costs 10."""
     reward = TrackingReward()
     assert reward(step()) == 1.0
     assert reward(step(error=0.3)) == pytest.approx(np.exp(-1.0))

@@ -1,4 +1,4 @@
-"""Tests of replayed episodes and of frames."""
+"""Tests of replayed episodes and of rendered frames."""
 
 import numpy as np
 import pytest
@@ -17,18 +17,18 @@ def test_the_last_episode_is_replayed_with_all_signals(tmp_path):
     env = QuadrotorEnv("laboratory:low_wind", {"crash.position_error": 0.3}, action="attitude")
     for seed in (4, 5):
         env.reset(seed=seed)
-        terminated, seen, random = False, [], np.random.default_rng(seed)
+        terminated, observations, random = False, [], np.random.default_rng(seed)
         while not terminated:
             observation, _, terminated, _, info = env.step(random.uniform(-0.3, 0.3, 4))
-            seen.append(observation)
+            observations.append(observation)
     flight = env.flight()
     assert env.episode() == (5, 0)
     assert flight.metrics.rmse == info["flight"]["rmse"]
-    assert flight.metrics.crash_time == info["flight"]["crash_time"] == pytest.approx(0.02 * len(seen))
-    np.testing.assert_allclose(flight["observation"][1:], seen, rtol=1e-6, atol=1e-6)
+    assert flight.metrics.crash_time == info["flight"]["crash_time"] == pytest.approx(0.02 * len(observations))
+    np.testing.assert_allclose(flight["observation"][1:], observations, rtol=1e-6, atol=1e-6)
     page = save_replay({"a rollout": flight}, tmp_path / "replay.html")
     assert "a rollout" in page.read_text(encoding="utf-8")
-    # After its first tick, the current episode is returned.
+    # After the first tick of the current episode, this episode is returned.
     env.reset()
     assert env.flight().metrics.rmse == flight.metrics.rmse
     env.step(np.zeros(4))
@@ -45,7 +45,7 @@ def test_a_reset_ends_an_episode():
     assert [len(envs.flight(i).time) for i in range(2)] == [5, 4]
     for _ in range(8):
         envs.step(np.zeros((2, 3)))
-    # The first vehicle has ended its episode of ten ticks, and the second has not flown since its reset.
+    # The first vehicle has completed its episode of ten ticks, and the second one has not flown since its reset.
     assert [len(envs.flight(i).time) for i in range(2)] == [11, 4]
     assert [envs.episode(i).sample for i in range(2)] == [1, 1]
 
@@ -86,7 +86,7 @@ def test_frames_show_the_vehicle_at_its_position():
     hanging, climbing = envs.render()
     changed = (hanging != climbing).any(axis=2)
     assert 50 < changed.sum() < 5000
-    # The climbing vehicle is drawn higher: at the position of its rotors, the other frame is grey or white.
+    # The climbing vehicle is drawn higher. At the position of its rotors, the other frame is grey or white.
     blue = [frame[..., 2].astype(int) - frame[..., 0] > 60 for frame in (hanging, climbing)]
     low, high = (np.argwhere(where)[:, 0].mean() for where in blue)
     assert high < low - 10
@@ -102,7 +102,7 @@ def test_the_front_is_red_and_small_vehicles_are_drawn_larger(vehicle):
     (frame,) = camera.frames(State(*rows), Reference(*np.full((11, 1), 99.0)))
 
     def pixels(color):
-        """Return the positions of a colour, in pixels from the left and from the bottom."""
+        """Return the positions of the pixels of a colour, from the left and from the bottom."""
         rgb = 255.0 * np.array(to_rgb(color))
         up, across = np.nonzero(np.abs(frame - rgb).max(axis=2) < 30.0)
         return across, len(frame) - up
@@ -114,13 +114,13 @@ def test_the_front_is_red_and_small_vehicles_are_drawn_larger(vehicle):
     middle, ahead = projected(place), projected(place + 0.1 * np.array([np.cos(yaw), np.sin(yaw), 0.0]))
     towards = np.mean(pixels("tab:red"), axis=1) - middle
     assert towards @ (ahead - middle) / np.linalg.norm(towards) / np.linalg.norm(ahead - middle) > 0.8
-    # The rotors of both vehicles are at least 4 % of the scene apart, on both sides of the centre.
+    # The distance of the rotors is at least 4 % of the scene for both vehicles.
     across, _ = pixels("tab:blue")
     assert np.ptp(across) > 20
 
 
 def test_a_scene_fills_its_frame():
-    """The scene and its labels fill the frame, and are centred to a tenth of its size."""
+    """The scene with its labels fills the frame, and is centred within a tenth of the size of the frame."""
     scenario = load_scenario("figure_eight")
     camera = Camera(scenario, plan_route(scenario))
     (frame,) = camera.frames(State(*np.full((12, 1), np.nan)), Reference(*np.full((11, 1), 99.0)))

@@ -12,7 +12,7 @@ from drake_quad.gym.saving import evaluate_layers
 
 
 def test_a_saved_network_gives_the_same_flight_as_a_controller(tmp_path):
-    """A linear policy is flown in the environment, and as the controller of a scenario."""
+    """A linear policy flies in the environment and as the controller of a scenario."""
     envs = QuadrotorVectorEnv("figure_eight", {"duration": 3.0}, num_envs=1)
     rng = np.random.default_rng(0)
     size = envs.single_observation_space.shape[0]
@@ -22,9 +22,9 @@ def test_a_saved_network_gives_the_same_flight_as_a_controller(tmp_path):
     path = save_policy(
         envs, [Layer(gains / scale, gains @ offset)], tmp_path / "mine" / "linear.yaml", offset=offset, scale=scale
     )
-    seen, _ = envs.reset(seed=0)
+    observations, _ = envs.reset(seed=0)
     for _ in range(150):
-        seen, *_, infos = envs.step(np.clip(seen.astype(float) @ gains.T, -1.0, 1.0))
+        observations, *_, infos = envs.step(np.clip(observations.astype(float) @ gains.T, -1.0, 1.0))
     flight = simulate(load_scenario("figure_eight", {"duration": 3.0}, layers=[path]), compiled=True)
     np.testing.assert_allclose(flight.metrics.rmse, infos["flight"]["rmse"][0], rtol=1e-4)
     assert flight.metrics.rmse < 0.3
@@ -47,7 +47,7 @@ def test_a_policy_for_an_autopilot_is_saved(action, tmp_path):
 
 
 def test_missing_fields_of_a_policy_are_not_taken_from_the_scenario(tmp_path):
-    """raptor_plus lets rotors stop; a policy that was trained with idling ones does not."""
+    """The controller raptor_plus stops rotors, whereas a policy that was trained with idling rotors does not."""
     env = QuadrotorVectorEnv("figure_eight", action="rotor_speeds", observation={"signals": ["velocity"]})
     path = save_policy(env, [Layer(np.zeros((4, 3)), np.zeros(4))], tmp_path / "mine.yaml")
     over = load_scenario("figure_eight", layers=["controllers/raptor:raptor_plus", path])
@@ -55,8 +55,8 @@ def test_missing_fields_of_a_policy_are_not_taken_from_the_scenario(tmp_path):
     assert over.control.action.least is None
 
 
-def test_the_name_of_a_controller_is_that_of_its_file(tmp_path):
-    """`drake-quad compare` uses this name."""
+def test_a_saved_controller_is_named_after_its_file(tmp_path):
+    """This is the name in `drake-quad compare`."""
     env = QuadrotorVectorEnv("figure_eight", observation={"signals": ["velocity"]})
     layer = Layer(np.zeros((3, 3)), np.zeros(3))
     for name in ("one", "task"):
@@ -85,7 +85,7 @@ def module(name, **attributes):
 
 
 def numbers(array):
-    """Return a stand-in for a tensor with the methods that are used."""
+    """Return a stand-in for a tensor of PyTorch."""
     return SimpleNamespace(detach=lambda: SimpleNamespace(cpu=lambda: SimpleNamespace(numpy=lambda: np.array(array))))
 
 
@@ -105,7 +105,7 @@ def test_parameters_of_activations_are_read_from_pytorch(given, activation, alph
 
 
 def test_layers_of_pytorch_are_read_by_their_names():
-    """The modules are stand-ins. If Stable-Baselines3 is installed, its tests use real modules."""
+    """The modules are stand-ins. The tests of Stable-Baselines3 use real modules, if it is installed."""
     rng = np.random.default_rng(1)
     w, b, v = rng.normal(size=(5, 4)), rng.normal(size=5), rng.normal(size=(2, 5))
     given = [
@@ -116,12 +116,12 @@ def test_layers_of_pytorch_are_read_by_their_names():
         module("Tanh"),
     ]
     layers = torch_layers(given)
-    seen = rng.normal(size=(7, 4))
+    observations = rng.normal(size=(7, 4))
     offset, scale = rng.normal(size=4), rng.uniform(0.5, 2.0, 4)
-    x = np.clip((seen - offset) * scale, -1.2, 1.2) @ w.T + b
+    x = np.clip((observations - offset) * scale, -1.2, 1.2) @ w.T + b
     expected = np.tanh(np.where(x > 0.0, x, np.expm1(np.minimum(x, 0.0))) @ v.T)
     np.testing.assert_allclose(
-        evaluate_layers(layers, seen, offset=offset, scale=scale, limit=1.2), expected, rtol=1e-12
+        evaluate_layers(layers, observations, offset=offset, scale=scale, limit=1.2), expected, rtol=1e-12
     )
     for wrong, words in [
         (

@@ -1,4 +1,4 @@
-"""Tests of the environment with one vehicle, by comparison with the vector environment."""
+"""Comparison of the environment with a single vehicle with the vector environment."""
 
 import numpy as np
 import pytest
@@ -12,27 +12,27 @@ from drake_quad.reference.plan import Plan
 @pytest.mark.slow
 def test_a_single_environment_equals_a_vector_environment_with_one_vehicle():
     task = {"duration": 0.1}
-    alone = QuadrotorEnv("hover", task, render_mode="rgb_array")
+    single = QuadrotorEnv("hover", task, render_mode="rgb_array")
     vector = QuadrotorVectorEnv("hover", task, num_envs=1, render_mode="rgb_array")
-    assert alone.scenario == vector.scenario
-    assert isinstance(alone.plan, Plan)
-    np.testing.assert_array_equal(alone.plan.waypoints, vector.plan.waypoints)
-    assert alone.observation_space == vector.single_observation_space
-    assert alone.action_space == vector.single_action_space
-    # The hover of the scenario has a tick of 20 ms.
-    assert alone.metadata == {"render_modes": ["rgb_array"], "render_fps": 50}
+    assert single.scenario == vector.scenario
+    assert isinstance(single.plan, Plan)
+    np.testing.assert_array_equal(single.plan.waypoints, vector.plan.waypoints)
+    assert single.observation_space == vector.single_observation_space
+    assert single.action_space == vector.single_action_space
+    # A tick of the scenario lasts 20 ms, so there are 50 frames per second.
+    assert single.metadata == {"render_modes": ["rgb_array"], "render_fps": 50}
     for seed, episode in ((4, Episode(4, 0)), (None, Episode(4, 1))):
-        observation, infos = alone.reset(seed=seed)
+        observation, infos = single.reset(seed=seed)
         observations, _ = vector.reset(seed=seed)
         np.testing.assert_array_equal(observation, observations[0])
         assert infos == {}
-        assert alone.episode() == vector.episode() == episode
-    frame = alone.render()
+        assert single.episode() == vector.episode() == episode
+    frame = single.render()
     assert (frame.shape, frame.dtype) == ((360, 480, 3), np.uint8)
     np.testing.assert_array_equal(frame, vector.render()[0])
     for tick in range(5):
         action = np.array([0.1, -0.1, 0.2 * tick])
-        observation, reward, terminated, truncated, info = alone.step(action)
+        observation, reward, terminated, truncated, info = single.step(action)
         observations, rewards, *_, infos = vector.step([action])
         np.testing.assert_array_equal(observation, observations[0])
         assert reward == rewards[0]
@@ -42,7 +42,7 @@ def test_a_single_environment_equals_a_vector_environment_with_one_vehicle():
     assert info["flight"] == {name: flight[name][0] for name in flight if not name.startswith("_")}
     assert {"rmse", "effort_x", "obstacle"} <= info["flight"].keys()
     assert all(isinstance(value, float | int) for value in info["flight"].values())
-    assert len(alone.flight().time) == 6
+    assert len(single.flight().time) == 6
 
 
 def test_without_a_render_mode_there_is_no_frame_and_without_a_record_no_flight():

@@ -29,22 +29,22 @@ def envs_of(n=6, **options):
 
 
 def test_the_adapter_gives_the_same_flights_as_the_environment():
-    ours, theirs = envs_of(), StableVectorEnv(envs_of())
-    theirs.seed(4)
-    seen, _ = ours.reset(seed=4)
-    np.testing.assert_array_equal(theirs.reset(), seen)
+    adapter_envs, vector_envs = envs_of(), StableVectorEnv(envs_of())
+    vector_envs.seed(4)
+    observed, _ = adapter_envs.reset(seed=4)
+    np.testing.assert_array_equal(vector_envs.reset(), observed)
     ended = 0
     for k in range(80):
         actions = np.random.default_rng(k).uniform(-0.5, 0.5, (6, 4)).astype(np.float32)
-        seen, rewards, terminations, truncations, infos = ours.step(actions)
-        found = theirs.step(actions)
-        np.testing.assert_array_equal(found[0], seen)
-        np.testing.assert_array_equal(found[1], rewards.astype(np.float32))
-        np.testing.assert_array_equal(found[2], terminations | truncations)
-        for i in np.flatnonzero(found[2]):
-            np.testing.assert_array_equal(found[3][i]["terminal_observation"], infos["final_obs"][i])
-            assert found[3][i]["TimeLimit.truncated"] == truncations[i]
-            assert found[3][i]["flight"]["rmse"] == infos["flight"]["rmse"][i]
+        observed, rewards, terminations, truncations, infos = adapter_envs.step(actions)
+        actual = vector_envs.step(actions)
+        np.testing.assert_array_equal(actual[0], observed)
+        np.testing.assert_array_equal(actual[1], rewards.astype(np.float32))
+        np.testing.assert_array_equal(actual[2], terminations | truncations)
+        for i in np.flatnonzero(actual[2]):
+            np.testing.assert_array_equal(actual[3][i]["terminal_observation"], infos["final_obs"][i])
+            assert actual[3][i]["TimeLimit.truncated"] == truncations[i]
+            assert actual[3][i]["flight"]["rmse"] == infos["flight"]["rmse"][i]
             ended += 1
     assert ended >= 6
     with pytest.raises(InputError, match="autoreset_mode must be AutoresetMode.SAME_STEP"):
@@ -81,24 +81,24 @@ def flown_with(policy):
 
 
 def agrees(model, flight):
-    """Return whether a controller has the actions of its model for the same observations."""
-    seen, normal = flight["observation"].astype(np.float32), model.get_vec_normalize_env()
-    expected, _ = model.predict(seen if normal is None else normal.normalize_obs(seen), deterministic=True)
+    """Return whether a controller commanded the actions of its model for the same observations."""
+    observed, normal = flight["observation"].astype(np.float32), model.get_vec_normalize_env()
+    expected, _ = model.predict(observed if normal is None else normal.normalize_obs(observed), deterministic=True)
     return np.allclose(flight["action"].clip(-1.0, 1.0), expected, atol=1e-4)
 
 
-def some(envs, **options):
+def briefly_trained(envs, **options):
     kwargs = {"net_arch": [12], **options.pop("policy_kwargs", {})}
     model = stable_baselines3.PPO("MlpPolicy", envs, n_steps=16, policy_kwargs=kwargs, device="cpu", seed=1, **options)
     return model.learn(2 * 16 * envs.num_envs)
 
 
 def test_transparent_wrappers_are_accepted(tmp_path):
-    inside = wrappers.VecMonitor(wrappers.VecNormalize(StableVectorEnv(envs_of(8))))
-    unseen = wrappers.VecNormalize(StableVectorEnv(envs_of(8)), norm_obs=False)
-    alone = wrappers.DummyVecEnv([lambda: gymnasium.make("drake_quad/Track-v0", scenario="laboratory:low_wind")])
-    for envs in (inside, unseen, alone):
-        model = some(envs)
+    monitored = wrappers.VecMonitor(wrappers.VecNormalize(StableVectorEnv(envs_of(8))))
+    unnormalised = wrappers.VecNormalize(StableVectorEnv(envs_of(8)), norm_obs=False)
+    single_env = wrappers.DummyVecEnv([lambda: gymnasium.make("drake_quad/Track-v0", scenario="laboratory:low_wind")])
+    for envs in (monitored, unnormalised, single_env):
+        model = briefly_trained(envs)
         assert agrees(model, flown_with(save_trained(model, tmp_path / "mine.yaml")))
     assert np.load(tmp_path / "mine.npz").files == ["weights_0", "biases_0", "activation_0"] + [
         f"{name}_1" for name in ("weights", "biases", "activation")
@@ -116,7 +116,7 @@ def test_actors_of_other_algorithms_are_saved(name, tmp_path):
 
 def test_a_squashed_policy_is_saved_with_its_tanh(tmp_path):
     kwargs = {"squash_output": True, "log_std_init": -1.0}
-    model = some(StableVectorEnv(envs_of(8)), use_sde=True, policy_kwargs=kwargs)
+    model = briefly_trained(StableVectorEnv(envs_of(8)), use_sde=True, policy_kwargs=kwargs)
     assert agrees(model, flown_with(save_trained(model, tmp_path / "mine.yaml")))
 
 
@@ -131,19 +131,31 @@ def test_policies_that_would_act_differently_are_refused(tmp_path):
     class Longer(torch.nn.ELU):
         pass
 
-    ours = StableVectorEnv(envs_of(4))
-    closed = some(ours)
+    adapter_envs = StableVectorEnv(envs_of(4))
+    closed = briefly_trained(adapter_envs)
     closed.env = None
     rescaled = gymnasium.wrappers.RescaleAction(QuadrotorEnv("hover"), np.float32(-2.0), np.float32(2.0))
     for make, words in [
-        (lambda: some(ours, policy_kwargs={"features_extractor_class": Halved}), "not those of its dense layers alone"),
-        (lambda: some(ours, policy_kwargs={"activation_fn": Longer}), "a Longer module is not supported here"),
-        (lambda: some(wrappers.VecFrameStack(ours, 2)), "inside a VecFrameStack, which is not supported"),
         (
-            lambda: some(wrappers.VecNormalize(wrappers.VecNormalize(ours))),
+            lambda: briefly_trained(adapter_envs, policy_kwargs={"features_extractor_class": Halved}),
+            "not those of its dense layers alone",
+        ),
+        (
+            lambda: briefly_trained(adapter_envs, policy_kwargs={"activation_fn": Longer}),
+            "a Longer module is not supported here",
+        ),
+        (
+            lambda: briefly_trained(wrappers.VecFrameStack(adapter_envs, 2)),
+            "inside a VecFrameStack, which is not supported",
+        ),
+        (
+            lambda: briefly_trained(wrappers.VecNormalize(wrappers.VecNormalize(adapter_envs))),
             "inside two VecNormalize that normalise observations",
         ),
-        (lambda: some(wrappers.DummyVecEnv([lambda: rescaled])), "inside a RescaleAction, which is not supported"),
+        (
+            lambda: briefly_trained(wrappers.DummyVecEnv([lambda: rescaled])),
+            "inside a RescaleAction, which is not supported",
+        ),
         (lambda: closed, "the model has no environment"),
         (
             lambda: stable_baselines3.PPO("MlpPolicy", "Pendulum-v1", device="cpu"),

@@ -1,4 +1,4 @@
-"""Tests of the scenario of an environment."""
+"""Tests of the conversion of a scenario to the task of an environment."""
 
 import numpy as np
 import pytest
@@ -10,24 +10,24 @@ from drake_quad.scenario.files.loading import with_fields
 
 
 @pytest.mark.slow
-def test_a_missing_attitude_control_is_designed_as_the_attitude_loop_of_any_cascade():
-    """RAPTOR commands rotor speeds, so its scenario has no attitude control. The plant alone determines the gains."""
+def test_a_missing_attitude_controller_is_designed_like_the_attitude_loop_of_a_cascade():
+    """The scenario of RAPTOR has no attitude controller, because it commands rotor speeds."""
     scenario = load_scenario("figure_eight", layers=["controllers/raptor:raptor_plus"])
     assert getattr(scenario.control, "attitude", None) is None
     gains = {"k_p": [4.0, 5.0, 6.0], "k_d": [2.0, 3.0, 4.0]}
     cascade = {"position": {"kind": "pd", "feed_forward": "none", **gains}, "attitude": gains}
     expected = design_cascade(with_fields(scenario, {"control": cascade})).gains()["attitude"]
     for action in ("attitude", "acceleration", {"kind": "rates"}):
-        found = task_of(scenario, action=action).control.attitude
-        assert {"k_p": [*found.k_p], "k_d": [*found.k_d]} == expected
+        actual = task_of(scenario, action=action).control.attitude
+        assert {"k_p": [*actual.k_p], "k_d": [*actual.k_d]} == expected
     for action in ("rotor_speeds", {"kind": "rates", "k_rate": [20.0, 20.0, 5.0]}):
         assert task_of(scenario, action=action).control.attitude is None
 
 
 def test_numbers_of_an_action_can_be_arrays_and_errors_are_reported():
     attitude = load_scenario("figure_eight").control.attitude
-    found = task_of("figure_eight", action={"kind": "rates", "max_rates": np.array([5.0, 4.0, 3.0])}).control
-    assert (found.action.max_rates, found.attitude) == ((5.0, 4.0, 3.0), attitude)
+    actual = task_of("figure_eight", action={"kind": "rates", "max_rates": np.array([5.0, 4.0, 3.0])}).control
+    assert (actual.action.max_rates, actual.attitude) == ((5.0, 4.0, 3.0), attitude)
     assert task_of("figure_eight", action={"kind": "rates", "k_rate": np.ones(3)}).control.attitude is None
     for action, words in (
         ({"kind": "rates", "max_rates": "fast"}, "control.action.max_rates is 'fast', but must be a list"),

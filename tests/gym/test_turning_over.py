@@ -1,4 +1,4 @@
-"""Tests of environments whose vehicles can turn over."""
+"""Tests of environments whose vehicles turn over."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from drake_quad.gym.rollout import action_source
 
 pytestmark = pytest.mark.slow
 
-# rad/s. The first vehicle flips in a plane; the others pass a pitch of 90° at increasing distances.
+# rad/s. The first vehicle flips in a plane. The others pass a pitch of 90° at increasing distances.
 YAW_RATES = np.array([0.0, 1e-9, 1e-3, 0.02, 0.05, 0.1, 0.3, 1.0])
 FLIP_RATE = 6.0  # rad/s
 NUM_TICKS = 40
@@ -22,14 +22,14 @@ TASK = {
 
 
 def actions():
-    """Return actions (ticks, N, 4) that pitch at 6 rad/s for 0.6 s and then stop."""
-    found = np.zeros((NUM_TICKS, len(YAW_RATES), 4))
-    found[:30, :, 2], found[:30, :, 3] = FLIP_RATE / 10.0, YAW_RATES / 10.0
-    return found
+    """Return actions (ticks, N, 4) that command a pitch rate of 6 rad/s for 0.6 s and then none."""
+    commands = np.zeros((NUM_TICKS, len(YAW_RATES), 4))
+    commands[:30, :, 2], commands[:30, :, 3] = FLIP_RATE / 10.0, YAW_RATES / 10.0
+    return commands
 
 
-def flipped(time_step):
-    """Return the environment, its observations, and its transitions, each with a record as `state`."""
+def fly_flips(time_step):
+    """Return an environment with a time step (s) after the flips, its observations, and its transitions."""
     steps = []
     envs = QuadrotorVectorEnv(
         "figure_eight",
@@ -41,37 +41,37 @@ def flipped(time_step):
         reward=lambda step: steps.append(step) or step.time,
     )
     envs.reset(seed=0)
-    seen = [envs.step(action)[0] for action in actions()]
-    return envs, np.array(seen), steps
+    observations = [envs.step(action)[0] for action in actions()]
+    return envs, np.array(observations), steps
 
 
 def states(steps, name="state"):
-    """Return a state signal of transitions as (ticks, N, 12)."""
+    """Return the states, or a signal in the form of states, from transitions as an array (ticks, N, 12)."""
     return np.array([np.array(step.state if name == "state" else step.signals[name]).T for step in steps])
 
 
 @pytest.fixture(scope="module")
 def flips():
-    return flipped(0.01)
+    return fly_flips(0.01)
 
 
-def test_a_flip_at_the_default_step_agrees_with_one_at_an_eighth_of_it(flips):
+def test_a_flip_with_the_default_time_step_agrees_with_one_with_an_eighth_of_it(flips):
     _, _, steps = flips
-    _, _, finer = flipped(0.00125)
+    _, _, finer = fly_flips(0.00125)
     coarse, fine = states(steps), states(finer)
-    assert np.cos(coarse[-1, :, 3]).max() < -0.5, "all must have turned over"
+    assert np.cos(coarse[-1, :, 3]).max() < -0.5, "all vehicles must have turned over"
     for one, other in zip(coarse, fine, strict=True):
         assert degrees_apart(one[:, 3:6], rotations(other[:, 3:6])).max() < 1e-3
 
 
-def test_the_observation_of_a_flip_is_its_rotation_and_body_rates(flips):
-    """The filter is fast, so measured and true rates differ little while the rates hardly change."""
-    _, seen, steps = flips
+def test_observations_of_a_flip_are_its_rotation_and_body_rates(flips):
+    """The derivative filter is fast, so measured and true rates differ little while the rates are nearly constant."""
+    _, observations, steps = flips
     truth, measured = states(steps), states(steps, "measurement")
     frame = states(steps, "measurement")[:, :, 3:6]
     matrices = rotations(frame.reshape(-1, 3)).as_matrix().reshape(NUM_TICKS, -1, 9)
-    np.testing.assert_allclose(seen[:, :, :9], matrices, atol=1e-6)
-    np.testing.assert_allclose(seen[:, :, 9:12], measured[:, :, 9:12], atol=1e-6)
+    np.testing.assert_allclose(observations[:, :, :9], matrices, atol=1e-6)
+    np.testing.assert_allclose(observations[:, :, 9:12], measured[:, :, 9:12], atol=1e-6)
     steady = slice(22, 30)
     assert np.abs(truth[steady, :, 10]).min() > 5.7
     assert np.abs(truth[steady, :, 4]).max() > np.radians(85.0)
@@ -83,5 +83,5 @@ def test_the_environment_and_the_diagram_give_the_same_flip(flips):
     for vehicle in (0, 4):
         source = action_source(actions()[:, vehicle], 0.02)
         flight = simulate(envs.scenario, seed=vehicle, sample=0, policy=source, plan=envs.plan)
-        found = states(steps)[: len(flight.time) - 1, vehicle]
-        np.testing.assert_allclose(found, flight["state"][1:], rtol=0.0, atol=1e-9)
+        actual = states(steps)[: len(flight.time) - 1, vehicle]
+        np.testing.assert_allclose(actual, flight["state"][1:], rtol=0.0, atol=1e-9)

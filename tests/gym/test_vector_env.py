@@ -1,4 +1,4 @@
-"""Tests of the vector environment: the interface of Gymnasium, and the flights of its vehicles."""
+"""Tests of the vector environment: its Gymnasium interface, and the flights of its vehicles."""
 
 import copy
 import itertools
@@ -16,7 +16,7 @@ from drake_quad.gym import QuadrotorEnv, QuadrotorVectorEnv, TrackingReward
 from drake_quad.gym.rollout import action_source
 from drake_quad.laboratory.metrics import Metrics
 
-# Observations and actions differ between vehicles, and many vehicles crash soon.
+# A task in which observations and actions differ between vehicles, and many vehicles crash early.
 TASK = {
     "scenario": "robustness",
     "overrides": {"duration": 1.5, "control": load_scenario("laboratory:low_wind").control},
@@ -39,9 +39,9 @@ def random_actions(envs, seed, steps, size=0.5):
 
 
 def rollout(envs, actions, seed):
-    """Return all results of a rollout."""
-    seen, infos = envs.reset(seed=seed)
-    steps = [(seen, infos)]
+    """Return the results of the reset and of all steps."""
+    observed, infos = envs.reset(seed=seed)
+    steps = [(observed, infos)]
     for action in actions:
         steps.append(envs.step(action))
     return steps
@@ -52,19 +52,26 @@ def columns(steps, place):
 
 
 @pytest.mark.parametrize("action", ACTIONS)
-def test_a_vehicle_flies_as_alone_in_drakes_simulator(action):
-    """Every vehicle of a vector, in every episode: state, reference and observation at every tick, to 1e-9."""
-    seen = {"signals": ["position_error", "velocity_error", "rotation", "body_rates", "action", "wind"], "history": 2}
-    kept = []
+def test_each_vehicle_flies_as_in_drakes_simulator(action):
+    """State and reference agree within 1e-9 at every tick of every episode, and observations within 1e-6."""
+    observation = {
+        "signals": ["position_error", "velocity_error", "rotation", "body_rates", "action", "wind"],
+        "history": 2,
+    }
+    transitions = []
     envs = envs_of(
-        9, action=action, observation=seen, signals=["rotor_speed"], reward=lambda step: kept.append(step) or step.time
+        9,
+        action=action,
+        observation=observation,
+        signals=["rotor_speed"],
+        reward=lambda step: transitions.append(step) or step.time,
     )
     actions = random_actions(envs, 3, 190, 0.9 if action == "acceleration" else 0.4)
     steps = rollout(envs, actions, seed=11)
     over = [columns(steps[1:], place) for place in (2, 3)]
     ended = over[0] | over[1]
     episodes = 0
-    for vehicle in (0, 4, 8):  # vehicles of the first and the last vector register
+    for vehicle in (0, 4, 8):  # these vehicles are in the first and in the last vector register
         first, sample = 0, 0
         for last in [*np.flatnonzero(ended[:, vehicle]), len(actions) - 1]:
             flown = actions[first : last + 1, vehicle]
@@ -77,15 +84,15 @@ def test_a_vehicle_flies_as_alone_in_drakes_simulator(action):
                 until=0.02 * len(flown),
             )
             for name in ("state", "reference", "rotor_speed"):
-                found = [
+                actual = [
                     np.array(getattr(step, name, None) or step.signals[name])[:, vehicle]
-                    for step in kept[first : last + 1]
+                    for step in transitions[first : last + 1]
                 ]
-                np.testing.assert_allclose(found[: len(flight.time) - 1], flight[name][1:], rtol=0.0, atol=1e-9)
-            found = [step[0][vehicle] for step in steps[first + 1 : last + 2]]
-            np.testing.assert_allclose(found[: len(flight.time) - 1], flight["observation"][1:], rtol=1e-6, atol=1e-6)
-            begun = steps[first][0][vehicle]
-            np.testing.assert_allclose(begun, flight["observation"][0], rtol=1e-6, atol=1e-6)
+                np.testing.assert_allclose(actual[: len(flight.time) - 1], flight[name][1:], rtol=0.0, atol=1e-9)
+            actual = [step[0][vehicle] for step in steps[first + 1 : last + 2]]
+            np.testing.assert_allclose(actual[: len(flight.time) - 1], flight["observation"][1:], rtol=1e-6, atol=1e-6)
+            initial = steps[first][0][vehicle]
+            np.testing.assert_allclose(initial, flight["observation"][0], rtol=1e-6, atol=1e-6)
             if last < len(actions) - 1 or ended[last, vehicle]:
                 assert over[0][last, vehicle] == flight.metrics.crashed
                 info = steps[last + 1][4]["flight"]
@@ -93,18 +100,18 @@ def test_a_vehicle_flies_as_alone_in_drakes_simulator(action):
                 for field in info.keys() & {*Metrics._fields}:
                     np.testing.assert_allclose(info[field][vehicle], getattr(flight.metrics, field), rtol=1e-9)
                 episodes += 1
-            # The step after the last one of an episode resets the vehicle.
+            # The step after the last step of an episode resets the vehicle.
             first, sample = last + 2, sample + 1
     assert episodes > 3
-    # With accelerations as actions, no vehicle crashes this early.
+    # No vehicle crashes this early if actions are accelerations.
     assert over[0][:, [0, 4, 8]].any() == (action != "acceleration")
 
 
 def test_a_rollout_is_reproducible_and_vehicles_are_independent():
     envs = envs_of(12)
     actions = random_actions(envs, 0, 120)
-    one, again = (rollout(each, actions, seed=5) for each in (envs, envs_of(12)))
-    for first, second in zip(one, again, strict=True):
+    one, repeated = (rollout(each, actions, seed=5) for each in (envs, envs_of(12)))
+    for first, second in zip(one, repeated, strict=True):
         assert data_equivalence(first, second, exact=True)
     few = rollout(envs_of(3), actions[:, 4:7], seed=9)
     for whole, part in zip(one, few, strict=True):
@@ -122,14 +129,14 @@ def test_vehicles_can_have_individual_seeds_and_resets():
     for action in random_actions(envs, 0, 3):
         before, *_ = envs.step(action)
     mask = np.array([False, True, False, True])
-    seen, infos = envs.reset(options={"reset_mask": mask}, seed=[None, 8, None, None])
+    observed, infos = envs.reset(options={"reset_mask": mask}, seed=[None, 8, None, None])
     assert infos == {}
-    np.testing.assert_array_equal(seen[~mask], before[~mask])
-    np.testing.assert_array_equal(seen[1], whole[1])
+    np.testing.assert_array_equal(observed[~mask], before[~mask])
+    np.testing.assert_array_equal(observed[1], whole[1])
     assert [envs.episode(i) for i in range(4)] == [(7, 0), (8, 0), (20, 0), (21, 1)]
     after, *_ = envs.step(np.zeros((4, 4)))
-    assert (after != seen).any(axis=1).all()
-    # Without a seed, all vehicles start their next episodes.
+    assert (after != observed).any(axis=1).all()
+    # A reset without a seed starts the next episode of all vehicles.
     envs.reset()
     assert [envs.episode(i).sample for i in range(4)] == [1, 1, 1, 2]
 
@@ -137,51 +144,54 @@ def test_vehicles_can_have_individual_seeds_and_resets():
 def test_episodes_without_a_seed_get_a_random_one():
     one, other = (envs_of(2).reset()[0] for _ in range(2))
     assert not np.array_equal(one, other)
-    alone, beside = (QuadrotorEnv("robustness") for _ in range(2))
-    assert not np.array_equal(alone.reset()[0], beside.reset()[0])
+    first, second = (QuadrotorEnv("robustness") for _ in range(2))
+    assert not np.array_equal(first.reset()[0], second.reset()[0])
     envs = envs_of(3)
     envs.reset(seed=[None, 5, None])
     seeds = [envs.episode(i).seed for i in range(3)]
     assert seeds[1] == 5
     assert len(set(seeds)) == 3
-    # The range of random seeds is so large that equal seeds are very unlikely.
+    # Equal seeds are very unlikely, because the range of random seeds is large.
     drawn_seeds = set()
     for _ in range(12):
         envs.has_begun = False
         envs.reset()
         drawn_seeds.add(envs.episode(0).seed)
     assert len(drawn_seeds) == 12
-    # A generator with the same seed gives the same random seeds.
-    again = envs_of(3)
-    again.np_random = np.random.default_rng(3)
+    # Generators with the same seed give the same random seeds.
+    second = envs_of(3)
+    second.np_random = np.random.default_rng(3)
     other = envs_of(3)
     other.np_random = np.random.default_rng(3)
-    np.testing.assert_array_equal(again.reset()[0], other.reset()[0])
+    np.testing.assert_array_equal(second.reset()[0], other.reset()[0])
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
-def test_vehicles_are_reset_as_the_autoreset_mode_demands(mode):
-    """Both modes have the same episodes, with the same first and last observations and the same rewards."""
+def test_vehicles_are_reset_according_to_the_autoreset_mode(mode):
+    """In both modes, episodes have the same first and last observations and the same rewards."""
     n = 3
-    envs, apart = envs_of(n, autoreset_mode=mode), [envs_of(1, autoreset_mode=AutoresetMode.DISABLED) for _ in range(n)]
+    envs, single_envs = (
+        envs_of(n, autoreset_mode=mode),
+        [envs_of(1, autoreset_mode=AutoresetMode.DISABLED) for _ in range(n)],
+    )
     actions = random_actions(envs, 2, 160)
     assert envs.metadata["autoreset_mode"] is mode
-    seen, _ = envs.reset(seed=3)
-    lone = [each.reset(seed=3 + i)[0][0] for i, each in enumerate(apart)]
-    np.testing.assert_array_equal(seen, lone)
+    observed, _ = envs.reset(seed=3)
+    initial_observations = [each.reset(seed=3 + i)[0][0] for i, each in enumerate(single_envs)]
+    np.testing.assert_array_equal(observed, initial_observations)
     over, crashes, cuts = np.zeros(n, dtype=bool), 0, 0
     for action in actions:
-        seen, rewards, terminations, truncations, infos = envs.step(action)
-        for i, each in enumerate(apart):
+        observed, rewards, terminations, truncations, infos = envs.step(action)
+        for i, each in enumerate(single_envs):
             if mode is AutoresetMode.NEXT_STEP and over[i]:
                 expected, _ = each.reset()
-                np.testing.assert_array_equal(seen[i], expected[0])
+                np.testing.assert_array_equal(observed[i], expected[0])
                 assert (rewards[i], terminations[i], truncations[i]) == (0.0, False, False)
                 continue
             last, reward, terminated, truncated, info = each.step(action[i : i + 1])
             assert (rewards[i], terminations[i], truncations[i]) == (reward[0], terminated[0], truncated[0])
             if not (terminated[0] or truncated[0]):
-                np.testing.assert_array_equal(seen[i], last[0])
+                np.testing.assert_array_equal(observed[i], last[0])
                 continue
             crashes, cuts = crashes + terminated[0], cuts + truncated[0]
             assert infos["_flight"][i]
@@ -190,7 +200,7 @@ def test_vehicles_are_reset_as_the_autoreset_mode_demands(mode):
                 np.testing.assert_array_equal(infos["final_obs"][i], last[0])
                 assert infos["final_info"]["flight"]["rmse"][i] == info["flight"]["rmse"][0]
                 last, _ = each.reset()
-            np.testing.assert_array_equal(seen[i], last[0])
+            np.testing.assert_array_equal(observed[i], last[0])
         over = terminations | truncations
         assert ("flight" in infos) == over.any()
         if over.any():
@@ -205,19 +215,19 @@ def test_vehicles_are_reset_as_the_autoreset_mode_demands(mode):
 
 
 def test_the_number_of_episodes_is_unlimited():
-    """There are many more samples than are computed at once."""
+    """The test flies many more episodes than are computed in advance."""
     scenario = load_scenario("robustness", {"duration": 0.04})
     envs = QuadrotorVectorEnv(scenario, num_envs=2, autoreset_mode=AutoresetMode.SAME_STEP)
-    seen = [envs.reset(seed=3)[0]]
+    observed = [envs.reset(seed=3)[0]]
     for _ in range(200):
-        found, _, terminations, truncations, _ = envs.step(np.zeros((2, 3)))
+        actual, _, terminations, truncations, _ = envs.step(np.zeros((2, 3)))
         if truncations.all():
-            seen.append(found)
+            observed.append(actual)
         assert not terminations.any()
-    assert len(seen) == 101
+    assert len(observed) == 101
     for vehicle, sample in ((0, 0), (1, 31), (0, 32), (1, 33), (0, 64), (1, 100)):
         flight = simulate(envs.scenario, seed=3 + vehicle, sample=sample, policy=action_source(np.zeros((2, 3)), 0.02))
-        np.testing.assert_allclose(seen[sample][vehicle], flight["observation"][0], rtol=1e-6, atol=1e-6)
+        np.testing.assert_allclose(observed[sample][vehicle], flight["observation"][0], rtol=1e-6, atol=1e-6)
         assert envs.episode(vehicle) == (3 + vehicle, 100)
 
 
@@ -231,7 +241,7 @@ def test_a_flight_is_truncated_at_its_end():
 
 @pytest.mark.parametrize("mode", AutoresetMode)
 def test_a_flight_that_terminates_in_its_last_tick_is_not_truncated(mode):
-    """A truncation is an end for a reason outside the task, so a step never terminates and truncates."""
+    """A truncation ends an episode for a reason outside the task, so no step both terminates and truncates it."""
 
     def high(step):
         return (step.time > 0.09) & (np.arange(3) == 1)
@@ -252,11 +262,11 @@ def test_an_environment_keeps_attitude_control_and_the_limits_of_thrust_vectorin
     assert control.thrust_vectoring == scenario.control.thrust_vectoring
     assert control.attitude == scenario.control.attitude
     assert control.action.kind == "acceleration"
-    # Rotor-speed actions need no attitude controller.
+    # Actions that are rotor speeds need no attitude controller.
     assert QuadrotorVectorEnv(scenario, action="rotor_speeds").scenario.control.attitude is None
 
 
-def test_gymnasiums_own_checks_pass():
+def test_the_checks_of_gymnasium_pass():
     with pytest.warns(UserWarning, match="infinity|spec"):
         check_env(QuadrotorEnv("robustness", TASK["overrides"], action="rates", render_mode="rgb_array"))
     check_environments_match(*(QuadrotorEnv(action=action) for action in ("rates", "rates")), 40)
@@ -272,9 +282,9 @@ def test_environments_are_registered_and_wrapped():
     envs = wrappers.RecordEpisodeStatistics(wrappers.NormalizeObservation(envs))
     envs.reset(seed=0)
     for _ in range(10):
-        seen, _, _, truncations, infos = envs.step(np.zeros(envs.action_space.shape, dtype=np.float32))
+        observed, _, _, truncations, infos = envs.step(np.zeros(envs.action_space.shape, dtype=np.float32))
     assert truncations.all()
-    assert envs.observation_space.contains(seen.astype(np.float32))
+    assert envs.observation_space.contains(observed.astype(np.float32))
     np.testing.assert_array_equal(infos["episode"]["l"], 10)
     assert (infos["flight"]["rmse"] < 0.01).all()
 
@@ -282,8 +292,8 @@ def test_environments_are_registered_and_wrapped():
 @pytest.mark.slow
 @pytest.mark.parametrize("action", [{"kind": "acceleration", "frame": "reference_heading"}, "attitude", "rates"])
 def test_with_observations_along_the_heading_the_task_does_not_depend_on_the_heading(action):
-    """A policy that learns at one heading finds the same observations and rewards at another heading."""
-    seen = {"signals": ["position_error", "velocity_error", "rotation", "body_rates", "action"]}
+    """Observations and rewards are the same for another heading."""
+    observation = {"signals": ["position_error", "velocity_error", "rotation", "body_rates", "action"]}
     steps = []
     for yaw in (0.0, 2.0):
         envs = QuadrotorVectorEnv(
@@ -291,7 +301,7 @@ def test_with_observations_along_the_heading_the_task_does_not_depend_on_the_hea
             {"route.yaw": yaw, "duration": 0.6},
             num_envs=2,
             action=action,
-            observation={**seen, "frame": "reference_heading"},
+            observation={**observation, "frame": "reference_heading"},
         )
         steps.append(rollout(envs, random_actions(envs, 0, 25), 0))
     for place, of_a_step in ((0, slice(None)), (1, slice(1, None))):
@@ -300,15 +310,15 @@ def test_with_observations_along_the_heading_the_task_does_not_depend_on_the_hea
         np.testing.assert_allclose(other, one, rtol=0.0, atol=1e-6)
 
 
-def test_spaces_have_the_sizes_of_the_scenario():
+def test_the_observation_and_action_spaces_match_the_scenario():
     envs = envs_of(3, action={"kind": "acceleration", "most": [3, 3, 3]}, observation={"history": 4})
     assert envs.single_observation_space.shape == (4 * (3 + 3 + 9 + 3 + 3 + 3),)
     assert envs.action_space.shape == (3, 3)
     assert envs.metadata["render_fps"] == 50
-    seen, *_ = rollout(envs, random_actions(envs, 0, 1), 0)[1]
-    assert seen.dtype == np.float32
-    assert envs.observation_space.contains(seen)
-    # The environment of a scenario with a policy has the observations and actions of the policy.
+    observed, *_ = rollout(envs, random_actions(envs, 0, 1), 0)[1]
+    assert observed.dtype == np.float32
+    assert envs.observation_space.contains(observed)
+    # If a scenario has a policy, its environment has the observations and actions of the policy.
     raptor = load_scenario("figure_eight", layers=["controllers/raptor:raptor_plus"])
     assert QuadrotorVectorEnv(raptor).single_observation_space.shape == (22,)
 
@@ -337,11 +347,11 @@ def test_reward_and_termination_can_be_functions():
 
 @pytest.mark.parametrize("name", ["wind", "rotor_speed", "measurement"])
 def test_each_environment_has_the_signals_that_it_requests(name):
-    kept = []
-    envs = envs_of(2, signals=[name], reward=lambda step: kept.append(step.signals) or np.zeros(2))
+    transitions = []
+    envs = envs_of(2, signals=[name], reward=lambda step: transitions.append(step.signals) or np.zeros(2))
     envs.reset(seed=0)
     envs.step(np.zeros((2, 4)))
-    (signals,) = kept
+    (signals,) = transitions
     assert [*signals] == [name]
     np.testing.assert_array_equal(signals[name], envs._fleet.output_record(name))
     flight = simulate(envs.scenario, seed=0, sample=0, policy=action_source(np.zeros((1, 4)), 0.02), until=0.02)
@@ -351,19 +361,19 @@ def test_each_environment_has_the_signals_that_it_requests(name):
 @pytest.mark.parametrize("n", [1, 8, 9])
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
 def test_later_steps_do_not_change_a_transition(n, mode):
-    kept, copies = [], []
+    transitions, copies = [], []
 
     def reward(step):
-        kept.append(step)
+        transitions.append(step)
         copies.append(copy.deepcopy(step))
         return np.zeros(n)
 
     envs = envs_of(n, reward=reward, signals=["wind"], autoreset_mode=mode)
     ended = columns(rollout(envs, random_actions(envs, 2, 120), seed=1)[1:], 2)
     assert ended[:-1].any()
-    for step, before in zip(kept, copies, strict=True):
+    for step, before in zip(transitions, copies, strict=True):
         assert data_equivalence(tuple(step), tuple(before), exact=True)
-    assert any((one.state.z != other.state.z).any() for one, other in itertools.pairwise(kept))
+    assert any((one.state.z != other.state.z).any() for one, other in itertools.pairwise(transitions))
 
 
 @pytest.mark.parametrize("mask", [None, [False, True, True]])
@@ -373,42 +383,42 @@ def test_a_reset_clears_the_ended_episodes(mask):
     envs.reset(seed=4)
     while not envs.step(-np.ones((3, 4)))[2].all():
         pass
-    begun = [envs.episode(i).sample for i in range(3)]
+    initial = [envs.episode(i).sample for i in range(3)]
     envs.reset(seed=9, options=options)
     action = np.full((3, 4), 0.1)
-    seen, rewards, *_ = envs.step(action)
-    again = envs_of(3, action="rotor_speeds")
-    again.reset(seed=9)
-    expected, worth, *_ = again.step(action)
+    observed, rewards, *_ = envs.step(action)
+    second = envs_of(3, action="rotor_speeds")
+    second.reset(seed=9)
+    expected, expected_rewards, *_ = second.step(action)
     new = np.ones(3, dtype=bool) if mask is None else np.array(mask)
-    np.testing.assert_array_equal(seen[new], expected[new])
-    np.testing.assert_array_equal(rewards[new], worth[new])
+    np.testing.assert_array_equal(observed[new], expected[new])
+    np.testing.assert_array_equal(rewards[new], expected_rewards[new])
     assert (rewards[~new] == 0.0).all()
-    assert [envs.episode(i).sample for i in range(3)] == [0 if new[i] else begun[i] + 1 for i in range(3)]
+    assert [envs.episode(i).sample for i in range(3)] == [0 if new[i] else initial[i] + 1 for i in range(3)]
 
 
 def test_the_last_action_before_the_first_step_is_that_of_hover():
-    """The thrust of hover is the weight, and actions range from half of it to 1.75 times."""
-    kept = []
+    """The thrust in hover is the weight, and actions range from 0.5 to 1.75 times the weight."""
+    transitions = []
     action = {"kind": "attitude", "min_thrust": 0.5, "max_thrust": 1.75}
-    envs = envs_of(2, action=action, reward=lambda step: kept.append(step.last_action) or np.zeros(2))
+    envs = envs_of(2, action=action, reward=lambda step: transitions.append(step.last_action) or np.zeros(2))
     envs.reset(seed=1)
     envs.step(np.full((2, 4), 0.1))
     envs.reset(options={"reset_mask": np.array([False, True])})
     envs.step(np.zeros((2, 4)))
-    np.testing.assert_allclose(kept, [[[-0.2, 0.0, 0.0, 0.0]] * 2, [[0.1] * 4, [-0.2, 0.0, 0.0, 0.0]]])
+    np.testing.assert_allclose(transitions, [[[-0.2, 0.0, 0.0, 0.0]] * 2, [[0.1] * 4, [-0.2, 0.0, 0.0, 0.0]]])
 
 
-def test_the_tracking_reward_is_its_formula():
+def test_the_tracking_reward_follows_its_formula():
     reward = TrackingReward(tracking=2.0, length=0.5, effort=0.1, variation=0.2, crash=7.0, obstacle=3.0)
-    kept = []
-    aside, ball = ({"kind": "sphere", "centre": [x, 0, -0.5], "radius": 0.2} for x in (9, 0))
+    transitions = []
+    distant_ball, ball = ({"kind": "sphere", "centre": [x, 0, -0.5], "radius": 0.2} for x in (9, 0))
     envs = QuadrotorVectorEnv(
         "figure_eight",
-        {"space.obstacles.aside": aside, "space.obstacles.ball": ball, "space.margin": 0.0},
+        {"space.obstacles.aside": distant_ball, "space.obstacles.ball": ball, "space.margin": 0.0},
         plan=QuadrotorVectorEnv("figure_eight").plan,
         num_envs=2,
-        reward=lambda step: kept.append(step) or reward(step),
+        reward=lambda step: transitions.append(step) or reward(step),
         autoreset_mode=AutoresetMode.DISABLED,
     )
     envs.reset(seed=0)
@@ -416,7 +426,7 @@ def test_the_tracking_reward_is_its_formula():
     for k in range(60):
         action = np.array([[0.0, 0.0, -0.1 * (k % 3)], [0.1, 0.2, 5.0]])
         _, rewards, terminations, _, infos = envs.step(action)
-        step = kept[-1]
+        step = transitions[-1]
         a, b = np.clip(action, -1.0, 1.0), np.clip(last, -1.0, 1.0)
         np.testing.assert_array_equal(step.last_action, last)
         expected = 2.0 * np.exp(-step.position_error / 0.5) - 0.1 * (a**2).sum(1) - 0.2 * ((a - b) ** 2).sum(1)
@@ -500,6 +510,6 @@ def test_the_tracking_reward_is_its_formula():
         (lambda: QuadrotorEnv("hover").flight(), "vehicle 0 has not flown yet"),
     ],
 )
-def test_errors_are_reported_in_a_sentence(make, words):
+def test_invalid_arguments_are_reported_in_a_sentence(make, words):
     with pytest.raises(InputError, match=words):
         make()

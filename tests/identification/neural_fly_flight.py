@@ -1,4 +1,4 @@
-"""A flight of the vehicle of Neural-Fly, as a log of that form."""
+"""A simulated flight of the Neural-Fly vehicle, written as a log in Neural-Fly's format."""
 
 import csv
 from pathlib import Path
@@ -13,7 +13,7 @@ from drake_quad.scenario.models import Scenario
 DIAGRAM = Path(__file__).parent.parent.parent / "diagrams" / "neural_fly.yaml"
 # Thrust of a rotor at full throttle as the autopilot believes it, N.
 FULL = 14.27
-# What somebody believes who has not seen a log.
+# Overrides: parameters that are guessed without any log.
 GUESS = (
     "laboratory.autopilot.natural_frequency=[10, 10, 10]",
     "laboratory.autopilot.damping=[0.7, 0.7, 0.7]",
@@ -26,12 +26,12 @@ GUESS = (
 
 
 def guessed(*overrides: str) -> Scenario:
-    """The scenario that an identification begins with."""
+    """Return the scenario from which an identification starts."""
     return load_scenario(f"{DIAGRAM}:still", [*GUESS, *overrides])
 
 
 def write_flight(path: Path, scenario: Scenario) -> Path:
-    """Flies a scenario and writes what is measured and commanded as Neural-Fly does: vectors in brackets."""
+    """Fly a scenario, and write measurements and commands in Neural-Fly's format, with vectors in brackets."""
     flight = simulate(scenario, compiled=True)
     seen, target = flight["measurement"], flight["attitude_target"]
 
@@ -41,7 +41,7 @@ def write_flight(path: Path, scenario: Scenario) -> Path:
     def quaternions(angles: np.ndarray) -> list[str]:
         return cells(Rotation.from_euler("ZYX", angles[:, ::-1]).as_quat())
 
-    # The force is that of the instant at which the cameras saw the vehicle.
+    # The force is evaluated at the time of the camera measurement.
     seen_at = flight.time - frame_age(scenario)
     state = np.column_stack([np.interp(seen_at, flight.time, row) for row in flight["state"].T])
     mass = scenario.vehicle.mass

@@ -1,4 +1,4 @@
-"""The script that flies a log again, on flights of a Crazyflie whose controller is known."""
+"""The command `compare-log`, applied to logs of a Crazyflie whose controller is known."""
 
 import csv
 import re
@@ -15,19 +15,21 @@ SCENARIOS = Path("diagrams") / "crazyswarm2.yaml"
 
 @pytest.fixture
 def compare(run):
-    """Runs the script and returns its status, and what it prints."""
+    """Return a function that runs `compare-log`, and returns its exit status and output."""
     return lambda *arguments: run("compare-log", *arguments)
 
 
 @pytest.mark.slow
-def test_a_flight_is_within_what_its_log_predicts(compare, tmp_path):
-    """And without the velocity that its estimate sees too large it is far outside."""
+def test_the_flown_error_is_within_the_predicted_interval(compare, tmp_path):
+    """With an exact velocity estimate instead of the identified one, the flown error is far outside."""
     log, scenario = LOGS / "log100.xz", f"{SCENARIOS}:log100"
     status, printed, _ = compare(log, scenario, "--samples", 40, "--output", tmp_path)
     assert status == 0
     verdict = r"^The measured RMSE, 3\.58 cm, is within the 95 % interval of 40 simulated flights, whose median is \d"
     assert re.search(verdict, printed, re.MULTILINE)
-    assert re.search(r"^reference: \d+ pieces of degree 7, within 0\.\d\d mm of the log's$", printed, re.MULTILINE)
+    assert re.search(
+        r"^reference: \d+ pieces of degree 7, within 0\.\d\d mm of the logged positions$", printed, re.MULTILINE
+    )
     with (tmp_path / "errors.csv").open(encoding="utf-8") as file:
         rows = {(row["error"], row["axis"]): row for row in csv.DictReader(file)}
     assert float(rows["rmse", "all"]["flown (m)"]) == pytest.approx(0.0358, abs=1e-4)
@@ -46,8 +48,8 @@ def test_a_flight_is_within_what_its_log_predicts(compare, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_vehicle_of_the_data_sheet_crashes_and_that_is_told(compare, tmp_path):
-    """Its rotors are too slow for the gains that were flown."""
+def test_a_crash_of_the_data_sheet_vehicle_is_reported(compare, tmp_path):
+    """The rotors of the data sheet are too slow for the gains of the flight."""
     status, printed, _ = compare(LOGS / "log08.xz", f"{SCENARIOS}:sheet_08", "--samples", 1, "--output", tmp_path)
     assert status == 0
     assert re.search(r"^RMSE +all +5\.65 +crash +–$", printed, re.MULTILINE)
@@ -56,8 +58,8 @@ def test_the_vehicle_of_the_data_sheet_crashes_and_that_is_told(compare, tmp_pat
 
 
 @pytest.mark.slow
-def test_a_vehicle_without_a_control_predicts_on_open_loop(compare, tmp_path):
-    """With the thrust that its rotors have it is better than with that of the data sheet."""
+def test_a_vehicle_without_a_controller_is_compared_by_open_loop_predictions(compare, tmp_path):
+    """The true thrust factor predicts better than that of the data sheet."""
     errors = []
     for thrust_factor in (1.983e-8, 3.025e-8):
         given = ["--set", "nominal.mass=0.0375", "--set", f"vehicle.thrust_factor={thrust_factor}"]
@@ -74,7 +76,10 @@ def test_a_vehicle_without_a_control_predicts_on_open_loop(compare, tmp_path):
         (["none.xz", f"{SCENARIOS}:log08"], "none.xz"),
         ([LOGS / "log08.xz", f"{SCENARIOS}:log09"], "there is no scenario 'log09'"),
         ([LOGS / "log08.xz", f"{SCENARIOS}:log08", "--samples", 0], "--samples is 0, but must be between 1 and"),
-        ([LOGS / "log08.xz", f"{SCENARIOS}:log08", "--start", 60], "nothing of the log 'log08' is left to compare"),
+        (
+            [LOGS / "log08.xz", f"{SCENARIOS}:log08", "--start", 60],
+            "the log 'log08' has fewer than two samples to compare",
+        ),
         ([LOGS / "log08.xz", f"{SCENARIOS}:log08", "--rest", -1], "--rest is -1, but must be between 0 and"),
     ],
 )

@@ -1,4 +1,4 @@
-"""The scenarios of the four Crazyflies: their controller, and the vehicles that it can fly."""
+"""Scenarios of the four Crazyflies: gains of the controller and stability."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import pytest
 from drake_quad import load_scenario
 from drake_quad.linear.closed_loop import closed_loop
 
-# KR, Kw and KI of roll, pitch and yaw: of the info*.yaml, but for KR of log145, of whose log they are. N m and s.
+# KR (N m), Kw (N m s) and KI (N m/s) of roll, pitch and yaw, from info*.yaml; those of log145 are from its log.
 FLOWN = {
     "08": ([0.010, 0.010, 0.012], [0.0013, 0.0013, 0.002], [0.012, 0.018, 0.015]),
     "100": ([0.009, 0.009, 0.008], [0.001, 0.001, 0.002], [0.024, 0.024, 0.024]),
@@ -17,7 +17,7 @@ SCENARIOS = "crazyswarm2.yaml"
 
 
 @pytest.mark.parametrize("log", FLOWN)
-def test_gains_times_the_inertia_that_is_believed_are_those_of_the_firmware(diagrams, log):
+def test_gains_times_the_nominal_inertia_are_the_firmware_gains(diagrams, log):
     scenario = load_scenario(f"{diagrams / SCENARIOS}:sheet_{log}")
     attitude, inertia = scenario.cascade.attitude, np.array(scenario.nominal.inertia)
     for gains, firmware in zip((attitude.k_p, attitude.k_d, attitude.k_i), FLOWN[log], strict=True):
@@ -26,8 +26,8 @@ def test_gains_times_the_inertia_that_is_believed_are_those_of_the_firmware(diag
 
 @pytest.mark.slow
 @pytest.mark.parametrize("log", FLOWN)
-def test_rotors_as_slow_as_on_the_data_sheet_make_an_unstable_loop_of_it(diagrams, log):
-    """By the exact linear model of a tick in hover; with 72 ms it is stable. Without an integral a pole is at one."""
+def test_the_loop_is_unstable_with_the_slow_rotors_of_the_data_sheet(diagrams, log):
+    """With a rotor time constant of 72 ms, the loop is stable. An axis without integral action has a pole at one."""
     quick = ["vehicle.rotor_time_constant=0.072", "vehicle.rotor_time_constant_down=null"]
     for overrides, stable in (([], False), (quick, True)):
         loop = closed_loop(load_scenario(f"{diagrams / SCENARIOS}:sheet_{log}", overrides))

@@ -1,4 +1,4 @@
-"""Estimates: what they are called, what they may be, and how sure they are."""
+"""Estimates of parameters: names, valid values and uncertainty."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ def test_estimates_are_written_with_units_and_intervals():
     [
         ("weight", "there is no parameter of a vehicle or its laboratory called 'weight'; there are mass, inertia"),
         ("body_drag.linears[0]", "did you mean body_drag.linear or body_drag.quadratic?"),
-        ("inertia", "'inertia' is no parameter; it must be inertia[0] to inertia[2]"),
+        ("inertia", "'inertia' is not a parameter; it must be inertia[0] to inertia[2]"),
         ("inertia[3]", "it must be inertia[0] to inertia[2]"),
         ("mass[0]", "it must be mass"),
         ("vehicle.mass", "called 'vehicle.mass'"),
@@ -72,8 +72,8 @@ def test_intervals_are_student_s():
     assert tuple(estimates().intervals()[0]) == pytest.approx(expected)
 
 
-def test_elsewhere_numbers_are_off_by_the_mean_and_by_what_varies():
-    """Degrees of freedom are Satterthwaite's: near those of the larger part."""
+def test_the_variance_for_a_new_flight_is_that_of_the_mean_plus_the_variation():
+    """The degrees of freedom of the sum follow from Satterthwaite's formula."""
     varies = Variation(np.array([[12e-8, 0.0], [0.0, 0.0]]), 9.0, 8.0)
     found = estimates(variation=varies).for_new_flight()
     np.testing.assert_allclose(found.covariance, [[16e-8, 1e-11], [1e-11, 1e-14]])
@@ -81,7 +81,7 @@ def test_elsewhere_numbers_are_off_by_the_mean_and_by_what_varies():
     assert found.variation is None
     plain = estimates()
     assert plain.for_new_flight() is plain
-    # Flights differ in addition to the stretches of a flight.
+    # The variation between flights adds to the variation within a flight.
     between = Variation(np.array([[4e-8, 0.0], [0.0, 0.0]]), 2.0, 40.0)
     found = estimates(variation=varies, flight_variation=between).for_new_flight()
     assert found.covariance[0, 0] == pytest.approx(20e-8)
@@ -93,7 +93,7 @@ def test_elsewhere_numbers_are_off_by_the_mean_and_by_what_varies():
     np.testing.assert_array_equal(part.variation.covariance, [[0.0, 0.0], [0.0, 12e-8]])
 
 
-def test_numbers_that_nobody_looked_at_are_elsewhere_as_they_are():
+def test_an_unknown_variation_does_not_change_the_covariance_for_a_new_flight():
     varies = Variation(np.array([[12e-8]]), 9.0, 8.0).with_unknown(1)
     np.testing.assert_array_equal(varies.covariance, np.diag([12e-8, np.nan]))
     found = estimates(variation=varies)
@@ -104,17 +104,17 @@ def test_numbers_that_nobody_looked_at_are_elsewhere_as_they_are():
 
 
 def test_an_interval_of_few_degrees_of_freedom_is_students():
-    """Of eight logs: 2.36 standard deviations."""
+    """With seven degrees of freedom, the half-width of the 95 % interval is 2.36 standard deviations."""
     assert Spread(1.0, 0.1, "N", 7.0).reach == pytest.approx(0.2365, abs=1e-4)
     assert Spread(1.0, 0.1, "N").reach == pytest.approx(0.1960, abs=1e-4)
 
 
-def test_a_covariance_is_symmetric_whatever_rounding_left():
+def test_a_covariance_with_rounding_errors_becomes_symmetric():
     found = estimates(covariance=[[4e-8, 1e-11], [1e-11 * (1.0 + 1e-9), 1e-14]])
     np.testing.assert_array_equal(found.covariance, found.covariance.T)
 
 
-def test_a_part_has_what_belongs_to_it():
+def test_a_part_contains_the_data_of_its_parameters():
     found = estimates(
         names=("mass", "inertia[2]", "arm_length"),
         values=[0.033, 3e-5, 0.05],
@@ -130,7 +130,7 @@ def test_a_part_has_what_belongs_to_it():
     np.testing.assert_array_equal(part.covariance, [[9.1, 0.1], [0.1, 4.1]])
     assert (tuple(part.degrees_of_freedom), part.sources_of(1)) == ((3.0, 2.0), (FLIGHT, Source("scale", "none")))
     assert part.explained == {"arm_length": Explained(0.1, "roll")}
-    # An estimate may be one that the log does not determine; it is then the value of the data sheet.
+    # A parameter that is not identified may be among the estimates, with the value of the data sheet.
     assert found.identified == ("inertia[2]", "arm_length")
     assert found.not_identified == part.not_identified == {"drag_factor": "yaw was not moved", "mass": "it was"}
     assert part.value("arm_length") == 0.05
@@ -152,6 +152,6 @@ def test_a_part_has_what_belongs_to_it():
         ({"not_identified": {"weight": "it was not weighed"}}, "no parameter .* called 'weight'"),
     ],
 )
-def test_what_is_no_record_of_estimates_is_refused(changes, words):
+def test_invalid_estimates_are_refused(changes, words):
     with pytest.raises(InputError, match=words):
         estimates(**changes)

@@ -1,4 +1,4 @@
-"""How an estimator sees velocity, of made flights whose error of velocity is known."""
+"""Errors of an estimated velocity, from synthetic flights whose velocity error is known."""
 
 from dataclasses import replace
 
@@ -12,12 +12,12 @@ from drake_quad.identification.flown_again.estimator import linear_drag, velocit
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.scenario.files.loading import load_undesigned
 
-PERIOD, SHARE, DRIFT, TIME = 0.004, 0.08, 0.03, 0.5
+PERIOD, SHARE, DRIFT, TIME = 0.004, 0.08, 0.03, 0.5  # s, relative scale error, m/s, s
 GRAVITY, MASS = 9.81, 0.0375
 
 
 def made(seconds, *, noise=0.0, drift=DRIFT, speed=0.5):
-    """A flight along x and back, whose velocity is seen too large, with an Ornstein-Uhlenbeck process beside."""
+    """Return a flight along x whose logged velocity has a scale error and an Ornstein-Uhlenbeck error."""
     random = np.random.default_rng(3)
     time = PERIOD * np.arange(round(seconds / PERIOD))
     decay = np.exp(-PERIOD / TIME)
@@ -36,26 +36,26 @@ def made(seconds, *, noise=0.0, drift=DRIFT, speed=0.5):
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-3])
-def test_share_drift_and_time_of_a_known_error_come_back(noise):
+def test_scale_error_drift_and_correlation_time_are_recovered(noise):
     found = velocity_estimate(made(240.0, noise=noise))
-    assert abs(found.share[0].value - SHARE) < 3.0 * found.share[0].deviation
-    assert found.share[0].deviation < 0.02
-    assert [share.value for share in found.share[1:]] == [0.0, 0.0]
-    # The mean of such a process over 0.1 s; of 240 independent times a deviation is known to 5 %.
+    assert abs(found.scale_error[0].value - SHARE) < 3.0 * found.scale_error[0].deviation
+    assert found.scale_error[0].deviation < 0.02
+    assert [share.value for share in found.scale_error[1:]] == [0.0, 0.0]
+    # Standard deviation of the means over 0.1 s of this process. 240 independent values determine it to 5 %.
     ratio = 0.1 / TIME
     seen = DRIFT * np.sqrt(2.0 * (ratio - 1.0 + np.exp(-ratio))) / ratio
     np.testing.assert_allclose(found.drift, seen, rtol=0.15)
-    np.testing.assert_allclose(found.time, TIME, rtol=0.2)
+    np.testing.assert_allclose(found.correlation_time, TIME, rtol=0.2)
 
 
-def test_noise_of_the_position_is_no_drift():
-    """1 mm in differences over 0.1 s is 14 mm/s, of which little is left."""
+def test_position_noise_does_not_count_as_drift():
+    """Noise of 1 mm adds 14 mm/s to differences over 0.1 s, of which less than 3 mm/s may remain."""
     found = velocity_estimate(made(240.0, noise=1e-3, drift=0.0))
     assert found.drift.max() < 3e-3
 
 
 @pytest.mark.parametrize(("record", "words"), [(made(20.0, speed=0.0), "hovers"), (made(0.4), "is too short")])
-def test_a_log_that_does_not_tell_is_refused(record, words):
+def test_a_log_without_motion_or_too_short_is_refused(record, words):
     base = load_undesigned("diagrams/vehicles/crazyflie.yaml", [f"nominal.mass={MASS}"])
     with pytest.raises(InputError, match=words):
         velocity_estimate(record)
@@ -83,25 +83,28 @@ def swinging(amplitude, rate, *, flown=(0.5, 0.4, 0.0), share=(0.1, -0.05, 0.2),
     return FlightRecord("swings", time, position=place, velocity=(1.0 + np.array(share)) * speed + swing)
 
 
-def test_a_sinusoidal_error_is_estimated_with_its_size_and_correlation_time():
-    """Averaging over 0.1 s scales it by sin(0.05 ω) / (0.05 ω). Its autocorrelation is 1/e after arccos(1/e) / ω."""
+def test_a_sinusoidal_error_is_estimated_with_its_amplitude_and_correlation_time():
+    """Averaging over 0.1 s scales the amplitude by sin(0.05 ω) / (0.05 ω).
+
+    The autocorrelation is 1/e after arccos(1/e) / ω.
+    """
     rate = 7.0
     amplitude = np.array([0.03, 0.05, 0.02])
     found = velocity_estimate(swinging(amplitude, rate))
-    np.testing.assert_allclose([share.value for share in found.share], [0.1, -0.05, 0.0], atol=2e-3)
+    np.testing.assert_allclose([share.value for share in found.scale_error], [0.1, -0.05, 0.0], atol=2e-3)
     seen = amplitude / np.sqrt(2.0) * np.sin(0.05 * rate) / (0.05 * rate)
     np.testing.assert_allclose(found.drift, seen, rtol=0.02)
-    assert found.time == pytest.approx(np.arccos(1.0 / np.e) / rate, abs=0.011)
-    # An axis that was not flown has no scale error, and its uncertainty is that of the other axes.
-    flown = [share.deviation for share in found.share[:2]]
-    assert found.share[2].deviation == pytest.approx(np.mean(flown))
+    assert found.correlation_time == pytest.approx(np.arccos(1.0 / np.e) / rate, abs=0.011)
+    # The scale error of an axis without motion is zero, with the mean standard deviation of the other axes.
+    flown = [share.deviation for share in found.scale_error[:2]]
+    assert found.scale_error[2].deviation == pytest.approx(np.mean(flown))
     # Without a sinusoidal error, the scale errors are exact.
     exact = velocity_estimate(swinging(np.zeros(3), rate))
-    np.testing.assert_allclose([share.value for share in exact.share], [0.1, -0.05, 0.0], atol=2e-3)
+    np.testing.assert_allclose([share.value for share in exact.scale_error], [0.1, -0.05, 0.0], atol=2e-3)
     assert exact.drift.max() < 1e-3
 
 
-def test_the_deviation_of_a_share_follows_from_the_scatter_of_half_second_blocks():
+def test_the_deviation_of_a_scale_error_follows_from_the_scatter_of_blocks():
     random = np.random.default_rng(8)
     true, off = random.normal(size=(2, 300))
     blocks = np.repeat(np.arange(60), 5)
@@ -112,8 +115,8 @@ def test_the_deviation_of_a_share_follows_from_the_scatter_of_half_second_blocks
     assert share.deviation == pytest.approx(np.sqrt(60.0 / 59.0 * np.sum(left**2)) / np.sum(true**2))
 
 
-def test_white_position_noise_does_not_count_as_drift():
-    """Position noise of 1 mm adds 14 mm/s to velocities over 0.1 s, and the drift does not contain it."""
+def test_the_drift_of_a_swinging_vehicle_does_not_contain_position_noise():
+    """Position noise of 1 mm adds 14 mm/s to velocities over 0.1 s."""
     random = np.random.default_rng(9)
     record = swinging(np.array([0.03, 0.03, 0.03]), 7.0)
     noisy = FlightRecord(
@@ -135,21 +138,23 @@ def test_the_first_half_second_of_a_log_is_left_out():
     ):
         settled = velocity_estimate(FlightRecord("settles", record.time, **signals))
         np.testing.assert_allclose(settled.drift, whole.drift, rtol=1e-6)
-        np.testing.assert_allclose([s.value for s in settled.share], [s.value for s in whole.share], rtol=1e-9)
+        np.testing.assert_allclose(
+            [s.value for s in settled.scale_error], [s.value for s in whole.scale_error], rtol=1e-9
+        )
 
 
-def test_a_share_is_the_slope_of_means_and_its_deviation_that_of_blocks():
-    """The test repeats the estimate by hand: means over 0.1 s, from half a second on, in blocks of half a second."""
+def test_a_scale_error_is_the_regression_on_the_mean_velocity():
+    """The test repeats the estimate: means over 0.1 s, from 0.5 s on; the standard deviation is from blocks of 0.5 s."""
     log = made(12.0, speed=0.7)
-    # Along y the vehicle goes back and forth less than 0.15 m/s, and along z a little more.
+    # The speed is below the minimum of 0.15 m/s RMS along y, and above it along z.
     amplitude = np.sqrt(2.0) * np.array([0.0, 0.13, 0.17])
     place, speed = (np.outer(each, amplitude) for each in (-np.cos(log.time), np.sin(log.time)))
     log = FlightRecord("made", log.time, position=log.position + place, velocity=log.velocity + 0.98 * speed)
     found = velocity_estimate(log)
     chosen = log.time[(log.time > 0.5) & (log.time < log.time[-1] - 0.1)]
-    # Samples on the edge of a block are in the one that begins.
+    # A sample on the boundary of two blocks belongs to the later one.
     blocks = np.floor(chosen / 0.5)
-    for axis, share in ((0, found.share[0]), (2, found.share[2])):
+    for axis, share in ((0, found.scale_error[0]), (2, found.scale_error[2])):
         integral = np.concatenate(
             [[0.0], np.cumsum(0.5 * (log.velocity[1:, axis] + log.velocity[:-1, axis]) * np.diff(log.time))]
         )
@@ -163,14 +168,16 @@ def test_a_share_is_the_slope_of_means_and_its_deviation_that_of_blocks():
         sums = np.array([left[blocks == block].sum() for block in np.unique(blocks)])
         count = len(sums)
         assert share.deviation == pytest.approx(np.sqrt(count / (count - 1) * np.sum(sums**2)) / np.sum(true**2))
-        # Without noise of the position the rest is all that scatters.
+        # Without position noise, the drift is the standard deviation of the residuals.
         assert found.drift[axis] == pytest.approx(np.std(seen - true - slope * true), rel=0.02)
-    assert found.share[1].value == 0.0
-    assert found.share[1].deviation == pytest.approx(0.5 * (found.share[0].deviation + found.share[2].deviation))
+    assert found.scale_error[1].value == 0.0
+    assert found.scale_error[1].deviation == pytest.approx(
+        0.5 * (found.scale_error[0].deviation + found.scale_error[2].deviation)
+    )
 
 
-def test_white_noise_of_a_place_makes_that_of_its_mean_velocity():
-    """An end that lies the share s of a step behind a sample has (1 - s)² + s² times the variance of a sample."""
+def test_the_noise_of_mean_velocities_follows_from_white_position_noise():
+    """Interpolation at a fraction s of a step multiplies the variance of white noise by (1 - s)² + s²."""
     random = np.random.default_rng(9)
     time = 0.01 * np.arange(200_000)
     log = FlightRecord("log", time, position=np.zeros((len(time), 3)))
@@ -184,38 +191,41 @@ def test_white_noise_of_a_place_makes_that_of_its_mean_velocity():
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.3, 2.0])
-def test_a_rest_is_correlated_until_its_autocorrelation_is_a_share_of_that_without_noise(noise):
+def test_the_correlation_time_ends_where_the_autocorrelation_falls_to_1_over_e_of_its_value_without_noise(noise):
     random = np.random.default_rng(10)
     rest = lfilter([1.0], [1.0, -0.95], random.normal(size=3000)) + 5.0
     off = rest - rest.mean()
     sums = np.array([off[: len(off) - lag] @ off[lag:] for lag in range(len(off))])
     left = sums[0] - noise * len(off)
     assert estimator._correlation_time(rest, noise) == np.flatnonzero(sums < left / np.e)[0]
-    # White noise alone is not correlated, and what is the same throughout always is.
+    # White noise is correlated for one sample only, and a constant for all samples.
     assert estimator._correlation_time(random.normal(size=500), 0.0) == 1
     assert estimator._correlation_time(np.ones(50), 0.0) == 50
 
 
-@pytest.mark.parametrize("yaw", [0.0, 0.5 * np.pi])
-def test_drag_along_the_axes_of_the_body_is_that_along_x_and_that_along_y(yaw):
-    """The wind blows so that the air drags with exactly the force that accelerates a level vehicle."""
+@pytest.mark.parametrize(("yaw", "slowness"), [(0.0, 1.0), (0.5 * np.pi, 1.0), (0.0, 60.0)])
+def test_drag_along_the_axes_of_the_body_is_that_along_x_and_that_along_y(yaw, slowness):
+    """The wind blows so that the air drags with exactly the force that accelerates a level vehicle.
+
+    Force and air speed are averaged over a tenth of a second, or over one sample of a slow log.
+    """
     base = load_undesigned("diagrams/vehicles/crazyflie.yaml", [f"nominal.mass={MASS}"])
-    time = PERIOD * np.arange(2500)
+    time = slowness * PERIOD * np.arange(2500)
     drag = np.array([0.03, 0.05, 1.0])
-    rates = np.array([2.0, 3.1, 0.0])
-    velocity, acceleration = np.sin(np.outer(time, rates)), rates * np.cos(np.outer(time, rates))
+    rates = np.array([2.0, 3.1, 0.0]) / slowness
+    velocity, acceleration = slowness * np.sin(np.outer(time, rates)), slowness * rates * np.cos(np.outer(time, rates))
     attitude = np.tile([0.0, 0.0, yaw], (2500, 1))
     log = FlightRecord("made", time, velocity=velocity, attitude=attitude, wind=velocity + MASS * acceleration / drag)
     found = [each.value for each in linear_drag(log, base)]
     assert found == pytest.approx([0.03, 0.05] if yaw == 0.0 else [0.05, 0.03], rel=2e-3)
 
 
-def test_drag_is_the_slope_of_the_force_over_the_air_speed():
-    """Along y, which is not flown, the drag is that along x; the deviation follows from blocks of half a second."""
+def test_drag_is_the_derivative_of_the_force_with_respect_to_the_air_speed():
+    """Along y, where the vehicle does not move, the drag is set to the value along x. Blocks last half a second."""
     base = load_undesigned("diagrams/vehicles/crazyflie.yaml", [f"nominal.mass={MASS}"])
     time = PERIOD * np.arange(2500)
     drag, speed = 0.03, np.sin(2.0 * time)
-    # The wind blows so that the air speed and the acceleration obey m a = -drag v + m g tan(tilt) with no tilt.
+    # The wind is such that the air speed and the acceleration obey m a = -drag v + m g tan(tilt) with no tilt.
     velocity = np.column_stack([speed, 0.0 * time, 0.0 * time])
     acceleration = 2.0 * np.cos(2.0 * time)
     wind = velocity + np.column_stack([MASS * acceleration / drag, 0.0 * time, 0.0 * time])
@@ -229,13 +239,33 @@ def test_drag_is_the_slope_of_the_force_over_the_air_speed():
     assert found.degrees_of_freedom == pytest.approx(20, abs=2)
 
 
+def test_drag_is_that_of_means_over_a_tenth_of_a_second_without_the_ends_of_the_log():
+    """The test repeats the estimate by hand. Means over 25 samples leave out 50 samples at both ends."""
+    base = load_undesigned("diagrams/vehicles/crazyflie.yaml", [f"nominal.mass={MASS}"])
+    random = np.random.default_rng(11)
+    time = PERIOD * np.arange(2500)
+    velocity = np.sin(np.outer(time, [2.0, 3.1, 0.0])) + 0.05 * random.normal(size=(2500, 3))
+    wind = 0.7 * np.cos(np.outer(time, [1.3, 0.9, 1.1]))
+    log = FlightRecord("log", time, velocity=velocity, attitude=np.zeros((2500, 3)), wind=wind)
+    found = linear_drag(log, base)
+    force, speed = MASS * np.gradient(velocity, PERIOD, axis=0), wind - velocity
+    for axis, spread in enumerate(found):
+        air, push = (np.array([each[i - 12 : i + 13, axis].mean() for i in range(50, 2450)]) for each in (speed, force))
+        slope, intercept = np.polyfit(air, push, 1)
+        assert spread.value == pytest.approx(slope)
+        blocks = np.floor(time[50:2450] / 0.5 + 1e-9).astype(int)
+        weights = (air - air.mean()) / np.sum((air - air.mean()) ** 2)
+        sums = np.bincount(blocks, weights=weights * (push - slope * air - intercept))
+        assert spread.deviation == pytest.approx(np.sqrt(20.0 / 19.0 * np.sum(sums**2)), rel=1e-3)
+
+
 @pytest.mark.parametrize(("period", "steps"), [(0.002, 10), (0.005, 4), (0.01, 2), (0.03, 1), (0.1, 1)])
 def test_a_velocity_error_hardly_changes_within_twenty_milliseconds(period, steps):
     assert estimator._steps(FlightRecord("log", period * np.arange(10.0))) == steps
 
 
-def test_the_deviation_of_a_slope_follows_from_the_scatter_of_blocks():
-    """The line has an intercept. Blocks scatter with one degree of freedom less than there are blocks."""
+def test_the_deviation_of_a_regression_follows_from_the_scatter_of_blocks():
+    """The regression line has an intercept. The number of degrees of freedom is the number of blocks minus one."""
     random = np.random.default_rng(8)
     air, force = random.normal(size=(2, 40)) + np.array([[0.3], [2.0]])
     blocks = np.repeat(np.arange(8), 5)

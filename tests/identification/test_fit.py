@@ -1,4 +1,4 @@
-"""Covariances, degrees of freedom and noise, against closed forms and against leaving blocks out by hand."""
+"""Covariances, degrees of freedom and noise, compared with closed forms and with refits without single blocks."""
 
 from collections.abc import Callable
 from types import SimpleNamespace
@@ -19,7 +19,7 @@ NO_NOISE = PredictionNoise(np.ones(1), np.ones(6), np.ones(6))
 
 
 def line_fit(windows: int, samples: int, seed: int) -> tuple[PredictionFit, np.ndarray, np.ndarray]:
-    """A least-squares fit of two parameters to windows of samples; its rows and values."""
+    """Return a least-squares fit of two parameters to windows of samples, with its regressors and values."""
     rng = np.random.default_rng(seed)
     rows = rng.normal(size=(windows, samples, 2)) * rng.uniform(0.5, 2.0, size=(windows, 1, 1))
     values = rows @ [1.0, -2.0] + rng.normal(size=(windows, 1)) + 0.3 * rng.normal(size=(windows, samples))
@@ -31,7 +31,7 @@ def line_fit(windows: int, samples: int, seed: int) -> tuple[PredictionFit, np.n
 @pytest.mark.parametrize("prior", [np.zeros(2), np.array([30.0, 0.5])], ids=["without a prior", "with a prior"])
 @pytest.mark.parametrize("adjacent", [False, True])
 def test_covariance_is_the_jackknife_over_blocks(prior: np.ndarray, adjacent: bool) -> None:
-    """For a linear model one step of Gauss and Newton is exact: each block is left out by hand."""
+    """For a linear model, one Gauss-Newton step is exact, so the test refits without each block in turn."""
     _, rows, values = line_fit(12, 7, seed=0)
     blocks, mean = np.arange(12) // 3, np.array([0.5, -1.0])
 
@@ -47,7 +47,7 @@ def test_covariance_is_the_jackknife_over_blocks(prior: np.ndarray, adjacent: bo
         expected += 3 / 4 * 0.5 * (first.T @ then + then.T @ first)
     inverse = np.linalg.inv(np.einsum("wkp,wkq->pq", rows, rows) + np.diag(prior))
     expected += inverse @ np.diag(prior) @ inverse
-    # No variance is smaller than that of the model.
+    # No variance is below the variance of the model.
     wider = np.sqrt(np.maximum(1.0, np.diag(inverse) / np.diag(expected)))
     found = PredictionFit(whole, NO_NOISE, NOTHING, -rows, values - rows @ whole, prior)
     if adjacent:
@@ -60,7 +60,7 @@ def test_covariance_is_the_jackknife_over_blocks(prior: np.ndarray, adjacent: bo
     np.testing.assert_allclose(own.model, inverse, rtol=1e-9)
 
 
-def test_blocks_that_agree_by_chance_do_not_make_an_estimate_surer_than_the_model() -> None:
+def test_blocks_that_agree_by_chance_do_not_reduce_the_variance_below_that_of_the_model() -> None:
     information = np.tile(np.diag([4.0, 1.0]), (10, 1, 1))
     scores = np.stack([np.full(10, 1e-6), np.tile([3.0, -3.0], 5)], axis=1)
     found = jackknife(information, scores)
@@ -69,7 +69,7 @@ def test_blocks_that_agree_by_chance_do_not_make_an_estimate_surer_than_the_mode
 
 
 def test_a_condensed_problem_has_the_same_squares_and_products() -> None:
-    """Parameters differ by eight orders of magnitude, as an inertia and a lag do."""
+    """The columns differ by eight orders of magnitude, as those of an inertia and a lag do."""
     rng = np.random.default_rng(4)
     slopes, residuals = rng.normal(size=(300, 4)) * [1e-4, 1.0, 1e4, 1.0], rng.normal(size=300)
     few, short = fitting._condensed(residuals, slopes)
@@ -79,11 +79,11 @@ def test_a_condensed_problem_has_the_same_squares_and_products() -> None:
     np.testing.assert_allclose(short.T @ few, slopes.T @ residuals, rtol=1e-9)
 
 
-def test_what_a_window_gives_back_to_the_one_before_makes_intervals_shorter() -> None:
-    """Of a mean, with errors n_k - 0.8 n_(k-1): its true deviation is a fifth of that of independent windows."""
+def test_negative_correlation_of_adjacent_windows_makes_intervals_shorter() -> None:
+    """With errors n_k - 0.8 n_(k-1), the mean has a fifth of the standard deviation of the mean of n_k."""
     said, off = {}, []
     for seed in range(300):
-        noise = 30.0 * np.random.default_rng(seed).normal(size=41)  # far more than the model expects
+        noise = 30.0 * np.random.default_rng(seed).normal(size=41)  # far more noise than the model expects
         errors = (noise[1:] - 0.8 * noise[:-1])[:, None, None]
         off.append(errors.mean())
         information, scores = np.ones((40, 1, 1)), -(errors - errors.mean())[:, 0]
@@ -95,8 +95,8 @@ def test_what_a_window_gives_back_to_the_one_before_makes_intervals_shorter() ->
     assert np.mean(said[True]) < 0.55 * np.mean(said[False])
 
 
-def test_degrees_of_freedom_are_those_of_the_blocks_that_tell() -> None:
-    """Of ten blocks alike nine; if only two of them tell a parameter, one."""
+def test_degrees_of_freedom_count_the_informative_blocks() -> None:
+    """Ten equally informative blocks give nine degrees of freedom; two informative ones give one."""
     slopes = np.zeros((10, 5, 2))
     slopes[:, :3, 0] = 1.0
     slopes[:2, 3:, 1] = 1.0
@@ -107,7 +107,7 @@ def test_degrees_of_freedom_are_those_of_the_blocks_that_tell() -> None:
 
 @pytest.mark.slow
 def test_intervals_of_correlated_errors_cover() -> None:
-    """Errors that are shared by a window make intervals of independent samples far too short; these cover."""
+    """The errors within a window are correlated, so intervals for independent samples would be far too short."""
     inside = 0
     for seed in range(400):
         fitted, *_ = line_fit(15, 6, seed)
@@ -118,7 +118,7 @@ def test_intervals_of_correlated_errors_cover() -> None:
 
 
 def test_score_and_information_are_those_of_normal_errors() -> None:
-    """For e of variance s², by log s: score Σ e²/s² - 1, information 2 a sample."""
+    """With respect to log s, errors e of variance s² have the score Σ (e²/s² - 1) and the information 2 per sample."""
     rng = np.random.default_rng(1)
     errors, deviation, step = rng.normal(0.0, 2.0, size=(50, 1, 3, 1)), 1.5, 1e-4
     spreads = np.full((50, 2, 3, 1, 1), deviation**2)
@@ -131,8 +131,8 @@ def test_score_and_information_are_those_of_normal_errors() -> None:
 
 
 @pytest.mark.parametrize(("windows", "parts"), [(7, 9), (30, 2), (60, 1), (90, 1)])
-def test_few_windows_are_taken_apart_into_sixty_parts_in_the_order_of_flight(windows: int, parts: int) -> None:
-    """Samples of several outputs stay together, and all parts together say what the windows say."""
+def test_few_windows_are_split_into_at_least_sixty_parts_in_the_order_of_flight(windows: int, parts: int) -> None:
+    """Outputs of the same sample stay in one part."""
     fitted, _, _ = line_fit(windows, 24, seed=1)
     fitted = fitted._replace(noise=PredictionNoise(np.ones(2), np.ones(6), np.ones(6)))
     found = fitted.evidence(["a", "b"], np.array([1.0, 2.0]), 30.0)
@@ -153,10 +153,10 @@ def test_few_windows_are_taken_apart_into_sixty_parts_in_the_order_of_flight(win
 
 
 class LinearPredictor:
-    """Predictor whose errors are those of a line: e = y - rows θ, with white noise of unit variance."""
+    """Predictor with the errors of a linear model, e = y - rows θ, and white noise of unit variance."""
 
     class Model:
-        delay_place = None
+        delay_index = None
 
     model = Model()
 
@@ -200,8 +200,8 @@ def test_a_linear_problem_has_the_posterior_mean_as_its_fit(monkeypatch: pytest.
 
 
 @pytest.mark.parametrize("true", [[5.0, -3.0, 1.0], [-1.0, 4.0, 0.5], [1.0, 6.0, -5.0]])
-def test_a_thrust_curve_is_the_best_that_does_not_fall(monkeypatch: pytest.MonkeyPatch, true: list[float]) -> None:
-    """The fit is that of non-negative least squares on thrust at zero, slope at zero and slope at one."""
+def test_a_thrust_curve_is_the_best_increasing_one(monkeypatch: pytest.MonkeyPatch, true: list[float]) -> None:
+    """The fit equals non-negative least squares for the thrust at zero throttle and the derivatives at both ends."""
     u = np.random.default_rng(3).uniform(0.0, 1.0, size=(200, 1))
     rows = np.stack([np.ones_like(u), u, u**2], axis=2)
     scale = 1e3  # hardly any prior
@@ -213,13 +213,14 @@ def test_a_thrust_curve_is_the_best_that_does_not_fall(monkeypatch: pytest.Monke
     assert min(k_0, k_1, k_1 + 2.0 * k_2) > -1e-9
 
 
-def test_an_inertia_is_that_of_a_body(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Measured moments violate the triangle inequality; the fit is the nearest that do not."""
+def test_an_identified_inertia_satisfies_the_triangle_inequality(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The measured moments violate the inequality; the fit is the nearest inertia that satisfies it."""
     rows = np.tile(np.eye(3), (20, 1, 1))
     measured = np.tile([1.0, 1.0, 3.0], (20, 1))
     names = {f"inertia[{i}]": (start, 1e3) for i, start in enumerate((1.0, 1.0, 1.5))}
     found = fitted_line(monkeypatch, rows, measured, names).values
-    # The distance to I_x + I_y = I_z, 1, is shared in three equal parts; second moments keep 2 % of the start.
+    # The violation I_z - I_x - I_y = 1 is distributed equally over the three moments. Second moments keep 2 % of the
+    # start.
     np.testing.assert_allclose(found, [4.0 / 3.0, 4.0 / 3.0, 8.0 / 3.0], atol=0.03)
     assert found[0] + found[1] >= found[2]
 
@@ -234,7 +235,7 @@ def test_a_fit_that_diverges_is_refused_in_one_sentence(monkeypatch: pytest.Monk
 
 
 def test_a_step_to_where_the_model_diverges_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Beyond θ = 1.2 squared errors overflow. The minimum is at 1, and the first Gauss-Newton step goes to 2."""
+    """Squared errors overflow for θ > 1.2. The minimum is at 1, and the first Gauss-Newton step goes to 2."""
 
     class Diverging(LinearPredictor):
         def errors(self, parameters: np.ndarray, *_: object) -> tuple[np.ndarray, np.ndarray]:
@@ -286,18 +287,18 @@ class DriftingPredictor(LinearPredictor):
 @pytest.mark.parametrize(
     ("moves", "rounds"),
     [
-        # At least three rounds, and eight at most.
+        # There are at least three and at most eight rounds.
         ([], 3),
         ([1.0] * 20, 8),
         ([-1.0] * 20, 8),
-        # The mean of 200 measurements has a standard deviation of 0.071, a fifth of which is 0.014.
+        # The mean of 200 measurements has a standard deviation of 0.071; a fifth of this is 0.014.
         ([1.0, 1.0, 0.02, 0.02, 0.01], 6),
         ([-1.0, -1.0, -0.02, -0.02, -0.01], 6),
         ([-1.0, 0.01], 3),
     ],
 )
 def test_rounds_go_on_while_an_estimate_moves(monkeypatch: pytest.MonkeyPatch, moves: list[float], rounds: int) -> None:
-    """They end when it moves by less than a fifth of its standard deviation."""
+    """The rounds end when the estimate changes by less than a fifth of its standard deviation."""
     monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, noise, chosen=None: noise)
     predictor = DriftingPredictor(moves)
     noise = PredictionNoise(np.ones(1), np.full(6, 1e-3), np.ones(6))
@@ -313,7 +314,10 @@ def test_rounds_go_on_while_an_estimate_moves(monkeypatch: pytest.MonkeyPatch, m
 def test_rounds_go_on_while_a_disturbance_changes(
     monkeypatch: pytest.MonkeyPatch, factors: list[float], rounds: int
 ) -> None:
-    """They end when its logarithm changes by less than a fifth. The other five axes do not change."""
+    """The rounds end when the logarithm of the disturbance changes by less than 0.2.
+
+    The other five axes do not change.
+    """
     predictor = DriftingPredictor([])
 
     def noise_of(predictor: DriftingPredictor, gains: Gains, noise: PredictionNoise, chosen: object = None) -> object:
@@ -324,7 +328,7 @@ def test_rounds_go_on_while_a_disturbance_changes(
         return noise._replace(disturbance=changed)
 
     monkeypatch.setattr(fitting, "_noise_of", noise_of)
-    # No smaller disturbance is tried: it has its lower limit.
+    # The disturbance is already at its lower limit, so no smaller one is tried.
     monkeypatch.setattr(fitting, "_with_smaller_disturbance", lambda predictor, parameters, at, factors: at)
     noise = PredictionNoise(np.ones(1), np.ones(6), np.ones(6))
     found = fitting.fit(predictor, linear_parameters({"mass": (0.0, 100.0)}), noise)  # type: ignore[arg-type]
@@ -335,7 +339,7 @@ def test_rounds_go_on_while_a_disturbance_changes(
 
 
 class WhiteningPredictor(LinearPredictor):
-    """Predictor of a mean with a filter whose prediction errors have a deviation that depends on the disturbance."""
+    """Predictor of a mean; the standard deviation of its prediction errors depends on the disturbance."""
 
     def __init__(self, mean: float, deviation: Callable[[float], float]) -> None:
         super().__init__(np.ones((40, 5, 1)), np.full((40, 5), mean))
@@ -354,15 +358,15 @@ def noise_with(torque: float) -> PredictionNoise:
 
 
 @pytest.mark.parametrize(("best", "expected"), [(8.0, 8.0), (0.3, 8.0 * 0.2**2), (1e-9, 1e-3)])
-def test_a_disturbance_becomes_smaller_by_fifths_as_long_as_that_is_more_likely(best: float, expected: float) -> None:
-    """It stays above its lower limit, and axes with a factor of one keep theirs."""
+def test_a_disturbance_is_divided_by_five_as_long_as_the_likelihood_rises(best: float, expected: float) -> None:
+    """The disturbance stays above its lower limit, and axes with a factor of one keep their value."""
     predictor = WhiteningPredictor(0.0, lambda torque: np.exp(np.log(torque / best) ** 2))
     parameters = linear_parameters({"mass": (0.0, 1.0)})
     at = fitting._Point.of(predictor, parameters, np.zeros(1), noise_with(8.0))  # type: ignore[arg-type]
     found = fitting._with_smaller_disturbance(predictor, parameters, at, (1.0, 1.0, 1.0, 0.2, 0.2, 0.2))  # type: ignore[arg-type]
     np.testing.assert_allclose(found.noise.disturbance, [0.5] * 3 + [expected] * 3)
     assert (found is at) == (best == 8.0)
-    # Likelihood and gains are those for the returned noise.
+    # Likelihood and gains belong to the returned noise.
     deviation = predictor.deviation(expected)
     assert found.likelihood == pytest.approx(-200.0 * np.log(deviation))
     np.testing.assert_allclose(found.gains.whitening, 1.0 / deviation)
@@ -381,7 +385,10 @@ def test_nothing_is_fitted_again_if_the_disturbance_cannot_become_smaller() -> N
 
 @pytest.mark.parametrize("scattered", [False, True])
 def test_a_smaller_disturbance_may_be_likely_only_for_other_parameters(scattered: bool) -> None:
-    """At the initial value, errors of 1 have the right size; a fifth of it needs the value of data that agree."""
+    """With the initial parameters, the initial disturbance is the likeliest.
+
+    If the data do not scatter, a refit with a fifth of it is likelier.
+    """
     predictor = WhiteningPredictor(1.0, lambda torque: torque)
     parameters = linear_parameters({"mass": (0.0, 100.0)})
     at = fitting._Point.of(predictor, parameters, np.zeros(1), noise_with(1.0))  # type: ignore[arg-type]
@@ -401,7 +408,7 @@ def test_a_smaller_disturbance_may_be_likely_only_for_other_parameters(scattered
 def test_a_search_that_ends_far_from_the_prior_starts_again_with_a_smaller_disturbance(
     monkeypatch: pytest.MonkeyPatch, mean: float, far: bool, likelier: bool
 ) -> None:
-    """From two deviations of the prior on, once, from the mean of the prior; the likelier of the two results counts."""
+    """Beyond two prior standard deviations, the search is repeated once from the prior mean; the likelier fit counts."""
     monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, noise, chosen=None: noise)
     monkeypatch.setattr(fitting, "_with_smaller_disturbance", lambda predictor, parameters, at, factors: at)
     small = 0.01
@@ -417,16 +424,16 @@ def test_a_search_that_ends_far_from_the_prior_starts_again_with_a_smaller_distu
 
 
 @pytest.mark.parametrize("kind", ["force", "torque"])
-def test_a_fit_tries_a_smaller_force_and_a_smaller_torque_on_their_own(
+def test_a_fit_tries_a_smaller_force_and_a_smaller_torque_separately(
     monkeypatch: pytest.MonkeyPatch, kind: str
 ) -> None:
-    """If the likelihood depends on one of the two, that one is found, and the other stays as it was."""
+    """If the likelihood depends on one of the two, only that one changes."""
     monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, noise, chosen=None: noise)
     predictor, own = WhiteningPredictor(0.0, lambda _: 1.0), slice(0, 3) if kind == "force" else slice(3, 6)
     filters = predictor.gains
 
     def gains(values: np.ndarray, noise: PredictionNoise) -> Gains:
-        # Away from 0.04 the deviation grows, so that each error is less likely.
+        # The standard deviation is smallest at 0.04, so each error is most likely there.
         deviation = np.exp(np.sum(np.log(noise.disturbance[own] / 0.04) ** 2))
         return filters(values, noise)._replace(whitening=np.full((40, 5, 1, 1), 1.0 / deviation))
 
@@ -439,15 +446,15 @@ def test_a_fit_tries_a_smaller_force_and_a_smaller_torque_on_their_own(
 
 
 class QuadraticLikelihood:
-    """Log-likelihood of a noise that is a quadratic function of its logarithms, and what it is asked for.
+    """Log-likelihood that is a quadratic function of the logarithms of the noise, with a record of its calls.
 
     Args:
-        best: (14,) logarithms at the maximum, of two outputs and the disturbance.
-        share: ratio of the information that is returned to the true one.
+        best: (14,) logarithms of the noise of two outputs and of the disturbance at the maximum.
+        share: ratio of the returned information to the true one.
 
     Attributes:
-        asked: logarithms for which the likelihood is asked for, one after another.
-        derived: those of which the derivatives are asked for as well.
+        asked: logarithms for which the likelihood was evaluated, in order.
+        derived: logarithms for which the derivatives were evaluated as well.
     """
 
     def __init__(self, best: np.ndarray, share: float = 1.0) -> None:
@@ -482,7 +489,7 @@ def noise_found(
     windows: int = 3,
     rows: int = 10,
 ) -> np.ndarray:
-    """Return the logarithms (14,) of the likeliest noise."""
+    """Return the logarithms (14,) of the noise found by the search."""
     monkeypatch.setattr(fitting, "_likelihood_of", likelihood)
     predictor = SimpleNamespace(
         noise_groups=np.arange(14),
@@ -496,17 +503,17 @@ def noise_found(
 def test_the_likeliest_noise_is_found_in_three_evaluations_if_the_likelihood_is_quadratic(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The search ends when it gains less than a tenth."""
+    """The search ends when the log-likelihood increases by less than 0.1."""
     best = START_LOGS + np.linspace(-0.7, 0.9, 14)
     likelihood = QuadraticLikelihood(best)
     np.testing.assert_allclose(noise_found(monkeypatch, likelihood), best, atol=1e-4)
     assert (len(likelihood.asked), len(likelihood.derived)) == (3, 2)
-    # A search that begins at the maximum gains nothing, and stays there.
+    # A search that begins at the maximum stays there.
     np.testing.assert_allclose(noise_found(monkeypatch, QuadraticLikelihood(START_LOGS)), START_LOGS)
 
 
 def test_a_step_that_makes_a_noise_less_likely_is_shortened(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With a quarter of the true information, a full step goes four times too far."""
+    """With a quarter of the true information, a full step is four times too long."""
     best = START_LOGS + np.linspace(-0.7, 0.9, 14)
     likelihood = QuadraticLikelihood(best, share=0.25)
     found = noise_found(monkeypatch, likelihood)
@@ -523,7 +530,7 @@ def test_a_step_that_makes_a_noise_less_likely_is_shortened(monkeypatch: pytest.
 
 
 @pytest.mark.parametrize("likelihood", [-np.inf, np.nan])
-def test_a_noise_with_which_nothing_is_likely_stays_as_it_is(
+def test_the_noise_is_unchanged_if_the_likelihood_is_not_finite(
     monkeypatch: pytest.MonkeyPatch, likelihood: float
 ) -> None:
     asked = []
@@ -540,7 +547,7 @@ def test_a_noise_with_which_nothing_is_likely_stays_as_it_is(
 def test_noise_changes_by_a_factor_of_twelve_and_stays_within_its_limits(
     monkeypatch: pytest.MonkeyPatch, direction: float
 ) -> None:
-    """Limits are 1e-5 to 100 for noise, 1e-3 to 1e3 for the disturbance, and 0.02 to 20 s for its memory.
+    """Limits are 1e-5 to 100 for the noise, 1e-3 to 1e3 for the disturbance, and 0.02 to 20 s for its correlation time.
 
     A force along the thrust that lasts longer than a quarter of a second is an error of the thrust.
     """
@@ -559,7 +566,7 @@ def test_noise_changes_by_a_factor_of_twelve_and_stays_within_its_limits(
     found = np.exp(noise_found(monkeypatch, QuadraticLikelihood(best), near))
     np.testing.assert_allclose(found, limits)
     if direction > 0.0:
-        # Along the axes of the body, any force may be one of the thrust.
+        # If disturbances act along the axes of the body, the limit applies to all forces.
         body = PredictionNoise(near.measured, near.disturbance, np.full(6, 0.1))
         found = np.exp(noise_found(monkeypatch, QuadraticLikelihood(best), body, frame="body"))
         np.testing.assert_allclose(found[8:], [0.25] * 3 + [0.1 * np.exp(2.5)] * 3)
@@ -615,7 +622,7 @@ class DelayedPredictor:
     period, number = 0.01, 3
 
     def __init__(self) -> None:
-        self.model = SimpleNamespace(delay_place=1)
+        self.model = SimpleNamespace(delay_index=1)
         self.inputs = SimpleNamespace(period=self.period)
         self.counted = np.array([False, True, True])
         random = np.random.default_rng(7)
@@ -629,7 +636,7 @@ class DelayedPredictor:
 
 
 def test_whitened_errors_come_with_derivatives_of_errors_and_states() -> None:
-    """Half a sample on both sides of the kink, its two slopes of 4 and 6 have the mean 5."""
+    """The central difference across the kink is the mean, 5, of the one-sided derivatives 4 and 6."""
     predictor = DelayedPredictor()
     at = np.array([0.7, predictor.period])
     errors, slopes, states, state_slopes = fitting._whitened(
@@ -640,7 +647,7 @@ def test_whitened_errors_come_with_derivatives_of_errors_and_states() -> None:
     np.testing.assert_allclose(slopes, white[:, :, None] * [3.0, 5.0], rtol=1e-6)
     np.testing.assert_allclose(states, 2.1 * predictor.states)
     np.testing.assert_allclose(state_slopes, predictor.states[:, None, :] * np.array([[3.0], [5.0]]), rtol=1e-6)
-    # Above the kink, the slopes to both sides are equal.
+    # Above the kink, both one-sided derivatives are equal.
     _, slopes, *_ = fitting._whitened(
         predictor, np.array([0.7, 0.02]), at + np.array([0.0, 0.0051]), predictor.gains, NO_NOISE  # type: ignore[arg-type]
     )  # fmt: skip
@@ -658,7 +665,7 @@ def test_whitened_errors_come_with_derivatives_of_errors_and_states() -> None:
         (1.0, np.nan, 1.0, True),
     ],
 )
-def test_a_fit_diverged_if_a_value_is_no_number_or_the_noise_is_near_its_limit(
+def test_a_fit_diverged_if_a_value_is_not_finite_or_the_noise_is_near_its_limit(
     value: float, noise: float, disturbance: float, diverged: bool
 ) -> None:
     found = PredictionNoise(np.array([1.0, noise]), np.array([1.0] * 5 + [disturbance]), np.ones(6))
@@ -671,7 +678,7 @@ def test_a_fit_diverged_if_a_value_is_no_number_or_the_noise_is_near_its_limit(
 
 
 def test_the_likelihood_counts_measurements_after_the_filter_has_settled() -> None:
-    """For independent errors of deviation s: -Σ log s - ½ Σ (e / s)²."""
+    """For independent errors with standard deviation s, the log-likelihood is -Σ log s - ½ Σ (e / s)²."""
     deviations = np.array([0.5, 2.0])
     whitening = np.tile(np.diag(1.0 / deviations), (5, 3, 1, 1))
     whitening[:2] *= 100.0
@@ -686,7 +693,10 @@ def test_the_likelihood_counts_measurements_after_the_filter_has_settled() -> No
 
 
 def test_the_variance_of_a_noise_is_the_inverse_of_its_information(monkeypatch: pytest.MonkeyPatch) -> None:
-    """All windows count. Equal numbers of a group have the same error, and one without information a large variance."""
+    """All windows count.
+
+    Equal values of a group have the same variance, and a value without information a large one.
+    """
     groups = np.array([0, 0, 1, *([2] * 6), *([3] * 6)])
     information = np.diag([50.0, 200.0, 8.0, 0.0])
     information[0, 1] = information[1, 0] = 30.0
@@ -712,7 +722,10 @@ def test_the_variance_of_a_noise_is_the_inverse_of_its_information(monkeypatch: 
 
 
 def test_a_smaller_disturbance_is_tried_in_each_round_until_it_is_not_better(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Here it is better twice for the torque, and never for the force, in eight rounds. The fourth tries both again."""
+    """In this test, two trials improve the torque, and none the force, in eight rounds.
+
+    The fourth round tries both again.
+    """
     monkeypatch.setattr(fitting, "_noise_of", lambda predictor, gains, noise, chosen=None: noise)
     tried: list[tuple[float, ...]] = []
 

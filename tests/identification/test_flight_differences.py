@@ -1,5 +1,6 @@
 """Thrust, trim force and wind of single flights, and the distribution for the next flight."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,9 +20,10 @@ from drake_quad.identification.flight_differences import (
     with_differences,
     within_flights,
 )
-from drake_quad.identification.known_flights import KNOWN, record_of
+from drake_quad.identification.known_flights import KNOWN_FLIGHTS, record_of
 from drake_quad.identification.parameters import Parameter
-from drake_quad.identification.prepared_logs import initial_noise, prepare
+from drake_quad.identification.prepared_logs import blocks_of, initial_noise, prepare
+from drake_quad.identification.random_effects import Variation
 from drake_quad.identification.result import FlightDifference, Spread
 from drake_quad.identification.results.estimates import Estimates, Source
 from drake_quad.identification.results.vehicle_numbers import number_of
@@ -39,7 +41,7 @@ def values_of(forces: dict[str, Spread], name: str) -> list[float]:
     return [forces[f"{name}.{axis}"].value for axis in "xy"]
 
 
-def test_a_turning_vehicle_tells_its_trim_force_from_the_wind() -> None:
+def test_the_trim_force_and_the_wind_are_separated_if_the_vehicle_turns() -> None:
     trim, wind = np.array([0.3, -0.1]), np.array([-0.5, 0.2])
     heading = np.linspace(0.0, 4.0, WINDOWS * SAMPLES).reshape(WINDOWS, SAMPLES)
     found = forces_of(heading, turned(heading, trim) + wind, np.arange(WINDOWS))
@@ -57,8 +59,14 @@ def test_the_trim_force_at_one_heading_includes_the_wind(change: float) -> None:
     np.testing.assert_allclose(values_of(found, "trim_force"), expected, atol=0.5 * change**2)
 
 
+def test_a_flight_without_any_force_has_none_and_an_error_of_almost_none() -> None:
+    found = forces_of(np.zeros((WINDOWS, SAMPLES)), np.zeros((WINDOWS, SAMPLES, 2)), np.arange(WINDOWS))
+    assert values_of(found, "trim_force") == [0.0, 0.0]
+    assert 0.0 < found["trim_force.x"].deviation < 1e-9
+
+
 def test_intervals_of_a_mean_force_contain_it_although_the_force_fluctuates() -> None:
-    """The fluctuation is correlated over half a second, so that samples are not independent."""
+    """The fluctuation has a correlation time of 0.5 s, so successive samples are not independent."""
     rng, period, time, trials = np.random.default_rng(3), 0.1, 0.5, 400
     decay, held = np.exp(-period / time), 0
     blocks = np.arange(80) // 8
@@ -71,15 +79,15 @@ def test_intervals_of_a_mean_force_contain_it_although_the_force_fluctuates() ->
     assert 0.9 < held / trials < 0.98
 
 
-def test_the_next_flight_is_where_the_spread_of_the_others_says() -> None:
-    """Student's interval with F - 1 degrees of freedom."""
+def test_intervals_for_the_next_flight_follow_from_the_spread_of_the_others() -> None:
+    """The interval is Student's with F - 1 degrees of freedom for F flights."""
     rng, trials, flights = np.random.default_rng(1), 4000, 4
     values = 2.0 + 0.5 * rng.normal(size=(trials, flights + 1))
     spreads = [[Spread(value, 0.0, "N") for value in row[:-1]] for row in values]
     deviations = np.sqrt([next_flight_variance(row) for row in spreads])
     inside = np.abs(values[:, -1] - values[:, :-1].mean(axis=1)) < scipy.stats.t.ppf(0.975, flights - 1) * deviations
     assert inside.mean() == pytest.approx(0.95, abs=0.012)
-    # The variance of the errors is subtracted from that of the flights.
+    # The variance of the estimation errors is subtracted from the variance of the flights' values.
     assert next_flight_variance([Spread(value, 0.2, "N") for value in (0.0, 0.3, 0.6)]) == pytest.approx(
         (0.09 - 0.04) * 4.0 / 3.0
     )
@@ -87,7 +95,7 @@ def test_the_next_flight_is_where_the_spread_of_the_others_says() -> None:
 
 
 def evidence_of(scales: np.ndarray, windows: int = 6) -> tuple[Evidence, SimpleNamespace]:
-    """Return the evidence of flights that agree except in their thrust, around the mean of the thrust."""
+    """Return the evidence of flights that differ only in their thrust, linearised at the mean thrust."""
     rng = np.random.default_rng(0)
     names, values = ("inertia[0]", "motors.curve[1]", "motors.curve[2]"), np.array([0.01, 2.0, 3.0])
     rows = rng.normal(size=(len(scales) * windows, 8, 3))
@@ -108,11 +116,114 @@ def test_flights_agree_once_the_thrust_of_each_is_known() -> None:
     assert [each.name for each in found] == ["a", "b", "c"]
     assert [each.forces for each in found] == [{}] * 3
     np.testing.assert_allclose([each.thrust.value for each in found], scales, rtol=1e-9)
-    # Windows that agree exactly leave the error of the model.
+    # If the windows agree exactly, the standard deviation is that of the model.
     direction = thrust_direction(evidence.names, evidence.values)
     model = np.einsum("i,wij,j->w", direction, evidence.information, direction).reshape(3, -1).sum(axis=1)
     np.testing.assert_allclose([each.thrust.deviation for each in found], model**-0.5)
     np.testing.assert_allclose(within_flights(evidence, predictor, found).scores, 0.0, atol=1e-9)
+
+
+def test_parts_of_windows_belong_to_the_flight_of_their_window() -> None:
+    scales = np.array([0.05, -0.02, -0.03])
+    evidence, predictor = evidence_of(scales)
+    predictor.windows = predictor.windows[::2]
+    logs = SimpleNamespace(records=[SimpleNamespace(name=name) for name in "abc"], signals={"body_rates"})
+    found = flight_differences(logs, predictor, SimpleNamespace(), evidence)
+    np.testing.assert_allclose([each.thrust.value for each in found], scales, rtol=1e-9)
+    np.testing.assert_allclose(within_flights(evidence, predictor, found).scores, 0.0, atol=1e-9)
+
+
+def test_the_error_of_a_thrust_is_that_of_the_jackknife_over_the_windows_of_the_flight() -> None:
+    evidence, predictor = evidence_of(np.array([0.05, -0.05]))
+    scores = evidence.scores + 20.0 * np.random.default_rng(5).normal(size=evidence.scores.shape)
+    logs = SimpleNamespace(records=[SimpleNamespace(name=name) for name in "ab"], signals={"body_rates"})
+    found = flight_differences(logs, predictor, SimpleNamespace(), evidence._replace(scores=scores))
+    direction = np.array([0.0, 2.0, 3.0])
+    for flight, each in enumerate(found):
+        own = slice(6 * flight, 6 * flight + 6)
+        information, score = direction @ evidence.information[own] @ direction, scores[own] @ direction
+        step = -score.sum() / information.sum()
+        others = -(score.sum() - score) / (information.sum() - information)
+        deviation = np.sqrt(5.0 / 6.0 * np.sum((others - step) ** 2))
+        assert deviation > 2.0 * information.sum() ** -0.5
+        assert (each.thrust.value, each.thrust.deviation) == pytest.approx((step, deviation))
+        assert each.thrust.degrees_of_freedom == pytest.approx(information.sum() ** 2 / np.sum(information**2) - 1.0)
+        assert each.thrust.unit == "1"
+
+
+def test_a_flight_of_one_window_or_without_information_has_no_thrust_of_its_own() -> None:
+    logs = SimpleNamespace(records=[SimpleNamespace(name=name) for name in "ab"], signals={"body_rates"})
+    for windows, known in ((1, False), (2, True)):
+        evidence, predictor = evidence_of(np.array([0.05, -0.05]), windows)
+        found = flight_differences(logs, predictor, SimpleNamespace(), evidence)
+        assert [each.thrust is not None for each in found] == [known, known]
+    evidence.information[:2] = 0.0
+    found = flight_differences(logs, predictor, SimpleNamespace(), evidence)
+    assert [each.thrust is not None for each in found] == [False, True]
+
+
+LENGTH = 8
+
+
+def logs_with_forces(counts: list[int]) -> tuple[SimpleNamespace, SimpleNamespace, SimpleNamespace, np.ndarray]:
+    """Return logs, predictor and fit of flights with some windows each, and the forces (W, T, 2) of the filter, N.
+
+    The filter has a force that decays and a constant one in every row, at the sample after that of the measurement.
+    """
+    random, mass = np.random.default_rng(8), 0.7
+    total, settle, period = sum(counts), 3, 0.02
+    windows = [(flight, 5 + LENGTH * i) for flight, count in enumerate(counts) for i in range(count)]
+    predictor = SimpleNamespace(
+        windows=[SimpleNamespace(record=flight, start=start) for flight, start in windows],
+        sizes=SimpleNamespace(length=LENGTH),
+        rows=np.arange(6, 20),
+        period=period,
+        counted=np.arange(settle + LENGTH) >= settle,
+        duration=2.0 * total,
+    )
+    own, constant = random.normal(size=(2, settle + LENGTH, 2, total))
+    memory = np.array([0.05, 0.3, 9.0, 9.0, 9.0, 9.0])
+    disturbance = random.normal(size=(settle + LENGTH, 14, total))
+    # Rows 12 to 19 of the state are the disturbance: x, y, z, p, q, r and the constant x and y.
+    disturbance[:, 6:8] = own * np.exp(-period / memory[:2])[:, None]
+    disturbance[:, 12:] = constant
+    fitted = SimpleNamespace(noise=SimpleNamespace(memory=memory), gains=SimpleNamespace(disturbance=disturbance))
+    attitudes = [random.normal(size=(5 + LENGTH * count, 3)) for count in counts]
+    records = [
+        SimpleNamespace(name="abc"[flight], attitude=attitude, of={"attitude": attitude}.__getitem__)
+        for flight, attitude in enumerate(attitudes)
+    ]
+    scenario = SimpleNamespace(vehicle=SimpleNamespace(mass=mass))
+    logs = SimpleNamespace(records=records, signals={"position", "attitude"}, scenario=scenario)
+    return logs, predictor, fitted, mass * (own + constant)[settle:].transpose(2, 0, 1)
+
+
+def test_forces_are_those_of_the_filter_in_the_windows_of_each_flight() -> None:
+    """Windows of two seconds form blocks of four seconds, and of less in the short flight, which has five blocks."""
+    counts = [24, 8]
+    logs, predictor, fitted, force = logs_with_forces(counts)
+    evidence, _ = evidence_of(np.array([0.0, 0.0]), 16)
+    found = flight_differences(logs, predictor, fitted, evidence)
+    for flight, first in ((0, 0), (1, 24)):
+        count = counts[flight]
+        heading = logs.records[flight].attitude[5:, 2].reshape(count, LENGTH)
+        expected = forces_of(heading, force[first : first + count], blocks_of(count, 2.0 * count, 5))
+        for name, spread in expected.items():
+            own = found[flight].forces[name]
+            assert (own.value, own.deviation) == pytest.approx((spread.value, spread.deviation))
+            assert own.degrees_of_freedom == pytest.approx(spread.degrees_of_freedom)
+        assert {*found[flight].forces} == {*TRIM_FORCE, "wind_force.x", "wind_force.y"}
+
+
+def test_forces_need_positions_and_the_attitudes_of_all_logs() -> None:
+    logs, predictor, fitted, _ = logs_with_forces([2, 2])
+    evidence, _ = evidence_of(np.array([0.0, 0.0]), 2)
+    assert all(each.forces for each in flight_differences(logs, predictor, fitted, evidence))
+    logs.signals = {"attitude"}
+    assert not any(each.forces for each in flight_differences(logs, predictor, fitted, evidence))
+    logs.signals = {"position"}
+    logs.records[1].attitude = None
+    assert not any(each.forces for each in flight_differences(logs, predictor, fitted, evidence))
 
 
 def test_one_flight_or_a_vehicle_without_thrust_has_no_thrust_of_its_own() -> None:
@@ -141,7 +252,7 @@ def estimates() -> Estimates:
 
 
 def differences(thrusts: list[float], trims: list[float] | None) -> list[FlightDifference]:
-    """Return flights with such thrusts, and with such trim forces along x."""
+    """Return differences of flights with the given thrusts and trim forces along x."""
     found = []
     for i, thrust in enumerate(thrusts):
         forces = (
@@ -153,7 +264,7 @@ def differences(thrusts: list[float], trims: list[float] | None) -> list[FlightD
     return found
 
 
-def test_the_spread_of_flights_is_that_of_the_next_one() -> None:
+def test_the_distribution_for_the_next_flight_has_the_spread_of_the_flights() -> None:
     scenario = load_scenario("hover", ["vehicle.trim_force={x: 0.5}"])
     thrusts, trims = [0.04, -0.01, -0.03], [0.1, 0.3, -0.4]
     found = with_differences(estimates(), differences(thrusts, trims), scenario, 20.0)
@@ -161,7 +272,7 @@ def test_the_spread_of_flights_is_that_of_the_next_one() -> None:
     np.testing.assert_allclose(found.values[3:], [0.5 + 0.0, 0.2])
     np.testing.assert_allclose(found.deviations[3:], 0.03 / np.sqrt(3.0))
     np.testing.assert_allclose(np.asarray(found.degrees_of_freedom)[3:], 24.0)
-    assert found.sources_of(4) == (Source("mean force that nothing else explains", "a, b, c"),)
+    assert found.sources_of(4) == (Source("mean force that the model does not explain", "a, b, c"),)
     variation = found.flight_variation
     assert (variation.degrees_of_freedom, variation.duration) == (2.0, 20.0)
     thrust = 4.0 / 3.0 * np.var(thrusts, ddof=1)
@@ -169,7 +280,7 @@ def test_the_spread_of_flights_is_that_of_the_next_one() -> None:
     expected[1:3, 1:3] = thrust * np.outer([2.0, 3.0], [2.0, 3.0])
     expected[3, 3] = 4.0 / 3.0 * (np.var(trims, ddof=1) - 0.03**2)
     np.testing.assert_allclose(variation.covariance, expected, atol=1e-15)
-    # The distribution for the next flight contains it, with the few degrees of freedom of three flights.
+    # The distribution for the next flight contains the spread, with two degrees of freedom for three flights.
     new = found.for_new_flight()
     assert new.deviations[3] == pytest.approx(np.sqrt(3e-4 + expected[3, 3]))
     assert new.degrees_of_freedom[3] == pytest.approx(2.0, rel=0.01)
@@ -185,19 +296,53 @@ def test_two_flights_show_no_spread_and_logs_without_poses_no_trim_force() -> No
     assert found.flight_variation.covariance[1, 2] == pytest.approx(0.01 * 4.0 / 3.0 * 6.0)
 
 
+def test_a_vehicle_without_thrust_has_no_spread_of_it_and_one_flight_without_forces_leaves_out_the_trim_force() -> None:
+    scenario = load_scenario("hover")
+    turning = Estimates(
+        ("inertia[0]",), np.array([0.01]), np.array([[1e-8]]), 30.0, Source("prediction errors", "a, b, c")
+    )
+    flights = [each._replace(thrust=None) for each in differences([0.0] * 3, [0.1, 0.3, -0.4])]
+    found = with_differences(turning, flights, scenario, 20.0)
+    assert found.names == ("inertia[0]", *TRIM_FORCE)
+    assert found.flight_variation.covariance[0, 0] == 0.0
+    assert found.flight_variation.covariance[1, 1] > 0.0
+    flights[1] = flights[1]._replace(forces={})
+    assert with_differences(turning, flights, scenario, 20.0).names == ("inertia[0]",)
+
+
+def test_the_error_of_a_mean_trim_force_is_that_of_all_flights_together() -> None:
+    """Degrees of freedom are Satterthwaite's. The variation of a trim force within a flight is unknown."""
+    varying = replace(estimates(), variation=Variation(np.diag([1e-4, 0.0, 0.0]), 9.0, 8.0))
+    deviations, freedoms = np.array([0.03, 0.1, 0.02, 0.05]), np.array([8.0, 4.0, 12.0, 20.0])
+    trims = zip([0.1, 0.3, -0.4, 0.2], deviations, freedoms)
+    flights = differences([0.0] * 4, [0.0] * 4)
+    flights = [
+        each._replace(forces={**each.forces, "trim_force.x": Spread(value, deviation, "N", freedom)})
+        for each, (value, deviation, freedom) in zip(flights, trims, strict=True)
+    ]
+    found = with_differences(varying, flights, load_scenario("hover"), 20.0)
+    assert found.value("trim_force.x") == pytest.approx(0.05)
+    assert found.deviations[3] == pytest.approx(np.sqrt(np.sum(deviations**2)) / 4.0)
+    expected = np.sum(deviations**2) ** 2 / np.sum(deviations**4 / freedoms)
+    assert found.degrees_of_freedom[3] == pytest.approx(expected)
+    assert found.degrees_of_freedom[4] == pytest.approx(32.0)
+    np.testing.assert_array_equal(found.correlation[3:], np.eye(5)[3:])
+    np.testing.assert_array_equal(np.isfinite(np.diag(found.variation.covariance)), [True] * 3 + [False] * 2)
+
+
 @pytest.mark.slow
-def test_flights_of_a_vehicle_that_is_rebuilt_before_each_show_what_was_changed(root) -> None:
-    """The trim force is found to 0.3 % of the weight: attitudes with a noise of 4 mrad do not show it better."""
-    known = KNOWN["calm"]
+def test_flights_of_a_vehicle_that_is_modified_between_them_show_each_change(root) -> None:
+    """Attitude noise of 4 mrad limits the accuracy of the trim force to 0.3 % of the weight."""
+    known = KNOWN_FLIGHTS["calm"]
     numbers = ["vehicle.inertia=[0.007, 0.007, 0.012]", "vehicle.centre_of_mass=[0, 0]"]
     plain = [*numbers, "vehicle.rotor_time_constant=0.05", "vehicle.linear_drag=0.1", "vehicle.thrust_factor=4e-5"]
     truths = [(0.97, 0.05, 0.0), (1.0, -0.05, 0.03), (1.03, 0.0, -0.03)]
     records = []
     for scale, x, y in truths:
         own = [f"vehicle.thrust_factor={4e-5 * scale}", f"vehicle.trim_force={{x: {x}, y: {y}}}"]
-        flight = simulate(known.flown(root / "diagrams", [*plain, *own, "duration=16"]))
+        flight = simulate(known.simulated_scenario(root / "diagrams", [*plain, *own, "duration=16"]))
         records.append(record_of(flight))
-    scenario = known.flown(root / "diagrams", plain)
+    scenario = known.simulated_scenario(root / "diagrams", plain)
     logs, _ = prepare(records, scenario)
     predictor = logs.predictor(("thrust_factor",), logs.flying)
     start = number_of(scenario, "thrust_factor")

@@ -1,4 +1,4 @@
-"""Flights of a log beside their predictions: of flights that this library has flown, where all is known."""
+"""Comparison of logged and predicted flights, with logs that are simulated by this library."""
 
 import math
 from dataclasses import replace
@@ -37,7 +37,7 @@ def uncertain(diagrams):
 
 
 def record_of(flight, begin=0.0):
-    """The log of a flight as it is measured, from a time on (s); its clock begins at zero."""
+    """Return the log of the measurements of a flight from time `begin` (s) on; the clock of the log begins at zero."""
     state, reference = flight.record("measurement"), flight.record("reference")
     columns = {
         "position": (state.x, state.y, state.z),
@@ -55,13 +55,13 @@ def record_of(flight, begin=0.0):
 
 @pytest.fixture(scope="module")
 def flown(scenario):
-    """The log of a flight that rested before, as the prediction will."""
+    """Return the log of a flight that begins with a rest, as predictions do."""
     begun = logged_reference(record_of(simulate(scenario, compiled=True)), rest=REST)
     return record_of(simulate(on_route(scenario, begun), compiled=True), REST)
 
 
-def test_figures_are_those_of_the_errors():
-    """By hand: 3 and 4 along x and y, and 5 in space."""
+def test_error_figures_are_computed_per_axis_and_for_the_distance():
+    """Errors of 3 along x and 4 along y are a distance of 5. The largest error omits the largest 5 % of the samples."""
     figures = ErrorFigures.of(np.array([[3.0, 4.0, 0.0], [-3.0, 4.0, 0.0]]))
     np.testing.assert_allclose(figures.rmse, [3.0, 4.0, 0.0, 5.0])
     np.testing.assert_allclose(figures.mean, [0.0, 4.0, 0.0, 5.0])
@@ -71,26 +71,26 @@ def test_figures_are_those_of_the_errors():
     np.testing.assert_allclose(ErrorFigures.of(steps).largest, [0.0, 0.0, 95.0, 95.0])
 
 
-def test_what_flew_the_log_predicts_its_errors(scenario, flown):
-    """To what the path through the samples is off by: its acceleration is fed forward."""
+def test_the_vehicle_that_flew_the_log_predicts_its_errors(scenario, flown):
+    """Flown and predicted errors differ only by the error of the fitted reference, whose acceleration is fed forward."""
     found = compare_with_log(flown, scenario, samples=1, rest=REST)
     assert found.predicted.shape == (1, *found.flown.shape)
     assert np.abs(found.flown).max() > 0.02
     np.testing.assert_allclose(found.predicted[0], found.flown, atol=1e-3)
 
 
-def test_both_count_from_when_the_reference_moves_or_from_what_is_said(scenario, flown):
+def test_errors_count_from_the_first_motion_of_the_reference_or_from_the_given_start(scenario, flown):
     found = compare_with_log(flown, scenario, samples=1, rest=REST)
     gone = np.linalg.norm(flown.reference_position - flown.reference_position[0], axis=1)
     first = np.searchsorted(flown.time, found.time[0])
     assert gone[first] <= 0.01 < gone[first + 1]
     assert found.time[-1] == flown.time[-1]
     assert compare_with_log(flown, scenario, samples=1, rest=REST, start=2.0).time[0] == pytest.approx(2.0, abs=0.02)
-    with pytest.raises(InputError, match="nothing of the log 'log' is left to compare from 99 s on"):
+    with pytest.raises(InputError, match="the log 'log' has fewer than two samples to compare from 99 s on"):
         compare_with_log(flown, scenario, samples=1, start=99.0)
 
 
-def test_samples_are_those_of_the_study_whatever_the_fleet(uncertain, flown, monkeypatch):
+def test_samples_equal_those_of_a_study_for_any_size_of_the_fleet(uncertain, flown, monkeypatch):
     monkeypatch.setattr("drake_quad.identification.flown_again.comparison._FLEET_SIZE", 3)
     told = []
     found = compare_with_log(flown, uncertain, samples=7, rest=REST, progress=lambda *done: told.append(done))
@@ -104,11 +104,13 @@ def test_samples_are_those_of_the_study_whatever_the_fleet(uncertain, flown, mon
     assert found.varies
 
 
-def test_flights_in_which_nothing_is_random_are_alike(scenario, flown):
+def test_flights_without_random_parameters_do_not_vary(scenario, flown):
     assert not compare_with_log(flown, scenario, samples=3, rest=REST).varies
 
 
-def test_the_log_of_a_sample_lies_within_the_study_and_one_of_another_vehicle_without(scenario, uncertain, flown):
+def test_the_log_of_a_sample_is_within_the_predicted_interval_and_that_of_another_vehicle_outside(
+    scenario, uncertain, flown
+):
     found = compare_with_log(flown, uncertain, samples=40, rest=REST)
     assert found.within("rmse")[[2, 3]].all()
     median, low, high = found.interval("rmse")
@@ -120,7 +122,7 @@ def test_the_log_of_a_sample_lies_within_the_study_and_one_of_another_vehicle_wi
 
 
 def comparison_of(flown, predicted):
-    """A comparison of errors alone."""
+    """Return a comparison that contains only errors."""
     nothing = LoggedReference(None, 0.0, 0.0, 0.0)
     time = np.arange(float(len(flown)))
     return LogComparison(None, None, nothing, None, time, np.zeros_like(flown), flown, predicted)
@@ -137,13 +139,13 @@ def test_a_crash_is_an_infinite_error():
     assert found.within("rmse").tolist() == [True] * len(AXES)
 
 
-def test_the_typical_sample_is_that_of_the_median_error():
+def test_the_typical_sample_has_the_median_error():
     errors = np.ones((5, 2, 3)) * np.array([5.0, 1.0, 4.0, 2.0, 3.0])[:, None, None]
     assert comparison_of(np.zeros((2, 3)), errors).typical_sample() == 4
-    # If the number is even, it is the smaller of the two in the middle.
+    # For an even number of samples, it has the smaller of the two middle errors.
     assert comparison_of(np.zeros((2, 3)), errors[:4]).typical_sample() == 3
     assert comparison_of(np.zeros((2, 3)), errors[:1]).typical_sample() == 0
-    # The errors of all axes together count, and the first of equal samples.
+    # The error is the distance over all axes. Of equal samples, the first is chosen.
     sideways = errors * [1.0, 0.0, 0.0]
     np.testing.assert_array_equal(comparison_of(np.zeros((2, 3)), sideways[[2, 2, 0, 1]]).typical_sample(), 0)
 
@@ -159,7 +161,7 @@ def test_metrics_of_a_prediction_cover_the_whole_log(scenario, flown):
         assert found.route is reference.route
 
 
-def test_flown_and_predicted_fly_side_by_side_by_the_clock_of_the_log(uncertain, flown):
+def test_flown_and_predicted_flights_share_the_clock_of_the_log(uncertain, flown):
     found = compare_with_log(flown, uncertain, samples=3, rest=REST)
     flights = side_by_side(found)
     assert list(flights) == ["flown", "predicted"]
@@ -172,7 +174,7 @@ def test_flown_and_predicted_fly_side_by_side_by_the_clock_of_the_log(uncertain,
     np.testing.assert_array_equal(predicted["state"], flight["measurement"][flight.time >= REST])
     np.testing.assert_allclose(log["reference"][:, :3], flown.reference_position[: len(log.time)], atol=1e-3)
     np.testing.assert_allclose(log["reference"][:, 3:6], flown.reference_velocity[: len(log.time)], atol=1e-2)
-    # Rotor speeds that are not logged are those of the prediction at the same time.
+    # Rotor speeds that are not logged are replaced by the predicted ones at the same time.
     speeds = np.array([np.interp(log.time + REST, flight.time, speed) for speed in flight["rotor_speed"].T]).T
     np.testing.assert_allclose(log["rotor_speed"], speeds)
     assert log["wind"].shape == (len(log.time), 3)
@@ -195,8 +197,8 @@ def test_states_that_are_not_logged_are_shown_at_rest_and_level(uncertain, flown
     np.testing.assert_array_equal(side_by_side(turning)["flown"]["rotor_speed"], speeds)
 
 
-def test_a_log_is_replayed_to_its_end_whatever_becomes_of_the_prediction(scenario, flown):
-    """Of a vehicle that crashes on its way, and of one that does not live to see the log."""
+def test_a_log_is_replayed_to_its_end_even_if_the_prediction_crashes(scenario, flown):
+    """One predicted vehicle crashes during the log, and another before the log begins."""
     for crash, there in ((0.05, ["flown", "predicted"]), (1e-9, ["flown"])):
         limits = scenario.crash.model_copy(update={"position_error": crash})
         fragile = scenario.model_copy(update={"crash": limits, "vehicle": unlike(scenario.vehicle)})
@@ -208,7 +210,7 @@ def test_a_log_is_replayed_to_its_end_whatever_becomes_of_the_prediction(scenari
 
 
 def unlike(vehicle):
-    """The vehicle with a hundredth more mass, which sinks a little."""
+    """Return the vehicle with 1 % more mass, so that it flies slightly lower."""
     return vehicle.model_copy(update={"mass": 1.01 * vehicle.mass})
 
 

@@ -1,4 +1,4 @@
-"""The part of a log in free flight, and flights with a take-off beside their predictions."""
+"""The part of a log in free flight, and predictions of flights with a take-off."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ from drake_quad.identification.flown_again.flown_part import FlownPart, flown_pa
 from drake_quad.identification.logs.record import FlightRecord
 
 TIME = 0.01 * np.arange(1000)
-# Seconds 2 to 8 in the air, above a ground at 0.3 m.
+# The vehicle is in the air from 2 to 8 s, above a ground at 0.3 m.
 HEIGHT = 0.3 + np.interp(TIME, [2.0, 3.0, 7.0, 8.0], [0.0, 1.0, 1.0, 0.0])
 REFERENCE = 0.3 + np.interp(TIME, [1.0, 2.0, 6.8, 7.8], [0.0, 1.0, 1.0, 0.0])
 WORKING = np.where((TIME > 1.0) & (TIME < 9.0), 0.6, 0.0)
@@ -28,16 +28,16 @@ def record_of(height=HEIGHT, reference=REFERENCE, command=WORKING):
     )
 
 
-def test_free_flight_is_where_vehicle_and_reference_are_a_quarter_of_a_metre_above_the_ground():
-    """The vehicle climbs through 0.55 m at 2.25 s, and its reference comes down through it at 7.55 s."""
+def test_in_free_flight_vehicle_and_reference_are_25_centimetres_above_the_ground():
+    """The vehicle climbs through 0.55 m at 2.25 s, and its reference descends through 0.55 m at 7.55 s."""
     part = flown_part(record_of())
     np.testing.assert_allclose([0.01 * part.first, 0.01 * part.end], [2.25, 7.55], atol=0.011)
-    # It leaves the ground at 2 s.
+    # The vehicle leaves the ground at 2 s.
     assert 0.01 * part.lift_off == pytest.approx(2.0, abs=0.011)
 
 
 @pytest.mark.parametrize("command", [None, np.full(1000, 0.6), np.zeros(1000)])
-def test_a_log_without_idle_rotors_at_its_ends_is_in_the_air(command):
+def test_a_log_whose_rotors_work_at_both_ends_is_in_the_air_throughout(command):
     assert flown_part(record_of(command=command)) == FlownPart(0, 1000, None)
 
 
@@ -51,12 +51,14 @@ def test_a_log_may_begin_or_end_in_the_air():
 
 @pytest.mark.parametrize("height", [np.full(1000, 0.3), 0.3 + 0.2 * (HEIGHT - 0.3)])
 def test_a_vehicle_that_never_flies_is_refused(height):
-    with pytest.raises(InputError, match="the vehicle of the log 'log' does not fly: .* never 0.25 m above the ground"):
+    with pytest.raises(
+        InputError, match="the vehicle of the log 'log' does not fly: .* never more than 0.25 m above the ground"
+    ):
         flown_part(record_of(height))
 
 
 def test_two_samples_are_the_shortest_flight():
-    """Among samples that are exactly a quarter of a metre above the ground, which do not count."""
+    """Samples exactly 0.25 m above the ground do not count as flight."""
     height = np.where((TIME > 2.0) & (TIME < 6.0), 0.55, 0.3)
     for count in (1, 2):
         height[300 : 300 + count] = 0.56
@@ -68,8 +70,8 @@ def test_two_samples_are_the_shortest_flight():
 
 
 @pytest.mark.parametrize("share", [0.49, 0.51])
-def test_rotors_idle_below_half_of_the_median_command_without_the_samples_in_which_they_stand(share):
-    """The rotors stand for most of this log."""
+def test_rotors_idle_below_half_of_the_median_command_of_the_samples_in_which_they_turn(share):
+    """The rotors stand still for most of this log."""
     command = np.where((TIME > 1.0) & (TIME < 5.0), 0.6, 0.0)
     command[[0, -1]] = share * 0.6
     part = flown_part(record_of(command=command))
@@ -93,7 +95,7 @@ def test_an_estimated_height_that_drifts_on_the_ground_does_not_hide_the_lift_of
 
 @pytest.fixture(scope="module")
 def take_off(diagrams):
-    """A scenario, and the log of its flight from the ground by setpoints, with a second on the ground before it."""
+    """Return a scenario, and the log of a take-off by setpoints after one second on the ground."""
     route = "route={kind: setpoints, setpoints: [[0, 0.2, 0.1, 0.05, 0], [0.0001, 0.2, 0.1, 0.8, 0],"
     route += " [1.5, 0.7, 0.1, 0.8, 0], [3, 0.7, -0.2, 0.9, 0]], last_hold: 1.5}"
     scenario = load_scenario(diagrams / "figure_eight.yaml", [route])
@@ -123,14 +125,14 @@ def take_off(diagrams):
 
 
 def test_a_flight_with_a_take_off_is_predicted_from_its_lift_off(take_off):
-    """The simulated vehicle is the one that flew. Only the climb shows the lift-off, to a few samples."""
+    """The predicted vehicle is the one of the log. The time of the lift-off is known to a few samples only."""
     scenario, record = take_off
     found = compare_with_log(record, scenario, samples=1)
     assert 1.0 < found.time[0] < 1.6
     assert np.abs(found.flown).max() > 0.4
     rmse = found.predicted_figures().rmse[0]
     np.testing.assert_allclose(rmse[:2], found.flown_figures.rmse[:2], rtol=0.01)
-    # Without the place of the vehicle as the start, the error along z would be that of its slow part alone, 2 cm.
+    # If the prediction did not start at the vehicle's position, the error along z would be 2 cm.
     np.testing.assert_allclose(rmse[2], found.flown_figures.rmse[2], rtol=0.4)
     np.testing.assert_allclose(found.predicted[0][-100:], found.flown[-100:], atol=5e-3)
 
@@ -159,7 +161,7 @@ def test_the_flown_error_does_not_depend_on_the_rate_at_which_the_reference_is_l
 
 
 def test_a_landing_does_not_count(take_off):
-    """After it the setpoint is elsewhere, as in logs of a Crazyflie, and rotors are off."""
+    """After the landing, the setpoint jumps, as in logs of a Crazyflie, and the rotors are off."""
     scenario, record = take_off
     after = 200
     end = record.time[-1] + record.period * np.arange(1, after + 1)

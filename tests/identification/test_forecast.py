@@ -1,11 +1,11 @@
-"""The share of a continued flight that a model explains, compared with coasting."""
+"""Fraction of the further motion that a model explains, compared with coasting."""
 
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from drake_quad.identification.forecast import forecast, named
+from drake_quad.identification.forecast import forecast, output_name
 from drake_quad.identification.prediction_errors import FORCE
 
 PERIOD = 0.1  # s
@@ -23,7 +23,7 @@ class Gains(SimpleNamespace):
 
 @pytest.fixture
 def predictor():
-    """Return windows of constant acceleration, and a model that misses a known share of the motion after settling."""
+    """Return windows of constant acceleration, and a model that misses a known fraction of the motion after settling."""
     random = np.random.default_rng(7)
     state = random.normal(size=(12, NUM_WINDOWS))
     time = PERIOD * np.arange(NUM_FORECAST_SAMPLES)[:, None]
@@ -55,7 +55,7 @@ def predictor():
 
 
 def test_the_explained_share_refers_to_motion_beyond_coasting(predictor):
-    """Coasting keeps a position's velocity, an angle's rate and a body rate; a force keeps its mean."""
+    """Coasting means constant velocity, constant rates of the angles, constant body rates and the mean force."""
     made, _, curved, state = predictor
     found = forecast(made, np.array([1.0, 2.0]), NOISE)
     explained = [output.explained for output in found]
@@ -102,4 +102,4 @@ def test_a_predictor_ignores_measurements_after_settling(predictor):
     ],
 )
 def test_outputs_are_named(signal, column, words):
-    assert named(signal, column) == words
+    assert output_name(signal, column) == words

@@ -1,8 +1,9 @@
-"""Noise and trim of a log, beside what was put in."""
+"""Noise, trim and delay of a log, compared with the values of the synthetic data."""
 
 import numpy as np
 import pytest
 
+from drake_quad.identification import hover
 from drake_quad.identification.hover import delay_by_correlation, trim, white_noise
 from drake_quad.identification.logs.record import FlightRecord
 
@@ -60,29 +61,29 @@ def test_trim_is_the_mean_of_hover(record):
     assert trim(record.part(moving), WEIGHT) == {}
 
 
-def test_the_attitude_is_behind_its_command(record):
+def test_the_delay_between_attitude_command_and_attitude_is_found(record):
     assert delay_by_correlation(record) == pytest.approx(0.12, abs=0.03)
     bare = FlightRecord("bare", TIME, attitude=record.attitude)
     assert delay_by_correlation(bare) is None
 
 
 def hovering(seconds=20.0, **signals):
-    """A log that hovers all the time, at 100 Hz."""
+    """Return a log at 100 Hz that hovers throughout."""
     time = 0.01 * np.arange(round(100.0 * seconds))
     nothing = np.zeros((len(time), 3))
     usual = {"velocity": nothing, "attitude": nothing, "body_rates": nothing, "thrust_command": np.ones(len(time))}
     return FlightRecord("hovering", time, **(usual | signals))
 
 
-def test_noise_is_told_of_what_is_far_from_take_off_and_landing_only():
-    """Within 2 s of flight a vehicle is not at rest."""
+def test_noise_is_estimated_only_far_from_take_off_and_landing():
+    """Samples within 2 s of flight do not count as rest."""
     random = np.random.default_rng(2)
     time = 0.01 * np.arange(3000)
     commanded = np.where((time > 8.0) & (time < 20.0), 0.5, 0.0)
     logged = FlightRecord("log", time, thrust_command=commanded, position=np.zeros((3000, 3)))
     (noise,) = white_noise(logged)
     np.testing.assert_array_equal([noise.at_rest, noise.in_flight], np.zeros((2, 3)))
-    # In the air from 9 s to 19 s; next to that nothing counts.
+    # Flight counts from 9 s to 19 s. Samples near take-off and landing count neither as rest nor as flight.
     loud = np.where(((time > 7.2) & (time < 8.8)) | ((time > 19.2) & (time < 20.8)), 1.0, 1e-3)
     position = loud[:, None] * random.normal(size=(3000, 3)) * [1.0, 2.0, 3.0]
     (noise,) = white_noise(FlightRecord("log", time, thrust_command=commanded, position=position))
@@ -90,29 +91,29 @@ def test_noise_is_told_of_what_is_far_from_take_off_and_landing_only():
     np.testing.assert_allclose(noise.in_flight, [1e-3, 2e-3, 3e-3], rtol=0.1)
 
 
-def test_noise_is_the_size_of_third_differences_whose_variance_is_the_sum_of_squared_binomials():
-    """Values of alternating sign have third differences of eight times their size."""
+def test_noise_follows_from_third_differences_and_the_sum_of_their_squared_coefficients():
+    """The third differences of an alternating signal are eight times its amplitude."""
     values = 1e-3 * np.outer(np.where(np.arange(400) % 2, 1.0, -1.0), [1.0, 2.0, 3.0])
     (noise,) = white_noise(FlightRecord("log", 0.01 * np.arange(400), position=values))
     np.testing.assert_allclose(noise.in_flight, 8e-3 / np.sqrt(1 + 9 + 9 + 1) * np.array([1.0, 2.0, 3.0]))
 
 
-def test_noise_is_not_told_across_a_gap_nor_by_few_samples():
-    """Differences of third order need four samples in a row."""
+def test_noise_is_not_estimated_across_a_gap_or_from_few_samples():
+    """Third differences need four successive samples."""
     random = np.random.default_rng(3)
     whole = hovering(position=1e-3 * random.normal(size=(2000, 3)))
     jumping = whole.position + np.where(whole.time > 10.0, 5.0, 0.0)[:, None]
     late = whole.time + np.where(whole.time > 10.0, 0.02, 0.0)
     (noise,) = (each for each in white_noise(FlightRecord("gap", late, position=jumping)) if each.signal == "position")
     np.testing.assert_allclose(noise.in_flight, 1e-3, rtol=0.1)
-    # 33 samples have 30 such differences, and 32 have too few.
+    # 30 differences are enough: 33 samples have 30 of them, and 32 samples have 29.
     for count, told in ((33, True), (32, False)):
         (noise,) = white_noise(FlightRecord("short", whole.time[:count], position=whole.position[:count]))
         assert np.isfinite(noise.in_flight).all() == told
         assert np.isnan(noise.at_rest).all()
 
 
-def test_angles_that_wrap_have_no_noise():
+def test_angles_that_wrap_do_not_count_as_noise():
     yaw = 0.7 * 0.01 * np.arange(2000.0)
     wrapped = np.column_stack([0.0 * yaw, 0.0 * yaw, np.arctan2(np.sin(yaw), np.cos(yaw))])
     noise = {each.signal: each for each in white_noise(hovering(attitude=wrapped))}
@@ -120,19 +121,19 @@ def test_angles_that_wrap_have_no_noise():
 
 
 @pytest.mark.parametrize(("signal", "limit"), [("velocity", 0.15), ("body_rates", 0.5)], ids=["speed", "turning"])
-def test_trim_is_of_what_is_slower_than_its_limits(signal, limit):
-    """The vehicle leans while it moves faster than the limit, which is not hover."""
+def test_trim_is_the_mean_over_samples_below_the_limits_of_speed_and_rates(signal, limit):
+    """The vehicle leans while it moves. Motion faster than the limit is not hover."""
     moving = np.arange(2000) >= 1200
     roll = np.where(moving, 0.3, 0.1)
     attitude = np.column_stack([roll, 0.0 * roll, 0.0 * roll])
-    # The length of this vector counts.
+    # The magnitude of the vector is compared with the limit.
     direction = np.array([2.0, 1.0, 2.0]) / 3.0
     for speed, expected in ((1.01 * limit, 0.1), (0.99 * limit, 0.1 + 0.4 * 0.2)):
         logged = hovering(**{signal: np.where(moving, speed, 0.0)[:, None] * direction, "attitude": attitude})
         assert trim(logged, WEIGHT)["mean roll"].value == pytest.approx(expected)
 
 
-def test_the_deviation_of_trim_is_that_of_blocks_of_half_a_second():
+def test_the_deviation_of_trim_follows_from_blocks_of_half_a_second():
     random = np.random.default_rng(4)
     torque = random.normal(size=(2000, 3))
     logged = hovering(torque_command=torque)
@@ -145,10 +146,10 @@ def test_the_deviation_of_trim_is_that_of_blocks_of_half_a_second():
         assert (spread.unit, spread.degrees_of_freedom) == ("N m", 39.0)
     assert (found["mean roll"].unit, found["mean thrust"].unit) == ("rad", "N")
     assert {*found} == {"mean roll", "mean pitch", "mean thrust", *(f"mean torque about {axis}" for axis in "xyz")}
-    # A quantity without a command has no mean.
+    # Without a logged command, its trim is missing.
     bare = hovering(thrust_command=None)
     assert {*trim(bare, WEIGHT)} == {"mean roll", "mean pitch"}
-    # A second of hover is enough, and less is not.
+    # At least one second of hover is required.
     assert trim(hovering(1.0), WEIGHT)
     assert not trim(hovering(0.99), WEIGHT)
     assert trim(hovering(velocity=None), WEIGHT) == {}
@@ -156,8 +157,8 @@ def test_the_deviation_of_trim_is_that_of_blocks_of_half_a_second():
 
 @pytest.mark.parametrize("lag", [0, 7, 29])
 @pytest.mark.parametrize("axis", [0, 1])
-def test_the_delay_is_that_of_the_angle_that_answers_best(lag, axis):
-    """Up to 0.3 s, of roll or pitch, in the longest piece of the log."""
+def test_the_delay_is_that_of_the_angle_with_the_best_correlation(lag, axis):
+    """Delays up to 0.3 s are found, of roll or pitch, in the longest piece of the log."""
     random = np.random.default_rng(5)
     command = np.zeros((2000, 3))
     command[:, axis] = np.cumsum(random.normal(size=2000))
@@ -172,17 +173,36 @@ def test_the_delay_is_that_of_the_angle_that_answers_best(lag, axis):
     assert delay_by_correlation(bare) is None
 
 
+def test_an_answer_after_0_3_s_is_no_delay():
+    command = np.random.default_rng(6).normal(size=(2000, 3)).cumsum(axis=0)
+    attitude = np.zeros_like(command)
+    attitude[10:] = 0.5 * command[:-10]
+    attitude[30:] += command[:-30]
+    logged = FlightRecord("log", 0.01 * np.arange(2000), attitude=attitude, attitude_command=command)
+    assert delay_by_correlation(logged) == pytest.approx(0.1)
+
+
+def test_a_log_of_one_sample_a_second_has_no_delay_and_a_single_block_no_deviation():
+    command = np.random.default_rng(6).normal(size=(50, 3)).cumsum(axis=0)
+    assert (
+        delay_by_correlation(FlightRecord("slow", np.arange(50.0), attitude=command, attitude_command=command)) == 0.0
+    )
+    mean = hover._mean(np.array([3.0, 5.0]), np.array([7, 7]), "N")
+    assert (mean.value, mean.unit, mean.degrees_of_freedom) == (4.0, "N", 1.0)
+    assert np.isnan(mean.deviation)
+
+
 def test_throttles_in_hover_give_the_thrust_of_a_motor_and_show_a_weak_propeller():
-    """With T = K u², a motor that gives 0.8 of the thrust of the others takes 1 / sqrt(0.8) times their throttle."""
+    """With T = K u², a motor with 0.8 times the thrust factor needs 1 / sqrt(0.8) times the throttle."""
     level, weak = 0.9, np.array([1.0, 1.0, 0.8, 1.0])
     throttles = np.sqrt(0.25 * WEIGHT / (level * weak))
     found = trim(hovering(motor_command=np.tile(throttles, (2000, 1))), WEIGHT)
     ratio = found["mean throttle of motor 3"].value / found["mean throttle of motor 1"].value
     assert ratio == pytest.approx(1.0 / np.sqrt(0.8))
-    # The four curves in the mean of 1 / K, since thrusts are equal.
+    # All thrusts are equal, so 1 / K is averaged over the four motors.
     expected = level / np.mean(1.0 / weak)
     assert found["thrust of a motor over the square of its throttle"].value == pytest.approx(expected)
 
 
-def test_hover_without_attitude_is_told_by_velocity():
+def test_hover_without_attitude_is_detected_from_velocity():
     assert {*trim(hovering(attitude=None, body_rates=None), WEIGHT)} == {"mean thrust"}

@@ -11,7 +11,7 @@ from neural_fly_flight import DIAGRAM, guessed, write_flight
 from drake_quad.flight.simulation import simulate, simulate_samples
 from drake_quad.identification.delays import delay_of
 from drake_quad.identification.identify import identify
-from drake_quad.identification.known_flights import KNOWN, record_of
+from drake_quad.identification.known_flights import KNOWN_FLIGHTS, record_of
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import DELAY, LogModel
@@ -28,13 +28,13 @@ DELAY_IN_LABORATORY = 0.01 - 0.02
 
 def flown(kind: str, diagrams: Path, *overrides: str) -> tuple[FlightRecord, Scenario, Scenario]:
     """Return the log of a known flight, the scenario that flew, and the scenario to begin with."""
-    known = KNOWN[kind]
-    (flight,) = simulate_samples(known.flown(diagrams, overrides), [1], compiled=True)
-    return record_of(flight, known.samples_per_row), flight.scenario, known.begun_with(diagrams)
+    known = KNOWN_FLIGHTS[kind]
+    (flight,) = simulate_samples(known.simulated_scenario(diagrams, overrides), [1], compiled=True)
+    return record_of(flight, known.samples_per_row), flight.scenario, known.initial_scenario(diagrams)
 
 
 def outside(found: Identification, true: Scenario) -> dict[str, tuple[float, float]]:
-    """Return the identified parameters that are outside of their interval, with distance and reach."""
+    """Return the parameters whose true value is outside of the interval, with the error and the half-width."""
     estimates = found.estimates
     rows = zip(estimates.names, estimates.values, estimates.quantiles() * estimates.deviations, strict=True)
     off = {name: (value - number_of(true, name), reach) for name, value, reach in rows if name in estimates.identified}
@@ -43,7 +43,7 @@ def outside(found: Identification, true: Scenario) -> dict[str, tuple[float, flo
 
 @pytest.mark.slow
 def test_prediction_errors_of_the_right_vehicle_are_white(diagrams: Path) -> None:
-    """With its own parameters, delay and noise they have unit variance and no autocorrelation, in calm air."""
+    """With the true parameters, delay and noise, in calm air, the errors have unit variance and no autocorrelation."""
     record, scenario, _ = flown("calm", diagrams, "duration=16", "laboratory.command_link.loss_rate=0")
     sizes = WindowSizes(length=100, settle=50, warm_up=25)
     windows = cut([record], [record.time > 1.0], sizes)
@@ -65,7 +65,7 @@ def test_prediction_errors_of_the_right_vehicle_are_white(diagrams: Path) -> Non
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["calm", "autopilot"])
 def test_a_simulated_vehicle_is_identified(diagrams: Path, kind: str) -> None:
-    """Of about fifteen 95 % intervals at most two do not contain the true value, and none by as much as its reach."""
+    """At most two of about fifteen 95 % intervals miss the true value, and none by more than its half-width."""
     record, scenario, begun = flown(kind, diagrams, "duration=16")
     found = identify([record], begun, held_out_share=0.0)
     assert len(found.estimates.identified) >= 10
@@ -100,8 +100,8 @@ def test_the_flight_of_a_shipped_scenario_is_identified(name: str, tmp_path: Pat
 
 
 @pytest.mark.slow
-def test_heights_alone_determine_thrust(diagrams: Path) -> None:
-    """In hover-like flight: the vehicle climbs and descends, and the log has neither attitudes nor velocities."""
+def test_heights_are_sufficient_to_identify_thrust(diagrams: Path) -> None:
+    """The vehicle climbs and descends, and the log has neither attitudes nor velocities."""
     route = (
         "route={kind: waypoints, top_speed: null, top_acceleration: null, times: [0, 1, 2, 3, 4.2, 5, 6.5, 7.5, 9],"
         " waypoints: [[0,0,1],[0,0,1.6],[0,0,1.2],[0,0,2],[0,0,1.1],[0,0,1.5],[0,0,0.9],[0,0,1.8],[0,0,1]]}"
@@ -119,7 +119,7 @@ def test_heights_alone_determine_thrust(diagrams: Path) -> None:
 
 @pytest.mark.slow
 def test_a_residual_force_determines_drag(tmp_path: Path) -> None:
-    """A log in Neural-Fly's form: drag along x, where the vehicle flies, and the thrust curve."""
+    """A log in Neural-Fly's format determines the thrust curve, and drag along x, the direction of flight."""
     overrides = ["laboratory.command_link.loss_rate=0", "laboratory.motion_capture.misalignment=[0.0, 0.02, 0.0]"]
     scenario = load_scenario(f"{DIAGRAM}:still", [*overrides, "duration=12", "metrics.start=0"])
     found = identify([read_log(write_flight(tmp_path / "still.csv", scenario))], guessed(), held_out_share=0.0)
@@ -132,7 +132,7 @@ def test_a_residual_force_determines_drag(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_log_that_only_hovers_gives_no_thrust_curve(root: Path) -> None:
-    """The shipped log of PX4 varies its throttles by a few per cent, which determines one number at most."""
+    """The throttles of the shipped PX4 log vary by a few per cent, which determines at most one coefficient."""
     base = load_scenario("hover", ["nominal.mass=2.0"], layers=["vehicles/hummingbird"])
     record = read_log(root / "tests" / "data" / "px4" / "sample_px4_events.ulg.xz")
     found = identify([record], base, held_out_share=0.0).estimates
@@ -144,7 +144,7 @@ def test_a_log_that_only_hovers_gives_no_thrust_curve(root: Path) -> None:
 
 
 def crazyflie() -> Scenario:
-    """The vehicle of the logs before it is identified: its weighed mass, its layout, and the data sheet's numbers."""
+    """Return the vehicle before its identification: weighed mass, geometry, and parameters of the data sheet."""
     return load_scenario(
         "diagrams/hover.yaml",
         [
@@ -164,7 +164,7 @@ def crazyflie() -> Scenario:
 
 @pytest.mark.slow
 def test_the_published_crazyflie_is_identified() -> None:
-    """arXiv 2404.07837, of the same logs by another method: lag, inertia about x and y, thrust curve."""
+    """The lag, the inertia about x and y, and the thrust curve agree with arXiv 2404.07837, which used the same logs."""
     logs = sorted(Path("tests/data/crazyflie/arpl").glob("log*"))
     estimates = identify([read_log(path) for path in logs], crazyflie(), held_out_share=0.0).estimates
     lag = 0.5 * (estimates.value("rotor_time_constant") + estimates.value("rotor_time_constant_down"))

@@ -1,4 +1,4 @@
-"""What an identification predicts, estimates, holds and refuses."""
+"""Outputs, candidate parameters and refusals of an identification."""
 
 from types import SimpleNamespace
 
@@ -48,7 +48,7 @@ def attitudes(root):
         (("body_rates",), ("body_rates",)),
     ],
 )
-def test_what_sensors_measure_is_predicted_and_what_estimators_derive_is_not(logged, predicted):
+def test_measurements_are_predicted_and_derived_signals_are_not(logged, predicted):
     found = prepared_logs._outputs([record(1.0, *logged)], False)
     assert found == [Output(name, column) for name in predicted for column in range(3)]
 
@@ -56,11 +56,11 @@ def test_what_sensors_measure_is_predicted_and_what_estimators_derive_is_not(log
 def test_only_signals_that_all_logs_have_are_predicted():
     found = prepared_logs._outputs([record(1.0, *POSES, "body_rates", FORCE), record(1.0, "body_rates", FORCE)], False)
     assert {output.signal for output in found} == {"body_rates", FORCE}
-    # An estimator's late attitude is replaced by the body rates of its gyroscope.
+    # The late attitude of an estimator is replaced by the gyroscope's body rates.
     found = prepared_logs._outputs([record(1.0, *POSES, "body_rates")], True)
     assert {output.signal for output in found} == {"position", "body_rates"}
     assert prepared_logs._outputs([record(1.0, "position")], False) == [Output("position", 2)]
-    with pytest.raises(InputError, match="to identify a vehicle, a log needs body_rates and specific_force, position"):
+    with pytest.raises(InputError, match="to identify a vehicle, logs need body_rates with specific_force, attitude"):
         prepared_logs._outputs([record(1.0, "specific_force")], False)
 
 
@@ -93,7 +93,7 @@ def test_the_thrust_curve_holds_for_the_voltage_of_the_vehicle_or_for_the_median
 
 
 def test_a_residual_force_becomes_the_specific_force_of_an_accelerometer(attitudes):
-    """The residual is the force beside the weight and the commanded thrust, along the axes of W."""
+    """The residual is the force other than weight and commanded thrust, along the axes of W."""
     angles = np.tile([0.3, -0.2, 1.0], (5, 1))
     force = np.array([0.5, -1.0, 2.0])
     log = FlightRecord(
@@ -115,12 +115,14 @@ def test_a_residual_force_becomes_the_specific_force_of_an_accelerometer(attitud
 
 
 def test_without_a_log_there_is_nothing_to_identify(rotors):
-    with pytest.raises(InputError, match="there is no log to identify a vehicle from"):
+    with pytest.raises(InputError, match="no log is given; at least one is needed to identify a vehicle"):
         identify([], rotors)
 
 
 def test_a_short_flight_is_refused(rotors):
-    with pytest.raises(InputError, match=r"^only 3 windows of .* s in the air can be cut from the logs; at least 4"):
+    with pytest.raises(
+        InputError, match=r"^the flight in the logs contains only 3 windows of .* in the air; at least 4"
+    ):
         identify([record(2.0, *POSES)], rotors, held_out_share=0.0)
 
 
@@ -128,13 +130,13 @@ def test_logs_of_different_rates_are_refused(rotors):
     slow = FlightRecord("slow", 0.05 * np.arange(400), rotor_speed_command=np.full((400, 4), 200.0), **{
         name: np.zeros((400, 3)) for name in POSES
     })  # fmt: skip
-    with pytest.raises(InputError, match="identify from logs of one rate"):
+    with pytest.raises(InputError, match="identify from logs with the same sample rate"):
         identify([record(20.0, *POSES), slow], rotors)
 
 
 @pytest.mark.slow
 def test_a_flight_without_motion_identifies_only_the_thrust(rotors):
-    """No estimate is divided by a variance of zero: a NumPy warning fails the test."""
+    """Nothing is divided by a variance of zero; a NumPy warning would fail the test."""
     vehicle = rotors.vehicle
     speed = np.sqrt(0.25 * vehicle.mass * vehicle.gravity / vehicle.thrust_factor)
     still = record(6.0, *POSES, "body_rates", "velocity", rotor_speed_command=np.full((300, 4), speed))
@@ -146,7 +148,7 @@ def test_a_flight_without_motion_identifies_only_the_thrust(rotors):
 
 
 def test_equations_without_a_solution_are_refused_in_one_sentence(monkeypatch):
-    """Such equations arise if a gyroscope now and then shows 10⁸ rad/s."""
+    """Such equations arise if a gyroscope occasionally reads 10⁸ rad/s."""
 
     def fail(*_, **__):
         np.linalg.cholesky(np.zeros((2, 2)))
@@ -154,7 +156,7 @@ def test_equations_without_a_solution_are_refused_in_one_sentence(monkeypatch):
     monkeypatch.setattr(module, "_identified", fail)
     nothing = FlightRecord("log", np.array([0.0, 0.1]))
     with pytest.raises(
-        InputError, match=r"^the logs cannot be fitted \(Matrix is not positive definite\): their values are not"
+        InputError, match=r"^the logs cannot be fitted \(Matrix is not positive definite\): their values are impossible"
     ):
         identify([nothing], load_scenario("hover"))
 
@@ -165,8 +167,8 @@ THRUST_RATIO, LAG, TRANSPORT_DELAY, HEIGHT_NOISE = 1.2, 0.06, 0.03, 1e-3
 def climbing(vehicle, seconds):
     """Return a log of heights and rotor speeds of a vehicle with a controlled height, simulated in steps of 1 ms.
 
-    Its rotors have `THRUST_RATIO` times the thrust factor of the vehicle. They follow their commands with `LAG`, and
-    the commands arrive after `TRANSPORT_DELAY`.
+    The rotors have `THRUST_RATIO` times the thrust factor of the vehicle. They follow their commands with the time
+    constant `LAG`, after the delay `TRANSPORT_DELAY`.
     """
     random, step = np.random.default_rng(0), 1e-3
     count, held = round(seconds / PERIOD), round(PERIOD / step)
@@ -192,7 +194,7 @@ def climbing(vehicle, seconds):
 
 @pytest.mark.slow
 def test_heights_of_a_vehicle_that_climbs_and_descends_identify_thrust_lag_and_delay(rotors):
-    """The log is from an independent simulation of one axis; 95 % intervals contain the values of its rotors."""
+    """The log is from an independent simulation of one axis; the 95 % intervals contain its parameters."""
     calm = load_scenario("laboratory:low_wind", ["vehicle.linear_drag=0", "vehicle.quadratic_drag=0"])
     found = identify([climbing(calm.vehicle, 8.0)], calm)
     estimates = found.estimates
@@ -218,22 +220,22 @@ def forecast_of(*explained):
     return [ForecastOutput(name, "m", none, none, none, each, 0.1) for name, each in zip(names, explained, strict=True)]
 
 
-def test_a_vehicle_that_forecasts_nothing_better_than_persistence_is_refused():
+def test_a_vehicle_whose_forecast_is_no_better_than_persistence_is_refused():
     with pytest.raises(InputError, match=r"^cannot identify the vehicle: .* forecasts no output .* \(best: position y"):
         identifiability.check_forecast(forecast_of(-3.0, -0.1, np.nan))
     identifiability.check_forecast(forecast_of(-3.0, 0.1, np.nan))
-    # Nothing moves, so persistence is exact and nothing can be told.
+    # If nothing moves, persistence is exact, and the forecast cannot be assessed.
     identifiability.check_forecast(forecast_of(np.nan, np.nan, np.nan))
 
 
-def test_a_vehicle_that_a_disturbance_carries_is_refused(rotors):
+def test_a_vehicle_whose_weight_is_carried_by_the_disturbance_is_refused(rotors):
     gravity = rotors.vehicle.gravity
     for share in (0.1, 0.2):
         noise = PredictionNoise(np.ones(3), np.array([9.0, 9.0, share * gravity, 1.0, 1.0, 1.0]), np.full(6, 20.0))
         if share < 0.15:
             identifiability.check_thrust(rotors, noise)
         else:
-            with pytest.raises(InputError, match="a force of 20 % of the weight is left along z"):
+            with pytest.raises(InputError, match="a force of 20 % of the weight along z is unexplained"):
                 identifiability.check_thrust(rotors, noise)
 
 
@@ -247,7 +249,7 @@ def test_a_parameter_with_a_wide_interval_or_at_a_limit_is_not_identified():
     uncertainty = Uncertainty(np.diag(deviations**2), np.full(3, 30.0), np.eye(3))
     found = identifiability.not_identified(parameters, values, uncertainty)
     assert "at the limit of what is physically possible" in found["linear_drag"]
-    # The interval of a positive parameter would reach below zero.
+    # The interval of a positive parameter would extend below zero.
     assert "its 95 % interval is 0.0020 ± 0.0031" in found["inertia[0]"]
     assert set(found) == {"linear_drag", "inertia[0]"}
 
@@ -267,7 +269,7 @@ def test_drag_below_the_disturbing_force_is_held_with_a_reason(rotors):
         found = identifiability.weaker_than_disturbance(rotors, predictor, parameters, fitted)
         assert set(found) == ({"linear_drag"} if held else set())
         if held:
-            expected = f"the disturbing force, such as wind, is {mass * push:.2g} N, and the drag itself 0.2 N"
+            expected = f"the disturbing force, such as wind, is {mass * push:.2g} N, but the drag force is only 0.2 N"
             assert found["linear_drag"] == expected
 
 
@@ -287,8 +289,8 @@ def test_the_response_of_an_angle_whose_command_is_below_the_noise_is_held_with_
     assert identifiability.unexcited(rates, parameters, SimpleNamespace(noise=noise)) == {}
 
 
-def test_drag_is_compared_with_the_force_along_its_own_axis(rotors):
-    """The speed is that over a tenth of a second, so neither noise nor vibration of 10 Hz is one."""
+def test_drag_is_compared_with_the_force_along_the_same_axis(rotors):
+    """The speed is averaged over 0.1 s, so noise and vibration at 10 Hz do not count."""
     time = 0.02 * np.arange(200)
     outputs = [Output("position", column) for column in range(3)]
     names = ("linear_drag", "body_drag.linear[0]", "body_drag.linear[1]", "body_drag.quadratic[0]", "mass")
@@ -311,14 +313,14 @@ def test_drag_is_compared_with_the_force_along_its_own_axis(rotors):
     assert held(both, [0.9 * limit, 1.1 * limit, 0.0]) == {"linear_drag", "body_drag.linear[1]"}
     vibration = np.column_stack([np.sin(20.0 * np.pi * time), moving, still])
     assert held(vibration, [0.1 * limit, 0.1 * limit, 0.0]) == {"linear_drag", "body_drag.linear[0]"}
-    # Samples in which the filter settles do not count, nor do logs without positions.
+    # Samples in which the filter settles and logs without positions do not count.
     late = np.where(time[:, None] < 2.0, both, both[100])
     assert held(late, [0.5 * limit] * 3, first=100) == {"linear_drag", "body_drag.linear[0]", "body_drag.linear[1]"}
     assert held(both, [99.0] * 3, outputs=[Output("attitude", column) for column in range(3)]) == set()
     assert held(both[:, :1], [99.0] * 3, outputs=[Output("position", 2)]) == set()
 
 
-def test_a_command_is_excited_if_it_varies_in_the_flight_of_any_log():
+def test_a_command_is_excited_if_it_varies_in_flight_in_at_least_one_log():
     def command(size, *, flying):
         values = np.zeros((300, 3))
         values[:, 1] = size * np.sin(np.arange(300))
@@ -333,7 +335,7 @@ def test_a_command_is_excited_if_it_varies_in_the_flight_of_any_log():
         ([1e-3, 1e-2], [whole, whole], False),
         ([1e-2, 1e-3], [whole, whole], False),
         ([1e-3, 1e-3], [half, half], True),
-        # A sine with the amplitude a has the standard deviation a / √2.
+        # A sine of amplitude a has the standard deviation a / √2.
         ([6e-3], [half], False),
         ([5e-3], [half], True),
         ([6e-3, 6e-3], [half, ~whole], False),
@@ -347,8 +349,8 @@ def test_a_command_is_excited_if_it_varies_in_the_flight_of_any_log():
 @pytest.mark.parametrize(
     ("lower", "deviation", "identified"), [(0.0, 0.39, True), (0.0, 0.41, False), (0.1, 0.39, False)]
 )
-def test_an_interval_reaches_at_most_the_usual_error_and_a_positive_parameter(lower, deviation, identified):
-    """With thirty degrees of freedom, it reaches 2.04 deviations."""
+def test_an_interval_must_be_narrower_than_the_usual_error_and_not_contain_zero(lower, deviation, identified):
+    """With 30 degrees of freedom, the half-width is 2.04 standard deviations."""
     parameters = [Parameter("inertia[0]", 1.0, 0.8, lower)]
     uncertainty = Uncertainty(np.array([[deviation**2]]), np.full(1, 30.0), np.eye(1))
     found = identifiability.not_identified(parameters, np.array([0.7]), uncertainty)
@@ -361,9 +363,9 @@ def test_a_parameter_is_a_candidate_if_the_outputs_can_determine_it(rotors, atti
         return {parameter.name for parameter in parameters_of(scenario, {*signals}, **options)}
 
     assert {"thrust_factor", "rotor_time_constant", "inertia[2]", "linear_drag", "delay"} <= names(rotors, *POSES)
-    # An accelerometer alone determines drag and velocity only as a product.
+    # Without positions, an accelerometer determines only the product of drag and velocity.
     assert "linear_drag" not in names(rotors, "body_rates", FORCE)
-    # Heights alone determine no rotation.
+    # Heights determine no rotation.
     assert names(rotors, "position") >= {"thrust_factor", "rotor_time_constant"}
     assert "inertia[0]" not in names(rotors, "position")
     behind = names(attitudes, *POSES)

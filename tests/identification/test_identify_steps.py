@@ -1,4 +1,4 @@
-"""Steps of an identification around the fit: what is fitted to which part of the flight, and what becomes of it."""
+"""Steps of an identification before and after the fit: choice of windows and parameters, and results."""
 
 from types import SimpleNamespace
 
@@ -37,7 +37,7 @@ def log_of(seconds, *, period=PERIOD, **signals):
 
 @pytest.fixture(autouse=True)
 def no_disturbance(monkeypatch):
-    """The fits of these tests have no filter that estimates one."""
+    """Replace the estimation of a disturbance, since the predictors of these tests have no filter."""
     monkeypatch.setattr(
         flight_differences, "estimated_force", lambda each, _: np.zeros((2, len(each.windows), each.sizes.length))
     )
@@ -55,7 +55,7 @@ def noise_of(outputs, *, force=1e-3):
 
 
 def fitted_to(predictor: Predictor, parameters: list[Parameter], *, seed=0, noise=None, strength=1e3) -> PredictionFit:
-    """Return a fit with the prior means, whose errors depend on each parameter relative to its prior deviation."""
+    """Return a fit at the prior means; its errors depend on each parameter relative to the prior standard deviation."""
     random = np.random.default_rng(seed)
     size = len(predictor.outputs) * predictor.sizes.length
     scales = np.array([parameter.scale for parameter in parameters])
@@ -77,13 +77,12 @@ def forecast_of(explained, outputs=POSE):
 
 
 class Recorded:
-    """Calls of a search that finds the prior means, and of a forecast."""
+    """Record of the calls of a search, which returns the prior means, and of a forecast."""
 
     def __init__(self, monkeypatch, *, noise=None):
         self.fits, self.forecasts, self.noise = [], [], noise
         monkeypatch.setattr(module, "fit", self.fit)
         monkeypatch.setattr(module, "forecast", self.forecast)
-        monkeypatch.setattr(module, "slow_fit", lambda *_: None)
         monkeypatch.setattr(module, "noise_covariance", lambda predictor, fitted: 1e-4 * np.eye(18))
 
     def fit(self, predictor, parameters, noise, start=None):
@@ -99,13 +98,13 @@ class Recorded:
 
 
 def times_of(predictor, log, *, settle=True):
-    """Return first and last time of each window, with the time in which the filter settles before it or without."""
+    """Return the first and last time of each window, with or without the settling time of the filter."""
     before = predictor.sizes.settle if settle else 0
     return [(log.time[start - before], log.time[start + predictor.sizes.length]) for _, start in predictor.windows]
 
 
-def test_the_forecast_is_of_flight_that_its_fit_has_not_seen(monkeypatch, rotors):
-    """The last third of the flight is held out; the final fit uses all of it, and starts from the first one."""
+def test_the_forecast_is_evaluated_on_flight_that_was_not_fitted(monkeypatch, rotors):
+    """The last third of the flight is held out. The final fit uses all of the flight, and starts from the first fit."""
     log, calls = log_of(24.0), Recorded(monkeypatch)
     found = module.identify([log], rotors)
     training, final = calls.fits
@@ -121,7 +120,7 @@ def test_the_forecast_is_of_flight_that_its_fit_has_not_seen(monkeypatch, rotors
     np.testing.assert_array_equal(final.start, training.found.values)
     assert final.noise is training.found.noise
     assert training.names == final.names
-    # The vehicle of the first fit is kept for a comparison on flight that was held out.
+    # The vehicle of the first fit is kept for comparisons on the held-out flight.
     assert found.training_vehicle.vehicle.thrust_factor == pytest.approx(1.01 * rotors.vehicle.thrust_factor)
     assert found.vehicle.vehicle.thrust_factor == pytest.approx(1.02 * rotors.vehicle.thrust_factor)
     assert len(found.outputs) == 6
@@ -136,8 +135,8 @@ def test_without_held_out_flight_there_is_one_fit(monkeypatch, rotors):
     assert dict(found.estimates.explained) == {}
 
 
-def test_parameters_that_a_disturbance_hides_are_held_in_another_fit(monkeypatch, rotors):
-    """The vehicle hardly moves, so its drag is smaller than any force."""
+def test_parameters_hidden_by_a_disturbance_are_fixed_in_a_further_fit(monkeypatch, rotors):
+    """The vehicle hardly moves, so its drag is smaller than the disturbing force."""
     hidden = noise_of(POSE, force=0.3)
     calls = Recorded(monkeypatch, noise=hidden)
     log = log_of(24.0, position=np.zeros((2400, 3)))
@@ -154,8 +153,8 @@ def test_parameters_that_a_disturbance_hides_are_held_in_another_fit(monkeypatch
 
 
 @pytest.mark.parametrize(("period", "latency", "start"), [(0.01, 0, 0.01), (0.05, 0, 0.025), (0.01, 12, 0.075)])
-def test_the_initial_delay_is_the_age_of_a_frame_within_limits(monkeypatch, period, latency, start):
-    """It is at least half a sample and at most half of the largest delay."""
+def test_the_initial_delay_is_the_age_of_a_camera_frame_within_limits(monkeypatch, period, latency, start):
+    """The initial delay is at least half a sample and at most half of the largest delay."""
     overrides = [f"laboratory.motion_capture.latency_frames={latency}", "laboratory.motion_capture.period=0.01"]
     scenario = load_scenario("laboratory:low_wind", overrides)
     assert frame_age(scenario) == pytest.approx(0.01 * (1 + latency))
@@ -174,7 +173,7 @@ def test_the_initial_delay_is_the_age_of_a_frame_within_limits(monkeypatch, peri
     assert given == pytest.approx([start, MAX_DELAY])
 
 
-def test_a_vehicle_has_its_values_and_the_delay_in_ticks_of_its_link(rotors):
+def test_an_identified_vehicle_has_the_estimates_and_the_delay_in_ticks_of_the_link(rotors):
     logs, _ = prepare([log_of(5.0)], rotors)
     for delay, expected in ((frame_age(rotors) + 0.013, frame_age(rotors) + 0.013), (0.0, frame_age(rotors))):
         found = module._vehicle(logs, rotors, {"thrust_factor": 5e-5, DELAY: delay})
@@ -190,7 +189,7 @@ def test_a_vehicle_has_its_values_and_the_delay_in_ticks_of_its_link(rotors):
     assert module._vehicle(logs, scenario, {"motors.curve[1]": 2.0}).vehicle.motors.voltage == pytest.approx(11.4)
 
 
-def result_of(rotors, monkeypatch, *, change=lambda fitted, names: fitted, shown=(), held=None, slow=None):
+def result_of(rotors, monkeypatch, *, change=lambda fitted, names: fitted, shown=(), held=None):
     """Return the result of a fit, with the fit and its predictor."""
     monkeypatch.setattr(module, "noise_covariance", lambda predictor, fitted: np.diag(np.linspace(1e-4, 2e-4, 18)))
     logs, scenario = prepare([log_of(30.0)], rotors)
@@ -198,11 +197,11 @@ def result_of(rotors, monkeypatch, *, change=lambda fitted, names: fitted, shown
     names = names_of(parameters)
     predictor = logs.predictor(names, logs.flying)
     fitted = change(fitted_to(predictor, parameters), names)
-    found = module._result(logs, scenario, predictor, parameters, fitted, shown, held or {}, slow)
+    found = module._result(logs, scenario, predictor, parameters, fitted, shown, held or {})
     return found, fitted, predictor, parameters
 
 
-def test_estimates_have_the_uncertainty_of_the_fit_and_the_delay_is_apart(monkeypatch, rotors):
+def test_estimates_have_the_uncertainty_of_the_fit_and_the_delay_is_separate(monkeypatch, rotors):
     found, fitted, predictor, parameters = result_of(rotors, monkeypatch)
     names, estimates = names_of(parameters), found.estimates
     own = [i for i, name in enumerate(names) if name != DELAY]
@@ -213,7 +212,7 @@ def test_estimates_have_the_uncertainty_of_the_fit_and_the_delay_is_apart(monkey
     number = len(own)
     np.testing.assert_allclose(estimates.covariance[:number, :number], expected.covariance[np.ix_(own, own)])
     np.testing.assert_allclose(estimates.degrees_of_freedom[:number], expected.degrees_of_freedom[own])
-    # A noise is known relative to its size, and from many measurements.
+    # The standard deviation of a noise estimate is relative to its value, and follows from many measurements.
     variances = np.linspace(1e-4, 2e-4, 18)[[0, 3]] * np.square([1e-3, 4e-3])
     np.testing.assert_allclose(estimates.covariance[number:, number:], np.diag(variances))
     np.testing.assert_array_equal(estimates.covariance[number:, :number], 0.0)
@@ -225,7 +224,7 @@ def test_estimates_have_the_uncertainty_of_the_fit_and_the_delay_is_apart(monkey
     assert found.delay.reach == pytest.approx(
         quantile(expected.degrees_of_freedom[place]) * np.sqrt(expected.covariance[place, place])
     )
-    # Thirty seconds are 23 windows of 1.25 s, of which a tenth at a time is held out.
+    # Thirty seconds give 23 windows of 1.25 s, of which a tenth at a time is held out.
     assert found.remarks[0] == "23 windows of 1.2 s in the air were fitted"
     assert set(found.held_out) == {*names}
     assert estimates.variation.covariance.shape == (number + 2, number + 2)
@@ -238,7 +237,7 @@ def test_estimates_have_the_uncertainty_of_the_fit_and_the_delay_is_apart(monkey
 
 @pytest.mark.parametrize("weak", ["inertia[2]", DELAY])
 def test_a_parameter_without_influence_is_not_identified(monkeypatch, rotors, weak):
-    """It keeps a place among the estimates; a delay is remarked, and does not change the link."""
+    """The parameter stays among the estimates. For a delay, a remark is made, and the link is unchanged."""
 
     def without(fitted, names):
         slopes = fitted.slopes.copy()
@@ -286,24 +285,12 @@ def test_reasons_of_all_steps_are_kept(monkeypatch, rotors):
     found, *_ = result_of(rotors, monkeypatch, change=quiet, held={"linear_drag": "wind"}, shown=forecast_of(0.7))
     reasons = found.estimates.not_identified
     assert reasons["linear_drag"] == "wind"
-    assert reasons[NOISES[0]] == "it is below 2e-05 in SI units"
+    assert reasons[NOISES[0]] == "it is below 2e-05 m or rad"
     assert reasons["mass"].startswith("motion determines forces only relative to the mass")
     assert NOISES[0] not in found.estimates.names
     assert found.estimates.value(NOISES[1]) == 4e-3
     assert found.estimates.explained["thrust_factor"].share == 0.7
     assert len(found.outputs) == 6
-
-
-def test_estimates_that_depend_on_the_bandwidth_have_wider_intervals(monkeypatch, rotors):
-    plain, fitted, _, parameters = result_of(rotors, monkeypatch)
-    place = names_of(parameters).index("inertia[0]")
-    deviations = np.sqrt(np.diag(plain.estimates.covariance))
-    values = fitted.values.copy()
-    values[place] += 20.0 * deviations[place]
-    found, *_ = result_of(rotors, monkeypatch, slow=module.SlowFit(values, 0.03))
-    wider = np.sqrt(np.diag(found.estimates.covariance)) / deviations
-    assert wider[place] > 2.0
-    np.testing.assert_allclose(np.delete(wider, place), 1.0, rtol=1e-6)
 
 
 def test_parameters_that_missing_commands_distort_are_not_identified(monkeypatch, rotors):
@@ -312,8 +299,8 @@ def test_parameters_that_missing_commands_distort_are_not_identified(monkeypatch
     assert found.estimates.not_identified["inertia[0]"] == "commands are missing"
 
 
-def test_the_explained_share_of_a_parameter_is_that_of_the_output_that_shows_it():
-    """The output with the largest sum of squared derivatives, over all windows."""
+def test_the_explained_fraction_of_a_parameter_is_that_of_the_most_sensitive_output():
+    """The most sensitive output has the largest sum of squared derivatives over all windows."""
     outputs = [Output("position", 0), Output("position", 2), Output("attitude", 1)]
     parameters = [Parameter(name, 1.0, 1.0) for name in ("mass", DELAY, "inertia[1]", "linear_drag")]
     slopes = np.full((3, 5, 3, 4), 0.1)
@@ -326,7 +313,7 @@ def test_the_explained_share_of_a_parameter_is_that_of_the_output_that_shows_it(
     shares = {"x": np.nan, "z": 0.5, "pitch": 0.9}
     shown = [ForecastOutput(name, "m", none, none, none, share, 0.1) for name, share in shares.items()]
     found = module._explained(parameters, fitted, SimpleNamespace(outputs=outputs), shown)
-    # An output that does not vary explains nothing, and a delay is no parameter of the vehicle.
+    # An output that does not vary explains nothing; a delay is not a parameter of the vehicle.
     assert found == {"mass": Explained(0.5, "z"), "inertia[1]": Explained(0.9, "pitch")}
 
 
@@ -341,7 +328,7 @@ def test_remarks_name_what_a_log_does_not_distinguish():
     assert module._remarks(predictor, fitted, names[:1]) == (windows,)
 
 
-def test_no_noise_is_estimated_of_logs_without_poses(rotors):
+def test_logs_without_poses_give_no_estimates_of_pose_noise(rotors):
     outputs = [Output("body_rates", column) for column in range(3)]
     noise = PredictionNoise(np.full(3, 0.02), np.ones(6), np.ones(6))
     names, values, covariance, weak = module._noise_estimates(
@@ -359,7 +346,7 @@ def test_undetermined_parameters_have_a_reason():
     assert set(module.undetermined(load_scenario("neural_fly:still"), [])) == {"mass", "thrust_factor"}
 
 
-def test_an_inertia_that_no_body_has_is_remarked(monkeypatch, rotors):
+def test_a_physically_impossible_inertia_is_remarked(monkeypatch, rotors):
     impossible = rotors.vehicle.model_copy(update={"inertia": (1.0, 1.0, 3.0)})
     found = module.Identification(None, rotors.model_copy(update={"vehicle": impossible}), (), remarks=("first",))
     monkeypatch.setattr(module, "_identified", lambda *_: found)
@@ -367,12 +354,12 @@ def test_an_inertia_that_no_body_has_is_remarked(monkeypatch, rotors):
     monkeypatch.setattr(module, "fast_command_remarks", lambda records: ["fast"])
     *others, last = module.identify([log_of(1.0)], rotors).remarks
     assert others == ["first", "clocks", "fast"]
-    assert last.startswith("the identified inertia is not that of a rigid body, because of its error: ")
+    assert last.startswith("the identified inertia is inaccurate, since no rigid body can have it: ")
     monkeypatch.setattr(module, "_identified", lambda *_: module.Identification(None, rotors, ()))
     assert module.identify([log_of(1.0)], rotors).remarks == ("clocks", "fast")
 
 
-def test_prepared_logs_know_their_signals():
+def test_prepared_logs_list_their_signals():
     logs = PreparedLogs([log_of(3.0)], load_scenario("hover"), POSE, [np.full(300, True)], False)
     assert (logs.signals, logs.poses, logs.voltage) == ({"position", "attitude"}, True, None)
     assert not logs._replace(outputs=[Output("body_rates", 0)]).poses

@@ -7,23 +7,30 @@ from drake_quad.errors import InputError
 from drake_quad.flight.mission import plan_route
 from drake_quad.flight.simulation import simulate
 from drake_quad.identification import known_flights
-from drake_quad.identification.known_flights import KNOWN, Checked, Task, check_batch, record_of, wandering
+from drake_quad.identification.known_flights import (
+    KNOWN_FLIGHTS,
+    CheckedParameter,
+    Task,
+    check_batch,
+    record_of,
+    wandering_route,
+)
 from drake_quad.identification.results.vehicle_numbers import number_of
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.scenario.batch import draw_sample, middle_of
 from drake_quad.scenario.paths import distributions_in
 
 
-@pytest.mark.parametrize("kind", KNOWN)
-def test_a_known_vehicle_wanders_evenly_in_time_and_never_returns(kind, diagrams):
-    known = KNOWN[kind]
-    scenario = middle_of(known.flown(diagrams))
+@pytest.mark.parametrize("kind", KNOWN_FLIGHTS)
+def test_the_waypoints_of_a_known_flight_are_equally_spaced_in_time_and_never_repeat(kind, diagrams):
+    known = KNOWN_FLIGHTS[kind]
+    scenario = middle_of(known.simulated_scenario(diagrams))
     plan = plan_route(scenario)
     times = known.seconds * np.arange(41)
     np.testing.assert_allclose(plan.path.times, times, atol=1e-9)
     places = evaluate(plan.path, times).T
     yaws = evaluate(plan.yaw, times)[0]
-    # Positions stay within these distances of a point at a height of 1.5 m, and yaws have both signs.
+    # Positions stay within these distances from a point at a height of 1.5 m, and yaws have both signs.
     for values, centre, size in (
         (*[places[:, 0]], 0.0, 1.2),
         (places[:, 1], 0.0, 1.2),
@@ -34,14 +41,14 @@ def test_a_known_vehicle_wanders_evenly_in_time_and_never_returns(kind, diagrams
         assert np.ptp(values) > 1.7 * size
     apart = np.linalg.norm(places[:, None] - places, axis=2)
     assert apart[np.triu_indices(41, 1)].min() > 0.05
-    assert {name.partition(".")[0] for name in distributions_in(known.flown(diagrams))} >= {"vehicle"}
-    begun = known.begun_with(diagrams)
+    assert {name.partition(".")[0] for name in distributions_in(known.simulated_scenario(diagrams))} >= {"vehicle"}
+    begun = known.initial_scenario(diagrams)
     assert number_of(begun, "rotor_time_constant") > 0.0
     assert begun.laboratory.autopilot.kind == scenario.laboratory.autopilot.kind
 
 
 def test_waypoints_are_whole_millimetres_and_times_whole_microseconds():
-    route = wandering(1.0 / 3.0)
+    route = wandering_route(1.0 / 3.0)
     for waypoint in route["waypoints"]:
         for number in (*waypoint["point"], waypoint["yaw"]):
             assert number == round(number, 3)
@@ -49,10 +56,10 @@ def test_waypoints_are_whole_millimetres_and_times_whole_microseconds():
     assert (route["top_speed"], route["top_acceleration"]) == (None, None)
 
 
-@pytest.mark.parametrize("kind", KNOWN)
+@pytest.mark.parametrize("kind", KNOWN_FLIGHTS)
 def test_the_log_of_a_flight_has_the_signals_of_a_laboratory(kind, diagrams):
-    known = KNOWN[kind]
-    flight = simulate(middle_of(known.flown(diagrams, ["duration=0.5"])), compiled=True)
+    known = KNOWN_FLIGHTS[kind]
+    flight = simulate(middle_of(known.simulated_scenario(diagrams, ["duration=0.5"])), compiled=True)
     record = record_of(flight, known.samples_per_row)
     every = slice(None, None, known.samples_per_row)
     pose = np.split(flight["measurement"], 4, axis=1)
@@ -73,7 +80,7 @@ def test_the_log_of_a_flight_has_the_signals_of_a_laboratory(kind, diagrams):
     else:
         np.testing.assert_array_equal(record.rotor_speed_command, flight["rotor_speed_command"][every])
         assert record.thrust_share is None
-    # Unless told otherwise, a log has a row for each recorded sample.
+    # By default, a log has a row for each recorded sample.
     np.testing.assert_array_equal(record_of(flight).time, flight.time)
     assert record.period == pytest.approx({"slow_log": 0.01}.get(kind, flight.time[1] - flight.time[0]))
 
@@ -101,21 +108,23 @@ def test_identified_values_are_paired_with_the_true_ones(diagrams, monkeypatch):
     monkeypatch.setattr(known_flights, "identify", identify)
     found = check_batch(Task("wind", diagrams, ["duration=0.3"], [4, 7]))
     assert list(found) == [4, 7]
-    own = KNOWN["wind"].flown(diagrams, ["duration=0.3"])
+    own = KNOWN_FLIGHTS["wind"].simulated_scenario(diagrams, ["duration=0.3"])
     for sample, rows in found.items():
         flown = draw_sample(own, sample)
         thrust, inertia, delay = rows
-        assert thrust == Checked("thrust_factor", number_of(flown, "thrust_factor"), 4e-5, 1e-6, 9.0)
-        assert inertia == Checked("inertia[1]", number_of(flown, "inertia[1]"), 0.007, 1e-4, 8.0)
-        # Cameras deliver the state one frame of 10 ms late, and the command of a row was held over the 20 ms before.
+        assert thrust == CheckedParameter("thrust_factor", number_of(flown, "thrust_factor"), 4e-5, 1e-6, 9.0)
+        assert inertia == CheckedParameter("inertia[1]", number_of(flown, "inertia[1]"), 0.007, 1e-4, 8.0)
+        # Cameras deliver the state one frame (10 ms) late; the command in a row was applied during the preceding 20 ms.
         frames = flown.laboratory.motion_capture.latency_frames
-        assert delay == Checked(known_flights.DELAY, pytest.approx(0.01 * (1 + frames) - 0.02), 0.01, 0.002, 9.0)
+        assert delay == CheckedParameter(
+            known_flights.DELAY, pytest.approx(0.01 * (1 + frames) - 0.02), 0.01, 0.002, 9.0
+        )
     first, second = (rows[0].true for rows in found.values())
     assert first != second
-    # Each flight is identified on its own and as a whole, from the vehicle of the data sheet.
+    # Each flight is identified separately and without held-out flight, from the vehicle of the data sheet.
     for (record,), believed, options in asked:
         assert record.time[-1] == pytest.approx(0.3, abs=0.021)
-        assert believed == KNOWN["wind"].begun_with(diagrams)
+        assert believed == KNOWN_FLIGHTS["wind"].initial_scenario(diagrams)
         assert options == {"held_out_share": 0.0}
 
 

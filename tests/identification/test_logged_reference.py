@@ -1,4 +1,4 @@
-"""The reference of a log as a route, against paths that are known."""
+"""The reference of a log as a route, compared with known paths."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ PATH = minimum_snap(POINTS, np.array([0.0, 1.3, 2.9, 4.4]))
 
 
 def logged(path, *, period=0.004, held=1, begin=0.0, end=None, velocity=True, **signals):
-    """A record of a path, of which every so many samples hold the same, as a reference that is sent more slowly."""
+    """Return a log of a path whose reference changes only once in `held` samples."""
     end = path.times[-1] if end is None else end
     time = np.arange(begin, end, period)
     sent = time[np.arange(len(time)) // held * held]
@@ -28,7 +28,7 @@ def logged(path, *, period=0.004, held=1, begin=0.0, end=None, velocity=True, **
 
 
 def route_path(route):
-    """The path of a route, from its knots."""
+    """Return the path of a route, from its knots."""
     rows = [[knot.position, knot.velocity, knot.acceleration, knot.jerk] for knot in route.knots]
     return hermite_path(np.array([knot.time for knot in route.knots]), np.array(rows))
 
@@ -38,7 +38,7 @@ def distance(found, path: PolynomialPath, start, delay=0.0):
     return np.abs(evaluate(route_path(found.route), time + start) - evaluate(path, time - delay)).max()
 
 
-def test_a_path_is_found_again_and_its_acceleration_and_jerk_with_it():
+def test_a_path_is_recovered_with_its_acceleration_and_jerk():
     found = logged_reference(logged(PATH), rest=2.0)
     assert (found.start, found.route.knots[0].time) == (2.0, 0.0)
     assert found.deviation < 2e-3
@@ -50,8 +50,8 @@ def test_a_path_is_found_again_and_its_acceleration_and_jerk_with_it():
 
 
 @pytest.mark.parametrize("velocity", [True, False])
-def test_millimetres_and_held_values_do_no_harm(velocity):
-    """What is cut to mm and sent at 50 Hz is found to half a mm: it lies half a hold, less half a sample, behind."""
+def test_rounded_and_held_values_hardly_change_the_path(velocity):
+    """A path rounded to 1 mm and sent at 50 Hz is found to 0.5 mm. Its delay is half a hold minus half a sample."""
     record = logged(PATH, held=5, velocity=velocity)
     cut = FlightRecord(
         "a",
@@ -62,11 +62,11 @@ def test_millimetres_and_held_values_do_no_harm(velocity):
     found = logged_reference(cut, rest=1.0)
     assert distance(found, PATH, 1.0, delay=0.008) < 1.1e-3
     assert found.deviation < 2e-3
-    # Without regard to that, the path would be as far away as it goes in a hold.
+    # If the delay were ignored, the error would be the distance travelled during half a hold.
     assert distance(found, PATH, 1.0) > 5e-3
 
 
-def test_before_the_log_the_route_is_at_rest_where_the_log_begins():
+def test_before_the_log_the_route_rests_at_the_first_position():
     knots = logged_reference(logged(PATH), rest=3.0).route.knots
     for knot in (knots[0], knots[1], knots[2]):
         np.testing.assert_allclose(knot.position, POINTS[0], atol=1e-4)
@@ -74,7 +74,7 @@ def test_before_the_log_the_route_is_at_rest_where_the_log_begins():
     assert [knot.time for knot in knots[:3]] == [0.0, 1.5, 3.0]
 
 
-def test_a_log_that_begins_on_its_way_is_run_up_to():
+def test_a_log_that_begins_in_motion_is_preceded_by_a_run_up():
     record = logged(PATH, begin=0.7)
     found = logged_reference(record, rest=4.0)
     path = route_path(found.route)
@@ -82,16 +82,16 @@ def test_a_log_that_begins_on_its_way_is_run_up_to():
     np.testing.assert_allclose(evaluate(path, [4.0], 1).T[0], record.reference_velocity[0], atol=1e-2)
     assert np.linalg.norm(record.reference_velocity[0]) > 0.5
     np.testing.assert_array_equal(found.route.knots[0].velocity, 0.0)
-    # It speeds up, and neither comes back nor has to hurry.
+    # The run-up accelerates without reversing and without exceeding the first speed by much.
     along = evaluate(path, np.linspace(0.0, 4.0, 200), 1).T @ record.reference_velocity[0]
     full = np.linalg.norm(record.reference_velocity[0]) ** 2
     assert -0.1 * full < along.min() <= along.max() < 1.3 * full
-    with pytest.raises(InputError, match="is on its way at once: rest must not be 0"):
+    with pytest.raises(InputError, match="already moves at its first sample; rest must be larger than 0"):
         logged_reference(record)
 
 
 def test_a_gap_is_filled_smoothly():
-    """The path of least snap through a gap of 0.9 s stays near the one that was flown there."""
+    """The minimum-snap path through a gap of 0.9 s stays near the true one."""
     record = logged(PATH)
     found = logged_reference(record.part((record.time < 1.0) | (record.time > 1.9)), rest=1.0)
     assert distance(found, PATH, 1.0) < 0.05
@@ -99,7 +99,7 @@ def test_a_gap_is_filled_smoothly():
 
 @pytest.mark.parametrize("velocity", [True, False])
 def test_a_gap_at_the_beginning_is_filled_from_rest(velocity):
-    """Two samples that are alike tell that it rests, and the path of least snap is near the one that was flown."""
+    """Two equal samples show that the reference rests; the minimum-snap path is near the true one."""
     record = logged(PATH)
     speed = np.vstack([np.zeros((2, 3)), record.reference_velocity[200:]])
     resting = FlightRecord(
@@ -114,7 +114,7 @@ def test_a_gap_at_the_beginning_is_filled_from_rest(velocity):
     np.testing.assert_allclose([first.velocity, first.acceleration, first.jerk], 0.0, atol=1e-3)
 
 
-def test_yaw_is_the_logged_one_without_turns_that_are_none():
+def test_yaw_is_the_logged_one_without_jumps_of_full_turns():
     time = np.arange(0.0, 4.0, 0.004)
     yaw = 3.0 + 0.8 * np.sin(time)
     record = logged(PATH, end=4.0 - 1e-9, reference_yaw=(yaw + np.pi) % (2.0 * np.pi) - np.pi)
@@ -125,11 +125,11 @@ def test_yaw_is_the_logged_one_without_turns_that_are_none():
 
 
 @pytest.mark.parametrize("attitude", [None, 0.3])
-def test_without_a_yaw_it_is_that_which_was_flown(attitude):
+def test_without_a_reference_yaw_the_measured_yaw_is_used(attitude):
     record = logged(PATH)
     if attitude is not None:
         angles = np.tile([0.0, 0.0, attitude], (len(record.time), 1))
-        angles[:100] = 2.0  # as on the ground
+        angles[:100] = 2.0  # a different yaw before the take-off
         record = logged(PATH, attitude=angles)
     assert {knot.yaw for knot in logged_reference(record, rest=1.0).route.yaw_knots} == {attitude or 0.0}
 
@@ -143,7 +143,7 @@ def jumping(*, period=0.004, **signals):
 
 
 def test_a_reference_that_jumps_consists_of_its_setpoints():
-    """Every logged value is held from its sample to the next, to the bit."""
+    """Every logged value is held exactly from its sample to the next."""
     record = replace(jumping(), reference_yaw=np.linspace(3.0, 3.4, 1100) % (2.0 * np.pi) - 2.0 * np.pi)
     found = logged_reference(record, rest=1.5)
     assert (found.start, found.deviation, found.jump) == (1.5, 0.0, pytest.approx(2.4))
@@ -156,8 +156,8 @@ def test_a_reference_that_jumps_consists_of_its_setpoints():
     assert "setpoints, each held until the next, since they jump at 2.40 s" in str(found)
 
 
-def test_a_vehicle_that_takes_off_begins_where_it_stands():
-    """Before the lift-off the setpoints do not count; the clock of the route begins at the lift-off."""
+def test_a_flight_with_a_take_off_begins_at_the_position_on_the_ground():
+    """Setpoints before the lift-off do not count; the clock of the route begins at the lift-off."""
     standing = np.array([0.3, -0.2, 0.06])
     record = jumping()
     record = replace(record, position=np.tile(standing, (len(record.time), 1)))
@@ -169,26 +169,26 @@ def test_a_vehicle_that_takes_off_begins_where_it_stands():
     np.testing.assert_array_equal(held[:, 1:4], record.reference_position[100:])
 
 
-def test_a_reference_that_jumps_beside_a_logged_velocity_is_refused_with_the_place():
+def test_a_jumping_reference_with_a_logged_velocity_is_refused_with_the_time():
     record = replace(jumping(), reference_velocity=logged(PATH).reference_velocity)
-    place = r"at 2\.\d+ s the nearest is \d\d\.\d mm away; does the reference jump"
+    place = r"off by \d\d\.\d mm at 2\.\d+ s; a possible cause is a jump"
     with pytest.raises(InputError, match=place):
         logged_reference(record, rest=1.0)
 
 
 def test_a_log_without_a_reference_is_refused():
-    with pytest.raises(InputError, match="lacks reference_position; it has nothing"):
+    with pytest.raises(InputError, match="lacks reference_position; it has no signals"):
         logged_reference(FlightRecord("a", np.array([0.0, 1.0])))
 
 
 @pytest.mark.parametrize("orders", [2, 4])
-def test_a_fit_is_least_squares_through_values_and_slopes_over_knots_that_go_on_smoothly(orders):
-    """The expected fit is a least-squares solution for all derivatives at all knots at once."""
+def test_a_fit_is_the_least_squares_spline_through_values_and_derivatives(orders):
+    """The expected fit is a single least-squares solution for all derivatives at all knots."""
     random = np.random.default_rng(2)
     time = np.sort(random.uniform(0.0, 2.0, 120))
     samples = [random.normal(size=(120, 2)), random.normal(size=(120, 2))]
-    found = reference._fitted(time, samples, end=2.0, spacing=0.6, orders=orders)
-    # The number of knots is the smallest with at most the given spacing.
+    found = reference._fitted_path(time, samples, end=2.0, spacing=0.6, orders=orders)
+    # The number of knots is the smallest whose spacing is at most the given one.
     np.testing.assert_allclose(found.times, np.linspace(0.0, 2.0, 5))
     columns = []
     for knot in range(5):
@@ -202,42 +202,42 @@ def test_a_fit_is_least_squares_through_values_and_slopes_over_knots_that_go_on_
     np.testing.assert_allclose(left[0] + left[1], least, rtol=1e-3)
 
 
-def test_a_value_that_is_held_for_a_short_while_counts_once_in_its_middle():
-    """A value that stays for more than 50 ms stands still, and each of its samples counts."""
+def test_a_value_that_is_held_briefly_counts_once_at_the_middle_of_the_hold():
+    """A value held for more than 50 ms is a rest, and each of its samples counts."""
     time = 0.01 * np.arange(17)
     values = np.array([0, 0, 0, 1, 2, 2, 2, 2, 2, 2, 3, 3, 3, 3, 3, 3, 3], dtype=float)
-    sent, kept = reference._sent(time, [values[:, None]])
+    sent, kept = reference._without_repetitions(time, [values[:, None]])
     expected = [(0.01, 0.0), (0.03, 1.0), (0.065, 2.0), *((0.01 * k, 3.0) for k in range(10, 17))]
     np.testing.assert_allclose(np.column_stack([sent, kept[:, 0]]), expected)
-    # A velocity that changes beside a position that does not makes another sample.
-    sent, place, speed = reference._sent(time[:3], [np.zeros((3, 1)), np.array([[0.0], [0.0], [1.0]])])
+    # If the velocity changes, the sample counts even if the position does not change.
+    sent, place, speed = reference._without_repetitions(time[:3], [np.zeros((3, 1)), np.array([[0.0], [0.0], [1.0]])])
     np.testing.assert_allclose(np.column_stack([sent, place[:, 0], speed[:, 0]]), [(0.005, 0, 0), (0.02, 0, 1)])
 
 
-def test_a_setpoint_is_held_until_the_next_one_and_samples_of_one_time_count_once():
-    """Times of the log that differ by less than a control period have one setpoint, the earlier one."""
+def test_a_setpoint_is_held_until_the_next_one():
+    """If several setpoints are less than a control period apart, the first of them counts."""
     time = np.array([0.0, 0.1, 0.2, 0.20001, 0.3, 0.5, 0.9])
     height = np.array([1.0, 1.0, 2.0, 2.5, 2.5, 4.0, 4.0])
     position = np.column_stack([np.zeros(7), np.zeros(7), height])
-    found = reference._held(FlightRecord("a", time, reference_position=position), 2.0, None)
+    found = reference._setpoint_reference(FlightRecord("a", time, reference_position=position), 2.0, None)
     rows = np.array(found.route.setpoints)
     np.testing.assert_allclose(rows[:, [0, 3]], [[0.0, 1.0], [2.2, 2.0], [2.5, 4.0]])
     assert found.route.last_hold == pytest.approx(0.4)
     assert (found.start, found.jump) == (2.0, pytest.approx(0.5))
-    # A last setpoint that has just been sent is held for a moment.
+    # A setpoint at the last sample is held for less than 1 ms.
     short = FlightRecord("a", time[:6], reference_position=position[:6], reference_yaw=np.array([0, 0, 3, 3, -3, -3.0]))
-    found = reference._held(short, 2.0, None)
+    found = reference._setpoint_reference(short, 2.0, None)
     assert 0.0 < found.route.last_hold < 1e-3
     np.testing.assert_allclose(np.array(found.route.setpoints)[:, 4], [0.0, 3.0, 2.0 * np.pi - 3.0, 2.0 * np.pi - 3.0])
 
 
-def test_setpoints_from_a_lift_off_on_begin_at_once_with_the_yaw_of_the_reference():
+def test_setpoints_begin_at_the_lift_off_with_the_yaw_of_the_reference():
     time = 0.1 * np.arange(10)
     position = np.column_stack([np.arange(10.0), np.zeros(10), np.ones(10)])
     record = FlightRecord(
         "a", time, position=np.full((10, 3), 0.2), reference_position=position, reference_yaw=0.1 * np.arange(10.0)
     )
-    found = reference._held(record, 5.0, 4)
+    found = reference._setpoint_reference(record, 5.0, 4)
     rows = np.array(found.route.setpoints)
     np.testing.assert_allclose(rows[0], [0.0, 0.2, 0.2, 0.2, 0.4])
     np.testing.assert_allclose(rows[1:, 1], np.arange(4.0, 10.0))
@@ -247,22 +247,22 @@ def test_setpoints_from_a_lift_off_on_begin_at_once_with_the_yaw_of_the_referenc
     assert found.start == pytest.approx(rows[1, 0] - 0.4)
 
 
-def test_a_route_says_how_many_pieces_it_has_and_how_near_it_is():
+def test_a_route_states_its_number_of_pieces_and_its_error():
     found = logged_reference(logged(PATH))
     pieces = len(found.route.knots) - 1
-    assert str(found) == f"{pieces} pieces of degree 7, within {1e3 * found.deviation:.2f} mm of the log's"
+    assert str(found) == f"{pieces} pieces of degree 7, within {1e3 * found.deviation:.2f} mm of the logged positions"
     assert (found.start, found.jump, found.route.knots[0].time) == (0.0, None, 0.0)
 
 
 @pytest.mark.parametrize(("end", "pieces"), [(0.3, 1), (0.5, 1), (0.51, 2), (1.01, 3)])
-def test_knots_are_no_farther_apart_than_given(end, pieces):
+def test_knots_are_at_most_the_given_distance_apart(end, pieces):
     time = np.linspace(0.0, end, 50)
-    found = reference._fitted(time, [np.sin(time)[:, None]], end=end, spacing=0.5, orders=4)
+    found = reference._fitted_path(time, [np.sin(time)[:, None]], end=end, spacing=0.5, orders=4)
     np.testing.assert_allclose(found.times, np.linspace(0.0, end, pieces + 1))
     np.testing.assert_allclose(evaluate(found, time)[0], np.sin(time), atol=1e-5)
 
 
-def test_yaw_knots_are_those_of_the_whole_route():
+def test_the_yaw_has_the_knots_of_the_whole_route():
     record = logged(PATH)
     for rest in (0.0, 2.0):
         first, last = reference._yaw_knots(record, rest)
@@ -281,7 +281,20 @@ def test_yaw_knots_are_those_of_the_whole_route():
         assert moving[-1].time == pytest.approx(record.time[-1] + rest)
 
 
-def test_the_run_up_to_a_velocity_takes_half_of_the_rest_at_a_constant_acceleration():
+def test_a_yaw_of_cubic_pieces_is_found_again_with_its_rates():
+    """Its acceleration jumps where two pieces meet, which are half a second long."""
+    random = np.random.default_rng(6)
+    times = np.linspace(0.0, 4.0, 9)
+    rows = random.uniform(-1.0, 1.0, (9, 2, 1))
+    time = np.linspace(0.0, 4.0, 801)
+    yaw = evaluate(hermite_path(times, rows), time)[0]
+    record = FlightRecord("a", time, reference_position=np.zeros((801, 3)), reference_yaw=yaw)
+    knots = reference._yaw_knots(record, 0.0)
+    np.testing.assert_allclose([knot.time for knot in knots], times)
+    np.testing.assert_allclose([[knot.yaw, knot.yaw_rate] for knot in knots], rows[:, :, 0], atol=1e-4)
+
+
+def test_the_run_up_has_a_constant_acceleration_during_half_of_the_rest():
     first = reference.Knot(time=0.0, position=(1.0, 2.0, 3.0), velocity=(0.4, 0.0, -0.8))
     begin, away = reference._approach(first, 3.0)
     assert (begin.time, away.time) == (0.0, 1.5)
@@ -290,16 +303,16 @@ def test_the_run_up_to_a_velocity_takes_half_of_the_rest_at_a_constant_accelerat
 
 
 @pytest.mark.parametrize("rest", [0.0, 1.0])
-def test_a_reference_at_rest_is_told_by_two_equal_samples_without_velocity(monkeypatch, rest):
-    """A velocity beside them means a reference on its way."""
+def test_two_equal_samples_without_velocity_show_a_reference_at_rest(monkeypatch, rest):
+    """With a logged velocity, both velocities must be zero as well."""
     asked = []
-    fitted = reference._fitted
+    fitted = reference._fitted_path
 
     def noted(*arguments, at_rest=False, **options):
         asked.append(at_rest)
         return fitted(*arguments, at_rest=at_rest, **options)
 
-    monkeypatch.setattr(reference, "_fitted", noted)
+    monkeypatch.setattr(reference, "_fitted_path", noted)
     time = np.linspace(0.0, 1.0, 101)
     still = np.tile([0.0, 0.0, 1.0], (101, 1))
     slow, cross = still.copy(), np.zeros((101, 3))
@@ -318,7 +331,7 @@ def test_a_reference_at_rest_is_told_by_two_equal_samples_without_velocity(monke
 
 
 def slowly_logged(record, period, *, offset=0.0):
-    """The record of which only every so many seconds a sample of the reference is logged, and held until the next."""
+    """Return the record with a reference that is logged with a period (s), and held until its next sample."""
     number = np.maximum(np.floor((record.time - offset) / period + 1e-9), 0.0)
     rows = np.searchsorted(record.time, offset + period * number - 1e-9)
     speed = record.reference_velocity
@@ -351,20 +364,20 @@ def test_a_reference_that_is_logged_slowly_is_found_again_without_a_delay(period
     assert np.abs(error).max() < 5e-3
 
 
-def test_velocities_that_contradict_the_positions_are_left_out_and_that_is_told():
-    """As those of PX4, which are not those of its positions while the vehicle lags behind."""
+def test_velocities_that_contradict_the_positions_are_not_used_and_the_text_says_so():
+    """PX4 logs velocities that are not the derivatives of its positions while the vehicle lags behind."""
     record = logged(PATH)
     lagging = replace(record, reference_velocity=record.reference_velocity + np.array([0.0, 0.0, 0.3]))
     for each in (lagging, slowly_logged(lagging, 0.1)):
         found = logged_reference(each, rest=1.0)
         assert found.velocity_deviation == pytest.approx(0.3, abs=0.05)
-        assert "left out, since they differ from those of the logged positions by up to 0.3" in str(found)
+        assert "not used, since they differ from the derivatives of the logged positions by up to 0.3" in str(found)
         assert distance(found, PATH, 1.0) < 5e-3
     assert logged_reference(record, rest=1.0).velocity_deviation is None
 
 
-def test_equal_samples_of_a_slow_reference_all_count():
-    """Three logged values of rest, of which the last is held until the reference is on its way."""
+def test_each_of_several_equal_samples_of_a_slow_reference_counts():
+    """The reference logs three equal values at rest, and then moves."""
     time = 0.02 * np.arange(50)
     place = np.array([1.0, 1.0, 1.0, 2.0, 3.0])[np.arange(50) // 10]
     record = FlightRecord(
@@ -378,14 +391,14 @@ def test_equal_samples_of_a_slow_reference_all_count():
 
 
 @pytest.mark.parametrize("velocity", [True, False])
-def test_a_slow_reference_that_jumps_is_not_taken_for_a_path(velocity):
+def test_a_slow_reference_that_jumps_is_not_a_smooth_path(velocity):
     """A path through two samples 0.1 s apart would follow a jump of 1 m at 500 m/s²."""
     record = logged(PATH, velocity=velocity)
     position = record.reference_position.copy()
     position[600:] += [1.0, 0.0, 0.0]
     jumping = slowly_logged(replace(record, reference_position=position), 0.1)
     if velocity:
-        with pytest.raises(InputError, match="does the reference jump"):
+        with pytest.raises(InputError, match="a possible cause is a jump of the reference"):
             logged_reference(jumping, rest=1.0)
     else:
         assert logged_reference(jumping, rest=1.0).jump == pytest.approx(2.4, abs=0.11)
@@ -408,7 +421,7 @@ def test_a_smooth_reference_begins_at_the_lift_off():
 
 @pytest.mark.parametrize(("away", "kind"), [(0.3, "setpoints"), (0.2, "trajectory")])
 def test_a_step_at_the_take_off_makes_setpoints_of_a_reference_that_is_smooth_after_it(away, kind):
-    """The vehicle would otherwise not have to climb to its reference."""
+    """With a smooth path from the reference at lift-off, the vehicle would not have to climb to its reference."""
     flown = logged(PATH, velocity=False).reference_position
     place = np.vstack([np.zeros((100, 3)), np.tile(POINTS[0], (200, 1)), flown])
     standing = np.tile(POINTS[0] - [0.0, 0.0, away], (len(place), 1))
@@ -416,7 +429,7 @@ def test_a_step_at_the_take_off_makes_setpoints_of_a_reference_that_is_smooth_af
     assert logged_reference(record, rest=1.0, lift_off=150).route.kind == kind
 
 
-def test_the_reference_of_a_shipped_ulog_is_a_path_that_can_be_flown(root):
+def test_the_reference_of_a_shipped_ulog_is_a_path_with_small_accelerations(root):
     """PX4 logs set-points at 5 Hz; they climb at 1 m/s, and descend at 0.7 m/s until the landing."""
     record = read_log(root / "tests/data/px4/sample_px4_events.ulg.xz")
     assert record.reference_period == pytest.approx(0.2, rel=0.05)

@@ -1,4 +1,4 @@
-"""Signals that contradict each other are named, with what it looks like; those that agree are not."""
+"""Contradicting signals of a log are reported with a probable cause; consistent ones are not."""
 
 import functools
 import math
@@ -6,15 +6,17 @@ import re
 
 import numpy as np
 import pytest
+import scipy
 from written_logs import DATA
 
 from drake_quad.identification.logs.attitudes import rotations
 from drake_quad.identification.logs.consistency import (
+    _force_in_body,
     _is_other_frame,
-    _lowest,
     _on_grid,
     _Pair,
     _pairs,
+    _refined_minimum,
     _response,
     _shift,
     _size_of_force,
@@ -26,14 +28,14 @@ from drake_quad.identification.logs.reading import read_log
 GRAVITY = 9.81
 PERIOD = 0.01
 TIME = PERIOD * np.arange(1500)
-# The search of a fault compares the log under a hundred of them.
+# The search compares the log with about a hundred faults.
 pytestmark = pytest.mark.slow
 HALF_TURN = np.array([1.0, -1.0, -1.0])
 
 
 @functools.cache
 def flight(noise=1.0):
-    """A flight with linear drag, whose thrust is along its z axis: its acceleration and yaw determine its attitude."""
+    """Return a flight with linear drag and thrust along the body's z axis; acceleration and yaw determine the attitude."""
     random = np.random.default_rng(1)
     frequencies, sizes = np.array([1.1, 1.7, 0.9]), np.array([1.5, 0.8, 0.4])
     phase = np.outer(TIME, frequencies) + np.array([0.0, 0.3, 0.7])
@@ -42,7 +44,7 @@ def flight(noise=1.0):
     force = -sizes * frequencies**2 * np.sin(phase) + [0.0, 0.0, GRAVITY]
     thrust = force + 0.3 * velocity
     yaw = 0.8 * np.sin(0.7 * TIME)
-    # Of a Z-Y-X attitude: the thrust in the heading has the tangents of pitch and roll.
+    # For Z-Y-X angles, the thrust along the heading's axes gives the tangents of pitch and roll.
     along = thrust[:, 0] * np.cos(yaw) + thrust[:, 1] * np.sin(yaw)
     across = thrust[:, 1] * np.cos(yaw) - thrust[:, 0] * np.sin(yaw)
     pitch = np.arctan2(along, thrust[:, 2])
@@ -63,7 +65,7 @@ def flight(noise=1.0):
 
 
 def rates_of(attitude):
-    """Body rates by the kinematics of Z-Y-X angles, from differences of the angles."""
+    """Return body rates from differences of Z-Y-X angles and their kinematics."""
     roll, pitch, _ = attitude.T
     d_roll, d_pitch, d_yaw = np.gradient(attitude, PERIOD, axis=0).T
     return np.column_stack(
@@ -79,10 +81,10 @@ def found(changes=None, time=TIME):
     return list(contradictions({**flight(), **(changes or {})}, time))
 
 
-def test_a_flight_that_follows_physics_has_no_contradiction():
+def test_a_physically_correct_flight_has_no_contradiction():
     assert found() == []
     assert list(contradictions(flight(noise=0.0), TIME)) == []
-    # A gap, and a shorter log.
+    # The same holds with a gap, and for a shorter log.
     kept = (TIME < 8.0) | (TIME > 9.5)
     assert list(contradictions({name: values[kept] for name, values in flight().items()}, TIME[kept])) == []
     for count in (2, 30, 120):
@@ -102,7 +104,7 @@ def test_windows_that_touch_a_gap_are_left_out():
     ("period", "step", "is_gap"), [(0.01, 0.045, False), (0.01, 0.055, True), (0.05, 0.145, False), (0.05, 0.155, True)]
 )
 def test_a_gap_is_longer_than_three_samples_and_than_half_of_a_short_window(period, step, is_gap):
-    """Samples that a fast log lacks for less than 50 ms are interpolated linearly."""
+    """Missing samples of a fast log are interpolated linearly if they span less than 50 ms."""
     time = period * np.arange(400.0)
     time[200:] += step - period
     grid = _on_grid({"position": np.zeros((400, 3))}, time)
@@ -117,7 +119,7 @@ def test_a_gap_is_longer_than_three_samples_and_than_half_of_a_short_window(peri
 
 @pytest.mark.parametrize(("period", "seconds"), [(0.002, 4.0), (0.01, 100.0), (0.03, 100.0), (0.03, 300.0)])
 def test_a_grid_has_means_over_its_steps_in_the_middle_of_a_log(period, seconds):
-    """It has at most 6000 steps of at least 10 ms. The mean of a line is its value in the middle of a step."""
+    """The grid has at most 6000 steps of at least 10 ms. The mean of a ramp over a step is its value in the middle."""
     time = period * np.arange(round(seconds / period) + 1.0)
     grid = _on_grid({"position": np.column_stack([time, 2.0 * time, -time])}, time)
     assert grid.step == pytest.approx(max(period, 0.01))
@@ -126,24 +128,26 @@ def test_a_grid_has_means_over_its_steps_in_the_middle_of_a_log(period, seconds)
     assert len(middles) == pytest.approx(count, abs=1)
     np.testing.assert_allclose(np.diff(middles), grid.step)
     assert np.mean(middles) == pytest.approx(0.5 * seconds, abs=2.0 * grid.step)
+    # A window has one step at least.
+    assert (grid.samples(1e-3), grid.samples(0.6)) == (1, round(0.6 / grid.step))
     # A constant velocity shows no acceleration.
     assert not grid.is_moving
     assert _on_grid({"position": np.zeros((49, 3))}, 0.01 * np.arange(49.0)) is None
     assert _on_grid({"position": np.zeros((51, 3))}, 0.01 * np.arange(51.0)) is not None
 
 
-def test_two_signals_disagree_by_nothing_if_they_are_equal_and_by_two_if_they_are_opposite():
+def test_the_disagreement_of_equal_signals_is_zero_and_of_opposite_ones_two():
     random = np.random.default_rng(3)
     one, other = random.normal(size=(2, 5000, 1))
     for measured, expected in ((one, 0.0), (other, 1.0), (-one, 2.0), (3.0 * one, 4.0 / 10.0)):
         pair = _Pair("velocity", "the derivative of position", one, measured, 0.5, ("x",))
         assert pair.disagreement()[0] == pytest.approx(expected, abs=0.05)
         assert pair.excited()[0]
-    # A constant offset counts only if the means count.
+    # A constant offset counts only if means are compared.
     for centred, expected in ((True, 0.0), (False, 0.9)):
         pair = _Pair("specific_force", "gravity", one, one + 9.8, 0.5, ("x",), centred=centred)
         assert pair.disagreement()[0] == pytest.approx(expected, abs=0.1)
-    # The size is that of typical values: the largest of the two, without the largest tenth of each.
+    # The size is the larger of both RMS values, without the largest tenth of each signal.
     spikes = np.where(np.arange(5000)[:, None] % 20 == 0, 100.0, 0.1)
     for threshold, excited in ((0.09, True), (0.11, False)):
         pair = _Pair("velocity", "", np.zeros((5000, 1)), spikes, threshold, ("x",), centred=False)
@@ -158,7 +162,7 @@ def test_accelerations_follow_from_positions_if_no_velocity_is_logged():
     alone = _on_grid({"position": clean["position"]}, TIME)
     np.testing.assert_allclose(alone.velocity[1:-1], both.velocity[1:-1], atol=1e-3)
     assert _on_grid({"attitude": clean["attitude"]}, TIME).velocity is None
-    # So does a wrong sign of the specific force, and a vehicle at rest has no acceleration that shows it.
+    # A wrong sign of the specific force is found as well. A vehicle at rest has no acceleration to show it.
     signals = {"position": clean["position"], "attitude": clean["attitude"], "specific_force": clean["specific_force"]}
     assert list(contradictions(signals, TIME)) == []
     (remark,) = contradictions(signals | {"specific_force": clean["specific_force"] * [-1.0, 1.0, 1.0]}, TIME)
@@ -168,7 +172,7 @@ def test_accelerations_follow_from_positions_if_no_velocity_is_logged():
 
 
 def test_a_velocity_that_hardly_varies_shows_no_acceleration():
-    """Estimators that do not run log a constant velocity, beside an attitude and a specific force that vary."""
+    """A stopped estimator logs a constant velocity, while attitude and specific force vary."""
     clean = flight()
     for velocity in (np.full((len(TIME), 3), 0.3), 0.04 * clean["velocity"] / np.std(clean["velocity"], axis=0)):
         signals = {name: clean[name] for name in ("attitude", "specific_force")} | {"velocity": velocity}
@@ -183,7 +187,7 @@ def test_a_velocity_that_hardly_varies_shows_no_acceleration():
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 @pytest.mark.parametrize("delay", [0.0, 0.1, 0.3, 0.4])
 def test_a_command_is_compared_with_what_follows_it_by_up_to_half_a_second(delay, sign):
-    """The sign of a command does not change by how much it is ahead."""
+    """The estimated delay does not depend on the sign of the command."""
     phases = np.outer(TIME, [1.1, 1.7, 2.3])
     commands = np.sin(phases) + 0.4 * np.sin(2.3 * phases)
     followed = np.column_stack([np.interp(TIME - delay, TIME, column) for column in commands.T])
@@ -194,7 +198,8 @@ def test_a_command_is_compared_with_what_follows_it_by_up_to_half_a_second(delay
         assert pair.axes == ("roll", "pitch", "yaw")[:columns]
         assert pair.expected.shape == pair.measured.shape == (len(grid.usable) - 10 - round(delay / PERIOD), columns)
         np.testing.assert_allclose(pair.expected[100:], 0.8 * sign * pair.measured[100:], atol=0.02)
-        # Sides with amplitudes of 0.8 and 1 disagree by (1 - 0.8)² / (1 + 0.8²), or by their sum.
+        # Signals with amplitudes of 0.8 and 1 disagree by (1 - 0.8)² / (1 + 0.8²), or (1 + 0.8)² / (1 + 0.8²) if
+        # opposite.
         expected = (1.0 - 0.8 * sign) ** 2 / 1.64
         np.testing.assert_allclose(pair.disagreement(), expected, atol=0.02)
 
@@ -248,6 +253,23 @@ def test_each_wrong_frame_is_named():
     assert remarks[0].endswith(": all signals look as if NED and FRD were taken for NWU and FLU")
 
 
+def test_a_wrong_frame_is_named_at_small_tilts_if_the_other_frame_is_exact():
+    """At a tilt of 0.1 rad, the axes of the body and of the world show almost the same horizontal velocity."""
+    tilt = 0.1 * np.sin(2.0 * np.outer(TIME, [1.0, 0.8]))
+    velocity = np.zeros((len(TIME), 3))
+    velocity[:, :2] = scipy.integrate.cumulative_simpson(GRAVITY * np.tan(tilt), x=TIME, axis=0, initial=0.0)
+    velocity -= velocity.mean(axis=0)
+    position = scipy.integrate.cumulative_simpson(velocity, x=TIME, axis=0, initial=0.0)
+    # The thrust is along (tan x, tan y, 1).
+    attitude = np.zeros((len(TIME), 3))
+    attitude[:, 1] = tilt[:, 0]
+    attitude[:, 0] = -np.arctan(np.tan(tilt[:, 1]) * np.cos(tilt[:, 0]))
+    in_body = rotations(attitude).apply(velocity, inverse=True)
+    assert list(contradictions({"position": position, "attitude": attitude, "velocity": velocity}, TIME)) == []
+    (remark,) = contradictions({"position": position, "attitude": attitude, "velocity": in_body}, TIME)
+    assert remark.endswith("velocity looks as if it were along the axes of the body")
+
+
 @pytest.mark.parametrize("shift", [-0.1, 0.04, 0.15])
 @pytest.mark.parametrize(("name", "other"), [("velocity", "position"), ("body_rates", "attitude")])
 def test_a_time_shift_is_measured(name, other, shift):
@@ -260,12 +282,12 @@ def test_a_time_shift_is_measured(name, other, shift):
 
 
 @pytest.mark.parametrize(("amplitude", "seen"), [(0.15, False), (0.26, True), (0.4, True), (1.5, True)])
-def test_a_vertical_force_that_is_shifted_is_seen_in_small_motions(amplitude, seen):
-    """The weight counts in a comparison of sizes, but not in one of times."""
+def test_a_time_shift_of_the_vertical_force_is_detected_in_small_motions(amplitude, seen):
+    """The mean force, the weight, is included when amplitudes are compared, but not when time shifts are."""
     random = np.random.default_rng(2)
     phases = np.outer(TIME, [2.1, 3.4]) + np.array([0.0, 1.0])
     still = np.zeros((len(TIME), 2))
-    # Effective amplitudes are those of a sum of two sines.
+    # The RMS value is that of a sum of two sines.
     acceleration = amplitude * np.sin(phases).sum(axis=1)
     velocity = -amplitude * (np.cos(phases) / [2.1, 3.4]).sum(axis=1)
     late = np.interp(TIME - 0.1, TIME, acceleration) + 0.01 * random.normal(size=len(TIME))
@@ -287,8 +309,8 @@ def test_a_vertical_force_that_is_shifted_is_seen_in_small_motions(amplitude, se
 
 
 @pytest.mark.parametrize("axis", [0, 1])
-def test_a_horizontal_force_that_is_shifted_is_seen_as_well(axis):
-    """A vehicle that stays level is pushed, and its accelerometer is late or early."""
+def test_a_time_shift_of_a_horizontal_force_is_detected(axis):
+    """A level vehicle is pushed, and its accelerometer is late or early."""
     phases = np.outer(TIME, [2.1, 3.4]) + np.array([0.0, 1.0])
     acceleration, velocity = np.zeros((len(TIME), 3)), np.zeros((len(TIME), 3))
     acceleration[:, axis] = np.sin(phases).sum(axis=1)
@@ -304,7 +326,7 @@ def test_a_horizontal_force_that_is_shifted_is_seen_as_well(axis):
 
 @pytest.mark.parametrize("shift", [-31, -29, -3, -2, 0, 2, 3, 29, 31])
 def test_shifts_of_25_to_300_milliseconds_are_reported(shift):
-    """Filters and radio links of healthy logs shift by less."""
+    """Shifts by filters and radio links of sound logs are smaller."""
     time = PERIOD * np.arange(-100.0, 1600.0)
     signal = sum(np.sin(rate * time + rate) for rate in (0.9, 2.1, 3.4))
     pair = _Pair("velocity", "it", signal[100:1600, None], signal[100 - shift : 1600 - shift, None], 0.1, ("x",))
@@ -316,18 +338,31 @@ def test_shifts_of_25_to_300_milliseconds_are_reported(shift):
     else:
         assert remarks == []
     assert list(_shift(pair, PERIOD, np.array([False]))) == []
-    # Beside the largest shifts on both sides, each of eight parts has 25 windows.
+    # Without the largest shifts at both ends, each of eight parts has 25 windows.
     for count, enough in ((259, False), (260, True)) if abs(shift) < 20 else ():
         short = pair._replace(expected=pair.expected[:count], measured=pair.measured[:count])
         assert len(list(_shift(short, PERIOD, np.array([True])))) == (enough and bool(remarks))
 
 
+def test_the_shift_of_a_slow_log_is_found_between_its_samples():
+    """At four samples a second, the largest shift is one sample; at one sample a second, there is none."""
+    time = 0.25 * np.arange(400.0)
+
+    def signal(at):
+        return sum(np.sin(rate * at + rate) for rate in (0.3, 0.5, 0.7))[:, None]
+
+    pair = _Pair("velocity", "it", signal(time), signal(time - 0.1), 0.1, ("x",))
+    (remark,) = _shift(pair, 0.25, np.array([True]))
+    assert re.match(r"velocity is (99|100|101) ± \d ms behind it: ", remark)
+    assert list(_shift(pair, 1.0, np.array([True]))) == []
+
+
 @pytest.mark.parametrize(("sigmas", "reported"), [(3.7, False), (4.3, True)])
 def test_a_shift_is_reported_if_it_exceeds_25_milliseconds_by_four_standard_errors(sigmas, reported):
-    """In eight parts, the shift is 100 ms plus and minus a scatter d, whose mean has a standard error of d / √7."""
+    """The eight parts have shifts of 100 ms + d and 100 ms - d, whose mean has a standard error of d / √7."""
     scatter = math.sqrt(7.0) * 0.075 / sigmas
     time = PERIOD * np.arange(-200.0, 4260.0)
-    # The shifts change by a line at the ends of the parts, and these are 5 s long.
+    # The shift changes linearly at the ends of the parts, which are 5 s long.
     begins = 0.3 + 5.0 * np.arange(9)
     shifts = 0.1 + scatter * np.where(np.arange(8) % 2, 1.0, -1.0)
     shift = np.interp(time, np.sort([*(begins[:-1] + 0.3), *(begins[1:] - 0.3)]), np.repeat(shifts, 2))
@@ -340,13 +375,13 @@ def test_a_shift_is_reported_if_it_exceeds_25_milliseconds_by_four_standard_erro
     assert bool(remarks) == reported
 
 
-def test_a_thrust_along_the_body_pushes_by_the_tangent_of_its_tilt():
+def test_the_horizontal_acceleration_follows_from_the_tangent_of_the_tilt():
     """With a vertical acceleration c, the horizontal one is (g + c) tan(tilt); the vehicle yaws by 90°."""
     phases = np.outer(TIME, [1.1, 1.7, 0.9])
     frequencies, sizes = np.array([1.1, 1.7, 0.9]), np.array([9.0, 5.0, 2.0])
     acceleration, velocity = sizes * np.sin(phases), -sizes / frequencies * np.cos(phases)
     thrust = acceleration + np.array([0.0, 0.0, GRAVITY])
-    # At a yaw of 90°, the body's x axis is along W's y: pitch leans along y, and roll along x.
+    # At a yaw of 90°, the body's x axis is along W's y, so pitch accelerates along y, and roll along x.
     pitch = np.arctan2(thrust[:, 1], thrust[:, 2])
     roll = np.arctan2(thrust[:, 0], np.hypot(thrust[:, 1], thrust[:, 2]))
     attitude = np.column_stack([roll, pitch, np.full(len(TIME), 0.5 * np.pi)])
@@ -360,7 +395,7 @@ def test_a_thrust_along_the_body_pushes_by_the_tangent_of_its_tilt():
     assert (pair.disagreement() < 1e-3).all()
 
 
-def test_the_size_of_a_force_counts_outside_of_gaps():
+def test_the_magnitude_of_a_force_is_compared_outside_of_gaps():
     kept = (TIME < 8.0) | (TIME > 9.5)
     grid = _on_grid({"specific_force": flight()["specific_force"][kept]}, TIME[kept])
     (pair,) = _pairs(grid, only=_size_of_force)
@@ -368,15 +403,15 @@ def test_the_size_of_a_force_counts_outside_of_gaps():
     np.testing.assert_array_equal(pair.expected, GRAVITY)
     sizes = np.linalg.norm(grid.signals["specific_force"], axis=1)
     np.testing.assert_allclose(pair.measured[:, 0], sizes[grid.usable])
-    # A force that points down has the opposite sign.
+    # The magnitude of a force that points down counts as negative.
     upside_down = _on_grid({"specific_force": -flight()["specific_force"]}, TIME)
     (pair,) = _pairs(upside_down, only=_size_of_force)
     assert (pair.measured < 0.0).all()
 
 
 @pytest.mark.parametrize(("correlation", "named"), [(-0.45, False), (-0.85, True)])
-def test_a_wrong_sign_is_named_if_its_repair_explains_most_of_the_disagreement(correlation, named):
-    """Signals disagree by one minus their correlation. A repair must gain 0.4 more than what it leaves."""
+def test_a_wrong_sign_is_reported_if_its_repair_removes_most_of_the_disagreement(correlation, named):
+    """The disagreement is one minus the correlation. A repair must reduce it by 0.4 more than what remains."""
     rates, others = np.array([1.1, 1.7, 0.9]), np.array([2.9, 2.3, 3.7])
     velocity = np.sin(np.outer(TIME, rates))
     position = -np.cos(np.outer(TIME, rates)) / rates
@@ -385,22 +420,124 @@ def test_a_wrong_sign_is_named_if_its_repair_explains_most_of_the_disagreement(c
     assert any("the sign of" in remark for remark in remarks) == named
 
 
+def sized(values, size):
+    """Scale motions so that each axis has a size as RMS value, with its largest tenth cut off."""
+    most = np.quantile(np.abs(values), 0.9, axis=0)
+    return size * values / np.sqrt(np.mean(np.clip(values, -most, most) ** 2, axis=0))
+
+
 @pytest.mark.parametrize(("multiple", "contradicts"), [(1.8, False), (2.2, True), (4.0, True)])
-def test_signals_contradict_each_other_if_one_moves_by_twice_the_threshold(multiple, contradicts):
-    """The threshold of a velocity is 0.05 m/s, as an RMS value without the largest tenth."""
-    velocity = np.sin(np.outer(TIME, [1.1, 1.7, 0.9]))
-    position = 1e-3 * np.sin(np.outer(TIME, [2.9, 2.3, 3.7]))
-    (pair,) = _pairs(_on_grid({"position": position, "velocity": velocity}, TIME))
-    _, measured = pair.clipped()
-    sizes = multiple * 0.05 / np.sqrt(np.mean(measured**2, axis=0))
-    remarks = list(contradictions({"position": position, "velocity": sizes * velocity}, TIME))
-    assert (
-        any(remark.startswith("velocity contradicts the derivative of position") for remark in remarks) == contradicts
-    )
+@pytest.mark.parametrize(
+    ("name", "threshold", "other"),
+    [
+        ("velocity", 0.05, "the derivative of position"),
+        ("body_rates", 0.05, "the derivative of attitude"),
+        ("specific_force", 0.2, "the acceleration and the tilt"),
+    ],
+)
+def test_signals_contradict_each_other_if_one_moves_by_twice_the_threshold(
+    name, threshold, other, multiple, contradicts
+):
+    """Windows of 0.2 s hardly change such slow motions. A force is compared with a tilt along the horizontal axes."""
+    moving = sized(np.sin(np.outer(TIME, [0.5, 0.7, 0.4])), multiple * threshold)
+    still = 1e-3 * np.sin(np.outer(TIME, [2.9, 2.3, 3.7]))
+    if name == "velocity":
+        signals = {"position": still, "velocity": moving}
+    elif name == "body_rates":
+        signals = {"attitude": still, "body_rates": moving}
+    else:
+        # A constant acceleration along z shows that the vehicle moves.
+        velocity = still + np.outer(TIME, [0.0, 0.0, 0.1])
+        force = moving * [1.0, 1.0, 0.0] + [0.0, 0.0, GRAVITY + 0.1]
+        signals = {"attitude": 0.0 * still, "velocity": velocity, "specific_force": force}
+    remarks = list(contradictions(signals, TIME))
+    assert any(remark.startswith(f"{name} contradicts {other}") for remark in remarks) == contradicts
+
+
+@pytest.mark.parametrize("multiple", [0.9, 1.1])
+@pytest.mark.parametrize(
+    ("signal", "other", "threshold"),
+    [
+        ("reference_position", "position", 0.1),
+        ("attitude_command", "attitude", 0.03),
+        ("body_rate_command", "body_rates", 0.1),
+    ],
+)
+def test_a_wrong_sign_of_a_command_is_named_if_it_moves_by_its_threshold(signal, other, threshold, multiple):
+    motion = sized(np.sin(np.outer(TIME, [0.5, 0.7, 0.4])), multiple * threshold)
+    remarks = list(contradictions({signal: motion * [-1.0, 1.0, 1.0], other: motion}, TIME))
+    assert any("the sign of" in each for each in remarks) == (multiple > 1.0)
+    # A yaw is not compared with its command.
+    remarks = list(contradictions({signal: motion * [1.0, 1.0, -1.0], other: motion}, TIME))
+    assert any("the sign of" in each for each in remarks) == (multiple > 1.0 and "attitude" not in other)
+
+
+@pytest.mark.parametrize("multiple", [0.9, 1.1])
+def test_a_wrong_sign_of_a_derivative_or_of_a_tilt_is_named_if_it_moves_by_its_threshold(multiple):
+    phases = np.outer(TIME, [0.5, 0.7, 0.4])
+    velocity = sized(np.sin(phases), multiple * 0.05)
+    position = scipy.integrate.cumulative_simpson(velocity, x=TIME, axis=0, initial=0.0)
+    signals = {"reference_velocity": velocity * [1.0, -1.0, 1.0], "reference_position": position}
+    assert any("the sign of" in each for each in contradictions(signals, TIME)) == (multiple > 1.0)
+    acceleration = sized(np.sin(phases), multiple * 0.2) * [1.0, 1.0, 0.0]
+    velocity = np.cumsum(acceleration, axis=0) * PERIOD
+    attitude = np.column_stack([-acceleration[:, 1], acceleration[:, 0], 0.0 * TIME]) / GRAVITY
+    remarks = list(contradictions({"attitude": attitude * [1.0, -1.0, 1.0], "velocity": velocity}, TIME))
+    assert any("the sign of" in each for each in remarks) == (multiple > 1.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "others"),
+    [
+        ("attitude", ["velocity"]),
+        ("reference_velocity", ["reference_position"]),
+        ("position", ["reference_position"]),
+        ("attitude", ["attitude_command"]),
+    ],
+)
+def test_a_shift_is_not_reported_if_delays_are_usual_between_two_signals(name, others):
+    clean = flight(0.0)
+    clean = clean | {"reference_velocity": np.gradient(clean["reference_position"], PERIOD, axis=0)}
+    shifted = np.column_stack([np.interp(TIME - 0.05, TIME, column) for column in clean[name].T])
+    assert list(contradictions({each: clean[each] for each in others} | {name: shifted}, TIME)) == []
+
+
+def test_a_force_in_the_body_is_compared_in_the_middle_of_a_window():
+    """With exact signals, the two differ only by how much the attitude turns within a window."""
+    grid = _on_grid({name: flight(0.0)[name] for name in ("velocity", "attitude", "specific_force")}, TIME)
+    (pair,) = _pairs(grid, only=_force_in_body)
+    means = grid.mean(grid.signals["specific_force"], grid.samples(0.2))[:, :2]
+    np.testing.assert_allclose(pair.measured, means[: len(pair.measured)])
+    size = np.std(pair.measured, axis=0)
+    assert np.all(np.std(pair.measured - pair.expected, axis=0) < 0.04 * size)
+
+
+def test_a_thrust_does_not_pull_a_vehicle_that_falls_faster_than_freely():
+    time = TIME[:, None]
+    velocity = -np.cos(time) * [0.0, 0.0, 15.0]
+    grid = _on_grid({"attitude": np.tile([0.0, 0.5, 0.0], (len(TIME), 1)), "velocity": velocity}, TIME)
+    (pair,) = _pairs(grid, only=_tilt)
+    thrust = np.maximum(0.0, GRAVITY + 15.0 * np.sin(TIME[10:-10]))[: len(pair.measured)]
+    assert np.mean(thrust == 0.0) > 0.2
+    np.testing.assert_allclose(pair.measured[:, 0], np.tan(0.5) * thrust, atol=0.2)
+
+
+@pytest.mark.parametrize(("delay", "found"), [(10, 10), (20, 20), (30, None)])
+def test_a_delay_behind_a_command_is_searched_for_in_half_of_a_short_log(delay, found):
+    """A log of 70 samples has 59 windows of a tenth of a second."""
+    random = np.random.default_rng(12)
+    command = random.normal(size=(110, 3)).cumsum(axis=0)
+    grid = _on_grid({"attitude_command": command[40:], "attitude": command[40 - delay : 110 - delay]}, TIME[:70])
+    pair, _ = _response("attitude_command", "attitude", 0.03, 2, grid)
+    windows = len(grid.usable) - 10
+    if found is None:
+        assert len(pair.expected) >= windows - 20
+    else:
+        assert len(pair.expected) == windows - found
 
 
 def test_one_axis_that_agrees_keeps_a_signal_from_contradicting_another():
-    """An axis may disagree for reasons of its own, as noise of a yaw does."""
+    """A single axis may disagree for another reason, such as noise of the yaw."""
     clean = flight()
     for name, columns, contradicts in (
         ("velocity", [2], False),
@@ -413,8 +550,8 @@ def test_one_axis_that_agrees_keeps_a_signal_from_contradicting_another():
         assert any(f"{name} contradicts the" in remark for remark in found({name: values})) == contradicts, columns
 
 
-def test_what_a_message_says_is_by_how_much():
-    """A pitch rate with the wrong sign correlates by -1 with the derivative of the pitch."""
+def test_a_message_states_the_correlation():
+    """A pitch rate with the wrong sign has the correlation -1 with the derivative of the pitch."""
     (remark,) = found({"body_rates": flight()["body_rates"] * [1.0, -1.0, 1.0]})
     match = re.search(
         r"derivative of attitude along y \(correlation (-\d\.\d+), amplitudes ([\d.]+) and ([\d.]+)\)", remark
@@ -424,7 +561,19 @@ def test_what_a_message_says_is_by_how_much():
     assert size == pytest.approx(other, rel=0.1)
 
 
-def test_a_signal_that_stands_still_contradicts_one_that_moves():
+@pytest.mark.parametrize(("size", "words"), [(2.0, "2 and 0.5"), (0.05, "0.05 and 0.5"), (0.0, "0 and 0.5")])
+def test_both_amplitudes_of_a_disagreement_are_told_unless_the_other_side_is_constant(size, words):
+    """Signals that alternate between two values have that amplitude, and no typical size beyond which they are cut."""
+    signal = np.tile([1.0, -1.0], 400)[:, None]
+    pair = _Pair("velocity", "the derivative of position", 0.5 * signal, -size * signal, 0.1, ("x",))
+    correlation = "-1.00" if size else "0.00"
+    text = pair.text(0).replace("-0.00", "0.00")
+    assert text == f"the derivative of position along x (correlation {correlation}, amplitudes {words})"
+    angles = pair._replace(other="it", expected=1e-10 * size * signal, axes=("roll",))
+    assert angles.text(0) == f"it in roll (correlation {correlation}, which is constant)"
+
+
+def test_a_constant_signal_contradicts_one_that_varies():
     (remark,) = found({"position": np.ones((len(TIME), 3)), "reference_position": np.ones((len(TIME), 3))})
     assert remark.startswith("velocity contradicts the derivative of position along x (correlation 0.00")
     assert remark.endswith("which is constant)")
@@ -463,24 +612,24 @@ def test_the_shipped_flights_have_no_contradiction(path):
     assert not any("looks as if" in each or "looks wrong" in each or "contradicts" in each for each in record.remarks)
 
 
-@pytest.mark.parametrize("place", [1.6, 2.0, 3.3, 4.4])
-def test_the_lowest_point_of_a_parabola_is_between_its_samples(place):
-    assert _lowest(7.0 * (np.arange(6.0) - place) ** 2 + 2.0) == pytest.approx(place)
+@pytest.mark.parametrize("place", [0.7, 1.6, 2.0, 3.3, 4.4])
+def test_the_refined_minimum_point_of_a_parabola_is_between_its_samples(place):
+    assert _refined_minimum(7.0 * (np.arange(6.0) - place) ** 2 + 2.0) == pytest.approx(place)
 
 
 @pytest.mark.parametrize("errors", [[1.0, 2.0, 3.0], [3.0, 2.0, 1.0], [2.0, 2.0, 2.0]])
-def test_a_lowest_value_at_an_end_is_no_minimum(errors):
-    assert _lowest(np.array(errors)) is None
+def test_a_refined_minimum_value_at_an_end_is_no_minimum(errors):
+    assert _refined_minimum(np.array(errors)) is None
 
 
 @pytest.mark.parametrize(
     ("parts", "share", "other"), [(6, 0.1, True), (5, 0.1, False), (8, 0.74, True), (8, 0.76, False)]
 )
-def test_another_frame_is_one_that_agrees_better_in_six_of_eight_parts_and_leaves_three_quarters(parts, share, other):
-    """In the other parts it is a little worse."""
+def test_another_frame_is_reported_if_it_agrees_better_in_six_of_eight_parts_by_a_quarter(parts, share, other):
+    """In the other parts, the other frame agrees slightly worse."""
     signal = np.tile([1.0, -1.0], 400)[:, None]
     pair = _Pair("velocity", "it", signal, 1.5 * signal, 0.1, ("x",))
-    # The squares of errors are multiplied by the share.
+    # The squared errors are multiplied by `share`.
     factors = np.repeat(np.where(np.arange(8) < parts, np.sqrt(share), 1.01), 100)[:, None]
     turned = pair._replace(measured=signal * (1.0 + 0.5 * factors))
     assert _is_other_frame(pair, turned) == other

@@ -12,7 +12,7 @@ WIDTHS = {"motor_command": 4, "thrust_share": 1, "reference_yaw": 1, "battery_vo
 
 
 def channel(signal, begin, end, period, *, known=None, values=None):
-    """A signal on a clock of its own, known at some of its ticks."""
+    """Return a signal with a separate clock, with values at some of its ticks."""
     clock = begin + period * np.arange(round((end - begin) / period) + 1)
     rows = np.arange(len(clock)) if known is None else np.flatnonzero(known(clock))
     if values is None:
@@ -28,18 +28,18 @@ def test_commands_hold_and_measurements_do_not():
 
 
 @pytest.mark.parametrize(("lasts", "taken"), [(4.9, False), (5.1, True)])
-def test_the_clock_is_the_fastest_that_measures_for_half_of_the_longest_time(lasts, taken):
+def test_the_clock_is_the_fastest_measured_one_that_lasts_half_of_the_longest_time(lasts, taken):
     slow, fast = channel("position", 0.0, 10.0, 0.01), channel("body_rates", 2.0, 2.0 + lasts, 0.002)
     commands = channel("motor_command", 0.0, 10.0, 0.001)
     for channels in ([slow, fast, commands], [commands, fast, slow]):
         assert conversion._fastest(channels) is (fast if taken else slow).clock
     assert conversion._fastest([commands, channel("thrust_share", 0.0, 10.0, 0.01)]) is commands.clock
-    # The step that counts is the median one, whatever the gaps.
+    # The rate of a clock is that of its median step, so gaps do not matter.
     gapped = slow._replace(clock=np.where(slow.clock > 5.0, slow.clock + 50.0, slow.clock))
     assert conversion._fastest([gapped, channel("velocity", 0.0, 60.0, 0.02)]) is gapped.clock
 
 
-def test_signals_that_are_there_for_less_than_half_of_the_time_are_left_out():
+def test_signals_present_for_less_than_half_of_the_time_are_left_out():
     clock = channel("body_rates", 1.0, 11.0, 0.01).clock
     for begin, end, share in (
         (1.0, 5.9, 0.49),
@@ -48,63 +48,63 @@ def test_signals_that_are_there_for_less_than_half_of_the_time_are_left_out():
         (5.9, 99.0, 0.51),
         (12.0, 13.0, 0),
     ):
-        chosen, remarks = conversion._covering([channel("position", begin, end, 0.1)], clock)
+        chosen, remarks = conversion._sufficiently_logged([channel("position", begin, end, 0.1)], clock)
         assert bool(chosen) == (share > 0.5)
-        assert remarks == ([] if share > 0.5 else [f"position is left out: it is there for {share:.0%} of the log"])
-    # A command holds until the end, and a slow signal keeps its first and last value outside its samples.
-    assert conversion._covering([channel("thrust_share", 1.0, 2.0, 0.1)], clock)[0]
-    assert not conversion._covering([channel("thrust_share", 6.2, 7.0, 0.1)], clock)[0]
-    assert conversion._covering([channel("wind", 10.0, 10.5, 0.1)], clock)[0]
+        assert remarks == ([] if share > 0.5 else [f"position is left out: it is logged for {share:.0%} of the time"])
+    # A command is held until the end. A slow signal is extended by its first and last value.
+    assert conversion._sufficiently_logged([channel("thrust_share", 1.0, 2.0, 0.1)], clock)[0]
+    assert not conversion._sufficiently_logged([channel("thrust_share", 6.2, 7.0, 0.1)], clock)[0]
+    assert conversion._sufficiently_logged([channel("wind", 10.0, 10.5, 0.1)], clock)[0]
     # NaN values do not count.
     for known, share in ((4.4, 0.44), (5.6, 0.56)):
         half = channel("velocity", 1.0, 11.0, 0.1, known=lambda time, known=known: time < 1.0 + known)
         full = half._replace(rows=np.append(half.rows[:-1], len(half.clock) - 1))
-        assert bool(conversion._covering([full], clock)[0]) == (share > 0.5)
+        assert bool(conversion._sufficiently_logged([full], clock)[0]) == (share > 0.5)
 
 
-def test_a_record_has_the_ticks_at_which_all_signals_are_there():
+def test_a_record_has_the_ticks_at_which_all_signals_are_present():
     clock = 0.1 * np.arange(101)
     late, early = channel("position", 2.05, 12.0, 0.1), channel("velocity", -0.05, 8.55, 0.1)
-    inside, remarks = conversion._common([late, early], clock)
+    inside, remarks = conversion._common_samples([late, early], clock)
     np.testing.assert_array_equal(inside, (clock >= 2.05) & (clock <= 8.55 + 1e-9))
     assert remarks == [
-        "the first 2.05 s are left out: position is not there yet",
-        "the last 1.45 s are left out: velocity has ended",
+        "the first 2.05 s are left out: position is not logged yet",
+        "the last 1.45 s are left out: velocity is no longer logged",
     ]
-    # A command that ends holds, and one that begins late is waited for; what changes slowly is not.
+    # The record begins with the last signal that starts, except slow signals. A command that ends early is held.
     held, slow = channel("motor_command", 3.0, 4.0, 0.1), channel("battery_voltage", 6.0, 7.0, 0.1)
-    inside, remarks = conversion._common([channel("position", 0.0, 10.0, 0.1), held, slow], clock)
+    inside, remarks = conversion._common_samples([channel("position", 0.0, 10.0, 0.1), held, slow], clock)
     np.testing.assert_array_equal(inside, clock >= 3.0)
-    assert remarks == ["the first 3 s are left out: motor_command is not there yet"]
-    assert conversion._common([held], clock)[1] == remarks
-    inside, _ = conversion._common([slow], clock)
+    assert remarks == ["the first 3 s are left out: motor_command is not logged yet"]
+    assert conversion._common_samples([held], clock)[1] == remarks
+    inside, _ = conversion._common_samples([slow], clock)
     np.testing.assert_array_equal(inside, clock >= 6.0)
 
 
-def test_measurements_lie_on_lines_and_commands_hold_and_angles_take_the_shorter_way():
+def test_measurements_are_interpolated_commands_are_held_and_angles_turn_the_shorter_way():
     clock = 0.1 * np.arange(60)
     inside = (clock > 0.55) & (clock < 5.0)
-    measured = conversion._at(channel("position", 0.03, 5.9, 0.25), clock, inside)
+    measured = conversion._resampled(channel("position", 0.03, 5.9, 0.25), clock, inside)
     np.testing.assert_allclose(measured, np.tile(clock[inside][:, None], 3))
-    held = conversion._at(channel("thrust_share", 0.0, 5.9, 0.25), clock + 1e-9, inside)
+    held = conversion._resampled(channel("thrust_share", 0.0, 5.9, 0.25), clock + 1e-9, inside)
     np.testing.assert_allclose(held, np.floor((clock[inside] + 1e-9) / 0.25) * 0.25)
-    # Before its first sample a command is as it is then.
-    before = conversion._at(channel("thrust_share", 3.0, 5.0, 0.5), clock, inside)
+    # Before its first sample, a command has the value of that sample.
+    before = conversion._resampled(channel("thrust_share", 3.0, 5.0, 0.5), clock, inside)
     np.testing.assert_allclose(before[clock[inside] < 3.0], 3.0)
     for signal in ("attitude", "attitude_command", "reference_yaw"):
         turning = channel(signal, 0.0, 6.0, 0.25)
         yaw = 3.0 * turning.values
         wrapped = turning._replace(values=np.arctan2(np.sin(yaw), np.cos(yaw)))
-        found = conversion._at(wrapped, clock, inside)
+        found = conversion._resampled(wrapped, clock, inside)
         assert np.abs(found).max() <= np.pi
         if not conversion.is_held(signal):
             expected = np.broadcast_to(3.0 * clock[inside][:, None], found.shape)
             np.testing.assert_allclose(np.exp(1j * found), np.exp(1j * expected), atol=1e-9)
-    # On its own clock a signal is what it is, but where it is not known everywhere.
+    # A signal on the record's clock is unchanged, unless some of its values are missing.
     own = channel("position", 0.0, 5.9, 0.1, values=np.random.default_rng(1).normal(size=(60, 3)))
-    np.testing.assert_array_equal(conversion._at(own, own.clock, inside), own.values[inside])
+    np.testing.assert_array_equal(conversion._resampled(own, own.clock, inside), own.values[inside])
     holes = own._replace(rows=np.delete(own.rows, 30), values=np.delete(own.values, 30, axis=0))
-    found = conversion._at(holes, own.clock, inside)
+    found = conversion._resampled(holes, own.clock, inside)
     expected = own.values.copy()
     expected[30] = 0.5 * (own.values[29] + own.values[31])
     np.testing.assert_allclose(found, expected[inside])
@@ -114,7 +114,7 @@ def test_measurements_lie_on_lines_and_commands_hold_and_angles_take_the_shorter
     ("unit", "scale", "least", "most"),
     [("1", 1.0, -0.5, 1.5), ("uint16", 65535.0, -1e-3, 1.001), ("%", 100.0, -0.5, 1.5)],
 )
-def test_rows_with_commands_beyond_what_can_be_sent_are_damaged(unit, scale, least, most):
+def test_rows_with_impossible_commands_are_damaged(unit, scale, least, most):
     source = {"columns": ["a", "b", "c", "d"], "unit": unit}
     mapping = Mapping(signals={"motor_command": source})
     width = most - least
@@ -128,47 +128,50 @@ def test_rows_with_commands_beyond_what_can_be_sent_are_damaged(unit, scale, lea
         columns["c"][[2, 4]] = command * scale
         table = Table("motors", 7.0 + np.arange(5.0), columns, 6.9 + np.arange(5.0))
         notes = []
-        found = conversion._without_damage(table, mapping, notes)
+        found = conversion._without_damaged_rows(table, mapping, notes)
         if damaged:
             assert found.time.tolist() == [7.0, 8.0, 10.0]
-            np.testing.assert_allclose(found.sampled, [6.9, 7.9, 9.9])
+            np.testing.assert_allclose(found.sample_time, [6.9, 7.9, 9.9])
             assert len(found.columns["a"]) == 3
             (note,) = notes
-            assert note.startswith("2 of 5 samples are left out: their motor commands are out of range, up to")
-            assert f" {abs(command):.3g} times the full command, first at 2 s; the log is damaged" in note
+            assert note.startswith("2 of 5 samples are left out, first at 2 s: the log is damaged, with motor commands")
+            assert note.endswith(f" of up to {abs(command):.3g} times the full command")
         else:
             assert (found is table, notes) == (True, [])
     bare = Table("other", np.arange(3.0), {"a": np.full(3, 9e9)})
-    assert conversion._without_damage(bare, mapping, []) is bare
+    assert conversion._without_damaged_rows(bare, mapping, []) is bare
 
 
-def test_columns_that_no_signal_reads_are_told_in_groups():
-    """A group is what precedes the first dot or bracket. Up to six names of a group that is read are listed."""
+def test_unread_columns_are_reported_by_group():
+    """The group is the part of a name before the first dot or bracket.
+
+    If some columns of a group are read, up to six unread ones are listed by name.
+    """
     used = {"imu.x", "imu.y"}
     few, many = ({f"imu.more{i}" for i in range(count)} for count in (6, 7))
-    (said,) = conversion._unread(used | few | {"baro.asl", "baro.temp", "lone.x"}, used)
+    (said,) = conversion._unread_remarks(used | few | {"baro.asl", "baro.temp", "lone.x"}, used)
     assert said == f"not read: baro, {', '.join(sorted(few))}, lone.x"
-    (said,) = conversion._unread(used | many | {"esc[0]", "esc[1]"}, used)
+    (said,) = conversion._unread_remarks(used | many | {"esc[0]", "esc[1]"}, used)
     assert said == "not read: esc, the rest of imu"
-    assert list(conversion._unread(used, used)) == []
+    assert list(conversion._unread_remarks(used, used)) == []
 
 
-def test_what_a_signal_lacks_is_said_of_its_first_source_that_is_there_in_part():
+def test_the_missing_columns_of_a_signal_are_those_of_its_first_partly_present_source():
     sources = [{"columns": ["a", "b", "c"]}, {"columns": ["d", "e", "f"]}]
     mapping = Mapping(signals={"position": sources})
 
     def why(*available):
-        return list(conversion._why_not("position", mapping, {*available}))
+        return list(conversion._incomplete_remarks("position", mapping, {*available}))
 
     assert why() == []
     assert why("a", "b") == ["position is left out: c is not logged"]
     assert why("f") == ["position is left out: d, e are not logged"]
     assert why("a", "d", "e", "f") == ["position is left out: b, c are not logged"]
-    assert why("d", "e", "f") == ["position is left out: d to f is a number in less than two samples"]
+    assert why("d", "e", "f") == ["position is left out: d to f is a number in fewer than two samples"]
 
 
-def test_columns_that_another_source_of_a_signal_has_are_not_read():
-    """A signal is read from its first source with two samples or more."""
+def test_columns_of_further_sources_of_a_signal_are_not_read():
+    """A signal is read from its first source with at least two samples."""
     mapping = Mapping(signals={"position": [{"columns": ["a", "b", "c"]}, {"columns": ["d", "e", "f"]}]})
     columns = {name: np.zeros(20) for name in "abcdef"}
     for damaged, unread in (("", "not read: d, e, f"), ("a", "not read: a, b, c")):
@@ -178,23 +181,23 @@ def test_columns_that_another_source_of_a_signal_has_are_not_read():
         assert unread in record.remarks
 
 
-def test_remarks_say_at_which_rates_signals_were():
+def test_remarks_state_the_rates_of_signals():
     clock = channel("body_rates", 0.0, 1.0, 0.004)
     slow, held = channel("position", 0.0, 1.0, 0.05), channel("motor_command", 0.0, 1.0, 0.02)
     assert list(conversion._resampling_remarks([clock, slow, held], clock.clock)) == [
-        "interpolated linearly, since the record has 250 Hz: position (20 Hz)",
-        "held constant between their samples, since the record has 250 Hz: motor_command (50 Hz)",
+        "interpolated linearly to match the 250 Hz of the record: position (20 Hz)",
+        "held constant between their samples to match the 250 Hz of the record: motor_command (50 Hz)",
     ]
     assert list(conversion._resampling_remarks([clock], clock.clock)) == []
     holes = slow._replace(rows=slow.rows[3:])
-    assert list(conversion._missing_remarks([clock, holes])) == ["position is no number in 3 of 21 samples"]
+    assert list(conversion._missing_remarks([clock, holes])) == ["position is not a number in 3 of 21 samples"]
     single = slow._replace(source=SignalSource(column="p"))
     assert list(conversion._origin_remarks([clock, single])) == ["read: body_rates from a to b (mm); position from p"]
 
 
 @pytest.mark.parametrize("reverse", [False, True])
-def test_a_column_that_two_tables_have_is_read_from_the_longer_one(reverse):
-    """A crazyflie logs the same variable in two blocks, and ArduPilot the same field in two messages."""
+def test_a_column_in_two_tables_is_read_from_the_longer_one(reverse):
+    """A Crazyflie can log a variable in two blocks, and ArduPilot a field in two messages."""
     mapping = Mapping(signals={"body_rates": {"columns": ["p", "q", "r"]}})
     tables = [
         Table(f"{count}", np.linspace(0.0, 1.0, count), {name: np.full(count, float(count)) for name in "pqr"})
@@ -206,7 +209,7 @@ def test_a_column_that_two_tables_have_is_read_from_the_longer_one(reverse):
 
 
 def test_vectors_along_the_axes_of_the_other_frame_are_turned_by_the_attitude():
-    """Without an attitude they are left out. Others stay as they are."""
+    """Without an attitude, such vectors are left out. Vectors in the right frame are unchanged."""
     random = np.random.default_rng(2)
     attitude, velocity, force, rates = random.normal(size=(4, 60, 3))
     to_world = Rotation.from_euler("ZYX", attitude[:, ::-1])
@@ -217,7 +220,7 @@ def test_vectors_along_the_axes_of_the_other_frame_are_turned_by_the_attitude():
         for name in given
     ]
     signals = dict(given)
-    assert list(conversion._turn_crossed(signals, channels)) == [
+    assert list(conversion._turn_to_signal_frames(signals, channels)) == [
         "velocity is turned from the axes of the body to those of the world by the attitude",
         "specific_force is turned from the axes of the world to those of the body by the attitude",
     ]
@@ -225,15 +228,15 @@ def test_vectors_along_the_axes_of_the_other_frame_are_turned_by_the_attitude():
     np.testing.assert_allclose(signals["specific_force"], to_world.inv().apply(force), atol=1e-12)
     assert (signals["attitude"] is attitude, signals["body_rates"] is rates) == (True, True)
     signals = {name: values for name, values in given.items() if name != "attitude"}
-    assert list(conversion._turn_crossed(signals, channels[1:])) == [
+    assert list(conversion._turn_to_signal_frames(signals, channels[1:])) == [
         "velocity is left out: it is along the axes of the body, and no attitude is logged",
         "specific_force is left out: it is along the axes of the world, and no attitude is logged",
     ]
     assert set(signals) == {"body_rates"}
 
 
-def test_values_are_scaled_turned_and_sorted_into_our_order():
-    """A factor comes before the unit, and a cell that is no number may stand for a value of the log's unit."""
+def test_values_are_scaled_rotated_and_reordered():
+    """The factor is applied before the unit. A cell without a number may be mapped to a value in the log's unit."""
     rows = np.arange(12.0).reshape(3, 4)
     table = Table("", np.arange(3.0), {**{f"c{i}": rows[:, i] for i in range(4)}, "all": rows, "vector": rows[:, :3]})
 
@@ -262,8 +265,8 @@ def test_values_are_scaled_turned_and_sorted_into_our_order():
 
 @pytest.mark.parametrize("order", ["wxyz", "xyzw"])
 @pytest.mark.parametrize("frame", [None, "NED"])
-def test_an_attitude_of_a_quaternion_has_its_angles(order, frame):
-    """Its length may be off by a factor of two; logs begin with zeros, which are no quaternion."""
+def test_an_attitude_is_the_angles_of_its_quaternion(order, frame):
+    """The norm may be wrong by a factor of two. Zeros, with which logs begin, are not a quaternion."""
     random = np.random.default_rng(8)
     angles = random.uniform(-1.4, 1.4, size=(20, 3))
     quaternion = Rotation.from_euler("ZYX", angles[:, ::-1]).as_quat()[:, [3, 0, 1, 2]]

@@ -1,4 +1,4 @@
-"""A Crazyflie's log: what is written comes back in SI and our frames, and real flights agree with physics."""
+"""Logs of Crazyflies: written values are read in SI units and our frames, and real flights agree with physics."""
 
 import lzma
 import math
@@ -49,6 +49,13 @@ def test_the_first_version_counts_milliseconds(written):
     np.testing.assert_allclose(read_log(written(data)).time, [0.0, 0.01, 0.02, 0.03, 0.04], atol=1e-12)
 
 
+@pytest.mark.parametrize(("name", "begin"), [("imu", "imu: 1 sample"), ("fixedFrequency", "1 sample")])
+def test_a_clock_that_repeats_a_time_is_that_of_an_event_unless_there_is_one_for_all(written, name, begin):
+    times = [0, 10_000, 10_000, 20_000, 30_000]
+    data = crazyflie_log([(0, name, ACC)], [(0, time, (0.0, 0.0, 1.0)) for time in times])
+    assert any(remark.startswith(f"{begin} left out") for remark in read_log(written(data)).remarks)
+
+
 def test_the_pitch_of_the_older_frame_changes_its_sign_and_that_of_the_quaternion_does_not(written):
     roll, pitch, yaw = 0.3, -0.2, 1.1
     old = [(f"stateEstimate.{name}", "f") for name in ("roll", "pitch", "yaw")]
@@ -60,7 +67,7 @@ def test_the_pitch_of_the_older_frame_changes_its_sign_and_that_of_the_quaternio
 
 
 def packed(quaternion):
-    """As the firmware packs w, x, y, z: two bits, then three times a sign and nine bits."""
+    """Return a quaternion (w, x, y, z) packed like the firmware: two bits, then three times a sign and nine bits."""
     parts = [quaternion[1], quaternion[2], quaternion[3], quaternion[0]]
     largest = max(range(4), key=lambda i: abs(parts[i]))
     result = largest
@@ -80,8 +87,8 @@ def test_a_packed_attitude_is_unpacked(written):
     assert said(record, "body_rates is left out: stateEstimateZ.rateRoll, stateEstimateZ.rateYaw are not logged")
 
 
-def test_the_largest_part_of_a_packed_attitude_is_exact(written):
-    """A part of 1/√2 has all nine bits."""
+def test_the_largest_component_of_a_packed_attitude_is_exact(written):
+    """A component of 1/√2 sets all nine bits."""
     angles = np.array([[0.5 * np.pi, 0.0, 0.0], [-0.5 * np.pi, 0.0, 0.0], [0.0, 0.0, 0.5 * np.pi], [0.0, 0.0, 0.0]])
     records = [(1, i * 4000, (packed(quaternion_of(*each)),)) for i, each in enumerate(angles)]
     record = read_log(written(crazyflie_log([(1, "fixedFrequency", [("stateEstimateZ.quat", "I")])], records)))
@@ -89,29 +96,29 @@ def test_the_largest_part_of_a_packed_attitude_is_exact(written):
 
 
 def test_interleaved_events_are_put_on_the_clock_of_the_fastest(written):
-    """What is measured moves along a line here, so that lines between samples are exact; commands hold."""
+    """The measurements are linear in time, so linear interpolation is exact. Commands are held."""
     kinds = [(3, "fast", GYRO), (9, "slow", [(f"stateEstimate.{a}", "d") for a in "xyz"]), (4, "never", ACC)]
     kinds += [(5, "commands", MOTORS)]
     records = [(3, 1000 * i, (i, 0.0, 0.0)) for i in range(101)]
     records += [(9, 7000 * i + 500, (7e-3 * i + 5e-4, 1.0, 2.0)) for i in range(-1, 16) if i >= 0]
     records += [(5, 20_000 * i, (6553 * i, 0, 0, 0)) for i in range(6)]
     record = read_log(written(crazyflie_log(kinds, sorted(records, key=lambda each: each[1]))))
-    start = 1e-3  # the first tick at which the position is known
+    start = 1e-3  # first tick with a known position
     np.testing.assert_allclose(record.time, 1e-3 * np.arange(100), atol=1e-9)
     np.testing.assert_allclose(record.position[:, 0], record.time + start, atol=1e-9)
     np.testing.assert_allclose(np.degrees(record.body_rates[:, 0]), 1e3 * (record.time + start), atol=1e-6)
     np.testing.assert_allclose(record.motor_command[:, 0], np.floor((record.time + start + 1e-9) / 0.02) * 6553 / 65535)
-    assert said(record, "interpolated linearly, since the record has 1000 Hz: position (143 Hz)")
-    assert said(record, "held constant between their samples, since the record has 1000 Hz: motor_command (50 Hz)")
+    assert said(record, "interpolated linearly to match the 1000 Hz of the record: position (143 Hz)")
+    assert said(record, "held constant between their samples to match the 1000 Hz of the record: motor_command (50 Hz)")
 
 
-def test_what_is_logged_and_read_as_no_signal_is_said(written):
+def test_logged_columns_that_no_signal_reads_are_reported(written):
     variables = [*ACC, ("foo.bar", "f"), ("baro.asl", "f"), ("baro.temp", "f")]
     data = crazyflie_log([(0, "fixedFrequency", variables)], [(0, 1000 * i, (0.0,) * 6) for i in range(3)])
     assert said(read_log(written(data)), "not read: baro, foo.bar")
 
 
-def test_a_mapping_of_ones_own(written, tmp_path):
+def test_a_user_defined_mapping(written, tmp_path):
     data = crazyflie_log([(0, "e", [("my.v", "h"), ("my.w", "h")])], [(0, 1000 * i, (-i, 4000)) for i in range(3)])
     mapping = tmp_path / "mine.yaml"
     mapping.write_text("signals: {velocity: {columns: [my.v, 0.5, my.w], unit: mm/s, frame: NED}}")
@@ -127,33 +134,33 @@ HEAD = len(GOOD) - 4 - 50 * 22
     ("data", "words"),
     [
         (GOOD[:1] + b"\3\0" + GOOD[3:], "version 3; versions 1 and 2 can be read"),
-        (GOOD[:3], "is cut: the head"),
-        (GOOD[: HEAD - 4], "is cut: the head"),
-        (GOOD[:HEAD], "holds no whole record of imu"),
-        (GOOD[: HEAD + 21], "holds no whole record of imu"),
+        (GOOD[:3], "is truncated: the header"),
+        (GOOD[: HEAD - 4], "is truncated: the header"),
+        (GOOD[:HEAD], "contains no complete record of imu"),
+        (GOOD[: HEAD + 21], "contains no complete record of imu"),
         (GOOD[:HEAD] + b"\7\0" + GOOD[HEAD + 2 :], "7 is the id of no event type"),
-        (GOOD.replace(b"(f)", b"(z)"), r"gyro.x' of its head has a type 'z' that is not known"),
-        (GOOD.replace(b"gyro.x(f)", b"gyro.x[f)"), "is not known"),
+        (GOOD.replace(b"(f)", b"(z)"), r"gyro.x' in its header has the unknown type 'z'"),
+        (GOOD.replace(b"gyro.x(f)", b"gyro.x[f)"), "unknown type"),
         (crazyflie_log([], []), "without event types"),
-        (crazyflie_log([(1, "a", GYRO), (1, "b", ACC)], []), "two event types of its head have the id 1"),
-        (b"\xbc\2\0\1\0\0\0name" + b"x" * 500, "a name in its head has no end"),
-        (b"\xbc\2\0\1\0\0\0\xff\xfe\0\0\0", "is no name"),
+        (crazyflie_log([(1, "a", GYRO), (1, "b", ACC)], []), "two event types in its header have the id 1"),
+        (b"\xbc\2\0\1\0\0\0name" + b"x" * 500, "a name in its header has no end"),
+        (b"\xbc\2\0\1\0\0\0\xff\xfe\0\0\0", "is not a name"),
         (b"\xbc\2\0\1\0\0\0a\0\xff\xff" + b"a.b(f)\0" * 65535, "over 5,000 variables"),
         (crazyflie_log([(0, "e", [("foo.bar", "f")])], [(0, i, (1.0,)) for i in range(5)]), "has no signal"),
         (crazyflie_log([(0, "imu", GYRO)], [(0, 1, (1.0,) * 3)]), "has no signal with two samples"),
     ],
 )
-def test_what_is_no_such_log_is_told_in_a_sentence(written, data, words):
+def test_an_invalid_log_is_refused_with_one_sentence(written, data, words):
     with pytest.raises(InputError, match=words) as caught:
         read_log(written(data))
     assert str(caught.value).count("\n") == 0
 
 
-def test_what_is_whole_of_a_cut_log_is_read_and_the_loss_is_said(written):
+def test_the_whole_records_of_a_cut_log_are_read_and_the_loss_is_reported(written):
     record = read_log(written(GOOD[: HEAD + 10 * 22 + 13]))
     np.testing.assert_allclose(np.degrees(record.body_rates[:, 0]), np.arange(10.0), atol=1e-9)
     assert said(record, "the checksum is wrong")
-    assert said(record, "the last 13 bytes are not read: no whole record")
+    assert said(record, "the last 13 bytes are not read: no complete record")
     assert not said(read_log(written(GOOD)), "checksum")
 
 
@@ -169,7 +176,7 @@ def test_shipped_logs_are_read_whole(path):
     record = read_log(path)
     assert not said(record, "checksum")
     assert not said(record, "left out: the")
-    assert not said(record, "whole record")
+    assert not said(record, "complete record")
     size = len(lzma.decompress(path.read_bytes()))
     assert len(record.time) * {"arpl": 50, "crazypad": 82, "crazyswarm2": 98}[path.parent.name] < size
 
@@ -181,9 +188,9 @@ def smooth(values, width=15):
 
 @pytest.mark.parametrize("name", ["log08", "log100", "log145", "log180"])
 def test_signs_of_a_real_flight_agree_with_each_other(name):
-    """A vehicle accelerates to where its thrust leans, and its angles change as its gyroscope says."""
+    """A vehicle accelerates in the direction of its tilt, and its angles change with its body rates."""
     record = read_log(DATA / f"crazyflie/crazyswarm2/{name}.xz")
-    after = record.part(record.time > 1.5)  # behind the gap
+    after = record.part(record.time > 1.5)  # after the gap
     acceleration = smooth(np.gradient(after.velocity, after.time, axis=0))
     leaning = 9.81 * smooth(np.column_stack([after.attitude[:, 1], -after.attitude[:, 0]]))
     turning = smooth(np.gradient(after.attitude, after.time, axis=0))
@@ -193,13 +200,13 @@ def test_signs_of_a_real_flight_agree_with_each_other(name):
         *zip(turning[:, :2].T, smooth(after.body_rates)[:, :2].T, strict=True),
         *zip(moving[:, :2].T, smooth(after.velocity)[:, :2].T, strict=True),
     ):
-        if np.std(theirs) > 0.15:  # along the other axis most of them stand still
+        if np.std(theirs) > 0.15:  # most flights hardly move along the other axis
             slope = float(ours @ theirs / (theirs @ theirs))
             assert slope == pytest.approx(1.0, abs=0.15)
     np.testing.assert_allclose(after.reference_position, after.position, atol=0.25)
 
 
-def test_a_crazyflie_at_rest_feels_its_weight():
+def test_the_specific_force_of_a_crazyflie_at_rest_is_its_weight():
     record = read_log(DATA / "crazyflie/arpl/log16.xz")
     at_rest = record.time < 10.0
     assert np.linalg.norm(record.specific_force[at_rest].mean(axis=0)) == pytest.approx(9.81, abs=0.01)
@@ -208,7 +215,7 @@ def test_a_crazyflie_at_rest_feels_its_weight():
 
 
 def test_torques_of_the_motors_have_the_signs_of_our_layout():
-    """Rotors 1 and 2 on the right roll to the left, 2 and 3 behind pitch nose down, 2 and 4 yaw to the left."""
+    """Rotors 1 and 2 (right) roll to the left, 2 and 3 (rear) pitch the nose down, and 2 and 4 yaw to the left."""
     record = read_log(DATA / "crazyflie/arpl/log15.xz")
     lag = 40
     m = record.motor_command.T

@@ -17,7 +17,7 @@ from drake_quad.identification.logs.source import LogFile
 FILL_BYTES = [b"\0", b"\xff"]
 NUM_SAMPLES = 40
 GYRO = [(f"gyro.{axis}", "f") for axis in "xyz"]
-# One of the two event types has the id that a fill with 0xff looks like.
+# One of the two event types has the id 0xffff, which is also what a fill with 0xff contains.
 CRAZYFLIE = crazyflie_log(
     [(0xFFFF, "fixedFrequency", GYRO), (0, "other", [("foo.bar", "h")])],
     [
@@ -64,7 +64,7 @@ def unread(record):
 @pytest.mark.parametrize("fill", FILL_BYTES)
 @pytest.mark.parametrize("count", [1, 2, 3, 8, 40, 5_000, 400_000])
 @pytest.mark.parametrize("name", LOGS)
-def test_a_whole_log_is_read_although_a_loss_of_power_padded_it(read, name, count, fill):
+def test_a_log_that_was_padded_at_a_loss_of_power_is_read_completely(read, name, count, fill):
     data, *_ = LOGS[name]
     whole, padded = read(data), read(data + count * fill)
     assert not unread(whole)
@@ -91,7 +91,7 @@ def test_a_cut_log_is_read_to_its_last_whole_record(read, name, fill):
     """The record is a prefix of the whole log, and at most one whole record is lost to the cut."""
     data, first, longest = LOGS[name]
     whole = read(data)
-    # Steps of 53 bytes reach all parts of a record.
+    # Cuts every 53 bytes occur in all parts of a record.
     for place in range(first + 3 * longest, len(data) - 1, 53):
         cut = read(data[:place] + 300 * fill)
         samples = len(cut.time)
@@ -127,12 +127,12 @@ def test_real_logs_are_read_when_padded_and_when_cut(read, file, fill):
         assert len(unread(cut)) == 1
         samples = len(cut.time)
         assert samples < len(whole.time)
-        if "crazyflie" in file:  # a ULog may be put on the clock of another topic where the end is missing
+        if "crazyflie" in file:  # a ULog without its end may have the clock of another topic
             assert samples == pytest.approx(share * len(whole.time), rel=0.02)
             np.testing.assert_array_equal(cut.body_rates, whole.body_rates[:samples])
 
 
-def test_a_ulog_is_read_as_far_as_pyulog_can_read_it(read):
+def test_a_ulog_is_read_up_to_where_pyulog_fails(read):
     whole, damaged = read(ULOG), read(ULOG + bytes(40_000) + b"\1")
     np.testing.assert_array_equal(damaged.body_rates, whole.body_rates)
     assert any(f"damaged from byte {len(ULOG):,} on" in remark for remark in damaged.remarks)
@@ -146,8 +146,8 @@ def test_damage_is_reported_once(read):
     ]
 
 
-def test_a_whole_message_that_pyulog_cannot_place_is_reported(read):
-    """No topic has its number."""
+def test_a_whole_message_of_an_unknown_topic_is_reported(read):
+    """PyULog cannot assign such a message to a topic."""
     whole, damaged = read(ULOG), read(ULOG + message(b"D", struct.pack("<HQ", 77, 2_000_000)))
     np.testing.assert_array_equal(damaged.body_rates, whole.body_rates)
     told = "the log is damaged; only the complete messages that pyulog finds are read"
@@ -170,7 +170,7 @@ def test_the_wrong_checksum_of_a_damaged_log_is_not_a_lost_record(read):
     damaged = bytearray(CRAZYFLIE)
     damaged[-30] ^= 1
     record = read(bytes(damaged))
-    assert record.remarks[0] == "the checksum is wrong: the log is cut or damaged"
+    assert record.remarks[0] == "the checksum is wrong: the log is truncated or damaged"
     assert not unread(record)
 
 
@@ -178,7 +178,7 @@ def test_the_wrong_checksum_of_a_damaged_log_is_not_a_lost_record(read):
     "data", [b"PK\x03\x04\x14\0" + bytes(30), b"\x89PNG\r\n\x1a\n" + bytes(30), bytes(30)], ids=["zip", "png", "zeros"]
 )
 def test_a_binary_file_of_another_kind_is_refused(read, data):
-    with pytest.raises(InputError, match="is none of the logs that can be read: ArduPilot's .*, PX4's ULog, or CSV"):
+    with pytest.raises(InputError, match="is not a log in a known format: ArduPilot's .*, PX4's ULog, or CSV"):
         read(data)
 
 
@@ -186,9 +186,9 @@ def test_a_binary_file_of_another_kind_is_refused(read, data):
     ("data", "written"),
     [(b"flight", 6), (b"log\0\0\0", 3), (b"log\xff\xff", 3), (b"log\0\xff", 4), (b"loggg", 5), (b"\0\0", 0), (b"", 0)],
 )
-def test_zeros_and_bytes_of_255_at_the_end_of_a_file_were_not_written(data, written):
-    """Any other byte that is repeated there is part of the log."""
-    assert LogFile(Path("log"), data, ()).written == written
+def test_zeros_and_bytes_of_255_at_the_end_of_a_file_are_padding(data, written):
+    """Any other repeated byte is part of the log."""
+    assert LogFile(Path("log"), data, ()).written_size == written
 
 
 @pytest.mark.parametrize(
@@ -201,4 +201,4 @@ def test_zeros_and_bytes_of_255_at_the_end_of_a_file_were_not_written(data, writ
     ],
 )
 def test_bytes_that_are_not_read_are_counted_and_explained(rest, sentence):
-    assert LogFile(Path("log"), b"log" + rest, ()).unread(3, "no message") == sentence
+    assert LogFile(Path("log"), b"log" + rest, ()).unread_remark(3, "no message") == sentence

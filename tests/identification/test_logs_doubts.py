@@ -1,4 +1,4 @@
-"""Units of logs, and the limits at which something in a log is doubted."""
+"""Units of logs, and the limits beyond which a log is reported as doubtful."""
 
 import numpy as np
 import pytest
@@ -7,10 +7,10 @@ import scipy.constants as known
 from drake_quad.identification.logs.conversion import Table, _Clocks
 from drake_quad.identification.logs.doubts import doubts, jumps
 from drake_quad.identification.logs.record import QUANTITIES
-from drake_quad.identification.logs.timing import rising, timing_remarks
+from drake_quad.identification.logs.timing import rising_samples, timing_remarks
 from drake_quad.identification.logs.units import UNITS
 
-# One unit in SI, and what is nothing in it.
+# Value of one unit in SI units, and of zero in this unit.
 SCALES = {
     "ms": known.milli,
     "us": known.micro,
@@ -46,7 +46,7 @@ def test_units_are_those_of_the_si():
 
 
 def path(count=400, period=0.01):
-    """A place that moves along a line at 1 m/s."""
+    """Return positions along a straight line at 1 m/s."""
     time = period * np.arange(count)
     return time, np.column_stack([time, 0.0 * time, 1.0 + 0.0 * time])
 
@@ -54,34 +54,34 @@ def path(count=400, period=0.01):
 @pytest.mark.parametrize(
     ("period", "size", "said"),
     [
-        # A tenth of a metre at least,
+        # A jump is at least 0.1 m,
         (0.01, 0.11, True),
         (0.01, 0.09, False),
-        # and more than 500 m/s² make in a step.
+        # and more than an acceleration of 500 m/s² causes in one step.
         (0.05, 500.0 * 0.05**2 + 0.05, True),
         (0.05, 500.0 * 0.05**2 - 0.05, False),
     ],
 )
 @pytest.mark.parametrize("axis", [0, 2])
-def test_a_jump_is_what_no_vehicle_moves_in_a_step(period, size, said, axis):
+def test_a_jump_is_a_step_that_no_vehicle_can_fly(period, size, said, axis):
     time, place = path(period=period)
     place[200:, axis] += size
     found = list(jumps(7.0 + time, place))
     assert bool(found) == said
     if said:
-        assert found[0].startswith(f"position jumps once, at most by {size:.2g} m at {time[200]:.4g} s:")
+        assert found[0].startswith(f"position jumps once, by up to {size:.2g} m at {time[200]:.4g} s:")
 
 
-def test_the_largest_of_several_jumps_is_told():
+def test_the_largest_of_several_jumps_is_reported():
     time, place = path()
     for row, size in ((100, 0.2), (200, 0.5), (300, -0.3)):
         place[row:, 1] += size
     (sentence,) = jumps(time, place)
-    assert sentence.startswith("position jumps 3 times, at most by 0.5 m at 2 s:")
+    assert sentence.startswith("position jumps 3 times, by up to 0.5 m at 2 s:")
 
 
-def test_a_jump_stands_out_of_noise_by_eight_times():
-    """The step of white noise, less the one beside it, has a median that is known by the noise itself."""
+def test_a_jump_exceeds_the_noise_by_a_factor_of_eight():
+    """The median of the differences of successive steps measures white noise."""
     random = np.random.default_rng(1)
     time, place = path(count=4000)
     noisy = place + 0.05 * random.normal(size=place.shape)
@@ -96,27 +96,27 @@ def test_a_jump_stands_out_of_noise_by_eight_times():
 
 
 @pytest.mark.parametrize(("ratio", "said"), [(7.9, False), (8.1, True)])
-def test_noise_explains_steps_of_eight_times_its_own(ratio, said):
-    """A place that goes back and forth by 2 cm has steps that differ from their neighbours by 4 cm."""
+def test_steps_up_to_eight_times_the_usual_ones_count_as_noise(ratio, said):
+    """The steps of a position that alternates by 2 cm differ from their neighbours by 4 cm."""
     time, place = path()
     place[:, 0] = 0.02 * (np.arange(len(time)) % 2)
-    # This step differs from its neighbours by its own 2 cm, their 2 cm, and what is added.
+    # This step differs from its neighbours by 2 cm + 2 cm + the added jump.
     place[201:, 0] += (ratio - 1.0) * 0.04
     found = list(jumps(time, place))
     assert bool(found) == said
     if said:
-        assert found[0].startswith("position jumps once, at most by 0.32 m at 2.01 s:")
+        assert found[0].startswith("position jumps once, by up to 0.32 m at 2.01 s:")
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])
-def test_few_places_do_not_jump(count):
-    """A jump has a step on both sides."""
+def test_too_few_positions_show_no_jump(count):
+    """A jump needs a step on each side."""
     time, place = path(count=count)
     place[2:, 0] += 9.0
     assert not list(jumps(time, place))
 
 
-def test_signals_that_are_zero_throughout_are_doubted():
+def test_signals_that_are_zero_throughout_are_reported():
     time, place = path()
     nothing = np.zeros_like(place)
     names = ("position", "velocity", "attitude", "body_rates", "specific_force")
@@ -137,7 +137,7 @@ def test_a_vehicle_below_a_quarter_of_a_metre_may_not_have_flown(height, said):
 @pytest.mark.parametrize(
     ("moves", "away", "said"), [(1.0, 1.9, False), (1.0, 2.1, True), (3.0, 2.9, False), (3.0, 3.1, True)]
 )
-def test_a_reference_is_out_of_reach_beyond_two_metres_and_all_of_the_flight(moves, away, said):
+def test_a_reference_is_out_of_reach_beyond_two_metres_and_the_extent_of_the_flight(moves, away, said):
     time, place = path()
     place[:, 0] = np.linspace(0.0, moves, len(time))
     reference = place.copy()
@@ -152,31 +152,31 @@ def test_a_reference_is_out_of_reach_beyond_two_metres_and_all_of_the_flight(mov
 
 
 @pytest.mark.parametrize(("share", "said"), [(0.045, False), (0.055, True)])
-def test_steps_are_uneven_by_a_twentieth_of_their_median(share, said):
+def test_steps_that_vary_by_a_twentieth_of_their_median_are_uneven(share, said):
     time = np.cumsum(1.0 + share * np.where(np.arange(1000) % 2, 1.0, -1.0))
     median = np.median(np.diff(time))
     assert bool(list(timing_remarks(time))) == (np.std(np.diff(time)) > 0.05 * median) == said
 
 
-def test_times_that_no_clock_shows_are_no_numbers():
+def test_times_beyond_1e12_seconds_are_left_out():
     for latest, kept in ((9.9e11, True), (1.1e12, False), (-9.9e11, False), (-1.1e12, False)):
-        assert rising(np.array([0.0, 1.0, latest]))[0][2] == kept
+        assert rising_samples(np.array([0.0, 1.0, latest]))[0][2] == kept
 
 
 @pytest.mark.parametrize("name", ["imu", ""])
-def test_what_is_wrong_with_a_clock_is_said_once_and_of_which_table(name):
-    """A command counts from when it was written, and a measurement from when it was sampled."""
+def test_a_faulty_clock_is_reported_once_with_its_table(name):
+    """Commands have the time of writing, and measurements the time of sampling."""
     written, sampled = np.array([0.0, 1.0, 1.0, 2.0]), np.array([0.0, 0.9, 1.0, 0.5])
     table = Table(name, written, {}, sampled)
     clocks = _Clocks()
     time, rows = clocks.of(table, "motor_command")
     assert (time.tolist(), rows.tolist()) == ([0.0, 1.0, 2.0], [0, 1, 3])
     beginning = f"{name}: 1 sample left out" if name else "1 sample left out"
-    assert clocks.remarks == [f"{beginning}: they repeat the time of the sample before"]
+    assert clocks.remarks == [f"{beginning}: they repeat the time of the preceding sample"]
     time, rows = clocks.of(table, "body_rates")
     assert (time.tolist(), rows.tolist()) == ([0.0, 0.9, 1.0], [0, 1, 2])
     first, second = clocks.remarks
-    assert second.startswith(f"{beginning}: the clock goes back once, at most by 0.5 s")
+    assert second.startswith(f"{beginning}: the clock goes back once, by up to 0.5 s")
     # The same clocks, and another one with the same fault, say nothing more.
     assert clocks.of(table, "thrust_share")[0] is clocks.of(table, "motor_command")[0]
     clocks.of(Table(name, written.copy(), {}), "body_rates")

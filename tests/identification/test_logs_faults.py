@@ -1,4 +1,4 @@
-"""Faults of the signals of a log: the repair of each undoes it."""
+"""Faults of the signals of a log and their repairs."""
 
 import re
 
@@ -15,13 +15,13 @@ ANGLES = ("attitude", "attitude_command")
 
 @pytest.fixture(scope="module")
 def known() -> dict[str, Fault]:
-    """Return the faults of all signals by their texts, which differ."""
+    """Return the faults of all signals by their texts, which are unique."""
     found = [*faults(SIGNALS)]
     assert len(found) == len({fault.text for fault in found})
     return {fault.text: fault for fault in found}
 
 
-def test_a_wrong_sign_counts_the_axes_that_have_it(known: dict[str, Fault]) -> None:
+def test_a_wrong_sign_names_its_axes(known: dict[str, Fault]) -> None:
     for name, axes in AXES.items():
         signs = [fault for fault in known.values() if fault.text.startswith(f"the sign of {name} looks wrong")]
         assert len(signs) == 7
@@ -72,14 +72,14 @@ def test_another_unit_is_a_factor_on_all_axes(
     ("what", "axes"),
     [
         ("NED was taken for ENU, or ENU for NED", ["y", "x", "-z"]),
-        # North, west and up in terms of east, north and up, and the other way round.
+        # Conversions from east, north, up to north, west, up, and back.
         ("ENU was taken for NWU", ["-y", "x", "z"]),
         ("NWU was taken for ENU", ["y", "-x", "z"]),
         ("x and y were swapped", ["y", "x", "z"]),
     ],
 )
-def test_another_world_exchanges_the_horizontal_axes(known: dict[str, Fault], what: str, axes: list[str]) -> None:
-    """The wrong signal along x, y and z, in terms of the right one."""
+def test_another_world_frame_exchanges_the_horizontal_axes(known: dict[str, Fault], what: str, axes: list[str]) -> None:
+    """`axes` gives the component of the right signal, with its sign, that appears along x, y and z of the wrong one."""
     for name in ("position", "velocity", "reference_position", "reference_velocity"):
         columns = dict(zip("xyz", SIGNALS[name].T, strict=True))
         wrong = np.column_stack([-columns[axis[1]] if axis[0] == "-" else columns[axis] for axis in axes])
@@ -97,8 +97,8 @@ def test_a_wrong_yaw_is_a_constant_angle(known: dict[str, Fault]) -> None:
         assert (fault.num_axes, fault.is_frame) == (1, False)
 
 
-def test_a_wrong_frame_is_turned_by_the_attitude(known: dict[str, Fault]) -> None:
-    """Frames that hardly differ at small tilts are no faults of axes."""
+def test_a_wrong_frame_is_corrected_by_a_rotation_with_the_attitude(known: dict[str, Fault]) -> None:
+    """No axis counts as wrong, since the frames hardly differ at small tilts."""
     to_world = Rotation.from_euler("ZYX", SIGNALS["attitude"][:, ::-1])
     frames = {"body_rates": to_world, "specific_force": to_world, "velocity": to_world.inv()}
     assert {fault.signals for fault in known.values() if fault.is_frame} == {(name,) for name in frames}
@@ -110,7 +110,7 @@ def test_a_wrong_frame_is_turned_by_the_attitude(known: dict[str, Fault]) -> Non
         assert (fault.num_axes, fault.is_frame) == (0, True)
 
 
-def test_all_signals_may_be_half_a_turn_off(known: dict[str, Fault]) -> None:
+def test_all_signals_may_be_rotated_by_half_a_turn(known: dict[str, Fault]) -> None:
     fault = known["all signals look as if NED and FRD were taken for NWU and FLU"]
     assert fault.signals == tuple(AXES)
     wrong = {name: values * [1.0, -1.0, -1.0] for name, values in SIGNALS.items()}
@@ -118,7 +118,7 @@ def test_all_signals_may_be_half_a_turn_off(known: dict[str, Fault]) -> None:
     for name, values in SIGNALS.items():
         np.testing.assert_array_equal(repaired[name], values)
     assert fault.num_axes == 2
-    # Without an attitude, neither is known.
+    # Without an attitude, neither a half turn of all signals nor a wrong frame is considered.
     few = [*faults({"velocity": SIGNALS["velocity"], "position": SIGNALS["position"]})]
     assert {fault.signals for fault in few} == {("velocity",), ("position",)}
     assert not any(fault.is_frame for fault in few)

@@ -1,4 +1,4 @@
-"""Logs of each format come back as the numbers that were written, known by their content alone."""
+"""Logs of each format are recognised by their content, and read as the values that were written."""
 
 import io
 import json
@@ -48,7 +48,7 @@ def said(record, words):
 
 
 def rows(*columns):
-    """Rows of a table from the time and columns, which may be constant."""
+    """Return the rows of a table from the time and further columns, which may be constants."""
     return [
         (int(time), *(column[i] if np.ndim(column) else column for column in columns)) for i, time in enumerate(TIMES)
     ]
@@ -61,7 +61,7 @@ ARDUPILOT = dataflash_log(
             ["DesRoll", "Roll", "DesPitch", "Pitch", "DesYaw", "Yaw"],
             rows(100, np.arange(COUNT), 200, np.arange(COUNT), 300, 9000),
         ),
-        # The first instance of two, as of the IMUs.
+        # First instance of a message, as of several IMUs.
         "IMU": (
             "Bffffff",
             ["I", "GyrX", "GyrY", "GyrZ", "AccX", "AccY", "AccZ"],
@@ -79,7 +79,10 @@ ARDUPILOT = dataflash_log(
 
 
 def test_an_ardupilot_log_is_in_our_frames_and_order_of_rotors(read):
-    """Half a turn about x makes NED NWU; its rotors 1 to 4 are front right, back left, front left, back right."""
+    """Half a turn about x converts NED to NWU.
+
+    ArduPilot's rotors 1 to 4 are front right, back left, front left, back right.
+    """
     record = read(ARDUPILOT)
     np.testing.assert_allclose(record.time, SECONDS, atol=1e-12)
     np.testing.assert_allclose(record.attitude[:, 0], np.radians(0.01 * np.arange(COUNT)), atol=1e-12)
@@ -92,7 +95,7 @@ def test_an_ardupilot_log_is_in_our_frames_and_order_of_rotors(read):
     np.testing.assert_allclose(record.position[0, 1:], [-5.0, 2.0])
     np.testing.assert_allclose(record.velocity[0], [1.0, -2.0, -3.0])
     np.testing.assert_allclose(record.motor_command[0], [0.1, 0.4, 0.2, 0.3])
-    # The clock of a message is no signal that is left out.
+    # The clock of a message is not reported as unread.
     assert said(record, "not read: FMT, IMU.I, PARM, XKF1.C, XKF1.FS")
     assert not said(record, "TimeUS")
 
@@ -101,6 +104,13 @@ def test_the_first_instance_of_a_sensor_is_read(read):
     instances = [row for time in TIMES.tolist() for row in ((time, 1, 7.0, 8.0, 9.0), (time + 9_000, 0, 0.1, 0.2, 0.3))]
     record = read(dataflash_log({"IMU": ("Bfff", ["I", "GyrX", "GyrY", "GyrZ"], instances)}))
     np.testing.assert_allclose(record.body_rates, np.tile([0.1, -0.2, -0.3], (COUNT, 1)), rtol=1e-6)
+
+
+def test_a_message_without_a_time_is_left_out(read):
+    assert ARDUPILOT.count(b"TimeUS,C,VN") == 1
+    record = read(ARDUPILOT.replace(b"TimeUS,C,VN", b"Moment,C,VN"))
+    assert record.velocity is None
+    np.testing.assert_array_equal(record.specific_force, read(ARDUPILOT).specific_force)
 
 
 def test_an_ardupilot_log_without_a_known_message_is_refused(read):
@@ -113,15 +123,15 @@ def test_an_ardupilot_log_of_another_vehicle_needs_a_mapping(read):
     hexarotor = dataflash_log(
         {"ATT": ("ccc", ["Roll", "Pitch", "Yaw"], rows(1, 2, 3))}, parameters={"FRAME_CLASS": 2.0}
     )
-    with pytest.raises(InputError, match="is the log of a hexarotor, and not of a quadrotor; give a mapping"):
+    with pytest.raises(InputError, match="is a log of a hexarotor, not of a quadrotor; to read it, give a mapping"):
         read(hexarotor)
     assert said(read(hexarotor, "ardupilot"), "the log is of a hexarotor")
     plus = dataflash_log({"ATT": ("ccc", ["Roll", "Pitch", "Yaw"], rows(1, 2, 3))}, parameters={"FRAME_TYPE": 0.0})
-    assert said(read(plus), "the frame has another layout")
+    assert said(read(plus), "FRAME_TYPE states another layout")
 
 
 def test_frame_classes_have_the_numbers_that_ardupilot_publishes(read):
-    """Its parameter list has Quad as 1; a log without the parameter is that of a quadrotor."""
+    """In ArduPilot's parameter list, Quad is 1. A log without the parameter counts as a quadrotor's."""
     classes = {
         2: "a hexarotor", 3: "an octorotor", 4: "an octorotor", 5: "a hexarotor with coaxial rotors", 6: "a helicopter",
         7: "a tricopter", 8: "a vehicle with one rotor", 9: "a vehicle with coaxial rotors",
@@ -133,10 +143,10 @@ def test_frame_classes_have_the_numbers_that_ardupilot_publishes(read):
         remarks = [each for each in read(log, "ardupilot").remarks if each.startswith("the log is of")]
         assert remarks == ([f"the log is of {classes[number]}"] if number in classes else []), number
     assert not said(read(dataflash_log(message)), "the log is of")
-    # The parameter was called FRAME before.
+    # Older versions call the parameter FRAME.
     for frame, other in ((0.0, True), (1.0, False)):
         log = dataflash_log(message, parameters={"FRAME": frame})
-        assert said(read(log), "the frame has another layout") == other
+        assert said(read(log), "FRAME_TYPE states another layout") == other
 
 
 BLACKBOX_FIELDS = [
@@ -147,15 +157,15 @@ BLACKBOX = blackbox_log(
 )
 
 
-def test_a_betaflight_log_is_in_shares_and_si(read):
-    """Its rotors 1 to 4 are back right, front right, back left, front left."""
+def test_a_betaflight_log_is_converted_to_thrust_fractions_and_si_units(read):
+    """Betaflight's rotors 1 to 4 are back right, front right, back left, front left."""
     record = read(BLACKBOX)
     np.testing.assert_allclose(record.time, SECONDS, atol=1e-12)
     np.testing.assert_allclose(np.degrees(record.body_rates[:, 0]), np.arange(COUNT))
     np.testing.assert_allclose(np.degrees(record.body_rates[:, 1]), -2.0 * np.arange(COUNT))
     np.testing.assert_allclose(record.specific_force[0], [0.0, 0.5 * 9.80665, 9.80665])
     np.testing.assert_allclose(record.motor_command[0], [1.0, 0.0, 999.0 / 1999.0, 500.0 / 1999.0])
-    # The number of the loop and the clock are no signals that are left out.
+    # The number of the loop and the clock are not reported as unread.
     assert not said(record, "not read")
 
 
@@ -163,14 +173,14 @@ def test_the_longest_flight_of_a_betaflight_log_is_read(read):
     short = blackbox_log(BLACKBOX_FIELDS, [(int(time), *[0] * 10) for time in TIMES[:5]])
     record = read(short + BLACKBOX)
     assert len(record.time) == COUNT
-    assert said(record, "the log has 2 flights; the longest is read, number 2")
+    assert said(record, "the log has 2 flights; only the longest is read, number 2")
 
 
 def test_the_longest_flight_may_be_the_first(read):
     short = blackbox_log(BLACKBOX_FIELDS, [(int(time), *[0] * 10) for time in TIMES[:5]])
     record = read(BLACKBOX + short + short)
     assert len(record.time) == COUNT
-    assert said(record, "the log has 3 flights; the longest is read, number 1")
+    assert said(record, "the log has 3 flights; only the longest is read, number 1")
 
 
 def test_damaged_frames_of_a_betaflight_log_are_counted(read):
@@ -206,7 +216,7 @@ def test_blocks_of_an_old_crazyflie_log_with_a_wrong_checksum_are_left_out(read)
     assert COUNT > len(record.time) > len(fewer.time) > COUNT // 2
     cut = read(OLD_CRAZYFLIE[:-1])
     assert len(cut.time) == COUNT - COUNT % 7
-    assert said(cut, "bytes are not read: no whole block of records")
+    assert said(cut, "bytes are not read: no complete block of records")
 
 
 def mat_file(content):
@@ -219,7 +229,7 @@ MAT_CONTENT = {
     "log": {
         "t": SECONDS,
         "p": np.column_stack([SECONDS, 2.0 + 0.0 * SECONDS, 3.0 + 0.0 * SECONDS]),
-        # MATLAB users keep a component in a row as often as in a column.
+        # MATLAB users store a component as a row as often as a column.
         "u": np.outer([10.0, 20.0, 30.0, 40.0], np.ones(COUNT)),
         "vbat": 0.0 * SECONDS + 11.1,
     },
@@ -245,28 +255,35 @@ def test_a_mat_file_has_structs_and_matrices(read, tmp_path):
         read(mat_file(MAT_CONTENT))
 
 
+def test_a_matrix_of_times_is_refused(read, tmp_path):
+    (tmp_path / "mine.yaml").write_text(MAT_MAPPING)
+    content = {"log": {**MAT_CONTENT["log"], "t": np.ones((COUNT, 2))}}
+    with pytest.raises(InputError, match=r"log\.t must be a vector of times"):
+        read(mat_file(content), tmp_path / "mine.yaml")
+
+
 def test_variables_of_a_mat_file_that_are_not_as_long_as_the_time_are_left_out(read, tmp_path):
-    """A remark names each of them once."""
+    """A remark names each variable once."""
     (tmp_path / "mine.yaml").write_text(MAT_MAPPING)
     content = {"log": {**MAT_CONTENT["log"], "gains": np.ones(5), "inertia": np.eye(3), "rpm": np.ones(COUNT)}}
     record = read(mat_file(content), tmp_path / "mine.yaml")
     for name in ("gains", "inertia"):
         (remark,) = [each for each in record.remarks if name in each]
-        assert remark == f"log.{name} is not read: it is not as long as log.t"
+        assert remark == f"log.{name} is not read: its length differs from that of log.t"
     assert said(record, "not read: log.rpm")
     content["log"]["p"] = np.ones((COUNT - 1, 3))
     shorter = read(mat_file(content), tmp_path / "mine.yaml")
     assert shorter.position is None
-    assert said(shorter, "log.p is not read: it is not as long as log.t")
+    assert said(shorter, "log.p is not read: its length differs from that of log.t")
 
 
-def test_a_mat_file_of_the_hdf5_kind_is_refused_in_a_sentence(read):
-    with pytest.raises(InputError, match="MAT-file of version 7.3, which is HDF5; save it in MATLAB with -v7"):
+def test_a_mat_file_in_hdf5_format_is_refused(read):
+    with pytest.raises(InputError, match=r"MAT-file of version 7.3 \(HDF5\); save it in MATLAB with the option -v7"):
         read(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + b"\x89HDF\r\n\x1a\n")
 
 
 def check_ros(record):
-    """The odometry gives pose and velocity, along the axes of the body; the IMU rates and specific force."""
+    """Assert the values of the odometry, with velocity along the body axes, and of the IMU."""
     t = record.time
     np.testing.assert_allclose(record.position, np.column_stack([np.sin(t), 0.5 + 0.0 * t, 2.0 - t]), atol=1e-6)
     np.testing.assert_allclose(record.attitude, np.column_stack([0.0 * t, 0.0 * t, t]), atol=1e-9)
@@ -285,7 +302,16 @@ def test_a_ros_2_bag_is_read_as_a_folder_and_as_a_file(tmp_path, plugin, version
         check_ros(read_log(path))
 
 
-def test_messages_of_ros_are_decoded_by_the_definitions_of_the_bag_or_else_by_those_of_ros():
+@pytest.mark.parametrize("count", [0, 2])
+def test_a_folder_with_several_files_of_a_bag_or_without_any_is_refused(tmp_path, count):
+    (tmp_path / "metadata.yaml").touch()
+    for i in range(count):
+        (tmp_path / f"bag_{i}.mcap").touch()
+    with pytest.raises(InputError, match=f"is a ROS 2 bag of {count} files; give the path of the one to read"):
+        read_log(tmp_path)
+
+
+def test_ros_messages_are_decoded_by_the_definitions_of_the_bag_or_the_standard_ones():
     store = typesys.get_typestore(typesys.Stores.LATEST)
     kind = "geometry_msgs/msg/Vector3"
     data = store.serialize_cdr(store.types[kind](x=1.0, y=2.0, z=3.0), kind)
@@ -298,7 +324,7 @@ def test_messages_of_ros_are_decoded_by_the_definitions_of_the_bag_or_else_by_th
 
 
 def rows_of(kind, *times, behind=None):
-    """Return messages with a number each at times in ns, with stamps that are `behind` ns before them."""
+    """Return messages, each with a number and a time in ns; the header stamps are `behind` ns earlier."""
     rows = _Rows(kind, ["x"])
     for time in times:
         stamp = 0 if behind is None else time - behind
@@ -306,7 +332,7 @@ def rows_of(kind, *times, behind=None):
     return rows
 
 
-def test_the_topic_with_most_messages_stands_for_its_type_and_the_first_of_two_with_as_many():
+def test_the_topic_with_most_messages_of_a_type_is_read():
     start = 5 * 10**9
     topics = {
         "/few": rows_of("sort/One", start + 3, start + 4),
@@ -320,7 +346,7 @@ def test_the_topic_with_most_messages_stands_for_its_type_and_the_first_of_two_w
         name: table.name for table in content.tables for name in table.columns if not name.startswith(table.name)
     }
     assert of_types == {"sort/One.x": "/many", "sort/Other.x": "/other"}
-    assert content.remarks == ["of 3 topics of type sort/One the one with most messages is read: /many"]
+    assert content.remarks == ["3 topics have the type sort/One; /many is read, which has the most messages"]
     # The clock begins with the first message of all topics.
     for table, first in zip(content.tables, (2, 2, 0, 1), strict=True):
         np.testing.assert_allclose(table.time, 1e-9 * (first + np.arange(len(table.time))))
@@ -329,25 +355,24 @@ def test_the_topic_with_most_messages_stands_for_its_type_and_the_first_of_two_w
 @pytest.mark.parametrize(
     ("behind", "used"), [(9 * 10**8, True), (-9 * 10**8, True), (11 * 10**8, False), (-11 * 10**8, False), (None, None)]
 )
-def test_stamps_of_headers_are_used_if_their_clock_is_that_of_the_recording(behind, used):
+def test_header_stamps_are_used_if_they_have_the_clock_of_the_recording(behind, used):
     start = 5 * 10**12
     rows = rows_of("sort/One", *(start + 10**8 * i for i in range(5)), behind=behind)
-    table, remarks = rows.table("/topic", start, of_its_type=False)
+    table, remarks = rows.table("/topic", start, with_type_names=False)
     np.testing.assert_allclose(table.time, 0.1 * np.arange(5))
     if used:
-        np.testing.assert_allclose(table.sampled, 0.1 * np.arange(5) - 1e-9 * behind, atol=1e-9)
+        np.testing.assert_allclose(table.sample_time, 0.1 * np.arange(5) - 1e-9 * behind, atol=1e-9)
         assert remarks == []
     else:
-        assert table.sampled is None
+        assert table.sample_time is None
         assert remarks == [
-            f"/topic: the stamps of the headers are {1e-9 * each:g} s before the times of recording, which are used"
-            " instead"
+            f"/topic: the header stamps are {1e-9 * each:g} s before the recording times, which are used instead"
             for each in ([] if used is None else [behind])
         ]
 
 
 def content_of(*messages, error=None):
-    """Return the content of a bag with messages, pairs of a topic and a number, before an error.
+    """Return the content of a bag whose messages, pairs of a topic and a number, are followed by an error.
 
     A message without a number cannot be decoded.
     """
@@ -368,7 +393,7 @@ def content_of(*messages, error=None):
     return _content(log, ("mine", mapping), "a bag", read_one_by_one())
 
 
-def test_a_damaged_bag_is_read_as_far_as_it_can_be():
+def test_a_damaged_bag_is_read_up_to_the_damage():
     found = content_of(("/a", 1.0), ("/a", None), ("/c", 2.0), ("/b", None), ("/b", 7.0), ("/a", 3.0))
     (table,) = found.tables
     np.testing.assert_array_equal(table.columns["/a.x"], [1.0, 3.0])
@@ -377,7 +402,7 @@ def test_a_damaged_bag_is_read_as_far_as_it_can_be():
     assert found.names == ["/b", "/c"]
     error = ValueError(" no\n chunk ")
     found = content_of(("/a", 1.0), error=error)
-    assert found.remarks[1:] == ["the log is cut or damaged; it is read until this error: no chunk"]
+    assert found.remarks[1:] == ["the log is truncated or damaged; it is read up to this error: no chunk"]
     for messages in ((), (("/c", 1.0),), (("/a", None),)):
         with pytest.raises(InputError, match="^the log: is a bag that cannot be read: no chunk$"):
             content_of(*messages, error=error)
@@ -385,7 +410,7 @@ def test_a_damaged_bag_is_read_as_far_as_it_can_be():
         content_of(error=EOFError())
     with pytest.raises(InputError, match="^refused$"):
         content_of(error=InputError("refused"))
-    with pytest.raises(InputError, match="without any topic that the mapping mine knows; its topics are /b, /c"):
+    with pytest.raises(InputError, match="without any topic of the mapping mine; its topics are /b, /c"):
         content_of(("/c", 1.0), ("/b", None))
     with pytest.raises(InputError, match="its topics are none$"):
         content_of()
@@ -397,7 +422,7 @@ def test_a_ros_1_bag_is_read(tmp_path):
 
 
 def json_mcap():
-    """Positions as JSON, in many small chunks."""
+    """Return an MCAP file with positions as JSON, in many small chunks."""
     file = io.BytesIO()
     writer = McapWriter(file, chunk_size=500)
     writer.start()
@@ -414,18 +439,18 @@ def json_mcap():
 JSON_MCAP = json_mcap()
 
 
-def test_json_in_mcap_is_read_with_a_mapping_and_to_where_it_is_cut(read, tmp_path):
+def test_json_in_mcap_is_read_with_a_mapping_and_up_to_a_cut(read, tmp_path):
     mapping = tmp_path / "mine.yaml"
     mapping.write_text('signals: {position: {columns: ["/state.pose.p[0]", "/state.pose.p[1]", "/state.pose.p[2]"]}}')
     record = read(JSON_MCAP, mapping)
     np.testing.assert_allclose(record.position[:, 0], SECONDS)
     np.testing.assert_allclose(record.time, SECONDS, atol=1e-9)
-    with pytest.raises(InputError, match="without any topic that the mapping ros knows; its topics are /state"):
+    with pytest.raises(InputError, match="without any topic of the mapping ros; its topics are /state"):
         read(JSON_MCAP)
     cut = read(JSON_MCAP[: len(JSON_MCAP) // 2], mapping)
     np.testing.assert_array_equal(cut.position, record.position[: len(cut.time)])
     assert 10 < len(cut.time) < COUNT
-    assert said(cut, "the log is cut or damaged; it is read until this error")
+    assert said(cut, "the log is truncated or damaged; it is read up to this error")
 
 
 NANOBENCH = ["t", "px", "py", "pz", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx_vicon", "wy_vicon", "wz_vicon"]
@@ -433,7 +458,7 @@ NANOBENCH += [f"motor_motor_m{i}" for i in (1, 2, 3, 4)]
 
 
 def test_rates_about_the_axes_of_the_world_are_turned_into_the_body(read, tmp_path):
-    """A vehicle that is rolled by 90° and turns about the vertical turns about its own y axis."""
+    """A vehicle that is rolled by 90° and turns about the vertical turns about its body y axis."""
     w, x, y, z = quaternion_of(0.5 * np.pi, 0.0, 0.0)
     cells = [0, 0, 1, x, y, z, w, 0, 0, 0, 0.0, 0.0, 1.5, *[32768] * 4]
     text = "\n".join([",".join(NANOBENCH), *(",".join(map(str, [0.01 * i, *cells])) for i in range(COUNT))]) + "\n"
@@ -453,7 +478,7 @@ def test_rates_about_the_axes_of_the_world_are_turned_into_the_body(read, tmp_pa
 
 
 def written(tmp_path):
-    """One log of each format that needs a library, and the library."""
+    """Return a log of each format that needs a library, with the name of the library."""
     return [
         (ARDUPILOT, "pymavlink", "ardupilot"),
         (BLACKBOX, "betaflight_chirp_core", "betaflight"),
@@ -477,7 +502,7 @@ def test_a_format_whose_library_is_missing_says_how_to_get_it(read, tmp_path, mo
 
 
 @pytest.mark.slow
-def test_each_log_is_claimed_by_one_format_also_where_it_is_compressed(tmp_path):
+def test_each_log_is_recognised_as_one_format_even_if_compressed(tmp_path):
     logs = [each for each, *_ in written(tmp_path)] + [OLD_CRAZYFLIE, mat_file(MAT_CONTENT)]
     names = [[each.name for each in FORMATS if each.recognizes(LogFile(tmp_path, data, ()))] for data in logs]
     assert all(len(each) == 1 for each in names)

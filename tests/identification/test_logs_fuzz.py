@@ -1,4 +1,4 @@
-"""Whatever the bytes: a record, or a sentence, soon. `FUZZ_CASES` asks for more cases."""
+"""Arbitrary bytes quickly give a valid record or one error sentence. `FUZZ_CASES` sets the number of cases."""
 
 import functools
 import io
@@ -20,7 +20,7 @@ from drake_quad import InputError
 from drake_quad.identification.logs.reading import read_log
 
 CASES = int(os.environ.get("FUZZ_CASES", "80"))
-PATIENCE = 2.0  # of the processor, s
+PATIENCE = 2.0  # s of processor time per file
 
 
 def fuzz(test, cases=CASES):
@@ -49,7 +49,7 @@ LOGS = [CRAZYFLIE, ULOG, TABLE]
 
 
 def check(path, data):
-    """Is it a valid record or a sentence, and soon? A record checks itself."""
+    """Assert that a file quickly gives a record, which validates itself, or an error of one sentence."""
     path.write_bytes(data)
     start = time.process_time()
     try:
@@ -105,7 +105,7 @@ OTHERS = ["ardupilot", "betaflight", "old crazyflie", "matlab", "ros 1", "ros 2"
 
 @pytest.fixture(scope="module")
 def others(tmp_path_factory):
-    """Logs of the formats that are mostly read by libraries."""
+    """Return logs of the formats that are mostly read by libraries."""
     folder = tmp_path_factory.mktemp("bags")
     bags = [ros_2_bag(folder / plugin.name, plugin=plugin) for plugin in (StoragePlugin.SQLITE3, StoragePlugin.MCAP)]
     mat = io.BytesIO()

@@ -1,4 +1,4 @@
-"""Logs of each format with values that no sensor gives: a record of finite signals, or a sentence."""
+"""Logs with impossible values, in each format, give a record of finite signals or one error sentence."""
 
 import io
 
@@ -48,7 +48,7 @@ def of_signal(name, change):
 
 
 def of_rows(choose):
-    """Return a mutation that takes other rows than all in their order."""
+    """Return a mutation that selects, repeats or reorders rows."""
     return lambda log: {name: values[choose(np.arange(COUNT))] for name, values in log.items()}
 
 
@@ -191,7 +191,7 @@ def as_csv(log):
 
 
 WRITERS = [as_ulog, as_dataflash, as_blackbox, as_crazyflie, as_old_crazyflie, as_matlab]
-# Formats share what follows after their values are read, so each mutation is tried in CSV and in one binary format.
+# All formats share the processing of values, so each mutation is tested in CSV and in one binary format.
 CASES = [(mutation, as_csv) for mutation in MUTATIONS]
 CASES += [(mutation, WRITERS[i % len(WRITERS)]) for i, mutation in enumerate(MUTATIONS)]
 CASES += [("nothing", write) for write in WRITERS[1:]]

@@ -1,4 +1,4 @@
-"""Records of flights hold samples at rising times, each signal with a row for every sample."""
+"""Records of flights contain increasing times, and one row per sample for each signal."""
 
 import numpy as np
 import pytest
@@ -12,8 +12,8 @@ TIME = np.array([1.0, 1.1, 1.2, 1.6])
 @pytest.mark.parametrize(
     "time", [np.array([1.0]), np.empty(0), np.array([0.0, 0.2, 0.1]), np.array([0.0, 0.1, 0.1]), np.zeros((3, 1))]
 )
-def test_a_record_has_samples_at_rising_times(time):
-    with pytest.raises(InputError, match="^the log 'flown' must have at least two samples whose time rises$"):
+def test_the_times_of_a_record_must_increase(time):
+    with pytest.raises(InputError, match="^the log 'flown' must have at least two samples with increasing times$"):
         FlightRecord("flown", time)
 
 
@@ -29,11 +29,11 @@ def test_a_signal_has_a_row_of_numbers_for_every_sample(name):
             FlightRecord("flown", TIME, **{name: np.zeros(wrong)})
     values = np.zeros(shape)
     values[2:, ...] = np.nan
-    with pytest.raises(InputError, match=f"^{name} of the log 'flown' is no number at 1.2 s, sample 2$"):
+    with pytest.raises(InputError, match=f"^{name} of the log 'flown' is not a number at 1.2 s, sample 2$"):
         FlightRecord("flown", TIME, **{name: values})
 
 
-def test_a_part_of_a_record_keeps_the_clock_and_the_rows_of_its_samples():
+def test_a_part_of_a_record_has_the_times_and_rows_of_its_samples():
     record = FlightRecord("flown", TIME, position=np.arange(12.0).reshape(4, 3), thrust_share=np.arange(4.0))
     for chosen in (slice(1, 3), np.array([False, True, True, False])):
         part = record.part(chosen)
@@ -43,11 +43,11 @@ def test_a_part_of_a_record_keeps_the_clock_and_the_rows_of_its_samples():
         assert part.names == ("position", "thrust_share")
 
 
-def test_a_record_says_its_duration_rate_and_signals_and_what_it_lacks():
+def test_a_summary_states_duration_rate_signals_and_missing_signals():
     record = FlightRecord("flown", TIME, thrust_share=np.arange(4.0))
     assert record.period == pytest.approx(0.1)
     assert repr(record) == "<FlightRecord flown: 0.6 s, 4 samples at 10 Hz; thrust_share>"
     with pytest.raises(InputError, match="^the log 'flown' lacks position; it has thrust_share$"):
         record.of("position")
-    with pytest.raises(InputError, match="^the log 'flown' lacks position; it has nothing$"):
+    with pytest.raises(InputError, match="^the log 'flown' lacks position; it has no signals$"):
         FlightRecord("flown", TIME).of("position")

@@ -1,4 +1,4 @@
-"""CSV by a mapping: units, frames, orders; our own flights come back; what is wrong is told."""
+"""CSV logs with a mapping: units, frames, order of rotors, flights of this library, and error messages."""
 
 import gzip
 import json
@@ -60,7 +60,7 @@ def test_units_frames_rotors_and_constants(write):
 @pytest.mark.parametrize("order", ["wxyz", "xyzw"])
 @pytest.mark.parametrize("frame", ["NWU", "NED"])
 def test_an_attitude_from_a_quaternion(write, order, frame):
-    """In NED and FRD a turn has the same roll, and pitch and yaw of the other sign."""
+    """Between NED/FRD and our frames, roll is unchanged, and pitch and yaw change sign."""
     sign = -1.0 if frame == "NED" else 1.0
     angles = np.array([[0.4, -0.7, 2.0], [-2.5, 0.2, -3.0]])
     rows = [quaternion_of(roll, sign * pitch, sign * yaw) for roll, pitch, yaw in angles]
@@ -70,28 +70,31 @@ def test_an_attitude_from_a_quaternion(write, order, frame):
     np.testing.assert_allclose(read_log(log, write("m.yaml", mapping)).attitude, angles, atol=1e-9)
 
 
-def test_cells_that_are_no_number_are_filled_as_the_signal_asks(write):
-    """A measurement lies on the line between its neighbours, a command holds; both cut the log where they begin."""
+def test_cells_without_a_number_are_interpolated_or_held(write):
+    """Missing measurements are interpolated, and missing commands held.
+
+    The log begins and ends where both are known.
+    """
     rows = ["0,,1", "1,1,5", "2,,", "3,3,", "4,6,7", "5,nan,8"]
     mapping = "time: {column: t}\nsignals: {thrust_command: {columns: [u]}, rotor_speed: {columns: [x, x, x, x]}}"
     record = read_log(write("log.csv", "t,x,u\n" + "\n".join(rows) + "\n"), write("m.yaml", mapping))
     np.testing.assert_array_equal(record.time, [0.0, 1.0, 2.0, 3.0])
     np.testing.assert_array_equal(record.rotor_speed[:, 2], [1.0, 2.0, 3.0, 6.0])
     np.testing.assert_array_equal(record.thrust_command, [5.0, 5.0, 5.0, 7.0])
-    assert said(record, "rotor_speed is no number in 3 of 6 samples")
-    assert said(record, "the first 1 s are left out: rotor_speed is not there yet")
-    assert said(record, "the last 1 s are left out: rotor_speed has ended")
+    assert said(record, "rotor_speed is not a number in 3 of 6 samples")
+    assert said(record, "the first 1 s are left out: rotor_speed is not logged yet")
+    assert said(record, "the last 1 s are left out: rotor_speed is no longer logged")
 
 
-def test_an_angle_is_put_on_the_clock_through_half_a_turn(write):
+def test_an_angle_is_interpolated_across_half_a_turn(write):
     mapping = "time: {column: t}\nsignals: {attitude: {columns: [r, r, y]}, position: {columns: [r, r, r]}}"
     log = write("log.csv", "t,r,y\n0,0,3.1\n1,0,\n2,0,-3.1\n")
     assert abs(read_log(log, write("m.yaml", mapping)).attitude[1, 2]) == pytest.approx(np.pi)
 
 
 @pytest.mark.parametrize("pack", [gzip.compress, lzma.compress])
-def test_what_is_compressed_is_opened_and_what_is_cut_is_read_as_far_as_it_goes(write, pack):
-    rng = np.random.default_rng(1)  # numbers that do not compress
+def test_compressed_logs_are_read_and_cut_ones_up_to_the_cut(write, pack):
+    rng = np.random.default_rng(1)  # incompressible values
     text = "t,x,y,z\n" + "".join(f"{i},{a},{b},{c}\n" for i, (a, b, c) in enumerate(rng.normal(size=(3000, 3))))
     mapping = write("m.yaml", "time: {column: t}\nsignals: {position: {columns: [x, y, z]}}")
     data = pack(text.encode())
@@ -100,8 +103,8 @@ def test_what_is_compressed_is_opened_and_what_is_cut_is_read_as_far_as_it_goes(
     cut = read_log(write("log.csv.packed", data[: len(data) // 2]), mapping)
     assert 100 < len(cut.time) < 2000
     np.testing.assert_array_equal(cut.position, whole.position[: len(cut.time)])
-    assert said(cut, "the compressed file is cut or damaged")
-    with pytest.raises(InputError, match="nothing of it can be unpacked"):
+    assert said(cut, "the compressed file is truncated or damaged")
+    with pytest.raises(InputError, match="is a compressed file that cannot be decompressed"):
         read_log(write("log.csv.packed", data[:8]), mapping)
 
 
@@ -109,7 +112,7 @@ def test_what_is_compressed_is_opened_and_what_is_cut_is_read_as_far_as_it_goes(
 
 
 def neural_fly_rows(count):
-    """Rows of the form of Neural-Fly's logs, along a line."""
+    """Return rows in Neural-Fly's format, of a straight flight."""
     for i in range(count):
         t = 0.02 * i
         w, x, y, z = quaternion_of(0.1, 0.2, 0.3)
@@ -168,7 +171,7 @@ def test_our_own_flights(tmp_path, diagrams, name):
     record = read_log(tmp_path / "flight.csv")
     measured, state, reference = (flight.record(each) for each in ("measurement", "state", "reference"))
     np.testing.assert_allclose(record.time, flight.time - flight.time[0], atol=1e-9)
-    close = {"rtol": 1e-8, "atol": 1e-9}  # nine digits are written
+    close = {"rtol": 1e-8, "atol": 1e-9}  # values are written with nine digits
     np.testing.assert_allclose(record.position, np.column_stack([measured.x, measured.y, measured.z]), **close)
     np.testing.assert_allclose(record.attitude, np.column_stack([measured.roll, measured.pitch, measured.yaw]), **close)
     np.testing.assert_allclose(record.velocity, np.column_stack([measured.v_x, measured.v_y, measured.v_z]), **close)
@@ -199,7 +202,7 @@ def test_every_signal_has_units():
         assert UNITS[quantity.unit][quantity.unit].scale == 1.0
 
 
-# --- what is wrong
+# --- errors
 
 
 HEADER = "time,pos,quat\n"
@@ -211,11 +214,11 @@ SHORT, WRONG = '1,"[1,2]","[0,0,0,1]"\n', '1,"[1,2,x]","[0,0,0,1]"\n'
     ("text", "words"),
     [
         ("a,b\n1,2\n3,4\n", r"none of the shipped mappings \(.*neural_fly.*\) fits its columns, 'a', 'b'"),
-        ("\0\1\2 garbage", "none of the logs that can be read"),
-        (b"\xff\xfe\xfd", "none of the logs that can be read"),
-        ("\n\n", "first row does not name its columns"),
+        ("\0\1\2 garbage", "not a log in a known format"),
+        (b"\xff\xfe\xfd", "not a log in a known format"),
+        ("\n\n", "first row of a CSV file must name its columns"),
         ("", "is empty"),
-        (HEADER, "less than two rows"),
+        (HEADER, "fewer than two rows"),
         (HEADER + ROW.format(0) + SHORT + ROW.format(2), "log.csv:3: 'pos' is '.1,2.', but must be 3 numbers"),
         (HEADER + ROW.format(0) + WRONG + ROW.format(2), "'.1,2,x.', but must be 3 numbers"),
         (HEADER + LEVEL.format(0) + LEVEL.format(1), "lacks attitude, which the mapping requires"),
@@ -232,24 +235,24 @@ def test_rows_that_are_cut_are_left_out(write):
     mapping = write("m.yaml", "time: {column: t}\nsignals: {position: {columns: [x, y, z]}}")
     record = read_log(write("log.csv", "t,x,y,z\n0,1,2,3\n1,1,2\n2,1,2,3\n3,1,2,3\n4,1,2,3.2"), mapping)
     np.testing.assert_array_equal(record.time, [0.0, 2.0, 3.0])
-    assert said(record, "1 row left out: not 4 cells")
+    assert said(record, "1 row left out: the number of cells is not 4")
     assert said(record, "the last row is left out")
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("signals: {speed: {columns: [v]}}", r"m.yaml:1: signals.speed is no signal; signals are position"),
+        ("signals: {speed: {columns: [v]}}", r"m.yaml:1: signals.speed is not a signal; signals are position"),
         ("signals: {positions: {columns: [v]}}", "did you mean position"),
         ("signals:\n  position: {columns: [x, y]}", r"m.yaml:2: .*position.columns is \['x', 'y'\], but must have 3"),
         ("signals: {position: {columns: [x, y, z], unit: feet}}", "unit is 'feet', but must be m or cm or mm"),
         ("signals: {attitude: {columns: [x, y, z], frame: FRD}}", "frame is 'FRD', but must be NWU or ENU or NED"),
         ("signals: {battery_voltage: {columns: [x], frame: NED}}", "battery_voltage has no direction"),
-        ("signals: {position: {columns: [x, y, z], quaternion: wxyz}}", "position is no attitude"),
+        ("signals: {position: {columns: [x, y, z], quaternion: wxyz}}", "position is not an attitude"),
         ("signals: {attitude: {columns: [x, y, z], quaternion: wxyz}}", "must have 4 entries"),
-        ("signals: {attitude: {column: q, quaternion: wxyz, unit: deg}}", "a quaternion has none"),
-        ("signals: {position: {columns: [x, y, z], rotors: [1, 2, 3]}}", "position is not of the rotors"),
-        ("signals: {rotor_speed: {column: w, rotors: [1, 2, 3, 3]}}", "must have each of 1, 2, 3 and 4 once"),
+        ("signals: {attitude: {column: q, quaternion: wxyz, unit: deg}}", "a quaternion has no unit"),
+        ("signals: {position: {columns: [x, y, z], rotors: [1, 2, 3]}}", "position has no value for each rotor"),
+        ("signals: {rotor_speed: {column: w, rotors: [1, 2, 3, 3]}}", "must contain each of 1, 2, 3 and 4 once"),
         ("signals: {position: {unit: mm}}", "must have either columns or column"),
         ("signals: {position: {columns: null, quaternion: null}}", "must have either columns or column"),
         ("signals: {position: [{columns: [x, y, z]}, {columns: [x], unit: mm}]}", r"position.1.columns is \['x'\]"),
@@ -262,7 +265,7 @@ def test_rows_that_are_cut_are_left_out(write):
         ("time: {column: t}", "signals is missing"),
         ("[]", "must be a mapping of fields"),
         ("a: [", "is not YAML"),
-        ("signals: {position: {columns: [x, y, z]}}", "the mapping m.yaml has no time"),
+        ("signals: {position: {columns: [x, y, z]}}", "the mapping m.yaml must state the time column"),
         ("time: {column: t}\nsignals: {position: {columns: [x, y, q]}}", "there is no 'q'; it has 't', 'x', 'y', 'z'"),
         ("time: {column: s}\nsignals: {position: {columns: [x, y, z]}}", "there is no 's'; it has 't', 'x', 'y', 'z'"),
         ("time: {column: t}\ndelimiter: ;\nsignals: {position: {columns: [x, y, q]}}", "it has 't,x,y,z,v,a,b,c,d'"),
@@ -276,9 +279,9 @@ def test_a_mapping_that_is_wrong(write, text, words):
     assert "\n" not in str(caught.value)
 
 
-def test_a_mapping_that_is_not_there(write, tmp_path):
+def test_a_missing_mapping(write, tmp_path):
     log = write("log.csv", TABLE)
-    with pytest.raises(InputError, match=r"'px5' is no YAML file, and none of the shipped ones: ardupilot, betaflight"):
+    with pytest.raises(InputError, match=r"'px5' is neither a YAML file nor a shipped mapping: ardupilot, betaflight"):
         read_log(log, "px5")
     with pytest.raises(InputError, match="cannot be read: no such file"):
         read_log(log, tmp_path / "none.yaml")
@@ -290,7 +293,7 @@ def test_a_path_that_is_no_log(tmp_path, write):
     with pytest.raises(InputError, match="is a folder, not a log$"):
         read_log(tmp_path)
     write("flight.csv", "")
-    with pytest.raises(InputError, match="flight.csv is the log of a flight"):
+    with pytest.raises(InputError, match="flight.csv, the log of a flight"):
         read_log(tmp_path)
     with pytest.raises(InputError, match="the path contains an invalid character"):
         read_log("a\0b")
@@ -299,23 +302,23 @@ def test_a_path_that_is_no_log(tmp_path, write):
 
 
 def test_a_log_that_is_too_large_is_not_read(write, monkeypatch):
-    monkeypatch.setattr("drake_quad.identification.logs.source.MOST_BYTES", 1000)
+    monkeypatch.setattr("drake_quad.identification.logs.source.MAX_BYTES", 1000)
     for data in (b"x" * 1001, lzma.compress(b"x" * 100_000)):
-        with pytest.raises(InputError, match="is too large: a log may have 1,000 bytes, unpacked"):
+        with pytest.raises(InputError, match="is too large: a log may have at most 1,000 bytes after decompression"):
             read_log(write("log", data))
     monkeypatch.undo()
-    monkeypatch.setattr("drake_quad.identification.logs.formats.table.MOST_BYTES", 10)
-    with pytest.raises(InputError, match="is too large: a CSV file may have 10 bytes"):
+    monkeypatch.setattr("drake_quad.identification.logs.formats.table.MAX_BYTES", 10)
+    with pytest.raises(InputError, match="is too large: a CSV file may have at most 10 bytes"):
         read_log(write("log", TABLE))
 
 
-def test_the_name_of_a_log_tells_its_wind_and_the_mapping_a_vehicle(write):
+def test_the_name_of_a_log_gives_its_wind_and_the_mapping_its_vehicle(write):
     mapping = MAPPING.replace("  wind: {columns: [x, 0.5, 0.0], factor: [0.001, 1.0, 1.0]}\n", "")
     mapping += "wind_by_name: {gale: [-9, 1, 0.5], nogale: [0, 0, 0]}\nvehicle: vehicles/crazyflie.yaml\n"
     path = write("m.yaml", mapping)
     gale, calm, other = (read_log(write(f"{name}.csv", TABLE), path) for name in ("my_gale", "my_nogale", "my_other"))
     np.testing.assert_allclose(gale.wind, np.tile([-9.0, 1.0, 0.5], (6, 1)))
-    assert said(gale, "wind is (-9, 1, 0.5) m/s, by the name of the log")
+    assert said(gale, "wind is (-9, 1, 0.5) m/s, as the name of the log implies")
     np.testing.assert_allclose(calm.wind, 0.0)
     assert other.wind is None
     assert gale.vehicle == "vehicles/crazyflie.yaml"
@@ -323,7 +326,7 @@ def test_the_name_of_a_log_tells_its_wind_and_the_mapping_a_vehicle(write):
     assert logged.wind[0, 1] == 0.5
 
 
-def test_vehicles_of_shipped_mappings_are_there():
+def test_vehicles_of_shipped_mappings_exist():
     named = [load_mapping(name)[1].vehicle for name in shipped_mappings()]
     assert any(named)
     for vehicle in filter(None, named):
@@ -362,11 +365,11 @@ def test_a_sound_flight_has_no_doubtful_remark(write):
 
 
 def test_rows_with_impossible_motor_commands_are_left_out(write):
-    """Such rows occur in logs that were continued by extrapolation, and none of their columns can be trusted."""
+    """Such rows occur in logs that were extrapolated, and all of their columns are unreliable."""
     record = flown(write, m2=lambda t: np.where(t > 1.5, 1_252_581.0, 40_000.0))
     assert record.time[-1] == pytest.approx(1.5)
-    assert said(record, "49 of 200 samples are left out: their motor commands are out of range, up to 19.1 times")
-    assert said(record, "first at 1.51 s; the log is damaged there")
+    assert said(record, "49 of 200 samples are left out, first at 1.51 s: the log is damaged")
+    assert said(record, "motor commands of up to 19.1 times the full command")
     below = flown(write, m2=lambda t: np.where(t > 1.5, -300.0, 40_000.0))
     assert len(below.time) == 151
     assert len(flown(write, m2=lambda t: np.where(t > 1.5, 65_535.0, 0.0)).time) == 200
@@ -374,22 +377,20 @@ def test_rows_with_impossible_motor_commands_are_left_out(write):
 
 def test_a_jump_of_the_position_is_reported_and_a_manoeuvre_is_not(write):
     record = flown(write, x=lambda t: t + 0.4 * (t > 1.0), rx=lambda t: t)
-    assert said(
-        record, "position jumps once, at most by 0.4 m at 1.01 s: the estimator was reset, or the log is damaged"
-    )
+    assert said(record, "position jumps once, by up to 0.4 m at 1.01 s: the estimator was reset, or the log is damaged")
     hard = flown(write, x=lambda t: 0.5 * np.sin(10.0 * t), rx=lambda t: 0.0 * t)
     slow = flown(write, x=lambda t: 5.0 * np.floor(5.0 * t) / 5.0, rx=lambda t: 5.0 * t)
     assert not any(said(each, "jumps") for each in (hard, slow))
 
 
 def test_quaternions_of_zeros_are_missing_attitudes(write):
-    """A remark counts the samples without an attitude; if too few samples have one, the log has no attitude."""
+    """A remark counts the samples without an attitude. If too few remain, the attitude is left out."""
     part = flown(write, qw=lambda t: 1.0 * (t > 0.5), qz=lambda t: 0.01 * (t > 0.5))
-    assert said(part, "attitude is no number in 51 of 200 samples")
+    assert said(part, "attitude is not a number in 51 of 200 samples")
     assert np.isfinite(part.attitude).all()
     none = flown(write, qw=lambda t: 0.0 * t, qz=lambda t: 0.0 * t)
     assert none.attitude is None
-    assert said(none, "attitude is left out: qw to qz is a quaternion of length 1 in less than two samples")
+    assert said(none, "attitude is left out: qw to qz is a quaternion of length 1 in fewer than two samples")
     assert said(flown(write, qz=lambda t: 0.0 * t), "attitude is zero throughout: it may not have been measured")
 
 
@@ -404,7 +405,7 @@ def test_a_reference_out_of_reach_is_reported(write):
 
 
 def test_the_first_of_several_damaged_columns_is_named(tmp_path):
-    """Columns are sorted by name, whatever their order in the file."""
+    """Columns are sorted by name, independently of their order in the file."""
     names = ["time", *(f"c{i:02d}" for i in range(11, -1, -1))]
     (tmp_path / "log.csv").write_text(
         "\n".join([",".join(names), *(f"{t}" + 12 * ",bad" for t in (0.0, 0.1, 0.2))]) + "\n"

@@ -1,4 +1,4 @@
-"""Clocks that jump, repeat themselves, pause and tremble."""
+"""Clocks with jumps, repeated times, gaps and jitter."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from written_logs import DATA
 
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
-from drake_quad.identification.logs.timing import gaps, rising, timing_remarks
+from drake_quad.identification.logs.timing import gaps, rising_samples, timing_remarks
 from drake_quad.identification.windows import pieces
 
 
@@ -22,16 +22,16 @@ def record(time):
     [
         ([0, 1, 2, 3], [0, 1, 2, 3], []),
         ([0, 1, 1, 2], [0, 1, 2], ["1 sample left out: they repeat the time"]),
-        ([0, 1, 2, 1.5, 3], [0, 1, 2, 3], ["1 sample left out: the clock goes back once, at most by 0.5 s at 2 s"]),
-        ([0, 1, 9e5, 2, 3], [0, 1, 2, 3], ["1 sample left out: the clock goes back once, at most by 9e+05 s"]),
-        ([0, 1, 2, 3, 0, 1], [0, 1, 2, 3], ["2 samples left out: the clock goes back once, at most by 3 s at 3 s"]),
+        ([0, 1, 2, 1.5, 3], [0, 1, 2, 3], ["1 sample left out: the clock goes back once, by up to 0.5 s at 2 s"]),
+        ([0, 1, 9e5, 2, 3], [0, 1, 2, 3], ["1 sample left out: the clock goes back once, by up to 9e+05 s"]),
+        ([0, 1, 2, 3, 0, 1], [0, 1, 2, 3], ["2 samples left out: the clock goes back once, by up to 3 s at 3 s"]),
         ([0, 1, 0, 1, 2, 3], [0, 1, 2, 3], ["2 samples left out: the clock goes back once"]),
-        ([0, np.nan, 1, np.inf, 2], [0, 1, 2], ["2 samples left out: their time is no number"]),
-        ([0, 1, 1, np.nan, 3, 2, 4], [0, 1, 3, 4], ["no number", "repeat", "goes back once, at most by 1 s at 3 s"]),
+        ([0, np.nan, 1, np.inf, 2], [0, 1, 2], ["2 samples left out: their time is not a number"]),
+        ([0, 1, 1, np.nan, 3, 2, 4], [0, 1, 3, 4], ["not a number", "repeat", "goes back once, by up to 1 s at 3 s"]),
     ],
 )
 def test_samples_out_of_order_are_left_out(time, kept, words):
-    chosen, remarks = rising(np.array(time, dtype=float))
+    chosen, remarks = rising_samples(np.array(time, dtype=float))
     assert np.array(time)[chosen].tolist() == kept
     assert len(remarks) == len(words)
     for remark, each in zip(remarks, words, strict=True):
@@ -39,12 +39,12 @@ def test_samples_out_of_order_are_left_out(time, kept, words):
 
 
 @given(arrays(float, st.integers(0, 30), elements=st.floats(-5.0, 5.0).map(lambda t: round(t, 1)) | st.just(np.nan)))
-def test_what_stays_rises_and_what_rises_stays(time):
-    chosen, remarks = rising(time)
+def test_kept_samples_increase_and_increasing_clocks_are_kept(time):
+    chosen, remarks = rising_samples(time)
     assert np.all(np.diff(time[chosen]) > 0.0)
     assert bool(remarks) == (not chosen.all())
     in_order = np.unique(time[np.isfinite(time)])
-    assert rising(in_order)[0].all()
+    assert rising_samples(in_order)[0].all()
 
 
 def test_gaps_and_the_parts_between_them():
@@ -52,7 +52,9 @@ def test_gaps_and_the_parts_between_them():
     assert np.flatnonzero(gaps(np.array(time))).tolist() == [2, 5, 6]
     assert pieces(record(time)).tolist() == [0, 0, 0, 1, 1, 1, 2, 3, 3]
     (remark,) = timing_remarks(np.array(time))
-    assert remark == ("3 gaps (steps of more than 3 times the median of 1 s), 12 s in all, the longest of 5 s at 2 s")
+    assert remark == (
+        "3 gaps (steps of more than 3 times the median of 1 s), 12 s in total; the longest lasts 5 s, from 2 s on"
+    )
 
 
 def test_a_record_without_gaps_is_one_part():
@@ -60,10 +62,10 @@ def test_a_record_without_gaps_is_one_part():
     assert not [*timing_remarks(np.arange(10.0))]
 
 
-def test_jitter_is_said_with_its_size():
+def test_jitter_is_reported_with_its_amplitude():
     time = np.arange(1000.0) + np.tile([0.0, 0.1], 500)
     (remark,) = timing_remarks(time)
-    assert "uneven: 1.1 s in the median, with a standard deviation of 0.1 s, from 0.9 to 1.1 s" in remark
+    assert "uneven: the median is 1.1 s, the standard deviation 0.1 s, and the range 0.9 to 1.1 s" in remark
 
 
 def test_the_gap_of_a_real_log():

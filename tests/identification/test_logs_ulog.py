@@ -1,4 +1,4 @@
-"""PX4's ULog: numbers known in NED and FRD come back in our frames, on one clock."""
+"""PX4's ULog: values known in NED and FRD are read in our frames, on one clock."""
 
 import sys
 from pathlib import Path
@@ -35,13 +35,13 @@ def said(record, words):
 
 
 def rows(period, values, *, start=SECOND, duration=SECOND, sampled=None):
-    """A row every period (µs), of a function of the time (s)."""
+    """Return rows at a period (µs) with the values of a function of the time (s)."""
     times = range(start, start + duration + 1, period)
     return [(t, *(() if sampled is None else (t - sampled,)), *values((t - SECOND) * 1e-6)) for t in times]
 
 
 def test_frames_and_order_of_the_rotors(read):
-    """North is our X, east our -Y, down our -Z; the same turn has the pitch and yaw of the other sign."""
+    """North is our X, east our -Y, and down our -Z. Roll is unchanged; pitch and yaw change sign."""
     attitude = quaternion_of(0.1, -0.2, 0.3)
     data = ulog(
         {
@@ -71,7 +71,7 @@ def test_frames_and_order_of_the_rotors(read):
     np.testing.assert_allclose(last["attitude"], [0.1, 0.2, -0.3], atol=1e-6)
     np.testing.assert_allclose(last["body_rates"], [0.5, -0.25, 0.125])
     np.testing.assert_allclose(last["specific_force"], [0.5, -0.25, 9.81], atol=1e-6)
-    # PX4: 1 front right, 2 back left, 3 front left, 4 back right.
+    # PX4's rotors are 1 front right, 2 back left, 3 front left, 4 back right.
     np.testing.assert_allclose(last["motor_command"], [0.1, 0.4, 0.2, 0.3], atol=1e-6)
     np.testing.assert_allclose(last["attitude_command"], [0.1, 0.2, -0.3], atol=1e-6)
     np.testing.assert_allclose(last["body_rate_command"], [1.0, -2.0, -3.0])
@@ -85,8 +85,8 @@ def test_frames_and_order_of_the_rotors(read):
     np.testing.assert_allclose(record.time, 0.004 * np.arange(251), atol=1e-9)
 
 
-def test_measurements_lie_on_lines_and_commands_hold_on_the_clock_of_the_fastest(read):
-    """What is measured is timed by its sample, 2 ms before it is written; what is commanded by when it is sent."""
+def test_measurements_are_interpolated_and_commands_held_on_the_fastest_clock(read):
+    """Measurements have the time of sampling, 2 ms before they are written, and commands the time of writing."""
     data = ulog(
         {
             "vehicle_local_position": (LOCAL, rows(100_000, lambda t: (t, 2.0 * t, 0.0, 1.0, 2.0, 0.0))),
@@ -105,30 +105,30 @@ def test_measurements_lie_on_lines_and_commands_hold_on_the_clock_of_the_fastest
     np.testing.assert_allclose(
         record.motor_command[:, 0], np.floor((record.time + start + 1e-9) / 0.05) * 0.025, atol=1e-6
     )
-    assert said(record, "interpolated linearly, since the record has 250 Hz: position (10 Hz), velocity (10 Hz)")
-    assert said(record, "held constant between their samples, since the record has 250 Hz: motor_command (20 Hz)")
+    assert said(record, "interpolated linearly to match the 250 Hz of the record: position (10 Hz), velocity (10 Hz)")
+    assert said(record, "held constant between their samples to match the 250 Hz of the record: motor_command (20 Hz)")
 
 
 def test_a_dropout_is_a_gap(read):
     lost = {1_400_000 + 4000 * i for i in range(51)}
     samples = [row for row in rows(4000, lambda t: (t, 0.0, 0.0), sampled=0) if row[0] not in lost]
     record = read(ulog({"vehicle_angular_velocity": (XYZ, samples)}, dropouts=[(1_604_000, 204)]))
-    assert said(record, "1 dropout of the logger, 0.204 s in all, the longest of 0.204 s")
-    assert said(record, "1 gap (steps of more than 3 times the median of 0.004 s), 0.208 s in all")
+    assert said(record, "1 dropout of the logger, 0.204 s in total; the longest lasts 0.204 s")
+    assert said(record, "1 gap (steps of more than 3 times the median of 0.004 s), 0.208 s in total")
     before, after = (record.part(pieces(record) == number) for number in range(2))
     assert before.time[-1] == pytest.approx(0.396)
     assert after.time[0] == pytest.approx(0.604)
     np.testing.assert_allclose(after.body_rates[:, 0], after.time, atol=1e-6)
 
 
-def test_a_motor_that_is_off_has_the_command_zero(read):
+def test_the_command_of_a_stopped_motor_is_zero(read):
     commands = rows(10_000, lambda t: (np.nan,) * 4 if t < 0.5 else (0.5, 0.6, 0.7, 0.8))
     record = read(ulog({"actuator_motors": ([("float[4]", "control")], commands)}))
     assert record.motor_command[0].tolist() == [0.0] * 4
     np.testing.assert_allclose(record.motor_command[-1], [0.5, 0.8, 0.6, 0.7], atol=1e-6)
 
 
-def test_a_signal_that_is_there_for_a_short_time_is_left_out(read):
+def test_a_signal_that_is_logged_only_briefly_is_left_out(read):
     data = ulog(
         {
             "vehicle_angular_velocity": (XYZ, rows(4000, lambda t: (t, 0.0, 0.0), sampled=0)),
@@ -140,10 +140,10 @@ def test_a_signal_that_is_there_for_a_short_time_is_left_out(read):
     )
     record = read(data)
     assert record.names == ("body_rates",)
-    assert said(record, "attitude is left out: it is there for 9% of the log")
+    assert said(record, "attitude is left out: it is logged for 9% of the time")
 
 
-def test_a_real_log_hovers_as_physics_says():
+def test_a_real_log_of_hover_agrees_with_physics():
     record = read_log(DATA / "px4/sample_px4_events.ulg.xz")
     flying = record.position[:, 2] > 1.0
     assert flying.sum() > 200
@@ -170,7 +170,7 @@ GOOD = ulog({"vehicle_angular_velocity": (XYZ, rows(4000, lambda t: (t, 0.0, 0.0
         (ulog({"wind": ([("float[65535]", "a"), ("float[65535]", "b")], [])}), "the topic wind has 131,071 fields"),
     ],
 )
-def test_what_cannot_be_read_is_told_in_a_sentence(read, data, words):
+def test_an_unreadable_log_is_refused_with_one_sentence(read, data, words):
     with pytest.raises(InputError, match=words):
         read(data)
 
@@ -185,7 +185,7 @@ def test_a_mapping_for_a_ulog_needs_no_time(read, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("topic", "words"), [("wind", "the topic wind holds itself"), ("deep", "the topic wind has 25,000,001 fields")]
+    ("topic", "words"), [("wind", "the topic wind contains itself"), ("deep", "the topic wind has 25,000,001 fields")]
 )
 def test_topics_within_topics_do_not_grow_without_bound(read, topic, words):
     formats = {"wind": f"uint64_t timestamp;{topic}[5000] a;", "deep": "float[5000] b;"}
@@ -195,7 +195,7 @@ def test_topics_within_topics_do_not_grow_without_bound(read, topic, words):
 
 
 def test_the_fields_of_topics_are_counted_before_any_data_are_read(read, monkeypatch):
-    """PyULog unfolds a topic into its fields as soon as it reads the data."""
+    """PyULog expands a nested topic into its fields when it reads the data, so the count must come first."""
     header_alone = []
 
     class Watched(pyulog.ULog):
@@ -212,45 +212,45 @@ def test_the_fields_of_topics_are_counted_before_any_data_are_read(read, monkeyp
     assert header_alone == [True]
 
 
-def test_what_pyulog_would_read_for_ever_is_told(read):
+def test_a_file_that_pyulog_would_read_forever_is_refused(read):
     with pytest.raises(InputError, match="is a ULog that cannot be read"):
         read(GOOD[:16] + b"\xff\xff\0" + b"x" * 20)
 
 
-def test_without_pyulog_a_sentence_says_how_to_get_it(read, monkeypatch):
+def test_without_pyulog_the_error_says_how_to_install_it(read, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyulog", None)
     with pytest.raises(InputError, match=r"pip install 'drake_quad\[ulog\]'"):
         read(GOOD)
 
 
-def test_rotors_are_where_the_parameters_say(read):
-    """Forward and right are positive in PX4; we count from the front right, clockwise from above."""
+def test_rotors_are_sorted_by_the_positions_in_the_parameters(read):
+    """In PX4, forward and right are positive. Our rotors count from the front right, clockwise seen from above."""
     motors = {
         "vehicle_attitude": (ATTITUDE, rows(4000, lambda t: quaternion_of(0.0, 0.0, 0.0))),
         "actuator_motors": ([("float[12]", "control")], rows(4000, lambda t: (0.1, 0.2, 0.3, 0.4, *[np.nan] * 8))),
     }
     assumed = read(ulog(motors))
     np.testing.assert_allclose(assumed.motor_command[0], [0.1, 0.4, 0.2, 0.3], rtol=1e-6)
-    assert said(assumed, "PX4's rotors 1 to 4 are our 1, 3, 4, 2, assumed, those of its quad-x")
-    # Front left, back left, back right, front right.
+    assert said(assumed, "PX4's rotors 1 to 4 are rotors 1, 3, 4, 2 of this library, assumed to be those of its quad-x")
+    # The positions are front left, back left, back right, front right.
     places = [(0.2, -0.3), (-0.2, -0.3), (-0.2, 0.3), (0.2, 0.3)]
     parameters = {"CA_ROTOR_COUNT": 4}
     for i, (x, y) in enumerate(places):
         parameters |= {f"CA_ROTOR{i}_PX": x, f"CA_ROTOR{i}_PY": y}
     known = read(ulog(motors, parameters=parameters))
     np.testing.assert_allclose(known.motor_command[0], [0.4, 0.3, 0.2, 0.1], rtol=1e-6)
-    assert said(known, "PX4's rotors 1 to 4 are our 4, 3, 2, 1, by the places in CA_ROTOR0_PX")
+    assert said(known, "PX4's rotors 1 to 4 are rotors 4, 3, 2, 1 of this library, by the parameters CA_ROTOR0_PX")
     named = read(ulog(motors, parameters=parameters), "px4")
     np.testing.assert_array_equal(named.motor_command, known.motor_command)
     assert named.remarks == known.remarks
     odd = read(ulog(motors, parameters=parameters | {"CA_ROTOR0_PY": 0.3}))
-    assert said(odd, "assumed, those of its quad-x")
+    assert said(odd, "assumed to be those of its quad-x")
 
 
 def test_dropouts_are_reported():
     """A ULog gives the durations of dropouts in milliseconds."""
     logged = SimpleNamespace(dropouts=[SimpleNamespace(duration=each) for each in (20, 500, 30)])
-    assert _dropouts(logged) == ["3 dropouts of the logger, 0.55 s in all, the longest of 0.5 s"]
+    assert _dropouts(logged) == ["3 dropouts of the logger, 0.55 s in total; the longest lasts 0.5 s"]
     (one,) = _dropouts(SimpleNamespace(dropouts=[SimpleNamespace(duration=40)]))
     assert one.startswith("1 dropout of the logger, 0.04 s")
     assert _dropouts(SimpleNamespace(dropouts=[])) == []
@@ -279,7 +279,7 @@ def status(*values):
 def test_a_log_of_another_vehicle_is_refused_or_with_a_mapping_reported(read, topics, parameters, words):
     data = ulog({**TURNING_VEHICLE, **topics}, parameters=parameters)
     with pytest.raises(
-        InputError, match=rf"log.ulg: is the log of {words}.*, and not of a quadrotor; give a mapping to read it anyway"
+        InputError, match=rf"log.ulg: is a log of {words}.*, not of a quadrotor; to read it, give a mapping"
     ):
         read(data)
     assert said(read(data, "px4"), f"the log is of {words}")
@@ -304,8 +304,8 @@ PULSE_WIDTHS = ([("float[8]", "output")], rows(10_000, lambda t: (1075.0, 1512.5
 @pytest.mark.parametrize(
     ("parameters", "shares", "words"),
     [
-        ({}, (0.075, 0.0, 0.5125, 0.95), "1000 to 2000 µs, assumed, since no parameter in the log says so"),
-        ({"PWM_MIN": 1075, "PWM_MAX": 1950}, (0.0, 0.0, 0.5, 1.0), "1075 to 1950 µs, by PWM_MAIN_MIN"),
+        ({}, (0.075, 0.0, 0.5125, 0.95), "1000 to 2000 µs, assumed, since the log contains no such parameter"),
+        ({"PWM_MIN": 1075, "PWM_MAX": 1950}, (0.0, 0.0, 0.5, 1.0), "1075 to 1950 µs, by the parameters PWM_MAIN_MIN"),
         ({"PWM_MAIN_MIN": 1075, "PWM_MAIN_MAX": 1950}, (0.0, 0.0, 0.5, 1.0), "1075 to 1950 µs, by"),
         (
             {"PWM_MIN": 1075, "PWM_MAX": 1950, "PWM_MAIN_MIN3": 1025, "PWM_MAIN_MAX3": -1},
@@ -331,7 +331,7 @@ def test_equal_pulse_limits_are_refused(read):
     log = ulog(
         {**TURNING_VEHICLE, "actuator_outputs": PULSE_WIDTHS}, parameters={"PWM_MAIN_MIN2": 1500, "PWM_MAIN_MAX2": 1500}
     )
-    with pytest.raises(InputError, match="the pulses of motor 2 go from 1500 to 1500 µs"):
+    with pytest.raises(InputError, match="set the pulses of motor 2 to 1500 to 1500 µs"):
         read(log)
 
 
@@ -342,8 +342,8 @@ def test_samples_that_the_log_marks_as_invalid_are_missing(read):
     ]
     local = rows(10_000, lambda t: (*[0.0] * 6, False, True, t > 0.205, True, False) if t < 0.395 else LATER_ROW)
     record = read(ulog({"vehicle_local_position": (fields, local)}))
-    assert said(record, "position is no number in 40 of 101 samples")
-    assert said(record, "velocity is no number in 21 of 101 samples")
+    assert said(record, "position is not a number in 40 of 101 samples")
+    assert said(record, "velocity is not a number in 21 of 101 samples")
     np.testing.assert_allclose(record.position[0], [1.0, -2.0, 3.0], atol=1e-6)
     assert said(record, "the position comes from dead reckoning in 60.40% of its samples, first at 0.4 s of the log")
 
@@ -381,31 +381,31 @@ def test_resets_and_faults_of_the_estimator_and_failsafes_are_reported(read):
         }
     )
     record = read(data)
-    assert said(record, "the estimator resets its position 2 times, at most by 0.5 m, first at 0.3 s of the log")
-    assert said(record, "the estimator resets its attitude once, at most by 0.1 rad, first at 0.5 s of the log")
+    assert said(record, "the estimator resets its position 2 times, by up to 0.5 m, first at 0.3 s of the log")
+    assert said(record, "the estimator resets its attitude once, by up to 0.1 rad, first at 0.5 s of the log")
     assert not said(record, "resets its climb")  # the reset is 0.1 mm/s, too small to matter
-    assert said(record, "estimator_status has numerical faults in 18.18% of its samples, first at 0.9 s of the log")
-    assert not said(record, "rejects")
+    assert said(record, "estimator_status reports numerical faults in 18.18% of its samples, first at 0.9 s of the log")
+    assert not said(record, "rejected")
     assert said(record, "PX4 is in failsafe from 0.2 to 0.4 s, 1 to 1 s of the log")
     assert said(record, "the log ends in flight")
-    assert said(record, "position jumps 2 times, at most by 0.5 m at 0.7 s")
+    assert said(record, "position jumps 2 times, by up to 0.5 m at 0.7 s")
     assert not said(record, "vehicle_land_detected")  # it has no signal that could be read
 
 
-def test_times_in_remarks_are_those_since_the_first_sample_of_any_signal(read):
+def test_times_in_remarks_count_from_the_first_sample_of_any_signal(read):
     fields = [("float[4]", "q"), ("uint8_t", "quat_reset_counter"), ("float[4]", "delta_q_reset")]
     turned = rows(10_000, lambda t: (1.0, 0.0, 0.0, 0.0, int(t > 0.495), 1.0, 0.1, 0.0, 0.0))
     late = rows(10_000, lambda t: (t, *[0.0] * 5), start=1_200_000, duration=800_000)
     record = read(ulog({"vehicle_attitude": (fields, turned), "vehicle_local_position": (LOCAL, late)}))
-    assert said(record, "resets its attitude once, at most by 0.2 rad, first at 0.5 s of the log")
+    assert said(record, "resets its attitude once, by up to 0.2 rad, first at 0.5 s of the log")
 
 
 @pytest.mark.parametrize("bytes_left", [1, 7, 20])
 def test_a_log_that_is_cut_is_reported(read, bytes_left):
     whole = ulog(TURNING_VEHICLE)
     last = 3 + 2 + 8 + 8 + 12
-    assert not said(read(whole), "the log is cut")
-    assert said(read(whole[: len(whole) - last + bytes_left]), "no whole message, so the log is cut")
+    assert not said(read(whole), "the log is truncated")
+    assert said(read(whole[: len(whole) - last + bytes_left]), "no complete message, so the log is truncated")
 
 
 HEADER_AND_TWO_MESSAGES = b"ULog".ljust(16, b"\1") + message(b"F", b"12345") + message(b"D", b"1234567")
@@ -416,21 +416,21 @@ END = 16 + 8 + 10
     ("rest", "end", "goes_on", "words"),
     [
         (b"", END, False, ""),
-        *((message(b"D", b"123456789")[:count], END, False, "no whole message") for count in (1, 2, 3, 4, 11)),
+        *((message(b"D", b"123456789")[:count], END, False, "no complete message") for count in (1, 2, 3, 4, 11)),
         (message(b"D", b"123456789"), END + 12, False, ""),
         (bytes(3), END, False, "all zeros"),
         (bytes(40), END, False, "all zeros"),
         (b"\xff" * 40, END, False, "all 0xff"),
-        # The end of a message that reaches into zeros may be missing, unless nothing follows it.
+        # A message that extends into zeros may be incomplete, unless it ends the file.
         (message(b"D", b"12\0\0"), END + 7, False, ""),
-        (message(b"D", b"12\0\0") + bytes(5), END, False, "no whole message"),
+        (message(b"D", b"12\0\0") + bytes(5), END, False, "no complete message"),
         (message(b"D", b"12\0\x01") + bytes(5), END + 7, False, "all zeros"),
-        # Messages of an unknown kind are damage, after which there may be others.
+        # A message of unknown type is damage, after which reading may continue.
         (message(b"Z", b"12345"), END, True, "damaged from byte 34 on"),
         (message(b"Z", b"12345") + message(b"D", b"12345") + bytes(9), END, True, "damaged from byte 34 on"),
     ],
 )
 def test_messages_of_a_log_are_contiguous_until_it_is_cut_or_damaged(rest, end, goes_on, words):
     chain = _chain_of(LogFile(Path("log.ulg"), HEADER_AND_TWO_MESSAGES + rest, ()))
-    assert (chain.end, chain.goes_on) == (end, goes_on)
+    assert (chain.end, chain.may_continue) == (end, goes_on)
     assert [words in each for each in chain.remarks] == ([True] if words else [])

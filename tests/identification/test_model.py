@@ -1,4 +1,4 @@
-"""The vehicle as the model of a log: its disturbances, what it feels, its rotors and the delay of its commands."""
+"""The model of a log: disturbances, specific force, rotors, and the delay of commands."""
 
 import numpy as np
 import pytest
@@ -52,13 +52,13 @@ def numbers(scenario):
 
 
 def in_world():
-    """The rotation from the body's axes to those of W, in `STATE`."""
+    """Return the rotation from body axes to W in `STATE`."""
     return Rotation.from_euler("ZYX", [STATE.yaw, STATE.pitch, STATE.roll])
 
 
 @pytest.mark.parametrize("kind", ["world", "body"])
 def test_a_disturbance_adds_constant_accelerations_to_a_step(numbers, kind):
-    """A force moves the vehicle by h²/2, along the axes of W or those of the body at the beginning of the step."""
+    """An acceleration a displaces the vehicle by a h²/2, along the axes of W or of the body at the start."""
     h = 0.02
     quiet, pushed = (
         np.array(step(STATE, SPEEDS, SPEEDS, LEVEL, STILL, d, Span(h, 1.0), numbers, kind).body)
@@ -75,8 +75,8 @@ def test_a_disturbance_adds_constant_accelerations_to_a_step(numbers, kind):
 
 
 @pytest.mark.parametrize("kind", ["world", "body"])
-def test_what_is_felt_is_the_acceleration_beside_that_of_free_fall(numbers, kind):
-    """The expected value is in body axes, from the change of velocity in a very short step."""
+def test_specific_force_is_the_acceleration_relative_to_free_fall(numbers, kind):
+    """The expected value is computed in body axes from the change of velocity in a very short step."""
     h = 1e-6
     after = step(STATE, SPEEDS, SPEEDS, LEVEL, STILL, PUSHED, Span(h, 1.0), numbers, kind).body
     acceleration = (np.array(after[6:9]) - np.array(STATE[6:9])) / h
@@ -86,7 +86,7 @@ def test_what_is_felt_is_the_acceleration_beside_that_of_free_fall(numbers, kind
     )
 
 
-def test_rotors_follow_their_commands_with_lags_of_their_own_up_and_down(scenario, numbers):
+def test_rotors_follow_their_commands_with_different_lags_up_and_down(scenario, numbers):
     """A first-order lag leaves exp(-h/T) of the difference after a step of any length."""
     vehicle, h = scenario.vehicle, 0.03
     command = RotorSpeed(220.0, 180.0, 240.0, 150.0)
@@ -100,7 +100,7 @@ def test_rotors_follow_their_commands_with_lags_of_their_own_up_and_down(scenari
     assert rotors_at_rest(command, Span(h, 1.0), numbers) == pytest.approx(command)
 
 
-def test_throttles_at_rest_give_the_thrust_of_their_curve(scenario):
+def test_constant_throttles_give_the_thrust_of_the_curve(scenario):
     vehicle = with_throttles(scenario).vehicle
     own = Numbers(vehicle_parameters(vehicle), vehicle.effect_numbers(), None)
     throttles = Throttle(0.3, 0.4, 0.5, 0.6)
@@ -119,8 +119,8 @@ def test_rotor_speeds_are_proportional_to_the_voltage(scenario, throttles):
     np.testing.assert_allclose(low, 0.9 * full)
 
 
-def test_a_voltage_is_relative_to_that_of_the_thrust_curve_and_averaged_over_a_tenth_of_a_second(scenario):
-    """The average of a signal that rises evenly is the signal itself; noise is attenuated by the number of samples."""
+def test_the_voltage_is_averaged_over_a_tenth_of_a_second_and_relative_to_that_of_the_thrust_curve(scenario):
+    """The average of a ramp is the ramp itself. Averaging divides the variance of noise by the number of samples."""
     random = np.random.default_rng(0)
     time = PERIOD * np.arange(2000)
     ramp = 12.0 - 0.02 * time
@@ -130,13 +130,13 @@ def test_a_voltage_is_relative_to_that_of_the_thrust_curve_and_averaged_over_a_t
     inside = slice(50, -50)
     error = (12.0 * found - ramp)[inside]
     assert abs(error.std() / (0.1 / np.sqrt(11)) - 1.0) < 0.1
-    # Rotors that are commanded by speed do not depend on the voltage, and neither does a log without it.
+    # Rotors that are commanded by speed, and logs without a voltage, have a relative voltage of one.
     for record, other in ((log, LogModel(scenario, (), voltage=12.0)), (uneven_record(), model)):
         np.testing.assert_array_equal(relative_voltage(record, other), 1.0)
 
 
 def uneven_record():
-    """Commands that tell their sample, on a clock with a gap."""
+    """Return a log with a gap, in which each command identifies its sample."""
     steps = np.full(200, PERIOD)
     steps[60] = 0.5
     steps[61] = 0.013
@@ -146,8 +146,8 @@ def uneven_record():
 
 
 @pytest.mark.parametrize("split", [1, 2, 3])
-def test_inputs_are_the_commands_and_steps_of_each_window(scenario, split):
-    """The expected values are found step by step, with several steps per sample."""
+def test_inputs_contain_the_commands_and_steps_of_each_window(scenario, split):
+    """The test finds the expected values step by step, with `split` steps per sample."""
     log = uneven_record()
     windows, sizes = [LogWindow(0, 40), LogWindow(0, 70), LogWindow(0, 199)], WindowSizes(length=6, settle=3, warm_up=2)
     inputs = WindowInputs.of([log], LogModel(scenario, ()), windows, sizes, split=split, max_delay=0.025)
@@ -160,7 +160,7 @@ def test_inputs_are_the_commands_and_steps_of_each_window(scenario, split):
     np.testing.assert_array_equal(inputs.spans[:, 1], 1.0)
     for w, (_, start) in enumerate(windows):
         for k in range(-inputs.margin, count + inputs.margin):
-            # Half steps before a sample still have the command of the one before.
+            # Half a step before a sample, the command of the previous sample still applies.
             sample = min(max(start - 5 + k // split, 0), 199)
             np.testing.assert_array_equal(inputs.commands[k + inputs.margin, :4, w], log.rotor_speed_command[sample])
             if 0 <= k < count:
@@ -168,8 +168,8 @@ def test_inputs_are_the_commands_and_steps_of_each_window(scenario, split):
                 assert inputs.spans[k, 0, w] == pytest.approx(min(step_after, 3.0 * PERIOD) / split)
 
 
-def test_inputs_have_the_wind_and_the_voltage_of_each_record(scenario):
-    """Without a logged wind it is that of the scenario. Periods are the median over all records."""
+def test_inputs_contain_the_wind_and_the_voltage_of_each_record(scenario):
+    """Without a logged wind, the wind of the scenario is used. The period is the median over all records."""
     steady = load_scenario("laboratory:low_wind", ["laboratory.wind=[{kind: steady, velocity: [1.0, -2.0, 0.5]}]"])
     vehicle = LogModel(with_throttles(steady), (), voltage=12.0)
     random = np.random.default_rng(4)
@@ -210,8 +210,8 @@ def test_an_attitude_response_has_the_commanded_attitude_among_its_inputs():
 
 
 @pytest.mark.parametrize("named", [(), MISALIGNMENT[:2], MISALIGNMENT[1:], MISALIGNMENT])
-def test_a_measured_attitude_is_that_of_markers_in_the_frame_of_each_set_of_parameters(named):
-    """An angle that is no parameter is that of the scenario."""
+def test_a_measured_attitude_includes_the_marker_misalignment_of_each_set_of_parameters(named):
+    """An angle that is not a parameter has the value of the scenario."""
     own = (0.03, -0.05, 0.2)
     misaligned = load_scenario("laboratory:low_wind", [f"laboratory.motion_capture.misalignment={[*own]}"])
     vehicle = LogModel(misaligned, ["mass", *named])
@@ -235,8 +235,8 @@ def test_a_measured_attitude_is_that_of_markers_in_the_frame_of_each_set_of_para
     np.testing.assert_array_equal(flight.measured_attitude(state), state[3:6])
 
 
-def test_rotors_begin_at_rest_and_then_follow_the_commands_of_the_warm_up(scenario):
-    """A lag of first order over each step, from the command before the warm-up on."""
+def test_rotors_begin_in_equilibrium_and_follow_the_commands_of_the_warm_up(scenario):
+    """Rotor speeds start at the command before the warm-up, and follow with a first-order lag over each step."""
     log = uneven_record()
     sizes = WindowSizes(length=5, settle=3, warm_up=7)
     inputs = WindowInputs.of([log], LogModel(scenario, ()), [LogWindow(0, 65)], sizes, split=1, max_delay=0.02)
@@ -251,8 +251,8 @@ def test_rotors_begin_at_rest_and_then_follow_the_commands_of_the_warm_up(scenar
 
 
 @pytest.mark.parametrize("delay", [-0.013, 0.0, 0.004, 0.01, 0.0175])
-def test_a_command_that_comes_late_by_a_part_of_a_sample_is_a_mean_of_two(scenario, delay):
-    """If commands rise evenly, this mean is the command that was given one delay ago."""
+def test_a_command_delayed_by_a_fraction_of_a_sample_is_a_weighted_mean_of_two(scenario, delay):
+    """For commands that form a ramp, the mean is the command at the time one delay earlier."""
     time = PERIOD * np.arange(200)
     ramp = np.tile((150.0 + 10.0 * time)[:, None], 4)
     log = FlightRecord("log", time, rotor_speed_command=ramp)
@@ -260,8 +260,8 @@ def test_a_command_that_comes_late_by_a_part_of_a_sample_is_a_mean_of_two(scenar
     vehicle = LogModel(scenario, ["mass", DELAY])
     windows = [LogWindow(0, 100), LogWindow(0, 130)]
     inputs = WindowInputs.of([log], vehicle, windows, sizes, split=1, max_delay=0.02)
-    assert vehicle.delay_place == 1
-    # Each set of parameters has a delay of its own.
+    assert vehicle.delay_index == 1
+    # Each set of parameters has its own delay.
     model = ModelFlight(vehicle, np.array([[0.7, 0.0], [0.7, delay], [0.9, delay]]), inputs, 20)
     for w, start in enumerate((97, 127)):
         told = model._command[:4, :, w]
@@ -274,13 +274,13 @@ def test_a_command_that_comes_late_by_a_part_of_a_sample_is_a_mean_of_two(scenar
     # A heavier vehicle falls more.
     assert (state[8, 2] < state[8, 1]).all()
     without = LogModel(scenario, ["mass"], delay=0.03)
-    assert without.delay_place is None
+    assert without.delay_index is None
     np.testing.assert_array_equal(without.delays(np.ones((4, 1))), np.full(4, 0.03))
 
 
 @pytest.mark.parametrize("kind", ["world", "body"])
-def test_machine_code_steps_and_feels_as_the_formulas_do(scenario, numbers, kind):
-    """For each set of parameters and each window by itself."""
+def test_machine_code_gives_the_steps_and_specific_forces_of_the_formulas(scenario, numbers, kind):
+    """The formulas are evaluated separately for each set of parameters and each window."""
     log = FlightRecord("log", PERIOD * np.arange(50), rotor_speed_command=np.tile(SPEEDS, (50, 1)))
     vehicle = LogModel(scenario, ["mass"], frame=kind)
     sizes = WindowSizes(length=5, settle=0, warm_up=3)
@@ -309,8 +309,8 @@ def test_machine_code_steps_and_feels_as_the_formulas_do(scenario, numbers, kind
 
 
 @pytest.mark.parametrize("base", ["laboratory:low_wind", "neural_fly:still"])
-def test_machine_code_takes_throttles_at_the_voltage_of_each_step(base):
-    """For a body whose rotors take throttles, and for the response of an attitude."""
+def test_machine_code_applies_the_voltage_of_each_step_to_throttles(base):
+    """This holds for a body whose rotors take throttles, and for an attitude response."""
     own = with_throttles(load_scenario(base))
     vehicle = LogModel(own, ["mass"], voltage=12.0)
     random = np.random.default_rng(2)
@@ -335,12 +335,12 @@ def test_machine_code_takes_throttles_at_the_voltage_of_each_step(base):
     model.step(states)
     np.testing.assert_allclose(states[:NUM_BODY, 0, 0], np.ravel(after.body), atol=1e-9)
     np.testing.assert_allclose(model._rotors, np.ravel(after.rotors), atol=1e-9)
-    # After a step, the inputs are those of the next sample.
+    # After a step, the inputs of the next sample apply.
     np.testing.assert_allclose(model._command[:4, 0, 0], throttles[31])
 
 
-def test_a_payload_stays_all_along_whenever_it_is_dropped():
-    """Windows of a log have no clock of their own: the vehicle is as at the beginning."""
+def test_a_payload_is_attached_throughout_all_windows():
+    """The time at which the payload is dropped is ignored, since windows of a log have no clock."""
     payload = "vehicle.payload={{mass: 0.2, position: [0.02, 0.0, -0.05], time: {}, event: dropped}}"
     soon, late, never = (
         Numbers(vehicle_parameters(own.vehicle), own.vehicle.effect_numbers(), None)

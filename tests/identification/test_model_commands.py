@@ -1,4 +1,4 @@
-"""Commands that the model of a log takes: those of the log, or those that the firmware makes of thrust and torque."""
+"""Commands of the model of a log: the logged ones, or the firmware's allocation of thrust and torque."""
 
 from dataclasses import replace
 
@@ -44,7 +44,7 @@ def record(flight):
 
 @pytest.fixture(scope="module")
 def responding(root):
-    """The scenario of an autopilot, and a log of commands to it."""
+    """Return the scenario of an autopilot, and a log of commands to the autopilot."""
     random = np.random.default_rng(2)
     commands = {"thrust_share": random.uniform(0.3, 0.6, 100), "attitude_command": random.normal(size=(100, 3))}
     return load_scenario(root / "diagrams" / "neural_fly.yaml:wind_8"), FlightRecord(
@@ -52,8 +52,8 @@ def responding(root):
     )
 
 
-def test_thrust_and_torque_go_through_the_allocation_of_the_firmware(flight, record):
-    """The link brings a command two ticks later; the identified vehicle does not change what the firmware does."""
+def test_thrust_and_torque_are_allocated_as_by_the_firmware(flight, record):
+    """The link delays commands by two ticks. The parameters of the identified vehicle do not change the allocation."""
     wrench_alone = replace(record, rotor_speed_command=None)
     found = with_commands(wrench_alone, flight.scenario, flight.scenario).rotor_speed_command
     np.testing.assert_allclose(found[:-2], record.rotor_speed_command[2:], rtol=1e-9)
@@ -62,7 +62,7 @@ def test_thrust_and_torque_go_through_the_allocation_of_the_firmware(flight, rec
 
 
 @pytest.mark.parametrize(("priority", "given"), [("roll_pitch", 0.1), ("thrust", 0.0)])
-def test_the_firmware_gives_up_the_part_without_priority(root, record, priority, given):
+def test_the_firmware_reduces_the_component_without_priority(root, record, priority, given):
     """The command is a thrust beyond the rotors' limits together with a roll torque."""
     number = len(record.time)
     thrust, torque = np.full(number, 100.0), np.tile([0.1, 0.0, 0.0], (number, 1))
@@ -77,7 +77,7 @@ def test_the_firmware_gives_up_the_part_without_priority(root, record, priority,
     assert max(first) == pytest.approx(believed.max_rotor_speed)
 
 
-def test_own_commands_of_a_log_come_first(flight, record, responding):
+def test_logged_motor_commands_have_priority(flight, record, responding):
     assert with_commands(record, flight.scenario, flight.scenario) is record
     vehicle, log = responding
     found = with_commands(log, vehicle, vehicle)
@@ -89,7 +89,7 @@ def test_own_commands_of_a_log_come_first(flight, record, responding):
     )
 
 
-def test_throttles_follow_from_the_believed_thrust_curve(responding, record):
+def test_throttles_follow_from_the_nominal_thrust_curve(responding, record):
     thrust = replace(record, rotor_speed_command=None, attitude_command=np.zeros((len(record.time), 3)))
     vehicle, _ = responding
     shares = with_commands(thrust, vehicle, vehicle).motor_command
@@ -99,11 +99,11 @@ def test_throttles_follow_from_the_believed_thrust_curve(responding, record):
     np.testing.assert_allclose(total[inside], record.thrust_command[inside], rtol=1e-9)
     assert inside.any()
     nominal = vehicle.nominal.model_copy(update={"motors": SpeedMotors(kind="speed")})
-    with pytest.raises(InputError, match=f"{vehicle.name} has no nominal.motors; add them, since throttles follow"):
+    with pytest.raises(InputError, match=f"{vehicle.name} has no nominal.motors; add it with a thrust curve"):
         with_commands(thrust, vehicle, vehicle.model_copy(update={"nominal": nominal}))
 
 
-def test_the_thrust_of_a_share_is_relative_to_the_share_of_hover(responding):
+def test_the_thrust_of_a_thrust_share_is_relative_to_that_of_hover(responding):
     scenario, log = responding
     shares, hover = np.linspace(0.1, 0.9, len(log.time)), np.full(len(log.time), 0.45)
     weight = scenario.nominal.mass * scenario.nominal.gravity
@@ -135,9 +135,9 @@ def test_a_torque_behind_an_autopilot_does_not_turn_the_vehicle(responding, reco
     [
         (
             ("rotor_speed_command", "torque_command"),
-            r"it needs rotor_speed_command, or thrust_command and torque_command, and has thrust_command, wind$",
+            r"rotor_speed_command, or thrust_command and torque_command, but the log contains thrust_command, wind$",
         ),
-        (("rotor_speed_command", "thrust_command"), "and has torque_command, wind$"),
+        (("rotor_speed_command", "thrust_command"), "but the log contains torque_command, wind$"),
     ],
 )
 def test_a_log_without_commands_is_refused(flight, record, left_out, words):
@@ -145,7 +145,7 @@ def test_a_log_without_commands_is_refused(flight, record, left_out, words):
     with pytest.raises(InputError, match=words):
         with_commands(without, flight.scenario, flight.scenario)
     motors = replace(without, motor_command=np.zeros((len(record.time), 4)))
-    with pytest.raises(InputError, match="its motors take speeds|its motors take throttles"):
+    with pytest.raises(InputError, match="the log contains speeds|the log contains throttles"):
         with_commands(motors, flight.scenario, flight.scenario)
 
 
@@ -159,14 +159,14 @@ def test_a_parameter_of_an_effect_that_is_off_is_zero(flight):
     assert with_numbers(flight.scenario, {"rotor_aerodynamics.climb": 0.1}).vehicle.rotor_aerodynamics.climb == 0.1
 
 
-def test_a_level_vehicle_takes_level_commands(flight, record):
+def test_commands_for_a_level_vehicle_are_level(flight, record):
     log = level_record(record)
     np.testing.assert_array_equal(log.attitude_command, np.zeros((len(record.time), 3)))
     assert LogModel(level_vehicle(flight.scenario), ()).responds
 
 
-def test_measured_states_are_those_of_markers_that_are_misaligned(responding):
-    """Behind an autopilot the model has rates of angles, which are those of the matrix of the kinematics."""
+def test_measured_states_include_the_misalignment_of_markers(responding):
+    """With an autopilot, the states are angle rates, which the kinematic matrix relates to body rates."""
     scenario, _ = responding
     misalignment = [0.02, -0.03, 0.1]
     turned = load_scenario("neural_fly:wind_8", [f"laboratory.motion_capture.misalignment={misalignment}"])

@@ -1,4 +1,4 @@
-"""Parameters that outputs may determine, and their priors."""
+"""Candidate parameters for the outputs of a log, and their priors."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ ROTORS = ["thrust_factor", "rotor_time_constant"]
 
 @pytest.fixture(scope="module")
 def rotors() -> Scenario:
-    """Return a vehicle with linear drag alone."""
+    """Return a vehicle whose only effect is linear drag."""
     return load_scenario("laboratory:low_wind", ["vehicle.inertia=[0.0066, 0.0079, 0.0121]"])
 
 
@@ -62,16 +62,16 @@ def found_in(scenario: Scenario, signals: set[str], *, own_throttles: bool = Fal
     ("signals", "expected"),
     [
         (POSE, [*ROTORS, *INERTIA, *CENTRE, *MARKERS, "linear_drag"]),
-        # Velocities do not show along which axes the markers measure positions.
+        # Velocities do not determine the axes along which the markers measure positions.
         ({"attitude", "velocity"}, [*ROTORS, *INERTIA, *CENTRE, "linear_drag"]),
         ({"attitude"}, [*ROTORS, *INERTIA, *CENTRE]),
-        # An accelerometer alone determines drag and velocity only as a product.
+        # Without positions, an accelerometer determines only the product of drag and velocity.
         (IMU, [*ROTORS, *INERTIA, *CENTRE]),
         # Heights determine no rotation.
         ({"position"}, [*ROTORS, "linear_drag"]),
     ],
 )
-def test_parameters_of_rotors_are_those_that_the_outputs_show(
+def test_parameters_of_rotors_are_candidates_if_the_outputs_depend_on_them(
     rotors: Scenario, signals: set[str], expected: list[str]
 ) -> None:
     assert {*found_in(rotors, signals)} == {*expected, "delay"}
@@ -95,8 +95,8 @@ def test_parameters_of_effects_are_candidates_if_the_vehicle_has_the_effect(
     assert {*found_in(full, signals)} == {*ROTORS, "rotor_time_constant_down", *expected, "delay"}
 
 
-def test_an_attitude_response_takes_the_place_of_the_rotation_of_a_body(attitudes: Scenario) -> None:
-    """A common share of the thrust varies around hover, so it determines two numbers of the thrust curve."""
+def test_an_attitude_response_replaces_the_parameters_of_rotation(attitudes: Scenario) -> None:
+    """A common thrust command varies around hover, so it determines two coefficients of the thrust curve."""
     drag = [*LINEAR, *QUADRATIC, "rotor_aerodynamics.lift", "rotor_aerodynamics.climb"]
     thrust = ["motors.curve[0]", "motors.curve[1]", "rotor_time_constant"]
     assert {*found_in(attitudes, POSE)} == {*thrust, *RESPONSE, *MARKERS, *drag, "delay"}
@@ -105,7 +105,7 @@ def test_an_attitude_response_takes_the_place_of_the_rotation_of_a_body(attitude
     assert {*found_in(attitudes, {"position"})} == heights | vertical
 
 
-def test_only_throttles_of_each_motor_determine_a_whole_thrust_curve(throttles: Scenario) -> None:
+def test_only_throttles_of_single_motors_determine_a_whole_thrust_curve(throttles: Scenario) -> None:
     def powers(signals: set[str], *, own: bool) -> str:
         return "".join(name[-2] for name in found_in(throttles, signals, own_throttles=own) if "curve" in name)
 
@@ -126,18 +126,18 @@ def test_priors_are_around_the_values_of_the_scenario(full: Scenario, attitudes:
             strict=True,
         )
     )
-    # An effect that the scenario lacks is zero.
+    # The prior mean of an effect that the scenario lacks is zero.
     assert all(found[name].start == 0.0 for name in QUADRATIC)
     behind = found_in(attitudes, POSE)
     assert [behind[name].start for name in RESPONSE] == [6.0, 7.0, 3.0, 0.48, 0.48, 0.48]
     for delay in (found["delay"], behind["delay"]):
         assert (delay.start, delay.lower, delay.upper) == (DELAY, -MAX_DELAY, MAX_DELAY)
-        # A delay that is a frame of a camera or a tick of a link longer is usual; one of a second is not.
+        # The prior allows delays that are one camera frame or one tick of the link longer, but not a delay of a second.
         assert 0.005 <= delay.scale <= 0.05
 
 
-def test_a_data_sheet_gives_positive_parameters_to_within_their_own_size(full: Scenario, attitudes: Scenario) -> None:
-    """They may be smaller or larger by any factor up to fifty, but have one sign."""
+def test_the_prior_deviation_of_a_positive_parameter_is_about_its_value(full: Scenario, attitudes: Scenario) -> None:
+    """Positive parameters may change by a factor of up to fifty, but not change sign."""
     found = found_in(full, POSE | IMU) | found_in(attitudes, POSE)
     positive = ["thrust_factor", *INERTIA, "rotor_inertia", *RESPONSE]
     for parameter in (found[name] for name in positive):
@@ -156,7 +156,7 @@ def test_a_data_sheet_gives_positive_parameters_to_within_their_own_size(full: S
 
 @pytest.mark.parametrize("constant", [0.0005, 0.004, 0.06, 0.3])
 def test_a_time_constant_may_be_tens_of_milliseconds_off_whatever_its_value(constant: float) -> None:
-    """It stays above 2 ms, or above the value of the data sheet if that is shorter."""
+    """The time constant stays above 2 ms, or above the value of the data sheet if that is smaller."""
     own = load_scenario("laboratory:low_wind", [f"vehicle.rotor_time_constant={constant}"])
     found = found_in(own, POSE)["rotor_time_constant"]
     assert 0.02 <= found.scale <= 0.1
@@ -164,10 +164,10 @@ def test_a_time_constant_may_be_tens_of_milliseconds_off_whatever_its_value(cons
     assert found.upper == pytest.approx(50.0 * constant)
 
 
-def test_priors_of_drag_grow_with_the_mass_and_those_of_places_with_the_arm(
+def test_priors_of_drag_scale_with_the_mass_and_those_of_positions_with_the_arm(
     full: Scenario, attitudes: Scenario, throttles: Scenario
 ) -> None:
-    """Forces relative to the weight and places relative to the arm are as uncertain for small and large vehicles."""
+    """Relative to weight and arm length, forces and positions are equally uncertain for small and large vehicles."""
 
     def larger(scenario: Scenario, **update: float) -> Scenario:
         changed = {"mass": 2.0 * scenario.vehicle.mass} | update
@@ -181,32 +181,32 @@ def test_priors_of_drag_grow_with_the_mass_and_those_of_places_with_the_arm(
         assert other[name].scale == pytest.approx(3.0 * found[name].scale)
         # The centre of mass is between the rotors.
         assert found[name].scale < 0.5 * arm_length_of(full.vehicle)
-    # With or without an accelerometer, the prior is the same.
+    # The prior does not depend on an accelerometer.
     without = found_in(full, POSE)
     for name in (*CENTRE, *PRESSURE, "body_drag.linear[1]", "rotor_aerodynamics.climb"):
         assert without[name].scale == found[name].scale
-    # A drag that is known to be large is as uncertain as it is large.
+    # The prior standard deviation of a large drag is its value.
     assert found["body_drag.linear[0]"].scale == other["body_drag.linear[0]"].scale == 0.5
     mass, gravity = full.vehicle.mass, full.vehicle.gravity
-    # The drag that no data sheet states is less than the weight at 8 m/s.
+    # Without a value on the data sheet, the drag at 8 m/s is less than the weight.
     assert found["body_drag.linear[1]"].scale * 8.0 < mass * gravity
     assert found["rotor_aerodynamics.climb"].scale * 8.0 < mass * gravity
     assert found["body_drag.quadratic[0]"].scale * 8.0**2 < mass * gravity
     behind, heavy = found_in(attitudes, POSE), found_in(larger(attitudes), POSE)
     assert heavy["rotor_aerodynamics.lift"].scale == pytest.approx(2.0 * behind["rotor_aerodynamics.lift"].scale)
     assert behind["rotor_aerodynamics.lift"].scale * 8.0**2 < attitudes.vehicle.mass * gravity
-    # The prior of an effect that a vehicle lacks is that of an effect whose coefficients are zero.
+    # An effect that a vehicle lacks has the prior of an effect whose coefficients are zero.
     lacking = attitudes.model_copy(update={"vehicle": attitudes.vehicle.model_copy(update={"body_drag": None})})
     bare, light = found_in(lacking, POSE), found_in(load_scenario("neural_fly:still", ["vehicle.mass=0.02"]), POSE)
     for name in LINEAR:
         assert bare[name].scale == pytest.approx(0.3 * attitudes.vehicle.mass)
         assert light[name].scale == behind[name].start
         assert bare[name].start == 0.0
-    # Each of four motors carries a quarter of the weight in hover.
+    # In hover, each of four motors carries a quarter of the weight.
     curve = found_in(throttles, POSE, own_throttles=True)
     assert [curve[f"motors.curve[{i}]"].scale for i in range(3)] == pytest.approx(
         [0.25 * throttles.vehicle.mass * gravity] * 3
     )
     assert [found[name].scale < 0.1 for name in MARKERS] == [True, True]
-    # The prior of a drag that is on the data sheet is as wide as the drag.
+    # The prior standard deviation of a drag on the data sheet is its value.
     assert found_in(load_scenario("laboratory:low_wind"), POSE)["linear_drag"].scale == 0.1

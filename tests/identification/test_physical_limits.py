@@ -1,4 +1,4 @@
-"""Limits of the inertia of a body and of the thrust curve of a motor, as bounds of the variables of a search."""
+"""Physical limits of inertia and thrust curve, as bounds of search variables."""
 
 import numpy as np
 import pytest
@@ -28,8 +28,8 @@ def variables_by_name(parameters: list[Parameter], variables: np.ndarray) -> dic
     return dict(zip([parameter.name for parameter in parameters], variables.tolist(), strict=True))
 
 
-def test_variables_are_second_moments_of_a_body_and_the_ends_of_a_thrust_curve() -> None:
-    """I_x = m_y + m_z, and a parabola between throttles of 0 and 1 has slopes K1 and K1 + 2 K2 there."""
+def test_variables_are_second_moments_of_a_body_and_values_at_the_ends_of_a_thrust_curve() -> None:
+    """I_x = m_y + m_z. The derivatives of the thrust parabola at throttles 0 and 1 are K1 and K1 + 2 K2."""
     parameters = parameters_with()
     found = SearchVariables.of(parameters)
     values = values_of(parameters)
@@ -39,7 +39,7 @@ def test_variables_are_second_moments_of_a_body_and_the_ends_of_a_thrust_curve()
     assert [variables[f"motors.curve[{i}]"] for i in range(3)] == pytest.approx([k_0, k_1, k_1 + 2.0 * k_2])
     assert (variables["rotor_time_constant"], variables["centre_of_mass[0]"]) == (0.05, 0.01)
     np.testing.assert_allclose(found.inverse @ (found.matrix @ values), values)
-    # The usual change of a sum is at most the sum of the usual changes.
+    # The scale of a sum is at most the sum of the scales.
     scales = variables_by_name(parameters, found.scale)
     assert [scales[f"inertia[{i}]"] for i in range(3)] == pytest.approx([0.5 * (0.1 + 0.2 + 0.3)] * 3)
     assert [scales[f"motors.curve[{i}]"] for i in range(3)] == pytest.approx([1.5, 2.5, 2.5 + 2.0 * 3.5])
@@ -49,26 +49,28 @@ def test_variables_are_second_moments_of_a_body_and_the_ends_of_a_thrust_curve()
 @pytest.mark.parametrize(
     ("moments", "least"),
     [
-        # The smallest moment of inertia is 0.8, of which 0.1 % are 0.0008.
+        # The smallest moment of inertia is 0.8, and 0.1 % of it is 0.0008.
         ([0.3, 0.5, 0.9], [0.0008, 0.0008, 0.0008]),
-        # A plane body has no extent across its plane, and a body that no mass can have starts at its limit.
+        # A flat body has no extent normal to its plane. An impossible inertia starts at the limit.
         ([0.3, 0.5, 0.0], [0.0003, 0.0003, 0.0]),
         ([0.3, 0.5, -0.1], [0.0002, 0.0002, -0.1]),
     ],
 )
-def test_second_moments_are_bounded_by_a_share_of_the_data_sheet(moments: list[float], least: list[float]) -> None:
+def test_second_moments_are_bounded_by_a_fraction_of_the_data_sheet_values(
+    moments: list[float], least: list[float]
+) -> None:
     parameters = parameters_with(inertia=sum(moments) - np.array(moments))
     found = SearchVariables.of(parameters)
     lower, upper = (variables_by_name(parameters, each) for each in (found.lower, found.upper))
     assert [lower[f"inertia[{i}]"] for i in range(3)] == pytest.approx(least)
     assert {upper[f"inertia[{i}]"] for i in range(3)} == {np.inf}
-    # Others keep their own bounds.
+    # Other parameters keep their bounds.
     assert (lower["rotor_time_constant"], upper["rotor_time_constant"]) == (0.002, 2.5)
     assert (lower["centre_of_mass[0]"], upper["centre_of_mass[0]"]) == (-np.inf, np.inf)
 
 
-def test_a_flat_vehicle_can_be_identified_from_the_data_sheet_of_a_high_one() -> None:
-    """The limits exclude less of the inertia of a flat body than an identification resolves, which is 0.3 %."""
+def test_a_flat_vehicle_can_be_identified_from_the_data_sheet_of_a_tall_one() -> None:
+    """The limits change the inertia of a flat body by less than 0.3 %, the resolution of an identification."""
     limits = SearchVariables.of(parameters_with())
     flat = parameters_with(inertia=np.array([0.5, 0.3, 0.8]))
     nearest = np.maximum(limits.matrix @ values_of(flat), limits.lower)
@@ -76,7 +78,7 @@ def test_a_flat_vehicle_can_be_identified_from_the_data_sheet_of_a_high_one() ->
 
 
 @pytest.mark.parametrize(("start", "most"), [(0.1, 0.75), (1.2, 1.2)])
-def test_thrust_at_zero_throttle_is_at_most_half_of_hover_or_that_of_the_data_sheet(start: float, most: float) -> None:
+def test_thrust_at_zero_throttle_is_at_most_half_of_hover_or_the_data_sheet_value(start: float, most: float) -> None:
     parameters = parameters_with(curve=np.array([start, 0.7, 2.0]))
     found = SearchVariables.of(parameters)
     lower, upper = (variables_by_name(parameters, each) for each in (found.lower, found.upper))
@@ -97,7 +99,7 @@ def test_part_of_an_inertia_or_of_a_thrust_curve_has_no_common_limits(missing: s
 
 
 def test_a_parameter_is_at_its_limit_within_a_thousandth_of_its_scale() -> None:
-    """A limit on several parameters together informs on each of them, so it is left out."""
+    """A limit that couples several parameters adds information on each of them, so it is left out."""
     parameters = parameters_with()
     found = SearchVariables.of(parameters)
 
@@ -114,6 +116,6 @@ def test_a_parameter_is_at_its_limit_within_a_thousandth_of_its_scale() -> None:
         assert limited(**low) == ({"motors.curve[0]"} if at_limit else set())
         high = {"motors.curve[0]": 0.75 - 1.5 * distance}
         assert limited(**high) == ({"motors.curve[0]"} if at_limit else set())
-    # No extent along z, and a thrust that stops rising at full throttle.
+    # The body has no extent along z, and the derivative of the thrust is zero at full throttle.
     assert limited(**{"inertia[0]": MOMENTS[1], "inertia[1]": MOMENTS[0]}) == set()
     assert limited(**{"motors.curve[2]": -0.5 * CURVE[1]}) == set()

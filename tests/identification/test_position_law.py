@@ -1,4 +1,4 @@
-"""Position laws found in logs, beside those that made the logs."""
+"""Position laws identified from logs, compared with the laws that flew."""
 
 import json
 from dataclasses import replace
@@ -15,15 +15,15 @@ from drake_quad.control.pid_cascade.numbers import AccelerationNumbers, CascadeN
 from drake_quad.errors import InputError
 from drake_quad.flight.simulation import simulate_samples
 from drake_quad.geometry.axes import Vector
-from drake_quad.identification.known_flights import wandering
+from drake_quad.identification.known_flights import wandering_route
 from drake_quad.identification.logs.attitudes import rotations
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import STATE_ROWS
-from drake_quad.identification.position_law.commands import FORMS, at_limit, commanded, in_heading, unproduced
+from drake_quad.identification.position_law.commands import FORMS, at_limit, in_heading, law_output, unproduced_output
 from drake_quad.identification.position_law.control import control_layer
 from drake_quad.identification.position_law.law import AxisLaw, PositionLaw, identify_position_law
 from drake_quad.identification.position_law.pieces import prepared_pieces
-from drake_quad.identification.position_law.regression import Shape, _bias_of_rules, excited_terms, searched
+from drake_quad.identification.position_law.regression import Shape, _integration_rule_bias, excited_terms, search_fit
 from drake_quad.identification.result import Spread
 
 PERIOD, SAMPLES, GRAVITY = 0.02, 750, 9.81
@@ -37,7 +37,7 @@ def vehicle():
 
 
 def waves(time, amplitude, slow):
-    """Return sums of incommensurable sines (n, 3) with their first two derivatives."""
+    """Return sums (n, 3) of sines with incommensurable frequencies, and their first two derivatives."""
     rates = slow * np.outer([1.0, 1.31, 0.83], [1.0, 1.73, 2.9])
     phases = rates * time[:, None, None] + np.arange(9.0).reshape(3, 3)
     parts = amplitude * np.array([1.0, 0.5, 0.2])
@@ -49,7 +49,7 @@ def waves(time, amplitude, slow):
 
 
 def attitude_along(force, yaw):
-    """Return roll, pitch and yaw of thrust along forces (n, 3), by the third column of the rotation matrix."""
+    """Return the roll, pitch and yaw that align the body's z axis with the forces (n, 3)."""
     axis = force / np.linalg.norm(force, axis=1, keepdims=True)
     forward = np.cos(yaw) * axis[:, 0] + np.sin(yaw) * axis[:, 1]
     left = np.cos(yaw) * axis[:, 1] - np.sin(yaw) * axis[:, 0]
@@ -57,7 +57,7 @@ def attitude_along(force, yaw):
 
 
 def flown(vehicle, *, delay=DELAY, filter_time=FILTER, limit=np.inf, noise=0.02):
-    """Return the log of a PID with a filtered velocity, whose command is off by white noise in m/s²."""
+    """Return the log of a PID controller with a filtered velocity; white noise in m/s² is added to the command."""
     time = PERIOD * np.arange(SAMPLES)
 
     def measured(at):
@@ -95,7 +95,7 @@ def assert_in_interval(spread, true):
 
 
 @pytest.mark.slow
-def test_gains_filter_and_delay_are_those_that_made_the_log(vehicle):
+def test_gains_filter_and_delay_of_the_log_are_recovered(vehicle):
     law = identify_position_law([flown(vehicle)], vehicle)
     assert law.form == "acceleration"
     assert {axis for each in law.axes for axis in each.axes} == {"x", "y", "z"}
@@ -108,7 +108,7 @@ def test_gains_filter_and_delay_are_those_that_made_the_log(vehicle):
 
 
 @pytest.mark.slow
-def test_a_limit_of_the_error_is_found_and_its_share_reported(vehicle):
+def test_a_limit_of_the_error_is_found_and_the_fraction_of_samples_at_it_reported(vehicle):
     record = flown(vehicle, filter_time=0.0, limit=0.12)
     law = identify_position_law([record], vehicle)
     beyond = np.abs(record.reference_position - record.position) > 0.12
@@ -120,7 +120,7 @@ def test_a_limit_of_the_error_is_found_and_its_share_reported(vehicle):
         assert_in_interval(axis.gains["position"], K_P)
 
 
-def test_each_form_gives_back_the_output_of_the_law(vehicle):
+def test_each_form_recovers_the_output_of_the_law(vehicle):
     output = np.array([[1.0, -2.0, 0.5], [-0.3, 0.8, -1.5]])
     yaw, measured_yaw = np.array([0.4, -0.9]), np.array([0.5, -0.7])
     force = output + np.array([0.0, 0.0, GRAVITY])
@@ -144,18 +144,18 @@ def test_each_form_gives_back_the_output_of_the_law(vehicle):
     for form, (command, thrust) in made.items():
         record = FlightRecord("made", np.arange(2.0), attitude=measured, attitude_command=command)
         expected = in_heading(record, output) if form == "tilt" else output
-        np.testing.assert_allclose(commanded(record, thrust, form, GRAVITY), expected, atol=1e-12, err_msg=form)
+        np.testing.assert_allclose(law_output(record, thrust, form, GRAVITY), expected, atol=1e-12, err_msg=form)
 
 
-def test_axes_of_the_heading_are_forward_left_and_up():
+def test_the_axes_along_the_heading_are_forward_left_and_up():
     record = FlightRecord("made", np.arange(2.0), attitude=np.array([[0.3, 0.2, 0.0], [0.0, 0.0, 0.5 * np.pi]]))
     turned = in_heading(record, np.array([[1.0, 2.0, 3.0], [1.0, 2.0, 3.0]]))
     np.testing.assert_allclose(turned, [[1.0, 2.0, 3.0], [2.0, -1.0, 3.0]], atol=1e-12)
 
 
 @pytest.mark.parametrize("climb", [-4.0, -0.5, 0.0, 2.0])
-def test_the_output_that_is_not_produced_is_what_px4_takes_from_its_integral(climb):
-    """The velocity error that it integrates is smaller by 2 / k_p of that."""
+def test_px4_subtracts_the_unproduced_output_from_its_integral(climb):
+    """PX4 subtracts 2 / k_p times this output from the velocity error that it integrates."""
     gain, mass = 3.0, 0.7
     limits = AccelerationNumbers(1.0, 12.0, 3.0, 3.0, 10.0, 0.0, 100.0, 0.0)
     gains = PidLoopGains(Vector(gain, gain, 4.0))
@@ -163,18 +163,18 @@ def test_the_output_that_is_not_produced_is_what_px4_takes_from_its_integral(cli
     output, error = np.array([[1.5, -0.8, climb]]), np.array([0.2, -0.1, 0.3])
     _, integrated = _limited_force(Vector(*output[0]), Vector(*error), numbers, CascadeRules())
     taken = gain / 2.0 * (error - np.array(integrated))
-    np.testing.assert_allclose(unproduced(output, "decoupled", GRAVITY)[0], taken, atol=1e-12)
-    assert not unproduced(output, "acceleration", GRAVITY).any()
+    np.testing.assert_allclose(unproduced_output(output, "decoupled", GRAVITY)[0], taken, atol=1e-12)
+    assert not unproduced_output(output, "acceleration", GRAVITY).any()
 
 
 def regression_of(record, vehicle, form, axis):
-    """Return the gains of least squares by name, and R², at no delay."""
+    """Return the least-squares gains by name, and R², without a delay."""
     pieces = prepared_pieces(record, vehicle, [])[0][form]
-    fit = searched(pieces, (axis,), excited_terms(pieces, (axis,)), [Shape()], ())
+    fit = search_fit(pieces, (axis,), excited_terms(pieces, (axis,)), [Shape()], ())
     return dict(zip(fit.terms, fit.gains.tolist(), strict=True)), fit.explained
 
 
-def test_integrals_of_roll_and_pitch_are_those_along_the_heading(vehicle):
+def test_integrals_of_roll_and_pitch_are_along_the_heading(vehicle):
     """The vehicle turns by more than a full circle."""
     time = PERIOD * np.arange(SAMPLES)
     reference, error = waves(time, 0.6, 0.9), waves(time + 5.0, 0.15, 2.6)
@@ -199,8 +199,8 @@ def test_integrals_of_roll_and_pitch_are_those_along_the_heading(vehicle):
             assert gains[name] == pytest.approx(true, rel=0.01), name
 
 
-def test_the_integral_of_px4_is_found_although_its_anti_windup_acts(vehicle):
-    """Tilt does not change where the vehicle accelerates downwards, so less is produced than is asked for."""
+def test_the_integral_of_px4_is_found_while_its_anti_windup_is_active(vehicle):
+    """PX4 does not increase the tilt in a downward acceleration, so less is produced than commanded."""
     time = PERIOD * np.arange(SAMPLES)
     (reference, v_r, a_r), error = waves(time, 0.6, 1.6), waves(time + 5.0, 0.15, 2.6)
     output, integral = np.zeros((SAMPLES, 3)), np.zeros(3)
@@ -224,11 +224,11 @@ def test_the_integral_of_px4_is_found_although_its_anti_windup_acts(vehicle):
     for axis in range(3):
         gains, explained = regression_of(record, vehicle, "decoupled", axis)
         assert explained > 0.99999
-        assert gains["integral"] == pytest.approx(0.72, rel=0.03)  # sums over samples differ from integrals
+        assert gains["integral"] == pytest.approx(0.72, rel=0.03)  # the controller sums over samples
 
 
 def test_rounding_does_not_move_the_delay(vehicle):
-    """Signals are rounded to 1 cm and 1 cm/s. Without smoothing, the delay along Z would be 4.5 ms."""
+    """Signals are rounded to 1 cm and 1 cm/s. Without smoothing, the delay along Z would be wrong by 4.5 ms."""
     record = flown(vehicle, delay=0.0, filter_time=0.0, noise=0.0)
     rounded = replace(
         record,
@@ -237,29 +237,29 @@ def test_rounding_does_not_move_the_delay(vehicle):
     )
     pieces = prepared_pieces(rounded, vehicle, [])[0]["acceleration"]
     for axis in range(3):
-        fit = searched(pieces, (axis,), excited_terms(pieces, (axis,)), [Shape()], ("delay",))
+        fit = search_fit(pieces, (axis,), excited_terms(pieces, (axis,)), [Shape()], ("delay",))
         assert abs(fit.shape.delay) < 0.1 * PERIOD
 
 
-def test_the_rule_of_integration_matters_by_half_a_period_of_the_integral():
-    """A cascade with gains 2 and 3, of whose integral of the velocity error the gain is 0.9."""
+def test_the_rule_of_integration_changes_gains_by_half_a_period_times_the_integral_gain():
+    """The cascade has the gains 2 and 3, and integrates the velocity error with the gain 0.9."""
     cascade = {"position": 6.9, "velocity": 3.0, "reference_velocity": 3.0, "integral": 1.8}
-    bounds = _bias_of_rules(cascade, 0.02)
+    bounds = _integration_rule_bias(cascade, 0.02)
     assert bounds == pytest.approx({"position": 0.018, "velocity": 0.009, "reference_velocity": 0.009})
-    # No cascade has the gains of this PID, which has no integral of the velocity error.
-    assert _bias_of_rules({"position": 1.0, "velocity": 1.0, "integral": 1.0}, 0.02)["velocity"] == 0.0
+    # No cascade has the gains of this PID controller, which does not integrate the velocity error.
+    assert _integration_rule_bias({"position": 1.0, "velocity": 1.0, "integral": 1.0}, 0.02)["velocity"] == 0.0
 
 
-def test_too_few_samples_and_a_reference_of_jumps_are_refused_in_a_sentence(vehicle):
+def test_too_few_samples_and_a_jumping_reference_are_refused(vehicle):
     record = flown(vehicle)
     slow = replace(record, time=40.0 * record.time).part(slice(50))
     jumping = replace(record, reference_position=RNG.normal(size=(SAMPLES, 3)))
     for log in (slow, jumping):
-        with pytest.raises(InputError, match="has no stretch of 2 s and 60 samples in the air"):
+        with pytest.raises(InputError, match="has no uninterrupted stretch of flight of at least 2 s and 60 samples"):
             identify_position_law([log], vehicle)
 
 
-def test_samples_at_a_limit_are_told_from_a_smooth_maximum():
+def test_samples_at_a_limit_are_distinguished_from_a_smooth_maximum():
     time = 0.01 * np.arange(2000)
     smooth = 0.5 * np.sin(time)
     usable = np.ones(2000, dtype=bool)
@@ -274,21 +274,21 @@ def test_samples_at_a_limit_are_told_from_a_smooth_maximum():
     assert limited(cut)[smooth < 0.39].sum() == 0
 
 
-def test_a_hover_noise_and_missing_signals_are_refused_in_a_sentence(vehicle):
+def test_hover_noise_and_missing_signals_are_refused(vehicle):
     record = flown(vehicle)
     still = replace(record, reference_position=np.zeros((SAMPLES, 3)))
-    with pytest.raises(InputError, match="a hover does not identify"):
+    with pytest.raises(InputError, match="use a log with a moving reference"):
         identify_position_law([still], vehicle)
     with pytest.raises(InputError, match="lacks reference_position"):
         identify_position_law([replace(record, reference_position=None)], vehicle)
-    with pytest.raises(InputError, match="no command of the thrust"):
+    with pytest.raises(InputError, match="has no thrust command"):
         identify_position_law([replace(record, thrust_command=None)], vehicle)
-    with pytest.raises(InputError, match="there is no log"):
+    with pytest.raises(InputError, match="at least one log is needed"):
         identify_position_law([], vehicle)
 
 
 @pytest.mark.slow
-def test_commands_of_something_else_are_refused(vehicle):
+def test_commands_that_no_position_law_explains_are_refused(vehicle):
     record = flown(vehicle)
     turned = replace(record, attitude_command=record.attitude_command[::-1], thrust_command=record.thrust_command[::-1])
     with pytest.raises(InputError, match="of the variance of the command"):
@@ -296,13 +296,13 @@ def test_commands_of_something_else_are_refused(vehicle):
 
 
 def law_of(form="acceleration", **gains):
-    """Return a law with these gains on all axes."""
+    """Return a law with the given gains on all axes."""
     spreads = {name: Spread(value, 1e-4, "", 20.0) for name, value in gains.items()}
     return PositionLaw((AxisLaw(("x", "y"), spreads, 0.999), AxisLaw(("z",), spreads, 0.999)), form, 0.0)
 
 
 def cascade_law(position, velocity, of_position, of_velocity, share, form="acceleration"):
-    """Return the linear law of a cascade, by expanding its equation."""
+    """Return the linear law of a cascade, from its expanded equation."""
     return law_of(
         form,
         position=velocity * position + share * of_velocity,
@@ -332,7 +332,7 @@ def test_gains_of_a_cascade_follow_from_its_linear_law(position, velocity, of_po
 
 def test_an_integral_that_no_cascade_has_is_refused():
     law = law_of(position=1.0, velocity=1.0, reference_velocity=1.0, reference_acceleration=0.5, integral=2.0)
-    with pytest.raises(InputError, match="no cascade of position and velocity has the law"):
+    with pytest.raises(InputError, match="no cascade of position and velocity represents the law"):
         control_layer(law)
 
 
@@ -400,7 +400,7 @@ ON_BOARD = (
     ],
 )
 def test_the_law_of_a_simulated_flight_is_found(diagrams, overrides, form, true):
-    route = f"route={json.dumps(wandering(1.25))}"
+    route = f"route={json.dumps(wandering_route(1.25))}"
     exact = "laboratory.motion_capture.derivative_bandwidth=null"
     scenario = load_scenario(f"{diagrams}/laboratory.yaml:low_wind", [route, "metrics.start=0", exact, *overrides])
     flight = simulate_samples(scenario, [0], compiled=True)[0]
@@ -413,7 +413,7 @@ def test_the_law_of_a_simulated_flight_is_found(diagrams, overrides, form, true)
 
 @pytest.mark.slow
 def test_the_gains_of_a_real_flight_are_those_of_its_firmware(root):
-    """The firmware's Lee controller flew with k_p = 10, k_d = 7 and k_i = 5 (info08.yaml of crazyswarm2-tools)."""
+    """The firmware's Lee controller had k_p = 10, k_d = 7 and k_i = 5 (info08.yaml of crazyswarm2-tools)."""
     record = read_log(root / "tests/data/crazyflie/crazyswarm2/log08.xz")
     law = identify_position_law([record], load_undesigned("vehicles/crazyflie", ["nominal.mass=0.0333"]))
     level = law.axes[0]

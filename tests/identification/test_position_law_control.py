@@ -12,7 +12,7 @@ PD = {"position": 4.0, "velocity": 3.0, "reference_velocity": 3.0, "reference_ac
 
 
 def law_of(*axes, form="acceleration", reach=1e-3):
-    """Return a law from the gains of X, Y and Z; a gain may be a pair of a value and the half-width of its interval."""
+    """Return a law from the gains of X, Y and Z. A gain is a value, or a value with the half-width of its interval."""
     found = []
     for name, gains in zip("xyz", axes, strict=True):
         pairs = {key: value if isinstance(value, tuple) else (value, reach) for key, value in gains.items()}
@@ -39,7 +39,7 @@ def test_a_pd_has_the_gains_of_each_axis_to_five_digits():
     }
 
 
-def test_a_law_without_a_limit_of_the_error_has_no_sample_at_it():
+def test_without_a_limit_of_the_error_no_sample_is_at_a_limit():
     for axis in law_of(PD, PD, PD).axes:
         assert axis.at_error_limit == 0.0
         assert axis.gain("error_limit") == 0.0
@@ -54,7 +54,7 @@ def test_a_pid_has_an_integral_on_the_axes_that_have_one():
 @pytest.mark.parametrize(
     ("integral", "kind"),
     [
-        # It must be larger than its interval, and than half a percent of the position gain.
+        # The integral gain must exceed the half-width of its interval, and 0.5 % of the position gain.
         ((0.3, 0.29), "pid"),
         ((0.3, 0.31), "pd"),
         ((-0.3, 0.29), "pid"),
@@ -70,7 +70,7 @@ def test_an_integral_that_may_be_zero_is_left_out(integral, kind):
     ("reference_velocity", "derivative", "share"),
     [
         ((0.0, 1e-3), "measurement", 0.0),
-        # A share of the velocity gain of 3 is set to 0 or 1 if it is within 5 % or its interval of that.
+        # The ratio to the velocity gain of 3 is set to 0 or 1 if it differs by less than 5 % or its half-width.
         ((0.14, 1e-3), "measurement", 0.0),
         ((-0.14, 1e-3), "measurement", 0.0),
         ((0.16, 1e-3), None, 0.16 / 3.0),
@@ -82,13 +82,13 @@ def test_an_integral_that_may_be_zero_is_left_out(integral, kind):
         ((2.4, 0.61), "tracking_error", 1.0),
         ((2.4, 0.59), None, 0.8),
         ((-0.16, 1e-3), None, 0.0),
-        # An interval that contains both is that of a share of 0.
+        # If the interval contains both 0 and 1, the ratio is 0.
         ((1.6, 1.7), "measurement", 0.0),
     ],
 )
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_velocity_is_fed_forward_whole_or_not_at_all_in_a_pd(reference_velocity, derivative, share, sign):
-    """A share between is that of a cascade. A law of the other sign has the same share."""
+def test_the_velocity_feedforward_of_a_pd_is_complete_or_absent(reference_velocity, derivative, share, sign):
+    """A ratio between 0 and 1 gives a cascade. The ratio does not depend on the sign of the gains."""
     value, reach = reference_velocity
     control = control_of(PD | {"velocity": sign * 3.0, "reference_velocity": (sign * value, reach)})
     if derivative is None:
@@ -99,8 +99,8 @@ def test_a_velocity_is_fed_forward_whole_or_not_at_all_in_a_pd(reference_velocit
         assert control["position"]["derivative"] == derivative
 
 
-def test_the_share_of_the_velocity_is_the_mean_of_the_axes_that_show_it():
-    """Without any, the law is that of the error and its derivative."""
+def test_the_velocity_feedforward_is_the_mean_of_the_axes_that_determine_it():
+    """If no axis determines it, the law acts on the error and its derivative."""
     without = {"position": 4.0, "velocity": 3.0}
     control = control_of(without, without | {"reference_velocity": 0.9}, without | {"reference_velocity": 1.5})
     assert control["velocity_feed_forward"] == pytest.approx(0.4)
@@ -123,7 +123,7 @@ def test_the_share_of_the_velocity_is_the_mean_of_the_axes_that_show_it():
         ((-0.06, 1e-3), 0.0),
     ],
 )
-def test_an_acceleration_is_fed_forward_whole_or_not_at_all_in_a_pd(fed, expected):
+def test_the_acceleration_feedforward_of_a_pd_is_complete_or_absent(fed, expected):
     control = control_of(PD | {"reference_acceleration": fed})
     if isinstance(expected, str):
         assert control["position"]["feed_forward"] == expected
@@ -131,7 +131,7 @@ def test_an_acceleration_is_fed_forward_whole_or_not_at_all_in_a_pd(fed, expecte
         assert control["command"] == {"kind": "acceleration", "feed_forward": expected}
 
 
-def test_a_pd_feeds_the_acceleration_forward_if_one_axis_shows_it():
+def test_a_pd_feeds_the_acceleration_forward_if_one_axis_does():
     control = control_of(PD, PD | {"reference_acceleration": 0.0}, PD)
     assert control["position"]["feed_forward"] == "acceleration"
     control = control_of(PD | {"reference_acceleration": 0.2}, PD, {"position": 1.0, "velocity": 2.0})
@@ -150,8 +150,8 @@ def test_a_law_with_a_term_that_a_pid_lacks_is_a_cascade(name, axis):
     assert "kind" not in control_of(*laws)
 
 
-def test_a_limit_of_the_error_is_one_of_the_velocity():
-    """The position loop multiplies the error by its gain; 1000 m/s are no limit."""
+def test_a_limit_of_the_error_limits_the_velocity_of_a_cascade():
+    """The limit of the velocity is the position gain times that of the error; 1000 m/s means no limit."""
     control = control_of(PD | {"error_limit": 0.5}, PD, PD | {"velocity": 2.0, "reference_velocity": 2.0})
     np.testing.assert_allclose(control["position"]["k_p"], [4.0 / 3.0, 4.0 / 3.0, 2.0], rtol=1e-4)
     np.testing.assert_allclose(control["position"]["limit"], [2.0 / 3.0, 1000.0, 1000.0], rtol=1e-4)
@@ -166,8 +166,8 @@ def test_a_law_with_a_tilt_as_its_output_is_a_cascade_without_an_acceleration():
     assert control["velocity_feed_forward"] == 1.0
 
 
-def test_axes_of_a_cascade_have_gains_of_their_own():
-    """With a share of the velocity of a half: k_p = k K + ½ k_i', k_x = ½ k_i', k_i = k_i' K + k K_i."""
+def test_axes_of_a_cascade_have_individual_gains():
+    """With half of the velocity fed forward, k_p = k K + ½ k_i', k_x = ½ k_i' and k_i = k_i' K + k K_i."""
     loops = [(1.0, 2.0, 0.3, 0.4), (1.5, 3.0, 0.0, 0.6), (2.0, 4.0, 0.5, 0.0)]
     control = control_of(
         *(
@@ -189,26 +189,26 @@ def test_axes_of_a_cascade_have_gains_of_their_own():
     assert control["velocity_feed_forward"] == 0.5
 
 
-def test_gains_of_the_wrong_sign_are_none():
-    """An integral of a loop is not negative, be it from the displacement or from what is left of the integral."""
+def test_integral_gains_are_not_negative():
+    """This holds for the gain from the displacement, and for the one from the remaining integral."""
     base = {"position": 4.0, "velocity": 2.0, "reference_velocity": 1.0}
     control = control_of(base | {"displacement": -0.5, "double_integral": 1.0, "integral": -1.0})
     assert "k_i" not in control["position"]
     assert "k_i" not in control["velocity"]
     assert control["position"]["k_p"] == [2.0] * 3
-    # Without an integral of the integral, the position loop has no integral.
+    # Without a double integral, the position loop has no integral action.
     control = control_of(base | {"displacement": 0.5, "integral": 9.0})
     assert "k_i" not in control["position"]
     assert control["velocity"]["k_i"] == [1.0] * 3
 
 
-def test_with_all_of_the_velocity_the_position_gain_is_the_larger_root():
-    """k_p = k K + k_i' and k_i = k_i' K, with k = 2, K = 3 and k_i' = 4, or with K = 2 and k_i' = 6."""
+def test_with_complete_velocity_feedforward_the_position_gain_is_the_larger_root():
+    """k_p = k K + k_i' and k_i = k_i' K with k = 2 are solved by K = 3 and k_i' = 4, and by K = 2 and k_i' = 6."""
     law = {"position": 10.0, "velocity": 2.0, "reference_velocity": 2.0, "reference_acceleration": 0.5}
     control = control_of(law | {"integral": 12.0})
     assert control["position"]["k_p"] == [3.0] * 3
     assert control["velocity"]["k_i"] == [4.0] * 3
-    # An integral that is as large as a cascade can have it has one root.
+    # With the largest integral gain of a cascade, both roots coincide.
     control = control_of(law | {"integral": 12.5})
     assert control["position"]["k_p"] == [2.5] * 3
     control = control_of(law | {"integral": -1.0})

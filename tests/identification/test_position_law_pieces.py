@@ -1,4 +1,4 @@
-"""Stretches of flight that a position law is fitted to, and the commands that are its output."""
+"""Stretches of flight to which a position law is fitted, and the commands that are its output."""
 
 from dataclasses import replace
 
@@ -13,8 +13,8 @@ from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.position_law.commands import (
     FORMS,
     at_limit,
-    commanded,
     in_heading,
+    law_output,
     specific_thrust,
 )
 from drake_quad.identification.position_law.pieces import block_numbers, prepared_pieces
@@ -29,14 +29,14 @@ def vehicle():
 
 
 def polynomials(time):
-    """Return (n, 3) polynomials of second degree, and their first two derivatives."""
+    """Return quadratic polynomials (n, 3) and their first two derivatives."""
     bases = np.array([time**0, time, time**2]), np.array([0.0 * time, time**0, 2.0 * time])
     weights = np.array([[0.1, 0.2, -0.3], [0.3, -0.2, 0.1], [0.02, 0.05, -0.04]])
     return bases[0].T @ weights, bases[1].T @ weights, np.tile(2.0 * weights[2], (len(time), 1))
 
 
 def record_of(time=TIME, **changed):
-    """Return a log with polynomials as its position and reference, and commands that never stay at an extreme."""
+    """Return a log with polynomials as position and reference, and commands that never stay at an extreme value."""
     reference, velocity, _ = polynomials(time)
     angles = 0.2 * np.sin(np.outer(time, [3.0, 4.0, 5.0]) + np.arange(3.0))
     signals = {
@@ -52,7 +52,7 @@ def record_of(time=TIME, **changed):
 
 
 def smoothed(values):
-    """Return the binomial average of five samples (n, 3), that is four averages of two; the ends are repeated."""
+    """Return the binomial average over five samples (n, 3), with repeated end samples."""
     values = np.pad(values, ((2, 2), (0, 0)), mode="edge")
     for _ in range(4):
         values = 0.5 * (values[1:] + values[:-1])
@@ -60,7 +60,7 @@ def smoothed(values):
 
 
 def all_of_five(mask):
-    """Return which samples have two counted samples on each side and are counted themselves."""
+    """Return which samples count, together with both samples on each side."""
     found = mask.copy()
     for distance in (1, 2):
         found[distance:] &= mask[:-distance]
@@ -70,20 +70,20 @@ def all_of_five(mask):
 
 
 def integrals(values):
-    """Return integrals (n, 3) by the trapezoidal rule from 0 on."""
+    """Return trapezoidal integrals (n, 3) that start at zero."""
     steps = 0.5 * PERIOD * (values[1:] + values[:-1])
     return np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
 
 
 def in_axes_of(form, record, values):
-    """Return vectors along the measured heading in the form `tilt`, by complex numbers, and otherwise as they are."""
+    """Return vectors in the axes of a form: along the measured heading for `tilt`, else unchanged."""
     if form != "tilt":
         return values
     level = (values[:, 0] + 1j * values[:, 1]) * np.exp(-1j * record.attitude[:, 2])
     return np.column_stack([level.real, level.imag, values[:, 2]])
 
 
-def test_pieces_have_the_signals_of_the_log_and_the_command_of_each_form(vehicle):
+def test_pieces_contain_the_signals_of_the_log_and_the_command_of_each_form(vehicle):
     record, remarks = record_of(), []
     found, limited = prepared_pieces(record, vehicle, remarks)
     assert {*found} == {*FORMS}
@@ -91,7 +91,7 @@ def test_pieces_have_the_signals_of_the_log_and_the_command_of_each_form(vehicle
     thrust = record.thrust_command / vehicle.nominal.mass
     for form, (piece,) in found.items():
         expected = {
-            "command": commanded(record, thrust, form, vehicle.nominal.gravity),
+            "command": law_output(record, thrust, form, vehicle.nominal.gravity),
             "error": in_axes_of(form, record, 1.5 * reference),
             "velocity": in_axes_of(form, record, record.velocity),
             "reference_velocity": in_axes_of(form, record, velocity),
@@ -101,27 +101,27 @@ def test_pieces_have_the_signals_of_the_log_and_the_command_of_each_form(vehicle
         for name, values in expected.items():
             np.testing.assert_allclose(getattr(piece, name), smoothed(values), atol=1e-9, err_msg=f"{form} {name}")
         np.testing.assert_allclose(piece.travel, integrals(smoothed(expected["velocity"])), atol=1e-9)
-        # A command shows what was measured up to 0.15 s before it, and smoothed samples have two on each side.
+        # A command depends on measurements up to 0.15 s before it, and smoothing on two samples on each side.
         np.testing.assert_array_equal(np.flatnonzero(piece.counted), np.arange(17, 598))
     assert not limited.any()
     assert len(limited) == len(TIME)
     assert remarks == [f"the thrust is divided by the nominal mass, {vehicle.nominal.mass:g} kg"]
 
 
-def test_smoothing_keeps_lines_and_lifts_parabolas_by_half_their_curvature(vehicle):
+def test_smoothing_keeps_lines_and_shifts_parabolas_by_half_their_curvature(vehicle):
     """The binomial weights have a standard deviation of one period."""
     (piece,) = prepared_pieces(record_of(), vehicle, [])[0]["projected"]
     reference, velocity, acceleration = polynomials(TIME)
     inner = slice(2, -2)
     np.testing.assert_allclose(piece.error[inner], (1.5 * (reference + 0.5 * PERIOD**2 * acceleration))[inner])
     np.testing.assert_allclose(piece.velocity[inner], -0.5 * velocity[inner], atol=1e-12)
-    # The integral of the velocity is the way since the first sample, but for the repeated samples at the ends.
+    # Except at the repeated end samples, the integral of the velocity is the displacement since the first sample.
     way = -0.5 * (reference - reference[2])
     np.testing.assert_allclose((piece.travel - piece.travel[2])[inner], way[inner], atol=1e-12)
 
 
-def test_only_the_decoupled_form_tells_the_noise_of_the_position_from_an_integral_of_the_velocity(vehicle):
-    """An error of the logged position alone is the deviation; without it the deviation is the first error."""
+def test_only_the_decoupled_form_separates_position_noise_from_an_integral_of_the_velocity(vehicle):
+    """The deviation is the noise of the logged position plus the first position error."""
     reference, *_ = polynomials(TIME)
     wrong = 1e-3 * np.random.default_rng(7).normal(size=(600, 3))
     found, _ = prepared_pieces(record_of(position=-0.5 * reference - wrong), vehicle, [])
@@ -135,13 +135,13 @@ def test_only_the_decoupled_form_tells_the_noise_of_the_position_from_an_integra
 
 
 def test_unwinding_is_the_integral_of_the_horizontal_output_that_a_decoupled_thrust_does_not_produce(vehicle):
-    """A tilt for g with a thrust for g + u_z produces the share 1 + u_z / g of the horizontal output."""
+    """A tilt computed with g, and a thrust for g + u_z, produce 1 + u_z / g times the horizontal output."""
     record, gravity = record_of(), vehicle.nominal.gravity
     found, _ = prepared_pieces(record, vehicle, [])
     for form, (piece,) in found.items():
         if form != "decoupled":
             assert not piece.unwinding.any()
-    output = commanded(record, record.thrust_command / vehicle.nominal.mass, "decoupled", gravity)
+    output = law_output(record, record.thrust_command / vehicle.nominal.mass, "decoupled", gravity)
     missing = np.zeros_like(output)
     sinks = output[:, 2] < 0.0
     produced = (1.0 + output[sinks, 2:] / gravity) * output[sinks, :2]
@@ -150,8 +150,8 @@ def test_unwinding_is_the_integral_of_the_horizontal_output_that_a_decoupled_thr
     np.testing.assert_allclose(found["decoupled"][0].unwinding, integrals(smoothed(missing)), atol=1e-12)
 
 
-def test_derivatives_that_are_not_logged_are_those_of_parabolas(vehicle):
-    """Smoothing leaves lines as they are, except at the ends."""
+def test_derivatives_that_are_not_logged_follow_from_fitted_parabolas(vehicle):
+    """Smoothing does not change lines, except at the ends."""
     _, velocity, acceleration = polynomials(TIME)
     found, _ = prepared_pieces(record_of(velocity=None, reference_velocity=None), vehicle, [])
     (piece,) = found["acceleration"]
@@ -165,8 +165,8 @@ def test_derivatives_that_are_not_logged_are_those_of_parabolas(vehicle):
 
 
 @pytest.mark.parametrize(("period", "half"), [(0.01, 5), (0.02, 2), (0.05, 2), (0.004, 12)])
-def test_parabolas_are_a_tenth_of_a_second_long_and_have_five_samples_at_least(vehicle, period, half):
-    """The slope at a single wrong value is -d / Σ d² at a distance of d samples, and 0 farther away."""
+def test_parabolas_last_a_tenth_of_a_second_and_have_at_least_five_samples(vehicle, period, half):
+    """A single wrong value of 1 changes the derivative at a distance of d samples by -d / Σ d², within the parabola."""
     time = period * np.arange(round(6.0 / period))
     reference, velocity, _ = polynomials(time)
     spoilt = len(time) // 2
@@ -179,9 +179,9 @@ def test_parabolas_are_a_tenth_of_a_second_long_and_have_five_samples_at_least(v
 
 
 def test_samples_after_a_jump_of_the_reference_are_left_out(vehicle):
-    """The reference jumps at 3 s by 20 cm along Z, which shows in parabolas from 2.95 s to 3.05 s.
+    """The reference jumps at 3 s by 20 cm along Z, which affects parabolas from 2.95 s to 3.05 s.
 
-    A command is up to 0.15 s late, and smoothing reaches two samples farther.
+    A command is up to 0.15 s late, and smoothing adds two samples.
     """
     reference, *_ = polynomials(TIME)
     reference[300:, 2] += 0.2
@@ -192,7 +192,7 @@ def test_samples_after_a_jump_of_the_reference_are_left_out(vehicle):
     assert 293 <= left_out[0] < 297
     # The parabolas before and after the jump have opposite curvatures of the same size.
     assert left_out[-1] == 599 - left_out[0] + 15
-    # An acceleration of less than 50 m/s² is flown, and a larger one is a jump.
+    # An acceleration above 50 m/s² counts as a jump.
     for size, counts in ((49.0, True), (51.0, False)):
         bent = 0.5 * size * np.maximum(TIME - 3.0, 0.0)[:, None] ** 2 * np.array([0.0, 1.0, 0.0])
         found, _ = prepared_pieces(record_of(reference_position=bent), vehicle, [])
@@ -200,7 +200,7 @@ def test_samples_after_a_jump_of_the_reference_are_left_out(vehicle):
 
 
 def test_a_piece_ends_at_a_gap_and_two_seconds_of_it_are_compared(vehicle):
-    """Beyond the time for delay and smoothing, the middle one of three stretches has 2.01 s, and the others 1.98 s."""
+    """Without the time for delay and smoothing, the second of three stretches lasts 2.01 s, and the others 1.98 s."""
     time = PERIOD * np.arange(700)
     time = np.concatenate([time[:217], time[230:450], time[463:680]])
     record = record_of(time)
@@ -209,20 +209,20 @@ def test_a_piece_ends_at_a_gap_and_two_seconds_of_it_are_compared(vehicle):
     np.testing.assert_array_equal(piece.time, time[217:437])
     np.testing.assert_allclose(piece.error, smoothed(1.5 * record.reference_position[217:437]))
     thrust = record.thrust_command / vehicle.nominal.mass
-    expected = smoothed(commanded(record, thrust, "acceleration", vehicle.nominal.gravity)[217:437])
+    expected = smoothed(law_output(record, thrust, "acceleration", vehicle.nominal.gravity)[217:437])
     np.testing.assert_allclose(piece.command, expected, atol=1e-12)
     np.testing.assert_array_equal(np.flatnonzero(piece.counted), np.arange(17, 218))
     assert len(limited) == len(time)
-    with pytest.raises(InputError, match="has no stretch of 2 s and 60 samples in the air without a gap, a limited"):
+    with pytest.raises(InputError, match="no uninterrupted stretch of flight of at least 2 s and 60 samples"):
         prepared_pieces(record.part(slice(217)), vehicle, [])
 
 
 def test_sixty_samples_of_a_piece_are_compared_if_the_log_is_slow(vehicle):
-    """At 20 Hz, delay and smoothing need seven samples more."""
+    """At 20 Hz, delay and smoothing need seven additional samples."""
     time = 0.05 * np.arange(67)
     (piece,) = prepared_pieces(record_of(time), vehicle, [])[0]["acceleration"]
     assert piece.counted.sum() == 60
-    with pytest.raises(InputError, match="the log 'log' has no stretch of 2 s and 60 samples"):
+    with pytest.raises(InputError, match="no uninterrupted stretch of flight of at least 2 s and 60 samples"):
         prepared_pieces(record_of(time[:66]), vehicle, [])
 
 
@@ -233,12 +233,12 @@ def test_samples_at_a_limit_and_on_the_ground_do_not_count(vehicle):
     thrust = np.where(time < 6.0, 0.3, 0.0) + 0.05 * np.sin(6.0 * time) * (time < 6.0)
     found, limited = prepared_pieces(record_of(time, attitude_command=cut, thrust_command=thrust), vehicle, [])
     (piece,) = found["acceleration"]
-    # Before the landing, a second is left out.
+    # The last second before the landing is left out.
     assert not piece.counted[time[: len(piece.time)] > 5.0].any()
     assert len(limited) == 500
-    # Values within half a per cent of the range from the limit count as at the limit.
+    # Values closer to the limit than 0.5 % of the range count as at the limit.
     np.testing.assert_array_equal(limited, cut[:500, 0] >= 0.15 - 0.005 * 0.35)
-    # A smoothed sample contains two others on each side.
+    # A smoothed sample depends on two others on each side.
     usable = (np.arange(500) >= 15) & ~limited
     np.testing.assert_array_equal(piece.counted[:500], all_of_five(usable))
 
@@ -255,7 +255,7 @@ def test_logs_without_motion_are_refused(vehicle):
         prepared_pieces(record_of(thrust_command=np.zeros(600)), vehicle, [])
 
 
-def test_a_measured_attitude_stands_for_a_command_that_is_not_logged(vehicle):
+def test_a_measured_attitude_replaces_a_command_that_is_not_logged(vehicle):
     record, remarks = record_of(), []
     found, _ = prepared_pieces(replace(record, attitude_command=None), vehicle, remarks)
     thrust = record.thrust_command / vehicle.nominal.mass
@@ -265,22 +265,22 @@ def test_a_measured_attitude_stands_for_a_command_that_is_not_logged(vehicle):
     for form in ("acceleration", "heading", "projected"):
         np.testing.assert_allclose(found[form][0].command, smoothed(expected), atol=1e-9, err_msg=form)
     assert remarks[0] == (
-        "no attitude command is logged; the measured attitude stands for it, and the delay has its lag"
+        "no attitude command is logged; the measured attitude is used instead, and the delay includes its lag"
     )
     with pytest.raises(InputError, match="lacks attitude"):
         prepared_pieces(replace(record, attitude_command=None, attitude=None), vehicle, [])
 
 
-def test_a_commanded_yaw_stands_for_a_measured_one_that_is_not_logged():
-    """Without a measured attitude, the force is along the command alone."""
+def test_a_commanded_yaw_replaces_a_measured_one_that_is_not_logged():
+    """Without a measured attitude, the force is along the commanded attitude."""
     random = np.random.default_rng(1)
     angles, thrust = random.uniform(-0.5, 0.5, (20, 3)), random.uniform(5.0, 15.0, 20)
     record = FlightRecord("log", np.arange(20.0), attitude_command=angles)
     expected = thrust[:, None] * rotations(angles).apply([0.0, 0.0, 1.0]) - [0.0, 0.0, 9.81]
     for form in ("acceleration", "heading", "projected"):
-        np.testing.assert_allclose(commanded(record, thrust, form, 9.81), expected, atol=1e-12, err_msg=form)
-    # A positive pitch pushes forward, and a positive roll to the right.
-    tilt = commanded(record, thrust, "tilt", 9.81)
+        np.testing.assert_allclose(law_output(record, thrust, form, 9.81), expected, atol=1e-12, err_msg=form)
+    # A positive pitch accelerates forward, and a positive roll to the right.
+    tilt = law_output(record, thrust, "tilt", 9.81)
     np.testing.assert_array_equal(tilt, np.column_stack([angles[:, 1], -angles[:, 0], thrust - 9.81]))
     along = random.normal(size=(20, 3))
     in_world = scipy.spatial.transform.Rotation.from_euler("z", angles[:, 2:]).apply(along)
@@ -288,19 +288,19 @@ def test_a_commanded_yaw_stands_for_a_measured_one_that_is_not_logged():
 
 
 def test_a_command_across_the_measured_thrust_is_not_divided_by_zero():
-    """From an angle of 78° on, the cosine is taken as 0.2."""
+    """For angles above 78°, the cosine is set to 0.2."""
     angles = np.array([[1.3, 0.0, 0.0], [1.4, 0.0, 0.0], [2.5, 0.0, 0.0]])
     cosine = np.array([np.cos(1.3), 0.2, 0.2])
     record = FlightRecord("log", np.arange(3.0), attitude=np.zeros((3, 3)), attitude_command=angles)
     axis = rotations(angles).apply([0.0, 0.0, 1.0])
-    projected = commanded(record, np.full(3, 10.0), "projected", 9.81)
+    projected = law_output(record, np.full(3, 10.0), "projected", 9.81)
     np.testing.assert_allclose(projected[:, :2], 10.0 * axis[:, :2] / cosine[:, None])
-    decoupled = commanded(record, np.full(3, 10.0), "decoupled", 9.81)
+    decoupled = law_output(record, np.full(3, 10.0), "decoupled", 9.81)
     np.testing.assert_allclose(decoupled[:, :2], 9.81 * axis[:, :2] / cosine[:, None])
     np.testing.assert_allclose(decoupled[:, 2], 10.0 * axis[:, 2] - 9.81)
 
 
-def test_thrust_follows_from_newtons_from_an_autopilots_hover_thrust_or_from_its_median(vehicle):
+def test_thrust_is_scaled_by_newtons_by_the_hover_thrust_or_by_the_median(vehicle):
     gravity, mass = vehicle.nominal.gravity, vehicle.nominal.mass
     share = np.array([0.0, 0.4, 0.5, 0.8, 0.9])
     usable = share > 0.0
@@ -310,7 +310,7 @@ def test_thrust_follows_from_newtons_from_an_autopilots_hover_thrust_or_from_its
     assert remark is None
     thrust, remark = specific_thrust(replace(record, hover_share=None), vehicle, usable)
     np.testing.assert_allclose(thrust, gravity * share / 0.65)
-    assert remark == "the median thrust command in the air, 0.65 of full thrust, is taken to carry the weight"
+    assert remark == "the median thrust command in the air, 0.65 of full thrust, is assumed to carry the weight"
     thrust, remark = specific_thrust(replace(record, thrust_command=share), vehicle, usable)
     np.testing.assert_allclose(thrust, share / mass)
     assert remark == f"the thrust is divided by the nominal mass, {mass:g} kg"
@@ -318,7 +318,7 @@ def test_thrust_follows_from_newtons_from_an_autopilots_hover_thrust_or_from_its
         specific_thrust(replace(record, hover_share=None), vehicle, ~usable)
 
 
-# A triangle wave has as many samples near its extremes as elsewhere.
+# The samples of a triangle wave are uniformly distributed over its range.
 TRIANGLE = np.abs(np.arange(2000) % 400 - 200.0) / 100.0 - 1.0
 
 
@@ -331,7 +331,7 @@ def limited(usable=None, *, thrust=TRIANGLE, roll=0.1 * TRIANGLE, pitch=0.1 * TR
 @pytest.mark.parametrize("name", ["thrust", "roll", "pitch"])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_command_that_is_cut_off_is_at_a_limit(name, sign):
-    """Other samples are not, be they next to the limit or at the other extreme."""
+    """Samples next to the limit, or at the other extreme, do not count."""
     size = 1.0 if name == "thrust" else 0.3
     cut = np.minimum(TRIANGLE, 0.8)
     found = limited(**{name: sign * size * cut})
@@ -340,7 +340,7 @@ def test_a_command_that_is_cut_off_is_at_a_limit(name, sign):
 
 
 def test_a_tilt_that_is_cut_off_is_at_a_limit():
-    """The vehicle turns at a constant tilt half of the time, so that neither roll nor pitch stays at an extreme."""
+    """The vehicle yaws at a constant tilt half of the time, so neither roll nor pitch stays at an extreme."""
     tilt = np.minimum(0.15 * (TRIANGLE + 1.0), 0.2)
     direction = 0.037 * np.arange(2000)
     pitch = np.arcsin(np.sin(tilt) * np.cos(direction))
@@ -350,20 +350,20 @@ def test_a_tilt_that_is_cut_off_is_at_a_limit():
     assert not found[tilt < 0.199].any()
 
 
-def test_a_limit_has_eight_samples_five_times_those_beside_it_and_half_of_the_flight_at_most():
+def test_a_limit_has_eight_samples_five_times_those_next_to_it_and_at_most_half_of_the_flight():
     at_end = np.arange(2000)
     spread = 0.5 * TRIANGLE
 
     def found(here, beside, usable=None):
         thrust = np.where(at_end < here, 1.0, spread)
-        # The range is 1.5, of which 0.5 % is the width of the pile.
+        # The bin at the limit is 0.5 % of the range of 1.5 wide.
         thrust = np.where((at_end >= here) & (at_end < here + beside), 1.0 - 1.5 * 0.0075, thrust)
         return limited(usable, thrust=thrust).sum()
 
     assert (found(7, 0), found(8, 0)) == (0, 8)
     assert (found(29, 5), found(30, 5)) == (0, 30)
     assert (found(1000, 0), found(1001, 0)) == (1000, 0)
-    # Samples on the ground do not count, for any of these numbers.
+    # Samples on the ground do not count.
     assert found(20, 0, at_end >= 10) == 10
     assert found(600, 0, at_end < 1000) == 0
     assert found(15, 0, at_end >= 10) == 0
@@ -378,7 +378,7 @@ def test_a_command_that_is_constant_is_at_no_limit():
 
 @pytest.mark.parametrize(("seconds", "expected"), [(10.0, 15), (29.0, 15), (32.0, 16), (43.2, 22)])
 def test_blocks_of_two_seconds_have_equal_numbers_of_counted_samples(vehicle, seconds, expected):
-    """There are fifteen at least, in the order of flight."""
+    """There are at least fifteen blocks, in the order of flight."""
     time = PERIOD * np.arange(1200)
     (piece,) = prepared_pieces(record_of(time), vehicle, [])[0]["acceleration"]
     count = round(seconds / PERIOD / 4)

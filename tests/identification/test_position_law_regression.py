@@ -1,4 +1,4 @@
-"""Gains, delay, filter and limit of a position law, from signals that are sums of sines."""
+"""Gains, delay, filter and limit of a position law, identified from sums of sines."""
 
 import numpy as np
 import pytest
@@ -9,13 +9,13 @@ from drake_quad.identification.position_law import law, regression
 from drake_quad.identification.position_law.law import AxisLaw, identify_position_law
 from drake_quad.identification.position_law.pieces import Piece
 from drake_quad.identification.position_law.regression import (
-    NUISANCES,
+    NUISANCE_TERMS,
     Fit,
     Shape,
-    chosen,
     excited_terms,
-    limited,
-    searched,
+    fit_with_limit,
+    search_fit,
+    select_fit,
     uncertainty,
 )
 from drake_quad.identification.result import Spread
@@ -35,7 +35,7 @@ GAINS = {
 
 
 def sines(seed, time, order=0, lag=0.0):
-    """Return a derivative of sums (n, 3) of sines, behind a lag of first order; a negative order is an integral."""
+    """Return a derivative of sums (n, 3) of sines after a first-order lag; a negative order is an integral."""
     random = np.random.default_rng(seed)
     rates, phases = random.uniform(1.0, 7.0, (2, 3, 5))
     amplitudes = random.uniform(0.1, 0.3, (3, 5)) / np.hypot(1.0, rates * lag)
@@ -44,7 +44,7 @@ def sines(seed, time, order=0, lag=0.0):
 
 
 def columns_at(time, shape):
-    """Return the terms (n, 3) of the law at some times, without a limit."""
+    """Return the terms (n, 3) of the law at the given times, without a limit."""
     return {
         "position": sines(1, time),
         "velocity": -sines(2, time, 1, shape.filter_time),
@@ -65,7 +65,7 @@ def flown(terms=BASIC, shape=Shape(), *, noise=0.0, begin=0.0, seconds=8.0, sett
     command = sum(GAINS[name] * terms_then[name] for name in terms) + noise * random.normal(size=(len(time), 3))
     error, position = sines(1, time), sines(2, time)
     now = columns_at(time, Shape())
-    # A constant is added, as that of an integral that begins at an unknown value.
+    # The constant stands for an integral that begins at an unknown value.
     return Piece(
         time=time,
         command=command + np.array([1.0, -2.0, 9.0]),
@@ -96,7 +96,7 @@ def test_a_law_without_noise_is_found(terms, shape, free, axes):
         Shape(0.0, 0.2 if shape.filter_time else 0.0, np.inf if np.isinf(shape.error_limit) else 0.35),
         Shape(0.14, 0.4 if shape.filter_time else 0.0, np.inf if np.isinf(shape.error_limit) else 0.05),
     ]
-    found = searched(pieces, axes, terms, starts, free)
+    found = search_fit(pieces, axes, terms, starts, free)
     assert (found.terms, found.free) == (terms, free)
     np.testing.assert_allclose(found.gains, [GAINS[name] for name in terms], rtol=0.01)
     np.testing.assert_allclose(found.shape.delay, shape.delay, atol=3e-4)
@@ -106,39 +106,41 @@ def test_a_law_without_noise_is_found(terms, shape, free, axes):
 
 
 def test_the_search_begins_at_the_best_start():
-    """Nelder and Mead do not leave the flat end of a limit that no error reaches."""
+    """A Nelder-Mead search does not move away from a limit that no error exceeds, since the objective is flat there."""
     pieces = [flown(BASIC[:4], Shape(0.0, 0.0, 0.2))]
     starts = [Shape(0.0, 0.0, limit) for limit in (50.0, 0.25, 20.0)]
-    assert searched(pieces, (0,), BASIC[:4], starts, ("error_limit",)).shape.error_limit == pytest.approx(0.2, abs=1e-3)
+    assert search_fit(pieces, (0,), BASIC[:4], starts, ("error_limit",)).shape.error_limit == pytest.approx(
+        0.2, abs=1e-3
+    )
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.03, 0.09, 0.15])
-def test_the_delay_of_signals_that_hardly_resemble_themselves_later_is_found(delay):
-    """The sum of squares of noise has a narrow minimum, so the search begins at delays that are 15 ms apart."""
+def test_the_delay_of_weakly_autocorrelated_signals_is_found(delay):
+    """The sum of squared residuals has a narrow minimum over the delay, so the search starts from delays 15 ms apart."""
     (piece, _) = (without_nuisances(piece) for piece in noisy_pieces(300))
     late = regression._columns(piece, 0, BASIC, Shape()) @ [GAINS[name] for name in BASIC]
     command = np.interp(piece.time - delay, piece.time, late)
     counted = piece.counted & (piece.time >= 0.15)
-    found = regression._simplest([piece._replace(command=np.tile(command[:, None], 3), counted=counted)], (0,))
+    found = regression._simplest_fit([piece._replace(command=np.tile(command[:, None], 3), counted=counted)], (0,))
     assert found.shape.delay == pytest.approx(delay, abs=2e-4)
     np.testing.assert_allclose(found.gains, [GAINS[name] for name in BASIC], rtol=0.02)
     assert (found.terms, found.free) == (BASIC, ("delay",))
 
 
 @pytest.mark.parametrize(("delay", "expected"), [(0.3, 0.15), (-0.05, -PERIOD)])
-def test_a_delay_is_within_one_sample_before_and_0_15_s(delay, expected):
+def test_a_delay_is_between_minus_one_sample_and_0_15_s(delay, expected):
     pieces = [flown(shape=Shape(delay))]
-    assert searched(pieces, (0,), BASIC, [Shape(0.05)], ("delay",)).shape.delay == pytest.approx(expected, abs=2e-4)
+    assert search_fit(pieces, (0,), BASIC, [Shape(0.05)], ("delay",)).shape.delay == pytest.approx(expected, abs=2e-4)
 
 
-def test_a_filter_has_a_time_constant_of_half_a_second_at_most():
+def test_the_time_constant_of_a_filter_is_at_most_half_a_second():
     pieces = [flown(shape=Shape(0.0, 2.0))]
-    found = searched(pieces, (0,), BASIC, [Shape(0.0, 0.3)], ("filter_time",))
+    found = search_fit(pieces, (0,), BASIC, [Shape(0.0, 0.3)], ("filter_time",))
     assert found.shape.filter_time == pytest.approx(0.5, abs=2e-4)
 
 
 def noisy_pieces(samples=60):
-    """Return two stretches whose signals are unrelated noise, with some samples that are not counted."""
+    """Return two stretches of independent noise signals, with some samples that do not count."""
     random = np.random.default_rng(3)
     return [
         Piece(
@@ -151,12 +153,12 @@ def noisy_pieces(samples=60):
 
 
 def without_nuisances(piece):
-    """Return a piece of a form whose law has neither a deviation nor an anti-windup."""
+    """Return the piece without its deviation and anti-windup terms."""
     return piece._replace(deviation=np.zeros_like(piece.error), unwinding=np.zeros_like(piece.error))
 
 
 def stacked(pieces, axes, terms):
-    """Return the regressors and commands of pieces, and columns for the constant and the slope of each stretch."""
+    """Return the regressors, with a constant and a linear trend for each stretch, and the commands of the pieces."""
     sign = {"velocity": -1.0, "displacement": -1.0, "unwinding": -1.0}
     values = {"position": "error", "displacement": "travel"}
     found, commands, free = [], [], []
@@ -171,28 +173,28 @@ def stacked(pieces, axes, terms):
 
 
 @pytest.mark.parametrize("axes", [(2,), (0, 1)])
-def test_gains_are_least_squares_with_a_constant_and_a_slope_for_each_stretch_and_axis(axes):
-    pieces, terms = noisy_pieces(), (*BASIC[:5], *NUISANCES)
+def test_gains_are_least_squares_with_a_linear_trend_for_each_stretch_and_axis(axes):
+    pieces, terms = noisy_pieces(), (*BASIC[:5], *NUISANCE_TERMS)
     regressors, commands, free = stacked(pieces, axes, terms)
     together = np.hstack([regressors, free])
     solution = np.linalg.lstsq(together, commands, rcond=None)[0]
     left = commands - together @ solution
     bare = commands - free @ np.linalg.lstsq(free, commands, rcond=None)[0]
-    found = regression._solved(pieces, axes, terms, Shape(), ("delay",))
+    found = regression._fit_gains(pieces, axes, terms, Shape(), ("delay",))
     np.testing.assert_allclose(found.gains, solution[: len(terms)], rtol=1e-8)
-    np.testing.assert_allclose(found.left, left, atol=1e-10)
+    np.testing.assert_allclose(found.residuals, left, atol=1e-10)
     assert found.explained == pytest.approx(1.0 - left @ left / (bare @ bare))
     assert (found.terms, found.shape, found.free) == (terms, Shape(), ("delay",))
 
 
-def test_a_command_that_does_not_change_is_not_explained():
+def test_a_constant_command_is_not_explained():
     pieces = [piece._replace(command=np.zeros_like(piece.command)) for piece in noisy_pieces()]
-    assert np.isnan(regression._solved(pieces, (0,), BASIC, Shape(), ()).explained)
+    assert np.isnan(regression._fit_gains(pieces, (0,), BASIC, Shape(), ()).explained)
 
 
 def test_columns_are_the_terms_of_the_law():
     piece = noisy_pieces()[1]
-    terms = (*GAINS, *NUISANCES)
+    terms = (*GAINS, *NUISANCE_TERMS)
     found = dict(zip(terms, regression._columns(piece, 1, terms, Shape(0.0, 0.0, 0.5)).T, strict=True))
     error = np.clip(piece.error[:, 1], -0.5, 0.5)
     assert np.ptp(error) == 1.0
@@ -215,15 +217,15 @@ def test_columns_are_the_terms_of_the_law():
         np.testing.assert_allclose(found[name], values, atol=1e-12, err_msg=name)
 
 
-def test_a_filter_is_a_lag_of_first_order_that_has_settled():
-    """Its response to a line is exact to third order in the period, and it does not start with a jump."""
+def test_a_filter_is_a_settled_first_order_lag():
+    """The response to a ramp is exact to third order in the period, and does not start with a jump."""
     piece = flown()
     still = piece._replace(velocity=np.full_like(piece.velocity, 2.0))
     found = regression._columns(still, 0, ("velocity",), Shape(0.0, 0.1))
     np.testing.assert_allclose(found, -2.0)
     ramp = piece._replace(velocity=np.tile(piece.time[:, None], 3))
     late = -regression._columns(ramp, 0, ("velocity",), Shape(0.0, 0.1))[:, 0]
-    # The response to a line that begins at zero is t - τ (1 - exp(-t / τ)).
+    # The response to the ramp r(t) = t is t - τ (1 - exp(-t / τ)).
     expected = piece.time - 0.1 * (1.0 - np.exp(-piece.time / 0.1))
     np.testing.assert_allclose(late, expected, atol=0.1 * (PERIOD / 0.1) ** 2 / 11.0)
 
@@ -232,14 +234,14 @@ def test_the_reference_velocity_is_a_term_if_it_varies_by_a_centimetre_per_secon
     piece = flown()
     for deviation, moves in ((0.009, False), (0.011, True)):
         speed = np.where(np.arange(len(piece.time)) % 2, 1.0, -1.0)
-        # A wider motion where samples are not counted, and on another axis, does not count.
+        # Larger motion in samples that do not count, or on another axis, is ignored.
         slow = np.column_stack([np.where(piece.counted, deviation * speed, speed), speed, speed])
         terms = excited_terms([piece._replace(reference_velocity=slow)], (0,))
         assert ("displacement" in terms) == ("reference_velocity" in terms) == moves
         assert {"position", "velocity", "integral"} <= {*terms}
 
 
-@pytest.mark.parametrize("name", NUISANCES)
+@pytest.mark.parametrize("name", NUISANCE_TERMS)
 def test_deviation_and_anti_windup_are_terms_of_the_axes_on_which_they_are_not_zero(name):
     piece = flown()
     values = np.zeros_like(piece.error)
@@ -250,7 +252,7 @@ def test_deviation_and_anti_windup_are_terms_of_the_axes_on_which_they_are_not_z
 
 
 def direct_independent_samples(left):
-    """Return n / (1 + 2 Σ ρ_k), with sums over pairs of samples."""
+    """Return n / (1 + 2 Σ ρ_k), from direct sums over pairs of samples."""
     count, total = len(left), 0.0
     for lag in range(1, count // 2):
         correlation = left[:-lag] @ left[lag:] / (left @ left)
@@ -260,20 +262,20 @@ def direct_independent_samples(left):
     return count / (1.0 + 2.0 * total)
 
 
-def test_correlated_samples_tell_less_than_independent_ones():
+def test_correlated_samples_are_less_informative_than_independent_ones():
     random = np.random.default_rng(2)
     white = random.normal(size=1500)
     slow = scipy.signal.lfilter([1.0], [1.0, -0.9], random.normal(size=20001))
     for left in (white, slow[:1500], np.ones(200), np.ones(201), np.tile([1.0, -1.0], 40)):
         expected = direct_independent_samples(left)
         assert regression._independent_samples(left) == pytest.approx(expected, rel=1e-9)
-    # With correlations 0.9^k, n samples tell as much as n (1 - 0.9) / (1 + 0.9) independent ones.
+    # With correlations 0.9^k, n samples are worth n (1 - 0.9) / (1 + 0.9) independent ones.
     assert regression._independent_samples(slow) == pytest.approx(20001 / 19.0, rel=0.15)
     assert regression._independent_samples(np.zeros(50)) == 50.0
 
 
 def fit_with(left, terms=("position", "velocity"), free=("delay",), last=1.0):
-    """Return a fit whose last gain and last other parameter are the same."""
+    """Return a fit whose last gain and last other parameter are both `last`."""
     shape = Shape()._replace(**{free[-1]: last})
     return Fit(terms, np.array([2.0] * (len(terms) - 1) + [last]), shape, free, left, 0.9)
 
@@ -281,13 +283,13 @@ def fit_with(left, terms=("position", "velocity"), free=("delay",), last=1.0):
 @pytest.mark.parametrize(
     ("samples", "share", "last", "better"),
     [
-        # The remaining error falls by at least a fifth.
+        # The sum of squared residuals must fall by at least a fifth.
         (2000, 0.79, 1.0, True),
         (2000, 0.81, 1.0, False),
-        # The logarithm of the ratio times the number of samples is larger than 10.83.
+        # The logarithm of the ratio, times the number of samples, must exceed 10.83.
         (24, np.exp(-10.9 / 24), 1.0, True),
         (24, np.exp(-10.7 / 24), 1.0, False),
-        # The interval of the parameter does not contain zero.
+        # The interval of the parameter must not contain zero.
         (2000, 0.1, 0.31, True),
         (2000, 0.1, 0.29, False),
         (2000, 0.1, -0.31, True),
@@ -297,7 +299,7 @@ def fit_with(left, terms=("position", "velocity"), free=("delay",), last=1.0):
 )
 @pytest.mark.parametrize("linear", [True, False])
 def test_a_richer_law_is_taken_if_its_last_parameter_is_significant(monkeypatch, samples, share, last, better, linear):
-    # Samples of alternating sign have no positive correlation.
+    # Residuals of alternating sign have no positive correlation.
     left = np.tile([1.0, -1.0], samples // 2)
     simple = fit_with(left)
     rich = fit_with(
@@ -309,11 +311,18 @@ def test_a_richer_law_is_taken_if_its_last_parameter_is_significant(monkeypatch,
     reaches = np.full(4, 1e9)
     reaches[2 if linear else 3] = 0.3
     monkeypatch.setattr(regression, "uncertainty", lambda pieces, axes, fit: (reaches, None))
-    assert regression._better([], (0,), simple, rich) is (rich if better else simple)
+    assert regression._better_fit([], (0,), simple, rich) is (rich if better else simple)
+
+
+def test_of_two_laws_without_any_remaining_error_the_simpler_one_is_taken(monkeypatch):
+    """A command that is constant leaves nothing to explain."""
+    monkeypatch.setattr(regression, "uncertainty", lambda pieces, axes, fit: (np.zeros(4), None))
+    simple, rich = (fit_with(np.zeros(100), free=free) for free in (("delay",), ("delay", "filter_time")))
+    assert regression._better_fit([], (0,), simple, rich) is simple
 
 
 def rule_bias(named):
-    """Return the bias of gains if the controller sums samples, which differs by half a period from an integral.
+    """Return the bias of gains if the controller sums samples, which shifts the integral by half a period.
 
     A cascade with this law and the position gain K integrates the velocity error with the gain k_i / K.
     """
@@ -328,7 +337,7 @@ def rule_bias(named):
 @pytest.mark.parametrize("integral", [0.5, 1.5])
 @pytest.mark.parametrize("with_deviation", [False, True])
 def test_intervals_are_those_of_the_jackknife_with_the_bias_of_errors_and_of_rules(with_deviation, integral):
-    """Each of fifteen blocks is left out by one step of Gauss and Newton; integrals make their gains less certain.
+    """Each of fifteen blocks is left out by one Gauss-Newton step.
 
     An error of the logged position is in the position error and in the deviation. With k_p = 4 and k_v = 3, the
     gains of a cascade are real up to the integral gain 4 / 3.
@@ -343,7 +352,7 @@ def test_intervals_are_those_of_the_jackknife_with_the_bias_of_errors_and_of_rul
         terms = (*terms, "deviation")
         pieces = [piece._replace(deviation=sines(3, piece.time)) for piece in pieces]
         pieces = [piece._replace(command=piece.command + sines(3, piece.time - 0.02)) for piece in pieces]
-    fit = searched(pieces, (0, 1), terms, [shape], free)
+    fit = search_fit(pieces, (0, 1), terms, [shape], free)
     reaches, freedom = uncertainty(pieces, (0, 1), fit)
     step = 1e-5
     with_delay = [
@@ -352,23 +361,24 @@ def test_intervals_are_those_of_the_jackknife_with_the_bias_of_errors_and_of_rul
     ]
     slopes = np.column_stack([with_delay[1], (with_delay[2] - with_delay[0]) @ fit.gains / (2.0 * step)])
     count = len(slopes) // 2
-    # Twelve seconds that count make fifteen blocks of each axis, and blocks of the two axes are left out together.
+    # Twelve seconds give fifteen blocks per axis, and the same block of both axes is left out together.
     blocks = np.tile(np.floor(np.arange(count) * 15 / count), 2)
     inverse = np.linalg.inv(slopes.T @ slopes)
     moves, shares = [], []
     for block in range(15):
         kept = blocks != block
-        moves.append(np.linalg.solve(slopes[kept].T @ slopes[kept], slopes[~kept].T @ fit.left[~kept]))
+        moves.append(np.linalg.solve(slopes[kept].T @ slopes[kept], slopes[~kept].T @ fit.residuals[~kept]))
         shares.append(np.diag(inverse @ slopes[~kept].T @ slopes[~kept] @ inverse))
-    model = np.mean(fit.left**2) * inverse
+    model = np.mean(fit.residuals**2) * inverse
     variances = np.maximum(14 / 15 * np.sum(np.square(moves), axis=0), np.diag(model))
     expected_freedom = np.sum(shares, axis=0) ** 2 / np.sum(np.square(shares), axis=0) - 1.0
     named = dict(zip(terms, fit.gains.tolist(), strict=True))
     with_position = np.isin([*terms, "delay"], ["position", "deviation"])
     of_position = np.abs(model @ with_position) / (named["position"] + named.get("deviation", 0.0))
     of_velocity = np.abs(model[:, 1]) / named["velocity"]
-    bias = len(fit.left) * np.maximum(of_position, of_velocity) + rule_bias(named)
-    # The derivative with respect to the delay is that of an interpolation, which depends on the step.
+    bias = len(fit.residuals) * np.maximum(of_position, of_velocity) + rule_bias(named)
+    # The derivative with respect to the delay is from interpolated samples, so it depends on the size of the
+    # difference.
     np.testing.assert_allclose(freedom, expected_freedom, rtol=0.02)
     np.testing.assert_allclose(reaches, quantile(expected_freedom) * np.sqrt(variances) + bias, rtol=0.02)
 
@@ -381,26 +391,26 @@ def test_intervals_are_those_of_the_jackknife_with_the_bias_of_errors_and_of_rul
         ((*BASIC, "double_integral"), Shape(0.05), ("double_integral",)),
     ],
 )
-def test_a_law_has_the_terms_that_made_it(terms, shape, rich):
-    """Without a filter, a limit, or an integral of the integral, none is found."""
+def test_the_terms_of_a_law_are_recovered(terms, shape, rich):
+    """No filter, limit or double integral is found if the law has none."""
     piece = flown(terms, shape, noise=0.02)
-    found = chosen([piece], (0,))
+    found = select_fit([piece], (0,))
     assert {*found.terms, *found.free} == {*BASIC, "delay", *rich}
     np.testing.assert_allclose(found.gains, [GAINS[name] for name in found.terms], rtol=0.1)
     assert found.shape.delay == pytest.approx(0.05, abs=0.01)
 
 
-def test_a_limit_is_searched_for_at_errors_that_occur():
-    """The error is beyond its limit in a fifth of the samples."""
+def test_the_search_for_a_limit_starts_at_errors_that_occur():
+    """The error exceeds the limit in a fifth of the samples."""
     limit = float(np.quantile(np.abs(sines(1, PERIOD * np.arange(800))[100:, 0]), 0.8))
-    found = limited([flown(BASIC[:4], Shape(0.02, 0.0, limit), noise=0.02)], (0,))
+    found = fit_with_limit([flown(BASIC[:4], Shape(0.02, 0.0, limit), noise=0.02)], (0,))
     assert found.free == ("delay", "error_limit")
     assert found.shape.error_limit == pytest.approx(limit, rel=0.05)
-    assert limited([flown(noise=0.02)], (0,)).free == ("delay",)
+    assert fit_with_limit([flown(noise=0.02)], (0,)).free == ("delay",)
 
 
 def prepared(monkeypatch, *logs):
-    """Let each log have these pieces by form and a mask of limited samples."""
+    """Replace the preparation of logs, so that each log has the given pieces of each form and mask of limited samples."""
     waiting = iter(logs)
 
     def prepared_pieces(record, scenario, remarks):
@@ -413,7 +423,7 @@ def prepared(monkeypatch, *logs):
 
 
 def scaled(piece, *factors, noise=0.0):
-    """Return a piece whose law has its gains multiplied by a factor on each axis, with more noise on Z."""
+    """Return a piece whose gains are multiplied by a factor per axis, with additional noise on Z."""
     unrelated = noise * np.random.default_rng(5).normal(size=len(piece.time))
     return piece._replace(command=piece.command * factors + np.outer(unrelated, [0.0, 0.0, 1.0]))
 
@@ -445,19 +455,19 @@ def test_axes_with_the_same_law_are_fitted_together_in_the_best_form(monkeypatch
         factor = factors["xyz".index(each.axes[0])]
         for name in BASIC:
             spread = each.gains[name]
-            # One of some twenty 95 % intervals misses its true value by chance.
+            # About one of twenty 95 % intervals misses the true value by chance.
             assert spread.value == pytest.approx(factor * GAINS[name], abs=1.5 * spread.reach)
         assert each.gain("delay") == pytest.approx(0.05, abs=0.003)
         assert each.explained > 0.999
 
 
 @pytest.mark.slow
-def test_an_axis_is_refused_if_its_command_is_something_else(monkeypatch):
+def test_an_axis_is_refused_if_no_law_explains_its_command(monkeypatch):
     piece = scaled(flown(seconds=3.0, noise=0.02), 1.0, 1.0, 1.0, noise=3.0)
     found = identify_position_law(*prepared(monkeypatch, ({"heading": [piece]}, np.zeros(1))))
     assert [each.axes for each in found.axes] == [("x", "y")]
     assert {*found.not_identified} == {"z"}
-    assert "of the variance of the command, and 95 % are needed" in found.not_identified["z"]
+    assert "of the variance of the command, but must explain at least 95 %" in found.not_identified["z"]
     noise = piece._replace(command=np.random.default_rng(2).normal(size=piece.command.shape))
     with pytest.raises(InputError, match="^cannot identify the position law: x: a linear law .*; y: a linear law "):
         identify_position_law(*prepared(monkeypatch, ({"heading": [noise]}, np.zeros(1))))
@@ -492,10 +502,10 @@ def test_an_axis_is_refused_if_its_fit_is_poor_or_an_essential_gain_uncertain(
         assert alike is not None
         return alike
 
-    monkeypatch.setattr(law, "_unexplained", len)
-    monkeypatch.setattr(law, "chosen", lambda pieces, axes: fit_of_everything(explained[axes[0]]))
+    monkeypatch.setattr(law, "_log_unexplained", len)
+    monkeypatch.setattr(law, "select_fit", lambda pieces, axes: fit_of_everything(explained[axes[0]]))
     monkeypatch.setattr(law, "_axis_law", axis_law)
-    monkeypatch.setattr(law, "_alike", compared)
+    monkeypatch.setattr(law, "_have_same_law", compared)
     found = identify_position_law(*prepared(monkeypatch, ({"heading": []}, np.zeros(1))))
     assert ["".join(each.axes) for each in found.axes] == groups
     assert [*found.not_identified] == refused
@@ -503,15 +513,18 @@ def test_an_axis_is_refused_if_its_fit_is_poor_or_an_essential_gain_uncertain(
         assert found.not_identified[refused[0]] == "velocity: too wide"
 
 
-def test_a_poor_fit_is_told_with_the_share_that_it_explains():
-    assert "explains 94.9 % of the variance" in law._too_little(0.949)
+def test_a_poor_fit_is_reported_with_the_fraction_that_it_explains():
+    assert "explains 94.9 % of the variance" in law._poor_fit_reason(0.949)
     for nothing in (0.0, -0.1, np.nan):
-        assert "explains nothing of the variance" in law._too_little(nothing)
+        assert "explains nothing of the variance" in law._poor_fit_reason(nothing)
 
 
 @pytest.mark.parametrize(("difference", "alike"), [(0.49, True), (-0.49, True), (0.51, False), (-0.51, False)])
-def test_two_axes_are_alike_if_all_intervals_of_differences_contain_zero(monkeypatch, difference, alike):
-    """With half-widths of 0.3 and 0.4, that of a difference is 0.5. Terms of one axis alone are not compared."""
+def test_two_axes_are_combined_if_all_intervals_of_differences_contain_zero(monkeypatch, difference, alike):
+    """With half-widths of 0.3 and 0.4, the difference has the half-width 0.5.
+
+    Terms of only one axis are not compared.
+    """
 
     def spreads(pieces, axes, fit, form):
         offset, reach = (0.0, 0.3) if axes == (0,) else (difference, 0.4)
@@ -520,7 +533,7 @@ def test_two_axes_are_alike_if_all_intervals_of_differences_contain_zero(monkeyp
         return {name: Spread(value, deviation, "", 7.0) for name, value in own.items()}
 
     monkeypatch.setattr(law, "_spreads", spreads)
-    assert law._alike([], dict.fromkeys(range(3))) == alike
+    assert law._have_same_law([], dict.fromkeys(range(3))) == alike
 
 
 @pytest.mark.parametrize(
@@ -552,7 +565,7 @@ def test_estimates_have_their_intervals_and_units(monkeypatch, form, axes, units
         ("velocity", 3.0, "1/s"),
         ("reference_velocity", 3.0, "1/s"),
         ("reference_acceleration", 1.0, "1"),
-        # A pitch in rad is an acceleration over g.
+        # A small pitch angle in rad is the acceleration divided by g.
         ("reference_acceleration", 1.0 / 9.81, "rad s²/m"),
         ("integral", 4.0, "1/s³"),
         ("displacement", 4.0, "1/s²"),
@@ -562,28 +575,28 @@ def test_estimates_have_their_intervals_and_units(monkeypatch, form, axes, units
         ("error_limit", np.inf, "m"),
     ],
 )
-def test_a_parameter_is_identified_to_half_of_its_typical_size(name, typical, unit):
+def test_a_parameter_is_identified_if_its_half_width_is_below_half_of_its_typical_value(name, typical, unit):
     certain = {"position": Spread(-4.0, 0.01, "rad/m" if "rad" in unit else "1/s²", 20.0)}
     certain["velocity"] = Spread(-3.0, 0.01, "1/s", 20.0)
     for share in (0.49, 0.51):
         reach = share * min(typical, 1e6)
         own = certain.get(name, Spread(0.01, 0.0, unit, 20.0))._replace(deviation=reach / quantile(20.0))
-        weak = law._weak(certain | {name: own})
+        weak = law._imprecise(certain | {name: own})
         if share > 0.5 and np.isfinite(typical):
-            assert weak == {name: f"its 95 % interval reaches {reach:.2g} {unit} to each side"}
+            assert weak == {name: f"the half-width of its 95 % interval is {reach:.2g} {unit}"}
         else:
             assert weak == {}
 
 
 def test_a_gain_that_is_not_identified_is_zero_and_widens_the_other_intervals(monkeypatch):
-    """Essential gains stay in the law, and so does its shape."""
+    """Essential gains and the shape of the law are kept."""
     pieces = [flown(BASIC[:4], Shape(0.05), noise=0.02)]
-    fit = searched(pieces, (0,), BASIC, [Shape(0.05)], ("delay",))
+    fit = search_fit(pieces, (0,), BASIC, [Shape(0.05)], ("delay",))
     weak = {"position": "wide", "displacement": "wide", "delay": "wide"}
-    monkeypatch.setattr(law, "_weak", lambda spreads: dict(weak))
+    monkeypatch.setattr(law, "_imprecise", lambda spreads: dict(weak))
     found = law._axis_law(pieces, (0,), "heading", fit)
     kept = tuple(name for name in BASIC if name != "displacement")
-    again = searched(pieces, (0,), kept, [fit.shape], ("delay",))
+    again = search_fit(pieces, (0,), kept, [fit.shape], ("delay",))
     assert found.not_identified == weak
     assert {*found.gains} == {*kept} - {"position"}
     wide, narrow = (law._spreads(pieces, (0,), each, "heading") for each in (fit, again))
@@ -595,15 +608,15 @@ def test_a_gain_that_is_not_identified_is_zero_and_widens_the_other_intervals(mo
     assert (found.gain("velocity"), found.gain("displacement")) == (narrow["velocity"].value, 0.0)
 
 
-def test_gains_on_a_reference_that_rests_are_not_identified(monkeypatch):
+def test_gains_on_a_reference_at_rest_are_not_identified(monkeypatch):
     piece = flown(("position", "velocity", "integral"), Shape(0.05), noise=0.02)
     piece = piece._replace(
         reference_velocity=np.zeros_like(piece.velocity), reference_acceleration=np.zeros_like(piece.velocity)
     )
     limit = float(np.quantile(np.abs(piece.error[piece.counted][:, :2]), 0.75))
-    fit = searched([piece], (0, 1), ("position", "velocity", "integral"), [Shape(0.05)], ("delay",))
+    fit = search_fit([piece], (0, 1), ("position", "velocity", "integral"), [Shape(0.05)], ("delay",))
     fit = fit._replace(shape=fit.shape._replace(error_limit=limit))
-    monkeypatch.setattr(law, "_weak", lambda spreads: {})
+    monkeypatch.setattr(law, "_imprecise", lambda spreads: {})
     found = law._axis_law([piece], (0, 1), "heading", fit)
     assert found.axes == ("x", "y")
     assert found.not_identified == dict.fromkeys(BASIC[2:5], "the reference does not move along this axis")
@@ -612,21 +625,21 @@ def test_gains_on_a_reference_that_rests_are_not_identified(monkeypatch):
     assert found.at_error_limit == pytest.approx(0.25, abs=1e-3)
 
 
-def test_forms_are_compared_by_what_they_leave_on_all_axes_in_some_hundred_samples(monkeypatch):
-    """A form that explains one axis to the last digit is not better for that alone."""
+def test_forms_are_compared_by_the_residuals_of_all_axes_in_some_hundred_samples(monkeypatch):
+    """A form that explains a single axis exactly is not preferred for this reason."""
     seen = []
 
-    def limited(pieces, axes):
+    def fit_with_limit(pieces, axes):
         seen.append([np.flatnonzero(piece.counted) for piece in pieces])
         return fit_of_everything((1.0 - 1e-3, 1.0 - 1e-6, 1.0)[axes[0]])
 
-    monkeypatch.setattr(law, "limited", limited)
+    monkeypatch.setattr(law, "fit_with_limit", fit_with_limit)
     pieces = [flown(seconds=10.0), flown(seconds=12.0, begin=20.0)]
     expected = np.log(1e-3) + np.log(1e-6) + np.log(1e-12)
-    assert law._unexplained(pieces) == pytest.approx(expected, rel=1e-6)
-    # Every third of 2000 samples is more than 600 samples.
+    assert law._log_unexplained(pieces) == pytest.approx(expected, rel=1e-6)
+    # Every third of 2000 samples is used, which is more than 600 samples.
     for found, piece in zip(seen[0], pieces, strict=True):
         every = np.arange(0, len(piece.time), 3)
         np.testing.assert_array_equal(found, every[piece.counted[every]])
-    law._unexplained([flown(seconds=6.0)])
+    law._log_unexplained([flown(seconds=6.0)])
     np.testing.assert_array_equal(seen[-1][0], np.arange(100, 600))

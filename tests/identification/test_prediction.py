@@ -1,4 +1,4 @@
-"""Open-loop prediction: errors of a right vehicle, of a wrong one, and of motion at constant rates."""
+"""Open-loop prediction: errors of the true vehicle, of a wrong one, and of motion at constant rates."""
 
 import math
 from dataclasses import replace
@@ -33,7 +33,7 @@ def scenario(root):
     overrides = (
         "duration=10",
         "laboratory.wind=[{kind: steady, velocity: [1.0, 0.0, 0.0]}]",
-        # With these a command shows after one frame of the cameras, as the delay of the scenario says.
+        # With these values, the effect of a command is visible after one camera frame, the delay of the scenario.
         "laboratory.motion_capture.period=0.01",
         "laboratory.command_link.delay_ticks=0",
         "laboratory.command_link.loss_rate=0",
@@ -43,7 +43,7 @@ def scenario(root):
 
 @pytest.fixture(scope="module")
 def record(scenario):
-    """The state without noise, 10 ms after it was, and the commands as they acted."""
+    """Return a log of the state without noise, 10 ms late, and of the commands."""
     flight = simulate(scenario, compiled=True)
     state = np.array([np.interp(flight.time - 0.01, flight.time, row) for row in flight["state"].T]).T
     command = np.concatenate([flight["rotor_speed_command"][1:], flight["rotor_speed_command"][-1:]])
@@ -59,7 +59,7 @@ def predictions(record, scenario):
 
 @pytest.fixture
 def unfitted(monkeypatch):
-    """Filters keep the noise with which a fit begins, in tests of what does not depend on the noise."""
+    """Keep the initial noise of filters, for tests that do not depend on the noise."""
     monkeypatch.setattr(prediction, "fit", lambda predictor, parameters, noise: SimpleNamespace(noise=noise))
 
 
@@ -67,7 +67,7 @@ def moving(turning, *, acceleration=(0.0, 0.0, 0.0), angular=0.0, seconds=6.0):
     """Return a log of motion with constant accelerations, at 100 Hz.
 
     Args:
-        turning: (3,) rotation vector of a second, rad.
+        turning: (3,) rotation vector per second, rad.
         acceleration: (3,) constant acceleration, m/s².
         angular: growth of the turn rate, 1/s².
         seconds: duration, s.
@@ -88,8 +88,8 @@ def moving(turning, *, acceleration=(0.0, 0.0, 0.0), angular=0.0, seconds=6.0):
 @pytest.mark.slow
 @pytest.mark.usefixtures("unfitted")
 @pytest.mark.parametrize("left_out", [(), ("velocity",), ("body_rates",), ("velocity", "body_rates")])
-def test_constant_velocity_predicts_such_a_motion_exactly(scenario, left_out):
-    """Rates that are not logged follow from positions and attitudes."""
+def test_constant_velocity_predicts_a_uniform_motion_exactly(scenario, left_out):
+    """Velocities and rates that are not logged follow from positions and attitudes."""
     log = replace(moving([0.02, -0.03, 0.2], seconds=3.0), **dict.fromkeys(left_out))
     found = predict(log, {"vehicle": scenario}, horizons=(0.1, 1.0))
     for quantity in found.errors:
@@ -101,8 +101,8 @@ def test_constant_velocity_predicts_such_a_motion_exactly(scenario, left_out):
 @pytest.mark.slow
 @pytest.mark.usefixtures("unfitted")
 @pytest.mark.parametrize("left_out", [(), ("velocity", "body_rates")])
-def test_constant_acceleration_predicts_such_a_motion_exactly(scenario, left_out):
-    """Constant velocity is off by the path of the acceleration, its change of velocity, and the angle likewise."""
+def test_constant_acceleration_predicts_an_accelerated_motion_exactly(scenario, left_out):
+    """The errors of constant velocity are the displacement, the velocity change and the angle due to the accelerations."""
     acceleration, angular, axis = [0.4, 0.0, -0.3], 0.2, [0.0, 0.0, 0.3]
     log = replace(moving(axis, acceleration=acceleration, angular=angular, seconds=3.0), **dict.fromkeys(left_out))
     found = predict(log, {"vehicle": scenario}, horizons=(0.1, 1.0))
@@ -120,8 +120,8 @@ def test_constant_acceleration_predicts_such_a_motion_exactly(scenario, left_out
 
 
 @pytest.mark.slow
-def test_a_right_vehicle_predicts_a_flight_without_noise(predictions):
-    """What is left is of the start, the end of a parabola through 50 ms of a motion with jerk."""
+def test_the_true_vehicle_predicts_a_flight_without_noise(predictions):
+    """The remaining error is from the initial state, the end of a parabola through 50 ms of motion with jerk."""
     assert predictions.rmse("position", "right", 0.5).value < 2e-3
     assert predictions.rmse("attitude", "right", 0.5).value < 5e-3
     for quantity in predictions.errors:
@@ -132,7 +132,7 @@ def test_a_right_vehicle_predicts_a_flight_without_noise(predictions):
 
 @pytest.mark.slow
 def test_a_vehicle_starts_from_more_than_the_last_samples(record, scenario):
-    """Noise of positions adds much to a velocity that is the slope of a few of them, and little to a filter's."""
+    """Position noise affects a velocity from a few samples much more than the velocity of a filter."""
     random = np.random.default_rng(1)
     position = record.position + 2e-3 * random.normal(size=record.position.shape)
     found = predict(replace(record, position=position, velocity=None), {"right": scenario}, horizons=(0.1, 0.5))
@@ -141,8 +141,8 @@ def test_a_vehicle_starts_from_more_than_the_last_samples(record, scenario):
 
 
 @pytest.mark.slow
-def test_the_disturbance_makes_up_for_a_wrong_thrust(record, scenario):
-    """A filter whose vehicle has a tenth too much thrust estimates a force that takes it away again, for a while."""
+def test_the_estimated_disturbance_compensates_a_wrong_thrust(record, scenario):
+    """If the model has 10 % too much thrust, the filter estimates a force that compensates this for a while."""
     stronger = with_numbers(scenario, {"thrust_factor": 1.1 * scenario.vehicle.thrust_factor})
     found = predict(record, {"stronger": stronger}, horizons=(0.1,))
     assert found.vehicles == ("stronger", *SIMPLE, WITH_DISTURBANCE)
@@ -151,8 +151,8 @@ def test_the_disturbance_makes_up_for_a_wrong_thrust(record, scenario):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("horizon", [0.1, 0.5])
-def test_a_tenth_more_thrust_lifts_by_that_of_gravity(predictions, horizon):
-    """The rotors have followed the same commands and lift a tenth more at once."""
+def test_ten_percent_more_thrust_accelerates_upwards_by_a_tenth_of_gravity(predictions, horizon):
+    """The rotors already follow the commands at the start, so the additional thrust acts at once."""
     expected = 0.5 * 0.1 * 9.81 * horizon**2
     assert predictions.rmse("position", "stronger", horizon).value == pytest.approx(expected, rel=0.1)
     better = predictions.better("position", "right", "stronger", horizon)
@@ -163,18 +163,18 @@ def test_a_tenth_more_thrust_lifts_by_that_of_gravity(predictions, horizon):
 
 
 @pytest.mark.slow
-def test_fewer_starts_reach_farther_horizons(predictions):
+def test_longer_horizons_have_fewer_starts(predictions):
     starts = [predictions.starts(horizon) for horizon in predictions.horizons]
     assert starts[0] > starts[1] > starts[2] > 50
 
 
 def of_errors(errors, names=("one", "other"), *, horizon=0.5, quantity="position"):
-    """Return predictions with errors (v, S) of starts that are one second apart."""
+    """Return predictions with errors (v, S) from starts that are one second apart."""
     count = errors.shape[1]
     return Predictions(names, (horizon,), np.array(["a"] * count), np.arange(1.0 * count), {quantity: errors[:, None]})
 
 
-def test_losses_say_to_which_simple_predictor_by_how_much_and_whether_by_chance():
+def test_losses_state_the_better_simple_predictor_by_how_much_and_whether_by_chance():
     sure = np.array([1.0, 1.1, 0.9, 1.0, 1.05, 0.95])
     errors = np.stack([2.0 * sure, sure, 3.0 * sure])
     names = ("mine", *SIMPLE)
@@ -186,8 +186,8 @@ def test_losses_say_to_which_simple_predictor_by_how_much_and_whether_by_chance(
     assert of_errors(np.stack([sure, 2.0 * sure, 2.0 * sure]), names).losses("mine") == []
 
 
-def test_intervals_are_those_of_blocks():
-    """For blocks with one start each: Student's t of the mean square, on the scale of its logarithm."""
+def test_intervals_follow_from_blocks():
+    """With one start per block, the interval is Student's for the logarithm of the mean square."""
     errors = np.array([1.0, 2.0, 1.5, 0.5, 1.0, 3.0])
     squares = errors**2
     given = of_errors(np.stack([errors, 2.0 * errors]))
@@ -201,6 +201,7 @@ def test_intervals_are_those_of_blocks():
         ("one",), (0.5,), np.array(["a"] * 2), np.array([0.0, 0.1]), {"position": errors[None, None, :2]}
     )
     assert single.rmse("position", "one", 0.5).high == math.inf
+    assert single.starts(0.5) == 2
 
 
 def test_a_model_without_errors_is_better_than_all_others():
@@ -209,14 +210,14 @@ def test_a_model_without_errors_is_better_than_all_others():
     assert given.better("position", "exact", "other", 0.5) == (1.0, 1.0, 1.0)
     assert np.isnan(given.better("position", "other", "exact", 0.5)).all()
     assert np.isnan(given.better("position", "exact", "exact", 0.5)).all()
-    # A vehicle that is exact at some starts alone is compared like any other.
+    # A vehicle that is exact at some of the starts is compared like any other.
     errors = np.stack([np.array([0.0, 1.0, 2.0, 1.0]), np.array([2.0, 2.0, 0.0, 4.0])])
     some = of_errors(errors).better("position", "one", "other", 0.5)
     assert some.value == pytest.approx(1.0 - math.sqrt(6.0 / 24.0))
     assert some.low < some.value < some.high
 
 
-def test_joined_predictions_have_the_quantities_that_all_logs_have():
+def test_joined_predictions_contain_the_quantities_of_all_logs():
     def part(name, count, *quantities):
         numbers = np.arange(2.0 * 3.0 * count).reshape(2, 3, count)
         return Predictions(
@@ -233,12 +234,15 @@ def test_joined_predictions_have_the_quantities_that_all_logs_have():
     assert both.log.tolist() == ["a"] * 4 + ["b"] * 2
     assert both.time.tolist() == [0.0, 1.0, 2.0, 3.0, 0.0, 1.0]
     assert (both.vehicles, both.horizons) == (("one", "other"), (0.1, 0.5, 1.0))
-    with pytest.raises(InputError, match="there is no log to predict"):
+    single = joined([part("a", 4, "attitude", "velocity")])
+    assert (single.vehicles, single.horizons) == (both.vehicles, both.horizons)
+    assert [*single.errors] == ["attitude", "velocity"]
+    with pytest.raises(InputError, match="no log is given; at least one is needed for a prediction"):
         joined([])
 
 
 def test_blocks_are_as_long_as_the_horizon_and_lie_within_one_log():
-    """Errors that are constant over two seconds have the interval of independent blocks of two seconds."""
+    """Errors that are constant over two seconds have the same interval as independent blocks of two seconds."""
     sizes = np.array([1.0, 2.0, 1.5, 0.5, 1.0, 3.0])
     time = np.concatenate([np.arange(0.0, 8.0, 0.1), np.arange(0.0, 4.0, 0.1)])
     log = np.array(["a"] * 80 + ["b"] * 40)
@@ -254,7 +258,7 @@ def test_blocks_are_as_long_as_the_horizon_and_lie_within_one_log():
 
 
 def test_vehicles_are_compared_start_by_start():
-    """The interval is that of the differences of squares, each relative to their mean."""
+    """The interval is computed from the differences of squared errors relative to their means."""
     own, others = np.random.default_rng(4).uniform(1.0, 2.0, (2, 12))
     better = of_errors(np.stack([own, others])).better("position", "one", "other", 0.5)
     ratio = math.sqrt(np.mean(own**2) / np.mean(others**2))
@@ -266,7 +270,7 @@ def test_vehicles_are_compared_start_by_start():
 @pytest.mark.slow
 @pytest.mark.usefixtures("unfitted")
 def test_predictions_end_where_the_vehicle_lands_or_the_log_has_a_gap(scenario):
-    """No start is within 0.4 s after the start of the log, nor within 50 ms after a gap."""
+    """No prediction starts in the first 0.4 s of the log, or within 50 ms after a gap."""
     log = moving([0.0, 0.0, 0.1], seconds=12.0)
     landed = np.where((log.time > 5.0) & (log.time < 7.0), 0.0, 200.0)
     kept = (log.time < 9.0) | (log.time > 9.3)
@@ -285,39 +289,42 @@ def test_predictions_end_where_the_vehicle_lands_or_the_log_has_a_gap(scenario):
 
 
 def test_starts_are_a_tenth_of_a_second_apart_where_the_filter_settles_and_the_shortest_horizon_ends():
-    """The filter needs half a second without a gap before a start, and rotors follow commands from before the log."""
+    """Before a start, the filter needs half a second without a gap."""
     log = moving([0.0, 0.0, 0.1], seconds=4.0)
     starts = prediction._starts(log, 6, (0.2, 3.0), 1.0)
     assert (starts[0], set(np.diff(starts))) == (50, {10})
     assert starts[-1] + 20 < len(log.time) <= starts[-1] + 20 + 10
-    # A parabola may be longer than that.
+    # At two samples a second, each sample is a start.
+    slow = prediction._starts(replace(log, time=50.0 * log.time), 6, (2.0,), 1.0)
+    assert (slow[0], set(np.diff(slow))) == (6, {1})
+    # The parabola may need more time than the filter.
     assert prediction._starts(log, 77, (0.2,), 1.0)[0] == 77
     gapped = log.part((log.time < 2.0) | (log.time > 2.3))
     starts = prediction._starts(gapped, 6, (0.2,), 1.0)
     times = gapped.time[starts]
     assert times[times < 2.0].max() + 0.2 < 2.0
-    # After a gap as well, the rotors follow commands that are not known.
+    # After a gap, the commands that the rotors follow are unknown.
     assert times[times > 2.0].min() == pytest.approx(2.31 + 0.5, abs=0.1)
-    # If a share of the flight is given, only the starts at the end of the flight count.
+    # If a fraction of the flight is given, only the starts in this last part count.
     late = prediction._starts(log, 6, (0.2,), 0.25)
     np.testing.assert_array_equal(late, [start for start in prediction._starts(log, 6, (0.2,), 1.0) if start >= 300])
 
 
-def test_a_yaw_that_passes_half_a_turn_goes_on_at_its_rate():
+def test_a_yaw_beyond_half_a_turn_continues_at_its_rate():
     time = 0.01 * np.arange(100)
     yaw = 3.0 + 0.5 * time + 0.2 * time**2
     attitude = np.column_stack([0.3 * time, -0.2 * time, (yaw + np.pi) % (2.0 * np.pi) - np.pi])
     starts = np.arange(10, 100)
     log = FlightRecord("turning", time, attitude=attitude)
     motion = prediction._Motion.at(log, ["attitude"], starts, 6)
-    # The attitude is unwrapped before the parabola, and its rates are those of the body.
+    # The attitude is unwrapped before the fit of the parabola. The rates are body rates.
     np.testing.assert_allclose(motion.state[3:5], attitude[starts, :2].T, atol=1e-9)
     turns = (motion.state[5] - yaw[starts]) / (2.0 * np.pi)
     np.testing.assert_allclose(turns, np.round(turns), atol=1e-9)
     assert np.all(np.linalg.norm(motion.state[9:], axis=0) < 2.0)
 
 
-def test_a_flight_reaches_a_horizon_if_it_goes_on_without_a_gap_in_the_air():
+def test_a_horizon_counts_if_the_flight_continues_without_a_gap_in_the_air():
     log = moving([0.0, 0.0, 0.1], seconds=10.0)
     landed = np.where((log.time >= 5.0) & (log.time < 9.0), 0.0, 200.0)
     log = replace(log, rotor_speed_command=np.tile(landed[:, None], 4))
@@ -332,8 +339,8 @@ def test_a_flight_reaches_a_horizon_if_it_goes_on_without_a_gap_in_the_air():
             and bool(flying[start : start + steps + 1].all())
             for start in starts
         ]
-        np.testing.assert_array_equal(prediction._reached(log, starts, steps), expected)
-    assert 0 < np.sum(prediction._reached(log, starts, 20)) < len(starts)
+        np.testing.assert_array_equal(prediction._continues(log, starts, steps), expected)
+    assert 0 < np.sum(prediction._continues(log, starts, 20)) < len(starts)
 
 
 def test_errors_are_distances_and_the_angle_between_two_attitudes():
@@ -364,14 +371,14 @@ def test_errors_are_distances_and_the_angle_between_two_attitudes():
 def test_a_log_with_too_few_samples_for_the_horizons_is_refused(scenario):
     slow = replace(moving([0.0, 0.0, 0.1]), time=0.15 * np.arange(600))
     with pytest.raises(
-        InputError, match=r"has a sample every 0.15 s, which is too few to predict it over 0.1, 0.2, 0.5"
+        InputError, match=r"has a sampling period of 0.15 s, which is too long for predictions over 0.1, 0.2, 0.5"
     ):
         predict(slow, {"right": scenario})
 
 
 @pytest.mark.parametrize(("period", "samples"), [(0.005, 11), (0.01, 6), (0.012, 5), (0.02, 4), (0.05, 4)])
-def test_motion_at_a_start_is_that_of_fifty_milliseconds_or_four_samples(scenario, monkeypatch, period, samples):
-    """Both ends of the fifty milliseconds are samples."""
+def test_motion_at_a_start_is_fitted_to_fifty_milliseconds_or_four_samples(scenario, monkeypatch, period, samples):
+    """The fifty milliseconds include the samples at both ends."""
     given = []
 
     def starts_of(record, past, horizons, share):
@@ -381,22 +388,22 @@ def test_motion_at_a_start_is_that_of_fifty_milliseconds_or_four_samples(scenari
     monkeypatch.setattr(prediction, "_starts", starts_of)
     log = moving([0.0, 0.0, 0.1])
     log = replace(log, time=period / 0.01 * log.time)
-    with pytest.raises(InputError, match="no airborne stretch of 0.7 s"):
+    with pytest.raises(InputError, match="no airborne stretch of at least 0.7 s"):
         predict(log, {"vehicle": scenario}, horizons=(0.2, 0.5), share=0.3)
     assert given == [(samples, 0.3)]
 
 
-def test_the_interval_of_a_sum_is_that_of_independent_blocks():
+def test_the_interval_of_a_sum_follows_from_independent_blocks():
     totals = np.array([1.0, -2.0, 0.5, 3.0])
     expected = quantile(3) * math.sqrt(4.0 / 3.0 * np.sum(totals**2))
-    assert len(totals) * prediction._reach(totals, np.arange(len(totals))) == pytest.approx(float(expected))
-    assert prediction._reach(totals[:1], np.zeros(1, dtype=int)) == math.inf
-    assert math.isfinite(prediction._reach(totals[:2], np.arange(2)))
+    assert len(totals) * prediction._half_width(totals, np.arange(len(totals))) == pytest.approx(float(expected))
+    assert prediction._half_width(totals[:1], np.zeros(1, dtype=int)) == math.inf
+    assert math.isfinite(prediction._half_width(totals[:2], np.arange(2)))
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("unfitted")
-def test_only_the_end_is_predicted_where_that_is_asked_for(record, scenario):
+def test_only_the_end_of_the_flight_is_predicted_on_request(record, scenario):
     late = predict(record, {"right": scenario}, share=0.25, horizons=(0.1,))
     whole = predict(record, {"right": scenario}, horizons=(0.1,))
     assert late.time.min() > 0.7 * record.time[-1]
@@ -406,11 +413,11 @@ def test_only_the_end_is_predicted_where_that_is_asked_for(record, scenario):
 @pytest.mark.parametrize(
     ("left_out", "words"),
     [
-        (("position", "velocity", "attitude", "body_rates"), "has nothing that could be predicted"),
+        (("position", "velocity", "attitude", "body_rates"), "contains no signal that can be predicted"),
         (("rotor_speed_command",), "has no commands for the vehicle"),
     ],
 )
-def test_a_log_of_which_nothing_can_be_predicted_is_refused(record, scenario, left_out, words):
+def test_a_log_without_predictable_signals_is_refused(record, scenario, left_out, words):
     with pytest.raises(InputError, match=words):
         predict(replace(record, **dict.fromkeys(left_out)), {"right": scenario})
 
@@ -421,8 +428,8 @@ def test_a_short_log_is_refused(record, scenario):
 
 
 @pytest.mark.slow
-def test_a_flight_without_attitude_tells_its_height(root):
-    """Fitted to one flight, predicting another."""
+def test_the_height_of_a_flight_without_attitude_is_predicted(root):
+    """The vehicle is fitted to one flight, and predicts another one."""
     base = with_throttles(load_undesigned(root / "diagrams" / "vehicles" / "crazyflie.yaml", ["nominal.mass=0.0287"]))
     folder = root / "tests" / "data" / "crazyflie" / "crazypad"
     first, second = (read_log(folder / f"normal_flight_E8_log0{i}.xz") for i in (0, 1))

@@ -1,4 +1,4 @@
-"""The filter that predicts a log one measurement ahead, against the formulas of a Kalman filter."""
+"""The filter that predicts a log one measurement ahead, compared with the formulas of a Kalman filter."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -10,6 +10,7 @@ import scipy
 from drake_quad import load_scenario
 from drake_quad.identification import fit as fitting
 from drake_quad.identification import prediction_errors
+from drake_quad.identification.logs.attitudes import rotations
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.model import NUM_BODY, NUM_DISTURBANCE, STATE_ROWS, LogModel
 from drake_quad.identification.parameters import Parameter
@@ -29,7 +30,7 @@ def scenario():
 
 @pytest.fixture(scope="module")
 def log(scenario):
-    """Two seconds of a vehicle that hovers unevenly, in noise."""
+    """Return two seconds of a noisy log of unsteady hover."""
     random = np.random.default_rng(3)
     time = PERIOD * np.arange(200)
     hover = np.sqrt(scenario.vehicle.mass * scenario.vehicle.gravity / (4.0 * scenario.vehicle.thrust_factor))
@@ -69,7 +70,7 @@ def noise_of(outputs, *, white=1.0, push=1.0, memory=1.0):
     )
 
 
-def test_a_measurement_corrects_as_a_kalman_filter_does():
+def test_a_measurement_correction_is_that_of_a_kalman_filter():
     random = np.random.default_rng(0)
     root, output = random.normal(size=(3, 5, 5)), random.normal(size=(3, 2, 5))
     covariance, variances = root @ root.swapaxes(1, 2), np.diag([0.3, 0.7])
@@ -85,8 +86,8 @@ def test_a_measurement_corrects_as_a_kalman_filter_does():
         assert whitening[0, 1] == 0.0
 
 
-def test_a_disturbance_keeps_its_variance_while_it_forgets(scenario, log):
-    """It decays by exp(-Δ/T) between two measurements, and the added noise restores its variance."""
+def test_the_variance_of_a_disturbance_is_stationary(scenario, log):
+    """The disturbance decays by exp(-Δ/T) between two measurements, and process noise restores its variance."""
     noise = noise_of(POSE)
     for split in (1, 2):
         predictor = made(scenario, log, split=split)
@@ -96,13 +97,13 @@ def test_a_disturbance_keeps_its_variance_while_it_forgets(scenario, log):
         forgetting = added[NUM_BODY : NUM_BODY + 6]
         faded = np.exp(-2.0 * PERIOD / noise.memory) * noise.disturbance**2
         np.testing.assert_allclose(faded + forgetting, noise.disturbance**2)
-        # The constant part of the horizontal force stays as it is.
+        # The constant part of the horizontal force does not decay.
         np.testing.assert_array_equal(added[NUM_BODY + 6 :], [0.0, 0.0])
 
 
 @pytest.mark.parametrize("duration", [0.05, 0.5, 5.0])
-def test_the_mean_of_a_force_has_the_variance_of_its_mean_correlation(duration):
-    """The variance of a mean is the mean of the correlation exp(-|t - s| / T) over all pairs of times."""
+def test_the_variance_of_a_mean_force_follows_from_its_correlation(duration):
+    """The variance of the mean is the variance times the mean of exp(-|t - s| / T) over all pairs of times."""
     noise = noise_of(POSE)
     found = noise.mean_force(duration)
     for deviation, force, memory in zip(found, noise.force, noise.memory, strict=False):
@@ -110,8 +111,8 @@ def test_the_mean_of_a_force_has_the_variance_of_its_mean_correlation(duration):
         assert deviation == pytest.approx(force * np.sqrt(integral) / duration)
 
 
-def test_noise_is_one_number_for_what_is_alike(scenario, log):
-    """For a pose all axes are alike, for rates and forces x and y are."""
+def test_equivalent_axes_share_one_noise_parameter(scenario, log):
+    """All axes of a pose are equivalent, and the x and y axes of rates and forces."""
     both = POSE + IMU
     alike = made(scenario, log, both).noise_groups
     groups = [
@@ -127,8 +128,8 @@ def test_noise_is_one_number_for_what_is_alike(scenario, log):
     np.testing.assert_array_equal(noise.force, noise.disturbance[:3])
 
 
-def test_what_decides_nothing_that_is_measured_is_no_state_of_the_filter(scenario, log):
-    """Without positions these are the places; then without attitudes yaw, and without forces velocities and forces."""
+def test_states_without_influence_on_the_outputs_are_left_out_of_the_filter(scenario, log):
+    """Without positions, the position is left out; without attitudes, the yaw; without forces, velocities and forces."""
     rates = [Output("body_rates", column) for column in range(3)]
     for outputs, left_out in (
         (POSE, set()),
@@ -139,22 +140,43 @@ def test_what_decides_nothing_that_is_measured_is_no_state_of_the_filter(scenari
         assert {*made(scenario, log, outputs).rows.tolist()} == set(range(NUM_BODY + NUM_DISTURBANCE)) - left_out
 
 
-def test_heights_determine_the_vertical_motion_and_velocities_all_but_the_place(scenario, log):
+def test_heights_determine_the_vertical_motion_and_velocities_all_but_the_position(scenario, log):
     log = replace(log, velocity=np.zeros((200, 3)))
     assert made(scenario, log, [Output("position", 2)]).rows.tolist() == [2, 8, 14]
     velocities = [Output(signal, column) for signal in ("attitude", "velocity") for column in range(3)]
     everything = set(range(NUM_BODY + NUM_DISTURBANCE))
     assert {*made(scenario, log, velocities).rows.tolist()} == everything - {0, 1, 2}
-    # A force along the axes of the body has no constant part along those of the world.
+    # A force along the axes of the body has no constant part along the axes of W.
     model = LogModel(scenario, ["mass"], frame="body")
     windows = [LogWindow(0, 30)]
     assert {*Predictor(model, [log], windows, SIZES, POSE).rows.tolist()} == everything - {18, 19}
     assert {*Predictor(model, [log], windows, SIZES, IMU).rows.tolist()} == everything - {0, 1, 2, 5, 18, 19}
 
 
+def test_a_window_begins_with_a_logged_attitude_that_is_not_predicted_to_within_two_degrees(scenario, log, values):
+    """A predicted attitude begins at the first of its own measurements, and one that is not logged is unknown."""
+    bare = replace(log, attitude=None)
+    for record, outputs, expected in ((log, IMU, 0.03), (bare, IMU, 0.5), (log, POSE, 0.5)):
+        predictor = made(scenario, record, outputs)
+        first = predictor.gains(values, noise_of(outputs)).initial_covariance
+        places = np.flatnonzero(np.isin(predictor.rows, [3, 4, 5]))
+        deviations = np.sqrt(np.diagonal(first, axis1=1, axis2=2))
+        np.testing.assert_allclose(deviations[:, places], expected)
+        np.testing.assert_allclose(deviations[:, predictor.rows.tolist().index(9)], 10.0)
+
+
+def test_a_predicted_attitude_is_that_of_the_frame_of_the_markers(log, values):
+    scenario = load_scenario("laboratory:low_wind", ["laboratory.motion_capture.misalignment=[0.02, -0.03, 0.1]"])
+    predictor = made(scenario, log)
+    flown, state = predictor._begin(values[None])
+    markers = rotations(state[3:6, 0].T) * rotations(np.array([0.02, -0.03, 0.1]))
+    expected = markers.as_euler("ZYX").T[::-1]
+    np.testing.assert_allclose(predictor._predicted(flown, state)[3:, 0], expected, atol=1e-12)
+
+
 @pytest.mark.parametrize("split", [1, 2])
-def test_an_open_loop_begins_at_the_last_measurement_of_the_filter(scenario, log, values, split):
-    """From then on, the gains are zero; without a disturbance, its force and torque are missing in the first step."""
+def test_an_open_loop_prediction_begins_at_the_last_measurement_of_the_filter(scenario, log, values, split):
+    """From then on, the gains are zero. Without a disturbance, the first step lacks its force and torque."""
     predictor, noise = made(scenario, log, split=split), noise_of(POSE)
     gains = predictor.gains(values, noise)
     steps = [1, 3, 20]
@@ -177,7 +199,7 @@ def test_an_open_loop_begins_at_the_last_measurement_of_the_filter(scenario, log
     np.testing.assert_allclose((pushed - free)[9:12], PERIOD * torque, rtol=2e-2, atol=1e-4)
 
 
-def test_windows_begin_as_measured_and_at_rest_where_nothing_is(scenario, log, values):
+def test_windows_begin_at_the_measured_states_and_others_at_zero(scenario, log, values):
     predictor = made(scenario, log)
     state = predictor.initial.state
     for w, start in enumerate((30, 50, 90)):
@@ -189,7 +211,8 @@ def test_windows_begin_as_measured_and_at_rest_where_nothing_is(scenario, log, v
         np.testing.assert_array_equal(predictor.measured[:, 3:, w], log.attitude[first : start + SIZES.length])
     np.testing.assert_array_equal(state[[6, 7, 8, *range(NUM_BODY, NUM_BODY + NUM_DISTURBANCE)]], 0.0)
     np.testing.assert_array_equal(predictor.counted, np.arange(30) >= 10)
-    # Initial standard deviations are 1 m, 0.5 rad, 2 m/s, 10 rad/s, and those of the disturbance and the wind's force.
+    # Initial standard deviations are 1 m, 0.5 rad, 2 m/s and 10 rad/s, then the ones of the disturbance and the wind
+    # force.
     noise = noise_of(POSE)
     first = predictor.gains(values, noise).initial_covariance
     unknown = np.concatenate([np.repeat([1.0, 0.5, 2.0, 10.0], 3), noise.disturbance, [1.0, 1.0]])
@@ -198,7 +221,7 @@ def test_windows_begin_as_measured_and_at_rest_where_nothing_is(scenario, log, v
 
 @pytest.mark.parametrize("outputs", [POSE, IMU], ids=["pose", "imu"])
 def test_gains_are_those_of_a_kalman_filter_along_its_own_predictions(scenario, log, values, outputs):
-    """Its covariance goes through the transition and gains what pushes; the next window begins a settling later."""
+    """The covariance is corrected, propagated, and increased by process noise, from measurement to measurement."""
     predictor, noise = made(scenario, log, outputs), noise_of(outputs)
     gains = predictor.gains(values, noise)
     R, Q = np.diag(noise.measured**2), np.diag(predictor.process_noise(noise))
@@ -213,7 +236,7 @@ def test_gains_are_those_of_a_kalman_filter_along_its_own_predictions(scenario, 
             np.testing.assert_allclose(gains.gain[j, :, :, w], K, rtol=1e-6, atol=1e-8)
             np.testing.assert_allclose(gains.whitening[j, w] @ S @ gains.whitening[j, w].T, np.eye(6), atol=1e-6)
             P = F @ (P - K @ H @ P) @ F.T + Q
-    # A disturbance decays in the transition, and a force moves the velocity.
+    # The transition matrix contains the decay of the disturbance, and the effect of a force on the velocity.
     own = predictor.rows.tolist()
     place = [own.index(NUM_BODY + i) for i in range(6)]
     np.testing.assert_allclose(
@@ -228,8 +251,8 @@ def test_gains_are_those_of_a_kalman_filter_along_its_own_predictions(scenario, 
 
 @pytest.mark.parametrize("outputs", [POSE, IMU], ids=["pose", "imu"])
 @pytest.mark.parametrize("split", [1, 2])
-def test_errors_with_the_gains_of_a_filter_are_its_own(scenario, log, values, outputs, split):
-    """Other parameters have other errors."""
+def test_errors_computed_with_the_gains_of_a_filter_equal_the_filter_errors(scenario, log, values, outputs, split):
+    """With other parameters, the errors differ."""
     predictor, noise = made(scenario, log, outputs, split=split), noise_of(outputs)
     gains = predictor.gains(values, noise)
     more = values * [1.001, 1.0]
@@ -239,9 +262,9 @@ def test_errors_with_the_gains_of_a_filter_are_its_own(scenario, log, values, ou
     assert np.abs(errors[:, :, 1] - errors[:, :, 0]).max() > 1e-6
 
 
-def test_a_window_goes_on_where_the_one_before_it_ended(scenario, log, values):
-    """Windows at 30 and 50 stand one after another, and the one at 90 does not follow them."""
-    # Rotors that do not change turn alike in all windows.
+def test_a_window_continues_from_the_end_of_the_previous_one(scenario, log, values):
+    """The window at 50 directly follows the one at 30; the one at 90 does not follow any."""
+    # With constant commands, the rotor speeds are the same in all windows.
     log = replace(log, rotor_speed_command=np.tile(log.rotor_speed_command[50], (200, 1)))
     predictor, noise = made(scenario, log), noise_of(POSE)
     gains = predictor.gains(values, noise)
@@ -257,11 +280,11 @@ def test_a_window_goes_on_where_the_one_before_it_ended(scenario, log, values):
     again = predictor.gains(values, noise)
     np.testing.assert_array_equal(again.initial_covariance[1], gains.final_covariance[0])
     np.testing.assert_array_equal(again.initial_covariance[0], gains.initial_covariance[0])
-    # The whole filter goes on: the second window foresees as if it were one with the first.
+    # The filter continues: the second window predicts as if both were one window.
     long = made(scenario, log, windows=[LogWindow(0, 30)])
     whole = Predictor(long.model, [log], [LogWindow(0, 30)], SIZES._replace(length=40), POSE).gains(values, noise)
     np.testing.assert_allclose(again.errors[:, :, 1], whole.errors[20:, :, 0], atol=1e-6)
-    # Other parameters begin where the one before would have ended with them, to first order.
+    # With other parameters, the window begins at the end of the previous one for these, to first order.
     flown, begun = predictor._begin(values[None] * [1.0, 1.1])
     np.testing.assert_allclose(begun[:, 0, 1], states[:, 1, 0], atol=1e-9)
     np.testing.assert_allclose(begun[:, 0, 0], before[:, 0])
@@ -269,8 +292,8 @@ def test_a_window_goes_on_where_the_one_before_it_ended(scenario, log, values):
 
 
 @pytest.mark.parametrize(("outputs", "left"), [(POSE, 0.01), (IMU, 0.2)], ids=["pose", "imu"])
-def test_what_filters_of_other_noise_do_not_foresee_follows_to_first_order(scenario, log, values, outputs, left):
-    """Against the filter itself with that noise: what is left is a small part of the change."""
+def test_prediction_errors_with_other_noise_are_linearised(scenario, log, values, outputs, left):
+    """Compared with a filter for the other noise, the remaining error is a small fraction of the change."""
     predictor, noise = made(scenario, log, outputs), noise_of(outputs)
     gains, chosen = predictor.gains(values, noise), np.array([0, 2])
     others = [noise, noise_of(outputs, white=1.1), noise_of(outputs, push=1.1), noise_of(outputs, memory=0.9)]
@@ -292,8 +315,8 @@ def test_what_filters_of_other_noise_do_not_foresee_follows_to_first_order(scena
 
 @pytest.mark.parametrize("outputs", [POSE, IMU], ids=["pose", "imu"])
 @pytest.mark.parametrize("first", [{"white": 1.1}, {"push": 0.8}, {"memory": 1.2}], ids=lambda first: next(iter(first)))
-def test_a_small_change_of_the_noise_is_followed_to_first_order(scenario, log, values, outputs, first):
-    """Against the same filters, each on its own: of a change by a thousandth, a hundredth may be left."""
+def test_several_noises_are_linearised_together(scenario, log, values, outputs, first):
+    """For a change of the noise by 0.1 %, the result differs from that of separate calls by at most 1 % of the change."""
     predictor, noise = made(scenario, log, outputs), noise_of(outputs)
     gains, chosen = predictor.gains(values, noise), np.array([2, 0])
     near = [noise_of(outputs, **(first | {name: first.get(name, 1.0) * 1.001})) for name in ("white", "push", "memory")]
@@ -306,8 +329,8 @@ def test_a_small_change_of_the_noise_is_followed_to_first_order(scenario, log, v
 
 
 @pytest.mark.slow
-def test_the_likeliest_noise_is_that_with_which_a_log_was_made(scenario, values):
-    """The search starts with noise that is wrong by a factor of two; a log of some seconds limits the accuracy."""
+def test_the_likeliest_noise_is_the_noise_of_the_log(scenario, values):
+    """The search starts with noise that is wrong by a factor of two. The log of a few seconds limits the accuracy."""
     random = np.random.default_rng(8)
     true = PredictionNoise(0.7 * noise_of(POSE).measured, np.array([0.5, 0.5, 0.8, 6.0, 6.0, 3.0]), np.full(6, 0.2))
     hover = np.sqrt(scenario.vehicle.mass * scenario.vehicle.gravity / (4.0 * scenario.vehicle.thrust_factor))
@@ -339,8 +362,8 @@ def test_the_likeliest_noise_is_that_with_which_a_log_was_made(scenario, values)
 
 
 @pytest.mark.slow
-def test_a_fit_ends_where_whitened_errors_are_least_and_windows_go_on_from_one_another(scenario, log, values):
-    """No parameter that is within its limits changes the sum of squares, and those that would leave them stay there."""
+def test_a_fit_ends_at_the_minimum_of_whitened_errors_with_continued_windows(scenario, log, values):
+    """The derivatives with respect to parameters inside their limits are zero; the others stay at their limits."""
     predictor, noise = made(scenario, log), noise_of(POSE)
     parameters = [
         Parameter(name, 1.2 * value, value, 0.5 * value, 2.0 * value)
@@ -355,12 +378,12 @@ def test_a_fit_ends_where_whitened_errors_are_least_and_windows_go_on_from_one_a
     slopes = np.einsum("wkp,wk->p", found.slopes, found.errors) + found.prior * (found.values - 1.2 * values)
     deviations = 1.0 / np.sqrt(np.einsum("wkp,wkp->p", found.slopes, found.slopes) + found.prior)
     assert np.abs(slopes * deviations)[inside].max(initial=0.0) < 0.5
-    # The mass carries the thrust of the log.
+    # The weight equals the thrust of the log.
     assert inside[0]
     assert found.values[0] == pytest.approx(values[0], rel=0.2)
 
 
-def test_a_yaw_that_jumps_between_half_turns_is_predicted_like_one_that_does_not(scenario, log, values):
+def test_a_yaw_that_wraps_is_predicted_like_one_that_does_not(scenario, log, values):
     turned = log.attitude + np.array([0.0, 0.0, np.pi - log.attitude[:, 2].mean()])
     jumping = np.where(turned > np.pi, turned - 2.0 * np.pi, turned)
     assert np.count_nonzero(np.abs(np.diff(jumping[:, 2])) > 6.0) > 20
@@ -375,7 +398,10 @@ def test_a_yaw_that_jumps_between_half_turns_is_predicted_like_one_that_does_not
 
 
 def test_the_covariance_of_the_noise_is_large_where_the_log_does_not_identify_it(scenario, log, values):
-    """White noise of n measurements is known to 1 / √2n of itself; the memory of no disturbance is not known at all."""
+    """White noise is known to 1 / √(2n) of its value from n measurements.
+
+    The correlation time of a disturbance of zero is unknown.
+    """
     predictor = made(scenario, log)
     noise = PredictionNoise(np.repeat([1e-3, 4e-3], 3), np.full(6, 1e-6), np.full(6, 0.5))
     fitted = SimpleNamespace(noise=noise, gains=predictor.gains(values, noise))
@@ -385,7 +411,7 @@ def test_the_covariance_of_the_noise_is_large_where_the_log_does_not_identify_it
     assert (variances[6:] > 100.0).all()
 
 
-def test_every_window_counts_once_in_the_estimate_of_the_noise(scenario, values):
+def test_every_window_has_the_same_weight_in_the_estimate_of_the_noise(scenario, values):
     """One of three windows has three times the noise of the others."""
     random = np.random.default_rng(4)
     hover = np.sqrt(scenario.vehicle.mass * scenario.vehicle.gravity / (4.0 * scenario.vehicle.thrust_factor))
@@ -401,13 +427,13 @@ def test_every_window_counts_once_in_the_estimate_of_the_noise(scenario, values)
     np.testing.assert_allclose(found.measured, white * np.sqrt((1.0 + 1.0 + 9.0) / 3.0), rtol=0.1)
 
 
-def test_the_limit_of_the_memory_of_a_force_limits_no_other_number_of_the_noise(scenario, log, values):
-    """Forces along the axes of the body last a quarter of a second at most; longer ones are errors of the thrust."""
+def test_the_limit_of_the_correlation_time_of_a_force_affects_no_other_noise_parameter(scenario, log, values):
+    """Forces along the axes of the body last at most 0.25 s; longer ones are errors of the thrust."""
     model = LogModel(scenario, ["mass"], frame="body")
     predictor = Predictor(model, [log], [LogWindow(0, 30), LogWindow(0, 90)], SIZES, IMU)
     begun = PredictionNoise(noise_of(IMU, white=30.0).measured, np.full(6, 5.0), np.full(6, 0.2))
     found = fitting._noise_of(predictor, predictor.gains(values[:1], begun), begun)
     assert found.memory[:3].max() <= 0.25 * (1.0 + 1e-9)
-    # A number changes by a factor of 12 at most.
+    # A noise parameter changes by at most a factor of 12.
     assert found.disturbance.min() > 5.0 / 12.2
     assert found.measured[3:].min() > 30.0 * 0.3 / 12.2

@@ -1,4 +1,4 @@
-"""Logs as the forward model takes them: rates, windows, forces and initial noise."""
+"""Logs prepared for the forward model: rates, windows, forces and initial noise."""
 
 from dataclasses import replace
 
@@ -45,21 +45,6 @@ def test_logs_faster_than_125_hertz_are_averaged(rotors: Scenario, period: float
     assert len(flying) == len(logs.records[0].time)
 
 
-@pytest.mark.parametrize(("period", "slower"), [(0.008, 3), (0.01, 3), (0.015, 2), (0.016, None), (0.03, None)])
-def test_the_slower_logs_have_at_least_twice_the_period_and_at_most_30_milliseconds(
-    rotors: Scenario, period: float, slower: int | None
-) -> None:
-    logs, _ = prepare([log_of(3.0, *POSE, period=period)], rotors)
-    coarse = logs.coarser()
-    if slower is None:
-        assert coarse is None
-    else:
-        assert coarse is not None
-        assert coarse.period == pytest.approx(slower * period)
-        assert [len(usable) for usable in coarse.flying] == [len(record.time) for record in coarse.records]
-        assert (coarse.outputs, coarse.scenario) == (logs.outputs, logs.scenario)
-
-
 def sizes_in_seconds(logs: PreparedLogs, *, horizon: bool = False) -> tuple[float, float, float]:
     sizes = logs.predictor((), logs.flying, horizon=horizon).sizes
     return tuple(logs.period * samples for samples in sizes)  # type: ignore[return-value]
@@ -70,7 +55,7 @@ def sizes_in_seconds(logs: PreparedLogs, *, horizon: bool = False) -> tuple[floa
     [
         (30.0, POSE, 1.25),
         (30.0, IMU, 1.0),
-        # At least fifteen windows, if they are not shorter than half a second.
+        # There are at least fifteen windows, unless they would be shorter than half a second.
         (12.0, POSE, 0.75),
         (12.0, IMU, 0.75),
         (6.0, POSE, 0.5),
@@ -80,7 +65,7 @@ def sizes_in_seconds(logs: PreparedLogs, *, horizon: bool = False) -> tuple[floa
 def test_windows_are_as_long_as_the_flight_allows(
     rotors: Scenario, seconds: float, signals: tuple[str, ...], length: float
 ) -> None:
-    """The filter settles for 0.4 s before, and the rotors follow their commands for 0.4 s before that."""
+    """Before each window, the filter settles for 0.4 s, and before that the rotors follow their commands for 0.4 s."""
     logs, _ = prepare([log_of(seconds, *signals)], rotors)
     assert sizes_in_seconds(logs) == pytest.approx((length, 0.4, 0.4))
     assert len(logs.predictor((), logs.flying).windows) == int((seconds - 0.4 - 0.01) / length + 1e-9)
@@ -88,36 +73,38 @@ def test_windows_are_as_long_as_the_flight_allows(
 
 @pytest.mark.parametrize(
     ("seconds", "signals", "length"),
-    # Half of the length of four windows in the held-out flight, at most.
+    # The length is at most half of that of four windows in the held-out flight.
     [(30.0, POSE, 0.5), (30.0, IMU, 0.1), (3.2, POSE, 0.4), (1.6, POSE, 0.2), (1.6, IMU, 0.1)],
 )
-def test_forecasts_go_half_a_second_ahead_with_poses_and_a_tenth_without(
+def test_forecasts_last_half_a_second_with_poses_and_a_tenth_without(
     rotors: Scenario, seconds: float, signals: tuple[str, ...], length: float
 ) -> None:
     logs, _ = prepare([log_of(seconds, *signals)], rotors)
     assert sizes_in_seconds(logs, horizon=True) == pytest.approx((length, min(0.4, length), 0.4))
 
 
-def test_a_flight_of_which_three_windows_can_be_cut_is_too_short(rotors: Scenario) -> None:
-    """Four windows of half a second and 0.4 s before them need 2.4 s."""
+def test_a_flight_of_three_windows_is_too_short(rotors: Scenario) -> None:
+    """Four windows of 0.5 s, and 0.4 s before them, need 2.4 s."""
     enough, _ = prepare([log_of(2.42, *POSE)], rotors)
     assert len(enough.predictor((), enough.flying).windows) == 4
     short, _ = prepare([log_of(2.38, *POSE)], rotors)
-    with pytest.raises(InputError, match=r"^only 3 windows of 0.9 s in the air can be cut from the logs; at least 4"):
+    with pytest.raises(InputError, match=r"^the flight in the logs contains only 3 windows of 0.9 s in the air"):
         short.predictor((), short.flying)
-    with pytest.raises(InputError, match=r"^only 0 windows of .* can be cut from the held-out part of the logs"):
+    with pytest.raises(InputError, match=r"^the held-out part of the logs contains only 0 windows of .* in the air"):
         enough.predictor((), [np.zeros(len(enough.records[0].time), dtype=bool)], horizon=True)
 
 
 @pytest.mark.parametrize(
     ("period", "split"), [(0.008, 1), (0.01, 1), (0.0104, 1), (0.0106, 2), (0.02, 2), (0.025, 3), (0.05, 5)]
 )
-def test_the_model_steps_at_most_about_a_hundredth_of_a_second(rotors: Scenario, period: float, split: int) -> None:
+def test_the_step_of_the_model_is_at_most_about_a_hundredth_of_a_second(
+    rotors: Scenario, period: float, split: int
+) -> None:
     logs, _ = prepare([log_of(200 * period, *POSE, period=period)], rotors)
     predictor = logs.predictor((), logs.flying, horizon=True)
     assert predictor.split == split
     assert predictor.inputs.period == pytest.approx(period / split)
-    # A delay of up to 0.15 s and one sample fits into the margin.
+    # The margin holds a delay of 0.15 s plus one sample.
     assert predictor.inputs.margin * predictor.inputs.period >= 0.15 + period
 
 
@@ -129,31 +116,33 @@ def test_a_predictor_has_the_given_parameters_and_delay(rotors: Scenario) -> Non
     np.testing.assert_array_equal(fixed.model.delays(np.ones((2, 1))), 0.2)
     assert fixed.inputs.margin * fixed.inputs.period >= 0.2
     assert logs.predictor(("rotor_aerodynamics.climb",), logs.flying).model.scenario.vehicle.rotor_aerodynamics
-    # Without poses, a force is one along the axes of the body.
+    # Without poses, disturbing forces are along the axes of the body.
     board, _ = prepare([log_of(10.0, *IMU)], rotors)
     assert (predictor.model.frame, board.predictor((), board.flying).model.frame) == ("world", "body")
 
 
 @pytest.mark.parametrize(("seconds", "blocks"), [(7.0, 13), (20.0, 15), (61.0, 15), (80.0, 20)])
-def test_blocks_last_four_seconds_or_there_are_fifteen(rotors: Scenario, seconds: float, blocks: int) -> None:
-    """Few windows are blocks of their own."""
+def test_blocks_last_at_most_four_seconds_and_there_are_at_least_fifteen(
+    rotors: Scenario, seconds: float, blocks: int
+) -> None:
+    """If there are few windows, each window is a block."""
     logs, _ = prepare([log_of(seconds, *POSE)], rotors)
     predictor = logs.predictor((), logs.flying)
     found = window_blocks(predictor)
     assert len(found) == len(predictor.windows)
     assert (found[0], found[-1]) == (0, blocks - 1)
     assert set(np.diff(found)) <= {0, 1}
-    # Blocks differ by one window at most.
+    # The sizes of blocks differ by at most one window.
     assert np.ptp(np.bincount(found)) <= 1
 
 
-def test_a_filter_starts_with_a_large_disturbance_of_short_memory() -> None:
-    """Initial noise of sensors is within a factor of ten of that of usual ones."""
+def test_a_filter_starts_with_a_large_disturbance_of_short_correlation_time() -> None:
+    """The initial noise is within a factor of ten of usual sensors."""
     signals = ("position", "velocity", "attitude", "body_rates", FORCE)
     noise = initial_noise([Output(name, column) for name in signals for column in range(3)])
     usual = np.repeat([1e-3, 2e-2, 4e-3, 2e-2, 0.3], 3)
     assert np.all(np.abs(np.log10(noise.measured / usual)) < 1.0)
-    # A tenth of the weight, and a torque that an error of the moment arm by a millimetre makes.
+    # The force is a tenth of the weight; the torque is that of a moment-arm error of 1 mm.
     assert np.all(noise.disturbance >= [0.1 * GRAVITY] * 3 + [1.0] * 3)
     assert np.all(noise.disturbance < 2.0 * GRAVITY)
     assert np.all(noise.memory < 0.2)
@@ -161,7 +150,7 @@ def test_a_filter_starts_with_a_large_disturbance_of_short_memory() -> None:
 
 @pytest.fixture
 def pushed() -> FlightRecord:
-    """Return a log with a residual force of a level vehicle that is turned by 90° in yaw."""
+    """Return a log with the residual force of a level vehicle with a yaw of 90°."""
     angles = np.tile([0.0, 0.0, 0.5 * np.pi], (50, 1))
     force = np.tile([0.5, -1.0, 2.0], (50, 1))
     command = {"attitude_command": np.zeros((50, 3)), "rotor_speed_command": None}
@@ -169,7 +158,7 @@ def pushed() -> FlightRecord:
 
 
 @pytest.mark.parametrize("kind", ["thrust", "share of hover", "share of full thrust"])
-def test_the_commanded_thrust_of_a_residual_force_follows_from_what_is_logged(
+def test_the_commanded_thrust_of_a_residual_force_follows_from_the_logged_signals(
     attitudes: Scenario, pushed: FlightRecord, kind: str
 ) -> None:
     vehicle = attitudes.vehicle
@@ -178,7 +167,7 @@ def test_the_commanded_thrust_of_a_residual_force_follows_from_what_is_logged(
     signals, thrust = {
         "thrust": ({"thrust_command": 40.0 * shares}, 40.0 * shares),
         "share of hover": (
-            # The share counts, not the thrust of a data sheet.
+            # The thrust share is used, and not the thrust factor of the data sheet.
             {"thrust_share": shares, "hover_share": np.full(50, 0.4), "thrust_command": np.ones(50)},
             vehicle.mass * vehicle.gravity * shares / 0.4,
         ),
@@ -191,7 +180,7 @@ def test_the_commanded_thrust_of_a_residual_force_follows_from_what_is_logged(
 
 
 def test_a_residual_force_is_left_out_without_the_commanded_thrust(attitudes: Scenario, pushed: FlightRecord) -> None:
-    """Neither a share of the thrust without a thrust curve is one, nor a hover share alone."""
+    """A thrust share without a thrust curve, or only a hover share, does not give the commanded thrust."""
 
     def converted(record: FlightRecord, scenario: Scenario = attitudes) -> bool:
         return prepared_logs._with_specific_force(record, scenario) is not record
@@ -202,14 +191,14 @@ def test_a_residual_force_is_left_out_without_the_commanded_thrust(attitudes: Sc
     assert not converted(share, attitudes.model_copy(update={"nominal": nominal}))
     assert not converted(pushed)
     assert not converted(replace(pushed, hover_share=np.full(50, 0.4)))
-    # An accelerometer comes first, and without an attitude the force has no axes.
+    # A logged specific force has priority, and without an attitude, the axes of the force are unknown.
     assert not converted(replace(share, specific_force=np.zeros((50, 3))))
     assert not converted(replace(share, attitude=None))
     assert not converted(replace(share, residual_force=None))
 
 
-def test_the_scenario_of_heights_is_that_of_a_level_vehicle(rotors: Scenario, attitudes: Scenario) -> None:
-    """Estimates are put into the scenario as it was given."""
+def test_heights_are_predicted_by_a_level_vehicle(rotors: Scenario, attitudes: Scenario) -> None:
+    """Estimates are written to the given scenario."""
     logs, scenario = prepare([log_of(3.0, "position")], rotors)
     assert scenario is rotors
     assert logs.scenario.laboratory.autopilot.models_vehicle
@@ -218,7 +207,7 @@ def test_the_scenario_of_heights_is_that_of_a_level_vehicle(rotors: Scenario, at
     for signals in (("position", "attitude"), ("body_rates", FORCE)):
         logs, scenario = prepare([log_of(3.0, *signals)], rotors)
         assert logs.scenario is scenario is rotors
-    # An autopilot's response includes both time constants of the rotors in one.
+    # The response of an autopilot includes the time constants of the rotors.
     update = {"rotor_time_constant_down": 0.09}
     own = attitudes.model_copy(update={"vehicle": attitudes.vehicle.model_copy(update=update)})
     command = {"attitude_command": np.zeros((300, 3)), "thrust_share": np.full(300, 0.4), "rotor_speed_command": None}
@@ -228,7 +217,7 @@ def test_the_scenario_of_heights_is_that_of_a_level_vehicle(rotors: Scenario, at
     assert not logs.own_throttles
 
 
-def test_the_allocation_of_the_firmware_may_be_that_of_another_scenario(rotors: Scenario) -> None:
+def test_the_allocation_of_the_firmware_may_come_from_another_scenario(rotors: Scenario) -> None:
     heavy = load_scenario("laboratory:low_wind", ["nominal.thrust_factor=8e-5"])
     wrench = {
         "thrust_command": np.full(300, 6.0),

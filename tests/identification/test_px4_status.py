@@ -1,4 +1,4 @@
-"""Remarks on the vehicle and the estimator of a ULog, against the codes that MAVLink and PX4 publish."""
+"""Remarks on the vehicle and the estimator of a ULog, compared with the codes published by MAVLink and PX4."""
 
 import numpy as np
 import pytest
@@ -6,11 +6,11 @@ import pytest
 from drake_quad.identification.logs.px4_status import (
     other_vehicle,
     status_remarks,
-    with_invalid_left_out,
-    with_pulses_of_motors,
+    with_motor_pulses,
+    without_invalid_samples,
 )
 
-# MAVLink's common.xml.
+# From MAVLink's common.xml.
 MAV_TYPES = {
     "MAV_TYPE_FIXED_WING": (1, "an aeroplane"),
     "MAV_TYPE_COAXIAL": (3, "a coaxial helicopter"),
@@ -33,7 +33,7 @@ MAV_TYPES = {
     "MAV_TYPE_DODECAROTOR": (29, "a dodecarotor"),
     "MAV_TYPE_DECAROTOR": (35, "a decarotor"),
 }
-# PX4's parameter reference.
+# From PX4's parameter reference.
 AIRFRAMES = {
     "Fixed-wing": (1, "an aeroplane"),
     "Standard VTOL": (2, "a VTOL"),
@@ -49,11 +49,11 @@ AIRFRAMES = {
     "Rover (Mecanum)": (13, "a ground rover"),
     "Spacecraft 2D": (14, "a spacecraft"),
 }
-# VEHICLE_TYPE of VehicleStatus.msg.
+# From VEHICLE_TYPE in PX4's VehicleStatus.msg.
 WINGS = {"fixed wing": (2, "an aeroplane"), "rover": (3, "a ground rover"), "airship": (4, "an airship")}
 
 
-def test_types_of_vehicles_have_the_numbers_that_are_published():
+def test_types_of_vehicles_have_the_published_codes():
     for name, table in (("MAV_TYPE", MAV_TYPES), ("CA_AIRFRAME", AIRFRAMES)):
         known = dict(table.values())
         for number in range(60):
@@ -90,8 +90,8 @@ def remarks(**topics):
         ("vehicle_attitude", "quat", tuple(f"delta_q_reset[{i}]" for i in (1, 2, 3)), 2.0, "attitude {} rad"),
     ],
 )
-def test_each_counter_of_resets_has_its_size_and_unit(topic, counter, fields, size, words):
-    """Resets by less than a hundredth are those with which every estimator begins."""
+def test_each_reset_is_reported_with_its_size_and_unit(topic, counter, fields, size, words):
+    """Resets below 0.01 are ignored, since every estimator begins with them."""
     what, unit = words.split(" {} ")
     for count, jumps in ((1, [(3, 0.2)]), (2, [(3, 0.2), (9, 0.4)]), (1, [(3, 0.001), (9, 0.4)]), (0, [(3, 0.001)])):
         counts = sum((np.arange(20) >= row).astype(int) for row, _ in jumps)
@@ -105,26 +105,26 @@ def test_each_counter_of_resets_has_its_size_and_unit(topic, counter, fields, si
         large = [(row, jump) for row, jump in jumps if jump > 0.01]
         times = "once" if count == 1 else "2 times"
         assert said == [
-            f"the estimator resets its {what} {times}, at most by {max(jump for _, jump in large):.2g} {unit}, first at"
+            f"the estimator resets its {what} {times}, by up to {max(jump for _, jump in large):.2g} {unit}, first at"
             f" {1.0 + 0.1 * large[0][0]:.4g} s of the log; the estimate jumps there"
         ]
-    # Without the size of a reset nothing is said.
+    # Without its size, a reset is not reported.
     assert remarks(**{topic: {f"{counter}_reset_counter": np.arange(20)}}) == []
 
 
-def test_failsafes_faults_and_dead_reckoning_are_told_by_their_times():
+def test_failsafes_faults_and_dead_reckoning_are_reported_with_their_times():
     rows = np.arange(20)
     assert remarks(vehicle_status={"failsafe": np.isin(rows, [0, 1, 5, 18, 19])}) == [
-        "PX4 is in failsafe from 1 to 1.1 s, 1.5 to 1.5 s, 2.8 to 2.9 s of the log: it does not follow its reference"
-        " then"
+        "PX4 is in failsafe from 1 to 1.1 s, 1.5 to 1.5 s, 2.8 to 2.9 s of the log: the vehicle may not follow its"
+        " reference there"
     ]
     assert remarks(vehicle_status={"failsafe": np.zeros(20, dtype=bool)}) == []
     for field, what in (
         ("filter_fault_flags", "numerical faults"),
-        ("innovation_check_flags", "measurements that the estimator rejects"),
+        ("innovation_check_flags", "rejected measurements"),
     ):
         assert remarks(estimator_status={field: np.where(rows > 14, 4, 0)}) == [
-            f"estimator_status has {what} in 25.00% of its samples, first at 2.5 s of the log"
+            f"estimator_status reports {what} in 25.00% of its samples, first at 2.5 s of the log"
         ]
     reckoned = {"dead_reckoning": rows < 10, "xy_valid": rows >= 5}
     assert remarks(vehicle_local_position=reckoned) == [
@@ -142,34 +142,38 @@ def test_a_log_ends_in_flight_if_it_is_armed_and_not_landed(armed, landed, ends)
     assert remarks(vehicle_status={"arming_state": np.array([armed])}) == []
 
 
-def test_each_field_is_left_out_where_its_own_flag_says_so():
+def test_each_field_is_left_out_where_its_flag_marks_it_as_invalid():
     fields = {"xy_valid": ("x", "y"), "z_valid": ("z",), "v_xy_valid": ("vx", "vy"), "v_z_valid": ("vz",)}
     every = [name for names in fields.values() for name in names]
     data = {name: np.arange(4.0) for name in every} | {flag: np.ones(4) for flag in fields}
     for flag, names in fields.items():
-        found = with_invalid_left_out("vehicle_local_position", data | {flag: np.array([1, 0, 1, 0])})
+        found = without_invalid_samples("vehicle_local_position", data | {flag: np.array([1, 0, 1, 0])})
         for name in every:
             expected = [0.0, np.nan, 2.0, np.nan] if name in names else [0.0, 1.0, 2.0, 3.0]
             np.testing.assert_array_equal(found[name], expected)
-        others = with_invalid_left_out("vehicle_attitude", data | {flag: np.zeros(4)})
+        others = without_invalid_samples("vehicle_attitude", data | {flag: np.zeros(4)})
         np.testing.assert_array_equal(others["x"], data["x"])
-    assert {*with_invalid_left_out("vehicle_local_position", {"x": np.zeros(2)})} == {"x"}
+    assert {*without_invalid_samples("vehicle_local_position", {"x": np.zeros(2)})} == {"x"}
 
 
 def test_pulses_of_motors_come_from_any_of_sixteen_outputs():
     data = {f"output[{i}]": np.full(3, 1000.0 + 50.0 * i) for i in range(16)}
     parameters = {"PWM_MAIN_FUNC16": 101, "PWM_MAIN_FUNC1": 102, "PWM_MAIN_FUNC9": 103, "PWM_MAIN_FUNC5": 104}
-    found, remarks = with_pulses_of_motors(data, parameters)
+    found, remarks = with_motor_pulses(data, parameters)
     np.testing.assert_allclose([found[f"output[{i}]"][0] for i in range(4)], [1750.0, 1000.0, 1400.0, 1200.0])
-    whole = "the range of the motors, from off to full throttle, is"
-    assert remarks[0] == f"{whole} 1000 to 2000 µs, assumed, since no parameter in the log says so"
-    assert remarks[1] == "PX4's motors 1 to 4 are on its outputs 16, 1, 9, 5, by PWM_MAIN_FUNC1 and so on"
-    # A limit of 0 µs is one, and one below stands for the next.
+    whole = "the pulse range of the motors, from off to full throttle, is"
+    assert remarks[0] == f"{whole} 1000 to 2000 µs, assumed, since the log contains no such parameter"
+    assert (
+        remarks[1] == "PX4's motors 1 to 4 are on its outputs 16, 1, 9, 5, by the parameters PWM_MAIN_FUNC1 and so on"
+    )
+    # A limit of 0 µs is valid; a negative one refers to the next parameter.
     limits = {"PWM_MAIN_MIN2": 0, "PWM_MAIN_MIN": -1, "PWM_MIN": 900, "PWM_MAX": 1900}
-    found, remarks = with_pulses_of_motors(data, limits)
+    found, remarks = with_motor_pulses(data, limits)
     expected = [1000.0 + 1000.0 * (1000.0 - 900.0) / 1000.0, 1000.0 + 1000.0 * 1050.0 / 1900.0]
     np.testing.assert_allclose([found[f"output[{i}]"][0] for i in range(2)], expected)
-    assert remarks == [f"{whole} 900 to 1900, 0 to 1900 µs, by PWM_MAIN_MIN, PWM_MAIN_MAX and the like"]
-    # Without one of the outputs nothing is known.
+    assert remarks == [
+        f"{whole} 900 to 1900, 0 to 1900 µs, by the parameters PWM_MAIN_MIN, PWM_MAIN_MAX and similar ones"
+    ]
+    # If one of the outputs is missing, the motor commands are unknown.
     few = {name: values for name, values in data.items() if name != "output[2]"}
-    assert with_pulses_of_motors(few, {}) == (few, [])
+    assert with_motor_pulses(few, {}) == (few, [])

@@ -1,4 +1,4 @@
-"""Stretches of flight with numbers of their own: against closed forms, by hand, and by how often intervals hold."""
+"""Parameters that vary between stretches of flight: closed forms, refits, and coverage of intervals."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ SCALES = np.full(2, 1e6)
 
 
 def evidence(rng, *, deviation: float, windows: int = 60, samples: int = 8) -> Evidence:
-    """Of a line through samples of unit noise, whose slope is another in each stretch by a standard deviation."""
+    """Return the evidence of a linear fit with unit noise, whose second parameter varies between stretches."""
     rows = rng.normal(size=(windows, samples, 2)) * rng.uniform(0.7, 1.4, size=(windows, 1, 1))
     slopes = np.stack([np.ones(NUM_STRETCHES), -2.0 + deviation * rng.normal(size=NUM_STRETCHES)], axis=1)
     own = slopes[np.arange(windows) * NUM_STRETCHES // windows]
@@ -31,13 +31,13 @@ def evidence(rng, *, deviation: float, windows: int = 60, samples: int = 8) -> E
 
 
 def stretches_of(estimates: np.ndarray, variances: np.ndarray) -> Stretches:
-    """Of one number, with estimates and the variances of their errors."""
+    """Return stretches with one parameter, from estimates and the variances of their errors."""
     information = 1.0 / variances[:, None, None]
     nothing = np.zeros((len(estimates), 1))
     return Stretches(information, nothing, estimates[:, None], variances[:, None], 50.0, 1.0)
 
 
-def test_a_number_that_no_stretch_tells_does_not_vary() -> None:
+def test_a_parameter_without_information_does_not_vary() -> None:
     rng = np.random.default_rng(5)
     told = evidence(rng, deviation=0.5)
     nothing = np.zeros(2)
@@ -60,8 +60,8 @@ def test_a_number_that_no_stretch_tells_does_not_vary() -> None:
     assert mean.covariance[2, 2] == 0.0
 
 
-def test_a_stretch_is_fitted_by_itself() -> None:
-    """Of a linear model one step is exact: each stretch is fitted again."""
+def test_each_stretch_is_fitted_separately() -> None:
+    """For a linear model, one Gauss-Newton step is exact, so the test refits each stretch."""
     rng = np.random.default_rng(3)
     rows = rng.normal(size=(20, 5, 2))
     values = rows @ [1.0, -2.0] + rng.normal(size=(20, 5))
@@ -111,8 +111,8 @@ def test_errors_are_those_of_the_model_with_one_window_in_a_stretch() -> None:
     assert stretches.degrees_of_freedom == np.inf
 
 
-def test_a_number_varies_if_its_scatter_is_significant_at_ten_per_cent() -> None:
-    """The test is χ² if errors are known, and F if they are estimated with few degrees of freedom."""
+def test_a_parameter_varies_if_its_scatter_is_significant_at_ten_per_cent() -> None:
+    """The significance test is χ² for known errors, and F for errors estimated with few degrees of freedom."""
     unit = np.array([-1.5, 1.5, -1.0, 1.0, -0.5, 0.5, -2.0, 2.0, -0.2, 0.2])
     unit *= np.sqrt(9.0 / np.sum(unit**2))
     for freedom, critical in ((np.inf, chi2.isf(0.1, 9) / 9.0), (10.0, f.isf(0.1, 9, 10)), (50.0, f.isf(0.1, 9, 50))):
@@ -123,8 +123,8 @@ def test_a_number_varies_if_its_scatter_is_significant_at_ten_per_cent() -> None
                 assert own.variance_between()[0] == pytest.approx(factor * critical - 1.0)
 
 
-def test_numbers_that_vary_together_are_correlated() -> None:
-    """The second number is -2 times the first, and the third is independent of both."""
+def test_parameters_that_vary_together_are_correlated() -> None:
+    """The second parameter is -2 times the first, and the third is independent of both."""
     rng = np.random.default_rng(13)
     one, other = rng.normal(size=(2, 400))
     estimates = 5.0 + np.stack([one, -2.0 * one, other], axis=1)
@@ -133,10 +133,10 @@ def test_numbers_that_vary_together_are_correlated() -> None:
     found = own.correlation(np.array([1.0, 4.0, 1.0]))
     np.testing.assert_allclose(found[:2, :2], [[1.0, -1.0], [-1.0, 1.0]])
     assert found[0, 2] == pytest.approx(np.corrcoef(one, other)[0, 1], rel=1e-3)
-    # Stretches with large errors count less: here only the first ten count.
+    # Stretches with large errors have less weight; here, only the first ten matter.
     variances[10:] = 1e9
     assert own.correlation(np.ones(3))[0, 2] == pytest.approx(np.corrcoef(one[:10], other[:10])[0, 1], rel=1e-3)
-    # The variation has these correlations and the standard deviations of its numbers.
+    # The variation has these correlations, and the standard deviation of each parameter.
     evidences = evidence(rng, deviation=2.0)
     varied = variation_of(evidences)
     stretches = Stretches.of(evidences)
@@ -157,17 +157,17 @@ def test_a_variation_can_be_reduced_and_extended() -> None:
     assert not extended.covariance[:2, 2:].any()
 
 
-def test_variance_between_stretches_alike_is_what_errors_leave_of_it() -> None:
-    """With errors of one size v it is s² - v."""
+def test_the_variance_of_the_errors_is_subtracted_from_that_between_stretches() -> None:
+    """For sample variance s² and equal error variances v, the variance between stretches is s² - v."""
     estimates = np.array([1.0, 3.0, -2.0, 5.0, 0.0, 4.0, -1.0, 2.0, 6.0, -3.0])
     found = stretches_of(estimates, np.full(10, 2.0)).variance_between()
     assert found[0] == pytest.approx(np.var(estimates, ddof=1) - 2.0)
-    # Whatever the unit.
+    # The result does not depend on the unit.
     tiny = stretches_of(1e-8 * estimates, np.full(10, 2e-16)).variance_between()
     assert tiny[0] == pytest.approx(1e-16 * found[0], rel=1e-9)
 
 
-def test_the_mean_square_is_as_large_as_it_should_be_with_other_variances() -> None:
+def test_the_weighted_sum_of_squares_equals_its_degrees_of_freedom() -> None:
     estimates, variances = np.array([0.0, 1.0, 9.0, -4.0, 2.0, 7.0]), np.array([0.1, 4.0, 1.0, 0.5, 2.0, 0.3])
     (between,) = stretches_of(estimates, variances).variance_between()
     weights = 1.0 / (variances + between)
@@ -175,8 +175,8 @@ def test_the_mean_square_is_as_large_as_it_should_be_with_other_variances() -> N
     assert np.sum(weights * (estimates - mean) ** 2) == pytest.approx(5.0)
 
 
-def test_what_comes_by_chance_is_no_variation() -> None:
-    """In one of ten cases at most it is taken for one; windows that agree by chance make errors no smaller."""
+def test_chance_is_seldom_taken_for_variation() -> None:
+    """The significance level is ten per cent."""
     rng = np.random.default_rng(0)
     found = [variation_of(evidence(rng, deviation=0.0)) for _ in range(300)]
     seen = np.array([np.diag(each.covariance) > 0.0 for each in found if each is not None])
@@ -184,14 +184,14 @@ def test_what_comes_by_chance_is_no_variation() -> None:
     assert 0.02 < seen.mean() < 0.12
 
 
-def test_variation_is_found_where_there_is_some_and_nowhere_else() -> None:
+def test_variation_is_found_only_in_the_parameter_that_varies() -> None:
     rng = np.random.default_rng(1)
     found = np.array([np.diag(variation_of(evidence(rng, deviation=0.5)).covariance) for _ in range(100)])
     assert np.mean(found[:, 1]) == pytest.approx(0.25, rel=0.15)
     assert np.median(found[:, 0]) == 0.0
 
 
-def test_few_windows_tell_no_variation() -> None:
+def test_too_few_windows_give_no_variation() -> None:
     own = evidence(np.random.default_rng(2), deviation=1.0, windows=20)
 
     def first(count):
@@ -206,8 +206,8 @@ def test_few_windows_tell_no_variation() -> None:
     assert uncertainty_of_mean(unsure, few, None) is unsure
 
 
-def test_the_mean_of_what_varies_is_as_sure_as_stretches_say() -> None:
-    """And that of what does not vary as it was."""
+def test_the_uncertainty_of_a_varying_parameter_follows_from_stretches() -> None:
+    """The uncertainty of a parameter that does not vary is unchanged."""
     own = evidence(np.random.default_rng(4), deviation=2.0)
     blocks = np.arange(60) * NUM_STRETCHES // 60
     by_stretches = jackknife(sums_over_blocks(own.information, blocks), sums_over_blocks(own.scores, blocks))
@@ -224,18 +224,18 @@ def test_the_mean_of_what_varies_is_as_sure_as_stretches_say() -> None:
 
 @pytest.mark.parametrize("deviation", [0.3, 3.0])
 def test_intervals_hold_for_stretches_that_were_held_out(deviation) -> None:
-    """Whether numbers vary by little or by much: nineteen of twenty, to three standard deviations of chance."""
+    """For small and large variation, the coverage is 95 %, to within three standard errors."""
     rng = np.random.default_rng(5)
     held = [[each.covered for each in hold_out(evidence(rng, deviation=deviation)).values()] for _ in range(60)]
     share = np.mean(held, axis=0) / NUM_STRETCHES
-    # Of 600 intervals each.
+    # The standard error of the coverage of 600 intervals is 0.009.
     assert np.all(share > 0.95 - 3.0 * 0.009)
     assert np.all(share < 0.95 + 4.0 * 0.009)
 
 
 @pytest.mark.filterwarnings("error")
-def test_a_number_that_one_stretch_tells_is_as_sure_as_before() -> None:
-    """The other stretches say nothing of it: it has one degree of freedom, and the rest is as if it were not there."""
+def test_a_parameter_that_only_one_stretch_determines_keeps_the_variance_of_the_model() -> None:
+    """The other stretches contain no information on this parameter, so it has one degree of freedom."""
     own = evidence(np.random.default_rng(7), deviation=0.0)
     alone = np.arange(60) * NUM_STRETCHES // 60 == 3
     kept = np.where(alone, 1.0, 0.0)[:, None] * [0.0, 1.0] + [1.0, 0.0]
@@ -245,7 +245,7 @@ def test_a_number_that_one_stretch_tells_is_as_sure_as_before() -> None:
         scores=(own.scores - np.mean(own.scores[alone], axis=0)) * kept,
     )
     mean = Stretches.of(apart).uncertainty()
-    # Its estimate does not move when a block is left out, so it is as sure as the model says.
+    # The estimate does not change when another block is left out, so its variance is that of the model.
     assert mean.covariance[1, 1] == pytest.approx(1.0 / apart.information[:, 1, 1].sum())
     assert mean.degrees_of_freedom[1] == 1.0
     drag = apart._replace(

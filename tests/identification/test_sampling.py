@@ -1,40 +1,34 @@
-"""Commands between samples, clocks that drift, and estimates that depend on the bandwidth of a log."""
+"""Commands between samples, drifting clocks, and estimates that depend on the bandwidth of a log."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from drake_quad.errors import InputError
 from drake_quad.identification import sampling
-from drake_quad.identification.evidence import Uncertainty
 from drake_quad.identification.logs.consistency import clock_shifts
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.parameters import Parameter
 from drake_quad.identification.prediction_errors import PredictionNoise
 from drake_quad.identification.sampling import (
-    SlowFit,
     attenuated,
     fast_command_remarks,
     fast_command_share,
-    slow_fit,
     synchronised,
-    with_bandwidth,
 )
 
 PERIOD = 0.01
 TIME = PERIOD * np.arange(4000)
-# Shift in each part of two seconds, s.
+# Time shift in each part of two seconds, s.
 DRIFT = 0.015 * np.where(np.arange(20) % 4 < 2, 1.0, -1.0)
 
 
 def rolling(shifts, *, lost=()):
-    """Return a log that rolls and pitches, whose attitude is shifted in each part of two seconds.
+    """Return a log of roll and pitch motion, whose attitude is delayed by a different time in each part of two seconds.
 
     Args:
-        shifts: (20,) by how much the attitude is behind, s.
+        shifts: (20,) delay of the attitude, s.
         lost: signals that are not logged.
     """
     shift = np.repeat(shifts, len(TIME) // 20)
@@ -66,8 +60,8 @@ def test_a_constant_shift_is_the_same_in_all_parts(shift):
     np.testing.assert_allclose(found, -shift, atol=1e-3)
 
 
-def test_logs_that_are_short_and_sensors_that_do_not_agree_have_no_shifts():
-    """Fifty windows of a tenth of a second are the least; parts without a common motion are left out."""
+def test_short_logs_and_sensors_that_do_not_agree_give_no_shifts():
+    """At least fifty windows of 0.1 s are required. Parts without a common motion are left out."""
     record = rolling(np.zeros(20))
     for count in (10, 40, 58, 220):
         assert len(shifts_of(record.part(slice(count)))) == 0
@@ -78,7 +72,7 @@ def test_logs_that_are_short_and_sensors_that_do_not_agree_have_no_shifts():
     assert 8 <= len(shifts_of(half)) <= 10
 
 
-def test_clocks_that_drift_leave_the_sensors_on_board_alone():
+def test_with_drifting_clocks_only_the_sensors_on_board_are_used():
     drifting = rolling(DRIFT)
     np.testing.assert_allclose(np.std(shifts_of(drifting)), np.std(DRIFT), rtol=0.2)
     (kept,), late, (remark,) = synchronised([drifting])
@@ -94,13 +88,13 @@ def test_a_constant_shift_is_no_drift():
     assert synchronised([record]) == ([record], False, [])
 
 
-def test_an_attitude_that_lags_the_gyroscope_is_late():
+def test_an_attitude_that_lags_behind_the_gyroscope_is_late():
     record = rolling(np.full(20, 0.007))
     (kept,), late, (remark,) = synchronised([record])
     assert kept is record
     assert late
     assert remark.startswith("the attitude lags the body rates by 7 ms")
-    # Alone, the attitude is still better than nothing.
+    # Without other signals, even a late attitude is used.
     bare = rolling(np.full(20, 0.007), lost=("position", "specific_force"))
     assert synchronised([bare]) == ([bare], False, [])
 
@@ -116,12 +110,12 @@ def test_without_an_accelerometer_a_drift_is_only_remarked():
 @pytest.mark.parametrize(
     ("shifts", "drifts"),
     [
-        # Four parts at least, with a standard deviation of 8 ms.
+        # A drift needs at least four parts and a standard deviation of 8 ms.
         ([[0.01, -0.01, 0.01]], False),
         ([[0.01, -0.01, 0.01, -0.01]], True),
         ([[0.0078, -0.0078] * 4], False),
         ([[0.0082, -0.0082] * 4], True),
-        # Each log has a shift of its own, and the parts of all of them count together.
+        # Each log may have a different mean shift; the parts of all logs count together.
         ([[0.05, 0.05], [-0.05, -0.05]], False),
         ([[0.05, 0.03], [0.01, -0.01]], True),
         ([[], [0.01, -0.01, 0.01, -0.01]], True),
@@ -144,7 +138,7 @@ def test_a_drift_is_a_scatter_of_the_shifts_within_logs(monkeypatch, shifts, dri
 
 
 def test_clocks_are_compared_where_both_sensors_are_logged(monkeypatch):
-    """A record of a slower log keeps its rate, and one without a gyroscope keeps all records as they are."""
+    """A slower log keeps its rate. If one log has no gyroscope, all records are unchanged."""
     compared = []
 
     def shifts_of_part(signals, time):
@@ -167,31 +161,31 @@ def noise_with(disturbance) -> PredictionNoise:
     return PredictionNoise(np.full(6, 1e-3), np.array(disturbance), np.full(6, 0.1))
 
 
-def test_a_log_of_less_than_256_samples_in_flight_has_no_spectrum():
+def test_a_log_of_fewer_than_256_samples_in_flight_has_no_spectrum():
     random = np.random.default_rng(3)
     whole = rolling(np.zeros(20))
     white = replace(whole, motor_command=0.5 + 0.1 * random.normal(size=(len(TIME), 4)))
     assert fast_command_share(white.part(slice(255))) == 0.0
     assert fast_command_share(white.part(slice(256))) > 0.3
-    # Commands that are constant have no power, and rotor speeds are commands as well.
+    # Constant commands have no power. Rotor speeds count as commands.
     assert fast_command_share(whole) == 0.0
     speeds = replace(white, motor_command=None, rotor_speed_command=400.0 * white.motor_command)
     assert fast_command_share(speeds) == pytest.approx(fast_command_share(white))
-    # Only flight counts, and a slow drift of the commands is none of their power.
+    # Only flight counts, and a slow drift of the commands is removed.
     landed = np.where((TIME > 20.0)[:, None], 0.0, white.motor_command)
     assert fast_command_share(replace(white, motor_command=landed)) == pytest.approx(0.5, abs=0.05)
     drifting = white.motor_command + np.outer(TIME, [0.1, -0.1, 0.05, -0.05])
     assert fast_command_share(replace(white, motor_command=drifting)) == pytest.approx(0.5, abs=0.05)
 
 
-def test_the_share_of_fast_commands_is_that_of_white_and_of_smooth_commands():
+def test_the_fraction_of_fast_commands_is_large_for_white_and_small_for_smooth_commands():
     random = np.random.default_rng(2)
     still = rolling(np.zeros(20))
     white = replace(still, motor_command=0.5 + 0.1 * random.normal(size=(len(TIME), 4)))
     smooth = replace(still, motor_command=0.5 + 0.1 * np.sin(np.outer(TIME, [3.0, 4.0, 5.0, 6.0])))
     assert fast_command_share(white) == pytest.approx(0.5, abs=0.03)
     assert fast_command_share(smooth) < 0.01
-    # A thrust that all rotors have in common does not turn the vehicle.
+    # Equal commands of all rotors produce no torque.
     common = replace(smooth, motor_command=smooth.motor_command + 0.1 * random.normal(size=(len(TIME), 1)))
     assert fast_command_share(common) < 0.01
     assert fast_command_share(replace(still, motor_command=None)) == 0.0
@@ -204,46 +198,7 @@ def test_the_share_of_fast_commands_is_that_of_white_and_of_smooth_commands():
     assert [*distorted] == ["inertia[0]", "rotor_time_constant", "rotor_time_constant_down"]
     assert "(rolling)" in distorted["inertia[0]"]
     assert attenuated([smooth, common], parameters, torque) == {}
-    # A force does not replace a torque, so no commands are missing.
+    # A disturbing force does not replace a torque, so no commands are missing.
     assert attenuated([smooth, white], parameters, noise_with(disturbance=[0.2, 0.2, 0.2, 1e-3, 1e-3, 1e-3])) == {}
     (remark,) = fast_command_remarks([smooth, white])
     assert remark.startswith(("rolling: 50% of the power", "rolling: 49% of the power"))
-
-
-def test_a_slow_fit_starts_from_the_fast_one_and_is_left_out_if_the_logs_are_too_short(monkeypatch):
-    parameters = [Parameter("mass", 1.0, 0.5), Parameter("linear_drag", 0.1, 0.1)]
-    fast = SimpleNamespace(noise="noise", values=np.array([1.1, 0.2]))
-    asked = []
-
-    class Logs:
-        period, flying = 0.03, ["flying"]
-
-        def predictor(self, names, flying):
-            asked.append((names, flying))
-            return "predictor"
-
-    def fit(*given):
-        asked.append(given)
-        return SimpleNamespace(values=np.array([1.2, 0.3]))
-
-    def refuse(*_):
-        raise InputError("only 3 windows")
-
-    monkeypatch.setattr(sampling, "fit", fit)
-    found = slow_fit(SimpleNamespace(coarser=Logs), parameters, fast)
-    assert asked == [(["mass", "linear_drag"], ["flying"]), ("predictor", parameters, "noise", fast.values)]
-    np.testing.assert_array_equal(found.values, [1.2, 0.3])
-    assert found.period == 0.03
-    assert slow_fit(SimpleNamespace(coarser=lambda: None), parameters, fast) is None
-    monkeypatch.setattr(sampling, "fit", refuse)
-    assert slow_fit(SimpleNamespace(coarser=Logs), parameters, fast) is None
-
-
-def test_the_dependence_on_the_bandwidth_widens_an_interval():
-    """A third of the period distorts by an eighth of the difference. Correlations do not change."""
-    own = np.array([[1.0, 0.5], [0.5, 1.0]])
-    uncertainty = Uncertainty(own, np.full(2, np.inf), own)
-    found = with_bandwidth(uncertainty, np.array([0.5, 1.0]), SlowFit(np.array([4.0, 2.0]), 0.03), 0.01)
-    variances = 1.0 + np.array([3.5 / 8.0, 1.0 / 8.0]) ** 2
-    np.testing.assert_allclose(np.diag(found.covariance), variances)
-    assert found.covariance[0, 1] == pytest.approx(0.5 * np.sqrt(np.prod(variances)))

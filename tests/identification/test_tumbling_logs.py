@@ -1,4 +1,4 @@
-"""Tumbling vehicles that are driven by logged commands."""
+"""Tumbling vehicles with logged commands."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def scenario(diagrams):
 
 @pytest.fixture(scope="module")
 def tumbles():
-    """Return twelve tumbles in still air, whose rotors turn as commanded."""
+    """Return twelve tumbling motions in still air, with rotor speeds equal to the commands."""
     found = random_tumbles(12, seed=8)
     alike = np.tile(COMMAND, (12, 1))
     return found._replace(speeds=alike, commands=alike, winds=np.zeros((12, 3)))
@@ -60,9 +60,9 @@ def test_the_model_of_a_predictor_follows_a_tumbling_vehicle(scenario, tumbles, 
 
 
 def test_a_predictor_follows_a_vehicle_that_rolls_over(diagrams):
-    """The vehicle rolls at 3 rad/s under constant thrust.
+    """The vehicle rolls at 3 rad/s with constant thrust.
 
-    At one sample its roll is 180° to the bit, so half of the perturbed angles around it wrap.
+    At one sample, the roll is exactly 180°, so half of the perturbed angles around it wrap.
     """
     scenario = load_scenario(diagrams / "figure_eight.yaml")
     vehicle = LogModel(scenario, ["mass"])
@@ -71,7 +71,7 @@ def test_a_predictor_follows_a_vehicle_that_rolls_over(diagrams):
     mass = scenario.vehicle.mass
     command = np.full((200, 4), 200.0)
     thrust = 4.0 * scenario.vehicle.thrust_factor * 200.0**2 / mass
-    # The position is twice the integral of the thrust, along (0, -sin, cos), and of the weight.
+    # The position is the double integral of the specific thrust along (0, -sin, cos), and of gravity.
     across, up = thrust * np.array([np.sin(roll) / 9.0, -np.cos(roll) / 9.0])
     position = np.column_stack([0.0 * time, across, up - 0.5 * scenario.vehicle.gravity * time**2])
     attitude = np.column_stack([np.arctan2(np.sin(roll), np.cos(roll)), 0.0 * time, 0.0 * time])

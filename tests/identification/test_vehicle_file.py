@@ -1,4 +1,4 @@
-"""The file of an identified vehicle: it loads, flies, is drawn from in studies, and says what is known."""
+"""Files of identified vehicles: values, distributions, comments, and their use in scenarios and studies."""
 
 import itertools
 import os
@@ -20,7 +20,7 @@ from drake_quad.scenario.distributions import Normal
 from drake_quad.scenario.files.loading import load_undesigned
 from drake_quad.scenario.paths import distributions_in
 
-# As flights of a Crazyflie give them, or nearly so: value and standard deviation.
+# Values and standard deviations, similar to those from flights of a Crazyflie.
 FOUND = {
     "mass": (0.03345, 2e-4),
     "inertia[0]": (1.7e-5, 1.5e-6),
@@ -42,7 +42,7 @@ NOT_DRAWN = ("laboratory.command_link.delay_ticks", "body_drag.linear[1]")
 
 
 def correlated(count):
-    """Correlations at random, of no special structure; the curve's are strong, as a fit around hover makes them."""
+    """Return random correlations; those of the thrust curve are strong, as after a fit around hover."""
     shape = np.random.default_rng(4).normal(size=(count, count + 8))
     shape[5] = 0.05 * shape[5] - shape[6]
     covariance = shape @ shape.T
@@ -78,7 +78,7 @@ def written(estimates, base, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def believed(estimates, base, tmp_path_factory):
-    """The vehicle whose nominal part has the estimates, too."""
+    """Return a vehicle whose nominal parameters are the estimates, too."""
     path = tmp_path_factory.mktemp("believed") / "my_drone.yaml"
     return load_undesigned(write_vehicle(path, "my-drone", estimates, base=base, nominal=True))
 
@@ -89,12 +89,12 @@ def vehicle(written):
 
 
 def text_of(path):
-    """The text without line breaks in comments."""
+    """Return the text of a file without line breaks in comments."""
     return re.sub(r"\n *# ", " ", path.read_text(encoding="utf-8"))
 
 
 def test_values_and_covariance_are_read_back(estimates, vehicle):
-    """As a normal distribution with the intervals of Student's; a deviation to 1e-5, and that of any sum to 1 %."""
+    """The normal distributions have the half-widths of Student's intervals."""
     joint = joint_normal(distributions_in(vehicle))
     drawn = [name for name in estimates.names if name not in NOT_DRAWN[:1]]
     assert set(joint.paths) == {scenario_path(name) for name in drawn}
@@ -102,7 +102,7 @@ def test_values_and_covariance_are_read_back(estimates, vehicle):
     order = [joint.paths.index(scenario_path(name)) for name in drawn]
     wider = scipy.stats.t.ppf(0.975, 40.0) / scipy.stats.norm.ppf(0.975)
     scale = wider**2 * np.outer(part.deviations, part.deviations)
-    # A drag that pushes is none; else what is written is the estimate.
+    # A negative drag is written as zero, and all other parameters as their estimates.
     values = np.where(np.array(drawn) == NOT_DRAWN[1], 0.0, part.values)
     np.testing.assert_allclose((joint.mean[order] - values) / part.deviations, 0.0, atol=1e-5)
     found = joint.covariance[np.ix_(order, order)] / scale
@@ -113,7 +113,7 @@ def test_values_and_covariance_are_read_back(estimates, vehicle):
 
 
 def test_each_distribution_is_on_one_line(written):
-    """Comments have at most 100 characters besides their indentation."""
+    """Without their indentation, comments have at most 100 characters."""
     lines = written.read_text(encoding="utf-8").splitlines()
     shared = [line for line in lines if "shared: {" in line]
     assert max(map(len, shared)) > 150
@@ -131,8 +131,8 @@ def test_a_long_name_in_a_comment_is_not_broken(base, tmp_path):
     assert path.read_text(encoding="utf-8").count(source.log) == 2
 
 
-def test_what_varies_between_stretches_is_drawn_and_said(base, tmp_path):
-    """The error of the mean alone would be an interval a third as wide."""
+def test_the_variation_between_stretches_is_in_the_distribution_and_the_comment(base, tmp_path):
+    """Without the variation, the interval would be a third as wide."""
     mean = Variation(np.diag([0.0, 8.0 * 1.5e-6**2]), 40.0, 8.2)
     found = estimates_of({name: FOUND[name] for name in ("mass", "inertia[0]")}, variation=mean)
     path = write_vehicle(tmp_path / "mine.yaml", "mine", found, base=base)
@@ -143,27 +143,27 @@ def test_what_varies_between_stretches_is_drawn_and_said(base, tmp_path):
     text = text_of(path)
     assert "1.70e-05 kg m² [1.39e-05, 2.01e-05] with 95 % confidence; 1.70e-05 kg m² [" in text
     assert text.count("] in another 8.2 s of flight") == 1
-    assert "say of a number and how it varies among them. Fields that share a variable are correlated." in text
+    assert "of a parameter and its variation among these flights. Fields that share a variable are correlated." in text
     assert text.count("correlated.") == 1
 
 
-def test_what_varies_between_flights_is_said_to_be_of_another_flight(base, tmp_path):
+def test_the_comment_on_a_variation_between_flights_refers_to_another_flight(base, tmp_path):
     both = {"variation": Variation(np.array([[1e-12]]), 40.0, 8.2), "flight_variation": Variation(np.eye(1), 2.0, 9.0)}
     text = text_of(write_vehicle(tmp_path / "m.yaml", "m", estimates_of({"mass": FOUND["mass"]}, **both), base=base))
     assert "in another flight;" in text
     assert "in another 8.2 s" not in text
 
 
-def test_variation_that_nobody_looked_at_is_not_said_to_be_there(base, tmp_path):
+def test_an_unknown_variation_is_not_claimed(base, tmp_path):
     found = {name: FOUND[name] for name in ("mass", "inertia[0]")}
     text = text_of(write_vehicle(tmp_path / "none.yaml", "mine", estimates_of(found), base=base))
-    assert "say of a number. Fields" in text
+    assert "uncertainty of a parameter. Fields" in text
     some = estimates_of(found, variation=Variation(np.array([[1e-8]]), 40.0, 8.2).with_unknown(1))
     text = text_of(write_vehicle(tmp_path / "some.yaml", "mine", some, base=base))
-    assert "how it varies among them, which is not known of inertia[0]. Fields" in text
+    assert "its variation among these flights. The variation is unknown for inertia[0]. Fields" in text
 
 
-def test_what_is_drawn_has_the_covariance_of_the_estimates(estimates, vehicle):
+def test_drawn_samples_have_the_covariance_of_the_estimates(estimates, vehicle):
     names = ["mass", "motors.curve[0]", "motors.curve[1]", "motors.curve[2]", "centre_of_mass[0]"]
     batch = Batch.draw(vehicle, range(20_000)).varying
     part = estimates.part(names)
@@ -176,8 +176,8 @@ def test_what_is_drawn_has_the_covariance_of_the_estimates(estimates, vehicle):
         assert np.mean((drawn > least) & (drawn < most)) == pytest.approx(0.95, abs=0.006)
 
 
-def test_controllers_believe_what_they_did_unless_the_estimates_are_asked_for(base, vehicle, believed):
-    """A controller that flew the log knew nothing of its identification."""
+def test_nominal_parameters_change_only_on_request(base, vehicle, believed):
+    """By default, the controller keeps the nominal parameters with which it flew the log."""
     own = {"motors": vehicle.nominal.motors, "max_rotor_speed": vehicle.nominal.max_rotor_speed}
     assert vehicle.nominal == load_undesigned(base).nominal.model_copy(update=own)
     assert believed.nominal.mass == pytest.approx(0.03345)
@@ -191,8 +191,8 @@ def test_controllers_believe_what_they_did_unless_the_estimates_are_asked_for(ba
     assert vehicle.laboratory.autopilot == load_undesigned(CRAZYFLIE).laboratory.autopilot
 
 
-def test_a_curve_is_believed_if_it_is_asked_for(root, tmp_path):
-    """Otherwise a base of rotor speeds believes in its full thrust at full throttle."""
+def test_the_nominal_thrust_curve_is_written_on_request(root, tmp_path):
+    """Otherwise, the nominal curve of a base with rotor speeds has the full thrust at full throttle."""
     found = estimates_of({f"motors.curve[{place}]": FOUND[f"motors.curve[{place}]"] for place in range(3)})
     sheet = root / "diagrams" / "vehicles" / "crazyflie.yaml"
     nominal = load_undesigned(write_vehicle(tmp_path / "old.yaml", "old", found, base=sheet)).nominal
@@ -201,12 +201,12 @@ def test_a_curve_is_believed_if_it_is_asked_for(root, tmp_path):
     written = write_vehicle(tmp_path / "new.yaml", "new", found, base=sheet, nominal=True)
     vehicle = load_undesigned(written)
     assert vehicle.nominal.motors.curve == pytest.approx((0.0227, 0.0019, 0.1284))
-    # Numbers without comments are on one line.
+    # A list without comments is on one line.
     assert re.search(r"^ +curve: \[0\.0227\d*, 0\.0019\d*, 0\.1284\d*\]$", written.read_text(), re.MULTILINE)
 
 
 def test_a_vehicle_of_rotor_speeds_gets_throttle_motors(root, tmp_path):
-    """A log may determine two of the three numbers. The rotors may turn as fast as the curve says, and stand still."""
+    """The log determines two of three coefficients. The rotor speed ranges from zero to the maximum of the curve."""
     found = estimates_of({"motors.curve[0]": (0.02, 0.002), "motors.curve[2]": (0.3, 0.006)})
     base = f"{root / 'diagrams' / 'laboratory.yaml'}:low_wind"
     assert load_undesigned(base).vehicle.min_rotor_speed > 0.0
@@ -224,8 +224,8 @@ def test_the_voltage_of_a_curve_is_written_with_it(base, tmp_path):
     assert motors.curve[2].normal.mean == pytest.approx(0.1284)
 
 
-def test_a_curve_that_falls_cannot_be_believed(base, tmp_path):
-    """The autopilot could not invert it; nothing is written."""
+def test_a_falling_curve_cannot_be_nominal(base, tmp_path):
+    """The autopilot could not invert the curve, so nothing is written."""
     falling = {**{f"motors.curve[{i}]": FOUND[f"motors.curve[{i}]"] for i in range(3)}, "motors.curve[1]": (-0.1, 0.01)}
     with pytest.raises(InputError, match="the vehicle cannot be written: .*must increase from throttle 0 to 1"):
         write_vehicle(tmp_path / "new.yaml", "new", estimates_of(falling), base=base, nominal=True)
@@ -233,26 +233,26 @@ def test_a_curve_that_falls_cannot_be_believed(base, tmp_path):
 
 
 @pytest.mark.parametrize("part", ["vehicle", "nominal"])
-def test_the_limit_of_the_rotor_speed_does_not_cut_a_curve_off(believed, part):
+def test_the_limit_of_the_rotor_speed_does_not_limit_the_curve(believed, part):
     limited = getattr(believed, part)
     assert limited.thrust_factor * limited.max_rotor_speed**2 > 1.15 * (0.0227 + 0.0019 + 0.1284)
 
 
-def test_what_would_contradict_an_estimate_is_switched_off(vehicle, base):
-    """Whatever the base or a laboratory beneath has: one lag was found, and all drag is in the estimate."""
+def test_effects_that_contradict_an_estimate_are_switched_off(vehicle, base):
+    """The single estimated lag holds in both directions, and the estimated drag replaces all other drag."""
     assert load_undesigned(base).vehicle.rotor_time_constant_down is not None
     assert vehicle.vehicle.rotor_time_constant_down is None
     assert {"linear_drag", "quadratic_drag"} <= vehicle.vehicle.model_fields_set
 
 
-def test_lags_that_were_found_for_each_direction_are_both_written(base, tmp_path):
+def test_the_lags_of_both_directions_are_written(base, tmp_path):
     found = estimates_of({"rotor_time_constant": (0.05, 0.001), "rotor_time_constant_down": (0.08, 0.002)})
     vehicle = load_undesigned(write_vehicle(tmp_path / "lags.yaml", "lags", found, base=base)).vehicle
     assert vehicle.rotor_time_constant.normal.mean == 0.05
     assert vehicle.rotor_time_constant_down.normal.mean == 0.08
 
 
-def test_a_limit_that_the_base_has_for_its_vehicle_cuts_no_curve_off(base, tmp_path):
+def test_a_rotor_speed_limit_of_the_base_does_not_limit_the_curve(base, tmp_path):
     own = tmp_path / "own.yaml"
     own.write_text(f"own: {{extends: {base}, vehicle: {{max_rotor_speed: 2400.0}}}}")
     found = estimates_of({f"motors.curve[{place}]": FOUND[f"motors.curve[{place}]"] for place in range(3)})
@@ -260,8 +260,8 @@ def test_a_limit_that_the_base_has_for_its_vehicle_cuts_no_curve_off(base, tmp_p
     assert vehicle.thrust_factor * vehicle.max_rotor_speed**2 > 1.15 * (0.0227 + 0.0019 + 0.1284)
 
 
-def test_numbers_are_written_with_the_digits_that_their_deviation_asks_for(base, tmp_path):
-    """Many, since sums of them may be known much better than any of them."""
+def test_values_are_written_to_a_small_fraction_of_their_deviation(base, tmp_path):
+    """Many digits are needed, since sums of parameters may be known much better than each of them."""
     found = estimates_of({"mass": (0.0334512345678, 2e-7), "inertia[0]": (1.712345678e-5, 1.5e-6)})
     path = write_vehicle(tmp_path / "new.yaml", "new", found, base=base)
     joint = joint_normal(distributions_in(load_undesigned(path)))
@@ -269,7 +269,7 @@ def test_numbers_are_written_with_the_digits_that_their_deviation_asks_for(base,
     assert "mean: 0.033451234568\n" in path.read_text()
 
 
-def test_every_number_says_what_is_known_of_it(written):
+def test_every_value_has_a_comment_on_its_uncertainty(written):
     text = text_of(written)
     for words in (
         "0.03345 kg [0.03304, 0.03386] with 95 % confidence; explains 43 % of the variance of acceleration along z;"
@@ -279,13 +279,13 @@ def test_every_number_says_what_is_known_of_it(written):
         "      delay_ticks: 1",
         "inertia[2] is not identified: the vehicle never turned about its vertical axis",
         "A gap of 0.2 s at 12.3 s was left out.",
-        "one lag was found for both directions\n    rotor_time_constant_down: null",
+        "one time constant was identified for both directions\n    rotor_time_constant_down: null",
     ):
         assert words in text
     assert all(len(line) <= 120 for line in written.read_text().splitlines() if line.lstrip().startswith("#"))
 
 
-def test_distributions_keep_to_what_a_vehicle_can_be(vehicle):
+def test_distributions_are_limited_to_valid_vehicles(vehicle):
     found = distributions_in(vehicle)
     assert found["vehicle.mass"].normal.min == pytest.approx(0.003345)
     assert found["vehicle.body_drag.linear.0"].normal.min == 0.0
@@ -297,8 +297,8 @@ def test_distributions_keep_to_what_a_vehicle_can_be(vehicle):
     assert all(isinstance(value, Normal) for value in found.values())
 
 
-def test_limits_are_not_beyond_a_mean_that_is_known_very_well(base, tmp_path):
-    """Limits have four digits, which round the larger one down and the smaller one up here."""
+def test_limits_contain_a_mean_that_is_known_very_well(base, tmp_path):
+    """Limits have four digits. Here, rounding lowers the upper limit and raises the lower one."""
     found = {"rotor_time_constant": (0.07123412345, 1e-9), "thrust_factor_error[2]": (0.01234678912, 1e-9)}
     drawn = distributions_in(
         load_undesigned(write_vehicle(tmp_path / "sure.yaml", "sure", estimates_of(found), base=base))
@@ -316,7 +316,7 @@ GAINS = (
 
 @pytest.fixture(scope="module")
 def loop(written, diagrams):
-    """Over a laboratory and its figure eight, with gains of its own."""
+    """Return a scenario of the vehicle in a laboratory, on a figure eight, with its own gains."""
     path = written.parent / "loop.yaml"
     laboratory = os.path.relpath(diagrams / "laboratory.yaml", path.parent)
     path.write_text(
@@ -326,7 +326,7 @@ def loop(written, diagrams):
     return path
 
 
-def test_it_is_laid_over_a_laboratory_and_flies(loop):
+def test_the_vehicle_flies_in_a_laboratory(loop):
     scenario = load_scenario(loop)
     assert scenario.vehicle.linear_drag == 0.0
     metrics = simulate(scenario, sample=3).metrics
@@ -334,17 +334,17 @@ def test_it_is_laid_over_a_laboratory_and_flies(loop):
     assert metrics.rmse < 0.4
 
 
-def test_it_is_drawn_from_in_a_study(loop, vehicle):
+def test_a_study_draws_from_its_distributions(loop, vehicle):
     study = run_monte_carlo(load_scenario(loop), 40, 2, num_workers=1)
     assert (study.failures, study.metrics.crashed.any()) == ({}, np.False_)
     assert set(study.parameters) == set(distributions_in(vehicle))
-    # The curve's numbers are off together, so that the thrust of hover is off by little.
+    # The errors of the curve's coefficients are correlated, so the thrust of hover has a small error.
     curve = np.array([study.parameters[f"vehicle.motors.curve.{place}"] for place in range(3)])
     assert np.corrcoef(curve[1:])[0, 1] < -0.95
 
 
-def test_an_attitude_s_response_takes_the_place_of_what_is_on_board(root, tmp_path):
-    """With what it needs beside it, and without what is in it."""
+def test_an_attitude_response_replaces_the_system_on_board(root, tmp_path):
+    """The fields that it requires are added, and those that it includes are removed."""
     found = {
         f"autopilot.{name}[{axis}]": (9.0 + axis, 0.2) for name in ("natural_frequency", "damping") for axis in range(3)
     }
@@ -356,16 +356,16 @@ def test_an_attitude_s_response_takes_the_place_of_what_is_on_board(root, tmp_pa
     assert scenario.laboratory.autopilot.kind == "response"
     assert scenario.laboratory.autopilot.damping[2].normal.mean == pytest.approx(11.0)
     assert scenario.control.attitude is None
-    with pytest.raises(InputError, match=r"autopilot\.damping must be estimated, too"):
+    with pytest.raises(InputError, match=r"autopilot\.damping must also be estimated"):
         write_vehicle(tmp_path / "half.yaml", "half", estimates_of(dict([*found.items()][:3])), base=base)
     with pytest.raises(
-        InputError, match=r"autopilot\.damping\[2\] must be estimated, too: what the vehicle extends has none"
+        InputError, match=r"autopilot\.damping\[2\] must also be estimated: the extended vehicle has no such parameter"
     ):
         write_vehicle(tmp_path / "half.yaml", "half", estimates_of(dict([*found.items()][:5])), base=base)
 
 
-def test_a_response_of_the_attitude_is_laid_over_a_laboratory_with_an_attitude_controller(root, tmp_path):
-    """It takes the place of that controller; of the reference only the acceleration can be fed forward."""
+def test_an_attitude_response_replaces_the_attitude_controller_of_a_laboratory(root, tmp_path):
+    """With an attitude response, only the acceleration of the reference can be fed forward."""
     found = {f"autopilot.{name}[{i}]": (9.0, 0.2) for name in ("natural_frequency", "damping") for i in range(3)}
     own = tmp_path / "own.yaml"
     write_vehicle(own, "own", estimates_of(found), base=root / "diagrams" / "vehicles" / "crazyflie.yaml")
@@ -379,13 +379,13 @@ def test_a_response_of_the_attitude_is_laid_over_a_laboratory_with_an_attitude_c
     assert with_response.position == control.position.model_copy(update={"feed_forward": "acceleration"})
 
 
-def test_a_base_without_a_response_of_the_attitude_needs_none(root, tmp_path):
+def test_a_base_without_an_attitude_response_needs_none(root, tmp_path):
     base = root / "diagrams" / "vehicles" / "crazyflie.yaml"
     path = write_vehicle(tmp_path / "new.yaml", "new", estimates_of({"mass": (0.03345, 2e-4)}), base=base)
     assert load_undesigned(path).laboratory.autopilot == load_undesigned(base).laboratory.autopilot
 
 
-def test_of_a_response_that_the_base_has_some_numbers_may_be_estimated(root, tmp_path):
+def test_part_of_an_attitude_response_of_the_base_may_be_estimated(root, tmp_path):
     base = f"{root / 'diagrams' / 'vehicles' / 'neural_fly.yaml'}:neural_fly"
     found = {f"autopilot.natural_frequency[{i}]": (9.0 + i, 0.2) for i in range(3)}
     path = write_vehicle(tmp_path / "new.yaml", "new", estimates_of(found), base=base)
@@ -394,8 +394,8 @@ def test_of_a_response_that_the_base_has_some_numbers_may_be_estimated(root, tmp
     assert autopilot.damping == load_undesigned(base).laboratory.autopilot.damping
 
 
-def test_what_a_base_draws_is_still_drawn(base, tmp_path):
-    """Of a list, the items that were not estimated."""
+def test_distributions_of_the_base_are_kept(base, tmp_path):
+    """In a list, the distributions of items that were not estimated are kept."""
     own = tmp_path / "own.yaml"
     own.write_text(
         f"own: {{extends: {base}, vehicle: {{inertia: [1.7e-5, 1.7e-5, {{uniform: {{min: 2e-5, max: 4e-5}}}}]}}}}"
@@ -409,7 +409,7 @@ def test_what_a_base_draws_is_still_drawn(base, tmp_path):
 
 
 def test_an_impossible_inertia_is_written_as_the_nearest_possible_one_with_a_remark(base, tmp_path):
-    """The estimates of I_xx and I_yy are too small for the I_zz of the base, by more than rounding."""
+    """The estimates of I_xx and I_yy are too small for the I_zz of the base by more than rounding errors."""
     found = {"inertia[0]": (1.3e-5, 1e-6), "inertia[1]": (1.2e-5, 1e-6)}
     path = write_vehicle(tmp_path / "new.yaml", "new", estimates_of(found), base=base, nominal=True)
     excess = 2.98e-5 - 2.5e-5
@@ -434,11 +434,11 @@ def test_an_impossible_inertia_is_written_as_the_nearest_possible_one_with_a_rem
         (
             {"motors.curve[0]": (0.03, 0.1)},
             {},
-            "motors.curve[2] must be estimated, too: what the vehicle extends has none",
+            "motors.curve[2] must also be estimated: the extended vehicle has no such parameter",
         ),
     ],
 )
-def test_what_cannot_be_written_leaves_nothing(base, tmp_path, found, options, words):
+def test_an_error_leaves_no_file(base, tmp_path, found, options, words):
     path = tmp_path / options.get("path", "drone.yaml")
     with pytest.raises(InputError) as caught:
         write_vehicle(path, options.get("name", "drone"), estimates_of(found), base=options.get("base", base))
@@ -446,13 +446,13 @@ def test_what_cannot_be_written_leaves_nothing(base, tmp_path, found, options, w
     assert list(tmp_path.iterdir()) == []
 
 
-def test_no_estimates_are_no_vehicle(estimates, base, tmp_path):
-    with pytest.raises(InputError, match="no estimate to write"):
+def test_a_vehicle_needs_at_least_one_estimate(estimates, base, tmp_path):
+    with pytest.raises(InputError, match="at least one estimate"):
         write_vehicle(tmp_path / "none.yaml", "none", estimates.part([]), base=base)
 
 
-def test_comments_stand_in_the_columns_of_what_they_are_about(written):
-    """Mappings and lists are indented by two columns more each, and an item follows its dash after one space."""
+def test_comments_have_the_indentation_of_their_fields(written):
+    """Each mapping or list adds two columns of indentation; an item follows its dash after one space."""
     lines = written.read_text().splitlines()
     inside = lines[next(i for i, line in enumerate(lines) if not line.startswith("#")) :]
     kinds = set()
@@ -466,7 +466,7 @@ def test_comments_stand_in_the_columns_of_what_they_are_about(written):
     assert kinds >= {"key", "-"}
 
 
-def test_what_was_given_is_put_where_it_belongs_unless_it_was_identified():
+def test_given_fields_are_inserted_unless_they_were_identified():
     found = vehicle_file._Entry(0.5, "identified")
     tree = {"vehicle": {"mass": found}, "laboratory": {}, "control": {}}
     for given in (
@@ -476,53 +476,66 @@ def test_what_was_given_is_put_where_it_belongs_unless_it_was_identified():
         "laboratory.motion_capture.period=0.01",
         "control.attitude.fuzzy.gain=[1, 2]",
     ):
-        vehicle_file._put(tree, given)
+        vehicle_file._add_override(tree, given)
     assert tree["vehicle"]["mass"] is found
     assert tree["vehicle"]["gravity"].value == 9.8
     cameras = tree["laboratory"]["motion_capture"]
     assert {name: entry.value for name, entry in cameras.items()} == {"position_noise": 0.001, "period": 0.01}
     entry = tree["control"]["attitude"]["fuzzy"]["gain"]
-    assert (entry.value, entry.comment) == ([1, 2], "given, not identified")
+    assert (entry.value, entry.comment) == ([1, 2], "set by the user, not identified")
     for wrong in ("route.laps=2", "vehicle=1", "vehicle.inertia.0=1", "vehicle.thrust_factor_error.rotor_2=0.1"):
-        with pytest.raises(InputError, match="cannot be written with a vehicle: allowed are whole fields of vehicle"):
-            vehicle_file._put(tree, wrong)
+        with pytest.raises(InputError, match="cannot be written to the file of a vehicle: only fields of vehicle"):
+            vehicle_file._add_override(tree, wrong)
+
+
+def test_what_was_given_is_in_the_file_and_the_full_thrust_that_is_believed_follows_from_it(root, tmp_path):
+    given = ("vehicle.mass=0.031", "nominal.thrust_factor=3e-8", "vehicle.gravity=9.8")
+    found = estimates_of({f"motors.curve[{place}]": FOUND[f"motors.curve[{place}]"] for place in range(3)})
+    base = root / "diagrams" / "vehicles" / "crazyflie.yaml"
+    path = write_vehicle(tmp_path / "given.yaml", "given", found, base=base, given=given)
+    scenario = load_undesigned(path)
+    assert (scenario.vehicle.mass, scenario.nominal.thrust_factor, scenario.vehicle.gravity) == (0.031, 3e-8, 9.8)
+    assert path.read_text().count("# set by the user, not identified") == 3
+    full = 3e-8 * load_undesigned(base).nominal.max_rotor_speed ** 2
+    assert scenario.nominal.motors.curve == pytest.approx((0.0, 0.0, full), rel=1e-3)
 
 
 @pytest.mark.parametrize(
     ("value", "written", "said"), [(-0.3, 0.0, True), (-0.04, 0.0, False), (0.04, 0.04, False), (0.3, 0.3, False)]
 )
-def test_a_number_beyond_its_limit_is_written_as_the_limit_which_is_said(value, written, said):
-    """The comment says so if the number is beyond the limit by more than its standard deviation."""
+def test_a_value_beyond_its_limit_is_written_as_the_limit_with_a_comment(value, written, said):
+    """A comment is written if the value exceeds the limit by more than its standard deviation."""
     estimates = Estimates(("linear_drag",), np.array([value]), np.array([[0.05**2]]), 30.0, Source("m", "log"))
     number = vehicle_file._values(estimates, "v")["linear_drag"]
     assert number["normal"]["mean"] == written
     comment = vehicle_file._comment(estimates, "linear_drag", number)
-    assert comment.endswith("; the estimate is outside the limits of the language, and the limit is written") == said
+    remark = "; the estimate is outside the range of the scenario language, so the limit of the range is written"
+    assert comment.endswith(remark) == said
 
 
 @pytest.mark.parametrize(
     "unknown", [("inertia[0]",), ("inertia[0]", "inertia[1]"), ("rotor_inertia", "motors.curve[1]")]
 )
-def test_numbers_that_are_not_identified_are_not_believed(base, tmp_path, unknown):
-    """A curve is believed as a whole, since its coefficients are correlated, unless none of them is identified."""
+def test_parameters_that_are_not_identified_keep_their_nominal_values(base, tmp_path, unknown):
+    """A curve is written as a whole, since its coefficients are correlated, unless none of them is identified."""
     sheet = load_undesigned(base)
     found = {"inertia[0]": (1.7e-5, 1e-6), "inertia[1]": (1.8e-5, 1e-6), "rotor_inertia": (2e-8, 1e-9)}
-    curve = {f"motors.curve[{place}]": FOUND[f"motors.curve[{place}]"] for place in range(3)}
+    curve = {f"motors.curve[{index}]": FOUND[f"motors.curve[{index}]"] for index in range(3)}
     estimates = replace(estimates_of(found | curve), not_identified=dict.fromkeys(unknown, "it hardly moves"))
     believed = load_undesigned(write_vehicle(tmp_path / "new.yaml", "new", estimates, base=base, nominal=True)).nominal
-    for place in range(2):
-        name = f"inertia[{place}]"
-        expected = sheet.nominal.inertia[place] if name in unknown else found[name][0]
-        assert believed.inertia[place] == pytest.approx(expected)
+    for index in range(2):
+        name = f"inertia[{index}]"
+        expected = sheet.nominal.inertia[index] if name in unknown else found[name][0]
+        assert believed.inertia[index] == pytest.approx(expected)
     assert believed.inertia[2] == sheet.nominal.inertia[2]
     expected = sheet.nominal.rotor_inertia if "rotor_inertia" in unknown else 2e-8
     assert believed.rotor_inertia == pytest.approx(expected)
     assert believed.motors.curve == pytest.approx((0.0227, 0.0019, 0.1284))
 
 
-def test_a_curve_of_which_nothing_is_identified_is_not_believed(base, tmp_path):
+def test_a_curve_without_an_identified_coefficient_is_not_written_to_nominal(base, tmp_path):
     """Neither the curve of the data sheet nor the limits of the rotors change."""
-    curve = {f"motors.curve[{place}]": FOUND[f"motors.curve[{place}]"] for place in range(3)}
+    curve = {f"motors.curve[{index}]": FOUND[f"motors.curve[{index}]"] for index in range(3)}
     estimates = replace(estimates_of(curve), not_identified=dict.fromkeys(curve, "it hardly moves"))
     found, plain = (
         load_undesigned(write_vehicle(tmp_path / "new.yaml", "new", estimates, base=base, nominal=nominal))
@@ -531,8 +544,8 @@ def test_a_curve_of_which_nothing_is_identified_is_not_believed(base, tmp_path):
     assert found == plain
 
 
-def test_a_vehicle_tells_which_estimates_its_controllers_believe(vehicle, believed):
-    """Of the estimates, only these have a place in `nominal`."""
-    names = ["mass", "inertia.0", "inertia.1", *(f"motors.curve.{place}" for place in range(3))]
+def test_the_believed_estimates_of_a_vehicle_are_listed(vehicle, believed):
+    """Only these estimates have a place in `nominal`."""
+    names = ["mass", "inertia.0", "inertia.1", *(f"motors.curve.{index}" for index in range(3))]
     assert sorted(believed_estimates(believed)) == sorted(names)
     assert believed_estimates(vehicle) == []

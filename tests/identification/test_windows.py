@@ -1,4 +1,4 @@
-"""Which parts of a record are used, and how it is made coarser."""
+"""Selection of the parts of a record, and reduction of its sampling rate."""
 
 import numpy as np
 import pytest
@@ -16,21 +16,24 @@ from drake_quad.identification.windows import (
     held_out,
     pieces,
     steep_remarks,
-    within_half_a_turn,
+    wrapped_angles,
 )
 
 PERIOD = 0.01
 
 
 def record(seconds: float = 20.0, **signals: np.ndarray) -> FlightRecord:
-    """A record of hover."""
+    """Return a record of hover."""
     count = round(seconds / PERIOD)
     command = np.full((count, 4), 0.5)
     return FlightRecord("hover", PERIOD * np.arange(count), **({"motor_command": command} | signals))
 
 
 def test_a_second_after_take_off_and_before_landing_is_left_out() -> None:
-    """Rotors stand still for the first 5 s and the last 5 s; half a second is the mean's, one the margin."""
+    """The rotors stand still for the first and last 5 s.
+
+    The average takes half a second, and the margin is one second.
+    """
     command = np.full((2000, 4), 0.5)
     command[:500] = command[1500:] = 0.0
     flying = np.flatnonzero(airborne(record(motor_command=command)))
@@ -40,14 +43,14 @@ def test_a_second_after_take_off_and_before_landing_is_left_out() -> None:
 
 
 def test_a_short_cut_of_the_throttle_is_still_flight() -> None:
-    """A quarter of a second without thrust is a manoeuvre."""
+    """A quarter of a second without thrust counts as a manoeuvre."""
     command = np.full((2000, 4), 0.5)
     command[1000:1025] = 0.0
     assert airborne(record(motor_command=command))[900:1100].all()
 
 
 def test_a_second_around_a_collision_is_left_out() -> None:
-    """Five times the weight across the rotors is no flight."""
+    """A lateral specific force of five times the weight is not flight."""
     force = np.tile([0.0, 0.0, 9.81], (2000, 1))
     force[1000, 0] = 50.0
     flying = airborne(record(specific_force=force))
@@ -55,8 +58,8 @@ def test_a_second_around_a_collision_is_left_out() -> None:
     assert flying[[899, 1101]].all()
 
 
-def test_windows_lie_one_after_another_and_none_spans_a_gap() -> None:
-    """A gap of 0.1 s after sample 500 begins another piece; what settles must fit, too."""
+def test_windows_follow_one_another_and_do_not_span_a_gap() -> None:
+    """A gap of 0.1 s after sample 500 begins another piece, in which the settling time must fit, too."""
     base = record(10.0)
     time = base.time + np.where(np.arange(1000) > 500, 0.1, 0.0)
     broken = FlightRecord("gap", time, motor_command=base.motor_command)
@@ -66,7 +69,7 @@ def test_windows_lie_one_after_another_and_none_spans_a_gap() -> None:
 
 
 def test_windows_use_flight_only() -> None:
-    """Sample 130 is no flight: no window, nor what settles before it, holds it."""
+    """Sample 130 is not flight, so no window, and no settling time before a window, contains it."""
     usable = np.ones(1000, dtype=bool)
     usable[130] = False
     found = cut([record(10.0)], [usable], WindowSizes(length=100, settle=20, warm_up=0))
@@ -74,14 +77,14 @@ def test_windows_use_flight_only() -> None:
 
 
 def test_the_last_third_of_the_flight_is_held_out() -> None:
-    """Of 600 samples in the air the last 200."""
+    """The last 200 of 600 samples in the air are held out."""
     flying = np.zeros(1000, dtype=bool)
     flying[100:700] = True
     assert np.flatnonzero(held_out(flying, 1.0 / 3.0)).tolist() == list(range(500, 700))
 
 
 def test_angles_wrap_in_a_coarser_record() -> None:
-    """The vehicle turns steadily; the mean of angles on both sides of ±180° is not 0°."""
+    """The vehicle turns at a constant rate. The mean of angles on both sides of ±180° is not 0°."""
     yaw = 0.7 * PERIOD * np.arange(2000.0)
     angles = np.column_stack([np.zeros(2000), np.zeros(2000), np.arctan2(np.sin(yaw), np.cos(yaw))])
     few = coarser(record(attitude=angles), 4)
@@ -103,8 +106,8 @@ def test_a_second_around_a_steep_pitch_is_left_out_and_reported() -> None:
     assert sentence.startswith("the log 'hover' pitches beyond 75 degrees for 0.2 s, which are left out")
 
 
-def test_a_coarser_record_has_commands_until_the_next_sample_and_measurements_around_it() -> None:
-    """A ramp stays the ramp at its samples; a held command is in the mean over what follows."""
+def test_a_coarser_record_averages_commands_after_each_sample_and_measurements_around_it() -> None:
+    """A measured ramp is unchanged at the samples. A held command is averaged over the following step."""
     ramp = np.arange(2000.0)
     tilted = record(motor_command=np.tile(ramp[:, None], 4), specific_force=np.tile(ramp[:, None], 3))
     for step in (4, 5):
@@ -123,11 +126,11 @@ def test_a_coarser_record_has_commands_until_the_next_sample_and_measurements_ar
         ("motor_command", 4, 0.55, 0.45),
         ("thrust_command", None, 0.55, 0.45),
         ("thrust_share", None, 0.55, 0.45),
-        # The thrust of a rotor goes with the square of its speed.
+        # The thrust of a rotor is proportional to the square of its speed.
         ("rotor_speed_command", 4, 0.75, 0.65),
     ],
 )
-def test_a_vehicle_flies_while_its_thrust_is_half_of_what_is_usual(
+def test_a_vehicle_flies_while_its_thrust_is_above_half_of_the_usual_one(
     signal: str, columns: int | None, carries: float, lies: float
 ) -> None:
     """The usual thrust is the median while the rotors work, which they do for a third of this log."""
@@ -144,7 +147,7 @@ def test_a_vehicle_flies_while_its_thrust_is_half_of_what_is_usual(
         assert not flying[2000:].any()
 
 
-def test_motor_commands_say_whether_a_vehicle_flies_before_all_others() -> None:
+def test_motor_commands_have_priority_in_detecting_flight() -> None:
     still, hover = np.zeros(2000), np.full(2000, 0.5)
     four = np.tile(hover[:, None], 4)
     assert airborne(record(thrust_command=still, rotor_speed_command=0.0 * four)).all()
@@ -159,7 +162,7 @@ def test_motor_commands_say_whether_a_vehicle_flies_before_all_others() -> None:
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
-def test_a_collision_is_twice_the_weight_in_any_direction(axis: int, sign: float) -> None:
+def test_twice_the_weight_in_any_direction_is_a_collision(axis: int, sign: float) -> None:
     for size, flies in ((1.98 * 9.81, True), (2.02 * 9.81, False)):
         force = np.zeros((2000, 3))
         force[1000, axis] = sign * size
@@ -175,27 +178,27 @@ def test_roll_does_not_make_an_attitude_steep() -> None:
     assert airborne(record(attitude=angles)).all()
 
 
-def test_logs_of_one_rate_differ_by_a_tenth_of_their_period_at_most() -> None:
+def test_the_periods_of_logs_may_differ_by_at_most_a_tenth() -> None:
     def logs(*periods: float) -> list[FlightRecord]:
         return [FlightRecord(f"{each:g}", each * np.arange(50), position=np.zeros((50, 3))) for each in periods]
 
     assert common_period(logs(0.01, 0.0109, 0.0091, 0.01)) == pytest.approx(0.01)
     for odd in (0.0112, 0.0088):
         with pytest.raises(
-            InputError, match=f"the log '{odd:g}' has {1.0 / odd:.0f} samples a second, and others 100; identify from"
+            InputError, match=f"the log '{odd:g}' has {1.0 / odd:.0f} samples per second, but another log has 100; "
         ):
             common_period(logs(0.01, 0.01, odd))
 
 
-def test_angles_within_half_a_turn_are_the_same_angles() -> None:
+def test_wrapped_angles_are_the_same_angles() -> None:
     angles = np.linspace(-20.0, 20.0, 999)
-    found = within_half_a_turn(angles)
+    found = wrapped_angles(angles)
     assert np.abs(found).max() <= np.pi
     np.testing.assert_allclose(np.exp(1j * found), np.exp(1j * angles), atol=1e-12)
 
 
-def test_windows_of_several_logs_are_those_of_each() -> None:
-    """A window and what settles before it fit to the last sample but one."""
+def test_windows_of_several_logs_are_the_windows_of_each_log() -> None:
+    """A window with its settling time ends at the last sample but one at the latest."""
     sizes = WindowSizes(length=100, settle=50, warm_up=30)
     logs = [record(2.52), record(2.5), record(1.51)]
     found = cut(logs, [np.ones(len(each.time), dtype=bool) for each in logs], sizes)
@@ -208,14 +211,14 @@ def test_gaps_are_steps_of_more_than_three_periods() -> None:
         assert pieces(FlightRecord("log", time, position=np.zeros((20, 3)))).tolist() == [0] * 10 + [number] * 10
 
 
-def test_a_record_of_the_same_rate_is_the_same_and_a_coarser_one_covers_whole_steps() -> None:
+def test_a_record_at_its_own_rate_is_unchanged_and_a_coarser_one_covers_whole_steps() -> None:
     whole = record(1.03)
     assert coarser(whole, 1) is whole
     for step in (2, 3, 4):
         few = coarser(whole, step)
         assert len(few.time) == (103 - step) // step
         assert few.time[0] == whole.time[step // 2]
-    # All samples of an odd step have the same weight; the outer two of an even step have half of it.
+    # In a step of an odd number of samples, all weights are equal; for an even number, the outer two are halved.
     force = np.zeros((103, 3))
     force[50] = 1.0
     for step, expected in ((2, [0.25, 0.25]), (3, [1.0 / 3.0]), (4, [0.25]), (5, [0.2])):
@@ -228,7 +231,7 @@ def test_a_record_of_the_same_rate_is_the_same_and_a_coarser_one_covers_whole_st
 
 @pytest.mark.parametrize("places", [[], [0], [3], [11], [0, 11], [2, 3, 9]])
 @pytest.mark.parametrize("samples", [1, 2, 5, 20])
-def test_samples_near_others_are_within_a_number_of_samples(places: list[int], samples: int) -> None:
+def test_nearby_samples_are_within_a_number_of_samples(places: list[int], samples: int) -> None:
     found = np.isin(np.arange(12), places)
     expected = [any(abs(i - place) <= samples for place in places) for i in range(12)]
     np.testing.assert_array_equal(_near(found, samples), expected)

@@ -1,4 +1,4 @@
-"""Writes small logs of each format, with numbers that a test knows."""
+"""Writers of small logs with known values, in each format."""
 
 import struct
 import zlib
@@ -13,13 +13,13 @@ DATA = Path(__file__).parents[1] / "data"
 
 
 def crazyflie_log(kinds, records, *, version=2, checksum=True):
-    """The bytes of a Crazyflie's log.
+    """Return the bytes of a Crazyflie's log.
 
     Args:
         kinds: (id, name, [(variable, letter), ...]) of each event type.
         records: (id, time in µs or ms, values) in their order.
         version: of the format.
-        checksum: whether it ends in one.
+        checksum: whether the log ends with a checksum.
     """
     data = struct.pack("<BHH", 0xBC, version, len(kinds))
     for identity, name, variables in kinds:
@@ -34,12 +34,12 @@ def crazyflie_log(kinds, records, *, version=2, checksum=True):
 
 
 def ulog(topics, *, dropouts=(), start=1_000_000, parameters=None):
-    """The bytes of a ULog.
+    """Return the bytes of a ULog.
 
     Args:
-        topics: by name, [(type, field), ...] after the time, and rows of (time in µs, values).
+        topics: for each name, the fields after the time, [(type, field), ...], and rows of (time in µs, values).
         dropouts: (time in µs, length in ms), written before the first row that is later.
-        start: of the log, µs.
+        start: start time of the log, µs.
         parameters: by name, of the vehicle.
     """
     data = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", start)
@@ -66,28 +66,28 @@ def ulog(topics, *, dropouts=(), start=1_000_000, parameters=None):
 
 
 def message(kind, content):
-    """Of a ULog."""
+    """Return a message of a ULog."""
     return struct.pack("<H", len(content)) + kind + content
 
 
 def quaternion_of(roll, pitch, yaw):
-    """w, x, y, z of a turn by the yaw about z, then the pitch about y, then the roll about x, from half angles."""
+    """Return the quaternion (w, x, y, z) of Z-Y-X angles, from half angles."""
     (c_r, s_r), (c_p, s_p), (c_y, s_y) = ((np.cos(0.5 * angle), np.sin(0.5 * angle)) for angle in (roll, pitch, yaw))
     about_z, about_y, about_x = (c_y, 0.0, 0.0, s_y), (c_p, 0.0, s_p, 0.0), (c_r, s_r, 0.0, 0.0)
     return product(product(about_z, about_y), about_x)
 
 
 def product(a, b):
-    """Of two quaternions (w, x, y, z)."""
+    """Return the product of two quaternions (w, x, y, z)."""
     (a0, *av), (b0, *bv) = a, b
     return (a0 * b0 - np.dot(av, bv), *(a0 * np.array(bv) + b0 * np.array(av) + np.cross(av, bv)))
 
 
 def old_crazyflie_log(columns, rows, *, block=7):
-    """The bytes of a Crazyflie's log of before 2021.
+    """Return the bytes of a Crazyflie's log in the format used before 2021.
 
     Args:
-        columns: (name, letter) of each, beside the time.
+        columns: (name, letter) of each column except the time.
         rows: (time in ms, values) in their order.
         block: number of rows that are written at once.
     """
@@ -105,10 +105,10 @@ def old_crazyflie_log(columns, rows, *, block=7):
 
 
 def dataflash_log(messages, *, parameters=None):
-    """The bytes of an ArduPilot log.
+    """Return the bytes of an ArduPilot log.
 
     Args:
-        messages: by name, (letters of the types, names of the fields after TimeUS, rows of (time in µs, values)).
+        messages: for each name, (letters of the types, names of the fields after TimeUS, rows of (time in µs, values)).
         parameters: by name, of the vehicle.
     """
     letters = {"Q": "Q", "f": "f", "c": "h", "C": "H", "h": "h", "H": "H", "B": "B", "N": "16s", "n": "4s", "Z": "64s"}
@@ -132,13 +132,13 @@ def dataflash_log(messages, *, parameters=None):
 
 
 def blackbox_log(fields, rows, *, headers=None, interval=8):
-    """The bytes of a Betaflight log of one flight.
+    """Return the bytes of a Betaflight log of one flight.
 
     Args:
         fields: names of the fields after loopIteration and time.
         rows: (time in µs, integer values) in their order.
         headers: further lines of the header, by name.
-        interval: number of rows from one that is written whole to the next.
+        interval: number of rows between two that are written completely.
     """
     names = ["loopIteration", "time", *fields]
     count = len(names)
@@ -170,7 +170,7 @@ def blackbox_log(fields, rows, *, headers=None, interval=8):
 
 
 def _zigzag(value):
-    """The bytes of a signed integer, seven bits in each."""
+    """Return a signed integer as bytes with seven bits each."""
     value = value << 1 ^ value >> 63
     data = b""
     while value > 0x7F:
@@ -180,7 +180,7 @@ def _zigzag(value):
 
 
 def ros_messages(store, count=60, period=0.02):
-    """(topic, type, time in ns, message) of an odometry and an IMU of a vehicle that turns about its z axis."""
+    """Return (topic, type, time in ns, message) of odometry and IMU of a vehicle that turns about its z axis."""
     types = store.types
     header = types["std_msgs/msg/Header"]
     counter = {"seq": 0} if "seq" in header.__dataclass_fields__ else {}

@@ -256,7 +256,7 @@ def test_an_autopilot_at_rest_has_no_noise_and_the_nominal_one_no_bias_either(on
     ("overrides", "words"),
     [
         (RESPONSE, "laboratory.autopilot is of kind response, which has no gains; use kind attitude"),
-        (["vehicle.time_step=0"], "vehicle.time_step is 0 s, but loops on board are designed for a positive time step"),
+        (["vehicle.time_step=0"], "vehicle.time_step is 0 s, but must be positive for the design of loops on board"),
     ],
 )
 def test_loops_on_board_that_cannot_be_designed_are_refused(onboard, overrides, words):

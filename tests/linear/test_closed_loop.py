@@ -114,7 +114,7 @@ def test_the_equilibrium_is_where_a_hover_route_hovers(laboratory):
 @pytest.mark.parametrize(
     ("override", "words"),
     [
-        ("laboratory.motion_capture.period=0.04", "laboratory.motion_capture.period is 0.04 s, but gains are designed"),
+        ("laboratory.motion_capture.period=0.04", "laboratory.motion_capture.period is 0.04 s, but must be at most"),
         ("vehicle.time_step=0", "vehicle.time_step is 0 s"),
         ("nominal.mass=3", "the rotors cannot fly this route"),
     ],
@@ -228,8 +228,8 @@ def test_the_nominal_vehicle_has_the_lag_and_the_drag_of_the_actual_one(laborato
 @pytest.mark.parametrize(
     ("limit", "words"),
     [
-        ("max_rotor_speed=190", "at 201 rad/s, but can at 60 to 190 rad/s"),
-        ("min_rotor_speed=210", "at 201 rad/s, but can at 210 to 300 rad/s"),
+        ("max_rotor_speed=190", "at 201 rad/s, not at 60 to 190 rad/s"),
+        ("min_rotor_speed=210", "at 201 rad/s, not at 210 to 300 rad/s"),
     ],
 )
 def test_a_vehicle_that_its_rotors_cannot_lift_has_no_plant(laboratory, limit, words):

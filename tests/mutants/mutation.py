@@ -1,18 +1,18 @@
-"""The mutants of a Python text: each is the text with one small change that a test should notice.
+"""Mutants of a Python source text: each is the text with one small change that a test should detect.
 
-They are made for formulas. Beside the usual changes, an addend or a factor is left out, a clamp is removed, a sine is
-replaced by a cosine, and neighbours are exchanged (arguments, elements of a tuple, names that a value is unpacked
-into).
+The changes are chosen for formulas. In addition to the usual changes, an addend or a factor is removed, a clamp is
+removed, a sine is replaced by a cosine, and neighbours are exchanged (arguments, elements of a tuple, targets of an
+assignment).
 
-No mutants are made of what a test cannot notice, or cannot fail to notice:
+Some changes are omitted, because either no test or every test detects them:
 
-- texts, messages, annotations, decorators, imports and lists of names
-- `<` for `<=` between numbers that are not whole
-- leaving out an argument that is given by keyword, since most of these must be given
-- `strict` of zip, SciPy's checks of its input and its work in place
-- the order of names that are assigned equal values
-- one more sample of linspace, or one more in a private constant that counts rounds or sizes
-- sizes, distances, widths and transparency in figures, which only a person can judge
+- changes of texts, messages, annotations, decorators, imports and lists of names
+- `<` in place of `<=` between numbers that are not integers
+- removal of a keyword argument, since most keyword arguments are required
+- changes of `strict` in zip, and of SciPy's options for input checks and in-place operation
+- exchanges of names that are assigned equal values
+- another sample in linspace, or an increment of a private constant that is a number of iterations or a size
+- changes of sizes, distances, widths and transparency in figures, which only a person can judge
 """
 
 import ast
@@ -22,18 +22,18 @@ from typing import NamedTuple
 
 
 class Mutant(NamedTuple):
-    """A text with one change.
+    """Source text with one change.
 
     Attributes:
-        line: where the change begins, from 1 on.
-        lines: lines of the statement around it, without the block below it. A default value of a parameter acts in the
-            whole function, so it has the lines of the function.
-        declared: True if the change acts when the module is imported.
-        kind: what is done.
-        before: the lines that change, in one.
-        after: the same, changed.
-        place: the first byte that is replaced, and the one after the last.
-        code: what stands there instead.
+        line: number of the line at which the change begins, from 1 on.
+        lines: lines of the enclosing statement without its body. A default value of a parameter has the lines of the
+            whole function.
+        declared: whether the changed code runs when the module is imported.
+        kind: kind of the change, such as "operator".
+        before: original lines, joined into one.
+        after: changed lines, joined into one.
+        place: index of the first replaced byte, and of the byte after the last one.
+        code: replacement of these bytes.
     """
 
     line: int
@@ -46,7 +46,7 @@ class Mutant(NamedTuple):
     code: str
 
     def applied(self, text: str) -> str:
-        """The text, changed."""
+        """Return the text with this change."""
         begin, end = self.place
         return (text.encode()[:begin] + self.code.encode() + text.encode()[end:]).decode()
 
@@ -65,57 +65,57 @@ _COUNTERPARTS = {
     for pair in ("sin cos", "minimum maximum", "min max", "argmin argmax", "any all", "floor ceil", "zeros ones")
     for name, other in (pair.split(), pair.split()[::-1])
 }
-# Functions for which one of their arguments can stand.
+# Functions that a mutant replaces by one of their arguments.
 _CLAMPS = {"minimum", "maximum", "min", "max"}
 _TRANSFORMS = {"abs", "sqrt", "wrap_angle", "floor", "ceil", "round", "rint", "clip", "sorted", "cumsum"}
-# Their arguments may change places.
+# Functions whose result does not depend on the order of their arguments.
 _SYMMETRIC = {
     *_CLAMPS, "hypot", "plus", "judge", "isinstance", "getattr", "setattr", "cast", "partial", "suppress", "TypeVar",
-    "NewType",
+    "NewType", "swapaxes", "array_equal",
 }  # fmt: skip
-# What they make anew is the same for the same arguments.
+# Functions that return a new array, which is the same for the same arguments.
 _MAKERS = {"zeros", "zeros_like", "ones", "ones_like", "empty", "empty_like", "full", "full_like"}
 
-# Arguments that say how carefully zip or SciPy works, not what comes out.
+# Arguments that affect the checks of zip or SciPy, but not the results.
 _GUARDS = {"strict", "check_finite", "overwrite_b"}
-# Arguments of Matplotlib that say how something looks, not what it shows.
+# Arguments of Matplotlib that affect the appearance of a figure, but not its contents.
 _APPEARANCE = {
     "alpha", "annotation_clip", "bbox_to_anchor", "borderaxespad", "capsize", "clip_on", "columnspacing", "dpi",
     "edgecolor", "facecolor", "figsize", "fontsize", "fraction", "height_ratios", "labelpad", "linewidth", "linewidths",
     "lw", "markeredgewidth", "markersize", "ncols", "pad", "rasterized", "shrink", "w_pad",
     "width_ratios", "xytext", "zoom", "zorder",
 }  # fmt: skip
-# Functions of figures that change nothing but the look.
+# Functions that change only the appearance of a figure.
 _STYLING = {
     "align_ylabels", "grid", "new_figure", "set_axisbelow", "set_solid_capstyle", "tick_params",
 }  # fmt: skip
 
 _SKIPPED_FIELDS = {"annotation", "returns", "decorator_list", "bases", "type_params", "type"}
 _SKIPPED = (ast.Import, ast.ImportFrom, ast.JoinedStr, ast.Raise, ast.Assert)
-_OPEN = (ast.BinOp, ast.UnaryOp, ast.BoolOp, ast.Compare, ast.IfExp, ast.Lambda)
-_TIGHT = (*_OPEN, ast.Attribute, ast.Subscript, ast.Starred)
+_COMPOUND_EXPRESSIONS = (ast.BinOp, ast.UnaryOp, ast.BoolOp, ast.Compare, ast.IfExp, ast.Lambda)
+_BINDING_EXPRESSIONS = (*_COMPOUND_EXPRESSIONS, ast.Attribute, ast.Subscript, ast.Starred)
 
 
 def mutants_of(text: str) -> list[Mutant]:
-    """All mutants of a Python text."""
-    whole, starts, found = text.encode(), [0], []
-    for line in whole.splitlines(keepends=True):
+    """Return all mutants of a Python source text."""
+    source, starts, mutants = text.encode(), [0], []
+    for line in source.splitlines(keepends=True):
         starts.append(starts[-1] + len(line))
     for node, parent, lines, declared in _visited(ast.parse(text)):
         for kind, new in _changes(node, parent):
             first, last = starts[node.lineno - 1], starts[node.end_lineno]
             begin, end = first + node.col_offset, starts[node.end_lineno - 1] + node.end_col_offset
             code = ast.unparse(new)
-            enclosed = (whole[begin - 1 : begin], whole[end : end + 1]) == (b"(", b")")
-            if isinstance(new, _OPEN) and isinstance(parent, _TIGHT) and not enclosed:
+            enclosed = (source[begin - 1 : begin], source[end : end + 1]) == (b"(", b")")
+            if isinstance(new, _COMPOUND_EXPRESSIONS) and isinstance(parent, _BINDING_EXPRESSIONS) and not enclosed:
                 code = f"({code})"
             if isinstance(new, ast.Tuple) and isinstance(parent, ast.Subscript):
                 code = code[1:-1]
-            before = _in_one_line(whole[first:last])
-            after = _in_one_line(whole[first:begin] + code.encode() + whole[end:last])
+            before = _in_one_line(source[first:last])
+            after = _in_one_line(source[first:begin] + code.encode() + source[end:last])
             if after != before:
-                found.append(Mutant(node.lineno, lines, declared, kind, before, after, (begin, end), code))
-    return found
+                mutants.append(Mutant(node.lineno, lines, declared, kind, before, after, (begin, end), code))
+    return mutants
 
 
 def _in_one_line(text: bytes) -> str:
@@ -123,7 +123,7 @@ def _in_one_line(text: bytes) -> str:
 
 
 def _visited(module: ast.Module) -> Iterator[tuple[ast.AST, ast.AST, range, bool]]:
-    """Yield each node that may change, its parent, the lines where it acts, and True if it acts at import."""
+    """Yield each node that may change, its parent, the lines that it affects, and whether it runs at import."""
     pending: list[tuple[ast.AST, ast.AST, range, bool]] = [(node, module, range(0), True) for node in module.body]
     while pending:
         node, parent, lines, declared = pending.pop()
@@ -150,14 +150,14 @@ def _visited(module: ast.Module) -> Iterator[tuple[ast.AST, ast.AST, range, bool
 
 
 def _is_styling(node: ast.AST) -> bool:
-    """Return True if a node only says how a figure looks."""
+    """Return whether a node affects only the appearance of a figure."""
     if isinstance(node, ast.keyword):
         return node.arg in _APPEARANCE
     return isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute | ast.Name) and _name(node) in _STYLING
 
 
 def _is_appearance(node: ast.AST, field: str, place: int) -> bool:
-    """Is this part of a node an option that says how something looks, or the distance of a label from its point?"""
+    """Return whether a part of a node is an option of appearance, or the distance of a label from its point."""
     if isinstance(node, ast.Dict) and field == "values":
         key = node.keys[place]
         return isinstance(key, ast.Constant) and key.value in _APPEARANCE
@@ -165,18 +165,18 @@ def _is_appearance(node: ast.AST, field: str, place: int) -> bool:
 
 
 def _name(call: ast.Call) -> str:
-    """Return the name of the function that is called."""
+    """Return the name of the called function."""
     return call.func.id if isinstance(call.func, ast.Name) else getattr(call.func, "attr", "")
 
 
 def _is_the_rest_of_a_shape(node: ast.AST, parent: ast.AST) -> bool:
-    """Is it -1 in a call of reshape, for which NumPy takes any other negative number, too?"""
+    """Return whether a node is -1 in a call of reshape, for which NumPy also accepts other negative numbers."""
     called = isinstance(parent, ast.Call) and isinstance(parent.func, ast.Attribute) and parent.func.attr == "reshape"
     return called and isinstance(node, ast.UnaryOp)
 
 
 def _is_declaration_of_names(node: ast.AST) -> bool:
-    """Is it `__all__`, a block for type checkers, or another name for a type?"""
+    """Return whether a node is `__all__`, a block for type checkers, or an alias of a type."""
     if isinstance(node, ast.If):
         return isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
     if not isinstance(node, ast.Assign) or not isinstance(node.targets[0], ast.Name):
@@ -190,7 +190,7 @@ def _is_declaration_of_names(node: ast.AST) -> bool:
 
 
 def _changes(node: ast.AST, parent: ast.AST) -> Iterator[tuple[str, ast.AST]]:
-    """What a node may change into, and the kind of each change."""
+    """Yield the kind of each change of a node, and the changed node."""
     if getattr(parent, "test", None) is node and not isinstance(node, ast.Compare | ast.BoolOp):
         yield "condition", ast.UnaryOp(ast.Not(), node)
     match node:
@@ -223,7 +223,9 @@ def _changes(node: ast.AST, parent: ast.AST) -> Iterator[tuple[str, ast.AST]]:
             yield "condition", otherwise
         case ast.Call(function, arguments, keywords):
             yield from _changes_of_call(node, function, arguments, keywords)
-        case ast.Tuple(elements) | ast.List(elements) if not _is_a_choice(parent) and not _begin_alike(node, parent):
+        case ast.Tuple(elements) | ast.List(elements) if not _is_a_choice(parent) and not _have_equal_initial_values(
+            node, parent
+        ):
             for swapped in _swapped(elements):
                 yield "order", type(node)(swapped, node.ctx)
         case ast.Raise() | ast.Continue() | ast.Break() | ast.Expr(ast.Call()):
@@ -260,14 +262,14 @@ def _changes_of_call(
 
 
 def _swapped(nodes: list[ast.expr]) -> Iterator[list[ast.expr]]:
-    """The same with two neighbours of one sort that have changed places."""
+    """Yield copies of a list in each of which two neighbours of the same type are exchanged."""
     for i, (first, second) in enumerate(pairwise(nodes)):
         if type(first) is type(second) and ast.dump(first) != ast.dump(second) and not _is_text(first):
             yield [*nodes[:i], second, first, *nodes[i + 2 :]]
 
 
 def _is_a_guard_or_a_count(parent: ast.AST) -> bool:
-    """Is a whole number in it a guard of zip or SciPy, or how many: of samples, or as a private constant says?"""
+    """Return whether an integer in a node is an option of a check, a number of samples, or a private constant."""
     if isinstance(parent, ast.keyword):
         return parent.arg in _GUARDS
     if isinstance(parent, ast.Call):
@@ -276,14 +278,14 @@ def _is_a_guard_or_a_count(parent: ast.AST) -> bool:
 
 
 def _is_a_choice(parent: ast.AST) -> bool:
-    """Does what stands in it have no order: to be one of these, or of one of these types?"""
+    """Return whether the elements of a node have no order, as alternatives of a comparison or an isinstance call."""
     return isinstance(parent, ast.Compare) or (
         isinstance(parent, ast.Call) and isinstance(parent.func, ast.Name) and parent.func.id in _SYMMETRIC
     )
 
 
-def _begin_alike(node: ast.AST, parent: ast.AST) -> bool:
-    """Are these names that begin with the same, an empty list, mapping or array each, so that order says nothing?"""
+def _have_equal_initial_values(node: ast.AST, parent: ast.AST) -> bool:
+    """Return whether the targets of an assignment get equal new values, such as empty lists."""
     if not isinstance(parent, ast.Assign) or node is parent.value or not isinstance(parent.value, ast.Tuple):
         return False
     first, *others = parent.value.elts

@@ -1,12 +1,12 @@
 """Mutation test of the sources: `make mutants`.
 
-Each mutant is the source with one small change. A mutant that no test kills points to a hole in the tests.
+Each mutant is the source with one small change. A mutant that no test kills reveals a gap in the tests.
 
-The run has two parts. First, every test runs once, and the lines that it runs and its duration are recorded. (The
-lines of a formula run when machine code is made of it.) Then each mutant runs the tests that run its line until one of
-them fails. Tests in the file of the same name come first, the others follow by duration. Each mutant runs in its own
-process, which is forked from one that has imported every library but not this project. A test that takes ten times
-longer than before counts as failed.
+The run has two parts. First, every test runs once, and its duration and the lines that it runs are recorded. (The
+lines of a formula run when it is compiled to machine code.) Then, for each mutant, the tests that run its line are run
+until one of them fails. Tests in the file of the same name run first, the others in order of their duration. Each
+mutant is tested in its own process, which is forked from a process that has imported all libraries, but not this
+project. A test that takes more than ten times its recorded CPU time plus 10 s counts as failed.
 
 `survivors.yaml` lists mutants that no test can kill, each with the reason. The score of a package is the share of
 killed mutants among those that are not listed there. The exit status is 1 if the score of any package is below 95 %.
@@ -28,28 +28,28 @@ from pathlib import Path
 
 from mutation import Mutant, mutants_of
 from ruamel.yaml import YAML
-from testing import ROOT, Outcome, Test, forked, kill, note, prepare
+from testing import MAX_DURATION, ROOT, Outcome, Test, kill, prepare, record_tests, run_forked
 from tqdm import tqdm
 
 OUTPUT = ROOT / "out" / "mutants"
 SURVIVORS = Path(__file__).with_name("survivors.yaml")
 MIN_SCORE = 0.95
-# Modules that belong to no package, such as drake_quad/geometry/axes.py, are reported under this name.
+# Name under which modules that belong to no folder of drake_quad/ are reported.
 MODULES = "(modules)"
-# Files whose code runs in other processes, where a mutant has no effect.
-LEFT_OUT = ("studies/cluster.py",)
-# Folders whose code and tests need an optional library. They are left out where it is not installed.
+# These files are not mutated, because their code runs in other processes, where a mutant has no effect.
+EXCLUDED_FILES = ("studies/cluster.py",)
+# Folders whose code and tests need an optional library. They are not mutated if the library is not installed.
 OPTIONAL = {"gym/stable_baselines3/": "stable_baselines3"}
-# Tests whose code runs in other processes, and tests of the pages of the documentation.
-WITHOUT = tuple(f"tests/{name}" for name in ("test_docs.py", "studies/test_cluster.py", "mutants/"))
+# These tests are not run: their code runs in other processes, or they test the documentation.
+EXCLUDED_TESTS = tuple(f"tests/{name}" for name in ("test_docs.py", "studies/test_cluster.py", "mutants/"))
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
-        "--number", default="40", help="number of mutants of each package, drawn evenly over its lines; or 'all'"
+        "--number", default="40", help="number of mutants of each package, drawn evenly from its lines, or 'all'"
     )
-    parser.add_argument("--seed", type=int, default=0, help="seed of the draw")
+    parser.add_argument("--seed", type=int, default=0, help="random seed of the draw")
     parser.add_argument("--processes", type=int, default=os.cpu_count())
     parser.add_argument(
         "--only", nargs="+", default=[""], help="mutate only files whose path in drake_quad/ begins with one of these"
@@ -58,33 +58,35 @@ def main() -> int:
         "--tests", nargs="+", default=[""], help="run only tests whose path in tests/ begins with one of these"
     )
     parser.add_argument(
-        "--seconds", type=float, default=40.0, help="CPU time that the tests of one mutant may take together, s"
+        "--seconds", type=float, default=40.0, help="limit of the total recorded CPU time of the tests of one mutant, s"
     )
     arguments = parser.parse_args()
     if sys.version_info < (3, 12):
-        print("a mutation test needs Python 3.12 or newer, to record the lines that a test runs", file=sys.stderr)
+        print(
+            "the mutation test needs Python 3.12 or newer, which can record the lines that a test runs", file=sys.stderr
+        )
         return 2
     prepare()
     mutants = drawn(arguments.number, arguments.seed, arguments.only)
     if not mutants:
-        print(f"no mutants: no file in drake_quad/ begins with {' or '.join(arguments.only)}", file=sys.stderr)
+        print(f"--only: no path of a file in drake_quad/ begins with {' or '.join(arguments.only)}", file=sys.stderr)
         return 2
-    tests = noted_tests(arguments.processes, arguments.tests)
-    # Sources without a change must pass. Otherwise a test fails for another reason than the mutant.
+    tests = recorded_tests(arguments.processes, arguments.tests)
+    # The unchanged sources must pass. Otherwise a test fails for another reason than the mutant.
     unchanged = [(file, mutant._replace(place=(0, 0), code="")) for file, mutant in one_of_each_package(mutants)]
     jobs = [
         (kill, file, mutant, worth_running(tests, file, mutant, arguments.seconds))
         for file, mutant in unchanged + mutants
     ]
     results: list[tuple[str, Mutant, Outcome]] = []
-    # Results follow the order of the draw, so that those before Ctrl-C are a fair sample, too.
+    # Mutants run in the order of the draw, so that the results before Ctrl-C are also a random sample.
     with suppress(KeyboardInterrupt):
-        for place, outcome in forked(jobs, arguments.processes, "mutants"):
-            if place < len(unchanged):
+        for index, outcome in run_forked(jobs, arguments.processes, "mutants"):
+            if index < len(unchanged):
                 if outcome.killer is not None:
-                    raise RuntimeError(f"a test fails without any mutant: {outcome.killer}")
+                    raise RuntimeError(f"{outcome.killer}: fails without a mutant; mend the test or the sources first")
                 continue
-            mutant = mutants[place - len(unchanged)]
+            mutant = mutants[index - len(unchanged)]
             results.append((*mutant, outcome))
             if outcome.killer is None:
                 tqdm.write(f"survived: {difference(*mutant)}", file=sys.stderr, end="")
@@ -92,29 +94,29 @@ def main() -> int:
 
 
 def package_of(file: str) -> str:
-    """Return the package that a file in drake_quad/ belongs to."""
+    """Return the folder in drake_quad/ to which a file belongs, or `MODULES`."""
     _, package, *inside = Path(file).parts
     return package if inside else MODULES
 
 
 def drawn(number: str, seed: int, only: list[str]) -> list[tuple[str, Mutant]]:
-    """Draw mutants of each package, and return files and mutants.
+    """Draw mutants of each package, and return pairs of a file and a mutant.
 
-    Every line of a package has one mutant before any line has a second one. Packages alternate.
+    A second mutant of a line is only drawn after one mutant of every line of its package. Packages alternate.
 
     Args:
         number: number of mutants of each package, or "all".
         seed: seed of the draw.
-        only: beginnings of the paths of files in drake_quad/ to draw from.
+        only: prefixes of the paths in drake_quad/ of the files that are mutated.
     """
     generator = random.Random(seed)
     by_line: dict[str, dict[tuple[str, int], list[tuple[str, Mutant]]]] = defaultdict(lambda: defaultdict(list))
     missing = [folder for folder, library in OPTIONAL.items() if importlib.util.find_spec(library) is None]
     for folder in missing:
-        print(f"left out because {OPTIONAL[folder]} is not installed: drake_quad/{folder}", file=sys.stderr)
+        print(f"drake_quad/{folder}: not mutated, because {OPTIONAL[folder]} is not installed", file=sys.stderr)
     for path in sorted(Path("drake_quad").rglob("*.py")):
         inside = str(path.relative_to("drake_quad"))
-        if inside.startswith(tuple(only)) and not inside.startswith((*LEFT_OUT, *missing)):
+        if inside.startswith(tuple(only)) and not inside.startswith((*EXCLUDED_FILES, *missing)):
             for mutant in mutants_of(path.read_text()):
                 by_line[package_of(str(path))][str(path), mutant.line].append((str(path), mutant))
     chosen = []
@@ -133,18 +135,18 @@ def one_of_each_package(mutants: list[tuple[str, Mutant]]) -> list[tuple[str, Mu
 
 
 def worth_running(tests: dict[str, Test], file: str, mutant: Mutant, seconds: float) -> dict[str, float]:
-    """Return the tests that may kill a mutant, in the order in which to run them, and their durations, s.
+    """Return the durations (s) of the tests that may kill a mutant, in the order in which to run them.
 
-    These are the tests that run the mutant's line. Other tests of the same files follow, because what a fixture of the
-    module has run is not recorded for the tests that share it. If no test runs the line, it runs at import or in
-    another process: then all tests are returned of the files that run any line of the mutant's file or that test its
-    package.
+    Tests that run the mutant's line come first. The other tests of the same test files follow, because lines that a
+    fixture of the module runs are recorded for only one of the tests that share it. If no test runs the line, it runs
+    at import or in another process. The result then has all tests of the test files that run any line of the mutant's
+    file or that test its package.
 
     Args:
         tests: record of each test.
         file: path of the source that the mutant changes.
-        mutant: one change of that source.
-        seconds: CPU time that the tests may take together, s. Tests that would exceed it are left out.
+        mutant: change of that source.
+        seconds: limit of the total CPU time of the tests, s. Tests that would exceed it are omitted.
     """
     folder = Path(file).parent.relative_to("drake_quad")
     mirrored = str(Path("tests") / folder / f"test_{Path(file).name}")
@@ -168,12 +170,12 @@ def worth_running(tests: dict[str, Test], file: str, mutant: Mutant, seconds: fl
     return chosen
 
 
-def noted_tests(processes: int, only: list[str]) -> dict[str, Test]:
-    """Return the record of each test that passes. Records are kept until a source changes.
+def recorded_tests(processes: int, only: list[str]) -> dict[str, Test]:
+    """Return the record of each passing test. Records are saved and reused until a source changes.
 
     Args:
         processes: number of test files that run at the same time.
-        only: beginnings of the paths of test files in tests/.
+        only: prefixes of the paths in tests/ of the test files that are run.
     """
     kept = OUTPUT / "tests.json"
     known = json.loads(kept.read_text()) if kept.exists() else {}
@@ -181,26 +183,26 @@ def noted_tests(processes: int, only: list[str]) -> dict[str, Test]:
         path for folder in ("drake_quad", "scripts", "diagrams", "tests") for path in Path(folder).rglob("*.*")
     )
     begin = tuple(f"tests/{path}" for path in only)
-    files = [str(path) for path in paths if path.match("test_*.py") and not str(path).startswith(WITHOUT)]
+    files = [str(path) for path in paths if path.match("test_*.py") and not str(path).startswith(EXCLUDED_TESTS)]
     files = [file for file in files if file.startswith(begin)]
     others = [path for path in paths if path.suffix in (".py", ".yaml", ".csv") and not path.match("test_*.py")]
     sources = b"".join(path.read_bytes() for path in others if path.parent.name != "mutants")
     digests = {file: hashlib.sha256(sources + Path(file).read_bytes()).hexdigest() for file in files}
     new = [file for file in files if known.get(file, {}).get("digest") != digests[file]]
-    for place, result in forked([(note, file) for file in new], processes, "test files"):
+    for index, result in run_forked([(record_tests, file) for file in new], processes, "test files"):
         if isinstance(result, Outcome):
-            raise RuntimeError(f"{result.killer} does not end")
-        noted, failed = result
+            raise RuntimeError(f"cannot record tests: {result.killer}")
+        recorded, failed = result
         for name in dict.fromkeys(failed):
-            print(f"left out because it fails: {name}", file=sys.stderr)
-        passing = {name: test for name, test in noted.items() if name not in failed}
-        known[new[place]] = {"digest": digests[new[place]], "tests": passing}
+            print(f"{name}: not used, because it fails without a mutant", file=sys.stderr)
+        passing = {name: test for name, test in recorded.items() if name not in failed}
+        known[new[index]] = {"digest": digests[new[index]], "tests": passing}
         kept.write_text(json.dumps(known))
     return {name: Test(*test) for file in files for name, test in known[file]["tests"].items()}
 
 
 def report(results: list[tuple[str, Mutant, Outcome]]) -> int:
-    """Write and print the outcomes of the mutants, and return the exit status."""
+    """Write and print a report on the outcomes of the mutants, and return the exit status."""
     listed = {
         (entry["file"], entry["before"], after): entry["reason"]
         for entry in YAML(typ="safe").load(SURVIVORS) or []
@@ -232,7 +234,9 @@ def report(results: list[tuple[str, Mutant, Outcome]]) -> int:
             below.append(package)
     late = sum("SIGKILL" in (outcome.killer or "") for *_, outcome in results)
     if late:
-        print(f"{late} mutants count as killed because they took 600 s by the clock; a paused machine does so, too")
+        print(
+            f"{late} mutants count as killed because they took more than {MAX_DURATION:.0f} s, as on a paused machine"
+        )
     print(f"wrote\n  {OUTPUT / 'mutants.csv'}\n  {OUTPUT / 'survivors.txt'}")
     if below:
         print(f"score below {MIN_SCORE:.0%}: {', '.join(below)}", file=sys.stderr)

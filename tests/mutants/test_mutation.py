@@ -1,3 +1,5 @@
+"""Tests of the changes that mutants make."""
+
 import ast
 
 import pytest
@@ -5,11 +7,11 @@ from mutation import mutants_of
 
 
 def changes(line, before=""):
-    """What one line may change into."""
+    """Return the changed lines of all mutants of one line."""
     text = f"{before}{line}\n"
-    found = [mutant for mutant in mutants_of(text) if mutant.line == text.count("\n")]
-    assert all(mutant.before == line.strip() for mutant in found)
-    return {mutant.after for mutant in found}
+    mutants = [mutant for mutant in mutants_of(text) if mutant.line == text.count("\n")]
+    assert all(mutant.before == line.strip() for mutant in mutants)
+    return {mutant.after for mutant in mutants}
 
 
 @pytest.mark.parametrize(
@@ -55,7 +57,7 @@ def changes(line, before=""):
         ("a = axes.annotate(text, place, (-6, 4))", {"a = axes.annotate(place, text, (-6, 4))"}),
     ],
 )
-def test_what_a_line_may_change_into(line, expected):
+def test_a_line_has_these_mutants(line, expected):
     assert changes(line) == expected
 
 
@@ -70,24 +72,26 @@ def test_what_a_line_may_change_into(line, expected):
         "names, rows = [], []",
         "names, rows = {}, {}",
         "total = plus(force, drag)",
+        "x = y.swapaxes(a, b)",
+        "same = np.array_equal(x, y)",
         "a, b = np.empty_like(x), np.empty_like(x)",
         "axes.grid(visible=False)",
         "figure = new_figure(9.0, 2.6 + size)",
     ],
 )
-def test_what_no_test_can_notice_stays(line):
+def test_lines_whose_changes_no_test_can_detect_have_no_mutants(line):
     assert changes(line) == set()
 
 
-def test_a_default_value_acts_in_the_whole_function():
+def test_a_default_value_affects_the_whole_function():
     text = "LIMIT = 3\n\n\ndef f(x, y=2):\n    if x:\n        return y\n    return x\n"
-    found = {mutant.after: (mutant.lines, mutant.declared) for mutant in mutants_of(text)}
-    assert found["LIMIT = 4"] == (range(1, 2), True)
-    assert found["def f(x, y=3):"] == (range(4, 8), False)
-    assert found["if not x:"] == (range(5, 6), False)
+    mutants = {mutant.after: (mutant.lines, mutant.declared) for mutant in mutants_of(text)}
+    assert mutants["LIMIT = 4"] == (range(1, 2), True)
+    assert mutants["def f(x, y=3):"] == (range(4, 8), False)
+    assert mutants["if not x:"] == (range(5, 6), False)
 
 
-def test_one_place_changes_and_the_text_stays_python():
+def test_a_mutant_changes_one_line_and_is_valid_python():
     text = (
         "@cached(1)\ndef f(x: Annotated[int, 2], y=3):\n    'Doc.'  # ω\n    while x:\n        x = (x - 'ä'.find(y))\n"
     )

@@ -1,4 +1,4 @@
-"""What is noted of tests: else every mutant would survive."""
+"""Tests that the lines that each test runs are recorded. Without them, every mutant would survive."""
 
 import subprocess
 import sys
@@ -6,23 +6,27 @@ from pathlib import Path
 
 import pytest
 
-NOTE = """
+RECORDING_PROGRAM = """
 import sys
 sys.path.insert(0, "tests/mutants")
 import testing
-noted, failed = testing.note("tests/vehicle/test_faults.py")
-assert noted and not failed, failed
-for name, test in noted.items():
+recorded, failed = testing.record_tests("tests/vehicle/test_faults.py")
+assert recorded and not failed, failed
+for name, test in recorded.items():
     if "drake_quad/vehicle/faults.py" in test.lines:
         print(name.split("::")[1])
 """
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(sys.version_info < (3, 12), reason="older ones do not tell what lines a test runs")
-def test_each_test_that_runs_a_formula_is_noted_though_its_machine_code_is_made_once():
+@pytest.mark.skipif(
+    sys.version_info < (3, 12), reason="older versions of Python cannot record the lines that a test runs"
+)
+def test_each_test_records_the_formulas_that_it_runs_although_their_machine_code_is_cached():
     folder = Path(__file__).parents[2]
-    result = subprocess.run([sys.executable, "-c", NOTE], cwd=folder, capture_output=True, text=True, check=True)
+    result = subprocess.run(
+        [sys.executable, "-c", RECORDING_PROGRAM], cwd=folder, capture_output=True, text=True, check=True
+    )
     assert {
         *(f"test_battery_sag_reduces_all_rotor_speeds_linearly_in_time[{step}]" for step in ("0.01", "0.0")),
         *(f"test_a_rotor_fails_at_its_time[{step}]" for step in ("0.01", "0.0")),

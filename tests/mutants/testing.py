@@ -1,6 +1,6 @@
-"""Tests in processes of their own, with and without a mutant in place of a file.
+"""Tests in forked processes, with the original sources or with a mutant in place of one file.
 
-All are forked from one process that has imported everything but this project.
+The parent process has imported all libraries, but not this project.
 """
 
 import contextlib
@@ -27,42 +27,40 @@ from mutation import Mutant
 from tqdm import tqdm
 
 ROOT = Path(__file__).resolve().parents[2]
-# Where each process says which test it runs.
-RUNNING = ROOT / "out" / "mutants" / "running"
-# Machine code of formulas, which goes by what it computes: a mutant's has a name of its own. What makes machine code is
-# in `MAKER`; where that is changed, none is kept.
+# Folder in which each process writes the name of its current test.
+RUNNING_TESTS = ROOT / "out" / "mutants" / "running"
+# Cache of the machine code of formulas. Its keys depend on the formulas, so mutants of formulas have their own machine
+# code. Mutants of the compiler itself do not use the cache.
 MACHINE_CODE = ROOT / "out" / "mutants" / "machine_code"
-MAKER = "drake_quad/framework/"
+COMPILER = "drake_quad/framework/"
 THIRD_PARTY = (
     "pydrake.all", "control", "dask.distributed", "markdown", "matplotlib.pyplot", "mpl_toolkits.mplot3d",
     "llvmlite.binding", "minsnap_trajectories", "pydantic", "pyit2fls", "scipy.integrate", "scipy.optimize",
     "scipy.signal", "scipy.stats",
 )  # fmt: skip
-# Seconds of the processor's time that a test may always take.
-LEAST = 10.0
-# Seconds by the clock that no mutant needs: processes that wait for each other use no time of the processor.
-LONGEST = 600.0
+MIN_CPU_LIMIT = 10.0  # s, smallest limit of the CPU time of a test
+MAX_DURATION = 600.0  # s, limit for a mutant; processes that wait for each other use no CPU time
 
 
 class Test(NamedTuple):
-    """What was noted of a test: the processor's time that it took, in s, and lines that it runs, by file."""
+    """Record of a test: its CPU time in s, and the lines that it runs, by file."""
 
     seconds: float
     lines: dict[str, list[int]]
 
 
 class Outcome(NamedTuple):
-    """What became of a mutant: by which test it was killed, if any, and after how many tests."""
+    """Outcome of a mutant: the test that killed it, if any, and the number of tests that ran."""
 
     killer: str | None
     num_tests: int
 
 
 def prepare() -> None:
-    """Imports all but this project, for the processes to come, and makes tests repeat themselves."""
+    """Import all libraries for the forked processes, and make tests reproducible."""
     os.chdir(ROOT)
     sys.path.insert(0, str(ROOT))
-    RUNNING.mkdir(parents=True, exist_ok=True)
+    RUNNING_TESTS.mkdir(parents=True, exist_ok=True)
     shutil.rmtree(MACHINE_CODE, ignore_errors=True)
     os.environ["DRAKE_QUAD_CACHE"] = str(MACHINE_CODE)
     for name in THIRD_PARTY:
@@ -79,11 +77,11 @@ def prepare() -> None:
 
 
 class Plugin:
-    """Runs the chosen tests in their order, notes what they run, and ends the process if one takes too long."""
+    """Pytest plugin that runs chosen tests in a given order, records them, and limits their CPU time."""
 
     def __init__(self, chosen: dict[str, float] | None = None) -> None:
         self.chosen = chosen
-        self.noted: dict[str, Test] = {}
+        self.recorded: dict[str, Test] = {}
         self.failed: list[str] = []
         self.lines: dict[str, set[int]] = defaultdict(set)
 
@@ -96,65 +94,65 @@ class Plugin:
     def pytest_runtest_protocol(self, item: pytest.Item) -> Any:
         self.lines.clear()
         if self.chosen is None:
-            # Every test shall be seen to run the formulas that it needs, of which machine code may be there.
+            # Without cached machine code, every test runs the lines of its formulas.
             sys.modules["drake_quad.framework.formulas"]._kernels.clear()
             sys.monitoring.restart_events()
         else:
-            limit_time(item.nodeid, 10.0 * self.chosen[item.nodeid] + LEAST)
+            limit_time(item.nodeid, 10.0 * self.chosen[item.nodeid] + MIN_CPU_LIMIT)
         start = processor_time()
         result = yield
         seconds = processor_time() - start
-        self.noted[item.nodeid] = Test(seconds, {file: sorted(lines) for file, lines in self.lines.items()})
+        self.recorded[item.nodeid] = Test(seconds, {file: sorted(lines) for file, lines in self.lines.items()})
         return result
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         if report.failed:
             self.failed.append(report.nodeid)
 
-    def note_lines(self) -> None:
-        """Has lines noted as they run, each once in a test."""
+    def record_lines(self) -> None:
+        """Record the lines of the package that run, once per test."""
         monitoring, prefix = sys.monitoring, f"{ROOT}/drake_quad/"
 
-        def note(code: Any, line: int) -> Any:
+        def record(code: Any, line: int) -> Any:
             if code.co_filename.startswith(prefix):
                 self.lines[code.co_filename[len(str(ROOT)) + 1 :]].add(line)
             return monitoring.DISABLE
 
         monitoring.use_tool_id(monitoring.COVERAGE_ID, "mutants")
-        monitoring.register_callback(monitoring.COVERAGE_ID, monitoring.events.LINE, note)
+        monitoring.register_callback(monitoring.COVERAGE_ID, monitoring.events.LINE, record)
         monitoring.set_events(monitoring.COVERAGE_ID, monitoring.events.LINE)
 
 
 def processor_time() -> float:
-    """Of this process and of those that it started and saw end, in s."""
+    """Return the CPU time of this process and its ended child processes, s."""
     return sum(os.times()[:4])
 
 
-def limit_time(what: str, seconds: float) -> None:
-    """Ends this process if it takes more of the processor's time, and leaves what it did."""
-    (RUNNING / str(os.getpid())).write_text(what)
+def limit_time(name: str, seconds: float) -> None:
+    """Write the name of the current test, and limit the CPU time until this process is ended."""
+    (RUNNING_TESTS / str(os.getpid())).write_text(name)
     signal.setitimer(signal.ITIMER_PROF, seconds)
 
 
-def note(file: str) -> tuple[dict[str, Test], list[str]]:
-    """Runs the tests of a file and returns what was noted and what failed."""
+def record_tests(file: str) -> tuple[dict[str, Test], list[str]]:
+    """Run the tests of a file, and return their records and the names of failed tests."""
     plugin = Plugin()
-    # What an import runs is no test's, though it be the first to import.
+    # All modules are imported first, so that no test is charged with the lines that run at import.
     for module in pkgutil.walk_packages([str(ROOT / "drake_quad")], "drake_quad."):
-        # A module that needs a library that is not installed is run by no test.
+        # No test uses modules whose libraries are not installed.
         with contextlib.suppress(ImportError):
             importlib.import_module(module.name)
-    plugin.note_lines()
+    plugin.record_lines()
     status = run_pytest(plugin, file)
     if status not in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED, pytest.ExitCode.NO_TESTS_COLLECTED):
-        raise RuntimeError(f"the tests of {file} do not run: pytest ends with status {status}")
-    return plugin.noted, plugin.failed
+        raise RuntimeError(f"{file}: its tests cannot run; pytest ended with status {status}")
+    return plugin.recorded, plugin.failed
 
 
 def kill(file: str, mutant: Mutant, tests: dict[str, float]) -> Outcome:
-    """Runs tests on a mutant until one fails."""
+    """Run tests on a mutant until one of them fails."""
     path, text = str(ROOT / file), mutant.applied(Path(file).read_text())
-    if file.startswith(MAKER):
+    if file.startswith(COMPILER):
         os.environ["DRAKE_QUAD_CACHE"] = ""
     code_of = SourceFileLoader.get_code
 
@@ -166,46 +164,47 @@ def kill(file: str, mutant: Mutant, tests: dict[str, float]) -> Outcome:
     for test_file in dict.fromkeys(name.split("::")[0] for name in tests):
         limit_time(test_file, 60.0)
         status = run_pytest(plugin, test_file)
-        # Where what tests are made of is changed, there may be none of these.
+        # A mutant may change the parameters of tests, so that none of the chosen tests exists.
         if status not in (pytest.ExitCode.OK, pytest.ExitCode.NO_TESTS_COLLECTED):
             killer = plugin.failed[0] if plugin.failed else f"{test_file} (not even collected)"
-            return Outcome(killer, len(plugin.noted))
-    return Outcome(None, len(plugin.noted))
+            return Outcome(killer, len(plugin.recorded))
+    return Outcome(None, len(plugin.recorded))
 
 
 def run_pytest(plugin: Plugin, file: str) -> int:
     options = ["-x"] if plugin.chosen is not None else []
     command = [file, "-p", "no:cacheprovider", "--assert=plain", "--tb=no", *options]
-    # Between tests, pytest looks for garbage many times over: what is there now is none.
+    # The existing objects are not garbage, so the frequent collections of pytest need not search them.
     gc.freeze()
-    with Path(os.devnull).open("w") as nowhere, redirect_stdout(nowhere), redirect_stderr(nowhere):
+    with Path(os.devnull).open("w") as devnull, redirect_stdout(devnull), redirect_stderr(devnull):
         return int(pytest.main(command, plugins=[plugin]))
 
 
-def forked(jobs: list[tuple[Any, ...]], processes: int, what: str) -> Iterator[tuple[int, Any]]:
-    """The places and results of jobs, a function and its arguments each, as they end.
+def run_forked(jobs: list[tuple[Any, ...]], processes: int, description: str) -> Iterator[tuple[int, Any]]:
+    """Run each job in its own process, and yield the indices and results of jobs as they end.
 
-    Every one is in a process of its own. If that ends before it has one, the result is an `Outcome` that says so.
+    A job is a function and its arguments. If a process ends without a result, the result is an `Outcome` with the
+    reason.
     """
     context, waiting = multiprocessing.get_context("fork"), enumerate(jobs)
     running: dict[Any, tuple[int, Any, float]] = {}
-    bar = tqdm(total=len(jobs), desc=what, smoothing=0.02)
+    bar = tqdm(total=len(jobs), desc=description, smoothing=0.02)
     try:
         while True:
             while len(running) < processes and (following := next(waiting, None)):
-                here, there = context.Pipe(duplex=False)
-                process = context.Process(target=do, args=(there, *following[1]))
+                receiver, sender = context.Pipe(duplex=False)
+                process = context.Process(target=run_job, args=(sender, *following[1]))
                 process.start()
-                there.close()
-                running[here] = following[0], process, time.monotonic() + LONGEST
+                sender.close()
+                running[receiver] = following[0], process, time.monotonic() + MAX_DURATION
             if not running:
                 return
-            for here in connection.wait(list(running), timeout=1.0):
-                place, process, _ = running.pop(here)
-                yield place, received(here, process)
+            for receiver in connection.wait(list(running), timeout=1.0):
+                index, process, _ = running.pop(receiver)
+                yield index, receive(receiver, process)
                 bar.update()
-            for _, process, last in running.values():
-                if time.monotonic() > last:
+            for _, process, deadline in running.values():
+                if time.monotonic() > deadline:
                     os.killpg(process.pid, signal.SIGKILL)
     finally:
         bar.close()
@@ -213,20 +212,20 @@ def forked(jobs: list[tuple[Any, ...]], processes: int, what: str) -> Iterator[t
             os.killpg(process.pid, signal.SIGKILL)
 
 
-def do(there: Any, function: Any, *arguments: Any) -> None:
-    """Runs a job in a forked process and sends what it returns."""
+def run_job(sender: Any, function: Any, *arguments: Any) -> None:
+    """Run a job in a forked process, and send its result."""
     os.setsid()
-    # A shell may have had it ignored.
+    # A shell may have disabled SIGINT.
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    there.send(function(*arguments))
-    there.close()
+    sender.send(function(*arguments))
+    sender.close()
 
 
-def received(here: Any, process: Any) -> Any:
-    """What a process sends before it ends, or how it ended otherwise."""
-    running = RUNNING / str(process.pid)
+def receive(receiver: Any, process: Any) -> Any:
+    """Return the result that a process sends, or an `Outcome` with the reason why it ended without one."""
+    running = RUNNING_TESTS / str(process.pid)
     try:
-        result = here.recv()
+        result = receiver.recv()
         process.join()
     except EOFError:
         process.join()

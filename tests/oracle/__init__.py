@@ -1,17 +1,19 @@
-"""A flight from its equations alone: what the library computes, written a second time in plain NumPy.
+"""Independent implementation of a flight in plain NumPy, with which the flights of the library are compared.
 
-Nothing here is imported from `drake_quad`. The equations are those of the paper, numbered as there, and of the pages
-and docstrings that say what was added to it. One vehicle flies, one number at a time, in the order in which things
-happen; where there is a choice of method it is another one than the library's: matrices where that has products
-written out, levers where that has eq (5), a search where that has a closed form, integrals where that has gamma
-functions.
+It imports nothing from `drake_quad`. Its equations are those of the paper, with the paper's numbers, and those of the
+documentation. It simulates a single vehicle, with all events in their order in time. Where there is a choice, its
+methods differ from those of the library: matrices instead of written-out products, lever arms instead of eq (5), a
+search instead of a closed form, and integrals instead of gamma functions.
 
-    randomness   the random numbers of a sample
+    randomness   random numbers of a sample
     vehicle      rigid body, rotors, allocation
+    effects      additional forces, and bodies that consist of several parts
+    autopilot    controllers on board
     wind         gusts, turbulence, fans
-    laboratory   cameras and link
+    laboratory   cameras and radio link
+    obstacles    collisions
     control      position, network, thrust vectoring, attitude
-    flight       all of them, tick by tick, and the metrics
+    flight       simulation of all of these, and the metrics
 
-A scenario gives its numbers, and the trajectory of the reference is given; no formula is.
+Only the numbers of a scenario and the trajectory of the reference come from the library.
 """

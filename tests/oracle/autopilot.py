@@ -1,15 +1,15 @@
-"""What is on board between the link and the allocation; and a vehicle whose attitude follows as flights show it."""
+"""Controllers on board between the link and the allocation, and a vehicle with a prescribed attitude response."""
 
 import math
 
 import numpy as np
 
 from oracle.randomness import NOISE, Stream
-from oracle.vehicle import Vehicle, WithSmallAngles, cross, euler_to_body, rotation
+from oracle.vehicle import SmallAngleVehicle, Vehicle, cross, euler_to_body, rotation
 
 
-class Nothing:
-    """The wrench comes over the link."""
+class NoAutopilot:
+    """Autopilot that passes on the wrench from the link."""
 
     steps = 0
 
@@ -23,51 +23,53 @@ class Nothing:
         return command
 
 
-class Loops:
-    """Attitude and rate loop, on a gyroscope: the wrench of an instant is out until the next.
+class AttitudeAutopilot:
+    """Attitude and rate loops with a gyroscope. The wrench of an update is held until the next update.
 
     Args:
-        scenario: of numbers, with an autopilot of kind attitude.
-        seed: of the study.
-        sample: its number in the study.
+        scenario: scenario without distributions, with an autopilot of kind attitude.
+        seed: seed of the study.
+        sample: number of the sample in the study.
     """
 
     def __init__(self, scenario, seed, sample):
         self.numbers, self.inertia = scenario.laboratory.autopilot, np.diag(scenario.nominal.inertia)
         self.steps = round(self.numbers.period / scenario.vehicle.time_step)
         self.noise = Stream(seed, sample, NOISE, "autopilot.sensor_noise", 6)
-        self.out = np.array([scenario.nominal.mass * scenario.nominal.gravity, 0.0, 0.0, 0.0])
+        self.held_wrench = np.array([scenario.nominal.mass * scenario.nominal.gravity, 0.0, 0.0, 0.0])
 
     def act(self, k, state, target):
-        """At instant k of its own, on what it hears then."""
+        """Do update k for the state of the vehicle and the target that the link then gives."""
         numbers, noise = self.numbers, self.noise.normal(k)
         rates = state[9:12] + np.array(numbers.gyroscope_bias) + numbers.gyroscope_noise * noise[0:3]
         error = target[1:4] - (state[3:6] + numbers.attitude_noise * noise[3:6])
         error[2] = math.remainder(error[2], math.tau)
         wanted = target[4:7] + np.array(numbers.k_attitude) * error
         acceleration = np.array(numbers.k_rate) * (wanted - rates)
-        self.out = np.concatenate([target[0:1], self.inertia @ acceleration + cross(rates, self.inertia @ rates)])
+        self.held_wrench = np.concatenate(
+            [target[0:1], self.inertia @ acceleration + cross(rates, self.inertia @ rates)]
+        )
 
     def wrench(self, command):
-        return self.out
+        return self.held_wrench
 
 
-class ThrustAlone(Nothing):
-    """Of the target the rotors give the thrust."""
+class ThrustAlone(NoAutopilot):
+    """Autopilot that passes on only the thrust of the target."""
 
     def wrench(self, command):
         return np.array([command[0], 0.0, 0.0, 0.0])
 
 
-ON_BOARD = {"none": Nothing, "attitude": Loops, "response": ThrustAlone}
+AUTOPILOTS = {"none": NoAutopilot, "attitude": AttitudeAutopilot, "response": ThrustAlone}
 
 
-class Responding(WithSmallAngles):
-    """Its attitude follows the target, whatever the rotors' torques are; the state has the rates of the angles.
+class RespondingVehicle(SmallAngleVehicle):
+    """Vehicle whose attitude follows the target independently of the torques. Its state has rates of the angles.
 
     Args:
-        scenario: of numbers, with an autopilot of kind response.
-        duration: of the flight, over which the battery sags, s.
+        scenario: scenario without distributions, with an autopilot of kind response.
+        duration: duration of the flight, over which the battery sags, s.
     """
 
     def __init__(self, scenario, duration):
@@ -75,23 +77,23 @@ class Responding(WithSmallAngles):
         self.response = scenario.laboratory.autopilot
 
     def slope(self, attitude, velocity, rates, speeds, wind):
-        """How attitude, velocity and the rates of the angles change."""
+        """Return the time derivatives of attitude, velocity and rates of the angles."""
         acceleration = self.accelerations(rotation(*attitude), velocity, np.zeros(3), speeds, wind)[0:3]
         omega, zeta = np.array(self.response.natural_frequency), np.array(self.response.damping)
         error = self.target[1:4] - attitude
         error[2] = math.remainder(error[2], math.tau)
         return np.concatenate([rates, acceleration, omega**2 * error - 2.0 * zeta * omega * rates])
 
-    def shown(self, state):
-        """The state with body rates, (2)."""
+    def output_state(self, state):
+        """Return the state with body rates, eq (2)."""
         if self.numbers.attitude_kinematics == "small_angle":
             return state
         return np.concatenate([state[0:9], euler_to_body(state[3], state[4]) @ state[9:12]])
 
 
 def vehicle_of(scenario, duration):
-    """The vehicle of a scenario."""
+    """Return the vehicle of a scenario."""
     if scenario.laboratory.autopilot.kind == "response":
-        return Responding(scenario, duration)
-    kind = WithSmallAngles if scenario.vehicle.attitude_kinematics == "small_angle" else Vehicle
+        return RespondingVehicle(scenario, duration)
+    kind = SmallAngleVehicle if scenario.vehicle.attitude_kinematics == "small_angle" else Vehicle
     return kind(scenario.vehicle, duration)

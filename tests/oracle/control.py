@@ -1,4 +1,4 @@
-"""The controllers: eqs (6) to (17), PID, feed-forward, and the variants of learning."""
+"""Controllers: eqs (6) to (17), PID, feed-forward, and the variants of learning."""
 
 import math
 
@@ -8,19 +8,19 @@ import scipy
 from oracle.vehicle import cross, euler_to_body, rotation
 
 
-class Lagged:
-    """A vector of accelerations that follow what is sent: ticks later, with a lag, and a share of it with another.
+class LaggedResponse:
+    """Response of the acceleration to two summands of a command, each with its own lag, after a delay.
 
     Args:
-        ticks: of delay.
-        lags: (2, axes) of the one part and of the other, s.
-        h: the period of the ticks, s.
+        ticks: number of ticks of delay.
+        lags: time constants (summands, axes), s.
+        h: tick, s.
     """
 
     def __init__(self, ticks, lags, h):
         lags = np.array(lags, dtype=float)
         self.line, self.a = [np.zeros_like(lags)] * ticks, np.zeros_like(lags)
-        # (p, v, a, u): p'' = a, T a' = u - a, and u is held.
+        # The state is (p, v, a, u) with p'' = a and T a' = u - a, where u is held.
         self.flow = np.zeros((*lags.shape, 4, 4))
         for place in np.ndindex(lags.shape):
             slope = np.diag([1.0, 1.0, 0.0], 1)
@@ -29,7 +29,7 @@ class Lagged:
             self.flow[place] = scipy.linalg.expm(h * slope)
 
     def follow(self, *sent):
-        """The velocity and the distance that are gained until the next tick."""
+        """Send commands, and return the changes of velocity and position until the next tick."""
         self.line.append(np.array(sent))
         u = self.line.pop(0)
         before = np.stack([np.zeros_like(u), np.zeros_like(u), self.a, u], axis=-1)
@@ -38,20 +38,23 @@ class Lagged:
 
 
 class KalmanFilter:
-    """p' = v, v' = a + d, d' = -d / T + w, y = p + n on each axis, with the gain to which Riccati's iteration comes."""
+    """Stationary Kalman filter of p' = v, v' = a + d, d' = -d / T + w, y = p + n on each axis.
+
+    The gain is the limit of an iteration of the Riccati equation.
+    """
 
     def __init__(self, numbers, h, start):
         self.h, self.models = h, []
         for sigma, T in zip(numbers.deviation, numbers.time_constant, strict=True):
             slope = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0 / T]])
 
-            def added(s, slope=slope, intensity=2.0 * sigma**2 / T):
+            def noise_rate(s, slope=slope, intensity=2.0 * sigma**2 / T):
                 column = scipy.linalg.expm(s * slope)[:, 2]
                 return intensity * np.outer(column, column)
 
             A, Q, C = (
                 scipy.linalg.expm(h * slope),
-                scipy.integrate.quad_vec(added, 0.0, h)[0],
+                scipy.integrate.quad_vec(noise_rate, 0.0, h)[0],
                 np.array([1.0, 0.0, 0.0]),
             )
             P = np.eye(3)
@@ -71,13 +74,13 @@ class KalmanFilter:
             self.x[i] = A @ self.x[i] + [distance[i], speed[i], 0.0]
 
 
-class Differences:
-    """What the velocity gained over a tick beyond what was expected, in acceleration, behind a filter.
+class DifferenceEstimator:
+    """Filtered difference of the measured and the predicted change of velocity over a tick, divided by the tick.
 
     Args:
-        filters: (A, B, c) of each axis: x' = A x + B r, d = c x.
-        h: s.
-        rows: of the measurement that are differentiated.
+        filters: matrices (A, B, c) of each axis: x' = A x + B r, d = c x.
+        h: tick, s.
+        rows: rows of the measurement that are differentiated.
     """
 
     def __init__(self, filters, h, rows):
@@ -91,13 +94,13 @@ class Differences:
 
     @classmethod
     def adaptive(cls, numbers, h):
-        """L1: σ̂ is what was left of the last tick's r by the decay of the prediction error, behind ω / (s + ω)."""
-        left = math.exp(-numbers.adaptation * h)
-        return cls([([[-w]], [[w]], [left]) for w in numbers.bandwidth], h, slice(6, 9))
+        """Return an L1 estimator: r decays with the prediction error for a tick, then passes ω / (s + ω)."""
+        decay = math.exp(-numbers.adaptation * h)
+        return cls([([[-w]], [[w]], [decay]) for w in numbers.bandwidth], h, slice(6, 9))
 
     @classmethod
     def incremental(cls, bandwidths, h, rows):
-        """INDI: ω² / (s² + √2 ω s + ω²)."""
+        """Return an INDI estimator: r passes ω² / (s² + √2 ω s + ω²)."""
         return cls(
             [([[0.0, 1.0], [-w * w, -math.sqrt(2.0) * w]], [[0.0], [w * w]], [1.0, 0.0]) for w in bandwidths], h, rows
         )
@@ -112,12 +115,12 @@ class Differences:
         self.expected = speed
 
 
-class Estimator:
-    """What is taken from the command for a disturbance, by how the vehicle is believed to follow commands."""
+class CommandEstimator:
+    """Disturbance estimate from a nominal model of the response to commands."""
 
     def __init__(self, numbers, h, start):
         response, self.limit = numbers.response, numbers.disturbance_limit
-        self.model = Lagged(response.delay_ticks, [response.lag, response.feed_forward_lag or response.lag], h)
+        self.model = LaggedResponse(response.delay_ticks, [response.lag, response.feed_forward_lag or response.lag], h)
         self.law = law_of(numbers, h, start)
 
     def estimate(self, measured):
@@ -128,7 +131,7 @@ class Estimator:
 
 
 class TiltEstimator:
-    """The same, by where the thrust is seen to point; between ticks the acceleration is a straight line."""
+    """Disturbance estimate from the measured direction of the thrust. The acceleration is linear between ticks."""
 
     def __init__(self, numbers, h, start, gravity):
         self.h, self.limit, self.g = h, numbers.disturbance_limit, gravity
@@ -138,7 +141,7 @@ class TiltEstimator:
 
     def estimate(self, measured):
         now = self.thrust * rotation(*measured[3:6])[:, 2] - [0.0, 0.0, self.g]
-        # ∫ and ∫∫ of the line from `before` to `now`, and of what is known to disturb the vehicle.
+        # Integrals of the linear acceleration from `before` to `now` and of the learned disturbance.
         slope = (now - self.before) / self.h
         speed = self.h * (self.before + self.pushed) + self.h**2 / 2.0 * slope
         distance = self.h**2 / 2.0 * (self.before + self.pushed) + self.h**3 / 6.0 * slope
@@ -155,52 +158,52 @@ class TiltEstimator:
 def law_of(numbers, h, start):
     return {
         "disturbance_observer": lambda: KalmanFilter(numbers, h, start),
-        "l1": lambda: Differences.adaptive(numbers, h),
-        "indi": lambda: Differences.incremental(numbers.bandwidth, h, slice(6, 9)),
+        "l1": lambda: DifferenceEstimator.adaptive(numbers, h),
+        "indi": lambda: DifferenceEstimator.incremental(numbers.bandwidth, h, slice(6, 9)),
     }[numbers.kind]()
 
 
-class IncrementalTurning:
-    """What is taken from the angular acceleration that an attitude controller wants."""
+class IncrementalAttitude:
+    """Incremental correction of the angular acceleration that an attitude controller commands."""
 
     def __init__(self, numbers, h):
-        self.model, self.limit = Lagged(numbers.delay_ticks, [[numbers.lag] * 3], h), numbers.disturbance_limit
-        self.law = Differences.incremental([numbers.bandwidth] * 3, h, slice(9, 12))
+        self.model, self.limit = LaggedResponse(numbers.delay_ticks, [[numbers.lag] * 3], h), numbers.disturbance_limit
+        self.law = DifferenceEstimator.incremental([numbers.bandwidth] * 3, h, slice(9, 12))
 
     def act(self, wanted, measured):
-        found = wanted - np.clip(self.law.estimate(measured), -self.limit, self.limit)
-        self.law.predict(*self.model.follow(found))
-        return found
+        corrected = wanted - np.clip(self.law.estimate(measured), -self.limit, self.limit)
+        self.law.predict(*self.model.follow(corrected))
+        return corrected
 
 
 class Integral:
-    """Integral i⁺ = i + h k_I e within a limit; the output, which is added, is -i, or -i⁺ by backward Euler."""
+    """Integral i⁺ = i + h k_I e within a limit. The correction is -i, or -i⁺ with backward Euler."""
 
     def __init__(self, numbers, h):
         self.numbers, self.h, self.i = numbers, h, np.zeros(3)
 
-    def output(self, seen):
-        return -self.i if self.numbers.integration == "forward_euler" else -self.after(seen)
+    def output(self, inputs):
+        return -self.i if self.numbers.integration == "forward_euler" else -self.after(inputs)
 
-    def shown(self):
-        """What it lets others see, by name."""
+    def signals(self):
+        """Return the output signals by name."""
         return {}
 
-    def after(self, seen):
+    def after(self, inputs):
         limit = self.numbers.integral_limit
-        return np.clip(self.i + self.h * np.array(self.numbers.k_i) * seen["error"], -limit, limit)
+        return np.clip(self.i + self.h * np.array(self.numbers.k_i) * inputs["error"], -limit, limit)
 
-    def learn(self, tick, seen):
-        self.i = self.after(seen)
+    def learn(self, tick, inputs):
+        self.i = self.after(inputs)
 
 
 class Network:
-    """Fuzzy rules whose consequents learn, on some axes.
+    """Fuzzy network with learning consequents on some axes.
 
     Args:
-        numbers: of the scenario's network.
-        h: the period of the ticks.
-        leg_times: when the legs of the route begin.
+        numbers: network of the scenario.
+        h: tick, s.
+        leg_times: times at which the legs of the route begin, s.
     """
 
     def __init__(self, numbers, h, leg_times):
@@ -215,21 +218,21 @@ class Network:
             self.resets = {next(k for k in range(10**6) if k * h > time - 1e-9) for time in leg_times[1:]}
 
     def _fresh(self):
-        """P₀ or α₀."""
+        """Return the initial covariance P₀ or the initial slope α₀."""
         learning = self.numbers.learning
         if learning.kind == "covariance":
             return learning.initial_covariance * np.eye(self.R)
         return learning.initial_slope if learning.kind == "sign" else None
 
-    def firing(self, axis, seen):
-        """(10): the normalised firing strengths W."""
+    def firing(self, axis, inputs):
+        """Return the normalised firing strengths W, eq (10)."""
         network = self.numbers
         given = [(name, sets) for name, sets in network.inputs if sets is not None]
 
         def strengths(exponent):
             w = np.ones(1)
             for name, sets in given:
-                value = seen[name][axis] if name.startswith("error") else seen[name]
+                value = inputs[name][axis] if name.startswith("error") else inputs[name]
                 w = np.outer(w, self.memberships(value, sets, exponent, circular=name == "phase")).ravel()
             return w / w.sum()
 
@@ -239,7 +242,10 @@ class Network:
 
     @staticmethod
     def memberships(value, sets, a, *, circular):
-        """(11), (12): μ of an input, scaled and held within the universe, or on a circle, in each set."""
+        """Return the memberships of an input in each set, eqs (11) and (12).
+
+        The scaled input is limited to the universe of the sets, or wrapped on a circle.
+        """
         if circular:
             gaps = [math.remainder(sets.scale * value - c, sets.scale) for c in sets.centres]
         else:
@@ -247,31 +253,31 @@ class Network:
         u = [abs(gap / d) for gap, d in zip(gaps, sets.widths, strict=True)]
         return [(1.0 - distance**a) ** (1.0 / a) if distance < 1.0 else 0.0 for distance in u]
 
-    def output(self, seen):
-        """Fᵀ W."""
+    def output(self, inputs):
+        """Return Fᵀ W on each axis."""
         tau = np.zeros(3)
         for axis in self.axes:
-            tau[axis] = self.F[axis] @ self.firing(axis, seen)
+            tau[axis] = self.F[axis] @ self.firing(axis, inputs)
         return tau
 
-    def shown(self):
-        """What it lets others see, by name."""
+    def signals(self):
+        """Return the output signals by name."""
         weights = {"weights": np.concatenate([self.F[axis] for axis in self.axes])}
         if self.numbers.learning.kind != "covariance":
             return weights
         return weights | {"covariance_trace": np.array([np.trace(self.memory[axis]) for axis in self.axes])}
 
-    def learn(self, tick, seen):
+    def learn(self, tick, inputs):
         learning, h = self.numbers.learning, self.h
         limit = math.inf if learning.weight_limit is None else learning.weight_limit
         for axis in self.axes:
             if tick in self.resets:
                 self.memory[axis] = self._fresh()
-            W = self.firing(axis, seen)
+            W = self.firing(axis, inputs)
             if learning.kind == "sign" or learning.signal == "feedback":
-                signal = seen["pd"][axis] - seen["disturbance"][axis]
-            else:  # (15)
-                signal = seen["error_rate"][axis] + learning.slope * seen["error"][axis]
+                signal = inputs["pd"][axis] - inputs["disturbance"][axis]
+            else:  # eq (15)
+                signal = inputs["error_rate"][axis] + learning.slope * inputs["error"][axis]
             if abs(signal) < learning.deadzone:
                 signal = 0.0
             F = self.F[axis] * math.exp(-learning.leakage * h)
@@ -285,7 +291,11 @@ class Network:
             self.F[axis] = np.clip(F, -limit, limit)
 
     def _by_covariance(self, axis, W, signal):
-        """(16), (17), exactly for what is held over a tick, and then bounded-gain forgetting."""
+        """Update the covariance, and return the change of the weights.
+
+        The update is the exact solution of eqs (16) and (17) for constant inputs over a tick, followed by bounded-gain
+        forgetting.
+        """
         learning, h, P = self.numbers.learning, self.h, self.memory[axis]
         g = P @ W
         c = W @ g
@@ -298,19 +308,19 @@ class Network:
 
 
 class Controller:
-    """The cascade of a scenario; it believes the nominal numbers.
+    """Cascade of a scenario, which uses the nominal parameters.
 
     Args:
-        scenario: of numbers.
-        leg_times: when the legs of the route begin.
-        duration: of the route, from time zero on.
-        start: where the vehicle is at the beginning.
+        scenario: scenario without distributions.
+        leg_times: times at which the legs of the route begin, s.
+        duration: duration of the route from time zero on, s.
+        start: initial position of the vehicle, m.
     """
 
     def __init__(self, scenario, leg_times, duration, start):
-        self.numbers, self.believed = scenario.control, scenario.nominal
+        self.numbers, self.nominal = scenario.control, scenario.nominal
         position, h = scenario.control.position, scenario.laboratory.command_link.period
-        self.law = self.estimator = self.turning = None
+        self.law = self.estimator = self.incremental_attitude = None
         self.duration, self.h = duration, h
         if position.kind == "pid":
             self.law = Integral(position, h)
@@ -320,23 +330,23 @@ class Controller:
             if position.response.kind == "tilt":
                 self.estimator = TiltEstimator(position, h, start, scenario.nominal.gravity)
             else:
-                self.estimator = Estimator(position, h, start)
+                self.estimator = CommandEstimator(position, h, start)
         if self.numbers.attitude is not None and self.numbers.attitude.kind == "indi":
-            self.turning = IncrementalTurning(self.numbers.attitude, h)
-        self.held = np.zeros(3)  # by the integral of the attitude, an angular acceleration
+            self.incremental_attitude = IncrementalAttitude(self.numbers.attitude, h)
+        self.attitude_integral = np.zeros(3)  # rad/s²
 
     def phase(self, time):
-        """The share of the route that should be over."""
+        """Return the completed share of the route at a time."""
         return min(time / self.duration, 1.0)
 
     def act(self, tick, measured, reference):
-        """The signals of a tick, by name; what learns, learns from them."""
+        """Return the signals of a tick by name, and do the learning step."""
         position = self.numbers.position
         error = reference["position"] - measured[0:3]
         on_error = position.derivative == "tracking_error"
         rate = on_error * reference["velocity"] - measured[6:9]
-        pd = np.array(position.k_p) * error + np.array(position.k_d) * rate  # (8)
-        correction, learned, shown, disturbance = np.zeros(3), np.zeros(3), {}, np.zeros(3)
+        pd = np.array(position.k_p) * error + np.array(position.k_d) * rate  # eq (8)
+        correction, learned, signals, disturbance = np.zeros(3), np.zeros(3), {}, np.zeros(3)
         if self.estimator is not None:
             disturbance = self.estimator.estimate(measured)
         if self.law is not None:
@@ -347,19 +357,19 @@ class Controller:
                     "error_rate": rate,
                     "pd": pd,
                     "disturbance": disturbance,
-                    **dict(zip(("x", "y", "z"), measured[0:3] + moved * measured[6:9], strict=True)),
+                    **dict(zip(("x", "y", "z"), measured[0:3] + advance * measured[6:9], strict=True)),
                     **dict(zip(("v_x", "v_y", "v_z"), measured[6:9], strict=True)),
-                    "phase": self.phase(tick * self.h + moved),
+                    "phase": self.phase(tick * self.h + advance),
                 }
-                for moved in (0.0, lead)
+                for advance in (0.0, lead)
             )
-            correction, learned, shown = self.law.output(ahead), self.law.output(now), self.law.shown()
+            correction, learned, signals = self.law.output(ahead), self.law.output(now), self.law.signals()
             self.law.learn(tick, now)
-        u = pd - correction  # (14)
+        u = pd - correction  # eq (14)
         fed_forward = (position.feed_forward != "none") * reference["acceleration"]
         u = u + fed_forward
         if self.estimator is not None:
-            shown["disturbance"] = disturbance
+            signals["disturbance"] = disturbance
             u = u - disturbance
             self.estimator.remember(u, correction, learned, fed_forward)
         thrust, attitude, rates, accelerations = self.vectored(u, measured, reference)
@@ -375,18 +385,18 @@ class Controller:
             "acceleration_command": u,
             "attitude_command": attitude,
             **command,
-            **shown,
+            **signals,
         }
 
     def vectored(self, u, measured, reference):
-        """(7) at any yaw, within limits, and the body rates and angular accelerations that keep to the reference."""
-        mass, gravity, limits = self.believed.mass, self.believed.gravity, self.numbers.thrust_vectoring
+        """Return thrust, attitude, body rates and angular accelerations, from eq (7) at any yaw and within limits."""
+        mass, gravity, limits = self.nominal.mass, self.nominal.gravity, self.numbers.thrust_vectoring
         geometric = self.numbers.attitude is not None and self.numbers.attitude.kind == "geometric"
         yaw = reference["yaw"] if geometric else measured[5]
         square = geometric and self.numbers.attitude.euler_sequence == "zxy"
         heading = rotation(0.0, 0.0, yaw)
         forward, left, up = heading.T @ u + [0.0, 0.0, gravity]
-        # The vertical part is limited first, then the horizontal one is shortened.
+        # The vertical component is limited first, and then the horizontal components.
         up = min(max(up, limits.min_thrust * gravity), limits.max_thrust * gravity)
         reach = min(up * math.tan(limits.max_tilt), math.sqrt((limits.max_thrust * gravity) ** 2 - up**2))
         level = math.hypot(forward, left)
@@ -412,8 +422,8 @@ class Controller:
         return mass * thrust, attitude, rates, accelerations
 
     def torque(self, measured, attitude, rates, accelerations):
-        """PD on the attitude, τ = I (k_P e + k_D ė + ω̇) + ω x I ω."""
-        inertia, gains = np.diag(self.believed.inertia), self.numbers.attitude
+        """Return the torque of the PD of the attitude, τ = I (k_P e + k_D ė + ω̇) + ω x I ω, or of a variant."""
+        inertia, gains = np.diag(self.nominal.inertia), self.numbers.attitude
         k_p, k_d = np.array(gains.k_p), np.array(gains.k_d)
         if gains.kind == "geometric":
             without = geometric_torque(measured, attitude, rates, accelerations, k_p, k_d, inertia)
@@ -422,27 +432,27 @@ class Controller:
                 without = without + inertia @ cross(measured[9:12], carried)
             if gains.k_i is None:
                 return without
-            before = self.held
+            before = self.attitude_integral
             step = self.h * np.array(gains.k_i) * rotation_error(measured, attitude)
-            self.held = np.clip(self.held + step, -gains.integral_limit, gains.integral_limit)
-            return without - inertia @ (before if gains.integration == "forward_euler" else self.held)
+            self.attitude_integral = np.clip(self.attitude_integral + step, -gains.integral_limit, gains.integral_limit)
+            return without - inertia @ (before if gains.integration == "forward_euler" else self.attitude_integral)
         error = attitude - measured[3:6]
         error[2] = math.remainder(error[2], math.tau)
         wanted = k_p * error + k_d * (rates - measured[9:12]) + accelerations
-        if self.turning is not None:
-            wanted = self.turning.act(wanted, measured)
+        if self.incremental_attitude is not None:
+            wanted = self.incremental_attitude.act(wanted, measured)
         return inertia @ wanted + cross(rates, inertia @ rates)
 
 
 def rotation_error(measured, attitude):
-    """e_R of the same paper."""
+    """Return the rotation error e_R of Lee, Leok and McClamroch (2010), eq (10)."""
     R, R_d = rotation(*measured[3:6]), rotation(*attitude)
     skew = 0.5 * (R_d.T @ R - R.T @ R_d)
     return np.array([skew[2, 1], skew[0, 2], skew[1, 0]])
 
 
 def geometric_torque(measured, attitude, rates, accelerations, k_p, k_d, J):
-    """Lee, Leok and McClamroch (2010), eqs (10), (11) and (16), with gains over the moments of inertia."""
+    """Return the torque of Lee, Leok and McClamroch (2010), eqs (10), (11) and (16), with gains times the inertia."""
     R, R_d, Omega = rotation(*measured[3:6]), rotation(*attitude), measured[9:12]
     e_R, e_Omega = rotation_error(measured, attitude), Omega - R.T @ R_d @ rates
     follow = cross(Omega, R.T @ R_d @ rates) - R.T @ R_d @ accelerations
@@ -450,23 +460,23 @@ def geometric_torque(measured, attitude, rates, accelerations, k_p, k_d, J):
 
 
 def flat(roll, pitch, yaw, thrust, jerk, snap, psi_dot, psi_ddot):
-    """Body rates and angular accelerations under which F z_B follows jerk and snap, and the yaw its rate.
+    """Return the body rates and angular accelerations with which F z_B follows jerk and snap, and the yaw its rate.
 
-    From ż_B = q x_B - p y_B follow p and q, and once more differentiated their rates; from the rate of the yaw, by (2)
-    and its derivative, those of the third.
+    p and q follow from ż_B = q x_B - p y_B, and their derivatives from the derivative of this equation. r and its
+    derivative follow from the yaw rate by eq (2) and its derivative.
     """
     x_B, y_B, z_B = rotation(roll, pitch, yaw).T
     F_dot = z_B @ jerk
     p, q = -y_B @ jerk / thrust, x_B @ jerk / thrust
     E = euler_to_body(roll, pitch)
-    # The first two rows of (2) give the rates of roll and pitch, the third gives r.
-    turning = np.array([*np.linalg.solve(E[:2, :2], np.array([p, q]) - E[:2, 2] * psi_dot), psi_dot])
-    r = E[2] @ turning
+    # The first two rows of eq (2) give the rates of roll and pitch, and the third row gives r.
+    angle_rates = np.array([*np.linalg.solve(E[:2, :2], np.array([p, q]) - E[:2, 2] * psi_dot), psi_dot])
+    r = E[2] @ angle_rates
     p_dot = q * r - (y_B @ snap + 2.0 * F_dot * p) / thrust
     q_dot = (x_B @ snap - 2.0 * F_dot * q) / thrust - p * r
-    # The rate of E, along roll and pitch.
+    # Time derivative of E.
     s, c, s_pitch, c_pitch = math.sin(roll), math.cos(roll), math.sin(pitch), math.cos(pitch)
-    phi_dot, theta_dot, _ = turning
+    phi_dot, theta_dot, _ = angle_rates
     E_dot = np.array(
         [
             [0.0, 0.0, -c_pitch * theta_dot],
@@ -474,14 +484,14 @@ def flat(roll, pitch, yaw, thrust, jerk, snap, psi_dot, psi_ddot):
             [0.0, -c * phi_dot, -s * c_pitch * phi_dot - c * s_pitch * theta_dot],
         ]
     )
-    carried = E_dot @ turning
-    rest = np.array([p_dot, q_dot]) - carried[:2] - E[:2, 2] * psi_ddot
-    turning_faster = np.array([*np.linalg.solve(E[:2, :2], rest), psi_ddot])
-    return np.array([p, q, r]), np.array([p_dot, q_dot, carried[2] + E[2] @ turning_faster])
+    from_E_dot = E_dot @ angle_rates
+    right = np.array([p_dot, q_dot]) - from_E_dot[:2] - E[:2, 2] * psi_ddot
+    angle_accelerations = np.array([*np.linalg.solve(E[:2, :2], right), psi_ddot])
+    return np.array([p, q, r]), np.array([p_dot, q_dot, from_E_dot[2] + E[2] @ angle_accelerations])
 
 
 def square_axes(force, yaw):
-    """Return the axes of a body, as columns, with z_B along a force and y_B perpendicular to the heading."""
+    """Return the body axes as columns, with z_B along a force and y_B perpendicular to the heading."""
     z_B = force / np.linalg.norm(force)
     y_B = cross(z_B, [math.cos(yaw), math.sin(yaw), 0.0])
     y_B = y_B / np.linalg.norm(y_B)
@@ -489,15 +499,15 @@ def square_axes(force, yaw):
 
 
 def angles_near(axes, yaw):
-    """Return roll, pitch and yaw of eq (1), with the yaw within half a turn of another yaw."""
-    yaw_there, pitch, roll = scipy.spatial.transform.Rotation.from_matrix(axes).as_euler("ZYX")
-    return np.array([roll, pitch, yaw + math.remainder(yaw_there - yaw, math.tau)])
+    """Return roll, pitch and yaw of eq (1), with the yaw within half a turn of a given yaw."""
+    axes_yaw, pitch, roll = scipy.spatial.transform.Rotation.from_matrix(axes).as_euler("ZYX")
+    return np.array([roll, pitch, yaw + math.remainder(axes_yaw - yaw, math.tau)])
 
 
 def square_flat(axes, yaw, thrust, jerk, snap, psi_dot, psi_ddot):
-    """Return body rates and angular accelerations, as `flat` does, of a body with y_B perpendicular to the heading x_C.
+    """Return body rates and angular accelerations as `flat`, but with y_B perpendicular to the heading x_C.
 
-    They follow from y_B·x_C = 0, differentiated twice.
+    r and its derivative follow from y_B·x_C = 0, differentiated once and twice.
     """
     x_B, y_B, z_B = axes.T
     x_C = np.array([math.cos(yaw), math.sin(yaw), 0.0])

@@ -1,4 +1,4 @@
-"""What acts on a vehicle beside the paper's equations: forces at their points, and bodies put together of parts."""
+"""Forces in addition to the paper's equations, with their points of application, and bodies of several parts."""
 
 import numpy as np
 
@@ -11,11 +11,11 @@ def cross_matrix(vector):
 
 
 class Forces:
-    """Forces on a vehicle in B, each at a point seen from its centre of mass, and free torques; no weight.
+    """Forces on a vehicle without its weight, in B, with points relative to the centre of mass, and free torques.
 
     Args:
-        vehicle: its `QuadrotorParameters`.
-        effects: its `Effects`.
+        vehicle: `QuadrotorParameters` of the vehicle.
+        effects: `Effects` on the vehicle.
     """
 
     def __init__(self, vehicle, effects):
@@ -27,13 +27,13 @@ class Forces:
         self.drag_factors = np.array([rotor.drag_factor for rotor in rotors])
 
     def at(self, state, speeds, wind, rotor_rates):
-        """Pairs of point and force, and the free torque.
+        """Return pairs of a point and a force, and the free torque.
 
         Args:
-            state: (12,).
-            speeds: (4,) of the rotors.
-            wind: (3,) in W.
-            rotor_rates: (4,) of the rotors' speeds, whose reaction is felt if it is switched on.
+            state: state (12,) of the vehicle.
+            speeds: rotor speeds (4,), rad/s.
+            wind: wind (3,) in W, m/s.
+            rotor_rates: angular accelerations (4,) of the rotors, rad/s².
         """
         vehicle, effects = self.vehicle, self.effects
         R = rotation(*state[3:6])
@@ -51,7 +51,8 @@ class Forces:
             pairs.append((point, (linear + quadratic * size) * air))
         if effects.rotor_aerodynamics is not None:
             lift, climb, drag, inflow = effects.rotor_aerodynamics
-            # A quarter of lift and climb is each rotor's, and its drag by its speed; the middle of all feels the sum.
+            # Each rotor has a quarter of lift and climb, and drag in proportion to its speed. All act at the centre of
+            # the rotors.
             middle = self.places.mean(axis=0)
             for speed in speeds:
                 across = np.array([air[0], air[1], 0.0])
@@ -59,24 +60,24 @@ class Forces:
                 pairs.append((middle, drag * speed * across + up * Z))
         torque = (self.reaction * self.drag_factors) @ speeds**2 * Z
         if effects.reaction_torque is not None:
-            # A rotor whose drag turns the body anticlockwise turns clockwise, and so does its momentum.
+            # A rotor that turns clockwise has clockwise momentum, and its drag turns the body anticlockwise.
             torque = torque + effects.reaction_torque.rotor_inertia * (self.reaction @ rotor_rates) * Z
         return pairs, torque
 
 
 def accelerations(vehicle, state, speeds, pairs, torque, parts):
-    """Linear acceleration in W of the vehicle's centre of mass, and angular acceleration in B (6,).
+    """Return the linear acceleration in W of the vehicle's centre of mass, and the angular acceleration in B, (6,).
 
-    Newton's and Euler's equations about that point, which need not be the centre of mass of the whole, as a linear
-    system of six equations.
+    They solve six linear equations, the Newton-Euler equations about the vehicle's centre of mass, which is not the
+    centre of mass of the vehicle with its parts.
 
     Args:
-        vehicle: its parameters.
-        state: (12,).
-        speeds: (4,) of the rotors.
-        pairs: of points and forces without weight.
-        torque: without a point.
-        parts: mass, place and 3 x 3 inertia about its own centre of mass of everything that is carried.
+        vehicle: `QuadrotorParameters` of the vehicle.
+        state: state (12,) of the vehicle.
+        speeds: rotor speeds (4,), rad/s.
+        pairs: pairs of a point and a force, without weight.
+        torque: free torque (3,), N m.
+        parts: mass, position and inertia (3, 3) about its own centre of mass of each carried part.
     """
     R, rates = rotation(*state[3:6]), state[9:12]
     bodies = [(vehicle.mass, np.zeros(3), np.diag(vehicle.inertia)), *parts]
@@ -84,19 +85,19 @@ def accelerations(vehicle, state, speeds, pairs, torque, parts):
     matrix, right = np.zeros((6, 6)), np.zeros(6)
     for mass, place, inertia in bodies:
         S = cross_matrix(place)
-        about = inertia - mass * S @ S
-        turned = mass * cross(rates, cross(rates, place))
+        shifted_inertia = inertia - mass * S @ S
+        centripetal = mass * cross(rates, cross(rates, place))
         matrix[:3, :3] += mass * np.eye(3)
         matrix[:3, 3:] -= mass * S
         matrix[3:, :3] += mass * S
-        matrix[3:, 3:] += about
-        right[:3] += mass * gravity - turned
-        right[3:] += mass * cross(place, gravity) - cross(rates, about @ rates)
+        matrix[3:, 3:] += shifted_inertia
+        right[:3] += mass * gravity - centripetal
+        right[3:] += mass * cross(place, gravity) - cross(rates, shifted_inertia @ rates)
     spin = vehicle.rotor_inertia * np.dot([rotor.direction for rotor in vehicle.rotors], speeds) * Z
     right[3:] -= cross(rates, spin)
     for place, force in pairs:
         right[:3] += force
         right[3:] += cross(place, force)
     right[3:] += torque
-    found = np.linalg.solve(matrix, right)
-    return np.concatenate([R @ found[:3], found[3:]])
+    solution = np.linalg.solve(matrix, right)
+    return np.concatenate([R @ solution[:3], solution[3:]])

@@ -1,4 +1,4 @@
-"""What the ground sees of the vehicle, and how it is heard there."""
+"""Cameras and radio link."""
 
 import math
 
@@ -9,12 +9,12 @@ from oracle.randomness import NOISE, Stream
 from oracle.vehicle import euler_to_body, rotation
 
 
-class Line:
-    """Whole ticks of delay: what is put in is out so many ticks later.
+class DelayLine:
+    """Delay by a whole number of ticks.
 
     Args:
-        first: what is out until then.
-        delay: in ticks.
+        first: initial output.
+        delay: delay, ticks.
     """
 
     def __init__(self, first, delay):
@@ -32,14 +32,14 @@ class Line:
         self.waiting = [*self.waiting[1:], value]
 
 
-class Link(Line):
-    """The radio link: it samples the wrench at a tick; a lost packet leaves the one before out.
+class Link(DelayLine):
+    """Radio link that samples a command at each tick. If a packet is lost, the previous command is repeated.
 
     Args:
-        numbers: of the scenario's link.
-        hover: the wrench that is out at the beginning.
-        seed: of the study.
-        sample: its number in the study.
+        numbers: command link of the scenario.
+        hover: initial output.
+        seed: seed of the study.
+        sample: number of the sample in the study.
     """
 
     def __init__(self, numbers, hover, seed, sample):
@@ -52,14 +52,14 @@ class Link(Line):
         self.put(self.newest if lost else wrench)
 
 
-class Cameras(Line):
-    """Cameras that see markers, which may be misaligned, with noise, and filters that make rates of what they see.
+class Cameras(DelayLine):
+    """Cameras that measure the pose of misaligned markers with noise, and filters that estimate rates.
 
     Args:
-        numbers: of the scenario's motion capture.
-        seed: of the study.
-        sample: its number in the study.
-        state: of the vehicle at the beginning: the first frame, from before which there is nothing.
+        numbers: motion capture of the scenario.
+        seed: seed of the study.
+        sample: number of the sample in the study.
+        state: initial state of the vehicle, which the first frame shows.
     """
 
     def __init__(self, numbers, seed, sample, state):
@@ -75,10 +75,10 @@ class Cameras(Line):
         super().__init__(np.concatenate([pose, rates]), numbers.latency_frames)
 
     def pose(self, k, state):
-        """Position and attitude of the markers in frame k."""
+        """Return the measured position and attitude of the markers in frame k."""
         yaw = state[5]
         R_WM = rotation(*state[3:6]) @ self.R_BM
-        turn = math.atan2(R_WM[1, 0], R_WM[0, 0]) - yaw  # of the markers from the body; yaw goes on beyond a turn
+        turn = math.atan2(R_WM[1, 0], R_WM[0, 0]) - yaw  # from the body to the markers; the yaw is not wrapped
         attitude = [
             math.atan2(R_WM[2, 1], R_WM[2, 2]),
             -math.asin(R_WM[2, 0]),
@@ -87,8 +87,8 @@ class Cameras(Line):
         deviations = np.repeat([self.numbers.position_noise, self.numbers.attitude_noise], 3)
         return np.concatenate([state[0:3], attitude]) + deviations * self.noise.normal(k)
 
-    def take(self, k, state):
-        """Takes frame k of a state."""
+    def measure(self, k, state):
+        """Measure frame k of a state."""
         numbers, last = self.numbers, self.newest
         lost = numbers.dropout_rate > 0.0 and self.loss.uniform(k)[0] < numbers.dropout_rate
         pose = last[0:6] if lost else self.pose(k, state)
@@ -103,8 +103,8 @@ class Cameras(Line):
             return
         h = numbers.period
         a = math.exp(-numbers.derivative_bandwidth * h)
-        # Steps are differences over two frames. Small changes of angles become rates by (2) at the frame in the middle;
-        # large changes are the rotation vector between the two frames.
+        # Changes are differences over two frames. Eq (2) at the middle frame converts small changes of angles to body
+        # axes. Large changes are the rotation vector between the two frames.
         steps = pose - self.before
         if np.abs(steps[3:6]).max() > 0.05:
             turn = rotation(*self.before[3:6]).T @ rotation(*pose[3:6])

@@ -1,11 +1,11 @@
-"""What a vehicle flies into."""
+"""Collisions with obstacles."""
 
 import numpy as np
 from pydrake.math import RollPitchYaw
 
 
 class Obstacles:
-    """Whether the ball around the centre of mass meets a solid: boxes and cylinders by clipping, hulls by steps."""
+    """Obstacles of a scenario, and the radius of the ball around the vehicle's centre of mass."""
 
     def __init__(self, scenario):
         space = scenario.space
@@ -16,12 +16,15 @@ class Obstacles:
             self.radius = nominal.arm_length if space.radius is None else space.radius
 
     def touch(self, position):
-        """Whether any is nearer than the radius."""
+        """Return whether an obstacle is nearer to a position than the radius."""
         return any(distance(solid, position) < self.radius for solid in self.solids)
 
 
 def distance(solid, position):
-    """From outside, to the nearest point; zero inside."""
+    """Return the distance from a position to the nearest point of a solid; zero inside.
+
+    Boxes and cylinders are handled by clipping, and hulls by an iteration.
+    """
     if solid.kind == "sphere":
         return max(0.0, np.linalg.norm(position - np.array(solid.centre)) - solid.radius)
     rotation = RollPitchYaw(np.array(solid.rotation)).ToRotationMatrix().matrix()
@@ -38,7 +41,10 @@ def distance(solid, position):
 
 
 def distance_to_hull(points, p, iterations=2000):
-    """By Gilbert's algorithm: steps towards the point of the hull that is farthest in the direction of p."""
+    """Return the distance from p to the convex hull of points, by Gilbert's algorithm.
+
+    Each step goes towards the point of the hull that is farthest in the direction of p.
+    """
     nearest = points[0]
     for _ in range(iterations):
         support = points[np.argmax(points @ (p - nearest))]

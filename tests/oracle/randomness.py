@@ -1,30 +1,33 @@
-"""The random numbers of a sample: SplitMix64 from NumPy's seed sequences, and Box and Muller."""
+"""Random numbers of a sample: SplitMix64 with NumPy's seed sequences, and the method of Box and Muller."""
 
 import hashlib
 import math
 
 import numpy as np
 
-PARAMETERS, WIND, NOISE = 0, 1, 2
-_MASK = 2**64 - 1
+# Kinds of streams.
+PARAMETERS = 0
+WIND = 1
+NOISE = 2
+_MASK = 2**64 - 1  # 64-bit words
 
 
 def mixed(word):
-    """The mixing function of SplitMix64, of a 64-bit word."""
+    """Apply the mixing function of SplitMix64 to a 64-bit word."""
     word = (word ^ (word >> 30)) * 0xBF58476D1CE4E5B9 & _MASK
     word = (word ^ (word >> 27)) * 0x94D049BB133111EB & _MASK
     return word ^ (word >> 31)
 
 
 class Stream:
-    """Rows of random numbers for a port, tick by tick.
+    """Stream of random numbers for a port.
 
     Args:
-        seed: of the study.
-        sample: its number in the study.
+        seed: seed of the study.
+        sample: number of the sample in the study.
         kind: WIND or NOISE.
-        name: of the system and its port.
-        rows: at each tick.
+        name: name of the system and its port.
+        rows: number of random numbers for each tick.
     """
 
     def __init__(self, seed, sample, kind, name, rows):
@@ -33,15 +36,15 @@ class Stream:
         self.state, self.rows = mixed(int(sequence.generate_state(1, np.uint64)[0]) ^ label), rows
 
     def word(self, k):
-        """Number k, 64 bits."""
+        """Return word k of the stream, 64 bits."""
         return mixed(self.state + (k + 1) * 0x9E3779B97F4A7C15 & _MASK)
 
     def uniform(self, tick):
-        """Numbers between 0 and 1, of 52 bits."""
+        """Return uniform numbers (rows,) between 0 and 1, with 52 bits."""
         return np.array([((self.word(tick * self.rows + i) >> 12) + 0.5) * 2.0**-52 for i in range(self.rows)])
 
     def normal(self, tick):
-        """Standard normal numbers: a word makes a pair, one for an even tick and one for the next."""
+        """Return standard normal numbers (rows,). Each word gives two, for an even tick and for the next tick."""
         numbers = []
         for i in range(self.rows):
             word = self.word((tick // 2) * self.rows + i)

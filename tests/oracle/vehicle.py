@@ -1,4 +1,4 @@
-"""The aircraft: eqs (1) to (5), rotors that lag and fail, and the allocation on board."""
+"""Vehicle: eqs (1) to (5), lag and failure of rotors, and the allocation on board."""
 
 import math
 from itertools import combinations
@@ -6,16 +6,16 @@ from itertools import combinations
 import numpy as np
 
 X, Y, Z = np.eye(3)
-# Of the rotors of a plus and of an x: on which sides of the middle they are.
+# Directions from the centre to the rotors, for the layouts plus and X.
 PLUS = np.array([X, -Y, -X, Y])
 CORNERS = np.array([X - Y, -X - Y, -X + Y, X + Y])
 
 
 class Rotors:
-    """Where the rotors are, how they turn the body, clockwise ones anticlockwise, and their factors.
+    """Positions, signs of the reaction torques, and factors of the rotors. Clockwise rotors have the sign +1.
 
     Args:
-        numbers: of the scenario's vehicle, or the nominal ones.
+        numbers: true or nominal vehicle of the scenario.
     """
 
     def __init__(self, numbers):
@@ -37,13 +37,13 @@ class Rotors:
 
 
 def cross(a, b):
-    """Return the cross product (3,) of two vectors; NumPy's own takes ten times as long for so few numbers."""
+    """Return the cross product (3,) of two vectors. NumPy's function takes ten times as long for a single product."""
     (a_x, a_y, a_z), (b_x, b_y, b_z) = a, b
     return np.array([a_y * b_z - a_z * b_y, a_z * b_x - a_x * b_z, a_x * b_y - a_y * b_x])
 
 
-def about(axis, angle):
-    """The rotation about an axis of coordinates, 3 x 3."""
+def axis_rotation(axis, angle):
+    """Return the matrix (3, 3) of a rotation about a coordinate axis."""
     s, c = math.sin(angle), math.cos(angle)
     i, j = (axis + 1) % 3, (axis + 2) % 3
     R = np.eye(3)
@@ -52,12 +52,12 @@ def about(axis, angle):
 
 
 def rotation(roll, pitch, yaw):
-    """(1): R_WB."""
-    return about(2, yaw) @ about(1, pitch) @ about(0, roll)
+    """Return the matrix R_WB of eq (1)."""
+    return axis_rotation(2, yaw) @ axis_rotation(1, pitch) @ axis_rotation(0, roll)
 
 
 def euler_to_body(roll, pitch):
-    """(2): the matrix from the rates of roll, pitch and yaw to p, q, r."""
+    """Return the matrix of eq (2) from the rates of roll, pitch and yaw to p, q, r."""
     s, c = math.sin(roll), math.cos(roll)
     return np.array(
         [
@@ -68,19 +68,19 @@ def euler_to_body(roll, pitch):
     )
 
 
-def turned_by(quaternion):
-    """Return the rotation matrix (3 x 3) of a unit quaternion by the Euler-Rodrigues formula."""
+def quaternion_matrix(quaternion):
+    """Return the rotation matrix (3, 3) of a unit quaternion by the Euler-Rodrigues formula."""
     w, (x, y, z) = quaternion[0], quaternion[1:]
     S = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.eye(3) + 2.0 * w * S + 2.0 * S @ S
 
 
 class Vehicle:
-    """The vehicle as it is, under its battery and its faults.
+    """True vehicle, with battery sag and faults.
 
     Args:
-        numbers: of the scenario's vehicle.
-        duration: of the flight, over which the battery sags, s.
+        numbers: vehicle of the scenario.
+        duration: duration of the flight, over which the battery sags, s.
     """
 
     def __init__(self, numbers, duration):
@@ -93,16 +93,16 @@ class Vehicle:
         self.inverse_inertia = np.linalg.inv(self.inertia)
 
     def wrench(self, speeds):
-        """(5): thrust and torques about the centre of mass, from the rotors' forces at their levers."""
+        """Return thrust and torques about the centre of mass, eq (5), from the forces and lever arms of the rotors."""
         squares = speeds**2
         forces = self.thrust_factor * squares
-        # A force along z at (x, y) turns by (y, -x).
+        # A unit force along z at (x, y) has the torque (y, -x).
         torque = np.array([self.levers[:, 1] @ forces, -self.levers[:, 0] @ forces, 0.0])
         torque[2] = self.rotors.d * self.rotors.reaction @ squares
         return forces.sum(), torque
 
     def hover_speeds(self):
-        """Of the rotors, for a wrench of nothing but the weight."""
+        """Return the rotor speeds whose wrench only balances the weight."""
         columns = []
         for unit in np.eye(4):
             thrust, torque = self.wrench(unit)
@@ -111,48 +111,48 @@ class Vehicle:
         return np.sqrt(np.linalg.solve(np.array(columns).T, [weight, 0.0, 0.0, 0.0]))
 
     def accelerations(self, R, velocity, rates, speeds, wind):
-        """Return the rates of change (6,) of velocity and body rates."""
+        """Return the time derivatives (6,) of velocity and body rates."""
         numbers = self.numbers
         thrust, torque = self.wrench(speeds)
         airspeed = wind - velocity
         size = math.sqrt(airspeed @ airspeed)
         drag = (numbers.linear_drag + numbers.quadratic_drag * size) * airspeed
         acceleration = (R @ (thrust * Z) + drag) / numbers.mass - numbers.gravity * Z
-        # (4), and the rotors' angular momentum.
+        # Eq (4) with the angular momentum of the rotors.
         spin = -numbers.rotor_inertia * self.rotors.reaction @ speeds
         momentum = self.inertia @ rates + spin * Z
         return np.concatenate([acceleration, self.inverse_inertia @ (torque - cross(rates, momentum))])
 
     def slope(self, turn, velocity, rates, speeds, wind):
-        """Return the rates of change of attitude, velocity and body rates.
+        """Return the time derivatives of attitude, velocity and body rates.
 
-        The attitude is a unit quaternion, relative to the attitude at the beginning of the step.
+        The attitude is a unit quaternion relative to the attitude at the beginning of the step.
         """
         w, v = turn[0], turn[1:]
         turning = 0.5 * np.append(-v @ rates, w * rates + cross(v, rates))
-        accelerations = self.accelerations(self.begun @ turned_by(turn), velocity, rates, speeds, wind)
+        accelerations = self.accelerations(self.begun @ quaternion_matrix(turn), velocity, rates, speeds, wind)
         return np.concatenate([turning, accelerations])
 
     def begin(self, angles):
-        """Begin a step at an attitude, and return the attitude variables that are integrated."""
+        """Begin a step at an attitude, and return the initial values of the integrated attitude variables."""
         self.begun = rotation(*angles)
         return np.array([1.0, 0.0, 0.0, 0.0])
 
     def angles(self, turn, yaw):
-        """Return roll, pitch and yaw, where the yaw continues from the yaw before."""
-        R = self.begun @ turned_by(turn)
+        """Return roll, pitch and yaw, with a yaw near the previous yaw."""
+        R = self.begun @ quaternion_matrix(turn)
         change = math.remainder(math.atan2(R[1, 0], R[0, 0]) - yaw, math.tau)
         return np.array([math.atan2(R[2, 1], R[2, 2]), -math.asin(R[2, 0]), yaw + change])
 
-    # What the link lets out while a step is taken; only a vehicle that responds looks at it.
+    # Output of the link during a step. Only `RespondingVehicle` uses it.
     target = None
 
-    def shown(self, state):
-        """The state as others see it."""
+    def output_state(self, state):
+        """Return the state with body rates."""
         return state
 
     def targets(self, command, time):
-        """Where the rotors go under a command at a time."""
+        """Return the speeds to which the rotors tend under a command at a time."""
         numbers = self.numbers
         share = np.full(4, 1.0 - self.sag * time)
         failure = numbers.rotor_failure
@@ -161,9 +161,9 @@ class Vehicle:
         return share * np.clip(command, numbers.min_rotor_speed, numbers.max_rotor_speed)
 
     def step(self, state, speeds, command, wind, time, h):
-        """State and rotor speeds at a time, h after those that are given, by Runge and Kutta's classical method.
+        """Return state and rotor speeds after a step h that ends at a time, by the classical Runge-Kutta method.
 
-        The rotors go exponentially to what is commanded, whatever the body does.
+        The rotors tend exponentially to the commanded speeds, independently of the body.
         """
         target = self.targets(command, time - 0.5 * h)
 
@@ -184,37 +184,37 @@ class Vehicle:
         return np.concatenate([done[0:3], self.angles(done[9:], state[5]), done[3:9]]), rotors(h)
 
 
-class WithSmallAngles(Vehicle):
-    """A vehicle whose body rates are the rates of its angles, as in (3)."""
+class SmallAngleVehicle(Vehicle):
+    """Vehicle whose body rates equal the rates of its angles, as in eq (3)."""
 
     def slope(self, angles, velocity, rates, speeds, wind):
-        """Return the rates of change of angles, velocity and body rates."""
+        """Return the time derivatives of angles, velocity and body rates."""
         return np.concatenate([rates, self.accelerations(rotation(*angles), velocity, rates, speeds, wind)])
 
     def begin(self, angles):
-        """Return the angles, which are integrated themselves."""
+        """Return the angles, which are integrated directly."""
         return angles
 
     def angles(self, angles, yaw):
-        """Return the angles as they were integrated."""
+        """Return the integrated angles."""
         return angles
 
 
-def allocate(wrench, believed, priority):
-    """Return the rotor speeds for a wrench, and the part of the wrench that is given up for the rotors' limits.
+def allocate(wrench, nominal, priority):
+    """Return the rotor speeds for a wrench, and the part of the wrench that the limits of the rotors do not allow.
 
-    The unknowns are thrust, share of roll and pitch torque, and yaw torque. Whichever part is kept first, the solution
-    is a corner between the planes of the limits, so all corners are tried.
+    The unknowns are thrust, share of roll and pitch torque, and yaw torque. For both priorities, the solution is at a
+    corner of the planes of the limits, so all corners are tried.
 
     Args:
-        wrench: F_z and three torques.
-        believed: the scenario's nominal numbers, with the centre of mass in the middle of the layout.
-        priority: "roll_pitch" or "thrust", the part of the wrench that is kept first.
+        wrench: thrust (N) and three torques (N m).
+        nominal: nominal vehicle of the scenario, with the centre of mass in the centre of the layout.
+        priority: "roll_pitch" or "thrust", the part of the wrench that has priority.
     """
     wrench = np.array(wrench)
-    low, high = believed.min_rotor_speed**2, believed.max_rotor_speed**2
-    rotors = Rotors(believed)
-    # (5), and the other way round: of thrust, roll, pitch and yaw, what each rotor has in squared speeds.
+    low, high = nominal.min_rotor_speed**2, nominal.max_rotor_speed**2
+    rotors = Rotors(nominal)
+    # `forward` is the matrix of eq (5), and `parts` its inverse, from thrust and torques to squared rotor speeds.
     forward = np.array(
         [rotors.b, rotors.places[:, 1] * rotors.b, -rotors.places[:, 0] * rotors.b, rotors.reaction * rotors.d]
     )
@@ -226,8 +226,8 @@ def allocate(wrench, believed, priority):
     thrust = wrench[0]
     if priority == "thrust":
         thrust = min(max(thrust, np.max(low / parts[:, 0])), np.min(high / parts[:, 0]))
-    # Everything is scaled to about one: thrust by the weight, squared speeds by the distance of their limits.
-    weight = believed.mass * believed.gravity
+    # All quantities are scaled to about one: thrust by the weight, squared speeds by the distance of their limits.
+    weight = nominal.mass * nominal.gravity
     scale = np.array([weight, 1.0, np.max((high - low) / np.abs(parts[:, 3]))])
     rows = np.column_stack([parts[:, 0], parts[:, 1:3] @ wrench[1:3], parts[:, 3]]) * scale / (high - low)
     yaw = wrench[3] / scale[2]
@@ -248,16 +248,16 @@ def allocate(wrench, believed, priority):
 
 
 def _corners(normals, places):
-    """Return the points in which three of some planes normal · x = place meet."""
-    threes = np.array(list(combinations(range(len(places)), 3)))
-    matrices = normals[threes]
+    """Return the intersection points of all triples of the planes normal · x = place."""
+    triples = np.array(list(combinations(range(len(places)), 3)))
+    matrices = normals[triples]
     meet = np.abs(np.linalg.det(matrices)) > 1e-12
-    return np.linalg.solve(matrices[meet], places[threes[meet]][..., None])[..., 0]
+    return np.linalg.solve(matrices[meet], places[triples[meet]][..., None])[..., 0]
 
 
 def _least(rows):
-    """Return the index of the lexicographically least row, where entries within 1e-12 are equal."""
-    left = np.arange(len(rows))
+    """Return the index of the lexicographically smallest row; entries within 1e-12 count as equal."""
+    candidates = np.arange(len(rows))
     for column in rows.T:
-        left = left[column[left] <= column[left].min() + 1e-12]
-    return left[0]
+        candidates = candidates[column[candidates] <= column[candidates].min() + 1e-12]
+    return candidates[0]

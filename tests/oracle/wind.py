@@ -1,4 +1,4 @@
-"""The air: steady wind, gusts, Dryden's turbulence, and the jets of fans; each is held for a step of the vehicle."""
+"""Wind, which is constant over a step of the vehicle: steady wind, gusts, Dryden turbulence, and jets of fans."""
 
 import math
 
@@ -7,18 +7,19 @@ import scipy
 
 from oracle.randomness import WIND, Stream
 
-FOOT, KNOT = 0.3048, 1852.0 / 3600.0
+FOOT = 0.3048  # m
+KNOT = 1852.0 / 3600.0  # m/s
 
 
 def velocity_of(source):
-    """Of a steady wind, a gust or a sine."""
+    """Return the velocity of a steady wind, a gust or a sine."""
     if source.velocity is not None:
         return np.array(source.velocity)
     return source.speed * np.array([math.cos(source.heading), math.sin(source.heading), 0.0])
 
 
 class Gust:
-    """A 1-cosine gust; what is held over a step is that of its middle."""
+    """Gust with a 1-cosine shape, sampled in the middle of each step."""
 
     def __init__(self, source, h):
         self.source, self.h, self.velocity = source, h, velocity_of(source)
@@ -38,7 +39,7 @@ class Gust:
 
 
 class Sine:
-    """A sine; what is held over a step is that of its middle."""
+    """Sinusoidal wind, sampled in the middle of each step."""
 
     def __init__(self, source, h):
         self.source, self.h, self.velocity = source, h, velocity_of(source)
@@ -48,9 +49,9 @@ class Sine:
 
 
 class Dryden:
-    """White noise through the filters of MIL-F-8785C, whose impulse responses are integrated over a step.
+    """Dryden turbulence of MIL-F-8785C: filtered white noise, whose impulse responses are integrated over a step.
 
-    f = √(2 / T) ∫ exp(-t / T) dw has unit variance, and g is f through another 1 / (1 + T s).
+    f = √(2 / T) ∫ exp(-t / T) dw has unit variance, and g is f after another filter 1 / (1 + T s).
     """
 
     def __init__(self, source, steady, h, stream):
@@ -70,7 +71,7 @@ class Dryden:
 
     @staticmethod
     def _sampled(T, h):
-        """How f and g go on over a step, and the Cholesky factor of the noise that they get."""
+        """Return the transition matrix of f and g over a step, and the Cholesky factor of their noise."""
 
         def response(t):
             return math.sqrt(2.0 / T) * math.exp(-t / T) * np.array([1.0, t / T])
@@ -102,14 +103,14 @@ class Dryden:
 
 
 class Fans:
-    """Round free jets, and their turbulence: a Gauss–Markov process on each axis."""
+    """Round free jets of fans with turbulence, a Gauss-Markov process on each axis."""
 
     def __init__(self, sources, h, stream):
         self.sources, self.h, self.stream, self.eddies = sources, h, stream, None
 
     @staticmethod
     def jet(source, place):
-        """The velocity of a jet's air at a place, and the half-width there."""
+        """Return the velocity of a jet at a position, and its half-width there."""
         direction = np.array(source.direction) / np.linalg.norm(source.direction)
         D, exit_speed = source.diameter, 4.0 * source.flow / (math.pi * source.diameter**2)
         offset = place - np.array(source.position)
@@ -118,7 +119,7 @@ class Fans:
             return np.zeros(3), 1.0  # behind the outlet
         r, half = np.linalg.norm(offset - x * direction), 0.094 * x
         centreline = exit_speed if x < 5.9 * D else 5.9 * exit_speed * D / x
-        core = max(0.5 * D * (1.0 - x / (5.9 * D)), 0.0)  # a cone on the outlet
+        core = max(0.5 * D * (1.0 - x / (5.9 * D)), 0.0)  # radius of the potential core, a cone on the outlet
         flank = 0.5 ** ((max(r - core, 0.0) / half) ** 2)
         return centreline * flank * direction, half
 
@@ -136,7 +137,7 @@ class Fans:
 
 
 class Wind:
-    """The sum of a scenario's sources."""
+    """Sum of the wind sources of a scenario."""
 
     def __init__(self, sources, h, seed, sample):
         self.steady = sum((velocity_of(source) for source in sources if source.kind == "steady"), start=np.zeros(3))
@@ -150,5 +151,5 @@ class Wind:
             self.parts.append(Fans(fans, h, Stream(seed, sample, WIND, "fans.jet_noise", 3)))
 
     def sample(self, k, place):
-        """The wind from step k on, for a vehicle that is at a place then."""
+        """Return the wind over step k for a vehicle at a position at its beginning."""
         return sum((part.sample(k, place) for part in self.parts), start=self.steady)

@@ -1,4 +1,4 @@
-"""PID loops and filters, compared with closed forms."""
+"""Tests of PID loops and filters by comparison with closed forms."""
 
 import math
 
@@ -13,7 +13,7 @@ PERIOD = 0.01
 
 
 def run(terms, setpoints, measurements, k_p=0.0, **options):
-    """Return the outputs of a loop over ticks."""
+    """Return the outputs of a loop at consecutive ticks."""
     memory, outputs = Memory.of(terms), []
     for setpoint, measured in zip(setpoints, measurements, strict=True):
         output, memory = pid(setpoint, measured, k_p, terms, memory, PERIOD, **options)
@@ -29,34 +29,34 @@ def test_a_filter_halves_the_power_at_its_bandwidth_and_has_unit_dc_gain(make):
     np.testing.assert_allclose(np.abs(response), [1.0, np.sqrt(0.5)], rtol=1e-2 if make is first_order else 1e-9)
 
 
-def test_the_filter_of_second_order_matches_scipy():
+def test_the_second_order_filter_agrees_with_scipy():
     b_0, b_1, b_2, a_1, a_2 = butterworth(2.0 * np.pi * 30.0, 0.002)
     b, a = scipy.signal.butter(2, 30.0, fs=500.0)
     np.testing.assert_allclose([b_0, b_1, b_2], b, rtol=1e-12)
     np.testing.assert_allclose([1.0, a_1, a_2], a, rtol=1e-12)
-    samples, state, found = np.random.default_rng(1).normal(size=40), EMPTY_FILTER, []
+    samples, state, actual = np.random.default_rng(1).normal(size=40), EMPTY_FILTER, []
     for sample in samples:
         output, state = filtered(sample, butterworth(2.0 * np.pi * 30.0, 0.002), state)
-        found.append(output)
-    np.testing.assert_allclose(found, scipy.signal.lfilter(b, a, samples), rtol=1e-10)
+        actual.append(output)
+    np.testing.assert_allclose(actual, scipy.signal.lfilter(b, a, samples), rtol=1e-10)
 
 
 @pytest.mark.parametrize(("first", "offset"), [(False, 0), (True, 1)])
 def test_an_integral_saturates_and_leaves_its_limit_at_once(first, offset):
     ticks = np.arange(60)
     errors = np.where(ticks < 40, 2.0, -2.0)
-    found = run(Terms(Integral(3.0, 1.5)), errors, np.zeros(60), integrates_first=first)
+    actual = run(Terms(Integral(3.0, 1.5)), errors, np.zeros(60), integrates_first=first)
     growth = 3.0 * 2.0 * PERIOD
-    np.testing.assert_allclose(found[:20], growth * (ticks[:20] + offset), atol=1e-12)
-    assert found[35] == pytest.approx(1.5)
-    assert found[41 - offset] == pytest.approx(1.5 - growth), "no windup"
-    np.testing.assert_allclose(run(Terms(Integral(3.0, 1.5)), -errors, np.zeros(60), integrates_first=first), -found)
+    np.testing.assert_allclose(actual[:20], growth * (ticks[:20] + offset), atol=1e-12)
+    assert actual[35] == pytest.approx(1.5)
+    assert actual[41 - offset] == pytest.approx(1.5 - growth), "the integral must not wind up"
+    np.testing.assert_allclose(run(Terms(Integral(3.0, 1.5)), -errors, np.zeros(60), integrates_first=first), -actual)
 
 
-def test_growth_of_an_integral_falls_with_the_squared_error():
+def test_the_growth_of_an_integral_decreases_with_the_squared_error():
     for error, share in [(0.5, 1.0 - 0.25**2), (1.0, 0.75), (2.0, 0.0), (3.0, 0.0)]:
-        found = run(Terms(Integral(3.0, 9.0, 2.0)), [error] * 2, [0.0] * 2)
-        assert found[1] == pytest.approx(3.0 * share * error * PERIOD)
+        actual = run(Terms(Integral(3.0, 9.0, 2.0)), [error] * 2, [0.0] * 2)
+        assert actual[1] == pytest.approx(3.0 * share * error * PERIOD)
 
 
 def test_a_derivative_is_the_rate_of_the_measurement_and_not_of_the_setpoint():
@@ -71,9 +71,9 @@ def test_a_derivative_is_the_rate_of_the_measurement_and_not_of_the_setpoint():
 
 def test_angle_errors_are_wrapped():
     turn = Terms(derivative=Derivative(1.0))
-    found = run(turn, [3.0, 3.0], [-3.1, 3.1], k_p=2.0, is_angle=True)
-    assert found[0] == pytest.approx(2.0 * (6.1 - math.tau))
-    assert found[1] == pytest.approx(-0.2 - (6.2 - math.tau) / PERIOD)
+    actual = run(turn, [3.0, 3.0], [-3.1, 3.1], k_p=2.0, is_angle=True)
+    assert actual[0] == pytest.approx(2.0 * (6.1 - math.tau))
+    assert actual[1] == pytest.approx(-0.2 - (6.2 - math.tau) / PERIOD)
 
 
 def test_the_setpoint_is_fed_forward_and_the_output_is_limited():

@@ -120,7 +120,7 @@ IMPOSSIBLE_PLANS = {
     ),
     "a wall across the room": (
         [SMALL_ROOM, "space.obstacles.wall.size=[0.2, 9, 2.6]", "space.obstacles.wall.rotation=[0, 0, 0]"],
-        r"no way from waypoint 1 to waypoint 2 with a clearance of 0.27 m .* without wall, there would be one",
+        r"no way from waypoint 1 to waypoint 2 with a clearance of 0.27 m .* without wall, there would be a way",
     ),
     "a corridor that the wall closes": (
         [
@@ -128,7 +128,7 @@ IMPOSSIBLE_PLANS = {
             "route.corridors=[null, {min: [2.5, -0.5, 0.5], max: [6.5, 3.5, 2.0]}]",
             "space.obstacles.wall.size.1=4.5",
         ],
-        r"no way from waypoint 1 to waypoint 2 in the corridor of segment 1 with .* without wall, there would be one",
+        r"no way from waypoint 1 to waypoint 2 in the corridor of segment 1 with .* without wall, there would be a way",
     ),
     "a gate inside an obstacle": (
         ["route.waypoints=[[0, 0, 1], {box: {min: [2.45, 2.55, 1.15], max: [2.55, 2.65, 1.25]}}, [6, 0, 1]]"],
@@ -185,7 +185,7 @@ def test_a_path_through_the_shipped_forest_is_found():
 def test_a_share_of_the_tracking_error_needs_a_control_and_a_stationary_wind(room):
     scenario = room("space.tracking=3")
     mission = Mission(**{name: getattr(scenario, name) for name in Mission.model_fields})
-    with pytest.raises(InputError, match="space.tracking needs a predicted tracking error"):
+    with pytest.raises(InputError, match="space.tracking multiplies a predicted tracking error"):
         plan_route(mission)
     gust = "laboratory.wind=[{kind: gust, speed: 1.0, heading: 0.0, start: 1.0, rise_time: 0.5}]"
     with pytest.raises(InputError, match=r"space\.tracking: laboratory\.wind\.0 is a gust"):

@@ -1,3 +1,5 @@
+"""Tests of noise sources: their numbers, periods and connections to the random ports of systems."""
+
 import numpy as np
 import oracle.randomness
 import pytest
@@ -30,7 +32,7 @@ class SourceOfOneStream:
         self.source = NoiseSource(num_vehicles=len(samples.numbers), streams=[stream], numbers=samples)
 
     def at(self, time):
-        """Return the (rows · N,) numbers at a time, s."""
+        """Return the numbers (rows · N,) at a time, s."""
         return source_numbers(self.source, time)
 
 
@@ -39,7 +41,7 @@ def numbers_of(samples, rows=3, distribution=GAUSSIAN, period=0.01, name="n"):
 
 
 def source_numbers(source, time, context=None):
-    """Return the (rows · N,) numbers of a source at a time, s."""
+    """Return the numbers (rows · N,) of a source at a time, s."""
     context = context or source.CreateDefaultContext()
     context.SetTime(time)
     return source.get_output_port().Eval(context)
@@ -61,13 +63,13 @@ def test_the_numbers_of_a_tick_depend_only_on_the_tick_and_the_sample(distributi
 
 @pytest.mark.parametrize("kind", [StreamKind.WIND, StreamKind.NOISE])
 def test_a_stream_equals_an_independent_implementation(kind):
-    """The implementation uses Python's integers for SplitMix64, and the method of Box and Muller."""
+    """The independent implementation uses Python integers for SplitMix64, and the method of Box and Muller."""
     name = "motion_capture.camera_noise"
     expected = oracle.randomness.Stream(5, 12, int(kind), name, 3)
     for distribution, numbers in ((GAUSSIAN, expected.normal), (UNIFORM, expected.uniform)):
-        found = SourceOfOneStream(Stream(name, kind, 3, distribution, 0.01), Samples(5, [12]))
+        actual = SourceOfOneStream(Stream(name, kind, 3, distribution, 0.01), Samples(5, [12]))
         for tick in (0, 1, 2, 3, 682, 683, 5001):
-            np.testing.assert_allclose(found.at(0.01 * tick), numbers(tick), rtol=1e-14)
+            np.testing.assert_allclose(actual.at(0.01 * tick), numbers(tick), rtol=1e-14)
 
 
 def test_a_stream_does_not_depend_on_others_in_the_same_source():
@@ -99,15 +101,15 @@ def test_a_source_has_streams_of_several_periods():
     log = LogVectorOutput(source.get_output_port(), builder, publish_period=0.01)
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(1.0)
-    found = log.FindLog(simulator.get_context()).data()
+    actual = log.FindLog(simulator.get_context()).data()
     for tick in range(100):
-        np.testing.assert_array_equal(found[:2, tick], fast.at(0.01 * tick))
-    # Between two ticks of the slower stream, its output is that of the nearest one.
-    np.testing.assert_array_equal(found[2, 0:100:4], [slow.at(0.04 * i)[0] for i in range(25)])
+        np.testing.assert_array_equal(actual[:2, tick], fast.at(0.01 * tick))
+    # Between two ticks of the slower stream, its output is that of the nearest tick.
+    np.testing.assert_array_equal(actual[2, 0:100:4], [slow.at(0.04 * i)[0] for i in range(25)])
 
 
 def test_a_context_that_is_reset_to_other_samples_has_their_numbers():
-    """Other contexts and the source itself do not change."""
+    """Neither other contexts nor the source itself change."""
     streams = [Stream("a", StreamKind.NOISE, 3, GAUSSIAN, 0.01), Stream("b", StreamKind.WIND, 1, UNIFORM, 0.02)]
     first, second = Samples(5, [4, 1]), Samples(6, [2, 9])
     source, other = (NoiseSource(num_vehicles=2, streams=streams, numbers=samples) for samples in (first, second))
@@ -121,7 +123,7 @@ def test_a_context_that_is_reset_to_other_samples_has_their_numbers():
 
 
 def turbulent_builder(num_vehicles):
-    """Return a builder with two sources of turbulence, and their random ports by stream."""
+    """Return a builder with two turbulence systems, and their random ports by stream."""
     turbulence = Turbulence.at_low_altitude(height=10.0, wind_at_20_feet=15.0, airspeed=5.0)
     builder = DiagramBuilder()
     sources = {
@@ -145,7 +147,7 @@ def test_the_name_of_a_stream_is_that_of_its_system_and_port():
     [([3], {"noise", "noise_parts"}), ([3, 4], {"noise_a.turbulence_noise", "noise_b.turbulence_noise"})],
 )
 def test_a_single_vehicle_has_one_source_and_a_fleet_one_for_each_port(samples, sources):
-    """Every port gets the numbers of its own stream."""
+    """Every port receives the numbers of its own stream."""
     builder, ports = turbulent_builder(len(samples))
     connect_noise(builder, ports, Samples(7, tuple(samples)))
     diagram = builder.Build()
@@ -153,8 +155,8 @@ def test_a_single_vehicle_has_one_source_and_a_fleet_one_for_each_port(samples, 
     context = diagram.CreateDefaultContext()
     context.SetTime(0.08)
     for stream, port in ports.items():
-        found = port.Eval(port.get_system().GetMyContextFromRoot(context))
-        np.testing.assert_array_equal(found, SourceOfOneStream(stream, Samples(7, samples)).at(0.08))
+        actual = port.Eval(port.get_system().GetMyContextFromRoot(context))
+        np.testing.assert_array_equal(actual, SourceOfOneStream(stream, Samples(7, samples)).at(0.08))
 
 
 def test_drakes_random_sources_can_replace_the_streams():
@@ -172,7 +174,7 @@ def test_drakes_random_sources_can_replace_the_streams():
 @pytest.mark.slow
 @pytest.mark.parametrize("num_vehicles", [1, 2])
 def test_exported_numbers_of_a_period_are_those_of_its_ticks_in_order(num_vehicles):
-    """A period of 60 ms has three ticks of the turbulence, with five numbers each for every vehicle."""
+    """A period of 60 ms contains three ticks of the turbulence, each with five numbers for every vehicle."""
     builder, ports = turbulent_builder(num_vehicles)
     export_noise(builder, ports, Exported(0.06), num_vehicles)
     diagram = builder.Build()
@@ -183,5 +185,5 @@ def test_exported_numbers_of_a_period_are_those_of_its_ticks_in_order(num_vehicl
     for tick in range(9):
         context.SetTime(0.02 * tick)
         for port, numbers in zip(ports.values(), given, strict=True):
-            found = port.Eval(port.get_system().GetMyContextFromRoot(context))
-            np.testing.assert_array_equal(found, numbers[tick % 3])
+            actual = port.Eval(port.get_system().GetMyContextFromRoot(context))
+            np.testing.assert_array_equal(actual, numbers[tick % 3])

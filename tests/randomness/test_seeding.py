@@ -1,3 +1,5 @@
+"""Comparison of the seeding of samples with the seed sequences of NumPy."""
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
@@ -11,8 +13,8 @@ from drake_quad.randomness.seeding import child_words
     kind=st.integers(0, 2),
 )
 def test_words_are_those_of_numpys_seed_sequence(entropy, samples, kind):
-    found = child_words(entropy, np.array(samples), kind)
-    for word, sample in zip(found, samples, strict=True):
+    actual = child_words(entropy, np.array(samples), kind)
+    for word, sample in zip(actual, samples, strict=True):
         sequence = np.random.SeedSequence(entropy, spawn_key=(sample, kind))
         assert word == sequence.generate_state(1, np.uint64)[0]
 
@@ -20,7 +22,7 @@ def test_words_are_those_of_numpys_seed_sequence(entropy, samples, kind):
 @given(seeds=st.lists(st.integers(0, 2**63 - 1), min_size=1, max_size=5), kind=st.integers(0, 2))
 def test_samples_of_several_studies_have_the_words_of_each(seeds, kind):
     samples = np.arange(len(seeds)) * 7
-    found = child_words(np.array(seeds), samples, kind)
-    assert found.tolist() == [
+    actual = child_words(np.array(seeds), samples, kind)
+    assert actual.tolist() == [
         child_words(seed, np.array([sample]), kind)[0] for seed, sample in zip(seeds, samples, strict=True)
     ]

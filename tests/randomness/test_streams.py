@@ -1,4 +1,4 @@
-"""Tests of random numbers: their values, distributions and independence."""
+"""Tests of the values, distributions and independence of random numbers."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ from drake_quad.signals import Row
 
 
 def numbers_of(states, ticks, *, normal):
-    """Return the (ticks, N) numbers of streams of one row, computed by machine code."""
+    """Return the numbers (ticks, N) of streams with one row, computed by machine code."""
     halves = np.concatenate(StreamState.of(states))
     arguments = layout_of(StreamState), TickOf(1.0), 1, normal
     run = kernel(random_numbers, arguments, (layout_of(tuple[Row]),), single_vehicle=False)
@@ -32,12 +32,12 @@ def numbers_of(states, ticks, *, normal):
 
 
 def normal_pairs(states, count):
-    """Return the (2, count, N) normal numbers of the first words."""
+    """Return the normal numbers (2, count, N) of the first words."""
     return numbers_of(states, range(2 * count), normal=True).reshape(count, 2, -1).swapaxes(0, 1)
 
 
 def test_numbers_are_those_of_splitmix64():
-    """The expected sequence is the published one for the seed 1234567."""
+    """The expected sequence was published for the seed 1234567."""
     expected = [
         6457827717110365317,
         3203168211198807973,
@@ -48,7 +48,7 @@ def test_numbers_are_those_of_splitmix64():
     state = np.array([1234567], dtype=np.uint64)
     states = np.concatenate([state_of_number(state, float(number)) for number in range(5)])
     assert splitmix64(states).tolist() == expected
-    # Machine code and NumPy agree with a direct computation: 52 bits for a uniform number, 32 for each normal number.
+    # The direct computation uses 52 bits for a uniform number, and 32 bits for each normal number.
     uniform, (first, second) = numbers_of(state, range(5), normal=False)[:, 0], normal_pairs(state, 5)[:, :, 0]
     np.testing.assert_array_equal(uniform, uniform_number(states))
     np.testing.assert_array_equal(uniform, [((w >> 12) + 0.5) / 2**52 for w in expected])
@@ -60,7 +60,7 @@ def test_numbers_are_those_of_splitmix64():
 
 
 def inverse_splitmix64(word):
-    """Return the state whose SplitMix64 hash is a word, by inverting the steps with Python's integers."""
+    """Return the state with a given SplitMix64 hash, by inverting the steps of the hash with Python integers."""
     for shift, factor in ((31, 0x94D049BB133111EB), (27, 0xBF58476D1CE4E5B9), (30, 1)):
         shifted = word
         for _ in range(64 // shift):
@@ -100,7 +100,7 @@ def test_uniform_numbers_are_uniform(states):
 
 @pytest.mark.parametrize("word", [0, 2**64 - 1])
 def test_extreme_words_give_finite_numbers(word):
-    """The numbers are computed from the state itself, and by machine code as the first number of a stream."""
+    """The numbers are computed directly from the state, and by machine code as the first number of a stream."""
     state = np.array([inverse_splitmix64(word)], dtype=np.uint64)
     assert splitmix64(state) == word
     before = state - state_of_number(np.zeros(1, dtype=np.uint64), 0.0)
@@ -111,7 +111,7 @@ def test_extreme_words_give_finite_numbers(word):
 
 
 @pytest.mark.slow
-def test_neighbours_in_time_in_a_fleet_and_in_a_pair_are_independent(states):
+def test_consecutive_ticks_neighbouring_vehicles_and_pairs_are_independent(states):
     numbers = normal_pairs(states, 2000)
     limit = 4.5 / np.sqrt(numbers[0].size)
     for a, b in (

@@ -1,3 +1,5 @@
+"""Tests of the check that the rotors can fly a path."""
+
 import numpy as np
 import pytest
 
@@ -10,37 +12,37 @@ from drake_quad.reference.plan import Plan
 from drake_quad.scenario.files.loading import load_scenario
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
-TABLE_I = QuadrotorParameters()
-CLIMB = minimum_snap([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]], [0.0, 2.0])
+PAPER_VEHICLE = QuadrotorParameters()
+CLIMBING_PATH = minimum_snap([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]], [0.0, 2.0])
 
 
 def check(path, **limits):
     limits = {"min_rotor_speed": 60.0, "max_rotor_speed": 300.0, **limits}
     times = sample_times(path)
-    return first_violation(times, np.array(plan_demand(Plan.facing(path), TABLE_I, times).rotor_speed), **limits)
+    return first_violation(times, np.array(plan_demand(Plan.facing(path), PAPER_VEHICLE, times).rotor_speed), **limits)
 
 
 def test_a_climb_violates_the_limit_where_its_acceleration_is_too_large():
-    """In vertical flight all rotors turn at √(m (g + a) / 4b), so the limit is an acceleration."""
-    assert check(CLIMB) is None
+    """In vertical flight all rotors have the speed √(m (g + a) / 4b), so its limit is also one of the acceleration."""
+    assert check(CLIMBING_PATH) is None
     peak = 7.51319 * 1.0 / 2.0**2
     speed = np.sqrt(0.68 * (9.81 + 0.99 * peak) / (4.0 * 4.13e-5))
-    violation = check(CLIMB, max_rotor_speed=speed)
+    violation = check(CLIMBING_PATH, max_rotor_speed=speed)
     # The acceleration of a rest-to-rest segment peaks at s = (5 - √5) / 10.
     assert violation.time == pytest.approx(2.0 * (5.0 - np.sqrt(5.0)) / 10.0, abs=0.05)
     assert violation.rotor == 1
     assert violation.speed > speed == violation.limit
-    assert check(CLIMB, max_rotor_speed=1.01 * speed) is None
+    assert check(CLIMBING_PATH, max_rotor_speed=1.01 * speed) is None
 
 
 def test_a_too_small_rotor_speed_is_a_violation():
-    violation = check(CLIMB, min_rotor_speed=190.0)
+    violation = check(CLIMBING_PATH, min_rotor_speed=190.0)
     assert violation.speed < 190.0
     assert violation.time > 1.0
     assert "rotor 1 would have to turn at" in str(violation)
 
 
-def test_the_first_violation_is_that_of_the_first_time_and_rotor():
+def test_the_first_violation_has_the_earliest_time_and_the_lowest_rotor_number():
     times, speeds = np.array([0.0, 0.5, 1.0]), np.full((4, 3), 100.0)
     speeds[2, 1], speeds[3, 1], speeds[0, 2] = 250.0, 40.0, 300.0
     limits = {"min_rotor_speed": 50.0, "max_rotor_speed": 200.0}
@@ -51,7 +53,7 @@ def test_the_first_violation_is_that_of_the_first_time_and_rotor():
     assert first_violation(times, np.full((4, 3), 200.0), **limits) is None
 
 
-def test_samples_are_dense_on_short_segments_too():
+def test_samples_are_also_dense_on_short_segments():
     times = sample_times(minimum_snap([[0.0], [1.0], [2.0]], [1.0, 1.1, 9.0]))
     assert (times[0], times[-1]) == (1.0, 9.0)
     assert (np.diff(times) >= 0.0).all()

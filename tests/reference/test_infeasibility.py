@@ -1,3 +1,5 @@
+"""Tests of the explanation why limits or corridors cannot be kept, and of the proposed remedy."""
+
 import re
 
 import numpy as np
@@ -24,9 +26,9 @@ def problem(points, velocity=None, **more):
     [
         # From rest to rest, 1 m in 1 s requires 35/16 m/s and 84 √5 / 25 m/s².
         (PathLimits(speed=1.0, acceleration=5.0), "the speed limit of 1 m/s cannot be kept on segment 1: "
-         "at these times at least 2.19 m/s is needed; flown 2.19 times slower it is feasible"),
+         "at these times at least 2.19 m/s is needed; flown 2.19 times slower, it is feasible"),
         (PathLimits(speed=2.0, acceleration=2.0), "the acceleration limit of 2 m/s² cannot be kept on segment 1: "
-         "at these times at least 7.52 m/s² is needed; flown 1.94 times slower it is feasible"),
+         "at these times at least 7.52 m/s² is needed; flown 1.94 times slower, it is feasible"),
     ],
 )  # fmt: skip
 def test_the_most_violated_limit_and_its_segment_are_named(limits, words):
@@ -43,7 +45,7 @@ def test_the_smallest_feasible_factor_is_found_to_three_digits():
     asked = problem([[0.0], [4.0], [8.0]], [1.5], limits=PathLimits(speed=3.0, acceleration=1.0))
     durations = np.array([3.0, 3.2])
     said = re.search(
-        r"on segment 0: .* flown ([\d.]+) times slower it is feasible", explain_infeasibility(asked, durations)
+        r"on segment 0: .* flown ([\d.]+) times slower, it is feasible", explain_infeasibility(asked, durations)
     )
     factor = float(said[1])
     path_within(asked, factor * durations)
@@ -52,7 +54,7 @@ def test_the_smallest_feasible_factor_is_found_to_three_digits():
 
 
 def test_a_velocity_that_no_slower_flight_can_have_is_reported():
-    """At 0.05 m/s², braking from 1.9 m/s takes 36 m."""
+    """At 0.05 m/s², braking from 1.9 m/s needs 36 m."""
     asked = problem([[0.0], [0.2], [0.4]], [1.9], limits=PathLimits(acceleration=0.05))
     assert re.fullmatch(
         r"the acceleration limit of 0.05 m/s² cannot be kept on segment \d: at these times at least [\d.]+ m/s² is "
@@ -61,7 +63,7 @@ def test_a_velocity_that_no_slower_flight_can_have_is_reported():
     )
 
 
-def test_if_the_solver_fails_the_smoothest_path_gives_the_necessary_value():
+def test_if_the_solver_fails_the_necessary_value_is_that_of_the_smoothest_path():
     asked = problem([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]], limits=PathLimits(acceleration=1.0))
     asked = PathProblem(asked.waypoints, limits=asked.limits)
     said = explain_infeasibility(asked, np.array([1e-9, 1e-9]))
@@ -69,7 +71,7 @@ def test_if_the_solver_fails_the_smoothest_path_gives_the_necessary_value():
 
 
 def test_the_necessary_width_of_a_corridor_is_reported():
-    """If the route is flown backwards, the path leaves the second corridor by at least the same distance."""
+    """The reversed route must leave its second corridor by at least the same distance."""
     points, durations = [[0.0], [4.0], [8.0]], np.array([4.0, 4.0])
 
     def within(wider):
@@ -88,7 +90,7 @@ def test_the_necessary_width_of_a_corridor_is_reported():
 
 @pytest.mark.parametrize("after", [[], [[9.0, 1.0]]])
 def test_a_corridor_that_given_derivatives_leave_is_reported_with_the_distance(after):
-    """This also holds for a segment on which nothing is free, whatever follows."""
+    """This also holds for a segment without free derivatives, whatever follows it."""
     points, durations = [[0.0, 0.0], [4.0, 0.0], *after], np.ones(1 + len(after))
     motion = np.full((len(points), 3, 2), np.nan)
     motion[:2] = 0.0

@@ -1,4 +1,4 @@
-"""Paths with several laps: their seams, times and stops."""
+"""Tests of paths with several laps: the motion between laps, times and stops."""
 
 import numpy as np
 import pytest
@@ -12,41 +12,41 @@ from drake_quad.reference.time_allocation import trapezoid_times
 
 POINTS = np.array([[0.0, 0.0, 1.0], [1.0, 0.2, 1.2], [1.1, 1.5, 1.0], [-0.3, 0.9, 0.8], [0.0, 0.0, 1.0]])
 DURATIONS = np.array([1.1, 1.6, 2.0, 1.3])
-FREE = np.full((5, 3, 3), np.nan)
+FREE_DERIVATIVES = np.full((5, 3, 3), np.nan)
 
 
-def closed(seam, derivatives=FREE):
+def closed_path(seam, derivatives=FREE_DERIVATIVES):
     given = derivatives.copy()
     given[[0, -1]] = seam
     return MinimumSnap(POINTS, DURATIONS, given).path()
 
 
-def test_the_motion_at_the_seam_is_that_in_the_middle_of_many_laps():
-    """There are 24 laps from rest to rest; the effect of the ends vanishes after a dozen."""
+def test_the_motion_between_laps_is_that_in_the_middle_of_many_laps():
+    """There are 24 laps from rest to rest. The effect of the ends vanishes after a dozen laps."""
     points, durations = np.vstack([POINTS, *[POINTS[1:]] * 23]), np.tile(DURATIONS, 24)
     path = MinimumSnap(points, durations, rest_at_ends(len(points), 3)).path()
     middle = [12 * DURATIONS.sum()]
     expected = np.array([evaluate(path, middle, order)[:, 0] for order in (1, 2, 3)])
-    np.testing.assert_allclose(periodic_seam(POINTS, DURATIONS, FREE), expected, atol=1e-6)
+    np.testing.assert_allclose(periodic_seam(POINTS, DURATIONS, FREE_DERIVATIVES), expected, atol=1e-6)
 
 
-def test_the_motion_at_the_seam_has_the_least_snap():
-    seam = periodic_seam(POINTS, DURATIONS, FREE)
-    least = snap_cost(closed(seam))
+def test_the_motion_between_laps_has_the_least_snap():
+    seam = periodic_seam(POINTS, DURATIONS, FREE_DERIVATIVES)
+    least = snap_cost(closed_path(seam))
     for change in 1e-2 * np.eye(3):
         for side in (1.0, -1.0):
-            assert (snap_cost(closed(seam + side * change[:, np.newaxis])) > least).all()
+            assert (snap_cost(closed_path(seam + side * change[:, np.newaxis])) > least).all()
 
 
-def test_given_derivatives_at_the_seam_are_kept():
-    stop = FREE.copy()
+def test_given_derivatives_between_laps_are_kept():
+    stop = FREE_DERIVATIVES.copy()
     stop[[0, -1]] = 0.0
     np.testing.assert_array_equal(periodic_seam(POINTS, DURATIONS, stop), 0.0)
-    still = FREE.copy()
+    still = FREE_DERIVATIVES.copy()
     still[-1, 0] = 0.25
     seam = periodic_seam(POINTS, DURATIONS, still)
     np.testing.assert_array_equal(seam[0], 0.25)
-    path = closed(seam)
+    path = closed_path(seam)
     for order in (4, 5):
         np.testing.assert_allclose(
             evaluate(path, [0.0], order), evaluate(path, [DURATIONS.sum() - 1e-9], order), atol=1e-4
@@ -101,7 +101,7 @@ def test_closed_routes_are_flown_in_laps_within_their_limits(diagrams, text):
     assert speed <= 2.0 * (1.0 + 1e-9)
     assert acceleration <= 0.7 * (1.0 + 1e-9)
     if "times: [" not in text:
-        # A lap without a stop takes no more time than one with a stop.
+        # A lap without a stop does not take longer than a lap with a stop.
         assert between[0] <= min(first, last) * (1.0 + 1e-12)
         assert max(speed / 2.0, acceleration / 0.7) == pytest.approx(1.0)
     assert np.linalg.norm(evaluate(plan.path, plan.lap_times[1:-1], 1), axis=0).min() > 0.1
@@ -124,7 +124,7 @@ def test_a_stop_at_the_end_means_rest_between_laps(diagrams):
 
 
 def test_with_given_times_the_vehicle_stays_at_a_repeated_waypoint(diagrams):
-    """This includes the waypoint at which laps begin. The flight begins at its given time."""
+    """This also holds for the waypoint at which laps begin. The flight begins at its given time."""
     staying = "waypoints: [[0, 0, 1], [0, 0, 1], [1, 0, 1], [1, 0, 1], [0, 1, 1], [0, 0, 1]]"
     given = "times: [2, 3, 7, 8, 13, 17], top_speed: null, top_acceleration: null"
     plan = plan_route(route(diagrams, f"kind: waypoints, laps: 2, {given}, {staying}"))
@@ -181,7 +181,7 @@ def test_a_route_that_cannot_have_laps_is_rejected_with_the_reason(diagrams, tex
 
 
 def test_metrics_can_start_at_a_later_lap(diagrams):
-    """They are those of the time from the start of this lap on."""
+    """The metrics are those from the start of this lap on."""
     lap = "kind: lissajous, amplitude: [0.4, 0.3, 0.0], period: 4, laps: 2"
     later, since, whole = (
         simulate(route(diagrams, lap, *window)).metrics.rmse
@@ -233,7 +233,7 @@ def test_a_waypoint_of_every_lap_is_a_stop_and_the_others_are_not(diagrams):
         ("[0, 0, 1], [1, 0, 1], [0.5, 1, 1], [0, 1, 1], [0, 0, 1], [0, 0, 1]", True),
     ],
 )
-def test_there_is_rest_between_laps_only_if_the_vehicle_stays_there(diagrams, points, rests):
+def test_the_vehicle_rests_between_laps_only_if_it_stays_there(diagrams, points, rests):
     given = "times: [0, 4, 5, 9, 10, 14], top_speed: null, top_acceleration: null"
     plan = plan_route(route(diagrams, f"kind: waypoints, laps: 2, {given}, waypoints: [{points}]"))
     speed = np.linalg.norm(evaluate(plan.path, [14.0], 1))

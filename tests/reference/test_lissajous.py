@@ -1,4 +1,4 @@
-"""Lissajous figures are sines of time along the axes."""
+"""Tests that Lissajous figures are sines of time along each axis."""
 
 import math
 

@@ -1,3 +1,5 @@
+"""Tests of minimum-snap paths in closed form, by comparison with exact costs, splines and other planners."""
+
 import math
 
 import minsnap_trajectories as other
@@ -44,7 +46,7 @@ planners = pytest.mark.parametrize("plan", PLANNERS.values(), ids=PLANNERS.keys(
 
 
 def jumps(path: PolynomialPath, order: int) -> tuple[float, float]:
-    """Return the largest jump of a time derivative at a waypoint, and its largest value at a waypoint."""
+    """Return the largest jump of a time derivative at the waypoints, and its largest value there."""
     every = np.arange(len(path.coefficients))
     ends = [evaluate_at(path, every, np.full(len(every), s), order) for s in (1.0, 0.0)]
     return np.abs(ends[0][:-1] - ends[1][1:]).max(initial=0.0), np.abs(ends).max()
@@ -89,7 +91,7 @@ def test_the_path_is_the_clamped_interpolating_spline_of_degree_7(segments, seed
 )
 def test_short_segments_next_to_long_ones_are_accurate(plan, durations):
     rng = np.random.default_rng(7)
-    # The steps are those of a vehicle at about 1 m/s.
+    # The distances correspond to a speed of about 1 m/s.
     steps = rng.normal(size=(len(durations), 3)) * np.array(durations)[:, np.newaxis]
     waypoints = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
     path = plan(waypoints, np.concatenate([[0.0], np.cumsum(durations)]))
@@ -121,7 +123,7 @@ def test_doubling_all_times_divides_the_cost_by_128():
 
 
 def test_the_path_has_the_least_cost_of_all_through_the_waypoints():
-    """Random smooth detours that vanish at the waypoints with three derivatives only increase the cost."""
+    """Random smooth detours only increase the cost. They and their first three derivatives vanish at the waypoints."""
     rng = np.random.default_rng(5)
     waypoints, times = rng.normal(size=(4, 1)), [0.0, 1.0, 2.5, 3.0]
     best = minimum_snap(waypoints, times)
@@ -183,7 +185,7 @@ def test_invalid_derivatives_are_rejected_with_the_reason(derivatives, words):
         minimum_snap([[0.0, 0.0], [1.0, 1.0]], [0.0, 1.0], derivatives)
 
 
-def test_the_form_has_integers_and_no_cost_for_rest():
+def test_the_quadratic_form_has_integers_and_no_cost_for_rest():
     np.testing.assert_array_equal(BOUNDARY_FORM % 1.0, 0.0)
     np.testing.assert_array_equal(BOUNDARY_FORM @ [1, 0, 0, 0, 1, 0, 0, 0], 0.0)
     assert BOUNDARY_FORM[0, 0] == 100_800.0
@@ -193,7 +195,7 @@ def test_the_unit_of_time_of_a_waypoint_is_its_shorter_segment():
     np.testing.assert_array_equal(waypoint_units(np.array([3.0, 0.2, 20.0])), [3.0, 0.2, 0.2, 20.0])
 
 
-def test_a_repeated_contact_acts_like_one():
+def test_a_repeated_contact_acts_like_a_single_contact():
     rng = np.random.default_rng(8)
     points, durations = rng.normal(size=(4, 2)), rng.uniform(0.5, 2.0, 3)
     contact = Contact(1, 0.4, 1, 0.7)
@@ -206,14 +208,14 @@ def test_a_repeated_contact_acts_like_one():
 @given(st.integers(2, 12), st.integers(0, 2**32 - 1), st.booleans(), st.integers(0, 3))
 @settings(max_examples=40, deadline=None)
 def test_gradients_agree_with_finite_differences(segments, seed, given_motion, touched):
-    """These are the gradients of the cost, and of the whole path, with respect to the durations."""
+    """These are the gradients of the cost and of the complete path with respect to the durations."""
     rng = np.random.default_rng(seed)
     points, durations = rng.normal(size=(segments + 1, 3)), rng.uniform(0.3, 3.0, segments)
     derivatives = rest_at_ends(segments + 1, 3)
     if given_motion:
         derivatives[segments // 2, 0] = rng.normal(size=3)
         derivatives[rng.integers(segments + 1)] = 0.0
-    # There is one contact for each segment and axis, so that contacts cannot contradict each other.
+    # With one contact for each segment and axis, contacts cannot contradict each other.
     places = rng.choice(segments * 3, size=min(touched, segments), replace=False)
     contacts = [Contact(int(i) // 3, rng.uniform(0.2, 0.8), int(i) % 3, rng.normal()) for i in places]
     if given_motion:
@@ -239,7 +241,7 @@ def test_gradients_agree_with_finite_differences(segments, seed, given_motion, t
 
 
 def test_contacts_do_not_change_a_path_without_free_derivatives():
-    """The derivatives of its cost are those without contacts."""
+    """The derivatives of the cost equal those without contacts."""
     rng = np.random.default_rng(9)
     points, durations, derivatives = rng.normal(size=(4, 2)), rng.uniform(0.5, 2.0, 3), rng.normal(size=(4, 3, 2))
     free, held = (
@@ -258,7 +260,7 @@ def test_contacts_are_satisfied_with_the_least_cost():
     for contact in contacts:
         place = evaluate_at(held.path(), np.array([contact.segment]), np.array([contact.s]))
         assert place[0, contact.direction] == pytest.approx(contact.position, abs=1e-12)
-    # The reference is the program with the contacts as equality constraints.
+    # The expected path is the solution of the program with the contacts as equality constraints.
     planned = MinimumSnapProgram(PathProblem([Box.point(point) for point in points]), durations)
     for contact in contacts:
         planned.bound_position(contact.segment, contact.s, contact.direction, contact.position, contact.position)
@@ -283,7 +285,7 @@ def test_given_derivatives_are_kept_and_free_ones_are_optimal():
     velocity, acceleration = (evaluate(path, path.times, order).T for order in (1, 2))
     np.testing.assert_allclose(velocity[[0, 2, 5]], [[0, 0, 0], [1, -2, 0.5], [0.3, 0, 0]], atol=1e-12)
     np.testing.assert_allclose(acceleration[[0, 5]], [[0, 0, 0], [0, 0.1, 0]], atol=1e-12)
-    # For a free derivative of order k, the derivative of order 7 - k is continuous, or zero at an end.
+    # Where the derivative of order k is free, the derivative of order 7 - k is continuous, or zero at an end.
     every = np.arange(5)
     for order, free in ((4, [1, 2, 3, 4]), (5, [1, 2, 3, 4]), (6, [1, 3, 4])):
         before = evaluate_at(path, every, np.ones(5), order)[:-1]
@@ -293,7 +295,7 @@ def test_given_derivatives_are_kept_and_free_ones_are_optimal():
     np.testing.assert_allclose(evaluate_at(path, every[-1:], np.ones(1), 4), 0.0, atol=1e-9)
 
 
-def test_stops_cut_the_path_into_independent_ones():
+def test_stops_divide_the_path_into_independent_paths():
     waypoints = np.random.default_rng(8).normal(size=(6, 3))
     times = np.array([0.0, 1.0, 2.5, 3.0, 4.2, 5.0])
     derivatives = rest_at_ends(6, 3)
@@ -311,8 +313,8 @@ def test_a_derivative_must_be_given_on_all_axes_or_on_none():
         minimum_snap(np.eye(3), [0.0, 1.0, 2.0], derivatives)
 
 
-def their_plan(waypoints, times):
-    """Return the plan of minsnap_trajectories, with zero jerk at the ends as here."""
+def other_plan(waypoints, times):
+    """Return the plan of minsnap_trajectories with zero jerk at the ends, as in this library."""
     rest = {"velocity": np.zeros(3), "acceleration": np.zeros(3), "jerk": np.zeros(3)}
     last = len(times) - 1
     references = [
@@ -322,7 +324,7 @@ def their_plan(waypoints, times):
     return other.generate_trajectory(references, degree=7, idx_minimized_orders=4, num_continuous_orders=4)
 
 
-def their_cost(trajectory, times):
+def other_cost(trajectory, times):
     """Return the cost by Gauss-Legendre quadrature, which is exact for the square of a cubic."""
     nodes, weights = np.polynomial.legendre.leggauss(4)
     half = 0.5 * np.diff(times)
@@ -339,15 +341,15 @@ def test_another_planner_agrees_at_the_same_times_and_optimised_times_cost_less(
         waypoints = rng.normal(size=(segments + 1, 3))
         durations = rng.uniform(0.5, 2.0, segments)
         times = np.concatenate([[0.0], np.cumsum(durations)])
-        theirs = their_plan(waypoints, times)
-        cost = their_cost(theirs, times)
+        theirs = other_plan(waypoints, times)
+        cost = other_cost(theirs, times)
         path = minimum_snap(waypoints, times)
         assert snap_cost(path).sum() == pytest.approx(cost, rel=1e-9)
         samples = np.linspace(0.0, times[-1], 50)
-        wanted = other.compute_trajectory_derivatives(theirs, samples, 5)
+        desired = other.compute_trajectory_derivatives(theirs, samples, 5)
         for order in range(5):
-            scale = np.abs(wanted[order]).max()
-            np.testing.assert_allclose(evaluate(path, samples, order).T, wanted[order], atol=1e-7 * scale)
+            scale = np.abs(desired[order]).max()
+            np.testing.assert_allclose(evaluate(path, samples, order).T, desired[order], atol=1e-7 * scale)
         better = least_snap_durations(waypoints, durations)
         assert better.sum() == pytest.approx(durations.sum(), rel=1e-12)
         assert MinimumSnap(waypoints, better).cost <= cost * (1.0 + 1e-9)

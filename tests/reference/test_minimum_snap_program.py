@@ -1,3 +1,5 @@
+"""Tests of minimum-snap paths with limits, corridors and regions, by comparison with independent optimisers."""
+
 import logging
 
 import numpy as np
@@ -24,8 +26,8 @@ def points(array):
     return [Box.point(point) for point in array]
 
 
-def dense(path, order=0, count=400):
-    """Return (segments, count, axes) samples."""
+def dense_samples(path, order=0, count=400):
+    """Return samples (segments, count, axes) of a derivative."""
     s = np.linspace(0.0, 1.0, count)
     every = np.repeat(np.arange(len(path.coefficients)), count)
     return evaluate_at(path, every, np.tile(s, len(path.coefficients)), order).reshape(
@@ -46,7 +48,7 @@ def random_route(seed, segments):
 
 @pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.integers(2, 15), st.floats(0.8, 0.97))
-@example(999999999, 9, 0.8623080172107366)  # infeasible, which the solver cannot prove
+@example(999999999, 9, 0.8623080172107366)  # infeasible, but the solver cannot prove it
 @settings(max_examples=30, deadline=None)
 def test_limits_are_kept_everywhere_and_attained(seed, segments, share):
     waypoints, durations = random_route(seed, segments)
@@ -57,7 +59,9 @@ def test_limits_are_kept_everywhere_and_attained(seed, segments, share):
         path = path_within(PathProblem(points(waypoints), limits=limits), durations)
     except InfeasibleError:
         assume(False)
-    shares = [np.linalg.norm(dense(path, order), axis=2).max() / limit for order, limit in limits.by_order.items()]
+    shares = [
+        np.linalg.norm(dense_samples(path, order), axis=2).max() / limit for order, limit in limits.by_order.items()
+    ]
     assert max(shares) <= 1.0 + 1e-6
     assert max(shares) >= 0.999
     assert snap_cost(path).sum() >= snap_cost(free).sum()
@@ -67,7 +71,10 @@ def test_limits_are_kept_everywhere_and_attained(seed, segments, share):
 
 
 def test_an_independent_optimiser_finds_the_same_constrained_path():
-    """With one axis and two segments, SLSQP varies velocity, acceleration and jerk at the waypoint on a dense grid."""
+    """For one axis and two segments, SLSQP varies velocity, acceleration and jerk at the waypoint.
+
+    Its constraints are evaluated on a dense grid.
+    """
     waypoints, durations, limit = np.array([[0.0], [1.0], [0.5]]), np.array([1.0, 1.0]), 5.0
     free = MinimumSnap(waypoints, durations).path()
     assert peak_norm(free, 2) > 1.05 * limit
@@ -78,22 +85,22 @@ def test_an_independent_optimiser_finds_the_same_constrained_path():
         return MinimumSnap(waypoints, durations, derivatives).path()
 
     def room(x):
-        acceleration = dense(path_of(x), 2, 600).ravel()
+        acceleration = dense_samples(path_of(x), 2, 600).ravel()
         return np.concatenate([limit - acceleration, limit + acceleration])
 
     start = np.array([evaluate(free, [1.0], order)[0, 0] for order in (1, 2, 3)])
     cost = snap_cost(free)[0]
-    found = scipy.optimize.minimize(
+    actual = scipy.optimize.minimize(
         lambda x: snap_cost(path_of(x))[0] / cost,
         start,
         method="SLSQP",
         constraints={"type": "ineq", "fun": room},
         options={"ftol": 1e-10, "maxiter": 300},
     )
-    assert found.success
+    assert actual.success
     path = path_within(PathProblem(points(waypoints), limits=PathLimits(acceleration=limit)), durations)
-    # Our path keeps a margin of 1e-4 below the limit, the reference has none.
-    assert snap_cost(path)[0] / cost == pytest.approx(found.fun, rel=1e-3)
+    # The tested path keeps a margin of 1e-4 below the limit, and the reference has no margin.
+    assert snap_cost(path)[0] / cost == pytest.approx(actual.fun, rel=1e-3)
 
 
 @pytest.mark.slow
@@ -105,11 +112,11 @@ def test_corridors_are_kept_everywhere(seed, segments, margin):
     high = np.maximum(waypoints[:-1], waypoints[1:]) + margin
     corridors = [Box(a, b) for a, b in zip(low, high, strict=True)]
     path = path_within(PathProblem(points(waypoints), corridors=corridors), durations)
-    positions = dense(path)
+    positions = dense_samples(path)
     beyond = np.maximum(low[:, np.newaxis] - positions, positions - high[:, np.newaxis]).max(axis=(1, 2))
     assert (beyond <= 1e-6 * (high - low).max(axis=1)).all()
     free = MinimumSnap(waypoints, durations).path()
-    positions = dense(free)
+    positions = dense_samples(free)
     breach = np.maximum(low[:, np.newaxis] - positions, positions - high[:, np.newaxis]).max()
     if breach > 0.0:
         assert snap_cost(path).sum() >= snap_cost(free).sum()
@@ -117,19 +124,19 @@ def test_corridors_are_kept_everywhere(seed, segments, margin):
         np.testing.assert_allclose(path.coefficients, free.coefficients, rtol=1e-10, atol=1e-10)
 
 
-def test_a_corridor_without_height_is_flown_level():
+def test_a_path_in_a_corridor_without_height_is_level():
     waypoints = np.array([[0.0, 0.0, 1.0], [2.0, 0.0, 1.0], [2.0, 2.0, 1.0], [0.0, 3.0, 2.0]])
     corridors = [Box([-1, -1, 1], [4, 4, 1]), Box([-1, -1, 1], [4, 4, 1]), None]
     path = path_within(PathProblem(points(waypoints), corridors=corridors), np.ones(3))
-    np.testing.assert_allclose(dense(path)[:2, :, 2], 1.0, atol=1e-12)
+    np.testing.assert_allclose(dense_samples(path)[:2, :, 2], 1.0, atol=1e-12)
 
 
-def test_a_waypoint_on_the_wall_is_passed_along_it():
+def test_a_path_passes_a_waypoint_on_a_wall_parallel_to_the_wall():
     waypoints = np.array([[0.0, 0.5], [1.0, 0.0], [2.0, 0.5]])
     corridor = Box([-1.0, 0.0], [3.0, 1.0])
     path = path_within(PathProblem(points(waypoints), corridors=[corridor] * 2), np.array([1.0, 0.8]))
-    assert dense(path)[:, :, 1].min() >= -1e-6
-    # A depth of v² / 2a below the wall is within the tolerance of the corridor.
+    assert dense_samples(path)[:, :, 1].min() >= -1e-6
+    # The remaining depth v² / 2a beyond the wall is within the tolerance of the corridor.
     assert evaluate(path, [1.0], 1)[1, 0] == pytest.approx(0.0, abs=5e-3)
 
 
@@ -140,7 +147,7 @@ def test_boxes_and_spheres_are_passed_at_the_point_of_least_cost():
     path = path_within(PathProblem([ends[0], sphere, ends[1]]), durations)
     passed = evaluate(path, [2.0])[:, 0]
     assert np.linalg.norm(passed - sphere.centre) == pytest.approx(sphere.radius, rel=1e-6)
-    # By symmetry the point of least cost is the lowest one.
+    # By symmetry, the point of least cost is the lowest point.
     np.testing.assert_allclose(passed, [2.0, 0.5], atol=1e-6)
     box = Box([1.0, 0.75], [3.0, 2.0])
     passed = evaluate(path_within(PathProblem([ends[0], box, ends[1]]), durations), [2.0])[:, 0]
@@ -148,11 +155,13 @@ def test_boxes_and_spheres_are_passed_at_the_point_of_least_cost():
     around = Box([1.0, -1.0], [3.0, 2.0])
     path = path_within(PathProblem([ends[0], around, ends[1]]), durations)
     direct = MinimumSnap(np.array([[0.0, 0.0], [4.0, 0.0]]), np.array([4.0])).cost
-    assert snap_cost(path).sum() == pytest.approx(direct, rel=1e-6), "a box in the way of nothing costs nothing"
+    assert snap_cost(path).sum() == pytest.approx(direct, rel=1e-6), (
+        "a box that does not constrain the path must not increase the cost"
+    )
 
 
 @pytest.mark.parametrize("order", [1, 2, 3])
-def test_a_user_s_own_constraint_can_be_added(order):
+def test_a_user_defined_constraint_can_be_added(order):
     waypoints, durations = np.array([[0.0], [1.0], [3.0]]), np.array([1.0, 1.3])
     planned = MinimumSnapProgram(PathProblem(points(waypoints)), durations)
     free = evaluate(planned.solve(), [1.0], order)[0, 0]
@@ -166,7 +175,7 @@ def test_a_user_s_own_constraint_can_be_added(order):
     ("slack", "share"), [(None, 1.0), (RelaxedBounds.LIMITS, 1e-6), (RelaxedBounds.CORRIDORS, 1e-6)]
 )
 def test_a_unit_change_of_any_variable_costs_as_much_as_the_path(slack, share):
-    """This holds for any durations, and keeps the numbers of the program at similar magnitudes."""
+    """This scaling holds for any durations, so the numbers of the program have similar magnitudes."""
     waypoints, durations = np.array([[0.0, 0.0], [1.0, 3.0], [30.0, 2.0], [28.0, 1.0]]), np.array([0.3, 20.0, 2.0])
     places = [points(waypoints)[0], Box([0.0, 2.0], [2.0, 4.0]), Sphere([30.0, 2.0], 1.0), points(waypoints)[3]]
     planned = MinimumSnapProgram(PathProblem(places), durations, slack=slack)
@@ -188,7 +197,7 @@ def test_points_within_limits_are_planned_in_closed_form():
 
 
 @pytest.mark.parametrize("order", [1, 2])
-def test_a_single_violated_limit_is_enough_to_require_the_program(order):
+def test_a_single_violated_limit_requires_the_program(order):
     waypoints, durations = random_route(5, 4)
     free = MinimumSnap(waypoints, durations).path()
     bounds = {1: 9.0 * peak_norm(free, 1), 2: 9.0 * peak_norm(free, 2)}
@@ -212,7 +221,7 @@ def test_a_path_begins_at_the_best_point_of_a_sphere():
     np.testing.assert_allclose(path_within(PathProblem(places), np.array([2.0])).waypoints[0], [0.4, 0.3], atol=1e-6)
 
 
-def test_a_sphere_is_cut_by_a_corridor_without_height():
+def test_a_corridor_without_height_reduces_a_sphere_to_a_circle():
     """At a height of 1 m the intersection is a circle with a radius of 0.4 m."""
     flat = Box([-1.0, -3.0, 1.0], [5.0, 3.0, 1.0])
     places = [Box.point([0.0, 0.0, 1.0]), Sphere([2.0, 1.0, 1.3], 0.5), Box.point([4.0, 0.0, 1.0])]
@@ -245,9 +254,9 @@ def test_the_scale_of_corridors_does_not_matter():
         corridors = [Box(scale * a, scale * b) for a, b in zip(low, high, strict=True)]
         return path_within(PathProblem(points(scale * waypoints), corridors=corridors), durations)
 
-    wanted = within(1.0).coefficients
+    expected = within(1.0).coefficients
     for scale in (1e-3, 1e3):
-        np.testing.assert_allclose(within(scale).coefficients / scale, wanted, atol=2e-5 * np.abs(wanted).max())
+        np.testing.assert_allclose(within(scale).coefficients / scale, expected, atol=2e-5 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("slack", list(RelaxedBounds))
@@ -273,7 +282,7 @@ def test_impossible_constraints_are_infeasible():
 
 
 def test_bounds_that_a_fixed_path_violates_are_infeasible():
-    """The path from rest to rest has no free derivative, and is in the middle at half time."""
+    """The path from rest to rest has no free derivatives, and is in the middle at half time."""
     program = MinimumSnapProgram(PathProblem(points([[0.0, 1.0], [4.0, 3.0]])), np.array([2.0]))
     program.bound_position(0, 0.5, 0, 1.9, 2.1)
     program.bound_position(0, 0.5, 1, 1.9, 2.1)
@@ -318,13 +327,13 @@ def test_the_solver_is_called_again_with_a_larger_tolerance_without_a_remark(mon
         def get_solution_result(self):
             return SolutionResult.kSolverSpecificError
 
-    class Reluctant(ClarabelSolver):
+    class FailingOnce(ClarabelSolver):
         def Solve(self, program, guess, options):
             asked.append(options.options[self.solver_id().name()])
             levels.append(logging.getLogger("drake").level)
             return Refusal() if len(asked) < 3 else super().Solve(program, guess, options)
 
-    monkeypatch.setattr(minimum_snap_program, "ClarabelSolver", Reluctant)
+    monkeypatch.setattr(minimum_snap_program, "ClarabelSolver", FailingOnce)
     path = MinimumSnapProgram(PathProblem(points([[0.0], [1.0], [2.0]])), np.array([1.0, 1.0])).solve()
     assert snap_cost(path)[0] == pytest.approx(3150.0, rel=1e-4)
     names = ("tol_feas", "tol_gap_abs", "tol_gap_rel")
@@ -372,14 +381,14 @@ def test_the_excess_over_limits_is_the_smallest_possible():
 
 
 def test_a_failure_of_the_solver_is_an_error(monkeypatch):
-    """The solver may take only one step."""
+    """The solver is limited to one step."""
 
-    class Hasty(ClarabelSolver):
+    class OneStep(ClarabelSolver):
         def Solve(self, program, guess, options):
             options.SetOption(ClarabelSolver.id(), "max_iter", 1)
             return super().Solve(program, guess, options)
 
-    monkeypatch.setattr(minimum_snap_program, "ClarabelSolver", Hasty)
+    monkeypatch.setattr(minimum_snap_program, "ClarabelSolver", OneStep)
     route = points(np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 0.0], [3.0, 0.0, 1.0]]))
     problem = PathProblem(route, derivatives=rest_at_ends(3, 3), limits=PathLimits(speed=2.0))
     with pytest.raises(SolverError, match="the minimum-snap program was not solved: k"):

@@ -1,3 +1,5 @@
+"""Tests of the parts of a path problem and of the checks of its input."""
+
 import math
 
 import numpy as np
@@ -8,15 +10,15 @@ from drake_quad.reference.path_problem import Box, PathLimits, PathProblem, Sphe
 
 POINTS = [Box.point(point) for point in ([0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 2.0, 0.0])]
 
-PUSHED = np.zeros((3, 3, 3))
-PUSHED[1, 1] = [2.0, 0.0, 0.0]
+VELOCITY_ALONG_X = np.zeros((3, 3, 3))
+VELOCITY_ALONG_X[1, 1] = [2.0, 0.0, 0.0]
 
-HALF_GIVEN = np.zeros((3, 3, 3))
-HALF_GIVEN[1, 0, 1] = np.nan
+PARTLY_GIVEN_VELOCITY = np.zeros((3, 3, 3))
+PARTLY_GIVEN_VELOCITY[1, 0, 1] = np.nan
 
 
-ALONG_Y = np.zeros((3, 3, 3))
-ALONG_Y[1, 0] = [0.0, 3.0, 0.0]
+VELOCITY_ALONG_Y = np.zeros((3, 3, 3))
+VELOCITY_ALONG_Y[1, 0] = [0.0, 3.0, 0.0]
 
 
 def around(low, high):
@@ -50,19 +52,19 @@ def test_by_default_a_problem_has_rest_at_the_ends_and_no_limits():
     assert not np.nan_to_num(problem.derivatives).any()
     assert (problem.corridors, problem.limits.by_order, problem.segments) == ((None, None), {}, 2)
     assert problem.stretchable
-    assert not PathProblem(POINTS, derivatives=PUSHED).stretchable
+    assert not PathProblem(POINTS, derivatives=VELOCITY_ALONG_X).stretchable
     assert PathLimits(acceleration=3.0).by_order == {2: 3.0}
     assert PathLimits(speed=3.0).by_order == {1: 3.0}
     limited = PathProblem(
-        POINTS, derivatives=PUSHED, corridors=[None, around([0, 0, 0], [3, 3, 3])], limits=PathLimits(4.0)
+        POINTS, derivatives=VELOCITY_ALONG_X, corridors=[None, around([0, 0, 0], [3, 3, 3])], limits=PathLimits(4.0)
     )
     unlimited = limited.without_limits()
     assert unlimited.limits.by_order == {}
     assert unlimited.corridors == limited.corridors
-    np.testing.assert_array_equal(unlimited.derivatives, PUSHED)
+    np.testing.assert_array_equal(unlimited.derivatives, VELOCITY_ALONG_X)
 
 
-def test_the_first_and_the_last_waypoint_are_in_one_corridor_only():
+def test_the_first_and_the_last_waypoint_belong_to_only_one_corridor():
     corridors = [around([-1, -1, -1], [2, 1, 1]), around([1, -1, -1], [3, 3, 1])]
     places = [Box([-5, 0, 0], [5, 0, 0]), POINTS[1], Box([0, 2, 0], [2.5, 2, 0])]
     problem = PathProblem(places, corridors=corridors)
@@ -72,9 +74,9 @@ def test_the_first_and_the_last_waypoint_are_in_one_corridor_only():
 
 
 def test_feasible_problems_are_accepted():
-    """These are a velocity along a flat corridor, one at its limit, and a region around the centre of another."""
+    """The examples are a velocity along a flat corridor, a velocity at its limit, and nested regions."""
     flat = around([2, 0, 0], [2, 2, 0])
-    PathProblem(POINTS, derivatives=ALONG_Y, corridors=[None, flat], limits=PathLimits(speed=3.0))
+    PathProblem(POINTS, derivatives=VELOCITY_ALONG_Y, corridors=[None, flat], limits=PathLimits(speed=3.0))
     PathProblem([POINTS[0], Box([-1e-7, -1, 0], [1e-7, 1, 0]), POINTS[2]])
 
 
@@ -109,13 +111,13 @@ def test_only_points_without_corridors_are_planned_in_closed_form():
             "waypoint 1, .* is farther than 100000 m from the origin",
         ),
         ({"derivatives": np.full((3, 3, 3), np.inf)}, "must be finite on all axes or NaN on all axes"),
-        ({"derivatives": HALF_GIVEN}, "must be finite on all axes or NaN on all axes"),
+        ({"derivatives": PARTLY_GIVEN_VELOCITY}, "must be finite on all axes or NaN on all axes"),
         (
-            {"derivatives": PUSHED, "corridors": [None, around([2, 0, 0], [2, 2, 0])]},
+            {"derivatives": VELOCITY_ALONG_X, "corridors": [None, around([2, 0, 0], [2, 2, 0])]},
             "the derivatives given at waypoint 1 lead out of the corridor of segment 1",
         ),
         (
-            {"derivatives": ALONG_Y, "corridors": [around([0, 0, 0], [2, 0, 0]), None]},
+            {"derivatives": VELOCITY_ALONG_Y, "corridors": [around([0, 0, 0], [2, 0, 0]), None]},
             "the derivatives given at waypoint 1 lead out of the corridor of segment 0",
         ),
         ({"corridors": [None]}, "1 corridors for 2 segments"),
@@ -161,12 +163,12 @@ def test_only_points_without_corridors_are_planned_in_closed_form():
             "waypoint 0, .* they are 1 m apart on axis 3",
         ),
         (
-            {"limits": PathLimits(speed=2.0), "derivatives": ALONG_Y},
-            "the velocity at waypoint 1 is given as 3 m/s, beyond the limit of 2 m/s",
+            {"limits": PathLimits(speed=2.0), "derivatives": VELOCITY_ALONG_Y},
+            "the velocity at waypoint 1 is 3 m/s, more than the limit of 2 m/s",
         ),
         (
-            {"limits": PathLimits(acceleration=1.0), "derivatives": PUSHED},
-            "the acceleration at waypoint 1 is given as 2 m/s², beyond the limit of 1 m/s²",
+            {"limits": PathLimits(acceleration=1.0), "derivatives": VELOCITY_ALONG_X},
+            "the acceleration at waypoint 1 is 2 m/s², more than the limit of 1 m/s²",
         ),
     ],
 )

@@ -1,4 +1,4 @@
-"""Plans are exchanged as pieces with Crazyswarm2 and minsnap-trajectories."""
+"""Tests of the exchange of plans with Crazyswarm2 and minsnap-trajectories, as polynomial pieces."""
 
 import sys
 
@@ -24,19 +24,19 @@ from drake_quad.reference.trajectory_files import save_plan
 from drake_quad.scenario.files.loading import load_mission
 
 PATH = minimum_snap([[0, 0, 1], [1, 2, 1.5], [3, 1, 2], [2, 0, 1]], [0.0, 1.7, 3.01, 5.2])
-# The knots of the yaw differ from those of the path.
+# The yaw and the path have different knots.
 YAW = hermite_path(
     np.array([0.0, 1.1, 1.7, 4.4, 5.2]), np.array([[[0.3], [0.0]], [[0.8], [0.2]], *[[[1.0], [-0.3]]] * 3])
 )
 PLAN = Plan(PATH, YAW)
 
-# As in files of uav_trajectories, with six decimals: from rest to rest over a metre, and back.
-STILL = ",".join(["0.000000"] * 16)
-THERE_AND_BACK = f"""\
+# Pieces from rest to rest over a metre and back, with six decimals as in files of uav_trajectories.
+ZEROS = ",".join(["0.000000"] * 16)
+ROUND_TRIP = f"""\
 # {",".join(COLUMNS)}
-2.000000,0.000000,0.000000,0.000000,0.000000,2.187500,-2.625000,1.093750,-0.156250,{STILL},{",".join(["0.000000"] * 8)}
+2.000000,0.000000,0.000000,0.000000,0.000000,2.187500,-2.625000,1.093750,-0.156250,{ZEROS},{",".join(["0.000000"] * 8)}
 
-4.000000,1.000000,0.000000,0.000000,0.000000,-0.136719,0.082031,-0.017090,0.001221,{STILL},0.000000,0.100000,0,0,0,0,0,0,
+4.000000,1.000000,0.000000,0.000000,0.000000,-0.136719,0.082031,-0.017090,0.001221,{ZEROS},0.000000,0.100000,0,0,0,0,0,0,
 """
 
 
@@ -50,24 +50,24 @@ def write(tmp_path):
 
 
 def assert_alike(one, other, start=0.0, atol=1e-12):
-    """Assert that position to snap and the yaw agree, relative to the largest value of each."""
+    """Assert that position to snap and the yaw agree, with errors relative to the largest value of each."""
     times = np.linspace(start, one.path.times[-1], 2001)[1:-1]
     for part, orders in (("path", 5), ("yaw", 2)):
         for order in range(orders):
-            expected, found = (evaluate(getattr(plan, part), times, order) for plan in (one, other))
+            expected, actual = (evaluate(getattr(plan, part), times, order) for plan in (one, other))
             scale = max(1.0, np.abs(expected).max())
-            np.testing.assert_allclose(found / scale, expected / scale, rtol=0.0, atol=atol, err_msg=f"{part} {order}")
+            np.testing.assert_allclose(actual / scale, expected / scale, rtol=0.0, atol=atol, err_msg=f"{part} {order}")
 
 
 def test_a_round_trip_through_a_file_keeps_the_plan(tmp_path):
     again = plan_route(load_mission(save_pieces(PLAN, tmp_path / "mine.csv")))
     assert_alike(PLAN, again)
-    # A piece ends at each knot of the path or the yaw. The yaw has the additional knots 1.1 and 4.4.
+    # A piece ends at each knot of the path or the yaw, such as 1.1 s and 4.4 s, which are only knots of the yaw.
     np.testing.assert_allclose(again.path.times, [0.0, 1.1, 1.7, 3.01, 4.4, 5.2], rtol=1e-15)
 
 
 def test_a_file_can_be_read_as_crazyswarm2_does(tmp_path):
-    """It uses `numpy.loadtxt(filename, delimiter=",", skiprows=1)` and polynomials in seconds, lowest power first."""
+    """Crazyswarm2 uses `numpy.loadtxt(filename, delimiter=",", skiprows=1)`, with the lowest power first."""
     file = save_pieces(PLAN, tmp_path / "mine.csv")
     assert file.read_text().splitlines()[0] == ",".join(COLUMNS)
     assert COLUMNS[:3] + COLUMNS[-1:] == ("duration", "x^0", "x^1", "yaw^7")
@@ -83,7 +83,7 @@ def test_a_file_can_be_read_as_crazyswarm2_does(tmp_path):
 
 @pytest.mark.parametrize("turns", [[0, 1, 1, 1, 1], [0, -1, 2, 0, -3], [1, 1, 1, 1, 1]])
 def test_pieces_whose_yaws_differ_by_whole_turns_have_one_heading(turns):
-    """Other programs write yaw angles between -π and π."""
+    """Other programs write yaw angles from -π to π."""
     rows = pieces_of(PLAN)
     rows[:, COLUMNS.index("yaw^0")] += 2.0 * np.pi * np.array(turns)
     again = plan_of_pieces(rows)
@@ -92,7 +92,7 @@ def test_pieces_whose_yaws_differ_by_whole_turns_have_one_heading(turns):
 
 
 @pytest.mark.parametrize("before", [3.14159, -3.14159, 0.4])
-def test_a_vehicle_keeps_its_heading_where_the_yaw_of_a_file_wraps(write, before):
+def test_the_yaw_is_continuous_where_the_yaw_of_a_file_wraps(write, before):
     after = before - np.copysign(6.28318, before) if abs(before) > 1.0 else before + 4.0 * np.pi
     text = f"duration,x^0,y^0,z^0,yaw^0,yaw^1\n1,0,0,1,{before - 0.1},0.1\n1,0,0,1,{after},0.1\n"
     plan = plan_route(load_mission(write(text)))
@@ -121,8 +121,8 @@ def test_a_path_of_too_high_a_degree_cannot_be_written():
 
 
 def test_a_file_of_other_programs_is_read(write):
-    """It has a # before the names, an empty line and a trailing comma. It moves 1 m in 2 s, and back in 4 s."""
-    plan = plan_route(load_mission(write(THERE_AND_BACK)))
+    """The file has a # before the names, an empty line and a trailing comma. It moves 1 m in 2 s, and back in 4 s."""
+    plan = plan_route(load_mission(write(ROUND_TRIP)))
     np.testing.assert_array_equal(plan.path.times, [0.0, 2.0, 6.0])
     shares = np.linspace(0.0, 1.0, 21)
     blend = 35 * shares**4 - 84 * shares**5 + 70 * shares**6 - 20 * shares**7
@@ -132,7 +132,7 @@ def test_a_file_of_other_programs_is_read(write):
 
 
 def test_a_route_can_refer_to_a_file_in_its_own_folder(write, diagrams, tmp_path):
-    write(THERE_AND_BACK, "there.csv")
+    write(ROUND_TRIP, "there.csv")
     loop = f"""\
 there:
   extends: {diagrams / "figure_eight.yaml"}
@@ -145,7 +145,7 @@ there:
     flight = simulate(scenario, compiled=True)
     assert flight.metrics.rmse < 0.01
     folder = flight.save(tmp_path / "flown")[0].parent
-    assert load_scenario(folder / "scenario.yaml") == flight.scenario  # without the table
+    assert load_scenario(folder / "scenario.yaml") == flight.scenario  # needs no there.csv in its folder
 
 
 def test_a_trajectory_of_knots_also_has_an_origin_and_a_time_scale(diagrams):
@@ -162,14 +162,14 @@ def test_a_trajectory_of_knots_also_has_an_origin_and_a_time_scale(diagrams):
 
 
 def test_defaults_of_a_trajectory_are_not_written(diagrams):
-    """Studies from before these options existed can therefore be continued."""
+    """Therefore, studies from before these options existed can be continued."""
     knots = [{"time": 0.0, "position": [0, 0, 0]}, {"time": 4.0, "position": [1, 0, 0]}]
     route = load_mission(diagrams / "figure_eight.yaml", {"route": {"kind": "trajectory", "knots": knots}}).route
     assert [*route.model_dump()] == ["kind", "knots", "yaw_knots"]
 
 
 def test_a_plan_that_knots_do_not_determine_is_saved_with_its_pieces(write, tmp_path, diagrams):
-    plan = plan_route(load_mission(write(THERE_AND_BACK)))
+    plan = plan_route(load_mission(write(ROUND_TRIP)))
     assert "knots" not in save_plan(plan, tmp_path, name="there")[1].read_text()
     again = load_scenario(diagrams / "figure_eight.yaml", layers=[tmp_path / "trajectory.yaml"])
     assert_alike(plan, plan_route(again))
@@ -214,7 +214,7 @@ def test_a_file_of_pieces_without_rows_is_rejected(diagrams, tmp_path):
             "duration,x^0,y^0,z^0,yaw^0\n1,0,0,1,3.1\n1,0,0,1,-3\n",
             r"course.csv:3: .* its yaw jumps by 0.183 rad, more than 0.01$",
         ),
-        ("duration,x^0,y^0,z^0\n" + "1,0,0,1\n" * 1001, r"too many rows: a route may have 1,000 pieces$"),
+        ("duration,x^0,y^0,z^0\n" + "1,0,0,1\n" * 1001, r"too many rows: a route may have at most 1,000 pieces$"),
         ("duration,x^0,x^2,y^0,z^0\n1,0,-500,0,1\n", r"the rotors cannot fly this route"),
     ],
 )
@@ -239,7 +239,7 @@ def test_errors_in_a_file_are_reported(write, text, words):
         (
             "{kind: trajectory, pieces: [{duration: 1, x: [0], y: [0], z: [1]}], yaw_knots: [{time: 0, yaw: 0},"
             " {time: 1, yaw: 0}]}",
-            "2: route.yaw_knots .* must be left out, since pieces have a yaw of their own",
+            "2: route.yaw_knots .* must be left out, since pieces contain the yaw",
         ),
         (
             "{kind: trajectory, time_scale: 0, pieces: [{duration: 1, x: [0], y: [0], z: [1]}]}",
@@ -255,22 +255,22 @@ def test_errors_in_a_route_are_reported(write, route, words):
 
 @pytest.mark.parametrize("before", ["# a course\n\n", "# two lines, of\n# duration\n"])
 def test_lines_before_the_header_are_ignored(write, before):
-    write(before + THERE_AND_BACK, "noted.csv")
+    write(before + ROUND_TRIP, "noted.csv")
     loop = write("a:\n  route: {kind: trajectory, pieces: noted.csv}\n", "loop.yaml")
-    for file in (write(before + THERE_AND_BACK), loop):
-        assert_alike(plan_route(load_mission(write(THERE_AND_BACK, "bare.csv"))), plan_route(load_mission(file)))
+    for file in (write(before + ROUND_TRIP), loop):
+        assert_alike(plan_route(load_mission(write(ROUND_TRIP, "bare.csv"))), plan_route(load_mission(file)))
 
 
 def test_many_empty_lines_are_read_quickly(write):
-    """The time is proportional to their number; with a quadratic algorithm the test would take minutes."""
+    """The time is proportional to the number of lines. With a quadratic algorithm, the test would take minutes."""
     with pytest.raises(InputError, match="contains no waypoints"):
         load_mission(write("\n" * 300_000))
 
 
 def test_a_table_without_a_header_has_all_columns(write):
-    write("\n".join(THERE_AND_BACK.splitlines()[1:]), "bare.csv")
+    write("\n".join(ROUND_TRIP.splitlines()[1:]), "bare.csv")
     loop = write("a:\n  route: {kind: trajectory, pieces: bare.csv}\n", "loop.yaml")
-    assert_alike(plan_route(load_mission(write(THERE_AND_BACK))), plan_route(load_mission(loop)))
+    assert_alike(plan_route(load_mission(write(ROUND_TRIP))), plan_route(load_mission(loop)))
 
 
 def test_the_trajectory_for_minsnap_trajectories_has_the_same_values():
@@ -278,9 +278,9 @@ def test_the_trajectory_for_minsnap_trajectories_has_the_same_values():
     sampled = minsnap_trajectories.compute_trajectory_derivatives(minsnap_trajectory(PLAN), times, 5)
     for order in range(5):
         np.testing.assert_allclose(sampled[order].T, evaluate(PATH, times, order), rtol=1e-11, atol=1e-10)
-    found = plan_of_minsnap(minsnap_trajectory(PLAN), 0.4)
-    assert_alike(Plan.facing(PATH, 0.4), found)
-    np.testing.assert_array_equal(found.yaw.times, PATH.times[[0, -1]])
+    actual = plan_of_minsnap(minsnap_trajectory(PLAN), 0.4)
+    assert_alike(Plan.facing(PATH, 0.4), actual)
+    np.testing.assert_array_equal(actual.yaw.times, PATH.times[[0, -1]])
 
 
 def test_minsnap_trajectories_plans_the_same_path_from_our_waypoints():

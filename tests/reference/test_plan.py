@@ -1,3 +1,5 @@
+"""Tests of plans and of the reference that a plan gives to the control."""
+
 import numpy as np
 import pytest
 
@@ -66,17 +68,17 @@ def test_a_plan_has_leg_times_and_an_initial_yaw():
     assert (hover.legs, hover.leg_times, hover.initial_yaw) == ((("hover", 0),), [0.0], 0.7)
 
 
-def test_a_derivative_of_the_plan_is_that_of_its_path():
+def test_derivatives_of_a_plan_are_those_of_its_path():
     for order in range(5):
         trajectory = PLAN.derivative(order)
         for time in (0.5, 0.9, 2.2):
-            wanted = evaluate(PLAN.path, [time], order)
-            np.testing.assert_allclose(trajectory.value(time), wanted, atol=1e-10 * max(1.0, np.abs(wanted).max()))
+            expected = evaluate(PLAN.path, [time], order)
+            np.testing.assert_allclose(trajectory.value(time), expected, atol=1e-10 * max(1.0, np.abs(expected).max()))
 
 
 @pytest.mark.parametrize(("speed", "yaw_rate"), [(0.0, 4.0), (4.0, 0.0)])
 def test_the_reference_lasts_until_path_and_yaw_are_at_rest(speed, yaw_rate):
-    """One of them is in steady motion and brakes for seconds, while the other is at rest."""
+    """One of the two is in steady motion and brakes for seconds, while the other is at rest."""
     times, still = np.array([0.0, 1.0]), np.zeros(3)
     path = hermite_path(times, np.array([[[x, 0.0, 0.0], [speed, 0.0, 0.0], still, still] for x in (0.0, speed)]))
     yaw = hermite_path(times, np.array([[[angle], [yaw_rate], [0.0]] for angle in (0.0, yaw_rate)]))

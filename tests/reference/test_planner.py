@@ -1,3 +1,5 @@
+"""Tests of the planner with all timings, on random routes and by comparison with independent searches."""
+
 import itertools
 import os
 import re
@@ -23,9 +25,9 @@ from drake_quad.reference.time_allocation import rest_to_rest_durations
 
 LIMITS = PathLimits(speed=2.0, acceleration=0.7)
 SQUARE = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [0, 0, 1]], dtype=float)
-HALLWAYS = [Box(np.minimum(a, b) - 0.1, np.maximum(a, b) + 0.1) for a, b in itertools.pairwise(SQUARE)]
-# A thousand of them take some minutes.
-ROUTES = int(os.environ.get("ROUTES", "15"))
+CORRIDORS = [Box(np.minimum(a, b) - 0.1, np.maximum(a, b) + 0.1) for a, b in itertools.pairwise(SQUARE)]
+# The variable ROUTES sets another number of random routes. A thousand routes take some minutes.
+NUM_ROUTES = int(os.environ.get("ROUTES", "15"))
 
 
 def problem(points=SQUARE, **more):
@@ -37,7 +39,7 @@ def total(path):
 
 
 def shares(path, limits=LIMITS):
-    """Return dense samples of unit time that are independent of the planner."""
+    """Return the largest speed and acceleration relative to their limits, from dense samples of the path."""
     every = np.repeat(np.arange(len(path.coefficients)), 500)
     s = np.tile(np.linspace(0.0, 1.0, 500), len(path.coefficients))
     return [
@@ -47,7 +49,7 @@ def shares(path, limits=LIMITS):
 
 
 def random_points(seed):
-    """Return 2 to 60 waypoints with steps from 1 cm to 100 m, equal or not, with sharp turns and repeats."""
+    """Return 2 to 60 waypoints with equal or random steps of 1 cm to 100 m, sharp turns and repetitions."""
     rng = np.random.default_rng(seed)
     count, kind = int(rng.integers(1, 60)), int(rng.integers(4))
     steps = 10.0 ** rng.uniform(-2.0, 2.0, count) if kind < 2 else np.full(count, 10.0 ** rng.uniform(-2.0, 2.0))
@@ -66,7 +68,7 @@ def random_points(seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(ROUTES))
+@pytest.mark.parametrize("seed", range(NUM_ROUTES))
 def test_random_routes_are_planned_within_the_limits(seed):
     points = random_points(seed)
     asked = problem(points)
@@ -96,7 +98,7 @@ def test_the_shortest_timing_is_not_slower_than_the_heuristic(seed):
 
 
 @pytest.mark.slow
-def test_any_timing_keeps_to_corridors_boxes_and_spheres():
+def test_every_timing_satisfies_corridors_boxes_and_spheres():
     places = [
         Box.point(SQUARE[0]),
         Box([1.9, -0.1, -0.1], [2.1, 0.1, 0.1]),
@@ -104,7 +106,7 @@ def test_any_timing_keeps_to_corridors_boxes_and_spheres():
         Box.point(SQUARE[3]),
         Box.point(SQUARE[4]),
     ]
-    asked = PathProblem(places, corridors=HALLWAYS, limits=LIMITS)
+    asked = PathProblem(places, corridors=CORRIDORS, limits=LIMITS)
     totals = {}
     for timing in (GivenTimes((0.0, 5.0, 9.0, 13.0, 18.0)), Heuristic(), LeastSnap(17.0), Shortest()):
         path = plan_path(asked, timing)
@@ -112,7 +114,7 @@ def test_any_timing_keeps_to_corridors_boxes_and_spheres():
         passed = evaluate(path, path.times).T
         for place, position in zip(places, passed, strict=True):
             assert np.linalg.norm(place.nearest(position) - position) <= 1e-7
-        for i, corridor in enumerate(HALLWAYS):
+        for i, corridor in enumerate(CORRIDORS):
             positions = evaluate(path, np.linspace(path.times[i], path.times[i + 1], 500)).T
             assert (positions >= corridor.low - 1e-6).all()
             assert (positions <= corridor.high + 1e-6).all()
@@ -126,14 +128,14 @@ def test_any_timing_keeps_to_corridors_boxes_and_spheres():
 
 @pytest.mark.slow
 def test_the_shortest_time_in_a_corridor_is_near_that_of_an_independent_search():
-    """Nelder-Mead over the durations of the constrained program found 14.930 s, from two starts."""
-    assert total(plan_path(problem(corridors=HALLWAYS), Shortest())) <= 1.002 * 14.930
+    """A Nelder-Mead search over the durations of the constrained program found 14.930 s from two initial points."""
+    assert total(plan_path(problem(corridors=CORRIDORS), Shortest())) <= 1.002 * 14.930
 
 
 @pytest.mark.slow
 def test_the_least_snap_in_a_corridor_is_near_that_of_an_independent_search():
-    """Nelder-Mead over the durations found a cost of 13.210 m²/s⁷ in 14 s."""
-    path = plan_path(problem(corridors=HALLWAYS, limits=PathLimits()), LeastSnap(14.0))
+    """A Nelder-Mead search over the durations found a cost of 13.210 m²/s⁷ for 14 s."""
+    path = plan_path(problem(corridors=CORRIDORS, limits=PathLimits()), LeastSnap(14.0))
     assert snap_cost(path).sum() <= 1.002 * 13.210
 
 
@@ -166,7 +168,7 @@ def test_a_given_velocity_is_flown():
         assert max(shares(path)) <= 1.0 + 1e-6
 
 
-def test_repeated_waypoints_are_one_unless_times_are_given():
+def test_repeated_waypoints_are_merged_unless_times_are_given():
     points = SQUARE[[0, 1, 1, 1, 2]]
     chosen = plan_path(problem(points), Shortest())
     assert len(chosen.times) == 3
@@ -191,10 +193,12 @@ def test_repeated_waypoints_keep_their_given_derivatives():
 
 def test_times_may_begin_at_any_instant_and_span_a_day():
     times = np.array([0.0, 20.0, 50.0, 80.0, 86_400.0])
-    wanted = plan_path(problem(), GivenTimes(tuple(times)))
+    expected = plan_path(problem(), GivenTimes(tuple(times)))
     later = plan_path(problem(), GivenTimes(tuple(1e5 + times)))
     np.testing.assert_array_equal(later.times, 1e5 + times)
-    np.testing.assert_allclose(later.coefficients, wanted.coefficients, atol=1e-9 * np.abs(wanted.coefficients).max())
+    np.testing.assert_allclose(
+        later.coefficients, expected.coefficients, atol=1e-9 * np.abs(expected.coefficients).max()
+    )
 
 
 @pytest.mark.parametrize("total", [1e-3, 86_400.0])
@@ -202,7 +206,7 @@ def test_the_total_of_least_snap_may_be_a_millisecond_or_a_day(total):
     assert plan_path(problem(limits=PathLimits()), LeastSnap(total)).duration == pytest.approx(total, rel=1e-9)
 
 
-def test_a_flight_after_a_stay_is_that_of_a_flight_from_there():
+def test_a_flight_after_a_stay_equals_a_flight_that_starts_there():
     points = SQUARE[[0, 0, 1, 2]]
     stayed = plan_path(problem(points), GivenTimes((0.0, 3.0, 7.0, 12.0)))
     alone = MinimumSnap(SQUARE[:3], np.array([4.0, 5.0])).path()
@@ -230,12 +234,12 @@ def test_a_too_short_time_is_reported_with_a_remedy_that_works():
         plan_path(problem(), GivenTimes(tuple(times)))
     words = re.fullmatch(
         r"the acceleration limit of 0.7 m/s² cannot be kept on segment (\d): at these times at least ([\d.]+) m/s² is "
-        r"needed; flown ([\d.]+) times slower it is feasible",
+        r"needed; flown ([\d.]+) times slower, it is feasible",
         str(error.value),
     )
     assert 0 <= int(words[1]) <= 3
     needed, slower = float(words[2]), float(words[3])
-    # Acceleration decreases with the square of the duration.
+    # The acceleration decreases with the square of the duration.
     assert slower == pytest.approx(np.sqrt(needed / 0.7), rel=0.01)
     path = plan_path(problem(), GivenTimes(tuple(slower * times)))
     assert max(shares(path)) <= 1.0 + 1e-6
@@ -254,7 +258,7 @@ def test_a_too_short_time_is_reported_with_a_remedy_that_works():
 def test_a_far_too_short_time_is_reported_with_a_limit_and_a_remedy_that_works(times):
     with pytest.raises(InputError, match="the (speed|acceleration) limit .* cannot be kept on segment") as error:
         plan_path(problem(), GivenTimes(times))
-    slower = float(re.search(r"flown ([\d.e+]+) times slower it is feasible", str(error.value))[1])
+    slower = float(re.search(r"flown ([\d.e+]+) times slower, it is feasible", str(error.value))[1])
     path = plan_path(problem(), GivenTimes(tuple(slower * np.array(times))))
     assert max(shares(path)) <= 1.0 + 1e-6
 
@@ -264,7 +268,7 @@ def test_an_object_that_is_no_timing_is_rejected():
         plan_path(problem(), Shortest)
 
 
-def test_a_path_that_turns_back_is_not_slower_than_one_with_a_stop():
+def test_a_path_that_turns_back_is_not_slower_than_a_path_with_a_stop():
     points = np.array([[0.0, 0.0, 1.0], [4.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
     path = plan_path(problem(points), Shortest())
     assert total(path) <= 1.0011 * rest_to_rest_durations(points, LIMITS).sum()
@@ -274,7 +278,7 @@ def test_a_velocity_that_leads_out_of_its_corridor_is_reported():
     derivatives = rest_at_ends(5, 3)
     derivatives[2, 0] = [1.5, 0.0, 0.0]
     with pytest.raises(InputError, match=r"the corridor of segment \d cannot be kept .* [\d.]+ m wider"):
-        plan_path(problem(derivatives=derivatives, corridors=HALLWAYS), GivenTimes((0.0, 4.0, 8.0, 12.0, 16.0)))
+        plan_path(problem(derivatives=derivatives, corridors=CORRIDORS), GivenTimes((0.0, 4.0, 8.0, 12.0, 16.0)))
 
 
 @pytest.mark.parametrize(
@@ -289,11 +293,11 @@ def test_a_velocity_that_leads_out_of_its_corridor_is_reported():
         (problem(), LeastSnap(1e6), "total duration is 1e\\+06 s, but must be positive and at most 86400 s"),
         (problem(limits=PathLimits(speed=1e-9)), Shortest(), "would take about .* s, more than 86400 s"),
         (problem(limits=PathLimits(speed=1e-300)), Heuristic(), "would take about .* s, more than 86400 s"),
-        (PathProblem([Box([0, 0], [1, 1])] * 2, limits=LIMITS), Shortest(), "nothing has to move; give the times"),
+        (PathProblem([Box([0, 0], [1, 1])] * 2, limits=LIMITS), Shortest(), "need not move; give the times"),
         (
             PathProblem([Sphere([0, 0], 1.0), Sphere([0.1, 0], 1.0), Sphere([0, 0.1], 1.0)], limits=LIMITS),
             Shortest(),
-            "nothing has to move; give the times",
+            "the vehicle need not move; give the times",
         ),
         (problem(limits=PathLimits()), Shortest(), "give a limit on the speed or acceleration"),
         (problem(SQUARE[[0, 0]]), Shortest(), r"all waypoints are the same point, \(0, 0, 0\) m"),

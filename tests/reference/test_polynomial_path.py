@@ -1,3 +1,5 @@
+"""Tests of polynomial paths: peaks, turning points, refinement and stretching."""
+
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -48,7 +50,7 @@ def test_peak_norm_agrees_with_the_roots_of_the_polynomial():
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 8))
-@example(479001600, 4)  # turns back in the first cell after a start at rest
+@example(479001600, 4)  # this path turns back in the first cell after a start at rest
 @settings(max_examples=40, deadline=None)
 def test_between_turning_points_the_position_is_monotonic(seed, segments):
     path = random_path(seed, segments)
@@ -64,7 +66,7 @@ def test_between_turning_points_the_position_is_monotonic(seed, segments):
             places = np.sort(s[(segment == i) & (axis == j)])
             extremes = evaluate_at(path, np.full(len(places) + 2, i), np.array([0.0, *places, 1.0]))[:, j]
             scale = np.abs(values[:, j]).max() + 1.0
-            # This is the largest motion backwards within a cell whose slopes at its ends do not differ in sign.
+            # This is the largest backward motion within a cell whose slopes at both ends have the same sign.
             hidden = np.abs(thirds[:, j]).max() * path.durations[i] ** 3 / NUM_CELLS**3 / 12.0
             for sign in (1.0, -1.0):
                 cell = min(int(dense[np.argmax(sign * values[:, j])] * NUM_CELLS), NUM_CELLS - 1)
@@ -81,8 +83,8 @@ def test_a_refined_path_is_the_same_path(seed, times):
     assert set(path.times) <= set(finer.times)
     samples = np.linspace(path.times[0], path.times[-1], 400)
     for order in range(5):
-        wanted = evaluate(path, samples, order)
-        np.testing.assert_allclose(evaluate(finer, samples, order), wanted, atol=1e-7 * np.abs(wanted).max())
+        expected = evaluate(path, samples, order)
+        np.testing.assert_allclose(evaluate(finer, samples, order), expected, atol=1e-7 * np.abs(expected).max())
 
 
 def test_refining_a_path_at_its_own_times_changes_nothing():
@@ -112,7 +114,7 @@ def test_a_stretched_path_passes_the_same_points_later():
     np.testing.assert_allclose(evaluate(slower, [later]), evaluate(path, [path.times[0] + 1.3]), atol=1e-12)
 
 
-def test_outside_its_times_a_path_has_the_value_of_the_nearer_end():
+def test_outside_its_times_a_path_has_the_value_at_the_nearer_end():
     path = random_path(1)
     outside = evaluate(path, [path.times[0] - 1.0, path.times[-1] + 1.0])
     np.testing.assert_allclose(outside, evaluate(path, path.times[[0, -1]]))
@@ -120,7 +122,7 @@ def test_outside_its_times_a_path_has_the_value_of_the_nearer_end():
 
 
 @pytest.mark.parametrize("factor", [1.0, 1e-4])
-def test_a_path_can_be_refined_at_times_that_are_close_to_its_own(factor):
+def test_a_path_can_be_refined_at_times_that_are_close_to_its_knots(factor):
     path = random_path(3).stretched(factor)
     near = path.times[2] + 1e-6 * path.durations.min()
     finer = refined(path, np.array([path.times[0] - 1.0, near, path.times[-1] + 1.0]))

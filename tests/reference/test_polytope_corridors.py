@@ -1,4 +1,4 @@
-"""Paths in corridors with faces of any direction."""
+"""Tests of paths in corridors that are polytopes with faces in any direction."""
 
 import itertools
 
@@ -14,8 +14,8 @@ from drake_quad.reference.regions import Box, Polytope
 LIMITS = PathLimits(speed=2.0, acceleration=0.7)
 TIMINGS = [GivenTimes((0.0, 5.0, 10.0, 15.0)), LeastSnap(15.0), Heuristic(), Shortest()]
 POINTS = np.array([[0, 0, 1], [3, 0.2, 1.2], [3.2, 3, 1.5], [0, 3.5, 1.0]])
-HALLS = [Box(np.minimum(a, b) - 0.25, np.maximum(a, b) + 0.25) for a, b in itertools.pairwise(POINTS)]
-SAMPLES = 10_000
+CORRIDORS = [Box(np.minimum(a, b) - 0.25, np.maximum(a, b) + 0.25) for a, b in itertools.pairwise(POINTS)]
+NUM_SAMPLES = 10_000
 
 
 def rotation(seed):
@@ -23,8 +23,8 @@ def rotation(seed):
     return matrix * np.linalg.det(matrix)
 
 
-def turned(box, matrix):
-    """Return a box as a polytope, after a rotation of space."""
+def rotated_polytope(box, matrix):
+    """Return a rotated box as a polytope."""
     faces = Polytope.from_box(box)
     return Polytope(faces.normals @ matrix.T, faces.offsets)
 
@@ -38,18 +38,18 @@ def positions(path):
 
 
 def farthest_beyond(path, corridors):
-    """Return the largest violation of a corridor at samples that are independent of the planner, m."""
-    s = np.linspace(0.0, 1.0, SAMPLES)
+    """Return the largest violation of a corridor at dense samples of a path, m."""
+    s = np.linspace(0.0, 1.0, NUM_SAMPLES)
     return max(
-        float((evaluate_at(path, np.full(SAMPLES, i), s) @ corridor.normals.T - corridor.offsets).max())
+        float((evaluate_at(path, np.full(NUM_SAMPLES, i), s) @ corridor.normals.T - corridor.offsets).max())
         for i, corridor in enumerate(corridors)
     )
 
 
 @pytest.mark.parametrize("timing", TIMINGS, ids=lambda timing: type(timing).__name__)
 def test_an_axis_aligned_polytope_gives_the_plan_of_the_box(timing):
-    boxes = planned(POINTS, HALLS, timing)
-    polytopes = planned(POINTS, [Polytope.from_box(box) for box in HALLS], timing)
+    boxes = planned(POINTS, CORRIDORS, timing)
+    polytopes = planned(POINTS, [Polytope.from_box(box) for box in CORRIDORS], timing)
     assert polytopes.duration == pytest.approx(boxes.duration, rel=1e-6)
     np.testing.assert_allclose(positions(polytopes), positions(boxes), atol=1e-5)
 
@@ -57,8 +57,8 @@ def test_an_axis_aligned_polytope_gives_the_plan_of_the_box(timing):
 @pytest.mark.parametrize("timing", TIMINGS, ids=lambda timing: type(timing).__name__)
 def test_a_rotated_problem_has_the_rotated_plan(timing):
     matrix = rotation(1)
-    boxes = planned(POINTS, HALLS, timing)
-    rotated = planned(POINTS @ matrix.T, [turned(box, matrix) for box in HALLS], timing)
+    boxes = planned(POINTS, CORRIDORS, timing)
+    rotated = planned(POINTS @ matrix.T, [rotated_polytope(box, matrix) for box in CORRIDORS], timing)
     assert rotated.duration == pytest.approx(boxes.duration, rel=1e-6)
     np.testing.assert_allclose(positions(rotated), positions(boxes) @ matrix.T, atol=1e-5)
 
@@ -106,7 +106,7 @@ def test_the_distance_of_a_point_outside_is_reported():
     ("segments", "timing"), [(25, Heuristic()), (10, Shortest())], ids=["25 heuristic", "10 shortest"]
 )
 def test_a_path_stays_in_a_long_chain_of_polytopes(segments, timing):
-    """The polytopes are cells of a zigzag, with a waypoint in the intersection of each two successive ones."""
+    """The polytopes are cells of a zigzag, with a waypoint in the intersection of consecutive polytopes."""
     random = np.random.default_rng(segments)
     points = np.column_stack([np.arange(segments + 1.0), random.uniform(-0.6, 0.6, (segments + 1, 2))])
     cells = []

@@ -1,3 +1,5 @@
+"""Tests of convex regions: balls, polytopes, nearest points and intersections."""
+
 import itertools
 
 import numpy as np
@@ -6,7 +8,7 @@ import pytest
 from drake_quad.errors import InputError
 from drake_quad.reference.regions import Box, Polytope, intersection_of
 
-# The inscribed circle of a right triangle with legs of 3 m and 4 m has the radius (3 + 4 - 5) / 2.
+# The inscribed circle of a right triangle with legs of 3 m and 4 m has the radius (3 + 4 - 5) / 2 = 1 m.
 TRIANGLE = Polytope([[-1, 0], [0, -2], [4, 3]], [0, 0, 12])
 ROOM = Box([-1.0, 0.5, 2.0], [3.0, 1.0, 2.5])
 
@@ -35,7 +37,7 @@ def test_a_box_as_a_polytope_is_the_same_region():
 
 @pytest.mark.parametrize("seed", range(10))
 def test_the_plane_through_the_nearest_point_separates_it_from_the_polytope(seed):
-    """With the nearest point n to p, no point of the set is beyond the plane through n across p - n."""
+    """If n is the point of the set nearest to p, no point of the set lies beyond the plane at n normal to p - n."""
     rng = np.random.default_rng(seed)
     polytope = random_polytope(rng, 12)
     position = 20.0 * rng.normal(size=3)

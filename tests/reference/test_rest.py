@@ -1,4 +1,4 @@
-"""Rest before and after a route, and braking after a route that ends in motion."""
+"""Tests of rest before and after a route, and of braking after a route that ends in motion."""
 
 import math
 
@@ -99,7 +99,7 @@ def test_braking_from_steady_motion_is_the_motion_of_least_snap():
 
 def test_a_path_that_ends_at_rest_is_not_braked():
     assert not planned(ROUTES["figure eight"]).brakes
-    assert not planned(ROUTES["circle"]).brakes  # its yaw ends with an acceleration, which is ignored
+    assert not planned(ROUTES["circle"]).brakes  # the yaw ends with an acceleration, which is ignored
     assert moves_at_end(planned(ROUTES["Lissajous"]).path, 4)
     assert not moves_at_end(planned(ROUTES["Lissajous"]).yaw, 2)
 
@@ -151,7 +151,7 @@ def test_the_remark_on_braking_states_a_yaw_rate():
 
 
 def test_braking_that_the_rotors_cannot_fly_is_rejected():
-    """Rotors with 1.05 of the weight can fly an accelerating descent, but they cannot stop it."""
+    """Rotors with a thrust of at most 1.05 times the weight can fly an accelerating descent, but cannot stop it."""
     knots = [
         {
             "time": 4.0 * i,
@@ -188,7 +188,7 @@ def test_braking_into_an_obstacle_is_rejected():
 @pytest.mark.parametrize("beyond", [0.21, 1.21])
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_braking_out_of_the_bounds_of_a_path_is_rejected(name, beyond, side):
-    """Braking from 1 m/s leads 1.41 m beyond the end of the route, which is 2 m away along x or along -x."""
+    """Braking from 1 m/s needs 1.41 m beyond the end of the route, which is 2 m along x or -x."""
     near, far = sorted((side * -1.0, side * (3.41 - beyond)))
     room = {"min": [near, -1.0, 0.0], "max": [far, 1.0, 2.0]}
     last = {"point": [2.0 * side, 0, 1], "velocity": [side, 0, 0]}
@@ -204,7 +204,7 @@ def test_braking_out_of_the_bounds_of_a_path_is_rejected(name, beyond, side):
 
 
 def test_braking_below_the_crash_height_is_rejected():
-    """The pieces end at a height of 0.2 m with a descent of 0.9 m/s."""
+    """The pieces end at a height of 0.2 m while the vehicle descends at 0.9 m/s."""
     pieces = [{"duration": 2.0, "x": [0], "y": [0], "z": [2, -0.9], "yaw": [0]}]
     overrides = {"duration": 15.0, "route": {"kind": "trajectory", "pieces": pieces}, "crash": {"height": 0.0}}
     scenario = load_scenario("figure_eight", overrides)
@@ -222,7 +222,7 @@ def test_metrics_of_laps_do_not_count_the_rest_after_them():
     assert math.isfinite(flown.rmse)
 
 
-def test_hover_is_rest_at_all_times():
+def test_a_hover_is_always_at_rest():
     plan = Plan.hover([1.0, 2.0, 3.0], duration=5.0)
     for time in (0.0, 2.0, 5.0, 9.0):
         reference, jerk, snap, _ = reference_at(plan, time)

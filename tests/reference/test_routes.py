@@ -1,3 +1,5 @@
+"""Tests of the built-in routes, by comparison with the figures of the paper."""
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,7 @@ from drake_quad.scenario.files.loading import load_scenario
 
 
 def test_the_figure_eight_is_that_of_the_paper(diagrams):
-    """The extent is read off the paper's figures. At 2 m/s and 0.7 m/s², 20 to 31 m take 21 to 26 s."""
+    """The extent is taken from the paper's figures. At 2 m/s and 0.7 m/s², 20 to 31 m take 21 to 26 s."""
     plan = plan_route(load_scenario(diagrams / "figure_eight.yaml"))
     times = np.linspace(0.0, plan.duration, 5000)
     position = evaluate(plan.path, times)
@@ -60,12 +62,12 @@ def test_a_minimum_snap_circle_is_round(diagrams):
 def test_a_circle_is_flown_anticlockwise_from_the_x_axis_in_steps_of_45_degrees():
     route = circle(radius=2.0, height=1.5, laps=3)
     angle = np.radians(45.0 * np.arange(25))
-    wanted = np.column_stack([2.0 * np.cos(angle), 2.0 * np.sin(angle), np.full(25, 1.5)])
-    np.testing.assert_allclose(route.waypoints, wanted, atol=1e-12)
+    expected = np.column_stack([2.0 * np.cos(angle), 2.0 * np.sin(angle), np.full(25, 1.5)])
+    np.testing.assert_allclose(route.waypoints, expected, atol=1e-12)
     assert route.legs == (("lap 1", 0), ("lap 2", 8), ("lap 3", 16))
 
 
-def test_by_default_it_has_the_extent_of_the_paper_s_figures():
+def test_by_default_the_figure_eight_has_the_extent_in_the_paper():
     waypoints = figure_eight().waypoints
     np.testing.assert_allclose(waypoints[1], [0.0, 0.0, 1.0])
     upper, lower = waypoints[2:9], waypoints[10:17]
@@ -77,15 +79,15 @@ def test_by_default_it_has_the_extent_of_the_paper_s_figures():
 def test_the_legs_of_the_figure_eight_begin_where_their_names_say():
     route = figure_eight(radius=1.0, offset=2.0, lower_height=1.0, upper_height=3.0)
     begins = {leg.name: route.waypoints[leg.first] for leg in route.legs}
-    x, y = np.sqrt(0.75), 1.5  # point at which a tangent from the start touches a circle
-    wanted = {
+    x, y = np.sqrt(0.75), 1.5  # point of tangency of a tangent from the start to a circle
+    expected = {
         "rise": [0.0, 0.0, 0.0], "climb": [0.0, 0.0, 1.0],
         "circle": [x, y, 3.0], "straight": [-x, y, 3.0],
         "descent": [0.0, 0.0, 3.0], "turn": [x, -y, 1.0],
         "curve": [0.0, -3.0, 1.0], "return": [-x, -y, 1.0],
     }  # fmt: skip
-    assert list(begins) == list(wanted)
-    np.testing.assert_allclose(list(begins.values()), list(wanted.values()), atol=1e-12)
+    assert list(begins) == list(expected)
+    np.testing.assert_allclose(list(begins.values()), list(expected.values()), atol=1e-12)
     np.testing.assert_array_equal(route.waypoints[-1], [0.0, 0.0, 1.0])
 
 

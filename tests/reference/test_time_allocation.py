@@ -1,3 +1,5 @@
+"""Tests of heuristic times, by comparison with trapezoidal and triangular profiles of the speed."""
+
 import math
 
 import numpy as np
@@ -38,7 +40,7 @@ def test_a_flight_with_stops_attains_the_limits(distance, speed, acceleration):
 
 
 def test_a_long_route_has_a_trapezoidal_profile():
-    """At 1 m/s and 0.5 m/s², speeding up takes 2 s and 1 m, and so does slowing down."""
+    """At 1 m/s and 0.5 m/s², accelerating takes 2 s and 1 m, and so does braking."""
     waypoints = np.array([[0.0], [0.25], [1.0], [5.0], [9.0], [10.0]])
     times = trapezoid_times(waypoints, speed=1.0, acceleration=0.5)
     np.testing.assert_allclose(times, [0.0, 1.0, 2.0, 6.0, 10.0, 12.0])

@@ -1,3 +1,5 @@
+"""Tests that optimised times are optimal, by comparison with searches without gradients."""
+
 import numpy as np
 import pytest
 import scipy
@@ -21,7 +23,7 @@ def total_within_limits(points, durations):
     return durations.sum() * stretch_factor(MinimumSnap(points, durations).path(), LIMITS)
 
 
-def test_the_optimum_for_0_1_3_in_3_seconds_is_the_known_one():
+def test_the_optimum_through_0_1_and_3_in_3_seconds_is_known():
     points = np.array([[0.0], [1.0], [3.0]])
     assert MinimumSnap(points, np.array([1.5, 1.5])).cost == pytest.approx(886.78, abs=5e-3)
     durations = least_snap_durations(points, np.array([1.0, 2.0]))
@@ -66,13 +68,13 @@ def test_a_search_without_gradients_finds_no_shorter_path(seed):
         return np.log(total_within_limits(points, np.exp(logarithms)))
 
     options = {"maxfev": 800, "xatol": 1e-5, "fatol": 1e-7}
-    found = scipy.optimize.minimize(logarithm_of_total, np.log(durations), method="Nelder-Mead", options=options)
-    assert durations.sum() <= np.exp(found.fun) * (1.0 + 1e-3)
+    actual = scipy.optimize.minimize(logarithm_of_total, np.log(durations), method="Nelder-Mead", options=options)
+    assert durations.sum() <= np.exp(actual.fun) * (1.0 + 1e-3)
 
 
 @pytest.mark.parametrize("limits", [PathLimits(speed=1.0), PathLimits(speed=0.5, acceleration=0.3)])
 def test_no_change_of_a_duration_shortens_the_path(limits):
-    """A duration changes by 1 %, and then all durations are scaled so that a limit is attained."""
+    """The test changes a duration by 1 %, and then scales all durations so that a limit is attained."""
     points = random_points(2, 4)
     durations = shortest_durations(points, rest_to_rest_durations(points, limits), limits)
     path = MinimumSnap(points, durations).path()
@@ -86,13 +88,13 @@ def test_no_change_of_a_duration_shortens_the_path(limits):
 
 
 def test_durations_change_by_no_more_than_the_reach():
-    """Of 0.1 s and 2.9 s, the first would have to become much longer."""
+    """The durations are 0.1 s and 2.9 s. The optimum has a much longer first duration."""
     points, start = np.array([[0.0], [1.0], [3.0]]), np.array([0.1, 2.9])
-    for found in (
+    for actual in (
         least_snap_durations(points, start, reach=0.1),
         shortest_durations(points, start, LIMITS, reach=0.1),
     ):
-        moved = np.log(found / start)
+        moved = np.log(actual / start)
         assert moved[0] - moved[1] == pytest.approx(0.2, abs=1e-9)
 
 
@@ -129,7 +131,7 @@ def test_a_given_velocity_is_kept_within_the_limits():
     path = MinimumSnap(points, durations, derivatives).path()
     assert peak_norm(path, 2) <= 0.7 * (1.0 + 1e-3)
     assert durations.sum() < 6.0 * 1.5
-    # If no limit is active at the start, the path becomes shorter until one is.
+    # If no limit is active initially, the duration decreases until a limit is active.
     later = shortest_durations(points, np.array([12.0, 11.0]), LIMITS, derivatives)
     assert later.sum() == pytest.approx(durations.sum(), rel=0.01)
 

@@ -1,3 +1,5 @@
+"""Tests of the searches for the shortest times and for the times of least snap within limits."""
+
 import itertools
 
 import numpy as np
@@ -19,10 +21,10 @@ from drake_quad.reference.timing_search import (
 )
 
 LIMITS = PathLimits(speed=2.0, acceleration=1.0)
-ALONG = np.array([[0.0, 0.0], [1.0, 0.0], [5.0, 0.2], [9.0, 0.0]])
-THERE_AND_BACK = np.array([[0.0, 0.0], [2.0, 0.0], [0.0, 0.1], [2.0, 0.0]])
-# The route has a long step, and two short ones in other directions.
-UNEVEN = np.array([[0.0, 0.0, 0.0], [-24.41, -6.75, 12.05], [-24.29, -6.47, 12.26], [-24.34, -6.44, 12.24]])
+STRAIGHT_ROUTE = np.array([[0.0, 0.0], [1.0, 0.0], [5.0, 0.2], [9.0, 0.0]])
+REVERSING_ROUTE = np.array([[0.0, 0.0], [2.0, 0.0], [0.0, 0.1], [2.0, 0.0]])
+# The route has one long step, and two short steps in other directions.
+UNEVEN_ROUTE = np.array([[0.0, 0.0, 0.0], [-24.41, -6.75, 12.05], [-24.29, -6.47, 12.26], [-24.34, -6.44, 12.24]])
 
 
 def problem(points, velocity=None, **more):
@@ -37,20 +39,20 @@ def stretched(points, durations, limits=LIMITS):
     return durations * stretch_factor(MinimumSnap(points, durations).path(), limits)
 
 
-@pytest.mark.parametrize(("points", "stops"), [(ALONG, False), (THERE_AND_BACK, True)])
+@pytest.mark.parametrize(("points", "stops"), [(STRAIGHT_ROUTE, False), (REVERSING_ROUTE, True)])
 def test_the_heuristic_is_the_faster_of_a_trapezoidal_profile_and_a_flight_with_stops(points, stops):
     ride = stretched(points, np.diff(trapezoid_times(points, speed=2.0, acceleration=1.0)))
     stopping = stretched(points, rest_to_rest_durations(points, LIMITS))
     assert (stopping.sum() < ride.sum()) == stops
-    found = heuristic_path(problem(points))
-    np.testing.assert_allclose(found.durations, stopping if stops else ride, rtol=1e-12)
+    actual = heuristic_path(problem(points))
+    np.testing.assert_allclose(actual.durations, stopping if stops else ride, rtol=1e-12)
 
 
 def test_the_heuristic_uses_the_points_at_which_the_path_passes_regions():
-    """The path passes a box at its edge. The second time allocation uses the point of the first path."""
+    """The path passes a box at its edge. The second time allocation uses the point where the first path passes it."""
     places = [Box.point([0.0, 0.0]), Box([1.0, 2.0], [5.0, 6.0]), Box.point([4.0, 0.0])]
     asked = PathProblem(places, limits=LIMITS)
-    found = heuristic_path(asked)
+    actual = heuristic_path(asked)
 
     def by_rule(points):
         ride = np.diff(trapezoid_times(points, speed=2.0, acceleration=1.0))
@@ -59,14 +61,14 @@ def test_the_heuristic_uses_the_points_at_which_the_path_passes_regions():
     again = [by_rule(path.waypoints)[i] for i, path in enumerate(by_rule(asked.representatives()))]
     totals = [path.duration * stretch_factor(path, LIMITS) for path in again]
     best = again[int(np.argmin(totals))]
-    assert found.duration == pytest.approx(min(totals), rel=1e-6)
-    np.testing.assert_allclose(found.durations / found.duration, best.durations / best.duration, rtol=1e-6)
+    assert actual.duration == pytest.approx(min(totals), rel=1e-6)
+    np.testing.assert_allclose(actual.durations / actual.duration, best.durations / best.duration, rtol=1e-6)
     assert abs(by_rule(asked.representatives())[0].waypoints[1, 1] - 4.0) > 1.0
 
 
 @pytest.mark.parametrize(("corridor", "share"), [(None, 1e-3), (Box([-1.0, -1.0], [60.0, 1.0]), 1e-2)])
 def test_no_segment_has_a_very_short_initial_duration(corridor, share):
-    """At a constant speed, half a millimetre would take a hundred-thousandth of the time of 50 m."""
+    """At constant speed, half a millimetre would take 1e-5 of the time of 50 m."""
     points = np.array([[0.0, 0.0], [50.0, 0.0], [50.0, 0.0005], [1.0, 0.0]])
     durations = heuristic_path(
         problem(points, limits=PathLimits(speed=2.0), corridors=[corridor, None, None])
@@ -74,10 +76,10 @@ def test_no_segment_has_a_very_short_initial_duration(corridor, share):
     assert durations.min() / durations.max() == pytest.approx(share)
 
 
-def test_very_unequal_steps_are_flown_with_stops():
-    stops = rest_to_rest_durations(UNEVEN, LIMITS)
-    assert stretched(UNEVEN, stops).sum() > 1.2 * stops.sum()
-    np.testing.assert_allclose(shortest_path(problem(UNEVEN)).durations, 1.001 * stops, rtol=1e-12)
+def test_a_route_with_very_unequal_steps_is_flown_with_stops():
+    stops = rest_to_rest_durations(UNEVEN_ROUTE, LIMITS)
+    assert stretched(UNEVEN_ROUTE, stops).sum() > 1.2 * stops.sum()
+    np.testing.assert_allclose(shortest_path(problem(UNEVEN_ROUTE)).durations, 1.001 * stops, rtol=1e-12)
 
 
 @pytest.mark.slow
@@ -89,35 +91,36 @@ def test_very_unequal_steps_are_flown_with_stops():
     ],
 )
 def test_in_corridors_two_searches_are_better_than_one(points, room, duration):
-    """The one that starts from the times of least snap, in the first route; in the second, that from the heuristic's.
+    """The better search starts from the times of least snap on the first route, and from the heuristic on the second.
 
-    Each is about 7 % shorter than the other; Nelder-Mead over the durations found the same totals, from two starts.
+    It is about 7 % better than the other search. A Nelder-Mead search over the durations found the same totals from
+    two initial points.
     """
     points = np.array(points)
     halls = [Box(np.minimum(a, b) - room, np.maximum(a, b) + room) for a, b in itertools.pairwise(points)]
-    found = shortest_path(problem(points, corridors=halls))
-    assert found.duration <= 1.002 * duration
-    assert stretch_factor(found, LIMITS) <= 1.0 + 1e-6
+    actual = shortest_path(problem(points, corridors=halls))
+    assert actual.duration <= 1.002 * duration
+    assert stretch_factor(actual, LIMITS) <= 1.0 + 1e-6
 
 
 @pytest.mark.slow
 def test_in_corridors_the_times_are_optimised_again_for_the_new_path():
-    """Nelder-Mead over the durations found 14.175 s, from three starts; without a second round it is 14.308 s."""
+    """A Nelder-Mead search found 14.175 s from three initial points. Without a second round, the result is 14.308 s."""
     points = np.array([[-1.1, 1.2], [-1.0, -2.0], [1.0, -2.2], [2.2, 1.5], [2.7, -0.6]])
     halls = [Box(np.minimum(a, b) - 0.3, np.maximum(a, b) + 0.3) for a, b in itertools.pairwise(points)]
-    found = shortest_path(problem(points, corridors=halls))
-    assert found.duration <= 1.002 * 14.175
-    assert stretch_factor(found, LIMITS) <= 1.0 + 1e-6
+    actual = shortest_path(problem(points, corridors=halls))
+    assert actual.duration <= 1.002 * 14.175
+    assert stretch_factor(actual, LIMITS) <= 1.0 + 1e-6
 
 
-def test_a_path_that_is_hardly_faster_than_one_with_stops_is_searched_for_again():
-    """Nelder-Mead over the durations found 10.291 s, from two starts; one search alone ends at 10.335 s."""
+def test_a_second_search_is_made_if_the_path_is_hardly_faster_than_one_with_stops():
+    """A Nelder-Mead search found 10.291 s from two initial points. A single search ends at 10.335 s."""
     points = np.array([[0.0, 0.0], [-0.04, -0.01], [0.71, 0.18], [0.74, 0.04], [-2.88, 3.49], [-2.85, 3.46]])
     assert 0.95 * rest_to_rest_durations(points, LIMITS).sum() < 1.001 * 10.291
     assert shortest_path(problem(points)).duration <= 1.001 * 10.291
 
 
-@pytest.mark.parametrize("points", [ALONG, THERE_AND_BACK])
+@pytest.mark.parametrize("points", [STRAIGHT_ROUTE, REVERSING_ROUTE])
 def test_the_shortest_path_attains_a_limit_and_is_faster_than_the_heuristic(points):
     best = shortest_path(problem(points))
     assert best.duration < 0.999 * heuristic_path(problem(points)).duration
@@ -125,7 +128,7 @@ def test_the_shortest_path_attains_a_limit_and_is_faster_than_the_heuristic(poin
 
 
 def test_a_given_velocity_is_passed_in_the_first_feasible_total_time():
-    """The totals are 0.7, 0.85, 1, 1.25, 1.6 and 2.5 times that with stops everywhere, with the times of least snap."""
+    """The tried total times are 0.7, 0.85, 1, 1.25, 1.6 and 2.5 times that of a flight with stops everywhere."""
     for step, velocity, factor in (
         (4, 1.8, 0.7),
         (4, 0.8, 0.85),
@@ -136,34 +139,34 @@ def test_a_given_velocity_is_passed_in_the_first_feasible_total_time():
     ):
         asked = problem(step * np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]), [velocity, 0.0])
         stops = rest_to_rest_durations(asked.representatives(), LIMITS)
-        found = path_through_given_motion(asked, shorten=False)
-        assert found.duration == pytest.approx(factor * stops.sum(), rel=1e-9)
+        actual = path_through_given_motion(asked, shorten=False)
+        assert actual.duration == pytest.approx(factor * stops.sum(), rel=1e-9)
         smoothest = least_snap_durations(asked.representatives(), factor * stops, asked.derivatives)
-        np.testing.assert_allclose(found.durations, smoothest, rtol=1e-9)
+        np.testing.assert_allclose(actual.durations, smoothest, rtol=1e-9)
 
 
 @pytest.mark.slow
 def test_no_times_on_a_grid_are_better_for_a_given_velocity():
     asked = problem(np.array([[0.0, 0.0], [4.0, 0.0], [8.0, 1.0]]), [1.5, 0.0])
-    found = path_through_given_motion(asked, shorten=True)
-    assert found.duration < 0.97 * path_through_given_motion(asked, shorten=False).duration
-    assert stretch_factor(found, LIMITS) <= 1.0 + 1e-6
+    actual = path_through_given_motion(asked, shorten=True)
+    assert actual.duration < 0.97 * path_through_given_motion(asked, shorten=False).duration
+    assert stretch_factor(actual, LIMITS) <= 1.0 + 1e-6
     totals = []
     for first in np.linspace(3.5, 4.5, 16):
         for second in np.linspace(3.5, 4.5, 16):
             path = MinimumSnap(asked.representatives(), np.array([first, second]), asked.derivatives).path()
             if stretch_factor(path, LIMITS) <= 1.0:
                 totals.append(first + second)
-    assert found.duration <= 1.01 * min(totals)
+    assert actual.duration <= 1.01 * min(totals)
 
 
 def test_a_given_velocity_that_is_infeasible_at_any_time_is_reported():
-    """From 1.9 m/s, a metre is too short to brake at 1 m/s²."""
+    """A metre is too short to brake from 1.9 m/s at 1 m/s²."""
     asked = problem(np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]), [1.9, 0.0])
     with pytest.raises(
         InputError,
         match=r"^no times were found; for a flight that stops everywhere, the acceleration limit of 1 m/s² cannot be "
-        r"kept on segment \d: at these times at least 2.15 m/s² is needed; flown 2.75 times slower it is feasible$",
+        r"kept on segment \d: at these times at least 2.15 m/s² is needed; flown 2.75 times slower, it is feasible$",
     ):
         path_through_given_motion(asked, shorten=False)
 
@@ -171,21 +174,21 @@ def test_a_given_velocity_that_is_infeasible_at_any_time_is_reported():
 @pytest.mark.slow
 @pytest.mark.parametrize("longer", [1.0, 1.02, 1.05, 1.1])
 def test_least_snap_within_limits_is_the_first_feasible_path_towards_the_shortest(longer):
-    asked = problem(ALONG)
+    asked = problem(STRAIGHT_ROUTE)
     shortest = shortest_path(asked)
     total = longer * shortest.duration
     smoothest = least_snap_path(asked.without_limits(), total).durations
     with pytest.raises(InfeasibleError):
         path_within(asked, smoothest)
-    found = least_snap_path(asked, total)
-    assert found.duration == pytest.approx(total, rel=1e-12)
+    actual = least_snap_path(asked, total)
+    assert actual.duration == pytest.approx(total, rel=1e-12)
 
     def between(share):
         durations = smoothest ** (1.0 - share) * shortest.durations**share
         return durations * (total / durations.sum())
 
     shares = np.linspace(0.0, 1.0, 65)
-    distances = [np.abs(found.durations - between(share)).max() for share in shares]
+    distances = [np.abs(actual.durations - between(share)).max() for share in shares]
     nearest = int(np.argmin(distances))
     assert distances[nearest] <= 1e-6 * total
     path_within(asked, between(shares[nearest]))
@@ -194,8 +197,8 @@ def test_least_snap_within_limits_is_the_first_feasible_path_towards_the_shortes
 
 
 def test_least_snap_needs_no_limits_and_does_not_depend_on_units():
-    free = least_snap_path(problem(ALONG, limits=PathLimits()), 9.0)
-    limited = least_snap_path(problem(ALONG, limits=PathLimits(speed=50.0)), 9.0)
+    free = least_snap_path(problem(STRAIGHT_ROUTE, limits=PathLimits()), 9.0)
+    limited = least_snap_path(problem(STRAIGHT_ROUTE, limits=PathLimits(speed=50.0)), 9.0)
     np.testing.assert_allclose(free.durations, limited.durations, rtol=1e-3)
     assert snap_cost(free).sum() == pytest.approx(snap_cost(limited).sum(), rel=1e-6)
 
@@ -236,7 +239,7 @@ def test_a_velocity_out_of_its_corridor_is_reported_if_times_are_chosen():
 
 
 def test_changes_continue_while_the_cost_falls_and_the_reach_shrinks_otherwise():
-    """Each change is a step down from 1, and the cost is least at 0.5."""
+    """Each change is a decrease from 1, and the cost is smallest at 0.5."""
     reaches = []
 
     def change(x, reach):

@@ -1,3 +1,5 @@
+"""Tests of the files of a saved plan."""
+
 import numpy as np
 import pytest
 
@@ -16,7 +18,7 @@ def saved(plan, folder, **options):
 
 
 @pytest.mark.parametrize(("options", "period"), [({}, 0.02), ({"period": 0.1}, 0.1)])
-def test_a_plan_is_sampled_every_period_and_at_its_end(tmp_path, options, period):
+def test_a_plan_is_sampled_periodically_and_at_its_end(tmp_path, options, period):
     times = read_table(saved(PLAN, tmp_path, **options))["time (s)"]
     np.testing.assert_allclose(times[:-1], 0.5 + period * np.arange(len(times) - 1), rtol=1e-9)
     assert times[-1] == 3.01
@@ -29,8 +31,8 @@ def test_the_table_has_position_to_snap_and_the_yaw_to_nine_digits(tmp_path):
     times = table["time (s)"]
     columns = [*(row for order in range(5) for row in evaluate(PLAN.path, times, order))]
     columns += [evaluate(PLAN.yaw, times, order)[0] for order in range(2)]
-    for (heading, values), wanted in zip([*table.items()][1:], columns, strict=True):
-        np.testing.assert_allclose(values, wanted, rtol=5e-9, atol=1e-12, err_msg=heading)
+    for (heading, values), expected in zip([*table.items()][1:], columns, strict=True):
+        np.testing.assert_allclose(values, expected, rtol=5e-9, atol=1e-12, err_msg=heading)
     first, last = (heading for heading in (*table,)[1::16])
     assert (first, last) == ("x (m)", "yaw_rate (rad/s)")
     digits = [cell.split("e")[0].strip("-0.").replace(".", "") for cell in file.read_text().split()[-1].split(",")]

@@ -1,3 +1,5 @@
+"""Tests of yaw profiles with the least acceleration, by comparison with closed forms and quadrature."""
+
 import math
 
 import numpy as np
@@ -12,10 +14,10 @@ from drake_quad.reference.yaw import constant_yaw, yaw_along, yaw_through
 
 
 def acceleration_cost(profile):
-    """Return ∫ ψ̈² dt by a quadrature that is exact for cubics."""
+    """Return ∫ ψ̈² dt by a quadrature that is exact for cubic profiles."""
     times = np.concatenate([np.linspace(a, b, 3) for a, b in zip(profile.times[:-1], profile.times[1:], strict=True)])
     values = evaluate(profile, np.clip(times, None, profile.times[-1]), 2)[0].reshape(-1, 3)
-    # The acceleration is continuous at inner knots, so either side can be used.
+    # The acceleration is continuous at inner knots, so the values of both sides are equal.
     return float(np.sum(profile.durations * (values**2 @ [1.0, 4.0, 1.0]) / 6.0))
 
 
@@ -29,8 +31,8 @@ def test_a_constant_yaw_has_the_given_value_and_times():
     np.testing.assert_array_equal(evaluate(profile, [1.0, 2.0, 4.0], 1)[0], 0.0)
 
 
-def test_a_rotation_between_two_yaws_is_the_known_cubic():
-    """From rest to rest, 3s² - 2s³ has the least acceleration, with a cost of 12 Δψ² / T³."""
+def test_a_rotation_between_two_yaws_is_a_cubic_with_the_known_cost():
+    """From rest to rest, 3s² - 2s³ has the smallest integral of the squared acceleration, 12 Δψ² / T³."""
     profile = yaw_through([0.0, 2.0], [0.0, 1.0])
     s = np.linspace(0.0, 1.0, 9)
     np.testing.assert_allclose(evaluate(profile, 2.0 * s)[0], 3.0 * s**2 - 2.0 * s**3, atol=1e-14)
@@ -93,7 +95,7 @@ def test_the_yaw_follows_a_circle_through_more_than_a_turn():
 
 @pytest.mark.parametrize(("middle", "half"), [(2.0, 0.5), (5.0, 0.8), (8.0, 0.6), (4.0, 2.0), (6.5, 0.4)])
 def test_the_yaw_along_a_path_minimises_its_cost(middle, half):
-    """The derivative of ∫ ψ̈² + (ψ - direction)² (v / v_max)² / response⁴ dt along a detour is zero, by quadrature."""
+    """The derivative of ∫ ψ̈² + (ψ - direction)² (v / v_max)² / response⁴ dt with respect to a detour is zero."""
     response = 0.5
     path = minimum_snap(
         [[0.0, 0.0, 1.0], [2.0, 0.5, 1.3], [2.5, 2.5, 1.0], [0.5, 3.0, 0.7], [0.0, 1.0, 1.0]],
@@ -139,14 +141,14 @@ def test_the_sideways_drift_of_a_climb_is_ignored():
 @pytest.mark.parametrize("scale", [1e-3, 1e3])
 def test_the_size_of_a_path_does_not_change_the_yaw(scale):
     waypoints, times = np.array([[0.0, 0.0, 0.0], [0.1, 0.3, 2.0], [0.5, 0.4, 1.0]]), [1.0, 3.0, 6.0]
-    wanted, found = (yaw_along(minimum_snap(size * waypoints, times)) for size in (1.0, scale))
-    np.testing.assert_allclose(found.times, wanted.times)
-    np.testing.assert_allclose(found.coefficients, wanted.coefficients, atol=1e-9)
-    assert np.ptp(evaluate(wanted, wanted.times)[0]) > 0.3
+    expected, actual = (yaw_along(minimum_snap(size * waypoints, times)) for size in (1.0, scale))
+    np.testing.assert_allclose(actual.times, expected.times)
+    np.testing.assert_allclose(actual.coefficients, expected.coefficients, atol=1e-9)
+    assert np.ptp(evaluate(expected, expected.times)[0]) > 0.3
 
 
 def test_slow_horizontal_flight_next_to_a_climb_has_little_weight():
-    """A tenth of the top speed sideways has the full weight, and half of that a quarter of it."""
+    """A horizontal speed of a tenth of the top speed has the full weight, and half of this speed a quarter of it."""
     costs = {}
     for share in (0.1, 0.05):
         waypoints = [[0.0, 0.0, 0.0], [10.0 * share, 0.0, 5.0], [10.0 * share, 10.0 * share, 10.0]]

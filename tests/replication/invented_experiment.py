@@ -1,4 +1,4 @@
-"""An experiment that was never flown, whose numbers scatter about known levels."""
+"""Invented experiment whose results scatter around known levels."""
 
 import numpy as np
 
@@ -6,13 +6,13 @@ from drake_quad import load_scenario
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.replication.measures import EFFORTS, LegMetrics
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell
-from drake_quad.replication.results import FAIR, MAPPED, Experiment, cells_of
-from drake_quad.replication.sweeps import NOISE_SETTINGS, Q_SETTINGS, SLOPES, Sweep, crossed
+from drake_quad.replication.results import FAIR_CONTROLLERS, MAPPED_CONTROLLERS, Experiment, cells_of
+from drake_quad.replication.sweeps import NOISE_SETTINGS, Q_SETTINGS, SLOPES, Sweep, all_combinations
 from drake_quad.studies.study import Study
 
 
 def metrics_of(rng, shape, level=1.0, crashes=0.0):
-    """Numbers about a level, those of crashed samples far from it."""
+    """Return metrics that scatter around a level, with outliers in crashed samples."""
     values = {name: level * rng.uniform(0.9, 1.1, shape) for name in Metrics._fields}
     crashed = rng.uniform(size=shape) < crashes
     values["rmse"] = np.where(crashed, 0.01, values["rmse"])
@@ -20,18 +20,18 @@ def metrics_of(rng, shape, level=1.0, crashes=0.0):
 
 
 def invented_experiment(num_samples=6, *, crashes=0.0, seed=4):
-    """Return an experiment.
+    """Return an invented experiment.
 
     Args:
         num_samples: number of samples of each cell.
-        crashes: share of the samples of cells that crash.
-        seed: seed of the numbers.
+        crashes: fraction of samples that crash.
+        seed: seed of the scatter.
     """
     rng, scenario = np.random.default_rng(seed), load_scenario("diagrams/paper.yaml:low_wind_pd_t2fnn")
-    levels = dict(zip((*CONTROLLERS, *FAIR), (1.0, 0.8, 0.45, 0.55, 0.7, 0.65, 0.3, 0.25), strict=True))
+    levels = dict(zip((*CONTROLLERS, *FAIR_CONTROLLERS), (1.0, 0.8, 0.45, 0.55, 0.7, 0.65, 0.3, 0.25), strict=True))
     winds = {"no_wind": 1.0, "low_wind": 1.3, "high_wind": 0.9}
     cells = {}
-    for cell in cells_of((*CONTROLLERS, *FAIR)):
+    for cell in cells_of((*CONTROLLERS, *FAIR_CONTROLLERS)):
         metrics = metrics_of(rng, num_samples, winds[cell.wind] * levels[cell.controller], crashes)
         cells[cell] = Study(scenario, 27.0, np.arange(num_samples), {}, metrics)
     numbers = [f"{name}_{axis}" for name in EFFORTS for axis in "xy"] + ["pd_fade", "pd_return", "path_error"]
@@ -46,10 +46,10 @@ def invented_experiment(num_samples=6, *, crashes=0.0, seed=4):
     )
     slope = {"slope": np.array(SLOPES)}
     slopes = {wind: Sweep(slope, np.arange(1, 4), metrics_of(rng, (len(SLOPES), 3), 0.5)) for wind in WINDS}
-    gains = crossed({"k_p": np.array([1.0, 2.0, 4.0])}, {"k_d": np.array([0.5, 1.0])})
+    gains = all_combinations({"k_p": np.array([1.0, 2.0, 4.0])}, {"k_d": np.array([0.5, 1.0])})
     maps = {
         name: Sweep(gains, np.arange(4), metrics_of(rng, (6, 4), crashes=share))
-        for name, share in zip(MAPPED, (0.1, 0.2), strict=True)
+        for name, share in zip(MAPPED_CONTROLLERS, (0.1, 0.2), strict=True)
     }
     for sweep in maps.values():
         sweep.metrics.rmse[:3] *= 2.0

@@ -1,4 +1,4 @@
-"""The declared numbers of diagrams/controllers/calibrated.yaml are those that the calibration gives."""
+"""Tests that the values in diagrams/controllers/calibrated.yaml are results of the calibration."""
 
 import math
 import re
@@ -19,14 +19,14 @@ def load(cell, overrides=()):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("cell", [calibration.PD_CELL, calibration.NETWORK_CELL])
-def test_the_calibrated_cells_are_met(cell):
-    """Within 2 %, and by far: the error without wind hardly differs between samples."""
+def test_the_calibrated_cells_are_reproduced(cell):
+    """The error without wind hardly differs between samples, so a tolerance of 2 % is sufficient."""
     assert fly_samples(load(cell), range(6)).rmse.mean() == pytest.approx(printed_table()[cell].rmse.mean, rel=0.003)
 
 
 @pytest.mark.slow
-def test_a_fit_finds_the_declared_numbers(monkeypatch):
-    """From limits close by, and without the predictions, which take most of the time."""
+def test_a_fit_finds_the_shipped_values(monkeypatch):
+    """To save time, the range of the search is narrow, and predictions are omitted."""
     table = {cell: line for cell, line in printed_table().items() if cell.wind == "no_wind"}
     monkeypatch.setattr(calibration, "printed_table", lambda: table)
     first = HYPOTHESES["measurement"]
@@ -50,9 +50,9 @@ def test_gains_have_the_declared_damping():
 
 
 @pytest.mark.slow
-def test_what_cannot_be_fitted_is_said():
+def test_an_impossible_fit_is_refused():
     stiff = FreeNumber("bandwidth of the PD (rad/s)", 1.8, 1.9, pd_gains)
-    with pytest.raises(InputError, match="there is nothing to fit"):
+    with pytest.raises(InputError, match="reproduces the mean error of 0.972 m"):
         calibrate(HYPOTHESES["measurement"]._replace(pd=stiff), load, 2)
 
 
@@ -83,8 +83,8 @@ def gains(k_p, k_d):
         ),
     ],
 )
-def test_what_a_hypothesis_fixes_and_what_it_frees(name, fixed, first, second):
-    """The limits of both numbers, and what sets them to 2."""
+def test_fixed_and_free_parameters_of_hypotheses(name, fixed, first, second):
+    """The test compares the limits of both parameters, and the overrides that set them to 2."""
     hypothesis = HYPOTHESES[name]
     assert hypothesis.overrides == fixed
     for number, expected in ((hypothesis.pd, first), (hypothesis.network, second)):
@@ -96,7 +96,7 @@ def number(name, low=0.0, high=10.0):
 
 
 def errors_of(levels):
-    """In place of flights: errors that are their cell's level times cubes of what is free, over samples that differ."""
+    """Return a function whose errors are the level of the cell times the cubes of free parameters, plus a spread."""
 
     def fly(scenario, num_samples, *, compiled):
         assert compiled
@@ -109,8 +109,8 @@ def errors_of(levels):
     return fly
 
 
-def test_the_second_number_is_fitted_beside_the_first_and_both_predict_the_others(monkeypatch):
-    """With errors in proportion to cubes of both: the PD's, without wind, has only the first."""
+def test_two_parameters_are_fitted_in_turn_and_predict_the_other_cells(monkeypatch):
+    """Errors are proportional to the cubes of both parameters; the PD's error depends only on the first."""
     assert (calibration.PD_CELL, calibration.NETWORK_CELL) == (("no_wind", "pd"), ("no_wind", "pd_t2fnn"))
     levels = {cell: 0.1 * (2.0 + place) for place, cell in enumerate(printed_table())}
     monkeypatch.setattr(calibration, "_errors", errors_of(levels))
@@ -124,20 +124,21 @@ def test_the_second_number_is_fitted_beside_the_first_and_both_predict_the_other
     for cell, error in found.errors.items():
         expected = levels[cell] * x_cubed * (1.0 if cell.controller == "pd" else y_cubed)
         assert error.value == pytest.approx(expected, rel=1e-2)
-        # Student's t for five numbers, half a metre apart from each other at the ends.
+        # The interval is Student's for five values from -0.5 to 0.5 m around the mean.
         assert error.high - error.value == pytest.approx(2.776445 * np.std(np.linspace(-0.5, 0.5, 5), ddof=1) / 5**0.5)
 
 
 @pytest.mark.parametrize(("low", "high"), [(2.0, 5.0), (0.1, 1.5)])
-def test_limits_that_do_not_hold_the_target_are_refused_with_what_they_leave(low, high):
+def test_a_range_without_the_target_is_refused(low, high):
     free = FreeNumber("gain (1/s)", low, high, lambda value: value)
     words = (
-        f"gain (1/s) from {low:g} to {high:g} leaves the error {low - 1.75:+.3g} to {high - 1.75:+.3g} m from 1.75 m;"
+        f"no gain (1/s) between {low:g} and {high:g} reproduces the mean error of 1.75 m: the error differs from it by"
+        f" {low - 1.75:+.3g} and {high - 1.75:+.3g} m at the ends"
     )
     with pytest.raises(InputError, match=re.escape(words)):
-        calibration._fitted(free, lambda value: np.full(3, value), 1.75)
+        calibration._fit(free, lambda value: np.full(3, value), 1.75)
 
 
-def test_a_crash_is_an_error_without_bound():
+def test_a_crash_counts_as_an_infinite_error():
     wild = ["duration=1", "crash.position_error=0.001"]
     assert calibration._errors(load(Cell("low_wind", "pd"), wild), 2).tolist() == [math.inf] * 2

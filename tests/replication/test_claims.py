@@ -1,4 +1,4 @@
-"""Claims about an invented experiment, whose answers are worked out here."""
+"""Claims about an invented experiment, compared with independent computations."""
 
 import csv
 from dataclasses import replace
@@ -10,14 +10,14 @@ import scipy
 from invented_experiment import invented_experiment, metrics_of
 
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.replication.claims import all_claims, as_good, typical_over_best
+from drake_quad.replication.claims import all_claims, median_to_best_ratio, near_best_share
 from drake_quad.replication.effort import effort_matches, printed_ratios, printed_scatter, write_efforts
 from drake_quad.replication.fair import fair_entries, write_fair
 from drake_quad.replication.measures import EFFORTS, LegMetrics
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
-from drake_quad.replication.results import FAIR, Experiment, cells_of
+from drake_quad.replication.results import FAIR_CONTROLLERS, Experiment, cells_of
 from drake_quad.replication.sweeps import (
-    NOISE,
+    NOISE_LEVELS,
     NOISE_SETTINGS,
     Q_SETTINGS,
     Q_VALUES,
@@ -41,14 +41,14 @@ def found():
 
 
 def interval(values):
-    """Mean and 95 % interval of what is finite."""
+    """Return the mean of the finite values with its 95 % interval."""
     values = np.asarray(values)[np.isfinite(values)]
     mean, half = values.mean(), scipy.stats.t.ppf(0.975, len(values) - 1) * scipy.stats.sem(values)
     return np.array([mean, mean - half, mean + half])
 
 
 def opposite(estimate, start=0.0):
-    """Of what is left of a start."""
+    """Return start - x for an estimate x with its interval."""
     value, low, high = start - np.asarray(estimate)
     return np.array([value, high, low])
 
@@ -70,7 +70,7 @@ def named(wind, controller):
 
 
 def fieller(values, baseline):
-    """Return the ratio of means of finite values, and the limits where a t-test of a - R b becomes significant.
+    """Return the ratio of means of finite values, and the limits R at which a t-test of a - R b becomes significant.
 
     At the limits (mean a - R mean b)² is t² / n times the variance of a - R b.
     """
@@ -82,7 +82,7 @@ def fieller(values, baseline):
 
 
 def less(values, baseline):
-    """Return the share by which a mean is smaller than another."""
+    """Return the relative reduction of one mean compared with another."""
     return opposite(fieller(values, baseline), 1.0)
 
 
@@ -103,21 +103,21 @@ def errors(sweep):
 
 
 def rows_at(sweep, number, exponents, rows):
-    """The errors of a sweep of three exponents at each of some values."""
+    """Return the errors of a sweep for one of three pairs of exponents, in the given rows."""
     places = [3 * row + ("pd_t1fnn", "pd_t2fnn", "pd_t2fnn_wide").index(exponents) for row in range(rows)]
     return errors(sweep)[places]
 
 
-def test_what_is_printed_of_claims_is_what_the_committed_report_says(found):
+def test_the_committed_claims_are_current(found):
     with (DOCS / "claims.csv").open(encoding="utf-8") as file:
         committed = list(csv.DictReader(file))
     claims = all_claims(found)
-    assert [claim.words for claim in claims] == [row["claim"] for row in committed]
+    assert [claim.statement for claim in claims] == [row["claim"] for row in committed]
     for name in ("printed", "rule", "figure"):
         assert [getattr(claim, name) for claim in claims] == [row[name] for row in committed]
 
 
-def test_errors_beside_those_of_the_pd(found):
+def test_reductions_compared_with_the_pd(found):
     half, without_wind, *_ = all_claims(found)
     cuts = {
         (wind, name): opposite(over(found, wind, name, "pd"), 1.0)
@@ -130,23 +130,25 @@ def test_errors_beside_those_of_the_pd(found):
         over_slope[wind] = [less(row, baseline) for row in found.slopes[wind].metrics.rmse]
     best = max((each for cuts in over_slope.values() for each in cuts), key=lambda each: each[0])
     assert half.evidence == (
-        f"{least_to_most(cuts.values())} over winds and widths; λ, which is fitted, makes it {per_cent(best)} at best"
+        f"reductions of {least_to_most(cuts.values())} over winds and widths; at most {per_cent(best)} with another λ,"
+        " which is a fitted number"
     )
     listed = "; ".join(f"{named(*cell)} {per_cent(each)}" for cell, each in cuts.items())
     slopes = "; ".join(f"{NAMES[wind]} {least_to_most(each)}" for wind, each in over_slope.items())
     assert half.details == f"{listed}; over λ from 1 to 3 1/s, {slopes}"
-    # About 0.55 with the narrow sets and 0.45 with the wide ones, and with some λ more.
+    # Reductions are about 0.55 with narrow sets, 0.45 with wide sets, and larger with another λ.
     assert half.verdict == "holds in part"
     cut, *others = (
         opposite(over(found, "no_wind", name, "pd"), 1.0) for name in ("pd_t2fnn", "pd_t1fnn", "pd_t2fnn_wide")
     )
     assert without_wind.evidence == (
-        f"{per_cent(cut)}, fitted; not fitted: {named('no_wind', 'pd_t1fnn')} {per_cent(others[0])};"
+        f"{per_cent(cut)}, which was fitted; other networks, not fitted: {named('no_wind', 'pd_t1fnn')}"
+        f" {per_cent(others[0])};"
         f" {named('no_wind', 'pd_t2fnn_wide')} {per_cent(others[1])}"
     )
 
 
-def test_type_2_beside_type_1(found):
+def test_type_2_compared_with_type_1(found):
     _, _, against, wider, *_ = all_claims(found)
     gains = {
         (wind, name): opposite(over(found, wind, name, "pd_t1fnn"), 1.0)
@@ -154,7 +156,7 @@ def test_type_2_beside_type_1(found):
         for name in ("pd_t2fnn", "pd_t2fnn_wide")
     }
     better = {}
-    for number, sweep, count in (("noise", found.noise, len(NOISE)), ("q", found.q, len(Q_VALUES))):
+    for number, sweep, count in (("noise", found.noise, len(NOISE_LEVELS)), ("q", found.q, len(Q_VALUES))):
         first = rows_at(sweep, number, "pd_t1fnn", count)
         both = (
             [less(row, of_1) for row, of_1 in zip(rows_at(sweep, number, name, count), first, strict=True)]
@@ -163,13 +165,13 @@ def test_type_2_beside_type_1(found):
         better[number] = [max(pair, key=lambda each: each[0]) for pair in zip(*both, strict=True)]
     windy = [gain for (wind, _), gain in gains.items() if wind != "no_wind"]
     assert against.evidence == (
-        f"in wind {least_to_most(windy)}; the better width, without wind, with noise from 0 to 20 mm"
-        f" {least_to_most(better['noise'])}, with q from 0.25 to 0.75 {least_to_most(better['q'][1:-1])};"
-        f" {per_cent(better['q'][0])} with q = 0, where only the upper memberships are left"
+        f"reductions of {least_to_most(windy)} in wind; without wind, with the better width,"
+        f" {least_to_most(better['noise'])} with noise from 0 to 20 mm, {least_to_most(better['q'][1:-1])} with q from"
+        f" 0.25 to 0.75, and {per_cent(better['q'][0])} with q = 0, where only the upper memberships count"
     )
     assert against.details == "; ".join(f"{named(*cell)} {per_cent(gain)}" for cell, gain in gains.items())
     assert against.verdict == "holds"
-    narrow, wide = (rows_at(found.noise, "noise", name, len(NOISE)) for name in ("pd_t2fnn", "pd_t2fnn_wide"))
+    narrow, wide = (rows_at(found.noise, "noise", name, len(NOISE_LEVELS)) for name in ("pd_t2fnn", "pd_t2fnn_wide"))
     larger = [opposite(less(*pair)) for pair in zip(wide, narrow, strict=True)]
     # To first order, the change of w₀ / n₀ - w / n is the sum of the changes of the four means with these weights.
     four = np.stack([wide[0], narrow[0], wide[-1], narrow[-1]])
@@ -180,21 +182,21 @@ def test_type_2_beside_type_1(found):
     half = scipy.stats.t.ppf(0.975, count - 1) * np.sqrt(weights @ np.cov(four) @ weights / count)
     trend = (w_0 / n_0 - w / n) + half * np.array([0.0, -1.0, 1.0])
     assert wider.evidence == (
-        f"the error with wider sets is larger by {per_cent(larger[0])} without position noise and by"
-        f" {per_cent(larger[-1])} with 20 mm: they gain {per_cent(trend)}"
+        f"wider sets have an error that is larger by {per_cent(larger[0])} without position noise and by"
+        f" {per_cent(larger[-1])} with 20 mm, so noise reduces their disadvantage by {per_cent(trend)} of the error"
     )
-    text = ", ".join(f"{mm} mm {per_cent(each)}" for mm, each in zip((0, 1, 5, 10, 20), larger, strict=True))
-    assert (
-        wider.details
-        == f"larger by, at {text}; noise that adds the same to both errors makes a difference smaller, too"
+    text = ", ".join(f"{per_cent(each)} at {mm} mm" for mm, each in zip((0, 1, 5, 10, 20), larger, strict=True))
+    assert wider.details == (
+        f"the error with wider sets is larger by {text}; noise that adds equally to both errors would also make the"
+        " relative difference smaller"
     )
 
 
-def test_peaks_the_part_of_the_pd_and_effort(found):
+def test_claims_about_peaks_pd_output_and_effort(found):
     _, _, _, _, peak, peaks, fading, effort, windy, *_ = all_claims(found)
     pd, network = (interval(found.cells[Cell("no_wind", name)].metrics.peak_error) for name in ("pd", "pd_t2fnn"))
     cut = opposite(over(found, "no_wind", "pd_t2fnn", "pd", "peak_error"), 1.0)
-    assert peak.evidence == f"{metres(pd)} and {metres(network)}, {per_cent(cut)} less"
+    assert peak.evidence == f"{metres(pd)} and {metres(network)}, a reduction of {per_cent(cut)}"
     assert peak.verdict == "holds"
     differences = {}
     for wind in ("low_wind", "high_wind"):
@@ -205,7 +207,9 @@ def test_peaks_the_part_of_the_pd_and_effort(found):
     def millimetres(length):
         return Interval(*length).text(unit="mm", size=1e-3, signed=True)
 
-    assert peaks.evidence == f"peaks beside those of type 1: {least_to_most(differences.values(), millimetres)}"
+    assert peaks.evidence == (
+        f"peaks of type 2 minus those of type 1: {least_to_most(differences.values(), millimetres)}"
+    )
     assert peaks.details == "; ".join(f"{named(*cell)} {millimetres(each)}" for cell, each in differences.items())
     assert peaks.verdict == "holds"
 
@@ -218,15 +222,14 @@ def test_peaks_the_part_of_the_pd_and_effort(found):
         for measure in ("pd_fade", "pd_return")
     )
     assert fading.evidence == (
-        "without wind the PD's output in the last quarter of a flight is on average"
-        f" {per_cent(left['no_wind', 'pd_t2fnn'])} of that in the quarter after the rise, and in the 1 s after a change"
-        " of segment"
-        f" {per_cent(returned['no_wind', 'pd_t2fnn'])} of that in the 1 s before"
+        "without wind, the RMS of the PD's output in the last quarter of a flight is"
+        f" {per_cent(left['no_wind', 'pd_t2fnn'])} of that in the quarter after the rise; in the 1 s after a change of"
+        f" segment, it is {per_cent(returned['no_wind', 'pd_t2fnn'])} of that in the 1 s before"
     )
     listed = [
         "; ".join(f"{named(*cell)} {per_cent(each)}" for cell, each in shares.items()) for shares in (left, returned)
     ]
-    assert fading.details == f"left is, {listed[0]}; after a change, {listed[1]}"
+    assert fading.details == (f"ratio of the last quarter: {listed[0]}; ratio after a change of segment: {listed[1]}")
 
     shares = {
         (wind, name, axis): over(found, wind, name, "pd", f"effort_{axis}")
@@ -234,7 +237,7 @@ def test_peaks_the_part_of_the_pd_and_effort(found):
         for name in NETWORKS
         for axis in "xy"
     }
-    assert effort.evidence == f"{least_to_most(shares.values(), plain)} times the PD's effort"
+    assert effort.evidence == f"the networks need {least_to_most(shares.values(), plain)} times the PD's effort"
     assert effort.details == "; ".join(
         f"{named(wind, name)} on {axis.upper()} {plain(each)}" for (wind, name, axis), each in shares.items()
     )
@@ -245,15 +248,15 @@ def test_peaks_the_part_of_the_pd_and_effort(found):
         for name in CONTROLLERS
         for wind in ("low_wind", "high_wind")
     }
-    assert windy.evidence == f"errors rise by {least_to_most(rises.values())}"
+    assert windy.evidence == f"errors increase by {least_to_most(rises.values())}"
     assert windy.details == "; ".join(f"{named(*cell)} {per_cent(each)}" for cell, each in rises.items())
     assert windy.verdict == "holds in part"
 
 
-def test_gains_on_straight_lines_on_curves_and_on_a_map(found):
+def test_claims_about_gains(found):
     *_, legs, circle = all_claims(found)
     straight, curved, swing = found.legs.metrics
-    # The third pair crashed on a straight line.
+    # A sample crashed with the third pair of gains on a straight line.
     on_straight = min((0, 1, 3, 4, 5), key=lambda place: sum(straight[place, :8]))
     on_curved = min(range(6), key=lambda place: sum(curved[place, :8]))
     worse = fieller(curved[on_straight, 8:], curved[on_curved, 8:]) - 1.0
@@ -261,8 +264,9 @@ def test_gains_on_straight_lines_on_curves_and_on_a_map(found):
     pairs = [(1.0, 0.5), (1.0, 1.0), (2.0, 0.5), (2.0, 1.0), (4.0, 0.5), (4.0, 1.0)]
     texts = ["k_P = {:.2f} and k_D = {:.2f}".format(*pairs[place]) for place in (on_straight, on_curved)]
     assert legs.evidence == (
-        f"best on straight lines are {texts[0]}, on curves {texts[1]}; on other samples the first are {per_cent(worse)}"
-        f" worse on curves, and on straight lines the command of the second moves {plain(livelier)} times as much"
+        f"the best gains are {texts[0]} on straight lines, and {texts[1]} on curves; on other samples, the former have"
+        f" a {per_cent(worse)} larger error on curves, and with the latter the command varies {plain(livelier)} times"
+        " as much on straight lines"
     )
     kept = [[column[np.isfinite(column)] for column in errors(found.maps[name]).T] for name in ("pd", "pd_t2fnn")]
     share = [np.array([np.mean(column <= 1.2 * column.min()) for column in columns]) for columns in kept]
@@ -273,23 +277,23 @@ def test_gains_on_straight_lines_on_curves_and_on_a_map(found):
     ]
     assert crashing[0] != crashing[1]
     assert circle.evidence == (
-        f"on average over samples, within 20 % of the best error are {per_cent(interval(share[0]))} of the gains that"
-        f" stabilise the PD, and {per_cent(interval(share[1]))} of those that stabilise it with the network; half of"
-        f" these gains have more than {plain(typical[0])} times the best error, and {plain(typical[1])} times with the"
-        f" network; the best errors are {metres(best[0])} and {metres(best[1])}"
+        f"of the gains that stabilise the loop, {per_cent(interval(share[0]))} have an error within 20 % of the best"
+        f" with the PD, and {per_cent(interval(share[1]))} with PD+T2FNN; the median error is {plain(typical[0])} times"
+        f" the best one with the PD, and {plain(typical[1])} times with PD+T2FNN; the best errors are"
+        f" {metres(best[0])} and {metres(best[1])}"
     )
     assert circle.details == (
-        "3 × 2 gains, k_P from 1 to 4 1/s² and k_D from 0.5 to 1 1/s, in equal ratios, 4 samples each; a sample crashes"
-        f" with {crashing[0]} of them, and with {crashing[1]} with the network; the share is"
-        f" {per_cent(interval(share[1] - share[0]))} larger with it"
+        "3 × 2 gains, k_P from 1 to 4 1/s² and k_D from 0.5 to 1 1/s in geometric steps, 4 samples each; a sample"
+        f" crashes with {crashing[0]} of these gains for the PD, and with {crashing[1]} for PD+T2FNN; the network"
+        f" increases the share by {per_cent(interval(share[1] - share[0]))} of the gains"
     )
-    np.testing.assert_allclose(as_good(found.maps["pd"]), share[0])
-    np.testing.assert_allclose(interval(typical_over_best(found.maps["pd"])), typical[0])
+    np.testing.assert_allclose(near_best_share(found.maps["pd"]), share[0])
+    np.testing.assert_allclose(interval(median_to_best_ratio(found.maps["pd"])), typical[0])
 
 
 def test_controllers_are_compared_with_both_baselines_in_the_same_wind(found):
     entries = fair_entries(found)
-    compared = ["pd", "pd_t2fnn", *FAIR]
+    compared = ["pd", "pd_t2fnn", *FAIR_CONTROLLERS]
     assert [entry.cell for entry in entries] == [Cell(wind, name) for wind in NAMES for name in compared]
     for entry in entries:
         wind, name = entry.cell
@@ -301,7 +305,7 @@ def test_controllers_are_compared_with_both_baselines_in_the_same_wind(found):
         np.testing.assert_allclose(entry.over_network, over(found, wind, name, "pd_t2fnn"), atol=1e-12)
 
 
-def test_definitions_of_effort_beside_the_printed_ratios(found):
+def test_effort_ratios_compared_with_the_printed_ones(found):
     with (DOCS.parent.parent / "drake_quad/replication/table_ii.csv").open(encoding="utf-8") as file:
         printed = list(csv.DictReader(file))
     names = {"PD": "pd", "PD+T1FNN": "pd_t1fnn", "PD+T2FNN": "pd_t2fnn"}
@@ -344,7 +348,7 @@ def test_definitions_of_effort_beside_the_printed_ratios(found):
         np.testing.assert_allclose((matches[name].ratio_x, matches[name].ratio_y), means)
 
 
-def test_table_ii_beside_the_print(found, tmp_path):
+def test_table_ii_compared_with_the_printed_one(found, tmp_path):
     cells = dict(found.cells)
     crashed = cells[Cell("low_wind", "pd")]
     crash_time = np.where(np.arange(SAMPLES) == 1, 2.0, np.inf)
@@ -364,10 +368,12 @@ def test_table_ii_beside_the_print(found, tmp_path):
         np.testing.assert_allclose(entry.mean, interval(values))
         printed = printed_table().get(entry.cell)
         if printed is None:
-            assert np.isnan([*entry.printed.runs, entry.printed.mean, entry.off]).all()
+            assert np.isnan([*entry.printed.runs, entry.printed.mean, entry.deviation]).all()
         else:
             np.testing.assert_array_equal(entry.printed.runs, getattr(printed, entry.quantity).runs)
-            np.testing.assert_allclose(entry.off, interval(values)[0] / getattr(printed, entry.quantity).mean - 1.0)
+            np.testing.assert_allclose(
+                entry.deviation, interval(values)[0] / getattr(printed, entry.quantity).mean - 1.0
+            )
 
     with write_entries(tmp_path / "table_ii.csv", entries).open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
@@ -388,11 +394,11 @@ def test_table_ii_beside_the_print(found, tmp_path):
     runs = ", ".join(f"{run:.3f}" for run in entry.printed.runs)
     assert lines[6] == (
         f"| low wind | PD | {runs} | {entry.printed.mean:.3f} | {first:.3f}, –, {third:.3f} | –"
-        f" | {entry.mean.text()} | {100.0 * entry.off:+.1f} % |"
+        f" | {entry.mean.text()} | {100.0 * entry.deviation:+.1f} % |"
     )
 
 
-def test_files_of_the_fair_comparison_and_of_efforts_hold_what_is_found(found, tmp_path):
+def test_files_contain_the_fair_comparison_and_the_efforts(found, tmp_path):
     entries, matches = fair_entries(found), effort_matches(found)
     with write_fair(tmp_path / "fair.csv", entries).open(encoding="utf-8") as file:
         for row, entry in zip(csv.DictReader(file), entries, strict=True):
@@ -402,20 +408,20 @@ def test_files_of_the_fair_comparison_and_of_efforts_hold_what_is_found(found, t
                 np.testing.assert_allclose(written, getattr(entry, name), rtol=1e-8)
     with write_efforts(tmp_path / "effort.csv", matches).open(encoding="utf-8") as file:
         for row, match in zip(csv.DictReader(file), matches, strict=True):
-            assert row["definition"] == EFFORTS[match.name].words
+            assert row["definition"] == EFFORTS[match.name].definition
             written = [float(row[name]) for name in ("ratio_x", "ratio_y", "off_by_factor", "low", "high")]
             np.testing.assert_allclose(written, [match.ratio_x, match.ratio_y, *match.distance], rtol=1e-8)
 
 
 def even(cells=(), recorded=(), noise=(), shares=(), slope=1.0):
-    """An experiment in which all is one, but for what is given, and no two samples differ.
+    """Return an experiment without scatter, in which all results that are not given are 1.
 
     Args:
-        cells: numbers by (wind or None for all, controller, metric).
-        recorded: numbers of PD+T2FNN without wind by name.
-        noise: RMSE by (row of the noise, exponents).
-        shares: likewise, by (row of q, exponents).
-        slope: the least RMSE over the slopes.
+        cells: results by (wind or None for all, controller, metric).
+        recorded: results of PD+T2FNN without wind, by name.
+        noise: RMSE by (row of the noise amplitude, exponents).
+        shares: RMSE by (row of q, exponents).
+        slope: smallest RMSE over the slopes.
     """
 
     def metrics(shape, **numbers):
@@ -423,7 +429,7 @@ def even(cells=(), recorded=(), noise=(), shares=(), slope=1.0):
         return Metrics(**(ones | numbers))
 
     studies = {}
-    for cell in cells_of((*CONTROLLERS, *FAIR)):
+    for cell in cells_of((*CONTROLLERS, *FAIR_CONTROLLERS)):
         numbers = {
             metric: np.full(3, value)
             for (wind, controller, metric), value in dict(cells).items()
@@ -496,8 +502,8 @@ def in_wind(rmse):
         ("insensitive", {"cells": in_wind(1.101)}, "does not hold"),
     ],
 )  # fmt: skip
-def test_a_verdict_turns_at_the_level_that_its_rule_says(claim, numbers, verdict):
-    (found,) = (each for each in all_claims(even(**numbers)) if claim in each.words)
+def test_a_verdict_changes_at_the_level_of_its_rule(claim, numbers, verdict):
+    (found,) = (each for each in all_claims(even(**numbers)) if claim in each.statement)
     assert found.verdict == verdict
 
 
@@ -511,8 +517,8 @@ def test_a_verdict_turns_at_the_level_that_its_rule_says(claim, numbers, verdict
         ((0.99, 1.0), (1.01, 1.0), "does not hold"),
     ],
 )
-def test_what_is_tuned_on_one_kind_of_leg_is_judged_on_other_samples(curved, swing, verdict):
-    """On the first two samples the first gains are better on straight legs and the second on curved ones."""
+def test_gains_are_chosen_and_compared_on_different_samples(curved, swing, verdict):
+    """On the first two samples, the first gains are better on straight legs and the second on curved legs."""
     rows = np.ones((3, 2, 4))
     rows[0, 0, :2] = rows[1, 1, :2] = 0.5
     rows[1, :, 2:], rows[2, :, 2:] = np.transpose([curved]), np.transpose([swing])
@@ -525,8 +531,8 @@ def test_what_is_tuned_on_one_kind_of_leg_is_judged_on_other_samples(curved, swi
     ("pd", "network", "verdict"),
     [(1, 3, "holds"), (1, 2, "holds in part"), (3, 3, "holds in part"), (2, 1, "does not hold")],
 )
-def test_a_circle_of_gains_is_a_share_that_grows_beyond_half(pd, network, verdict):
-    """Of four gains, so many are as good as the best."""
+def test_the_circle_of_gains_requires_a_fraction_above_half(pd, network, verdict):
+    """The cases differ in the number of gains that are nearly as good as the best."""
     experiment = even()
     gains = {"k_p": np.array([1.0, 2.0, 1.0, 2.0]), "k_d": np.array([1.0, 1.0, 2.0, 2.0])}
     maps = {}
@@ -538,7 +544,7 @@ def test_a_circle_of_gains_is_a_share_that_grows_beyond_half(pd, network, verdic
     assert circle.verdict == verdict
 
 
-def test_a_sweep_comes_back_as_it_was(tmp_path):
+def test_a_sweep_is_read_as_it_was_written(tmp_path):
     rng = np.random.default_rng(2)
     sweep = Sweep({"q": np.array([0.1, 0.2, 0.3])}, np.array([0, 1]), metrics_of(rng, (3, 2)))
     read = load_sweep(sweep.save(tmp_path / "q.csv"), Metrics)

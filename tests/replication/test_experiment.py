@@ -1,4 +1,4 @@
-"""What beyond the cells is flown: settings side by side fly as they would alone."""
+"""Tests of sweeps and of the experiment: settings fly in one fleet as in single flights."""
 
 import numpy as np
 import pytest
@@ -19,11 +19,11 @@ from drake_quad.replication.experiment import (
     fly_experiment,
     sweep_plans,
 )
-from drake_quad.replication.measures import CURVED, STRAIGHT, LegMetrics
+from drake_quad.replication.measures import CURVED_LEGS, STRAIGHT_LEGS, LegMetrics
 from drake_quad.replication.printed import CONTROLLERS, WINDS
-from drake_quad.replication.results import FAIR, cells_of
+from drake_quad.replication.results import FAIR_CONTROLLERS, cells_of
 from drake_quad.replication.sweeps import (
-    BEST_GAINS,
+    BEST_GAIN_RANGES,
     NOISE_SETTINGS,
     Q_SETTINGS,
     SLOPE_SETTINGS,
@@ -45,7 +45,7 @@ def scenario(name, *overrides):
     return load_scenario(f"{PAPER}:{name}", ["duration=1.5", *overrides])
 
 
-def test_recorded_samples_are_those_flown_alone():
+def test_recorded_samples_equal_single_flights():
     study = scenario("low_wind_pd_t2fnn")
     for sample, flight in zip((4, 2), simulate_samples(study, [4, 2]), strict=True):
         alone = simulate(study, sample=sample, compiled=False)
@@ -56,7 +56,7 @@ def test_recorded_samples_are_those_flown_alone():
         np.testing.assert_allclose(flight.metrics, alone.metrics, rtol=1e-9)
 
 
-def test_settings_of_a_fleet_are_those_of_scenarios():
+def test_settings_in_a_fleet_equal_overrides_of_a_scenario():
     settings = {name: values[[1, 5]] for name, values in NOISE_SETTINGS.items()}
     found = fly_settings(scenario("no_wind_pd_t2fnn"), settings, [0, 3])
     noise, a1, a2 = (settings[name][1] for name in ("noise", "a1", "a2"))
@@ -70,27 +70,27 @@ def test_settings_of_a_fleet_are_those_of_scenarios():
     assert found.rmse[1, 1] == pytest.approx(alone.rmse, rel=1e-9)
 
 
-def test_exponents_of_one_are_the_network_of_type_1():
+def test_exponents_of_one_give_the_type_1_network():
     settings = {name: values[:1] for name, values in Q_SETTINGS.items()}
     assert (settings["a1"][0], settings["a2"][0]) == (1.0, 1.0)
     found = fly_settings(scenario("no_wind_pd_t2fnn"), settings, [0])
     assert found.rmse[0, 0] == pytest.approx(simulate(scenario("no_wind_pd_t1fnn"), sample=0).metrics.rmse, rel=1e-9)
 
 
-def test_gains_are_those_of_both_horizontal_axes():
+def test_gains_apply_to_both_horizontal_axes():
     settings = {name: values[[7]] for name, values in gain_settings(4).items()}
     found = fly_settings(scenario("no_wind_pd"), settings, [1])
     gains = [f"{POSITION}.{name}.{axis}={settings[name][0]}" for name in ("k_p", "k_d") for axis in (0, 1)]
     assert found.rmse[0, 0] == pytest.approx(simulate(scenario("no_wind_pd", *gains), sample=1).metrics.rmse, rel=1e-9)
 
 
-def test_legs_are_straight_or_curved_but_for_the_rise():
+def test_all_legs_except_the_rise_are_straight_or_curved():
     names = {leg.name for leg in plan_route(scenario("no_wind_pd")).legs}
-    assert names == {"rise", *STRAIGHT, *CURVED}
+    assert names == {"rise", *STRAIGHT_LEGS, *CURVED_LEGS}
 
 
 @pytest.mark.slow
-def test_errors_leg_by_leg_make_up_the_whole():
+def test_leg_errors_add_up_to_the_total():
     study = load_scenario(f"{PAPER}:no_wind_pd")
     errors = fly_legs(study, {"k_p": np.array([1.447]), "k_d": np.array([1.684])}, [0])
     rmse = simulate(study, sample=0).metrics.rmse
@@ -99,7 +99,7 @@ def test_errors_leg_by_leg_make_up_the_whole():
     assert errors.swing[0, 0] > 0.0
 
 
-def test_as_much_is_flown_as_the_report_says():
+def test_the_experiment_has_the_sizes_in_the_report():
     assert ExperimentSizes() == (1000, 8, 60, 16, 4, 16)
     assert QUICK == (4, 4, 4, 5, 2, 2)
     flights = {
@@ -119,7 +119,7 @@ def fail(what):
     raise ArithmeticError(f"{what} is cursed")
 
 
-def test_a_cell_with_a_sample_that_cannot_be_flown_is_none(tmp_path, monkeypatch):
+def test_a_cell_with_a_failed_sample_is_refused(tmp_path, monkeypatch):
     def fly_some(job, samples):
         return fail("sample 1") if 1 in samples else fly_batch(job, samples)
 
@@ -131,8 +131,8 @@ def test_a_cell_with_a_sample_that_cannot_be_flown_is_none(tmp_path, monkeypatch
 @pytest.mark.parametrize(
     ("count", "sizes"), [(64, [15]), (100, [10, 5]), (300, [3] * 5), (1024, [1] * 15), (3000, [1] * 15)]
 )
-def test_as_many_settings_fly_in_a_fleet_as_there_is_room_for(count, sizes):
-    """At least one; as many vehicles as 1,024 otherwise, each on the same samples."""
+def test_fleets_are_filled_with_settings(count, sizes):
+    """A fleet has at most 1,024 vehicles, unless a single setting has more."""
     settings = Q_SETTINGS
     jobs = SweepPlan(None, settings, count, fly=kept).jobs("q", "a scenario", compiled=False)
     assert [job.size for job in jobs] == [size * count for size in sizes]
@@ -164,7 +164,7 @@ def test_recorded_samples_are_the_first_of_the_cell(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_resumed_cell_is_the_same_to_the_byte(tmp_path):
+def test_a_resumed_cell_is_identical(tmp_path):
     study = scenario("no_wind_pid", "duration=0.3")
     _fly_cell(study, 3, tmp_path, compiled=True)
     path = tmp_path / "results.csv"
@@ -174,8 +174,8 @@ def test_a_resumed_cell_is_the_same_to_the_byte(tmp_path):
     assert path.read_bytes() == whole
 
 
-def test_an_experiment_leaves_every_number_where_it_is_read(tmp_path, monkeypatch):
-    """With flights in whose place stands what was asked for."""
+def test_a_written_experiment_can_be_read(tmp_path, monkeypatch):
+    """The flights are replaced by their arguments."""
     sizes = ExperimentSizes(cells=6, recorded=3, sweep=4, grid=2, map=3, legs=2)
     cells, told = {}, []
 
@@ -212,13 +212,15 @@ def test_an_experiment_leaves_every_number_where_it_is_read(tmp_path, monkeypatc
     )
     assert found == {cell: f"flight of {cell.scenario}" for cell in cells_of(CONTROLLERS)}
     assert cells == {
-        f"{wind}_{name}": (6, tmp_path / "cells" / f"{wind}_{name}") for wind in WINDS for name in (*CONTROLLERS, *FAIR)
+        f"{wind}_{name}": (6, tmp_path / "cells" / f"{wind}_{name}")
+        for wind in WINDS
+        for name in (*CONTROLLERS, *FAIR_CONTROLLERS)
     }
     steps = {name: 0 for *_, name in told}
     for (done, _, name), before in zip(told, [0, *(done for done, *_ in told)]):
         steps[name] += done - before
     assert steps == {
-        **{f"{wind}_{name}": 6 for wind in WINDS for name in (*CONTROLLERS, *FAIR)},
+        **{f"{wind}_{name}": 6 for wind in WINDS for name in (*CONTROLLERS, *FAIR_CONTROLLERS)},
         **{f"recorded {wind}_{name}": 3 for wind in WINDS for name in CONTROLLERS},
         "noise": 60,
         "q": 60,
@@ -248,9 +250,9 @@ def test_an_experiment_leaves_every_number_where_it_is_read(tmp_path, monkeypatc
         np.testing.assert_array_equal(sweep.metrics, fly_settings(flown, settings, range(count), compiled=False))
     legs = load_sweep(tmp_path / "legs.csv", LegMetrics)
     np.testing.assert_array_equal(
-        legs.metrics, fly_legs("no_wind_pd", gain_settings(2, BEST_GAINS), [0, 1], compiled=False)
+        legs.metrics, fly_legs("no_wind_pd", gain_settings(2, BEST_GAIN_RANGES), [0, 1], compiled=False)
     )
-    np.testing.assert_array_equal(legs.settings["k_p"], gain_settings(2, BEST_GAINS)["k_p"])
+    np.testing.assert_array_equal(legs.settings["k_p"], gain_settings(2, BEST_GAIN_RANGES)["k_p"])
     assert (legs.samples.tolist(), len(SLOPES)) == ([0, 1], 7)
 
     stale.parent.mkdir(parents=True)
@@ -261,7 +263,7 @@ def test_an_experiment_leaves_every_number_where_it_is_read(tmp_path, monkeypatc
 
 
 def test_a_cell_is_flown_in_one_fleet(tmp_path, monkeypatch):
-    """What is there already stays."""
+    """Existing rows are kept."""
     sizes = []
 
     def fly_and_tell(job, samples):

@@ -1,4 +1,4 @@
-"""Numbers of flights, from signals that are made by hand."""
+"""Measures of flights with artificial signals."""
 
 import math
 
@@ -13,14 +13,14 @@ from drake_quad.reference.plan import Plan
 from drake_quad.reference.routes import Leg
 from drake_quad.replication.measures import EFFORTS, leg_metrics, measures
 
-# A straight line along X and back, at 1 m; the legs begin at 0, 4, 8 and 12 s of 16.
+# The path goes along X and back at a height of 1 m; of 16 s, the legs begin at 0, 4, 8 and 12 s.
 PATH = minimum_snap([[0.0, 0, 1], [1, 0, 1], [2, 0, 1], [1, 0, 1], [0, 0, 1]], [0.0, 4.0, 8.0, 12.0, 16.0])
 PLAN = Plan.facing(PATH, legs=(Leg("rise", 0), Leg("climb", 1), Leg("circle", 2), Leg("straight", 3)))
 TIME = 0.02 * np.arange(801)
 
 
 def flight(crash_time=math.inf, **signals):
-    """A flight with these signals; the others are those of a vehicle that stays where it is."""
+    """Return a flight with the given signals, and otherwise the signals of a vehicle at rest."""
     sizes = {"acceleration_command": 3, "wrench": 4, "state": 12, "reference": 11}
     others = {name: np.zeros((len(TIME), size)) for name, size in sizes.items()} | {"pd": np.ones((len(TIME), 3))}
     metrics = Metrics(*[0.0] * (len(Metrics._fields) - 1), crash_time)
@@ -28,20 +28,20 @@ def flight(crash_time=math.inf, **signals):
 
 
 def pulses(*heights):
-    """The PD's output on X and Y, constant from one whole second to the next."""
+    """Return PD outputs on X and Y that are constant within each second."""
     pd = np.ones((len(TIME), 3))
     pd[:, 0:2] = np.array([(0.6 * height, -0.8 * height) for height in heights])[np.minimum(TIME.astype(int), 15)]
     return flight(pd=pd)
 
 
-def test_the_pd_fades_from_the_quarter_after_the_rise_to_the_last():
+def test_pd_fade_compares_the_last_quarter_with_the_quarter_after_the_rise():
     found = measures(pulses(*[9.0] * 4, *[2.0] * 4, *[7.0] * 4, *[0.5] * 4))
     # The quarters are 200 ticks long, from 4.00 s to 7.98 s and from 12.02 s to 16.00 s.
     assert found["pd_fade"] == pytest.approx(0.25)
 
 
-def test_the_pd_returns_after_changes_of_segment():
-    """Those at 8 and 12 s: the first leg begins the flight, and before the second the vehicle only rises."""
+def test_pd_return_compares_output_after_and_before_segment_changes():
+    """Only the changes at 8 and 12 s count: before the first two legs, there is no flight or only a climb."""
     heights = [1.0] * 16
     heights[3], heights[4] = 50.0, 70.0
     heights[7], heights[11] = 2.0, 4.0
@@ -49,14 +49,14 @@ def test_the_pd_returns_after_changes_of_segment():
     assert measures(pulses(*heights))["pd_return"] == pytest.approx(math.sqrt((36.0 + 64.0) / (4.0 + 16.0)))
 
 
-def test_the_error_of_the_path_is_the_distance_to_it_wherever_the_reference_is():
+def test_the_path_error_is_the_distance_to_the_path():
     state = np.zeros((len(TIME), 12))
     state[:, 0] = np.linspace(0.0, 2.0, len(TIME))
     state[:, 1], state[:, 2] = 0.3, 1.4
     assert measures(flight(state=state))["path_error"] == pytest.approx(0.5, abs=1e-5)
 
 
-def test_efforts_are_what_their_words_say():
+def test_efforts_agree_with_their_definitions():
     rng = np.random.default_rng(0)
     command, pd, wrench = (rng.normal(loc=0.3, size=(len(TIME), rows)) for rows in (3, 3, 4))
     found = measures(flight(acceleration_command=command, pd=pd, wrench=wrench))
@@ -82,13 +82,13 @@ def test_efforts_are_what_their_words_say():
             assert found[f"{name}_{axis}"] == pytest.approx(value), name
 
 
-def test_a_crash_leaves_no_numbers():
+def test_measures_of_a_crash_are_nan():
     assert all(math.isnan(value) for value in measures(flight(crash_time=3.0)).values())
     assert np.isnan(leg_metrics([flight(crash_time=3.0)])).all()
 
 
-def test_errors_and_swings_leg_by_leg():
-    """The legs from 4 and from 12 s are straight, that from 8 s is curved, and the rise is neither."""
+def test_leg_metrics():
+    """The legs from 4 s and 12 s are straight, the leg from 8 s is curved, and the rise is neither."""
     state, command = np.zeros((len(TIME), 12)), np.zeros((len(TIME), 3))
     leg = np.minimum(TIME // 4.0 + (TIME % 4.0 > 3.99), 3).astype(int)
     state[:, 0:3] = np.array([9.0, 0.3, 0.2, 0.4])[leg, np.newaxis] * [1.0, -2.0, 2.0]

@@ -1,4 +1,4 @@
-"""The printed table, as the sheet has it."""
+"""Tests of the printed Table II."""
 
 import math
 
@@ -8,27 +8,27 @@ import pytest
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
 
 
-def test_the_table_has_ten_cells_of_known_names():
+def test_the_table_has_ten_cells_with_known_names():
     table = printed_table()
     assert len(table) == 10
     assert {cell.wind for cell in table} == set(WINDS)
     assert {cell.controller for cell in table} == set(CONTROLLERS)
 
 
-def test_printed_means_are_those_of_the_runs_where_all_are_printed():
-    """To the last printed digit, but for two that the paper has otherwise."""
+def test_printed_means_agree_with_the_printed_runs():
+    """Two printed means of the paper do not agree with their runs."""
     for cell, line in printed_table().items():
         for runs in line:
             if not any(map(math.isnan, (*runs.runs, runs.mean))):
                 assert np.mean(runs.runs) == pytest.approx(runs.mean, abs=1.1e-3), cell
 
 
-def test_gaps_are_not_numbers():
+def test_missing_values_are_nan():
     assert math.isnan(printed_table()[Cell("high_wind", "pd_t2fnn")].rmse.mean)
     assert printed_table()[Cell("no_wind", "pd")].rmse.mean == 0.972
 
 
-def test_the_first_line_is_as_it_is_printed():
+def test_the_first_line_has_the_printed_values():
     line = printed_table()[Cell("no_wind", "pd")]
     assert line.rmse == ((0.978, 0.957, 0.981), 0.972)
     assert line.effort_x == ((0.150, 0.233, 0.216), 0.199)

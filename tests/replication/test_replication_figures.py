@@ -1,4 +1,4 @@
-"""The figures of the replication show the numbers of invented experiments and of short flights."""
+"""Tests that the figures of the replication show the results of invented experiments and short flights."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -12,12 +12,12 @@ from drake_quad import load_scenario, simulate
 from drake_quad.control.fuzzy.inference import elliptic_membership
 from drake_quad.replication import figures
 from drake_quad.replication.claims import advantage
-from drake_quad.replication.fair import COMPARED
+from drake_quad.replication.fair import COMPARED_CONTROLLERS
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
-from drake_quad.replication.report import FIGURES
-from drake_quad.replication.sweeps import NOISE, Q_VALUES
+from drake_quad.replication.report import CAPTIONS
+from drake_quad.replication.sweeps import NOISE_LEVELS, Q_VALUES
 from drake_quad.statistics.estimates import mean_interval
-from drake_quad.studies.statistics import of_survivors
+from drake_quad.studies.statistics import values_without_crashes
 from drake_quad.visualization.leg_marks import leg_marks
 from drake_quad.visualization.positions import positions
 
@@ -41,7 +41,7 @@ def found():
 
 @pytest.fixture(scope="module")
 def flights():
-    """Six seconds of flights, of which one in high wind crashes after four."""
+    """Return flights of six seconds, one of which crashes in high wind after four seconds."""
     cells = [Cell("no_wind", name) for name in ("pd", "pd_t2fnn")] + [Cell("high_wind", name) for name in CONTROLLERS]
     flown = {cell: simulate(load(cell, ["duration=6"])) for cell in cells}
     crashed = Cell("high_wind", "pd_t2fnn_wide")
@@ -56,21 +56,21 @@ def marked(axes, marker):
 
 
 def legend_of(figure):
-    """Return the handles of a figure's legend by their texts."""
+    """Return the handles of a figure's legend by their labels."""
     (legend,) = figure.legends
     return dict(zip((text.get_text() for text in legend.texts), legend.legend_handles, strict=True))
 
 
 @pytest.mark.slow
-def test_figures_stand_in_the_order_of_the_report(found, flights):
+def test_figures_are_in_the_order_of_the_report(found, flights):
     every = flights | {Cell("low_wind", name): flights[Cell("high_wind", name)] for name in CONTROLLERS}
     drawn = dict(figures.paper_figures(found, every))
-    assert list(drawn) == [*FIGURES]
+    assert list(drawn) == [*CAPTIONS]
     for number, wind in ((9, "no_wind"), (10, "low_wind"), (11, "high_wind")):
         error = drawn[f"figure_{number}"].axes[0].lines[0].get_ydata()
         np.testing.assert_array_equal(error, every[Cell(wind, "pd")].euclidean_error)
     labels = {name: [(axes.get_xlabel(), axes.get_ylabel()) for axes in figure.axes] for name, figure in drawn.items()}
-    errors = [("", "Euclidean error (m)"), ("time (s)", "minus that of\ntype 1 (mm)")]
+    errors = [("", "Euclidean error (m)"), ("time (s)", "difference from\ntype 1 (mm)")]
     assert labels == {
         "table_ii": [("", ""), ("", ""), ("RMSE (m)", "")],
         "figure_4": [("", "membership"), ("", ""), ("(x - c) / d", "membership"), ("(x - c) / d", "")],
@@ -81,7 +81,7 @@ def test_figures_stand_in_the_order_of_the_report(found, flights):
         "figure_11": errors,
         "figure_12": [("time (s)", "command on X (m/s²)")],
         "figure_13": [("time (s)", "command on Y (m/s²)")],
-        "advantage": [("noise of the cameras (mm)", "RMSE less than type 1's"), ("q", "")],
+        "advantage": [("noise of the cameras (mm)", "reduction of the RMSE"), ("q", "")],
         "gains": [("$k_D$ (1/s)", "$k_P$ (1/s²)"), ("$k_D$ (1/s)", ""), ("", "RMSE (m)")],
         "fair": [("mean RMSE (m)", "")],
     }
@@ -99,7 +99,7 @@ def test_the_table_figure_has_printed_runs_means_and_ours(found):
         ours, bars = marked(axes, "D"), [line for line in axes.lines if line.get_alpha()]
         runs, means = iter(marked(axes, "o")), iter(marked(axes, "s"))
         for row, name in enumerate(CONTROLLERS):
-            errors = of_survivors(found.cells[Cell(wind, name)].metrics, "rmse")
+            errors = values_without_crashes(found.cells[Cell(wind, name)].metrics, "rmse")
             np.testing.assert_allclose(ours[row], [[errors.mean(), row + 0.17]])
             low, high = np.sort(errors)[0], np.sort(errors)[-1]
             (x_low, y), (x_high, _) = bars[row].get_xydata()
@@ -112,7 +112,7 @@ def test_the_table_figure_has_printed_runs_means_and_ours(found):
                 np.testing.assert_allclose(next(means), [[line.mean, row - 0.17]])
         assert next(runs, None) is next(means, None) is None
         assert axes.get_ylim() == (3.5, -0.5)
-        # All printed numbers, and ours of the committed report, are within the axis.
+        # The axis contains all printed values, and our values of the committed report.
         assert axes.get_xlim() == (0.4, 1.1)
     handles = legend_of(figure)
     shown = {line.get_marker(): line for line in figure.axes[0].lines}
@@ -125,7 +125,7 @@ def test_the_table_figure_has_printed_runs_means_and_ours(found):
     assert bar.get_color() == shown["D"].get_color()
 
 
-def test_memberships_of_an_elliptic_set_are_those_of_the_paper_s_figure_4():
+def test_memberships_of_an_elliptic_set_agree_with_the_paper_s_figure_4():
     figure = figures.figure_4()
     pairs = ((1.0, 1.0), (1.2, 0.8), (1.4, 0.6), (1.6, 0.4))
     for axes, (a1, a2) in zip(figure.axes, pairs, strict=True):
@@ -138,7 +138,7 @@ def test_memberships_of_an_elliptic_set_are_those_of_the_paper_s_figure_4():
             assert (line.get_ydata()[np.abs(u) >= 1.0] == 0.0).all()
             assert u.min() < -1.0
             assert u.max() > 1.0
-        # The area between the two is shaded.
+        # The area between the lower and the upper membership is shaded.
         (area,) = axes.collections
         edge = area.get_paths()[0].vertices
         assert edge[:, 1].max() == pytest.approx(1.0)
@@ -165,7 +165,7 @@ def test_paths_without_wind_are_shown_in_space_and_from_above(flights):
             np.testing.assert_allclose(shown, path.T[:count])
         assert list(legend_of(figure)) == names == [line.get_label() for line in axes.lines]
     assert above.axes[0].get_aspect() == 1.0
-    # From above, legs that go straight up have no number.
+    # Vertical legs have no number in the view from above.
     seen = [str(mark.number) for mark in leg_marks(whole.plan) if np.any(mark.right)]
     assert [text.get_text() for text in above.axes[0].texts] == seen
     numbers = {text.get_text(): text.get_position_3d() for text in space.axes[0].texts}
@@ -176,13 +176,13 @@ def test_paths_without_wind_are_shown_in_space_and_from_above(flights):
         away = np.subtract(numbers[str(i)], path.value(0.5 * (start + end))[:, 0])
         assert away[2] == 0.0
         assert np.linalg.norm(away) == pytest.approx(0.35) or not away.any()
-    # A box has the proportions of the route, whose lowest side is drawn with at least 1.5 m.
+    # The box has the proportions of the route, with at least 1.5 m on each side.
     aspect = space.axes[0]._box_aspect
     extent = np.maximum(np.ptp(expected[0], axis=0), 1.5)
     np.testing.assert_allclose(aspect / aspect[0], extent / extent[0])
 
 
-def test_errors_in_wind_are_shown_until_the_crash_and_beside_those_of_type_1(flights):
+def test_errors_in_wind_are_shown_until_the_crash_and_next_to_type_1(flights):
     figure = figures.FLIGHT_FIGURES["figure_11"](flights)
     upper, lower = figure.axes
     errors = {name: flights[Cell("high_wind", name)].euclidean_error for name in CONTROLLERS}
@@ -208,13 +208,13 @@ def test_errors_in_wind_are_shown_until_the_crash_and_beside_those_of_type_1(fli
         assert line.get_color() == curves[CONTROLLERS[name]].get_color()
         assert line.get_xdata()[0] > 1.0
         assert level < upper.get_ylim()[1]
-    # Lines of nearly equal levels are drawn side by side.
+    # Markers of similar levels are drawn side by side.
     assert len({line.get_xdata()[0] for line in levels[1:]}) == len(printed) - 1 >= 2
     assert list(legend_of(figure)) == [*CONTROLLERS.values(), "mean RMSE in Table II"]
 
 
-def test_errors_in_wind_are_shown_also_if_the_first_controller_crashes(flights):
-    """The time axis is that of the longest flight."""
+def test_errors_in_wind_are_shown_even_if_the_first_controller_crashes(flights):
+    """The time axis covers the longest flight."""
     pd = Cell("high_wind", "pd")
     time = flights[pd].time
     signals = {name: rows[:100] for name, rows in flights[pd].signals.items()}
@@ -259,8 +259,8 @@ def test_bars_of_the_fair_comparison_are_mean_errors(found):
     heights = []
     for container, (wind, words) in zip(axes.containers, WINDS.items(), strict=True):
         assert container.get_label() == words
-        for row, (name, bar) in enumerate(zip(COMPARED, container, strict=True)):
-            mean = mean_interval(of_survivors(found.cells[Cell(wind, name)].metrics, "rmse")).value
+        for row, (name, bar) in enumerate(zip(COMPARED_CONTROLLERS, container, strict=True)):
+            mean = mean_interval(values_without_crashes(found.cells[Cell(wind, name)].metrics, "rmse")).value
             assert bar.get_width() == pytest.approx(mean)
             heights.append((bar.get_y() + 0.5 * bar.get_height() - row, bar.get_height()))
             (text,) = (
@@ -268,22 +268,22 @@ def test_bars_of_the_fair_comparison_are_mean_errors(found):
             )
             assert text.get_text() == f"{mean:.2f}"
             assert mean < axes.get_xlim()[1]
-    assert [text.get_text() for text in axes.get_yticklabels()] == list(COMPARED.values())
-    # The bars of a controller stand in the order of the winds and do not overlap those of the next one.
+    assert [text.get_text() for text in axes.get_yticklabels()] == list(COMPARED_CONTROLLERS.values())
+    # The bars of a controller are in the order of the winds, and do not overlap the bars of the next controller.
     offsets = sorted({round(offset, 9) for offset, _ in heights})
     assert len(offsets) == 3
     height = heights[0][1]
     assert min(np.diff(offsets)) > height
     assert offsets[-1] - offsets[0] + height < 1.0
     assert axes.get_xlim()[0] == 0.0
-    assert axes.get_ylim() == (len(COMPARED) - 0.5, -0.5)
+    assert axes.get_ylim() == (len(COMPARED_CONTROLLERS) - 0.5, -0.5)
     colors = [container[0].get_facecolor() for container in axes.containers]
     assert len({to_hex(color) for color in colors}) == 3
 
 
 def test_advantages_of_type_2_are_shown_with_their_intervals(found):
     figure = figures.advantage_figure(found)
-    sweeps = (("noise", found.noise, NOISE, 1000.0), ("q", found.q, Q_VALUES, 1.0))
+    sweeps = (("noise", found.noise, NOISE_LEVELS, 1000.0), ("q", found.q, Q_VALUES, 1.0))
     for axes, (number, sweep, values, size) in zip(figure.axes, sweeps, strict=True):
         for container, name in zip(axes.containers, ("pd_t2fnn", "pd_t2fnn_wide"), strict=True):
             gains = [advantage(sweep, number, value, name) for value in values]
@@ -312,7 +312,7 @@ def test_the_map_of_gains_is_grey_where_a_sample_crashes(found):
         if name == "pd":
             np.testing.assert_allclose(np.ma.filled(shades.get_array(), np.nan).reshape(3, 2), rmse)
             least = np.nanmin(rmse)
-            # Colours end at sixteen times the least error.
+            # The colour scale ends at sixteen times the smallest error.
             assert (shades.norm.vmin, shades.norm.vmax) == pytest.approx((least, 16.0 * least))
             contour = axes.collections[1]
             assert contour.levels == pytest.approx([1.2 * least])
@@ -335,7 +335,7 @@ def test_the_map_of_gains_is_grey_where_a_sample_crashes(found):
     assert handles["crash"].get_facecolor() == maps[0].get_facecolor()
 
 
-def test_panels_of_a_figure_share_their_axes(found, flights):
+def test_panels_share_their_axes(found, flights):
     grid = figures.figure_4().axes
     for drawn, x, y in (
         (grid, True, True),
@@ -355,7 +355,7 @@ def test_bars_end_within_their_axis(found):
     assert 1.05 * longest < axes.get_xlim()[1] < 1.4 * longest
 
 
-def test_numbers_of_legs_stand_at_the_top_in_the_middle_of_what_is_flown(flights):
+def test_leg_numbers_are_centred_at_the_top(flights):
     flight = flights[Cell("no_wind", "pd_t2fnn")]
     last = flight.time[-1]
     ends = [*(time for time in flight.plan.leg_times if time < last), last]
@@ -365,7 +365,7 @@ def test_numbers_of_legs_stand_at_the_top_in_the_middle_of_what_is_flown(flights
         np.testing.assert_allclose([text.xy[0] for text in numbers], [0.5 * sum(pair) for pair in pairwise(ends)])
         assert all(0.88 < text.xy[1] < 1.0 for text in numbers)
         assert axes.get_xlim() == (0.0, last)
-    # They have a tenth of the height above all curves, beside the margin that the curves have anyway.
+    # The leg numbers occupy the top tenth of the axes, above the margin of all curves.
     bottom, top = axes.get_ylim()
     highest = max(line.get_ydata().max() for line in axes.lines if len(line.get_ydata()) == len(flight.time))
     assert 0.82 < (highest - bottom) / (top - bottom) < 0.92

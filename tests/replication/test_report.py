@@ -1,4 +1,4 @@
-"""The report of an invented experiment says what its tables say, and so does the committed one."""
+"""Tests that the reports of an invented experiment and of the committed one agree with their tables."""
 
 import csv
 import re
@@ -11,7 +11,7 @@ from invented_experiment import invented_experiment
 from drake_quad import load_scenario
 from drake_quad.replication import report as report_module
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
-from drake_quad.replication.report import FIGURES, findings_of, write_report
+from drake_quad.replication.report import CAPTIONS, findings_of, write_report
 from drake_quad.statistics.interval import Interval
 
 ROOT = Path(__file__).parent.parent.parent
@@ -21,12 +21,12 @@ CALIBRATION = ROOT / "drake_quad" / "replication" / "calibration.csv"
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
-    """The folder of a report, whose figures are not drawn, and the files that it consists of."""
+    """Return the folder and the files of a report without figures."""
     folder = tmp_path_factory.mktemp("paper")
     (folder / "figures").mkdir()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(report_module, "paper_figures", lambda found, flights: ())
-        for name in FIGURES:
+        for name in CAPTIONS:
             (folder / "figures" / f"{name}.png").write_bytes(name.encode())
         found = invented_experiment()
         return folder, write_report(folder, found, findings_of(found), {})
@@ -44,7 +44,7 @@ def rows_of(path):
 
 
 def sections(text):
-    """The lines of each section of a report, by its heading."""
+    """Return the text of each section of a report, by its heading."""
     parts = re.split(r"^#+ (.*)$", text, flags=re.MULTILINE)
     return dict(zip(parts[1::2], parts[2::2], strict=True))
 
@@ -75,11 +75,11 @@ def test_a_report_has_a_file_for_each_table(written):
         "figure",
     ]
     page = (folder / "report.html").read_text(encoding="utf-8")
-    assert page.count("data:image/png;base64,") == len(FIGURES)
+    assert page.count("data:image/png;base64,") == len(CAPTIONS)
 
 
 @pytest.mark.slow
-def test_table_ii_of_the_report_is_that_of_its_file(written, report):
+def test_table_ii_of_the_report_agrees_with_its_file(written, report):
     folder, _ = written
     rows = {(row["wind"], row["controller"], row["quantity"]): row for row in rows_of(folder / "table_ii.csv")}
     check_table(report, rows)
@@ -92,7 +92,7 @@ def test_table_ii_of_the_report_is_that_of_its_file(written, report):
 
 
 def check_table(text, written):
-    """Every number of the CSV stands where it belongs in the report."""
+    """Check that the cells of the report contain all values of the CSV file."""
     titles = {
         "rmse": "RMSE (m)",
         "effort_x": "Control effort on X (m²/s⁴)",
@@ -120,19 +120,19 @@ def check_table(text, written):
 
 
 @pytest.mark.slow
-def test_all_fields_of_the_template_are_numbers_or_words(report):
+def test_all_fields_of_the_template_are_filled(report):
     assert not re.search(r"[{}]", report)
     assert "nan" not in report
 
 
-def test_the_committed_report_is_that_of_its_tables():
+def test_the_committed_report_agrees_with_its_tables():
     text = (DOCS / "report.md").read_text(encoding="utf-8")
     check_table(
         text, {(row["wind"], row["controller"], row["quantity"]): row for row in rows_of(DOCS / "table_ii.csv")}
     )
 
 
-def test_the_committed_table_is_calibrated_and_prints_what_the_paper_prints():
+def test_the_committed_table_is_calibrated_and_has_the_printed_values():
     rows = {
         Cell(row["wind"], row["controller"]): row for row in rows_of(DOCS / "table_ii.csv") if row["quantity"] == "rmse"
     }
@@ -142,7 +142,7 @@ def test_the_committed_table_is_calibrated_and_prints_what_the_paper_prints():
         assert rows[cell]["printed_mean"] == ("" if np.isnan(line.rmse.mean) else repr(line.rmse.mean))
 
 
-def test_the_calibration_is_that_of_the_scenarios():
+def test_the_scenarios_have_the_calibrated_values():
     row = next(row for row in rows_of(CALIBRATION) if row["hypothesis"] == "measurement")
     control = load_scenario(f"{ROOT}/diagrams/paper.yaml:low_wind_pd_t2fnn").control
     position = control.position
@@ -151,7 +151,7 @@ def test_the_calibration_is_that_of_the_scenarios():
     assert control.network.learning.slope == pytest.approx(float(row["network_number"]), rel=2e-3)
 
 
-def test_the_readme_has_the_committed_verdicts():
+def test_the_readme_states_the_committed_verdicts():
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     for claim in rows_of(DOCS / "claims.csv"):
         assert f"| {claim['claim']} | {claim['verdict']} |" in readme

@@ -1,4 +1,4 @@
-"""The sentences and tables of the replication's report, about invented findings."""
+"""Sentences and tables of the replication's report, for invented findings."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from drake_quad.laboratory.metrics import Metrics
 from drake_quad.replication import report
 from drake_quad.replication.calibration import HYPOTHESES, NETWORK_CELL, PD_CELL
 from drake_quad.replication.effort import EffortMatch, printed_ratios, printed_scatter
-from drake_quad.replication.fair import COMPARED, FairEntry
+from drake_quad.replication.fair import COMPARED_CONTROLLERS, FairEntry
 from drake_quad.replication.measures import EFFORTS, OUR_EFFORT
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, Runs, printed_table
 from drake_quad.replication.results import Experiment, cells_of
@@ -30,7 +30,7 @@ def entry(cell, quantity, printed, mean, crashed=0):
 
 
 def entries_of_table(crashed=0):
-    """Errors of seven cells, of which two are fitted and one is not printed; efforts are far off."""
+    """Return entries of seven cells, of which two are fitted and one is not printed; efforts differ widely."""
     errors = {
         PD_CELL: (1.0, 0.99),
         NETWORK_CELL: (0.5, 0.51),
@@ -46,10 +46,10 @@ def entries_of_table(crashed=0):
 
 def test_predictions_of_table_ii_are_counted_without_the_fitted_cells():
     entries = entries_of_table(crashed=3)
-    fields = report._of_table(entries)
+    fields = report._table_fields(entries)
     assert (fields["off_pd"], fields["off_network"]) == ("-1.0 %", "+2.0 %")
     assert (fields["predicted"], fields["within"]) == (4, 2)
-    assert fields["beyond"] == (
+    assert fields["exceptions"] == (
         f"; the exceptions are {CONTROLLERS['pd']} in low wind (+12.5 %),"
         f" {CONTROLLERS['pd_t2fnn']} in high wind (-20.0 %)"
     )
@@ -57,9 +57,9 @@ def test_predictions_of_table_ii_are_counted_without_the_fitted_cells():
     assert fields["crashes"] == "21 samples crashed; means are those of the others."
     for name in QUANTITIES:
         assert fields[f"table_{name}"] == table_markdown(entries, name)
-    kept = [each for each in entries_of_table() if abs(each.off) < 0.1]
-    fields = report._of_table(kept)
-    assert fields["beyond"] == ""
+    kept = [each for each in entries_of_table() if abs(each.deviation) < 0.1]
+    fields = report._table_fields(kept)
+    assert fields["exceptions"] == ""
     assert fields["within"] == fields["predicted"] == 2
     assert fields["crashes"] == "No sample crashed."
 
@@ -69,13 +69,13 @@ def test_a_claim_has_a_section_with_its_rule_and_its_evidence():
         Claim("a is less than b", "ours", "holds", "a rule", printed="print", details="cells", figure="gains"),
         Claim("c", "o", "does not hold", "r", printed="p"),
     ]
-    fields = report._of_claims(claims)
+    fields = report._claim_fields(claims)
     first, *_ = fields["claims"].split("### 2. C\n\n")
     assert first == (
         "### 1. A is less than b\n\nThe paper: print. Here: ours.\n\nVerdict: **holds**. Rule: a rule.\n\n"
-        f"Cell by cell: cells.\n\n{image('gains', report.FIGURES['gains'])}\n\n"
+        f"Details: cells.\n\n{image('gains', report.CAPTIONS['gains'])}\n\n"
     )
-    assert fields["claims"].count("Cell by cell") == 1
+    assert fields["claims"].count("Details") == 1
     assert fields["claims"].count("<img") == 1
     header, _, row, _ = fields["verdicts"].split("\n")
     assert header == "| claim | the paper's evidence | ours, with 95 % intervals | verdict |"
@@ -89,20 +89,20 @@ def test_the_fair_comparison_has_a_row_for_each_controller_and_wind():
             None, 27.0, np.arange(9), {},
             Metrics(*((1.0 + 0.1 * i) * rng.uniform(0.9, 1.1, 9) for _ in Metrics._fields[1:]), np.full(9, np.inf)),
         )
-        for i, cell in enumerate(cells_of(COMPARED))
+        for i, cell in enumerate(cells_of(COMPARED_CONTROLLERS))
     }  # fmt: skip
     numbers = {
         cell: FairEntry(cell, *(Interval(0.1 * i + j, 0.1 * i + j - 0.01, 0.1 * i + j + 0.01) for j in range(1, 7)))
         for i, cell in enumerate(cells)
     }
     found = Experiment(cells, *[{}] * 6)
-    fields = report._of_fair(found, [*numbers.values()])
+    fields = report._fair_fields(found, [*numbers.values()])
     rows = [line.strip("| ").split(" | ") for line in fields["fair"].split("\n")[2:]]
     for row, (cell, each) in zip(rows, numbers.items(), strict=True):
         over_pd, over_network = (share.ratio() for share in (each.over_pd, each.over_network))
         assert row == [
             WINDS[cell.wind],
-            COMPARED[cell.controller],
+            COMPARED_CONTROLLERS[cell.controller],
             *(mean.text() for mean in (each.rmse, each.peak_error, each.effort_x, each.effort_y)),
             "1" if cell.controller == "pd" else over_pd,
             "1" if cell.controller == "pd_t2fnn" else over_network,
@@ -111,33 +111,33 @@ def test_the_fair_comparison_has_a_row_for_each_controller_and_wind():
         shares = (f"{numbers[Cell(wind, name)].over_network.percent()} ({words})" for wind, words in WINDS.items())
         assert fields[f"{name}_over_network"] == ", ".join(shares)
     helped = (
-        compare_studies(cells[Cell(wind, "pd_feed_forward_t2fnn")], cells[Cell(wind, "pd_feed_forward")]).share
+        compare_studies(cells[Cell(wind, "pd_feed_forward_t2fnn")], cells[Cell(wind, "pd_feed_forward")]).ratio
         for wind in WINDS
     )
     expected = (f"{share.percent()} ({words})" for share, words in zip(helped, WINDS.values(), strict=True))
     assert fields["network_over_feed_forward"] == ", ".join(expected)
 
 
-def test_definitions_of_effort_stand_below_the_printed_ratios():
+def test_effort_definitions_follow_the_printed_ratios():
     matches = [
         EffortMatch("command_peak", 1.234, 2.345, Interval(1.1, 1.0, 1.2)),
         EffortMatch(OUR_EFFORT, 3.0, 4.0, Interval(1.5, 1.4, 1.6)),
     ]
-    fields = report._of_effort(matches)
+    fields = report._effort_fields(matches)
     rows = [line.strip("| ").split(" | ") for line in fields["effort"].split("\n")[2:]]
     x, y = printed_ratios()
     assert rows[0][:3] == ["*printed*", f"{x:.2f}", f"{y:.2f}"]
-    assert rows[1] == ["largest command", "1.23", "2.35", matches[0].distance.ratio()]
-    assert rows[2][0] == f"{EFFORTS[OUR_EFFORT].words} (ours)"
-    assert fields["closest"] == "the largest command"
+    assert rows[1] == ["largest absolute command", "1.23", "2.35", matches[0].distance.ratio()]
+    assert rows[2][0] == f"{EFFORTS[OUR_EFFORT].definition} (ours)"
+    assert fields["closest"] == "the largest absolute command"
     assert fields["scatter"] == printed_scatter()
 
 
-def test_the_calibration_is_shown_beside_the_print():
+def test_the_calibration_is_shown_with_the_printed_errors():
     calibration = read_table(Path(report.__file__).parent / "calibration.csv")
-    fields = report._of_calibration()
+    fields = report._calibration_fields()
     rows = [line.strip("| ").split(" | ") for line in fields["calibration"].split("\n")]
-    assert rows[0] == ["printed", *(each.words for each in HYPOTHESES.values())]
+    assert rows[0] == ["printed", *(each.label for each in HYPOTHESES.values())]
     table = printed_table()
     keys = zip(calibration["hypothesis"], calibration["wind"], calibration["controller"], strict=True)
     errors = dict(zip(keys, calibration["rmse_m"], strict=True))
@@ -153,7 +153,7 @@ def test_the_calibration_is_shown_beside_the_print():
         first = list(calibration["hypothesis"]).index(name)
         pd, network = (float(calibration[column][first]) for column in ("pd_number", "network_number"))
         each = HYPOTHESES[name]
-        assert words == f"- {each.words}: {each.pd.words} {pd:.4g}; {each.network.words} {network:.4g}."
+        assert words == f"- {each.label}: {each.pd.label} {pd:.4g}; {each.network.label} {network:.4g}."
         off = [
             100.0 * (errors[name, *cell] / line.rmse.mean - 1.0)
             for cell, line in table.items()
@@ -162,13 +162,13 @@ def test_the_calibration_is_shown_beside_the_print():
         assert fields[f"spread_{name}"] == f"{min(off):+.1f} to {max(off):+.1f} %"
 
 
-def test_the_committed_report_has_the_assumptions_and_the_calibration_of_today(root):
-    """The assumptions are the rows of a table of the template, with numbers of the scenarios."""
+def test_the_committed_report_has_the_current_assumptions_and_calibration(root):
+    """The assumptions are rows of a table in the template, with values of the scenarios."""
     text = (root / "docs" / "replication" / "report.md").read_text(encoding="utf-8")
     template = Path(report.__file__).with_name("report_template.md").read_text(encoding="utf-8")
     scenario = load_scenario("diagrams/paper.yaml:low_wind_pd_t2fnn")
     rows = [line for line in template.split("\n") if line.startswith("| ")]
     assert len(rows) == 2 + 27
-    assert "\n".join(rows).format_map(report._of_scenario(scenario)) in text
-    for words in report._of_calibration().values():
+    assert "\n".join(rows).format_map(report._scenario_fields(scenario)) in text
+    for words in report._calibration_fields().values():
         assert words in text

@@ -1,4 +1,4 @@
-"""What the replication leaves in its folder."""
+"""Tests of the files of the replication."""
 
 import numpy as np
 
@@ -6,18 +6,24 @@ from drake_quad.laboratory.metrics import Metrics
 from drake_quad.replication import results
 from drake_quad.replication.measures import LegMetrics
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell
-from drake_quad.replication.results import FAIR, MAPPED, cells_of, read_experiment, write_recorded
+from drake_quad.replication.results import (
+    FAIR_CONTROLLERS,
+    MAPPED_CONTROLLERS,
+    cells_of,
+    read_experiment,
+    write_recorded,
+)
 
 
-def test_cells_are_told_wind_by_wind():
+def test_cells_are_sorted_by_wind():
     assert cells_of(("a", "b")) == [(wind, name) for wind in WINDS for name in ("a", "b")]
     assert cells_of(CONTROLLERS)[1] == Cell("no_wind", "pd_t1fnn")
-    assert not set(FAIR) & set(CONTROLLERS)
-    assert set(MAPPED) < set(CONTROLLERS)
+    assert not set(FAIR_CONTROLLERS) & set(CONTROLLERS)
+    assert set(MAPPED_CONTROLLERS) < set(CONTROLLERS)
 
 
-def test_what_was_recorded_is_read_as_it_was_written(tmp_path, monkeypatch):
-    """Each cell has its own rows, and each file the name of what it holds."""
+def test_recorded_measures_are_read_as_they_were_written(tmp_path, monkeypatch):
+    """Each cell has its own rows, and each file is named after its content."""
     monkeypatch.setattr(results, "read_study", lambda folder: folder.relative_to(tmp_path).as_posix())
     monkeypatch.setattr(results, "load_sweep", lambda path, metrics: (path.relative_to(tmp_path).name, metrics))
     recorded = {
@@ -33,5 +39,5 @@ def test_what_was_recorded_is_read_as_it_was_written(tmp_path, monkeypatch):
         assert found.cells[cell] == f"cells/{cell.scenario}"
     assert (found.noise, found.q) == (("noise.csv", Metrics), ("q.csv", Metrics))
     assert found.slopes == {wind: (f"slope_{wind}.csv", Metrics) for wind in WINDS}
-    assert found.maps == {name: (f"map_{name}.csv", Metrics) for name in MAPPED}
+    assert found.maps == {name: (f"map_{name}.csv", Metrics) for name in MAPPED_CONTROLLERS}
     assert found.legs == ("legs.csv", LegMetrics)

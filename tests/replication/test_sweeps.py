@@ -1,4 +1,4 @@
-"""What is varied, over which values, and where the numbers go."""
+"""Tests of the settings of the sweeps and of the fields that they set."""
 
 import re
 
@@ -8,9 +8,9 @@ import pytest
 from drake_quad import load_scenario, simulate
 from drake_quad.replication.printed import CONTROLLERS
 from drake_quad.replication.sweeps import (
-    BEST_GAINS,
+    BEST_GAIN_RANGES,
     EXPONENTS,
-    NOISE,
+    NOISE_LEVELS,
     NOISE_SETTINGS,
     Q_SETTINGS,
     Q_VALUES,
@@ -26,7 +26,7 @@ from drake_quad.scenario.numbers import number_at
 NETWORK = "control.network"
 
 
-def test_exponents_are_those_of_the_table_and_of_triangles():
+def test_exponents_agree_with_table_ii():
     assert list(EXPONENTS) == ["pd_t1fnn", "pd_t2fnn", "pd_t2fnn_wide"]
     assert EXPONENTS["pd_t1fnn"] == (1.0, 1.0)
     for name in ("pd_t2fnn", "pd_t2fnn_wide"):
@@ -34,12 +34,12 @@ def test_exponents_are_those_of_the_table_and_of_triangles():
         assert EXPONENTS[name] == (float(a1), float(a2))
 
 
-def test_what_is_varied():
-    """Noise to twice the paper's 10 mm; shares from none to all in quarters; slopes around the calibrated 1.975 1/s."""
-    assert NOISE == (0.0, 0.001, 0.005, 0.01, 0.02)
+def test_settings_of_the_sweeps():
+    """The noise ranges up to 20 mm, q from 0 to 1, and λ around the calibrated 1.975 1/s."""
+    assert NOISE_LEVELS == (0.0, 0.001, 0.005, 0.01, 0.02)
     assert Q_VALUES == (0.0, 0.25, 0.5, 0.75, 1.0)
     assert SLOPES == (1.0, 1.5, 1.75, 2.0, 2.25, 2.5, 3.0)
-    for settings, name, values in ((NOISE_SETTINGS, "noise", NOISE), (Q_SETTINGS, "q", Q_VALUES)):
+    for settings, name, values in ((NOISE_SETTINGS, "noise", NOISE_LEVELS), (Q_SETTINGS, "q", Q_VALUES)):
         assert list(settings) == [name, "a1", "a2"]
         rows = list(zip(*settings.values(), strict=True))
         assert rows == [(value, *exponents) for value in values for exponents in EXPONENTS.values()]
@@ -47,16 +47,16 @@ def test_what_is_varied():
 
 
 @pytest.mark.parametrize(
-    ("ranges", "k_p", "k_d"), [((), (0.3, 20.0), (0.3, 12.0)), ((BEST_GAINS,), (2.5, 9.0), (1.0, 4.5))]
+    ("ranges", "k_p", "k_d"), [((), (0.3, 20.0), (0.3, 12.0)), ((BEST_GAIN_RANGES,), (2.5, 9.0), (1.0, 4.5))]
 )
-def test_gains_stand_in_equal_ratios(ranges, k_p, k_d):
+def test_gains_are_in_geometric_steps(ranges, k_p, k_d):
     found = gain_settings(3, *ranges)
     middle = [(low * high) ** 0.5 for low, high in (k_p, k_d)]
     expected = [(p, d) for p in (k_p[0], middle[0], k_p[1]) for d in (k_d[0], middle[1], k_d[1])]
     assert list(zip(found["k_p"], found["k_d"], strict=True)) == [pytest.approx(pair) for pair in expected]
 
 
-def test_numbers_go_where_they_belong_each_so_many_times():
+def test_settings_are_written_to_their_fields():
     scenario = load_scenario("diagrams/paper.yaml:no_wind_pd_t2fnn")
     names = ("noise", "q", "a1", "a2", "k_p", "k_d", "slope")
     settings = {name: np.array([10.0 + place, 20.0 + place]) for place, name in enumerate(names)}
@@ -77,8 +77,8 @@ def test_numbers_go_where_they_belong_each_so_many_times():
             assert getattr(position, name)[2] == number_at(scenario, f"control.position.{name}.2")
 
 
-def test_settings_stand_in_rows_and_samples_in_columns():
-    """Two and three of them: each is the flight of that sample with that gain."""
+def test_metrics_have_rows_for_settings_and_columns_for_samples():
+    """Each metric equals that of a single flight of the sample with the gains of the setting."""
     scenario = load_scenario("diagrams/paper.yaml:low_wind_pd", ["duration=0.6"])
     settings = {"k_p": np.array([1.0, 3.0]), "k_d": np.array([1.5, 2.0])}
     found = fly_settings(scenario, settings, [4, 0, 7])
@@ -93,7 +93,7 @@ def test_settings_stand_in_rows_and_samples_in_columns():
             np.testing.assert_allclose([values[row, column] for values in found], metrics, rtol=1e-9)
 
 
-def test_errors_of_legs_stand_so_too():
+def test_leg_metrics_have_rows_for_settings():
     scenario = load_scenario("diagrams/paper.yaml:no_wind_pd", ["duration=13.5"])
     settings = {"k_p": np.array([1.4, 4.0]), "k_d": np.array([1.7, 3.0])}
     found = fly_legs(scenario, settings, [5, 1])

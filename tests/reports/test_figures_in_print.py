@@ -1,4 +1,4 @@
-"""Figures of reports have the width of a column."""
+"""Tests of the sizes and labels of figures in reports."""
 
 import numpy as np
 from PIL import Image
@@ -8,18 +8,18 @@ from drake_quad.statistics.interval import Interval
 from drake_quad.visualization.panels import legend_above, name_rows, new_panels, plot_intervals
 
 
-def test_a_figure_in_print_is_as_wide_as_a_column_and_has_a_palette(tmp_path):
+def test_a_printed_figure_has_the_width_of_a_column_and_a_colour_palette(tmp_path):
     with print_panels(1.0) as (figure, axes):
         axes.imshow(np.arange(400.0).reshape(20, 20))
         save_small(figure, tmp_path / "small.png")
     with Image.open(tmp_path / "small.png") as image:
-        # 3.5 inches of 220 dots each.
+        # 3.5 inches with 220 dots per inch.
         assert image.size == (770, 220)
         assert image.mode == "P"
         assert 100 < len(image.getcolors()) <= 128
 
 
-def test_letters_in_print_are_smaller_than_elsewhere():
+def test_fonts_of_printed_figures_are_smaller_than_others():
     sizes = []
     for context in (print_panels(1.0), new_panels(COLUMN, 1.0)):
         with context as (_, axes):
@@ -32,7 +32,7 @@ def test_letters_in_print_are_smaller_than_elsewhere():
     assert (small >= 7.0).all()
 
 
-def test_rows_are_named_from_the_top():
+def test_rows_are_labelled_from_top_to_bottom():
     with new_panels(2.0, 1.0, 1, 2, sharex=True) as (figure, ((axes, other),)):
         name_rows(axes, ["a", "b"])
     assert figure.get_size_inches().tolist() == [2.0, 1.0]
@@ -41,7 +41,7 @@ def test_rows_are_named_from_the_top():
     assert axes.get_ylim() == (1.5, -0.5)
 
 
-def test_intervals_are_bars_at_their_estimates():
+def test_intervals_are_drawn_as_error_bars_of_their_estimates():
     intervals = [Interval(1.0, 0.5, 3.0), Interval(2.0, 1.0, 2.5)]
     with new_panels(2.0, 1.0) as (figure, axes):
         plot_intervals(axes, [5.0, 7.0], intervals, label="ours")

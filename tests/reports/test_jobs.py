@@ -1,9 +1,9 @@
-"""Jobs are done in any order, and their results are returned in the order of the jobs."""
+"""Tests that jobs may be completed in any order, and that results are in the order of the jobs."""
 
 from functools import partial
 
 import pytest
-from invented_workers import InventedWorkers
+from fake_workers import FakeWorkers
 
 from drake_quad.errors import InputError
 from drake_quad.reports.jobs import Job, run_jobs
@@ -13,19 +13,19 @@ JOBS = [Job(name, size, partial(int, str(size))) for name, size in (("a", 3), ("
 
 
 @pytest.mark.parametrize(
-    ("workers", "order"), [(None, [3, 4, 5]), (InventedWorkers(2), [4, 5, 3]), (InventedWorkers(9), [5, 4, 3])]
+    ("workers", "order"), [(None, [3, 4, 5]), (FakeWorkers(2), [4, 5, 3]), (FakeWorkers(9), [5, 4, 3])]
 )
-def test_jobs_are_counted_as_they_are_done(workers, order):
-    results, told = [], []
-    found = run_jobs(JOBS, workers, finished=results.append, progress=lambda *each: told.append(each))
-    assert found == [3, 4, 5]
-    assert results == order
+def test_results_and_progress_are_reported_as_jobs_are_completed(workers, order):
+    completed, progress = [], []
+    results = run_jobs(JOBS, workers, finished=completed.append, progress=lambda *each: progress.append(each))
+    assert results == [3, 4, 5]
+    assert completed == order
     names = {job.size: job.name for job in JOBS}
-    assert told == [(sum(order[: i + 1]), 12, names[size]) for i, size in enumerate(order)]
-    assert workers is None or workers.most == min(workers.capacity, 3)
+    assert progress == [(sum(order[: i + 1]), 12, names[size]) for i, size in enumerate(order)]
+    assert workers is None or workers.max_pending == min(workers.capacity, 3)
 
 
-def test_processes_do_jobs():
+def test_worker_processes_complete_jobs():
     with Workers(2) as workers:
         assert run_jobs(JOBS, workers) == [3, 4, 5]
 
@@ -37,11 +37,11 @@ def fail(error):
 @pytest.mark.parametrize(
     ("error", "kind", "reason"),
     [
-        (ArithmeticError("this one is cursed"), RuntimeError, "ArithmeticError: this one is cursed"),
+        (ArithmeticError("no such number"), RuntimeError, "ArithmeticError: no such number"),
         (InputError("the mass is -1"), InputError, "^the mass is -1$"),
     ],
 )
-def test_the_failure_of_a_worker_is_told(error, kind, reason):
-    """A mistake in the input is an error of the user, also if a worker finds it."""
+def test_the_error_of_a_worker_is_reported(error, kind, reason):
+    """An InputError of a worker remains an InputError."""
     with pytest.raises(kind, match=reason):
-        run_jobs([Job("d", 1, partial(fail, error))], InventedWorkers(1))
+        run_jobs([Job("d", 1, partial(fail, error))], FakeWorkers(1))

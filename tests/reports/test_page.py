@@ -1,4 +1,4 @@
-"""A page is a template with its fields, and needs no other file once it is HTML."""
+"""Tests that a page is filled in from a template, and that its HTML version needs no other file."""
 
 import base64
 import re
@@ -12,7 +12,7 @@ def test_a_table_has_a_line_below_its_header():
     assert table(("a", "b"), [("1", "2"), ("3", "4")]) == "| a | b |\n| --- | --- |\n| 1 | 2 |\n| 3 | 4 |"
 
 
-def test_fields_of_a_template_may_be_parts_of_what_is_given(tmp_path, monkeypatch):
+def test_a_template_can_use_attributes_of_its_arguments(tmp_path, monkeypatch):
     (tmp_path / "invented_report").mkdir()
     template = tmp_path / "invented_report" / "report_template.md"
     template.write_text("{number:.2f} {interval.low:g} {figures[one]}", encoding="utf-8")
@@ -21,7 +21,7 @@ def test_fields_of_a_template_may_be_parts_of_what_is_given(tmp_path, monkeypatc
     assert text == "1.00 1.5 x"
 
 
-def test_a_page_of_html_contains_its_figures(tmp_path):
+def test_an_html_page_contains_its_figures(tmp_path):
     (tmp_path / "figures").mkdir()
     content = b"no picture, but bytes"
     (tmp_path / "figures" / "errors.png").write_bytes(content)
@@ -37,7 +37,7 @@ def test_a_page_of_html_contains_its_figures(tmp_path):
     assert "<em>A caption.</em>" in html
 
 
-def test_figures_are_written_one_after_another_and_as_vector_graphics_on_request(tmp_path, monkeypatch):
+def test_figures_are_drawn_one_at_a_time_and_as_vector_graphics_on_request(tmp_path, monkeypatch):
     written = []
 
     def drawn():

@@ -1,4 +1,4 @@
-"""Tables of results come back as they were written."""
+"""Tests that tables of results are read back as they were written."""
 
 import numpy as np
 import pytest
@@ -14,15 +14,15 @@ def test_an_interval_takes_three_columns(tmp_path):
         {"name": name, "rmse": Interval(value, value - 1.0, value + 2.0), "n": 3}
         for name, value in (("a", 1 / 3), ("b", 5.0))
     ]
-    found = read_table(write_rows(tmp_path / "rows.csv", rows))
-    assert list(found) == ["name", "rmse", "rmse_low", "rmse_high", "n"]
+    actual = read_table(write_rows(tmp_path / "rows.csv", rows))
+    assert list(actual) == ["name", "rmse", "rmse_low", "rmse_high", "n"]
     for row, each in enumerate(rows):
-        assert tuple(found[name][row] for name in ("rmse", "rmse_low", "rmse_high")) == each["rmse"]
+        assert tuple(actual[name][row] for name in ("rmse", "rmse_low", "rmse_high")) == each["rmse"]
     assert read_table(write_rows(tmp_path / "rows.csv", rows, digits=3))["rmse"].tolist() == [0.333, 5.0]
 
 
-def test_groups_come_back_in_their_order_with_their_columns(tmp_path):
-    """Columns are found by name, also in a group that has them in another order, and a group may have one row."""
+def test_groups_are_read_back_in_their_order_with_their_columns(tmp_path):
+    """Columns are identified by name, even if a group has them in another order. A group may have a single row."""
     groups = {
         ("b", "x"): {"time": np.array([0.1, 1 / 3]), "error": np.array([np.nan, np.inf])},
         ("a", "x"): {"error": np.array([3.0]), "time": np.array([4.0])},
@@ -30,11 +30,11 @@ def test_groups_come_back_in_their_order_with_their_columns(tmp_path):
     }
     path = write_groups(tmp_path / "groups.csv", ("place", "name"), groups)
     assert list(read_table(path)) == ["place", "name", "time", "error"]
-    found = read_groups(path, ("place", "name"), ("error",))
-    assert list(found) == list(groups)
+    actual = read_groups(path, ("place", "name"), ("error",))
+    assert list(actual) == list(groups)
     for key, columns in groups.items():
         for name, values in columns.items():
-            np.testing.assert_array_equal(found[key][name], values)
+            np.testing.assert_array_equal(actual[key][name], values)
 
 
 def test_a_missing_column_is_named(tmp_path):

@@ -42,17 +42,20 @@ def test_every_angle_of_the_language_is_refused_in_degrees(field):
         messages = " ".join(error["msg"] for error in caught.value.errors())
         if "degrees are" in messages:
             break
-    assert re.search(r"must be in radians, at most [\d.]+ in size; -?\d+ degrees are -?[\d.]+ rad", messages)
+    assert re.search(r"must be in radians, at most [\d.]+ in magnitude; -?\d+ degrees are -?[\d.]+ rad", messages)
 
 
 @pytest.mark.parametrize(
     ("override", "words"),
     [
-        ("route.yaw=45", "route.yaw is 45, but must be in radians, at most 12.57 in size; 45 degrees are 0.7854 rad"),
+        (
+            "route.yaw=45",
+            "route.yaw is 45, but must be in radians, at most 12.57 in magnitude; 45 degrees are 0.7854 rad",
+        ),
         ("route.yaw={uniform: {min: 0, max: 90}}", "90 degrees are 1.571 rad"),
         ("route.yaw={normal: {mean: -90, standard_deviation: 0.1}}", "-90 degrees are -1.571 rad"),
         ("route.yaw={choice: [0, 20]}", "20 degrees are 0.3491 rad"),
-        ("crash.tilt=80", "at most 1.571 in size; 80 degrees are 1.396 rad"),
+        ("crash.tilt=80", "at most 1.571 in magnitude; 80 degrees are 1.396 rad"),
         ("laboratory.motion_capture.misalignment.1=5", "misalignment.1 is 5, .* 5 degrees are 0.08727 rad"),
     ],
 )

@@ -59,7 +59,11 @@ def load(controller, *overrides):
             f"{{x: {NINE_SETS}, y: {NINE_SETS}, error: {NINE_SETS}}}",
             "must result in at most 256 rules, not 2187",
         ),
-        ("inputs.disturbance", "{}", "disturbance .*must be left out: a position controller of kind pd estimates none"),
+        (
+            "inputs.disturbance",
+            "{}",
+            "disturbance .*must be left out: a position controller of kind pd estimates no disturbance",
+        ),
         ("learning.signal", "error", "must be 'surface' or 'feedback'"),
         ("learning.slope", "0", "must be larger than 0"),
         ("learning.gain", "-1", "must be larger than 0"),
@@ -120,7 +124,7 @@ ESTIMATOR_GAINS = "k_p: [1, 1, 1], k_d: [1, 1, 1], bandwidth: [1, 1, 1]"
             f"control.position={{kind: indi, {ESTIMATOR_GAINS}, response: {{kind: commanded, lag: [0.1, 0, 0.1]}}}}",
             "control.position.response.lag.1 is 0, but must be larger than 0",
         ),
-        ("crash.tilt=2", "crash.tilt is 2, but must be in radians, at most 1.571 in size; 2 degrees are 0.03491"),
+        ("crash.tilt=2", "crash.tilt is 2, but must be in radians, at most 1.571 in magnitude; 2 degrees are 0.03491"),
     ],
 )
 def test_wrong_estimators_and_attitude_controllers_are_explained(override, complaint):

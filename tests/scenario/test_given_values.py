@@ -141,7 +141,7 @@ LIST_OF_ITSELF.append(LIST_OF_ITSELF)
         ({"vehicle.mass": {0.7}}, r"is a set, but"),
         ({"vehicle.inertia": LIST_OF_ITSELF}, r"^override vehicle.inertia: is nested too deeply: .* 40 levels$"),
         ({"vehicle.inertia": [0.0] * 40_000}, r"^override vehicle.inertia: is too large: .* 30,000 names and values"),
-        ({"vehicle.inertia": "x" * 2000}, r"is too long: a name or value may have 1,000 characters$"),
+        ({"vehicle.inertia": "x" * 2000}, r"is too long: a name or value may have at most 1,000 characters$"),
         ({"vehicle..mass": 1}, r"'vehicle..mass' must be the path of a field, as in vehicle.mass$"),
         ({("vehicle", "mass"): 1}, r"must be the path of a field"),
         ({"": 1}, r"must be the path of a field"),

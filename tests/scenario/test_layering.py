@@ -387,7 +387,7 @@ def test_controllers_that_fly_under_unequal_conditions_are_reported():
         {"pd": low_wind(pd), "lqg": low_wind("controllers/designed/laboratory:lqg"), "raptor": low_wind(raptor)}
     )
     assert remark.startswith(
-        "raptor does not fly under the same conditions as pd: laboratory.command_link.period 0.01 ("
+        "raptor and pd do not fly under the same conditions: laboratory.command_link.period 0.01 ("
     )
     assert "laboratory.command_link.delay_ticks 0 (not 1)" in remark
     assert unequal_conditions({"raptor": low_wind(raptor), "pd over it": low_wind(raptor, pd)}) == []

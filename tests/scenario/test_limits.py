@@ -96,7 +96,7 @@ def test_circular_extensions_are_found_after_other_scenarios_were_resolved(write
 def test_a_file_that_is_too_large_is_not_parsed(write, monkeypatch, text):
     path = write(text)
     monkeypatch.setattr(library, "parse_document", None)
-    words = "loop.yaml: is too large: a scenario and all that it extends may have 500,000 bytes"
+    words = "loop.yaml: is too large: a scenario and all that it extends may have at most 500,000 bytes"
     assert refusal(load_scenario, path).endswith(words)
 
 
@@ -123,7 +123,7 @@ def test_the_limit_of_bytes_includes_all_files_and_overrides(write):
 )
 def test_parsing_stops_at_the_limit_of_names_and_values(write, composed_nodes, value):
     message = refusal(load_scenario, write(f"{SMALL_FILE}  vehicle: {value}\n"))
-    assert "is too large: a scenario and all that it extends may have 30,000 names and values" in message
+    assert "is too large: a scenario and all that it extends may have at most 30,000 names and values" in message
     assert len(composed_nodes) <= limits.MAX_NODES
 
 
@@ -145,7 +145,9 @@ def test_the_limit_of_names_and_values_includes_all_files(write, composed_nodes,
 @pytest.mark.slow
 @pytest.mark.parametrize("text", ["[" * 100_000, "{" * 100_000, "- " * 100_000, "? " * 100_000, "[" * 41 + "]" * 41])
 def test_parsing_stops_at_the_limit_of_levels(write, composed_nodes, text):
-    assert "loop.yaml:1: is nested too deeply: a scenario may have 40 levels" in refusal(load_scenario, write(text))
+    assert "loop.yaml:1: is nested too deeply: a scenario may have at most 40 levels" in refusal(
+        load_scenario, write(text)
+    )
     assert len(composed_nodes) <= limits.MAX_LEVELS
 
 
@@ -171,7 +173,7 @@ def test_aliases_that_multiply_or_contain_themselves_are_refused(write, value, w
     [
         (
             f"{SMALL_FILE}  name: {'x' * 1001}\n",
-            "loop.yaml:6: 'xxx.* is too long: a name or value may have 1,000 char",
+            "loop.yaml:6: 'xxx.* is too long: a name or value may have at most 1,000 char",
         ),
         (f"{SMALL_FILE}  seed: 0x{'f' * 5000}\n", "loop.yaml:6: '0xfff.* is too long"),
         (f"{SMALL_FILE}  name: {'x' * 101}\n", "loop.yaml:6: name is 'xxx.*, but must have at most 100 characters"),
@@ -244,7 +246,7 @@ def test_the_number_of_waypoints_is_limited(write):
             "control.position.k_p has no item 111.*; its items are .*k_p.0 to .*k_p.2",
         ),
         ("1" * 5000 + "=1", "is unknown; allowed are name"),
-        ("vehicle." + "a." * 5000 + "b=1", "is nested too deeply: a scenario may have 40 levels"),
+        ("vehicle." + "a." * 5000 + "b=1", "is nested too deeply: a scenario may have at most 40 levels"),
         ("vehicle.mass=" + "[" * 5000 + "]" * 5000, "is nested too deeply"),
         ("name=" + "x" * 5000, "is too long"),
         ("vehicle.mass=x\ny\n: 3", "is not YAML"),
@@ -404,7 +406,7 @@ FAN = "laboratory.wind=[{kind: fan, position: [0, 0, 1], direction: %s, flow: 1,
         ("metrics.end=1e6", "metrics.end is 1000000.0, but must be less than or equal to 86400"),
         (
             FAN % "[1e-320, 0, 0]",
-            r"wind.0.direction is \[1e-320, 0, 0\], but must have a component that is always larger than",
+            r"wind.0.direction is \[1e-320, 0, 0\], but must have a component whose magnitude is always larger than",
         ),
         (FAN % "[{choice: [1e-320, 1]}, 0, 0]", r"wind.0.direction is .*, but must have a component"),
         (FAN % "[1e200, 0, 0]", r"wind.0.direction.0 is 1e\+200, but must be less than or equal to 1000000000"),
@@ -448,7 +450,7 @@ def test_a_flight_has_no_more_ticks_than_can_be_flown(write, override, field):
 def test_a_planned_flight_has_no_more_ticks_than_can_be_flown(write):
     shortest_periods = [field.replace("0.001", "0.0001") for field in SHORT_PERIODS]
     scenario = load_scenario(write(SMALL_FILE), ["route={kind: circle, laps: 100, radius: 5}", *shortest_periods])
-    with pytest.raises(InputError, match=r"the flight would take .* s, but may take at most 1000 s, which is 10,000,"):
+    with pytest.raises(InputError, match=r"the flight would take .* s, but must take at most 1000 s, which is 10,000,"):
         flight_duration(scenario, plan_route(scenario))
 
 
@@ -478,7 +480,7 @@ def test_a_continuous_state_that_passes_close_to_90_degrees_of_pitch_is_refused(
         vehicle.set_state(context, "continuous", state._replace(body=body))
 
     with pytest.raises(
-        InputError, match="changes too fast: .*, as near the singular pitch of 90 degrees; set vehicle.time_step"
+        InputError, match="changes too fast: .* near the singularity at a pitch of 90 degrees; set vehicle.time_step"
     ):
         simulate(load_scenario(write(SMALL_FILE), turns_over), prepare=set_flip)
 
@@ -496,5 +498,7 @@ def test_the_limit_of_waypoints_includes_all_laps(diagrams):
     points = ", ".join(f"{{point: [{i}, 0, 1]}}" for i in (*range(19), 0))
     route = f"route={{kind: waypoints, waypoints: [{points}]}}"
     assert load_scenario(diagrams / "hover.yaml", [route, "route.laps=50"]).route.laps == 50
-    with pytest.raises(InputError, match="route.laps is 51, but must be smaller: all laps together may have 1000"):
+    with pytest.raises(
+        InputError, match="route.laps is 51, but must be smaller: all laps together may have at most 1000"
+    ):
         load_scenario(diagrams / "hover.yaml", [route, "route.laps=51"])

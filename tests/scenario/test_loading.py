@@ -188,7 +188,7 @@ FAN = "kind: fan, position: [0, 0, 1]"
         ("motion_capture: {latency_frames: 0.5}", "latency_frames is 0.5, but must be a whole number from 0 to 50"),
         (
             "command_link: {delay_ticks: {uniform: {min: 0, max: 2}}}",
-            "delay_ticks is .*, but must be a whole number from 0 to 50, or a choice of such",
+            "delay_ticks is .*, but must be a whole number from 0 to 50, or a choice of such numbers",
         ),
         ("command_link: {delay_ticks: {choice: [1, 2.5]}}", "delay_ticks is .*, but must be a whole number"),
         ("command_link: {loss_rate: -0.1}", "loss_rate is -0.1, but must be at least 0 and at most 1"),
@@ -198,7 +198,7 @@ FAN = "kind: fan, position: [0, 0, 1]"
         ),
         (
             f"wind: [{{{FAN}, direction: [0, 0, 0], flow: 2, diameter: 1}}]",
-            r"wind.0.direction is .* a component that is always larger than",
+            r"wind.0.direction is .* a component whose magnitude is always larger than",
         ),
         (f"wind: [{{{FAN}, direction: [1, 0, 0], diameter: 1}}]", r"wind.0.flow is missing"),
         (
@@ -211,7 +211,7 @@ FAN = "kind: fan, position: [0, 0, 1]"
         ),
         (
             f"wind: [{{{FAN}, direction: [{{choice: [0, 1]}}, 0, 0], flow: 2, diameter: 1}}]",
-            r"wind.0.direction is .* must have a component that is always larger than",
+            r"wind.0.direction is .* must have a component whose magnitude is always larger than",
         ),
         ("wind: [{kind: dryden, height: 2}]", r"wind.0.height is 2, but must be at least 3.048 and at most 304.8"),
         ("wind: [{kind: dryden, airspeed: 0.3}]", r"wind.0.airspeed is 0.3, but must be at least 1"),
@@ -295,11 +295,11 @@ def rotors(turns="clockwise anticlockwise clockwise anticlockwise", ahead=0.0):
         ),
         (
             f"layout: {rotors('clockwise clockwise clockwise clockwise')}",
-            "layout is .*, but must produce thrust and all torques, but has no yaw torque without thrust, since",
+            "layout is .*, but must produce thrust and all torques, but cannot produce yaw torque without thrust",
         ),
         (
             f"layout: {rotors('clockwise clockwise anticlockwise anticlockwise')}",
-            "layout is .*, but must produce thrust and all torques, but has no yaw torque without roll torque",
+            "layout is .*, but must produce thrust and all torques, but cannot produce yaw torque without roll torque",
         ),
     ],
 )
@@ -539,7 +539,7 @@ def test_limits_of_the_rotors_are_checked_after_nominal_is_applied(write, nomina
         ),
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], {point: [1, 1, 1], velocity: [3, 0, 0]}, [0, 0, 1]]}",
-            "2: route cannot be flown: the velocity at waypoint 1 is given as 3 m/s, beyond the limit of 2 m/s",
+            "2: route cannot be flown: the velocity at waypoint 1 is 3 m/s, more than the limit of 2 m/s",
         ),
         ("{kind: waypoints, times: [0, 1]}", "2: route.waypoints is missing"),
         ("{kind: trajectory, knots: [{time: 0, position: [0, 0, 0]}]}", "2: route.knots is .* at least 2 items"),
@@ -576,7 +576,7 @@ def test_wrong_routes_are_explained(write, route, message):
             "has neither a route nor a control, so it describes only a vehicle; `drake-quad design`",
         ),
         ("a: {vehicle: {mass: -1}}", "has neither a route nor a control"),
-        ("[" * 10_000, "is nested too deeply: a scenario may have 40 levels"),
+        ("[" * 10_000, "is nested too deeply: a scenario may have at most 40 levels"),
     ],
 )
 def test_wrong_files_are_explained(write, text, words):
@@ -698,16 +698,16 @@ IMPOSSIBLE_INERTIA = "I_zz, 0.03, is larger than I_xx + I_yy, 0.014 kg m²"
     [
         (
             "vehicle.inertia=[0.007, 0.007, 0.03]",
-            f"vehicle.inertia is .* must be that of a rigid body: {IMPOSSIBLE_INERTIA}",
+            f"vehicle.inertia is .* must belong to a rigid body: {IMPOSSIBLE_INERTIA}",
         ),
         (
             "nominal.inertia=[0.007, 0.007, 0.03]",
-            f"nominal.inertia is .* must be that of a rigid body: {IMPOSSIBLE_INERTIA}",
+            f"nominal.inertia is .* must belong to a rigid body: {IMPOSSIBLE_INERTIA}",
         ),
         ("vehicle.inertia.2=0.03", f"vehicle.inertia is .*{IMPOSSIBLE_INERTIA}"),
         (
             "vehicle.inertia=[{uniform: {min: 0.003, max: 0.004}}, 0.002, {choice: [0.007, 0.008]}]",
-            "must be that of a rigid body: for every draw, I_zz, 0.007, is larger than I_xx + I_yy, 0.006",
+            "must belong to a rigid body: for every draw, I_zz, 0.007, is larger than I_xx + I_yy, 0.006",
         ),
         (
             "vehicle.payload={mass: 0.1, inertia: [0.001, 0.004, 0.002], time: 1, event: dropped}",

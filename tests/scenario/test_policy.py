@@ -180,11 +180,11 @@ INVALID_NETWORKS = {
         {**ARRAYS, "limit": np.array("much")},
         "has an array limit of type <U4, which must be numeric",
     ),
-    "two limits": ({**ARRAYS, "limit": np.ones(2)}, "has an array limit with 2 numbers, but it must be one number"),
+    "two limits": ({**ARRAYS, "limit": np.ones(2)}, "has an array limit with 2 numbers, but must contain one number"),
     "an alpha for tanh": ({**ARRAYS, "alpha_0": np.array(0.2)}, "alpha .*must be left out with the activation tanh"),
     "two alphas": (
         {**ARRAYS, "activation_0": np.array("elu"), "alpha_0": np.ones(2)},
-        "has an array alpha_0 with 2 numbers, but it must be one number",
+        "has an array alpha_0 with 2 numbers, but must contain one number",
     ),
     "a complex scale": (
         {**ARRAYS, "scale": np.full(6, 1j)},
@@ -211,7 +211,7 @@ INVALID_NETWORKS = {
     ),
     "layers whose sizes do not match": (
         {**ARRAYS, "weights_1": np.zeros((3, 5))},
-        "must be 4, the number of outputs of the layer before",
+        "must be 4, the number of outputs of the preceding layer",
     ),
     "an offset of another size": (
         {**ARRAYS, "offset": np.zeros(5)},
@@ -252,7 +252,7 @@ def test_a_layer_has_no_more_than_4096_rows(load_arrays):
         ("net.npz", b"PK\x03\x04 and nothing more", "net.npz: is not an .npz file of arrays"),
         ("net.npz", np.arange(3).tobytes(), "is not an .npz file of arrays"),
         ("net.onnx", b"\x00\x01", "is not an ONNX model"),
-        ("net.npz", bytes(3_000_000), "is too large: the file of a network may have 2,400,000 bytes"),
+        ("net.npz", bytes(3_000_000), "is too large: the file of a network may have at most 2,400,000 bytes"),
     ],
 )
 def test_a_file_that_is_not_a_network_is_refused(tmp_path, name, data, words):
@@ -642,7 +642,7 @@ def test_an_onnx_file_with_numbers_in_another_file_is_refused(tmp_path):
     model = model_of(two_layers(), CONSTANTS)
     onnx.save(model, tmp_path / "net.onnx", save_as_external_data=True, location="net.onnx.data", size_threshold=0)
     (tmp_path / "mine.yaml").write_text(POLICY.format(file="net.onnx"), encoding="utf-8")
-    with pytest.raises(InputError, match="keeps its numbers in another file; export it with external_data=False"):
+    with pytest.raises(InputError, match="stores its weights in another file; export it with external_data=False"):
         load_scenario(tmp_path / "mine.yaml")
 
 
@@ -837,7 +837,7 @@ def test_the_field_of_a_scenario_that_is_wrong_is_named():
         ),
         (
             {"observation": "{signals: [velocity, clearance]}"},
-            "control.observation.signals .*must not have clearance, which is infinite",
+            "control.observation.signals .*must not contain clearance, which is infinite",
         ),
     ]:
         with pytest.raises(InputError, match=words):
@@ -917,7 +917,7 @@ def test_arithmetic_that_no_network_has_is_refused(load_onnx, nodes, words):
     ("inputs", "outputs", "words"),
     [
         ([], ["done"], "has no inputs"),
-        (["seen", "more"], ["done"], "has the inputs seen, more, but must have one"),
+        (["seen", "more"], ["done"], "has the inputs seen, more, but must have only one"),
         (["seen"], [], "has no outputs"),
     ],
 )

@@ -5,7 +5,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 import pytest
-from both_ways import assert_flown_alike
+from compiled_comparison import assert_flown_alike
 from pydrake.systems.framework import BasicVector, LeafSystem
 
 from drake_quad import InputError, closed_loop, load_scenario, read_flight, simulate, simulate_samples
@@ -243,7 +243,7 @@ def test_a_sensor_with_missing_attributes_or_the_name_of_a_signal_is_refused(alt
 def test_a_sensor_that_is_not_registered_is_refused(altimeter, monkeypatch):
     monkeypatch.setattr(altimeter, "law", SensorLaw(Charge, lambda numbers, noise, charge: charge, ("charge",)))
     with pytest.raises(
-        InputError, match="the sensor altimeter reads `charge`, but the signals of this laboratory are `state`, "
+        InputError, match="the sensor altimeter needs the signal `charge`, but this laboratory provides only `state`, "
     ):
         simulate(hover({"kind": "altimeter"}))
 

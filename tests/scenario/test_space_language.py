@@ -242,5 +242,5 @@ def test_the_number_of_obstacles_is_limited_and_names_are_unique(folder):
 def test_a_mesh_of_too_many_bytes_is_refused(folder):
     with (folder / "rock.obj").open("r+b") as file:
         file.truncate(50_000_001)  # The file is sparse and takes no space on the disk.
-    with pytest.raises(InputError, match=r"rock\.obj: is too large: a mesh may have 50,000,000 bytes"):
+    with pytest.raises(InputError, match=r"rock\.obj: is too large: a mesh may have at most 50,000,000 bytes"):
         load_scenario(folder / "rooms.yaml:room")

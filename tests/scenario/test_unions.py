@@ -7,7 +7,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 import pytest
-from both_ways import assert_flights_alike, assert_flown_alike
+from compiled_comparison import assert_flights_alike, assert_flown_alike
 
 from drake_quad import InputError, closed_loop, load_scenario, simulate
 from drake_quad.assembly.control import control_setting

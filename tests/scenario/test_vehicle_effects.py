@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from both_ways import assert_flown_alike
+from compiled_comparison import assert_flown_alike
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.primitives import FirstOrderTaylorApproximation
 

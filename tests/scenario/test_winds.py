@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 import pytest
-from both_ways import assert_flown_alike
+from compiled_comparison import assert_flown_alike
 from pydrake.systems.analysis import Simulator
 
 from drake_quad import InputError, load_scenario, simulate

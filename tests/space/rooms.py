@@ -1,6 +1,6 @@
-"""Random rooms, and a search for routes through them that is independent of the tested one.
+"""Random rooms, and an independent search for routes through them.
 
-Distances are computed by clipping in the solids' own frames. The hulls are those of a box's corners.
+The search computes distances by clipping in the frames of the solids. All hulls have the corners of a box.
 """
 
 from typing import NamedTuple
@@ -24,7 +24,7 @@ class Room(NamedTuple):
 
 
 def random_room(seed):
-    """Return a room of about 3 m with five to twenty obstacles and a clearance of 0.15 to 0.3 m.
+    """Return a room of about 3 m with 5 to 20 obstacles and a clearance of 0.15 to 0.3 m.
 
     Every fourth room has a wall across it.
     """
@@ -52,14 +52,14 @@ def random_room(seed):
     bounds = Box(np.full(3, clearance), size - clearance)
     while True:
         places = bounds.low + random.uniform(0.0, 1.0, (2, 3)) * (bounds.high - bounds.low)
-        # The end points are on different sides of the wall, or of its position.
+        # The end points are on different sides of the wall, or of its position in rooms without a wall.
         apart = places[0, 0] < 0.3 * size[0] and places[1, 0] > 0.7 * size[0]
         if apart and least_distances(space, places).min() > clearance + 0.02:
             return Room(space, bounds, places)
 
 
 def least_distances(space, points):
-    """Return the (n,) distances to the nearest solid, m; zero or negative inside."""
+    """Return the distances (n,) to the nearest solid, m; zero or negative inside."""
     return np.min([_distances(obstacle.shape, points) for obstacle in space.obstacles], axis=0)
 
 
@@ -68,11 +68,11 @@ def _distances(shape, points):
         case Ball():
             return np.linalg.norm(points - shape.centre, axis=1) - shape.radius
         case Cylinder():
-            own = _own(shape.centre, shape.rotation, points)
+            own = _in_own_frame(shape.centre, shape.rotation, points)
             aside = np.maximum(np.hypot(own[:, 0], own[:, 1]) - shape.radius, 0.0)
             return np.hypot(aside, np.maximum(abs(own[:, 2]) - 0.5 * shape.height, 0.0))
         case Cuboid():
-            own = _own(shape.centre, shape.rotation, points)
+            own = _in_own_frame(shape.centre, shape.rotation, points)
             half = 0.5 * np.array(shape.size)
             return np.linalg.norm(own - np.clip(own, -half, half), axis=1)
     # The three edges at a corner of a box are its axes.
@@ -85,7 +85,7 @@ def _distances(shape, points):
 
 
 def _edges(corners, lengths):
-    """Return the edges (3, 3) from a box's first corner to its three neighbours, which are at right angles."""
+    """Return the edges (3, 3) from a box's first corner to its neighbours, which are perpendicular to each other."""
     order = np.argsort(lengths)[1:]
     for i in order:
         for j in order:
@@ -97,12 +97,12 @@ def _edges(corners, lengths):
     raise AssertionError("no box")
 
 
-def _own(centre, rotation, points):
+def _in_own_frame(centre, rotation, points):
     return (points - np.array(centre)) @ RollPitchYaw(np.array(rotation)).ToRotationMatrix().matrix()
 
 
 class Search:
-    """Search for routes through a room over points with a spacing of 5 cm by default."""
+    """Search for routes through a room on a grid of points, by default with a spacing of 5 cm."""
 
     def __init__(self, room, spacing=SPACING):
         self.spacing = spacing
@@ -132,7 +132,7 @@ class Search:
                 yield one[fits], other[fits]
 
     def _surely_free(self, one, other):
-        """Return True for steps that are covered by free balls around both of their ends."""
+        """Return a mask of the steps that are covered by free balls around both of their ends."""
         length = np.linalg.norm(self.points[one] - self.points[other], axis=1)
         free = np.minimum(self.distances[one], self.distances[other]) >= self.clearance
         return free & (self.distances[one] + self.distances[other] - length >= 2.0 * self.clearance)
@@ -160,7 +160,7 @@ class Search:
         return np.array(way[::-1])
 
     def _next_to(self, place):
-        """Return the indices of the points to which a straight line from a position is surely free."""
+        """Return the indices of the points to which a straight line from a position is certainly free."""
         away = np.linalg.norm(self.points - place, axis=1)
         (distance,) = least_distances(self.room.space, place[None])
         return np.flatnonzero(
@@ -170,14 +170,14 @@ class Search:
         )
 
     def is_surely_blocked(self):
-        """Return True if not even points with half a cell's diagonal less clearance connect the end points."""
+        """Return whether the end points are disconnected even if the clearance is reduced by half a cell's diagonal."""
         reach = 0.5 * np.sqrt(3.0) * self.spacing
         near = self.distances >= self.clearance - reach
         pairs = list(self._edges(lambda one, other: near[one] & near[other]))
         rows, columns = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
         size = len(self.points)
         rooms = connected_components(coo_matrix((np.ones(len(rows)), (rows, columns)), (size, size)), directed=False)[1]
-        # A grid that begins at one bound can end up to a step before the other.
+        # A grid that begins at one bound may end up to a step before the other bound.
         begin, end = (
             set(rooms[near & (np.linalg.norm(self.points - place, axis=1) <= 2.0 * self.spacing)].tolist())
             for place in self.room.places

@@ -1,4 +1,4 @@
-"""Planning around obstacles: the possible routes, their corridors, and the choice between them."""
+"""Tests of planning around obstacles: possible routes, their corridors, and the selection of a route."""
 
 import math
 
@@ -28,7 +28,7 @@ from drake_quad.space.shapes import Ball, Cuboid
 from drake_quad.space.space import Obstacle, Space
 
 LIMITS = PathLimits(speed=2.0, acceleration=2.0)
-BEGIN = Box.point([0.5, 1.0, 1.0])
+START = Box.point([0.5, 1.0, 1.0])
 END = Box.point([3.5, 1.0, 1.0])
 BOUNDS = Box([0.0, 0.0, 0.0], [4.0, 2.0, 2.0])
 
@@ -37,16 +37,16 @@ def space_of(*shapes, radius=0.2):
     return Space(tuple(Obstacle(f"solid_{i}", shape) for i, shape in enumerate(shapes)), radius=radius)
 
 
-def test_bounds_hold_in_every_corridor_and_change_nothing_else():
+def test_bounds_restrict_every_corridor_and_change_nothing_else():
     corridor = Box([-1.0, 0.5, 0.0], [5.0, 1.5, 3.0])
     derivatives = np.zeros((3, 3, 3))
-    problem = PathProblem([BEGIN, END, BEGIN], derivatives=derivatives, corridors=[None, corridor], limits=LIMITS)
-    found = with_bounds(problem, BOUNDS)
-    assert found.corridors[0].equals(BOUNDS)
-    assert found.corridors[1].equals(Box([0.0, 0.5, 0.0], [4.0, 1.5, 2.0]))
-    assert found.waypoints == problem.waypoints
-    assert found.limits == LIMITS
-    np.testing.assert_array_equal(found.derivatives, derivatives)
+    problem = PathProblem([START, END, START], derivatives=derivatives, corridors=[None, corridor], limits=LIMITS)
+    actual = with_bounds(problem, BOUNDS)
+    assert actual.corridors[0].equals(BOUNDS)
+    assert actual.corridors[1].equals(Box([0.0, 0.5, 0.0], [4.0, 1.5, 2.0]))
+    assert actual.waypoints == problem.waypoints
+    assert actual.limits == LIMITS
+    np.testing.assert_array_equal(actual.derivatives, derivatives)
     assert with_bounds(problem, None) is problem
     assert direct_route(problem).waypoints.tolist() == [0, 1, 2]
 
@@ -55,21 +55,21 @@ def test_corridors_and_waypoints_outside_the_bounds_are_rejected():
     outside = Box([0.0, 2.5, 0.0], [4.0, 3.0, 2.0])
     beside = Box.point([3.5, 2.6, 1.0])
     with pytest.raises(InputError, match="corridor of segment 1 lies outside the bounds of the space, the box from"):
-        with_bounds(PathProblem([BEGIN, Box([0, 0, 0], [4, 3, 2]), beside], corridors=[None, outside]), BOUNDS)
+        with_bounds(PathProblem([START, Box([0, 0, 0], [4, 3, 2]), beside], corridors=[None, outside]), BOUNDS)
     with pytest.raises(InputError, match=r"waypoint 1, \(3.5, 2.6, 1\) m, lies outside the bounds of the space"):
-        with_bounds(PathProblem([BEGIN, beside]), BOUNDS)
+        with_bounds(PathProblem([START, beside]), BOUNDS)
 
 
 def test_a_waypoint_must_keep_the_clearance():
     space = space_of(Ball((3.5, 1.0, 1.5), radius=0.3), Ball((0.0, 0.0, 9.0)), radius=0.19)
-    check_waypoint_clearance(space, PathProblem([BEGIN, END]))
-    # A waypoint that is not a point is passed where it is free.
-    check_waypoint_clearance(space, PathProblem([BEGIN, Box([3.4, 1.0, 1.3], [3.6, 1.0, 1.7])]))
+    check_waypoint_clearance(space, PathProblem([START, END]))
+    # A waypoint region is passed where it is free.
+    check_waypoint_clearance(space, PathProblem([START, Box([3.4, 1.0, 1.3], [3.6, 1.0, 1.7])]))
     near = space_of(Ball((0.0, 0.0, 9.0)), Ball((3.5, 1.0, 1.5), radius=0.3), radius=0.21)
     with pytest.raises(
         InputError, match=r"waypoint 1, \(3.5, 1, 1\) m, is 0.2 m from solid_1, but the clearance is 0.21 m"
     ):
-        check_waypoint_clearance(near, PathProblem([BEGIN, END]))
+        check_waypoint_clearance(near, PathProblem([START, END]))
 
 
 def test_a_passage_becomes_corridors_and_the_given_waypoints_keep_their_derivatives():
@@ -85,24 +85,24 @@ def test_a_passage_becomes_corridors_and_the_given_waypoints_keep_their_derivati
     np.testing.assert_array_equal(way.problem.derivatives[way.waypoints], derivatives)
     assert np.isnan(way.problem.derivatives[[1, 3]]).all()
     assert way.problem.limits == LIMITS
-    # Each corridor and each handover is a box, given by two of its corners.
+    # Each corridor and each transition is a box, given by two of its corners.
     boxes = ([0, 0, 0], [2, 1, 1]), ([1.5, 0, 0], [4, 1, 1]), ([2.5, 0, 0], [4, 1, 0.8]), ([3, 0, 0], [4, 3, 0.8])
     handovers = ([1.5, 0, 0], [2, 1, 1]), ([3, 0, 0], [4, 1, 0.8])
-    for found, (low, high) in zip(
+    for actual, (low, high) in zip(
         (*way.problem.corridors, *way.problem.waypoints[1::2]), (*boxes, *handovers), strict=True
     ):
         axes = np.eye(3)
-        np.testing.assert_allclose([-found.support(-axis) for axis in axes], low, atol=1e-9)
-        np.testing.assert_allclose([found.support(axis) for axis in axes], high, atol=1e-9)
+        np.testing.assert_allclose([-actual.support(-axis) for axis in axes], low, atol=1e-9)
+        np.testing.assert_allclose([actual.support(axis) for axis in axes], high, atol=1e-9)
 
 
 def detour(*corners):
     """Return a route through some points between the first and the last waypoint."""
-    places = [BEGIN, *map(Box.point, corners), END]
+    places = [START, *map(Box.point, corners), END]
     return RouteAround(PathProblem(places, limits=LIMITS), np.array([0, len(places) - 1]))
 
 
-# The straight route has the shortest time and the least snap. The others lead 0.4 m to 1 m to the side.
+# The straight route has the shortest time and the least snap. The other routes lead 0.4 m to 1 m to the side.
 DETOURS = [detour([2.0, 1.0 + aside, 1.0]) for aside in (0.5, 1.0, 0.4, 0.6, 0.9)] + [detour()]
 TIMINGS = {
     "heuristic": (Heuristic(), LIMITS),
@@ -118,20 +118,20 @@ TIMINGS = {
 def test_the_best_of_all_routes_is_selected(monkeypatch, timing, limits):
     ways = [RouteAround(PathProblem(way.problem.waypoints, limits=limits), way.waypoints) for way in DETOURS]
     monkeypatch.setattr(around, "_routes_around", lambda *_: ways)
-    path, way = plan_around(space_of(), BOUNDS, PathProblem([BEGIN, END], limits=limits), timing)
+    path, way = plan_around(space_of(), BOUNDS, PathProblem([START, END], limits=limits), timing)
     assert way is ways[-1]
     assert path.duration == plan_path(way.problem, timing).duration
-    # Without the best route, the next one is selected, whatever its position in the list.
+    # Without the best route, the next best is selected, regardless of its position in the list.
     for order in ([3, 1, 2, 4, 0], [2, 0, 1, 4], [1, 4, 2], [0, 2]):
         some = [ways[i] for i in order]
         monkeypatch.setattr(around, "_routes_around", lambda *_, some=some: some)
-        assert plan_around(space_of(), BOUNDS, PathProblem([BEGIN, END], limits=limits), timing)[1] is ways[2]
+        assert plan_around(space_of(), BOUNDS, PathProblem([START, END], limits=limits), timing)[1] is ways[2]
 
 
 def test_routes_that_cannot_be_planned_are_skipped(monkeypatch):
     """A flight of three metres in four seconds needs more than 0.1 m/s²."""
     straight, aside = DETOURS[-1], DETOURS[0]
-    slow = RouteAround(PathProblem([BEGIN, END], limits=PathLimits(acceleration=0.1)), np.array([0, 1]))
+    slow = RouteAround(PathProblem([START, END], limits=PathLimits(acceleration=0.1)), np.array([0, 1]))
     monkeypatch.setattr(around, "_routes_around", lambda *_: [slow, aside, straight])
     assert plan_around(space_of(), BOUNDS, straight.problem, LeastSnap(4.0))[1] is straight
     monkeypatch.setattr(around, "_routes_around", lambda *_: [slow])
@@ -140,13 +140,13 @@ def test_routes_that_cannot_be_planned_are_skipped(monkeypatch):
 
 
 def test_waypoints_between_given_times_are_timed_by_length():
-    """The times are those of a polyline at constant speed, with one millimetre added to each segment."""
+    """The times are those of a polyline at constant speed, whose segments are lengthened by one millimetre."""
     corners = [[0.5, 1.0, 1.0], [1.0, 1.0, 1.0], [1.0, 1.5, 1.0], [3.0, 1.5, 1.0], [3.5, 1.5, 1.0], [3.5, 1.0, 1.0]]
     way = RouteAround(PathProblem([Box.point(corner) for corner in corners]), np.array([0, 2, 5]))
-    found = around._timing_for(way, GivenTimes((1.0, 3.0, 6.0)))
-    np.testing.assert_allclose(found.times, [1.0, 2.0, 3.0, 3.0 + 3.0 * 2.001 / 3.003, 6.0 - 3.0 * 0.501 / 3.003, 6.0])
-    # Two waypoints at the same point are passed one after the other.
-    twice = RouteAround(PathProblem([BEGIN, END, END]), np.array([0, 2]))
+    actual = around._timing_for(way, GivenTimes((1.0, 3.0, 6.0)))
+    np.testing.assert_allclose(actual.times, [1.0, 2.0, 3.0, 3.0 + 3.0 * 2.001 / 3.003, 6.0 - 3.0 * 0.501 / 3.003, 6.0])
+    # Two waypoints at the same point are passed in succession.
+    twice = RouteAround(PathProblem([START, END, END]), np.array([0, 2]))
     times = around._timing_for(twice, GivenTimes((0.0, 1.0))).times
     assert times[1] < times[2] == 1.0
 
@@ -161,9 +161,9 @@ GATES = {
 @pytest.mark.slow
 @pytest.mark.parametrize("gate", GATES.values(), ids=GATES)
 def test_a_gate_is_passed_where_it_is_free(gate):
-    """A wall closes the gate except for 20 cm for the centre of mass, on the left."""
+    """A wall closes the gate except for a gap on the left, in which the centre of mass has 20 cm."""
     space = space_of(Cuboid((2.0, 0.65, 1.0), size=(0.2, 1.4, 3.0)))
-    problem = PathProblem([BEGIN, gate, END], limits=LIMITS)
+    problem = PathProblem([START, gate, END], limits=LIMITS)
     path, way = plan_around(space, BOUNDS, problem, Heuristic())
     passed = evaluate(path, [path.times[way.waypoints[1]]])[:, 0]
     np.testing.assert_allclose(passed, gate.nearest(passed) if not isinstance(gate, Polytope) else passed, atol=1e-6)
@@ -179,17 +179,17 @@ def test_a_gate_without_a_free_point_is_rejected(gate):
         InputError, match=r"waypoint 1, .* has no point with a clearance of 0.2 m .*: solid_1 is too near"
     ):
         plan_around(
-            space_of(Ball((0.1, 0.1, 0.1), radius=0.01), wall), BOUNDS, PathProblem([BEGIN, gate, END]), Heuristic()
+            space_of(Ball((0.1, 0.1, 0.1), radius=0.01), wall), BOUNDS, PathProblem([START, gate, END]), Heuristic()
         )
 
 
 @pytest.mark.slow
 def test_gates_that_a_wall_divides_are_passed_on_one_side_of_it():
-    """The shortest routes to and from the gate end on different sides of the wall, so the path goes around its end."""
+    """The shortest routes to and from the gate end on different sides of the wall, so the path leads around its end."""
     space = space_of(Cuboid((2.0, 0.9, 1.0), size=(0.1, 2.6, 4.0)), radius=0.1)
     bounds = Box([0.0, 0.0, 0.3], [4.0, 3.0, 1.7])
     gates = [Sphere(np.array([2.0, centre, 1.0]), 0.75) for centre in (1.0, 0.8)]
-    path, way = plan_around(space, bounds, PathProblem([BEGIN, *gates, END], limits=LIMITS), Heuristic())
+    path, way = plan_around(space, bounds, PathProblem([START, *gates, END], limits=LIMITS), Heuristic())
     points = evaluate(path, np.linspace(path.times[0], path.times[-1], 5000)).T
     assert space.nearest(points)[0].min() >= 0.1
     for gate, passed in zip(gates, path.waypoints[way.waypoints[1:-1]], strict=True):
@@ -203,11 +203,11 @@ def test_a_gate_with_almost_no_free_point_is_rejected_with_this_reason():
     gate = Box([2.0, 0.5, 1.0], [2.0, 1.5, 1.0])
     balls = [Ball((2.0, 1.025 + side * (0.201 + 2.0), 1.0), radius=2.0) for side in (-1.0, 1.0)]
     with pytest.raises(InputError, match="has almost no point with a clearance of 0.2 m"):
-        plan_around(space_of(*balls), BOUNDS, PathProblem([BEGIN, gate, END]), Heuristic())
+        plan_around(space_of(*balls), BOUNDS, PathProblem([START, gate, END]), Heuristic())
 
 
 class RecordingRegions(Regions):
-    """Regions that record every instance, every seed, and the seeds that a region already contained."""
+    """Regions that record all instances, all seeds, and the seeds that a region already contained."""
 
     made = []  # noqa: RUF012
 
@@ -241,12 +241,12 @@ def test_a_passage_is_selected_among_regions_that_cover_the_free_space(monkeypat
 
 
 def test_routes_of_a_leg_stay_in_its_corridor_and_those_of_other_legs_do_not(monkeypatch):
-    """The routes start from both ends of a leg. Without a corridor, those from a waypoint serve both of its legs."""
-    asked = []
+    """Routes start from both ends of a leg. Without a corridor, the routes from a waypoint are used for both legs."""
+    recorded = []
 
     def lengths_from(grid, places, clearance, inside=None):
-        asked.append((places[0].tolist(), inside))
-        if len(asked) == 5:
+        recorded.append((places[0].tolist(), inside))
+        if len(recorded) == 5:
             raise StopIteration
         return np.zeros(len(grid.points)), np.full(len(grid.points), -1)
 
@@ -256,17 +256,17 @@ def test_routes_of_a_leg_stay_in_its_corridor_and_those_of_other_legs_do_not(mon
     problem = PathProblem(places, corridors=[None, None, corridor], limits=LIMITS)
     with pytest.raises(StopIteration):
         plan_around(space_of(), BOUNDS, problem, Heuristic())
-    assert [place[0] for place, _ in asked] == [0.5, 1.5, 2.5, 2.5, 3.5]
-    assert [inside is None for _, inside in asked] == [True, True, True, False, False]
+    assert [place[0] for place, _ in recorded] == [0.5, 1.5, 2.5, 2.5, 3.5]
+    assert [inside is None for _, inside in recorded] == [True, True, True, False, False]
     grid = around.Grid.of(space_of(), BOUNDS, most=30_000, finest=0.05)
-    for _, inside in asked[3:]:
+    for _, inside in recorded[3:]:
         np.testing.assert_array_equal(inside, is_near(corridor, grid.points))
 
 
 def test_snap_grows_with_the_seventh_power_of_the_speed():
-    """Routes are therefore compared by their snap at the same duration."""
-    path = plan_path(PathProblem([BEGIN, END], limits=LIMITS), Heuristic())
-    slower = plan_path(PathProblem([BEGIN, END]), GivenTimes((0.0, 2.0 * path.duration)))
+    """Therefore, routes are compared by their snap for the same duration."""
+    path = plan_path(PathProblem([START, END], limits=LIMITS), Heuristic())
+    slower = plan_path(PathProblem([START, END]), GivenTimes((0.0, 2.0 * path.duration)))
     assert math.isclose(snap_cost(path).sum(), 2.0**7 * snap_cost(slower).sum(), rel_tol=1e-6)
 
 
@@ -275,14 +275,14 @@ def test_a_waypoint_keeps_the_slack_of_regions_beyond_the_clearance():
     for beyond, fits in ((2e-5, True), (5e-6, False)):
         space = space_of(Ball((3.5, 1.0, 1.7 + beyond), radius=0.5))
         if fits:
-            check_waypoint_clearance(space, PathProblem([BEGIN, END]))
+            check_waypoint_clearance(space, PathProblem([START, END]))
         else:
             with pytest.raises(InputError, match="waypoint 1"):
-                check_waypoint_clearance(space, PathProblem([BEGIN, END]))
+                check_waypoint_clearance(space, PathProblem([START, END]))
 
 
 def test_points_of_a_waypoint_region_are_a_grid_that_spans_it():
-    """The diagonal is that of a cell: 21 points along each axis have 20 cells between them."""
+    """The diagonal is that of a cell, of which there are 20 between 21 points along each axis."""
     low, high = np.array([1.0, 0.5, 0.2]), np.array([2.0, 2.5, 0.6])
     box = Box(low, high)
     for place in (box, Polytope.from_box(box), Sphere(low, 0.3)):
@@ -303,8 +303,8 @@ def test_free_points_of_a_waypoint_are_sorted_by_distance_from_its_middle():
     sphere = Sphere([3.5, 1.0, 1.0], 0.4)
     space = space_of(Ball((3.5, 1.0, 0.4), radius=0.3))
     bounds = Box([0.0, 0.0, 0.0], [4.0, 1.2, 2.0])
-    alone, some = around._free_points(PathProblem([BEGIN, sphere]), space, bounds)
-    np.testing.assert_array_equal(alone, np.atleast_2d(BEGIN.centre).repeat(len(alone), axis=0))
+    alone, some = around._free_points(PathProblem([START, sphere]), space, bounds)
+    np.testing.assert_array_equal(alone, np.atleast_2d(START.centre).repeat(len(alone), axis=0))
     away = np.linalg.norm(some - sphere.centre, axis=1)
     assert (np.diff(away) >= 0.0).all()
     assert 0.35 < away.max() <= 0.4
@@ -314,7 +314,7 @@ def test_free_points_of_a_waypoint_are_sorted_by_distance_from_its_middle():
 
 
 def test_the_estimated_cost_of_a_straight_route_is_exact():
-    """All paths of the same duration along one straight segment from rest to rest are equal."""
+    """There is only one minimum-snap path from rest to rest along a straight segment for each duration."""
     straight = DETOURS[-1]
     timing = LeastSnap(4.0)
     for limits in (LIMITS, PathLimits()):
@@ -326,19 +326,19 @@ def test_the_estimated_cost_of_a_straight_route_is_exact():
 
 def test_routes_around_a_pillar_lead_past_both_of_its_sides():
     space = space_of(Cuboid((2.0, 1.1, 1.0), size=(0.4, 0.4, 3.0)))
-    ways = around._routes_around(space, BOUNDS, PathProblem([BEGIN, END], limits=LIMITS))
+    ways = around._routes_around(space, BOUNDS, PathProblem([START, END], limits=LIMITS))
     corridors = {tuple((*region.offsets, *region.normals.ravel()) for region in way.problem.corridors) for way in ways}
     assert len(corridors) == len(ways) > 1
     sides = [np.mean([place.centre[1] for place in way.problem.waypoints[1:-1]]) > 1.1 for way in ways]
-    # The right side is the shorter one.
+    # The right side is shorter.
     assert not sides[0]
     assert any(sides)
 
 
 def test_a_route_that_a_coarse_grid_misses_is_found_on_a_finer_one():
-    """A gap leaves the centre of mass 1 cm, between points of the first grid and over one of the second.
+    """The gap leaves 1 cm for the centre of mass, between points of the first grid and around one of the second grid.
 
-    In a room 1 m by 0.6 m by 0.4 m the points are 5 cm apart, then 3 cm.
+    In the room of 1 m by 0.6 m by 0.4 m, the points have a spacing of 5 cm in the first grid and 3 cm in the second.
     """
     bounds = Box([0.0, 0.0, 0.0], [1.0, 0.6, 0.4])
     middle = 0.27
@@ -357,45 +357,45 @@ def test_a_route_that_a_coarse_grid_misses_is_found_on_a_finer_one():
     assert space.nearest(points)[0].min() >= space.clearance
 
 
-def test_regions_are_selected_by_routes_that_keep_the_slack(monkeypatch):
-    """The route over a point is not shorter than the straight lines from the start to it and from it to the end."""
-    asked = []
+def test_routes_that_select_regions_keep_the_clearance_with_its_slack(monkeypatch):
+    """The length of a route over a point is at least that of the straight lines between the point and both ends."""
+    recorded = []
     lengths_from = around.Grid.lengths_from
 
-    def watched(grid, places, clearance, inside=None):
-        asked.append(clearance)
+    def recording_lengths_from(grid, places, clearance, inside=None):
+        recorded.append(clearance)
         return lengths_from(grid, places, clearance, inside)
 
-    def worth_a_look(regions, ways, points, lengths):
-        asked.append((points, lengths))
+    def recording_candidate_regions(regions, ways, points, lengths):
+        recorded.append((points, lengths))
         raise StopIteration
 
-    monkeypatch.setattr(around.Grid, "lengths_from", watched)
-    monkeypatch.setattr(around, "candidate_regions", worth_a_look)
+    monkeypatch.setattr(around.Grid, "lengths_from", recording_lengths_from)
+    monkeypatch.setattr(around, "candidate_regions", recording_candidate_regions)
     space = space_of(Ball((2.0, 1.0, 1.0), radius=0.3))
     with pytest.raises(StopIteration):
-        plan_around(space, BOUNDS, PathProblem([BEGIN, END], limits=LIMITS), Heuristic())
-    *clearances, (points, lengths) = asked
+        plan_around(space, BOUNDS, PathProblem([START, END], limits=LIMITS), Heuristic())
+    *clearances, (points, lengths) = recorded
     assert clearances == [space.clearance + 1e-5] * 2
     assert space.nearest(points)[0].min() >= space.clearance + 1e-5
-    straight = sum(np.linalg.norm(points - place.centre, axis=1) for place in (BEGIN, END))
+    straight = sum(np.linalg.norm(points - place.centre, axis=1) for place in (START, END))
     assert (lengths >= straight - 1e-9).all()
     assert (lengths <= 2.5 * straight).all()
 
 
 def test_a_blocked_waypoint_is_distinguished_from_one_with_free_space_between_its_points():
-    """Points of a gate 1 m long are 5 cm apart, so free space can be within 2.5 cm of one of them."""
+    """The points in a gate of 1 m have a spacing of 5 cm, so free space may be hidden between two of them."""
     gate = Box([2.0, 0.5, 1.0], [2.0, 1.5, 1.0])
     for short, words in ((0.024, "almost no point"), (0.026, "no point")):
         wall = Cuboid((2.2 - short + 0.1, 1.0, 1.0), size=(0.2, 4.0, 4.0))
         with pytest.raises(InputError, match=f"waypoint 1, .* has {words} with a clearance of 0.2 m"):
-            around._free_points(PathProblem([BEGIN, gate, END]), space_of(wall), BOUNDS)
+            around._free_points(PathProblem([START, gate, END]), space_of(wall), BOUNDS)
 
 
 def test_free_points_keep_the_slack_beyond_the_clearance():
     for beyond, fits in ((2e-5, True), (5e-6, False)):
         space = space_of(Ball((3.5, 1.0, 1.7 + beyond), radius=0.5))
-        problem = PathProblem([BEGIN, END])
+        problem = PathProblem([START, END])
         if fits:
             assert len(around._free_points(problem, space, BOUNDS)) == 2
         else:

@@ -1,3 +1,5 @@
+"""Tests of the smallest distance between a path and obstacles, by comparison with dense samples."""
+
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
@@ -22,11 +24,11 @@ def test_no_point_between_samples_is_nearer(seed):
     space = Space(tuple(Obstacle(f"solid_{i}", shape) for i, shape in enumerate(shapes)), radius=0.1)
     times = np.linspace(path.times[0], path.times[-1], 200_001)
     distances, numbers = space.nearest(evaluate(path, times).T)
-    found = nearest_approach(path, space)
-    assert distances.min() - 1e-4 < found.distance <= distances.min() + 1e-5
-    assert found.obstacle == space.names[numbers[distances.argmin()]]
-    assert space.nearest(found.position[None])[0][0] == found.distance
-    np.testing.assert_allclose(evaluate(path, [found.time])[:, 0], found.position, atol=1e-9)
+    actual = nearest_approach(path, space)
+    assert distances.min() - 1e-4 < actual.distance <= distances.min() + 1e-5
+    assert actual.obstacle == space.names[numbers[distances.argmin()]]
+    assert space.nearest(actual.position[None])[0][0] == actual.distance
+    np.testing.assert_allclose(evaluate(path, [actual.time])[:, 0], actual.position, atol=1e-9)
 
 
 def test_without_obstacles_there_is_no_approach():
@@ -53,25 +55,25 @@ def test_an_obstacle_at_the_end_of_a_piece_is_not_missed(share):
     beside = evaluate(path, [3.0 + 4.0 * 20.5 / 32.0])[:, 0]
     first = Obstacle("first", Ball((4.0, 0.01, 0.0), radius=0.001))
     decoy = Obstacle("decoy", Ball((beside[0], share * half + 0.001, 0.0), radius=0.001))
-    found = nearest_approach(path, Space((decoy, first), radius=0.1))
-    assert found.obstacle == "first"
-    assert found.distance == pytest.approx(0.009, abs=1e-5)
-    assert found.time == pytest.approx(5.0, abs=1e-2)
+    actual = nearest_approach(path, Space((decoy, first), radius=0.1))
+    assert actual.obstacle == "first"
+    assert actual.distance == pytest.approx(0.009, abs=1e-5)
+    assert actual.time == pytest.approx(5.0, abs=1e-2)
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_the_nearest_of_many_small_obstacles_is_found(seed):
-    """The 60 balls are at random places around a path with random corners and durations."""
+    """There are 60 balls at random positions around a path with random waypoints and durations."""
     random = np.random.default_rng([3, seed])
     path = minimum_snap(random.uniform(-5.0, 5.0, (4, 3)), np.cumsum([0.0, *random.uniform(0.3, 2.0, 3)]))
     places = evaluate(path, random.uniform(path.times[0], path.times[-1], 60)).T + random.normal(size=(60, 3)) * 0.3
     balls = [Obstacle(str(i), Ball(tuple(place), radius=0.01)) for i, place in enumerate(places.tolist())]
-    found = nearest_approach(path, Space(tuple(balls), radius=0.1))
+    actual = nearest_approach(path, Space(tuple(balls), radius=0.1))
     samples = evaluate(path, np.linspace(path.times[0], path.times[-1], 20_001)).T
-    assert found.distance <= KDTree(places).query(samples)[0].min() - 0.01 + 1e-5
-    distance, number = KDTree(places).query(found.position)
-    assert found.distance == pytest.approx(distance - 0.01)
-    assert found.obstacle == str(number)
+    assert actual.distance <= KDTree(places).query(samples)[0].min() - 0.01 + 1e-5
+    distance, number = KDTree(places).query(actual.position)
+    assert actual.distance == pytest.approx(distance - 0.01)
+    assert actual.obstacle == str(number)
 
 
 def test_an_approach_is_printed_in_one_line():
@@ -81,8 +83,8 @@ def test_an_approach_is_printed_in_one_line():
 
 
 def test_the_distance_of_a_path_at_rest_is_that_of_its_position():
-    """Nothing moves, so no piece can contain a nearer point than its middle."""
+    """On a path at rest, the middle of a piece is its nearest point."""
     path = minimum_snap(np.array([[1.0, 2.0, 3.0]] * 2), np.array([0.0, 2.0]))
-    found = nearest_approach(path, Space((Obstacle("ball", Ball((1.0, 2.0, 4.0), radius=0.25)),), radius=0.1))
-    assert found.distance == pytest.approx(0.75)
-    np.testing.assert_allclose(found.position, [1.0, 2.0, 3.0])
+    actual = nearest_approach(path, Space((Obstacle("ball", Ball((1.0, 2.0, 4.0), radius=0.25)),), radius=0.1))
+    assert actual.distance == pytest.approx(0.75)
+    np.testing.assert_allclose(actual.position, [1.0, 2.0, 3.0])

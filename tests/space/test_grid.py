@@ -1,4 +1,4 @@
-"""Grids: their points, the routes over them, and their connected components."""
+"""Tests of grids: their points, routes over their points, and their connected components."""
 
 import itertools
 
@@ -14,9 +14,9 @@ from drake_quad.space.grid import Grid, is_near
 from drake_quad.space.shapes import Cuboid
 from drake_quad.space.space import Obstacle, Space
 
-EMPTY = Space((), radius=0.1)
-# The steps of this grid differ from axis to axis.
-UNEVEN = Box([0.3, -1.0, 2.0], [1.31, 0.02, 2.73])
+EMPTY_SPACE = Space((), radius=0.1)
+# Each axis of this grid has another spacing.
+UNEVEN_BOUNDS = Box([0.3, -1.0, 2.0], [1.31, 0.02, 2.73])
 
 
 def wall_at(x, thickness, **clearance):
@@ -26,26 +26,26 @@ def wall_at(x, thickness, **clearance):
 
 
 def indices(grid):
-    """Return the (n, 3) indices of the points of a grid along its axes."""
+    """Return the indices (n, 3) of the points of a grid along its axes."""
     return np.stack(np.unravel_index(np.arange(len(grid.points)), grid.shape), axis=-1)
 
 
 @pytest.mark.parametrize("most", [60, 1000, 2000, 5000, 100_000])
 def test_a_grid_spans_its_bounds_with_as_many_points_as_allowed(most):
-    grid = Grid.of(EMPTY, UNEVEN, most=most, finest=0.05)
+    grid = Grid.of(EMPTY_SPACE, UNEVEN_BOUNDS, most=most, finest=0.05)
     assert len(grid.points) == np.prod(grid.shape) <= most
-    expected = UNEVEN.low + indices(grid) * (UNEVEN.high - UNEVEN.low) / (np.array(grid.shape) - 1)
+    expected = UNEVEN_BOUNDS.low + indices(grid) * (UNEVEN_BOUNDS.high - UNEVEN_BOUNDS.low) / (np.array(grid.shape) - 1)
     np.testing.assert_allclose(grid.points, expected, atol=1e-12)
-    np.testing.assert_allclose(grid.steps, (UNEVEN.high - UNEVEN.low) / (np.array(grid.shape) - 1))
+    np.testing.assert_allclose(grid.steps, (UNEVEN_BOUNDS.high - UNEVEN_BOUNDS.low) / (np.array(grid.shape) - 1))
     assert grid.spacing == max(grid.steps)
-    # A grid is either as fine as allowed or uses most of its points.
-    finest = tuple(np.ceil((UNEVEN.high - UNEVEN.low) / 0.05).astype(int) + 1)
+    # A grid is either as fine as allowed, or has nearly as many points as allowed.
+    finest = tuple(np.ceil((UNEVEN_BOUNDS.high - UNEVEN_BOUNDS.low) / 0.05).astype(int) + 1)
     assert grid.shape == finest or len(grid.points) > 0.5 * most
     assert grid.spacing <= 0.05 or grid.shape != finest
 
 
 def test_a_grid_of_a_flat_space_has_one_layer():
-    grid = Grid.of(EMPTY, Box([0.0, 0.0, 1.0], [1.0, 0.5, 1.0]), most=1000, finest=0.1)
+    grid = Grid.of(EMPTY_SPACE, Box([0.0, 0.0, 1.0], [1.0, 0.5, 1.0]), most=1000, finest=0.1)
     assert grid.shape == (11, 6, 1)
     np.testing.assert_allclose(grid.steps, [0.1, 0.1, 0.0])
     np.testing.assert_array_equal(grid.points[:, 2], 1.0)
@@ -58,26 +58,26 @@ def test_distances_of_a_grid_are_those_to_its_obstacles():
     np.testing.assert_allclose(grid.nearest[outside], least_distances(room.space, grid.points)[outside], atol=1e-9)
     assert grid.distances.shape == (len(grid.points), len(room.space.obstacles))
     np.testing.assert_array_equal(grid.distances.min(axis=1), grid.nearest)
-    empty = Grid.of(EMPTY, room.bounds, most=3000, finest=0.05)
+    empty = Grid.of(EMPTY_SPACE, room.bounds, most=3000, finest=0.05)
     assert (empty.nearest == np.inf).all()
     assert empty.distances.shape == (len(empty.points), 0)
 
 
 def test_each_pair_of_neighbours_is_found_once():
-    grid = Grid.of(EMPTY, Box([0.0, 0.0, 0.0], [0.3, 0.2, 0.4]), most=1000, finest=0.1)
-    found = [frozenset(pair) for one, other in grid.neighbours() for pair in zip(one.tolist(), other.tolist())]
+    grid = Grid.of(EMPTY_SPACE, Box([0.0, 0.0, 0.0], [0.3, 0.2, 0.4]), most=1000, finest=0.1)
+    actual = [frozenset(pair) for one, other in grid.neighbours() for pair in zip(one.tolist(), other.tolist())]
     at = indices(grid)
     expected = {
         frozenset((i, j)) for i, j in itertools.combinations(range(len(at)), 2) if np.abs(at[i] - at[j]).max() == 1
     }
-    assert len(found) == len(expected)
-    assert set(found) == expected
+    assert len(actual) == len(expected)
+    assert set(actual) == expected
 
 
-def over_steps(grid, start):
-    """Return the (n,) lengths of the shortest routes from one point to each over steps in 26 directions.
+def step_lengths(grid, start):
+    """Return the lengths (n,) of the shortest routes from one point to all points, with steps in 26 directions.
 
-    A shortest route takes as many steps as possible along three axes, then along two, then along one.
+    A shortest route has as many steps as possible along three axes, then along two axes, then along one axis.
     """
     counts = np.abs(indices(grid) - indices(grid)[start])
     order = np.argsort(-counts, axis=1)
@@ -89,13 +89,13 @@ def over_steps(grid, start):
 
 @pytest.mark.parametrize("most", [400, 3000])
 def test_without_obstacles_a_route_has_the_length_of_its_steps(most):
-    """A starting point is connected to all grid points within 1.8 spacings, and each of these to others by steps."""
-    grid = Grid.of(EMPTY, UNEVEN, most=most, finest=0.02)
+    """A starting point is connected to all grid points within 1.8 spacings, and these are connected by steps."""
+    grid = Grid.of(EMPTY_SPACE, UNEVEN_BOUNDS, most=most, finest=0.02)
     place = grid.points[len(grid.points) // 3] + 0.3 * grid.steps
     lengths, before = grid.lengths_from(place[None], 0.1)
     away = np.linalg.norm(grid.points - place, axis=1)
     near = np.flatnonzero(away <= 1.8 * grid.spacing)
-    expected = np.min([away[point] + over_steps(grid, point) for point in near], axis=0)
+    expected = np.min([away[point] + step_lengths(grid, point) for point in near], axis=0)
     np.testing.assert_allclose(lengths, expected)
     direct = before == -1
     np.testing.assert_array_equal(np.flatnonzero(direct), near)
@@ -127,13 +127,13 @@ def test_the_cost_of_a_route_decreases_from_twice_its_length_with_its_clearance(
     clearance = grid.space.clearance
     assert (grid.nearest >= clearance).sum() == len(row) == 11
     lengths, _ = grid.lengths_from(grid.points[row[:1]], clearance)
-    # The first two points are connected directly to the starting point.
+    # The first two points are directly connected to the starting point.
     np.testing.assert_allclose(lengths[row[1]], 0.1)
     np.testing.assert_allclose(np.diff(lengths[row[1:]]), 0.1 * factor, rtol=1e-6)
 
 
-def test_the_cost_of_a_step_depends_on_its_end_with_less_clearance():
-    """The route leads straight away from a wall, so the clearance grows from step to step."""
+def test_the_cost_of_a_step_depends_on_the_smaller_clearance_of_its_ends():
+    """The route leads straight away from a wall, so the clearance increases with each step."""
     space = wall_at(-0.31, 0.2, radius=0.2)
     grid = Grid.of(space, Box([0.0, 0.0, 0.0], [1.0, 0.0, 0.0]), most=100, finest=0.1)
     expected = 0.1 * (1.0 + 0.1 / (0.1 + 0.01 + 0.1 * np.arange(10)))
@@ -145,9 +145,10 @@ def test_the_cost_of_a_step_depends_on_its_end_with_less_clearance():
 
 @pytest.mark.parametrize("offset", np.linspace(0.001, 0.049, 13))
 def test_no_route_leads_through_a_thin_wall_between_grid_points(offset):
-    """The wall is 1 cm thick, the points are 5 cm apart, and the clearance is 1 cm.
+    """The thickness of the wall is 1 cm, the spacing 5 cm, and the clearance 1 cm.
 
-    For some offsets, neighbours on both sides of the wall keep the clearance, and only a check between them finds it.
+    For some offsets, neighbouring points on both sides keep the clearance, so only a check between them detects the
+    wall.
     """
     x = 0.45 + offset
     space = wall_at(x, 0.01, radius=0.01)
@@ -164,7 +165,7 @@ def test_no_route_leads_through_a_thin_wall_between_grid_points(offset):
 
 
 def test_a_step_past_an_edge_is_free_if_the_clearance_is_small():
-    """A step whose ends are near a solid is free if its middle is free. Here it passes the edge of a thin wall."""
+    """A step with ends near a solid is free if its middle is free. The example passes the edge of a thin wall."""
     space = Space((Obstacle("wall", Cuboid((0.5, 0.175, 0.5), size=(0.01, 0.55, 3.0))),), radius=0.02)
     grid = Grid.of(space, Box([0.0, 0.0, 0.5], [1.0, 1.0, 0.5]), most=10_000, finest=0.05)
     places = np.array([[[0.1, 0.1, 0.5]], [[0.9, 0.1, 0.5]]])
@@ -176,7 +177,7 @@ def test_a_step_past_an_edge_is_free_if_the_clearance_is_small():
 
 
 def test_a_route_uses_the_start_and_the_end_that_make_it_shortest():
-    grid = Grid.of(EMPTY, Box([0.0, 0.0, 0.0], [1.0, 1.0, 1.0]), most=10_000, finest=0.1)
+    grid = Grid.of(EMPTY_SPACE, Box([0.0, 0.0, 0.0], [1.0, 1.0, 1.0]), most=10_000, finest=0.1)
     begins = np.array([[0.0, 0.0, 0.0], [0.33, 0.5, 0.5], [0.0, 1.0, 1.0]])
     ends = np.array([[1.0, 1.0, 0.0], [0.72, 0.5, 0.5], [1.0, 0.0, 1.0]])
     lengths, before = grid.lengths_from(begins, 0.1)
@@ -223,7 +224,7 @@ def test_a_starting_point_is_connected_only_to_near_free_grid_points():
 
 def test_components_are_those_of_the_graph_of_free_points():
     random = np.random.default_rng(3)
-    grid = Grid.of(EMPTY, Box([0.0, 0.0, 0.0], [0.7, 0.5, 0.6]), most=1000, finest=0.1)
+    grid = Grid.of(EMPTY_SPACE, Box([0.0, 0.0, 0.0], [0.7, 0.5, 0.6]), most=1000, finest=0.1)
     free = random.uniform(size=len(grid.points)) < 0.12
     pairs = np.concatenate([np.stack(pair) for pair in grid.neighbours()], axis=1)
     pairs = pairs[:, free[pairs].all(axis=0)]
@@ -240,7 +241,7 @@ def test_components_are_those_of_the_graph_of_free_points():
 
 
 BOX = Box([0.1, 0.2, 0.3], [0.6, 0.5, 0.4])
-PLACES = {
+REGIONS = {
     "box": BOX,
     "point": Box.point([0.4, 0.3, 0.2]),
     "sphere": Sphere([0.4, 0.3, 0.2], 0.25),
@@ -249,12 +250,12 @@ PLACES = {
 }
 
 
-@pytest.mark.parametrize("place", PLACES.values(), ids=PLACES)
+@pytest.mark.parametrize("place", REGIONS.values(), ids=REGIONS)
 @pytest.mark.parametrize("distance", [0.0, 0.17])
 def test_points_near_a_region_are_those_within_a_distance(place, distance):
     points = np.random.default_rng(4).uniform(-0.4, 1.0, (3000, 3))
     if isinstance(place, Polytope):
-        # Next to edges, where the shifted planes meet, some additional points are included.
+        # Near edges, where the shifted planes intersect, some additional points are included.
         region = HPolyhedron(place.normals, place.offsets)
         away = np.array([0.0 if region.PointInSet(p) else np.nan for p in points])
         beyond = (points @ place.normals.T - place.offsets).max(axis=1)

@@ -1,4 +1,4 @@
-"""Chains of regions and passages through them agree with an enumeration in small mazes of boxes."""
+"""Comparison of chains of regions, and of passages through them, with an enumeration in small mazes of boxes."""
 
 import itertools
 
@@ -12,12 +12,12 @@ from drake_quad.space.passage import candidate_regions, find_passage, other_pass
 from drake_quad.space.regions import Regions
 from drake_quad.space.space import Space
 
-# m, the cost of a transition from one region to the next
-HANDOVER = 0.1
+# m, cost of a transition from one region to the next
+TRANSITION_COST = 0.1
 
 
 class Boxes(Regions):
-    """Regions that are given boxes. Growing a region only adds a box around the seed."""
+    """Regions that are boxes. Growing a region adds a box around the seed."""
 
     def __init__(self, *boxes):
         super().__init__(Space((), radius=0.1), Box([-99.0] * 3, [99.0] * 3))
@@ -29,7 +29,7 @@ class Boxes(Regions):
 
 
 def shortest_polyline(regions, legs, places, corridors):
-    """Return the length (m) of the shortest polyline with a straight piece in each region of each leg, or None."""
+    """Return the length (m) of the shortest polyline with one straight piece in each region of each leg, or None."""
     program = MathematicalProgram()
     corners = [program.NewContinuousVariables(3) for _ in range(sum(map(len, legs)) + 1)]
     numbers = [number for leg in legs for number in leg]
@@ -60,7 +60,7 @@ def shortest_polyline(regions, legs, places, corridors):
 
 
 def costs_of_all(regions, places, corridors, longest=4):
-    """Return the cost of each possible passage, m: the length of its polyline plus its transition costs."""
+    """Return the costs of all possible passages, m. A cost is the length of a polyline plus its transition costs."""
     orders = [order for count in range(1, longest + 1) for order in itertools.permutations(range(len(regions)), count)]
     chains = [order for order in orders if all(regions.intersection(i, j) for i, j in itertools.pairwise(order))]
     possible = [
@@ -71,28 +71,32 @@ def costs_of_all(regions, places, corridors, longest=4):
     for legs in itertools.product(*possible):
         length = shortest_polyline(regions, legs, places, corridors)
         if length is not None:
-            # A leg has transitions from its waypoint into a region, from region to region, and to the next waypoint.
-            costs[legs] = length + HANDOVER * sum(len(leg) + 1 for leg in legs)
+            # A leg has transitions from its waypoint to a region, between regions, and to the next waypoint.
+            costs[legs] = length + TRANSITION_COST * sum(len(leg) + 1 for leg in legs)
     return costs
 
 
 # Four boxes, one on each side of a pillar, overlap at the corners.
-AROUND = (
+BOXES_AROUND_PILLAR = (
     ([0, 0, 0], [4, 1, 1]),
     ([0, 3, 0], [4, 4, 1]),
     ([0, 0, 0], [1, 4, 1]),
     ([3, 0, 0], [4, 4, 1]),
 )
-BEGIN = Box.point([0.5, 2.1, 0.5])
+START = Box.point([0.5, 2.1, 0.5])
 END = Box.point([3.5, 2.3, 0.5])
 MAZES = {
-    "around a pillar": (AROUND, [BEGIN, END], [None]),
-    "the other way around it": (AROUND, [Box.point([0.5, 1.8, 0.5]), Box.point([3.5, 1.9, 0.5])], [None]),
-    "to a box": (AROUND, [BEGIN, Box([3.2, 0.2, 0.5], [3.6, 0.2, 0.5])], [None]),
-    "to a sphere": (AROUND, [BEGIN, Sphere([3.5, 0.4, 0.5], 0.3)], [None]),
-    "in a corridor": (AROUND, [BEGIN, END], [Box([0, 0, 0], [4, 2.6, 1])]),
-    "there and back": (AROUND, [BEGIN, END, Box.point([2.0, 0.5, 0.5])], [None, None]),
-    "back in a corridor": (AROUND, [BEGIN, END, Box.point([2.0, 0.5, 0.5])], [None, Box([0, 0, 0], [4, 2.5, 1])]),
+    "around a pillar": (BOXES_AROUND_PILLAR, [START, END], [None]),
+    "the other way around it": (BOXES_AROUND_PILLAR, [Box.point([0.5, 1.8, 0.5]), Box.point([3.5, 1.9, 0.5])], [None]),
+    "to a box": (BOXES_AROUND_PILLAR, [START, Box([3.2, 0.2, 0.5], [3.6, 0.2, 0.5])], [None]),
+    "to a sphere": (BOXES_AROUND_PILLAR, [START, Sphere([3.5, 0.4, 0.5], 0.3)], [None]),
+    "in a corridor": (BOXES_AROUND_PILLAR, [START, END], [Box([0, 0, 0], [4, 2.6, 1])]),
+    "there and back": (BOXES_AROUND_PILLAR, [START, END, Box.point([2.0, 0.5, 0.5])], [None, None]),
+    "back in a corridor": (
+        BOXES_AROUND_PILLAR,
+        [START, END, Box.point([2.0, 0.5, 0.5])],
+        [None, Box([0, 0, 0], [4, 2.5, 1])],
+    ),
     "a short cut of many boxes": (
         (
             ([0, 0, 0], [1, 1, 1]),
@@ -105,7 +109,7 @@ MAZES = {
         [Box.point([0.5, 0.5, 0.9]), Box.point([2.6, 0.5, 0.9])],
         [None],
     ),
-    # The detour over the top is 8 cm longer, which is less than the cost of a transition.
+    # The route along the top is 8 cm longer, which is less than the cost of a transition.
     "a detour that saves a handover": (
         (
             ([0, 0, 0], [0.8, 1, 1]),
@@ -123,19 +127,19 @@ MAZES = {
 
 
 @pytest.mark.parametrize(("boxes", "places", "corridors"), MAZES.values(), ids=MAZES)
-def test_no_passage_is_cheaper_than_the_one_that_is_found(boxes, places, corridors):
+def test_the_selected_passage_has_the_lowest_cost_of_all(boxes, places, corridors):
     regions = Boxes(*boxes)
-    found = find_passage(regions, [range(len(regions))] * len(corridors), places, corridors)
+    actual = find_passage(regions, [range(len(regions))] * len(corridors), places, corridors)
     costs = costs_of_all(regions, places, corridors)
-    assert costs[found] == pytest.approx(min(costs.values()), abs=1e-5)
+    assert costs[actual] == pytest.approx(min(costs.values()), abs=1e-5)
 
 
 def test_a_passage_uses_only_candidates():
-    """Without the box at the bottom, the route leads over the top, which is longer. Without both there is none."""
-    regions = Boxes(*AROUND)
-    assert find_passage(regions, [[0, 1, 2, 3]], [BEGIN, Box.point([3.5, 1.3, 0.5])], [None]) == ((2, 0, 3),)
-    assert find_passage(regions, [[3, 1, 2]], [BEGIN, Box.point([3.5, 1.3, 0.5])], [None]) == ((2, 1, 3),)
-    assert find_passage(regions, [[3, 2]], [BEGIN, END], [None]) is None
+    """Without the bottom box, the route leads along the top, which is longer. Without both boxes there is no route."""
+    regions = Boxes(*BOXES_AROUND_PILLAR)
+    assert find_passage(regions, [[0, 1, 2, 3]], [START, Box.point([3.5, 1.3, 0.5])], [None]) == ((2, 0, 3),)
+    assert find_passage(regions, [[3, 1, 2]], [START, Box.point([3.5, 1.3, 0.5])], [None]) == ((2, 1, 3),)
+    assert find_passage(regions, [[3, 2]], [START, END], [None]) is None
 
 
 def test_regions_that_hardly_overlap_are_not_connected():
@@ -157,33 +161,33 @@ def test_regions_that_hardly_overlap_are_not_connected():
         assert other_passages(regions, ends, [corridor], count=3) == ([((0, 1),)] if leads else [])
 
 
-@pytest.mark.parametrize("places", [[BEGIN, END], [BEGIN, END, Box.point([2.0, 0.5, 0.5])]])
-def test_other_passages_can_be_flown(places):
-    regions = Boxes(*AROUND)
+@pytest.mark.parametrize("places", [[START, END], [START, END, Box.point([2.0, 0.5, 0.5])]])
+def test_random_passages_are_feasible(places):
+    regions = Boxes(*BOXES_AROUND_PILLAR)
     corridors = [None] * (len(places) - 1)
-    found = other_passages(regions, [place.centre[None] for place in places], corridors, count=30)
-    assert len(found) == len(set(found)) > 1
-    assert set(found) <= set(costs_of_all(regions, places, corridors))
+    actual = other_passages(regions, [place.centre[None] for place in places], corridors, count=30)
+    assert len(actual) == len(set(actual)) > 1
+    assert set(actual) <= set(costs_of_all(regions, places, corridors))
 
 
-def test_other_passages_differ_only_if_their_lengths_are_similar():
-    """Both routes around a square have the same length. If one of them becomes longer, only the other is found."""
-    regions = Boxes(*AROUND)
+def test_random_passages_differ_only_if_their_lengths_are_similar():
+    """Both routes around a square have the same length. If one becomes longer, only the other one is drawn."""
+    regions = Boxes(*BOXES_AROUND_PILLAR)
     middle = [np.array([[0.5, 2.0, 0.5]]), np.array([[3.5, 2.0, 0.5]])]
     assert set(other_passages(regions, middle, [None], count=12)) == {((2, 0, 3),), ((2, 1, 3),)}
-    # The centre of the bottom box is so far away that this route has 40 m, and the route along the top has 5 m.
-    far = Boxes(([0, -40, 0], [4, 1, 1]), *AROUND[1:])
+    # The centre of the bottom box is so far away that the route through it has 40 m. The route along the top has 5 m.
+    far = Boxes(([0, -40, 0], [4, 1, 1]), *BOXES_AROUND_PILLAR[1:])
     assert other_passages(far, middle, [None], count=12) == [((2, 1, 3),)]
     assert other_passages(far, middle, [Box([0, 0, 0], [4, 2.5, 1])], count=12) == [((2, 0, 3),)]
     assert other_passages(far, middle, [Box([0, 1.5, 0], [4, 2.5, 1])], count=12) == []
 
 
 def test_the_distance_from_a_waypoint_to_the_centre_of_its_region_counts():
-    """Two large boxes contain both ends. The point of the end that is nearest to each centre decides between them."""
+    """Two large boxes contain both ends. The distances from the end to their centres determine which one is used."""
     regions = Boxes(([0, 0, 0], [4, 1, 1]), ([-50, -1, -50], [50, 99, 50]))
     ends = [np.array([[0.5, 0.5, 0.5]]), np.array([[2.0, 0.5, 0.5], [3.5, 0.5, 0.5]])]
     assert other_passages(regions, ends, [None], count=12) == [((0,),)]
-    # Only the larger box contains a point of this end.
+    # Only the larger box contains points of this end.
     ends[1] = np.array([[2.0, 4.0, 0.5]])
     assert {leg[-1] for (leg,) in other_passages(regions, ends, [None], count=12)} == {1}
 
@@ -198,19 +202,19 @@ def test_a_chain_uses_the_box_that_covers_the_route_longest():
     assert len(regions) == 4
 
 
-def test_a_chain_grows_regions_where_there_are_none():
-    """The two boxes are 0.8 m apart."""
+def test_a_chain_grows_regions_in_gaps():
+    """The gap between the two boxes is 0.8 m wide."""
     regions = Boxes(([0, 0, 0], [1, 1, 1]), ([1.8, 0, 0], [3, 1, 1]))
     way = np.array(
         [[0.5, 0.5, 0.5], [0.9, 0.5, 0.5], [1.3, 0.5, 0.5], [1.7, 0.5, 0.5], [1.9, 0.5, 0.5], [2.5, 0.5, 0.5]]
     )
-    found = region_chain(regions, way)
-    assert (found[0], found[-1]) == (0, 1)
+    actual = region_chain(regions, way)
+    assert (actual[0], actual[-1]) == (0, 1)
     assert len(regions) > 2
-    for one, other in itertools.pairwise(found):
+    for one, other in itertools.pairwise(actual):
         assert one != other
         assert regions.intersection(one, other) is not None
-    assert regions.containing(way, found).any(axis=0).all()
+    assert regions.containing(way, actual).any(axis=0).all()
 
 
 def test_candidates_are_the_chain_and_then_regions_on_the_shortest_routes():
@@ -223,15 +227,15 @@ def test_candidates_are_the_chain_and_then_regions_on_the_shortest_routes():
     chosen = candidate_regions(regions, [5, 3, 5], points, lengths)
     others = sorted(set(shortest) - {3, 5}, key=shortest.get)
     assert chosen == [5, 3, *others[:6]]
-    # No route leads over the points of the other boxes.
+    # No route leads through the other boxes.
     lengths[4:] = np.inf
     assert sorted(candidate_regions(regions, [5, 3], points, lengths)) == [0, 1, 3, 5]
     assert candidate_regions(regions, list(range(12)), points, lengths) == list(range(12))
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_without_random_factors_other_passages_are_the_shortest_between_centres(monkeypatch, seed):
-    """A route leads through the centres of regions and intersections, with a cost for each transition."""
+def test_without_random_factors_random_passages_are_the_shortest_between_centres(monkeypatch, seed):
+    """The length is that of a route through the centres of regions and intersections, plus transition costs."""
     monkeypatch.setattr(passage, "_LOG_FACTOR_DEVIATION", 0.0)
     random = np.random.default_rng([5, seed])
     low = random.uniform(0.0, 2.0, (6, 3))
@@ -240,11 +244,11 @@ def test_without_random_factors_other_passages_are_the_shortest_between_centres(
 
     def away(number, points):
         held = points[regions.containing(points, [number])[0]]
-        return np.linalg.norm(held - regions[number].centre, axis=1).min(initial=np.inf) + HANDOVER
+        return np.linalg.norm(held - regions[number].centre, axis=1).min(initial=np.inf) + TRANSITION_COST
 
     def between(one, other):
         common = regions.intersection(one, other).centre
-        return sum(np.linalg.norm(regions[number].centre - common) for number in (one, other)) + HANDOVER
+        return sum(np.linalg.norm(regions[number].centre - common) for number in (one, other)) + TRANSITION_COST
 
     legs = []
     for begin, end in itertools.pairwise(ends):
@@ -263,7 +267,7 @@ def test_without_random_factors_other_passages_are_the_shortest_between_centres(
 
 
 def test_a_leg_starts_in_a_region_that_contains_its_waypoint_inside_the_corridor():
-    """The upper box intersects the waypoint, and the corridor, but not their intersection."""
+    """The upper box intersects the waypoint and the corridor, but not their intersection."""
     regions = Boxes(([0, 2, 0], [4, 3, 1]), ([0, 0, 0], [4, 2.2, 1]))
     gate, end = Box([0.5, 0.2, 0.5], [0.5, 2.9, 0.5]), Box.point([3.5, 2.4, 0.5])
     # Its upper face rises from y = 1 m at x = 0 to 3 m at x = 4 m.

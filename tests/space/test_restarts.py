@@ -1,7 +1,7 @@
-"""The planner's selection of regions is compared with the best of random ones.
+"""Comparison of the planner's regions and passage with the best of many random ones.
 
-Here regions grow around random points instead of the points with the largest clearance, and passages are drawn with
-random factors on lengths. Each passage is flown as fast as the planner can.
+The random regions grow around random points instead of the points with the largest clearance, and the passages are
+drawn with random factors of lengths. The planner computes the fastest path through each passage.
 """
 
 import os
@@ -20,41 +20,42 @@ from drake_quad.space.grid import Grid
 from drake_quad.space.passage import other_passages
 from drake_quad.space.regions import SLACK, Regions
 
-# `make passages` tries a hundred in ten rooms. Other rooms have no route, or random regions do not connect the ends.
-RESTARTS = int(os.environ.get("RESTARTS", "10"))
-ROOMS = [1, 3, 7, 10, 11, 13, 14, 15, 17, 19][: 10 if RESTARTS >= 100 else 1]
-# This number of passages is drawn through the same regions.
-_DRAWS = 10
+# `make passages` tries a hundred restarts in ten rooms. In the other rooms there is no route, or random regions do not
+# connect the ends.
+NUM_RESTARTS = int(os.environ.get("RESTARTS", "10"))
+ROOM_SEEDS = [1, 3, 7, 10, 11, 13, 14, 15, 17, 19][: 10 if NUM_RESTARTS >= 100 else 1]
+# Number of passages that are drawn through the same regions.
+_NUM_DRAWS = 10
 
 
 def durations_of_restarts(room, problem, count):
     """Return the durations of the paths through random passages, s."""
     grid = Grid.of(room.space, room.bounds, most=30_000, finest=0.05)
     free = grid.nearest >= room.space.clearance + SLACK
-    found = []
-    for start in range(0, count, _DRAWS):
+    actual = []
+    for start in range(0, count, _NUM_DRAWS):
         random = np.random.default_rng([start, 27])
         regions = Regions(room.space, room.bounds)
         for place in room.places:
             regions.grow(place)
         regions.cover(grid.points[free], random.uniform(size=int(free.sum())))
         ends = [place[None] for place in room.places]
-        for passage in other_passages(regions, ends, problem.corridors, count=_DRAWS, seed=start):
+        for passage in other_passages(regions, ends, problem.corridors, count=_NUM_DRAWS, seed=start):
             try:
-                found.append(plan_path(with_corridors(problem, regions, passage).problem, Shortest()).duration)
+                actual.append(plan_path(with_corridors(problem, regions, passage).problem, Shortest()).duration)
             except InputError:
                 continue
-    return found
+    return actual
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", ROOMS)
+@pytest.mark.parametrize("seed", ROOM_SEEDS)
 def test_no_restart_is_much_faster(seed):
-    """The total time is at most 15 % above the best of a hundred random restarts."""
+    """The planned duration is at most 15 % above the best of all random restarts."""
     room = random_room(seed)
     problem = PathProblem([Box.point(place) for place in room.places], limits=LIMITS)
     ours = plan_around(room.space, room.bounds, problem, Shortest())[0].duration
-    durations = durations_of_restarts(room, problem, RESTARTS)
+    durations = durations_of_restarts(room, problem, NUM_RESTARTS)
     assert durations
     best = min(durations)
     print(f"room {seed}: {ours:.3f} s, the best of {len(durations)} {best:.3f} s, ratio {ours / best:.3f}")

@@ -1,4 +1,4 @@
-"""Random rooms are planned, or proved to be blocked by an independent search."""
+"""Tests that random rooms are planned, or are blocked according to an independent search."""
 
 import hashlib
 import os
@@ -18,8 +18,8 @@ from drake_quad.space.around import plan_around
 from drake_quad.space.shapes import Cuboid
 from drake_quad.space.space import Obstacle, Space
 
-# `make rooms` plans a hundred. Of these, room 4 is blocked, and room 1 is planned with the least snap.
-ROOMS = range(int(os.environ["ROOMS"])) if "ROOMS" in os.environ else (1, 2, 4)
+# `make rooms` plans a hundred rooms. Among these rooms, room 4 is blocked, and room 1 is planned with the least snap.
+ROOM_SEEDS = range(int(os.environ["ROOMS"])) if "ROOMS" in os.environ else (1, 2, 4)
 LIMITS = PathLimits(speed=2.0, acceleration=2.0)
 
 
@@ -29,14 +29,14 @@ def plan(room, timing):
 
 
 def keeps_clear(room, path):
-    """Return True if a path keeps the clearance at 10,000 points, up to rounding."""
+    """Return whether a path keeps the clearance at 10,000 points, up to rounding errors."""
     points = evaluate(path, np.linspace(path.times[0], path.times[-1], 10_000)).T
     inside = (points >= room.bounds.low - 1e-6).all() and (points <= room.bounds.high + 1e-6).all()
     return inside and least_distances(room.space, points).min() >= room.space.clearance
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", ROOMS)
+@pytest.mark.parametrize("seed", ROOM_SEEDS)
 def test_a_room_is_planned_or_blocked(seed):
     room = random_room(seed)
     timing = (Heuristic(), LeastSnap(12.0), *[Heuristic()] * 7, Shortest())[seed % 10]
@@ -46,7 +46,7 @@ def test_a_room_is_planned_or_blocked(seed):
         assert "no way" in str(error)
         search = Search(room)
         assert search.shortest() is None
-        if "may be one" not in str(error):
+        if "a way may exist" not in str(error):
             assert search.is_surely_blocked() or Search(room, 0.02).is_surely_blocked()
     else:
         assert keeps_clear(room, path)
@@ -54,13 +54,13 @@ def test_a_room_is_planned_or_blocked(seed):
 
 
 def walled(*solids):
-    """Return a room that is divided by a wall, which consists of the given cuboids (centre, size)."""
+    """Return a room that is divided by a wall of cuboids, given by centre and size."""
     obstacles = tuple(Obstacle(f"wall_{i}", Cuboid(centre, size=size)) for i, (centre, size) in enumerate(solids))
     space = Space(obstacles, radius=0.15, margin=0.05)
     return Room(space, Box([0.2, 0.2, 0.2], [3.8, 2.8, 1.8]), np.array([[0.7, 1.4, 1.0], [3.3, 1.4, 1.0]]))
 
 
-# A wall 10 cm thick is in the middle. The cases say where it is open, and how the grid's route passes there.
+# The wall in the middle is 10 cm thick. Each case is named after its opening and the grid's route through it.
 PASSAGES = {
     "a door on the left": [((2.0, 1.2, 1.0), (0.1, 2.4, 2.0))],
     "a door on the right": [((2.0, 1.8, 1.0), (0.1, 2.4, 2.0))],
@@ -76,8 +76,8 @@ PASSAGES = {
 }
 
 
-# All passages have the fastest timing, and one passage also has each of the others.
-PASSED = [
+# All passages are planned with the fastest timing, and one of them also with each of the other timings.
+PASSAGE_TIMINGS = [
     *((name, Heuristic()) for name in PASSAGES),
     ("over a beam", Shortest()),
     ("a door on the left", LeastSnap(8.0)),
@@ -86,7 +86,7 @@ PASSED = [
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "timing"), PASSED, ids=lambda each: each if isinstance(each, str) else type(each).__name__
+    ("name", "timing"), PASSAGE_TIMINGS, ids=lambda each: each if isinstance(each, str) else type(each).__name__
 )
 def test_the_only_best_passage_is_selected(name, timing):
     room = walled(*PASSAGES[name])
@@ -97,7 +97,7 @@ def test_the_only_best_passage_is_selected(name, timing):
     way = Search(room).shortest()
     points = evaluate(path, np.linspace(path.times[0], path.times[-1], 2000)).T
     crossed, expected = (each[np.abs(each[:, 0] - 2.0).argmin()] for each in (points, way))
-    # Both pass through the same hole, so they are on the same side of the wall's middle.
+    # Both paths pass through the same opening, so they are on the same side of the wall's middle.
     between = crossed + np.linspace(0.0, 1.0, 200)[:, None] * (expected - crossed)
     between[:, 0] = 2.0
     assert least_distances(room.space, between).min() > 0.0

@@ -1,4 +1,4 @@
-"""The parts of the search for a route: grid, regions, chains and passages."""
+"""Tests of the parts of the search for a route: grid, regions, chains and passages."""
 
 import itertools
 
@@ -95,20 +95,20 @@ def test_a_chain_covers_its_route_and_a_passage_leads_through_the_door():
 
 
 def test_all_obstacles_that_must_be_removed_are_named():
-    """There is a route only without all three walls, one behind the other. A box next to them is not named."""
+    """Only the removal of all three consecutive walls opens a route. A box next to them is not named."""
     walls = [((x, 1.5, 1.0), (0.1, 3.0, 2.0)) for x in (1.4, 2.0, 2.6)]
     room = walled(*walls, ((2.0, 2.6, 0.3), (0.4, 0.2, 0.2)))
     with pytest.raises(InputError) as refusal:
         plan(room, Heuristic())
-    said = str(refusal.value)
-    assert "no way" in said
-    assert "without wall_0, wall_1 and wall_2, there would be one" in said
+    message = str(refusal.value)
+    assert "no way" in message
+    assert "without wall_0, wall_1 and wall_2, there would be a way" in message
 
 
 def test_a_seed_on_the_bounds_is_in_its_region_despite_rounding():
-    """Faces are shifted out and in by the clearance, which can move them inside the bounds by a rounding error.
+    """Faces are shifted outward and inward by the clearance, and rounding errors can move them inside the bounds.
 
-    A region that did not contain its seed would be grown around it again and again.
+    If a region did not contain its seed, the search would grow regions around it indefinitely.
     """
     random = np.random.default_rng(0)
     for _ in range(20):
@@ -132,7 +132,7 @@ def test_faces_of_a_region_keep_clearance_and_slack_from_a_wall_and_lie_on_the_b
 
 
 def test_a_free_seed_is_always_in_its_region():
-    """Rounds of IRIS after the first can lose a seed in a corner between obstacles. Then one round is used."""
+    """Later iterations of IRIS can lose a seed in a corner between obstacles. Then only one iteration is used."""
     room = random_room(1)
     grid = grid_of(room)
     free = np.flatnonzero(grid.nearest >= room.space.clearance + SLACK)
@@ -142,8 +142,8 @@ def test_a_free_seed_is_always_in_its_region():
         assert regions.containing(seed[None], [regions.grow(seed)]).all()
 
 
-class Spots(Regions):
-    """Regions that contain only 10 cm around their seeds."""
+class SmallRegions(Regions):
+    """Regions that contain only a box of 10 cm around their seeds."""
 
     def __init__(self):
         super().__init__(Space((), radius=0.1), Box([-99.0] * 3, [99.0] * 3))
@@ -157,14 +157,14 @@ class Spots(Regions):
 
 @pytest.mark.parametrize(("count", "grown"), [(19, 19), (20, 19), (39, 38), (60, 40)])
 def test_most_free_points_are_covered_starting_with_the_largest_clearance(count, grown):
-    """At most 5 % of 20 points or more stay uncovered, unless there are 40 regions."""
+    """Growth ends when at most 5 % of the points, if there are at least 20, are uncovered, or with 40 regions."""
     points = np.arange(count)[:, None] * np.ones(3)
     distances = np.random.default_rng(count).permutation(count).astype(float)
-    regions = Spots()
+    regions = SmallRegions()
     regions.cover(points, distances)
     assert regions.seeds == points[np.argsort(-distances)][:grown].tolist()
-    # Points that regions already contain are not seeds.
-    again = Spots()
+    # Points that a region already contains are not seeds.
+    again = SmallRegions()
     again.grow(points[0])
     again.cover(points, distances)
     assert again.seeds.count(points[0].tolist()) == 1

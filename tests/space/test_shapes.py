@@ -1,3 +1,5 @@
+"""Tests of solids: distances, sizes, surfaces and volumes, by comparison with Drake's convex sets."""
+
 import math
 
 import numpy as np
@@ -29,18 +31,18 @@ SHAPES = {
 each_shape = pytest.mark.parametrize("shape", SHAPES.values(), ids=SHAPES)
 
 
-def around(shape, count, seed=0):
-    """Return random points in and around a shape."""
+def points_around(shape, count, seed=0):
+    """Return random points inside and around a shape."""
     low, high = shape.extent()
     return np.random.default_rng(seed).uniform(low - 1.0, high + 1.0, (count, 3))
 
 
-def projected(shape, point):
-    """Return the distance to the nearest point of the shape's convex set in Drake."""
+def distance_by_drake(shape, point):
+    """Return the distance from a point to the shape's convex set in Drake."""
     program = MathematicalProgram()
     x = program.NewContinuousVariables(3)
     shape.convex_set().AddPointInSetConstraints(program, x)
-    # A cone constraint, |x - point| <= bound, is more accurate than a quadratic cost.
+    # The cone constraint |x - point| <= bound is more accurate than a quadratic cost.
     (bound,) = program.NewContinuousVariables(1)
     program.AddLorentzConeConstraint(np.eye(4), np.concatenate([[0.0], -point]), np.concatenate([[bound], x]))
     program.AddLinearCost(bound)
@@ -51,32 +53,32 @@ def projected(shape, point):
 
 @each_shape
 def test_the_distance_outside_is_that_to_the_projection(shape):
-    points = around(shape, 60)
+    points = points_around(shape, 60)
     for point, distance in zip(points, shape.distances(points), strict=True):
-        assert max(0.0, distance) == pytest.approx(projected(shape, point), abs=2e-6)
+        assert max(0.0, distance) == pytest.approx(distance_by_drake(shape, point), abs=2e-6)
         assert (distance <= 0.0) == shape.convex_set().PointInSet(point, 1e-9)
 
 
 @each_shape
 def test_inside_the_largest_ball_touches_the_surface(shape):
-    """The reference is the support function of the shape's corners along the normals of its triangles."""
+    """The expected distance follows from the support function of the corners along the normals of the triangles."""
     corners = shape.triangles().reshape(-1, 3)
     normals = np.cross(*(shape.triangles()[:, [1, 2]] - shape.triangles()[:, [0]]).transpose(1, 0, 2))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     offsets = (corners @ normals.T).max(axis=0)
-    points = np.vstack([around(shape, 2000), np.tile(shape.centre, (1, 1))])
+    points = np.vstack([points_around(shape, 2000), np.tile(shape.centre, (1, 1))])
     distances = shape.distances(points)
     inside = distances < 0.0
     assert inside.any()
     expected = (points[inside] @ normals.T - offsets).max(axis=1)
-    # Triangles with 32 sides per turn are inside the ball by this share of the radius, in both directions.
+    # Triangles with 32 sides per turn lie inside the ball by this share of the radius, in both directions.
     slack = (1.0 - math.cos(math.pi / 32.0) ** 2) * getattr(shape, "radius", 0.0) + 1e-8
     np.testing.assert_allclose(distances[inside], expected, atol=slack)
 
 
 @each_shape
 def test_a_distance_changes_no_faster_than_the_point_moves(shape):
-    a, b = around(shape, 3000, seed=1), around(shape, 3000, seed=2)
+    a, b = points_around(shape, 3000, seed=1), points_around(shape, 3000, seed=2)
     assert (np.abs(shape.distances(a) - shape.distances(b)) <= np.linalg.norm(a - b, axis=1) + 1e-9).all()
 
 
@@ -87,21 +89,21 @@ def test_the_distance_at_a_corner_is_zero(shape):
 
 @each_shape
 def test_floats_and_machine_code_agree_with_arrays(shape):
-    points = np.vstack([around(shape, 300), shape.triangles().reshape(-1, 3)[:20]])
+    points = np.vstack([points_around(shape, 300), shape.triangles().reshape(-1, 3)[:20]])
     expected = shape.distances(points)
     np.testing.assert_allclose([shape.distance(*p) for p in points.tolist()], expected, rtol=1e-12, atol=1e-9)
     for lone, one in ((False, points), *((True, point[None]) for point in points[:20])):
-        found = np.full(len(one), np.nan)
-        kernel(shape.distance, (ROW, ROW, ROW), (ROW,), single_vehicle=lone)(len(one), 0.0, found, *one.T.copy())
-        np.testing.assert_allclose(found, shape.distances(one), rtol=1e-12, atol=1e-9)
+        actual = np.full(len(one), np.nan)
+        kernel(shape.distance, (ROW, ROW, ROW), (ROW,), single_vehicle=lone)(len(one), 0.0, actual, *one.T.copy())
+        np.testing.assert_allclose(actual, shape.distances(one), rtol=1e-12, atol=1e-9)
 
 
 @each_shape
 def test_distances_are_not_below_their_lower_bound(shape):
-    points = np.vstack([around(shape, 2000), shape.triangles().reshape(-1, 3)])
+    points = np.vstack([points_around(shape, 2000), shape.triangles().reshape(-1, 3)])
     bound = shape.distance_lower_bound(*points.T)
     assert bound is None or (shape.distances(points) >= bound).all()
-    # Half of the hull's corners are near the surface of the ball, so the bound is not trivial.
+    # Half of the hull's corners are near the surface of the ball, so that the bound is not trivial.
     assert (bound is None) == (not hasattr(shape, "corners") or isinstance(shape, Cuboid))
     if bound is not None:
         assert (shape.distances(points) - bound).min() < 1e-6
@@ -125,7 +127,7 @@ def test_triangles_close_a_surface_that_faces_outward(shape):
     np.testing.assert_allclose(np.cross(b - a, c - a).sum(axis=0), 0.0, atol=1e-8)
 
 
-def test_volumes_are_known():
+def test_volumes_agree_with_closed_forms():
     def volume(shape):
         a, b, c = shape.triangles().transpose(1, 0, 2)
         return np.sum(np.cross(b - a, c - a) * a) / 6.0
@@ -138,7 +140,7 @@ def test_volumes_are_known():
 def test_a_hull_of_a_box_has_its_faces_and_edges():
     hull = SHAPES["hull of a box"]
     assert (len(hull.corners), len(hull.normals), len(hull.edges), len(hull.facets)) == (8, 6, 12, 12)
-    points = around(hull, 2000)
+    points = points_around(hull, 2000)
     np.testing.assert_allclose(hull.distances(points), SHAPES["cuboid"].distances(points), atol=1e-8)
 
 
@@ -189,7 +191,7 @@ def test_a_failure_of_qhull_is_reported(monkeypatch):
         hull_of(POINTS)
 
 
-def test_a_space_knows_the_nearest_obstacle():
+def test_a_space_finds_the_nearest_obstacle():
     near, far = Ball((0.0, 0.0, 1.0), radius=0.5), Cuboid((3.0, 0.0, 1.0))
     space = Space((Obstacle("near", near), Obstacle("far", far)), radius=0.2, margin=0.1, tracking=0.05)
     distance, number = space.nearest([[1.0, 0.0, 1.0], [2.0, 0.0, 1.0]])
@@ -214,24 +216,24 @@ def test_every_solid_needs_a_pose_of_three_finite_numbers(make, name, place):
 @pytest.mark.parametrize("scale", [1e-6, 1e6])
 @pytest.mark.parametrize("name", ["hull", "tetrahedron", "hull of a box"])
 def test_distances_to_a_hull_are_proportional_to_its_size(name, scale):
-    """The tolerance of the test whether a projection is in a face is relative to the size of the hull."""
+    """The tolerance for a projection inside a face is relative to the size of the hull."""
     hull = SHAPES[name]
-    points = around(hull, 300)
+    points = points_around(hull, 300)
     larger = hull_of(scale * np.array(hull.corners))
     np.testing.assert_allclose(larger.distances(scale * points), scale * hull.distances(points), atol=1e-9 * scale)
 
 
 @pytest.mark.parametrize("away", [(1e7, 0.0, 0.0), (0.0, 1e7, 0.0), (1e7, 1e7, 1e7)])
 def test_a_hull_is_the_same_far_from_the_origin(away):
-    """Ten thousand kilometres away, floating point has digits for nanometres."""
+    """At a distance of 10,000 km, floating-point numbers have a resolution of nanometres."""
     hull = SHAPES["hull"]
-    points = around(hull, 300)
+    points = points_around(hull, 300)
     far = hull_of(np.array(hull.corners) + away)
     assert len(far.corners) == len(hull.corners)
     np.testing.assert_allclose(far.distances(points + away), hull.distances(points), atol=1e-6)
 
 
-def test_points_of_any_plane_have_no_hull():
+def test_points_in_a_plane_have_no_hull():
     flat = POINTS * [1.0, 1.0, 0.0]
     for points in (flat + np.array([0.0, 0.0, 1.0]), transformed_points(flat, centre=CENTRE, rotation=ROTATION)):
         with pytest.raises(InputError, match="the 30 points of a hull are in a plane"):

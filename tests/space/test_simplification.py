@@ -1,4 +1,4 @@
-"""Simplified convex hulls contain the original hulls, and are not much larger."""
+"""Tests that simplified convex hulls contain the original hulls and are not much larger."""
 
 import math
 
@@ -21,10 +21,10 @@ def sphere(count, seed=0):
 
 
 def drone(corners_per_disc, more=0):
-    """Return points of a frame with four rotor guards and a dome.
+    """Return the points of a frame with four rotor guards and a dome.
 
     Args:
-        corners_per_disc: number of points on the arc of each guard; each adds eight corners to the hull.
+        corners_per_disc: number of points on the arc of each guard, each of which adds eight corners to the hull.
         more: number of corners of the dome.
     """
     places = [(x, y) for x in (-0.12, 0.12) for y in (-0.12, 0.12)]
@@ -66,20 +66,20 @@ MESHES = {
 @pytest.mark.slow
 @pytest.mark.parametrize(("points", "most_growth"), MESHES.values(), ids=MESHES)
 def test_a_simplified_hull_contains_all_points_and_grows_by_little(points, most_growth):
-    found = surrounding(points, MAX_CORNERS)
-    original, simple = hull_of(points), hull_of(found.corners)
+    actual = surrounding(points, MAX_CORNERS)
+    original, simple = hull_of(points), hull_of(actual.corners)
     size = np.ptp(points, axis=0).max()
-    assert (len(found.corners), found.replaced) == (MAX_CORNERS, len(original.corners))
-    assert found.is_simpler
-    # No point is outside, whatever the size of the mesh.
+    assert (len(actual.corners), actual.replaced) == (MAX_CORNERS, len(original.corners))
+    assert actual.is_simpler
+    # No point is outside, for any size of the mesh.
     assert simple.distances(points).max() <= 0.0
     normals, offsets = np.array(simple.normals), np.array(simple.offsets)
     assert (points @ normals.T - offsets).max() <= 0.0
-    # The growth is the largest distance of the new hull from the old one, which occurs at a corner.
-    assert found.growth == pytest.approx(original.distances(found.corners).max(), rel=1e-9)
-    assert found.growth <= most_growth * size <= MAX_GROWTH * size
+    # The growth is the largest distance of the new hull from the original hull, which occurs at a corner.
+    assert actual.growth == pytest.approx(original.distances(actual.corners).max(), rel=1e-9)
+    assert actual.growth <= most_growth * size <= MAX_GROWTH * size
     weights = np.random.default_rng(0).dirichlet(np.full(MAX_CORNERS, 0.1), 200)
-    assert original.distances(weights @ found.corners).max() <= found.growth * (1.0 + 1e-9)
+    assert original.distances(weights @ actual.corners).max() <= actual.growth * (1.0 + 1e-9)
 
 
 @pytest.mark.slow
@@ -107,21 +107,21 @@ def test_the_meshes_of_drones_have_as_many_corners_as_real_ones():
 @pytest.mark.slow
 def test_the_growth_is_a_distance_to_drake_s_convex_set():
     points = sphere(130, 7) * [1.0, 0.5, 0.2]
-    found, hull = surrounding(points, MAX_CORNERS), hull_of(points)
-    corner = found.corners[np.argmax(hull.distances(found.corners))]
+    actual, hull = surrounding(points, MAX_CORNERS), hull_of(points)
+    corner = actual.corners[np.argmax(hull.distances(actual.corners))]
     program = MathematicalProgram()
     x = program.NewContinuousVariables(3)
     hull.convex_set().AddPointInSetConstraints(program, x)
     program.Add2NormSquaredCost(np.eye(3), corner, x)
     nearest = ClarabelSolver().Solve(program).GetSolution(x)
-    assert found.growth == pytest.approx(np.linalg.norm(corner - nearest), rel=1e-5)
+    assert actual.growth == pytest.approx(np.linalg.norm(corner - nearest), rel=1e-5)
 
 
 def test_a_hull_of_few_corners_is_unchanged():
     points = np.vstack([sphere(60), 0.1 * sphere(200, 1)])
-    found = surrounding(points, MAX_CORNERS)
-    assert (found.growth, found.is_simpler) == (0.0, False)
-    np.testing.assert_array_equal(found.corners, hull_of(points).corners)
+    actual = surrounding(points, MAX_CORNERS)
+    assert (actual.growth, actual.is_simpler) == (0.0, False)
+    np.testing.assert_array_equal(actual.corners, hull_of(points).corners)
 
 
 def test_a_hull_that_would_grow_too_much_is_rejected():
@@ -134,24 +134,24 @@ def test_a_hull_that_would_grow_too_much_is_rejected():
 
 
 def test_a_replacement_is_described_in_a_sentence():
-    found = surrounding(drone(13), MAX_CORNERS)
-    share = 100.0 * found.growth / 0.37
-    assert str(found) == (
-        f"its convex hull with 104 corners is replaced by a hull with 100 corners around it, which is larger by at most"
-        f" {found.growth:.3g}, {share:.2g} % of its size"
+    actual = surrounding(drone(13), MAX_CORNERS)
+    share = 100.0 * actual.growth / 0.37
+    assert str(actual) == (
+        f"its convex hull with 104 corners is replaced by a hull with 100 corners around it, larger by at most"
+        f" {actual.growth:.3g}, {share:.2g} % of its size"
     )
 
 
 @pytest.mark.parametrize("count", [8, 9, 100])
 def test_a_hull_with_the_allowed_number_of_corners_is_unchanged(count):
     points = sphere(count)
-    found = surrounding(points, count)
-    assert (found.growth, found.is_simpler, found.replaced) == (0.0, False, count)
-    np.testing.assert_array_equal(found.corners, hull_of(points).corners)
+    actual = surrounding(points, count)
+    assert (actual.growth, actual.is_simpler, actual.replaced) == (0.0, False, count)
+    np.testing.assert_array_equal(actual.corners, hull_of(points).corners)
 
 
 def test_directions_are_unit_vectors_that_are_spread_evenly():
-    """If n points share the sphere evenly, each has an area of 4 π / n, and none is far from its neighbours."""
+    """If n points are spread evenly, each has an area of 4 π / n, and none is far from its neighbours."""
     for count in (50, 500):
         directions = simplification._directions(count)
         np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0)
@@ -163,7 +163,7 @@ def test_directions_are_unit_vectors_that_are_spread_evenly():
 
 
 def test_the_distance_from_corners_in_a_plane_a_line_or_a_point_is_that_to_their_span():
-    """This holds for any size and position."""
+    """The distance is right for any size and position."""
     points = sphere(40, 8)
     for size in (1e-4, 1.0, 1e4):
         for count, distances in (
@@ -174,8 +174,8 @@ def test_the_distance_from_corners_in_a_plane_a_line_or_a_point_is_that_to_their
         ):
             flat = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, 0.5, 0.0], [-0.2, 0.7, 0.0]])[:count]
             away = size * np.array([2.0, -3.0, 1.0])
-            found = simplification._outside(size * points + away, size * flat + away)
-            np.testing.assert_allclose(found, size * distances, atol=1e-9 * size)
+            actual = simplification._outside(size * points + away, size * flat + away)
+            np.testing.assert_allclose(actual, size * distances, atol=1e-9 * size)
         solid = np.vstack([flat, [0.3, 0.2, -0.9]])
         hull = hull_of(solid)
         expected = (points @ np.array(hull.normals).T - hull.offsets).max(axis=1)
@@ -185,7 +185,7 @@ def test_the_distance_from_corners_in_a_plane_a_line_or_a_point_is_that_to_their
 @pytest.mark.parametrize("scale", [1e-3, 1e3])
 def test_a_hull_of_few_corners_grows_with_its_size(scale):
     points = sphere(120)
-    found, larger = surrounding(points, MAX_CORNERS), surrounding(scale * points, MAX_CORNERS)
-    assert larger.growth == pytest.approx(scale * found.growth, rel=1e-6)
+    actual, larger = surrounding(points, MAX_CORNERS), surrounding(scale * points, MAX_CORNERS)
+    assert larger.growth == pytest.approx(scale * actual.growth, rel=1e-6)
     assert larger.size == pytest.approx(scale * np.ptp(points, axis=0).max())
     assert str(larger).endswith("% of its size")

@@ -1,4 +1,4 @@
-"""Intervals: their arithmetic, and printed forms that hold the interval and tell its ends from the estimate."""
+"""Tests of intervals: their arithmetic, and their printed form, which contains the exact interval."""
 
 import math
 import re
@@ -7,26 +7,26 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from drake_quad.statistics.interval import Interval, plus_minus, spread_alone
+from drake_quad.statistics.interval import Interval, plus_minus, spread_text
 
-SOME = Interval(0.2, 0.1, 0.4)
+EXAMPLE = Interval(0.2, 0.1, 0.4)
 NUMBER_PATTERN = r"[+-]?[\d.]+(?:e[+-]\d+)?"
 
 
-def test_arithmetic_turns_and_moves_the_ends_with_the_value():
-    assert -SOME == (-0.2, -0.4, -0.1)
-    assert SOME.plus(-1.0) == pytest.approx((-0.8, -0.9, -0.6))
-    # By what share something shrinks to a ratio.
-    assert -SOME.plus(-1.0) == pytest.approx((0.8, 0.6, 0.9))
-    assert SOME.alone().percent() == "20.0 %"
+def test_negation_and_shifts_change_the_value_and_both_ends():
+    assert -EXAMPLE == (-0.2, -0.4, -0.1)
+    assert EXAMPLE.plus(-1.0) == pytest.approx((-0.8, -0.9, -0.6))
+    # Reduction that corresponds to a ratio.
+    assert -EXAMPLE.plus(-1.0) == pytest.approx((0.8, 0.6, 0.9))
+    assert EXAMPLE.without_interval().percent() == "20.0 %"
 
 
 @pytest.mark.parametrize(("level", "expected"), [(0.05, True), (0.1, None), (0.3, None), (0.4, None), (0.5, False)])
-def test_a_level_within_the_interval_leaves_the_question_open(level, expected):
-    assert SOME.is_above(level) is expected
+def test_a_comparison_with_a_level_within_the_interval_is_undecided(level, expected):
+    assert EXAMPLE.is_above(level) is expected
 
 
-def test_nothing_is_above_or_below_what_is_not_bounded():
+def test_an_unbounded_interval_decides_no_comparison_on_its_open_side():
     assert Interval(1.0, math.nan, math.nan).is_above(0.0) is None
     assert Interval(1.0, 0.5, math.inf).is_above(0.0) is True
     assert Interval(1.0, -math.inf, 2.0).is_above(0.0) is None
@@ -35,17 +35,17 @@ def test_nothing_is_above_or_below_what_is_not_bounded():
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        (SOME.text(), "0.20 [0.10, 0.40]"),
-        (SOME.text(unit="cm", size=0.01), "20 cm [10, 40]"),
-        (SOME.metres(), "0.20 m [0.10, 0.40]"),
-        ((-SOME).millimetres(), "-200 mm [-400, -100]"),
+        (EXAMPLE.text(), "0.20 [0.10, 0.40]"),
+        (EXAMPLE.text(unit="cm", size=0.01), "20 cm [10, 40]"),
+        (EXAMPLE.metres(), "0.20 m [0.10, 0.40]"),
+        ((-EXAMPLE).millimetres(), "-200 mm [-400, -100]"),
         (Interval(0.0035, -0.001, 0.008).millimetres(), "+3.5 mm [-1.0, +8.0]"),
-        # None, one or all of 100,000 flights crash.
+        # Crash probability if none, one or all of 100,000 flights crash.
         (Interval(0.0, 0.0, 3.689e-5).percent(), "0 % [0, 0.0037]"),
         (Interval(1e-5, 2.53e-7, 5.57e-5).percent(), "0.00100 % [0.00002, 0.00557]"),
         (Interval(1.0, 0.9999631, 1.0).percent(), "100.0000 % [99.9963, 100.0000]"),
         (Interval(0.97, 0.93, 0.99).percent(), "97.0 % [93.0, 99.0]"),
-        # Three of four flights crash, and an error is surely smaller than another one: neither end is 100 %.
+        # If three of four flights crash, or one error is significantly smaller than another, neither end may be 100 %.
         (Interval(0.75, 0.19412, 0.99369).percent(), "75.0 % [19.4, 99.4]"),
         (Interval(0.96, 0.923, 0.9981).percent(), "96.0 % [92.3, 99.9]"),
         (Interval(1.06, 1.0003, 1.13).ratio(), "1.0600 [1.0003, 1.1300]"),
@@ -53,20 +53,20 @@ def test_nothing_is_above_or_below_what_is_not_bounded():
         (Interval(3.47131e-5, 3.469e-5, 3.4733e-5).text(unit="N s²"), "3.4713e-05 N s² [3.4690e-05, 3.4733e-05]"),
         (Interval(1.002e9, 0.99e9, 1.1e9).text(), "1.002e+09 [0.990e+09, 1.100e+09]"),
         (Interval(1234567.0, 1234000.0, 1235000.0).text(), "1234567 [1234000, 1235000]"),
-        # An estimate that rounds to zero has no sign of its own.
+        # An estimate that rounds to zero is printed without a sign.
         (Interval(-0.001, -1.2, 1.3).text(), "0.0 [-1.2, 1.3]"),
-        # The mean of equal flights differs from each of them by a rounding error.
+        # The mean of equal values differs from them by a rounding error.
         (Interval(0.1, 0.1 - 1e-17, 0.1 + 2e-17).text(), "0.100 [0.100, 0.100]"),
         (Interval(1.0, 1.0, 1.0).percent(), "100 % [100, 100]"),
-        # An end that is not 100 % is not rounded to it.
+        # An end below 100 % is not rounded to 100 %.
         (Interval(0.95, 0.9, 0.9996).percent(), "95.00 % [90.00, 99.96]"),
-        # Some estimates have no interval, and some have one that the samples do not bound.
+        # Some estimates have no interval, and some have an unbounded interval.
         (Interval(0.5, math.nan, math.nan).percent(), "50.0 %"),
         (Interval(0.5, 0.0, math.inf).percent(), "50 % [0, ∞]"),
         (Interval(0.5, -math.inf, math.inf).text(), "0.500 [-∞, ∞]"),
         (Interval(0.5, -math.inf, 0.7).text(), "0.50 [-∞, 0.70]"),
         (Interval(math.nan, 0.0, 1.0).text(), "–"),
-        # A crash is the worst error.
+        # The error of a crash is infinite.
         (Interval(math.inf, math.inf, math.inf).text(infinite="crash"), "crash"),
         (Interval(math.inf, -math.inf, math.inf).text(infinite="crash"), "crash"),
         (Interval(math.inf, 0.5, math.inf).text(infinite="crash"), "crash [0.500, crash]"),
@@ -76,12 +76,12 @@ def test_nothing_is_above_or_below_what_is_not_bounded():
         (plus_minus(123.4, 31.2), "123 ± 32"),
         (plus_minus(5.4321, 0.0), "5.43 ± 0"),
         (plus_minus(5.4321, math.inf), "5.43 ± ∞"),
-        (spread_alone(0.00441), "± 0.0045"),
-        (spread_alone(441.0), "± 441"),
-        (spread_alone(math.inf), "± ∞"),
+        (spread_text(0.00441), "± 0.0045"),
+        (spread_text(441.0), "± 441"),
+        (spread_text(math.inf), "± ∞"),
     ],
 )
-def test_words(text, expected):
+def test_intervals_are_printed_with_the_right_digits(text, expected):
     assert text == expected
 
 
@@ -94,8 +94,10 @@ gaps = st.one_of(st.just(0.0), st.floats(1.0, 10.0).flatmap(lambda f: st.integer
 @given(sizes, st.sampled_from((-1.0, 0.0, 1.0)), gaps, gaps, st.sampled_from((1.0, 0.01, 1e-3)))
 @example(1e-3, 0.0, 0.0, 1e-3, 0.01)
 @example(0.95163, -1.0, 1.7e-3, 1.6e-3, 1.0)
-def test_the_printed_interval_holds_the_exact_one_and_tells_its_ends_from_the_estimate(size, sign, below, above, unit):
-    """The size and the width of the interval are arbitrary."""
+def test_the_printed_interval_contains_the_exact_one_and_its_ends_differ_from_the_estimate(
+    size, sign, below, above, unit
+):
+    """The size and the width of the interval are random."""
     value = sign * size
     exact = Interval(value, value - below * size, value + above * size)
     shown = exact.text(size=unit)
@@ -107,8 +109,8 @@ def test_the_printed_interval_holds_the_exact_one_and_tells_its_ends_from_the_es
     assert low <= printed <= high
     assert (low < printed) == (exact.low < exact.value)
     assert (printed < high) == (exact.value < exact.high)
-    # An end moves by less than one unit of the last digit. If one end is the estimate, which is rounded by half a unit,
-    # this unit is at most a tenth of the width, and otherwise a twentieth.
+    # Rounding moves an end by less than one unit of the last digit. The unit is at most a twentieth of the width, or a
+    # tenth if one end is the estimate, which is rounded by half a unit.
     assert high - low <= (1.1 if min(below, above) else 1.15) * (exact.high - exact.low) + rounding
 
 
@@ -116,7 +118,7 @@ def test_the_printed_interval_holds_the_exact_one_and_tells_its_ends_from_the_es
 @settings(max_examples=200, deadline=None)
 @given(sizes, sizes)
 def test_a_spread_is_rounded_up_by_less_than_a_tenth(value, spread):
-    texts = [plus_minus(value, spread), spread_alone(spread)]
+    texts = [plus_minus(value, spread), spread_text(spread)]
     for text in texts if spread > 1e-8 * value else texts[1:]:
         *_, shown = map(float, re.findall(NUMBER_PATTERN, text))
         assert spread * (1.0 - 1e-10) <= shown < 1.1 * spread * (1.0 + 1e-10)

@@ -1,4 +1,4 @@
-"""The distributions that estimates use, written with `scipy.special`, are those of `scipy.stats`."""
+"""Comparison of the distributions that estimates compute with `scipy.special` with those of `scipy.stats`."""
 
 import math
 
@@ -11,8 +11,8 @@ from drake_quad.statistics.estimates import _binomial_quantile, _ranks, two_side
 
 @pytest.mark.parametrize("total", [1, 2, 3, 32, 1000, 20_000])
 @pytest.mark.parametrize("probability", [0.01, 0.5, 0.95])
-def test_quantiles_of_binomial_distributions_are_scipy_s(total, probability):
-    # Shares in the middle of steps of the distribution function: at the steps themselves rounding decides.
+def test_quantiles_of_binomial_distributions_agree_with_scipy(total, probability):
+    # These probabilities lie between the steps of the distribution function, where rounding errors have no effect.
     middle = round(total * probability)
     steps = scipy.stats.binom.cdf(np.arange(max(middle - 20, 0), min(middle + 20, total)), total, probability)
     for share in (0.005, 0.025, 0.5, 0.975, 0.995, *0.5 * (steps[1:] + steps[:-1])):
@@ -20,19 +20,19 @@ def test_quantiles_of_binomial_distributions_are_scipy_s(total, probability):
 
 
 @pytest.mark.parametrize("total", [1, 2, 3, 10])
-def test_a_count_is_a_quantile_of_its_own_share(total):
-    """With even odds these shares are exact numbers."""
+def test_a_count_is_the_quantile_of_its_cumulative_probability(total):
+    """At a probability of one half, cumulative probabilities are exact in floating point."""
     shares = np.cumsum([math.comb(total, count) for count in range(total)]) / 2.0**total
     assert [_binomial_quantile(share, total, 0.5) for share in shares] == [*range(total)]
 
 
-def test_equal_values_share_the_mean_of_their_ranks():
+def test_equal_values_get_the_mean_of_their_ranks():
     assert _ranks(np.array([3.0, 1.0, 3.0, 2.0, 3.0])).tolist() == [4.0, 1.0, 4.0, 2.0, 4.0]
     values = np.random.default_rng(0).integers(0, 9, 100).astype(float)
     np.testing.assert_array_equal(_ranks(values), scipy.stats.rankdata(values))
 
 
-def test_the_sign_test_is_scipy_s():
+def test_the_sign_test_agrees_with_scipy():
     assert two_sided_sign_test(0, 0) == 1.0
     for total in range(1, 25):
         for count in range(total + 1):

@@ -1,7 +1,7 @@
-"""The same rows from a Dask cluster, started as on the page of analysis, and an end in a sentence when it breaks.
+"""Tests of studies on a Dask cluster: equal rows, and clear messages if the cluster fails.
 
 
-Everything of Dask's runs in other processes: its threads stay, and those of this one are forked elsewhere.
+Dask runs in other processes, since its threads would remain in this process, which other tests fork.
 """
 
 import importlib.util
@@ -20,10 +20,10 @@ import pytest
 
 from drake_quad import load_scenario, read_study, run_monte_carlo
 from drake_quad.studies import cluster as cluster_module
-from drake_quad.studies.cluster import DaskCrew
-from drake_quad.studies.crew import Outcome
+from drake_quad.studies.cluster import DaskPool
+from drake_quad.studies.worker_pool import Outcome
 
-# Found and not imported: that takes a second in every process of pytest.
+# The package is looked up and not imported, since the import takes a second in every pytest process.
 pytestmark = pytest.mark.skipif(
     importlib.util.find_spec("distributed") is None, reason="needs dask[distributed], the extra `cluster`"
 )
@@ -32,7 +32,7 @@ OVERRIDES = ["duration=0.3"]
 
 
 class Cluster:
-    """A scheduler of Dask's, and workers."""
+    """Dask scheduler with workers."""
 
     def __init__(self, folder):
         self._folder, self._file = folder, folder / "scheduler.json"
@@ -41,11 +41,11 @@ class Cluster:
         self.address = None
         while self.address is None:
             time.sleep(0.05)
-            with suppress(FileNotFoundError, json.JSONDecodeError):  # it is there before it is written
+            with suppress(FileNotFoundError, json.JSONDecodeError):  # the file exists before it is written
                 self.address = json.loads(self._file.read_text())["address"]
 
     def add_worker(self, sources=ROOT):
-        """Starts a worker that takes this package from a folder."""
+        """Start a worker that imports this package from a folder."""
         return self._start(
             "dask_worker", "--host", "127.0.0.1", "--nthreads", 1, "--local-directory", self._folder, sources=sources
         )
@@ -78,13 +78,13 @@ def monte_carlo(address, folder, *options):
 
 
 def until_rows(study, folder):
-    """Waits until a study has some rows."""
+    """Wait until a study has some rows."""
     results = folder / "results.csv"
     while study.poll() is None and not (results.exists() and results.read_text().count("\n") > 3):
         time.sleep(0.05)
 
 
-# Runs a study for each of some clusters, one after another, each of which ends with status 2.
+# The script runs one study after another, each on another cluster; each study ends with status 2.
 UNREACHABLE = """
 import sys
 from drake_quad.command_line.main import main
@@ -100,7 +100,7 @@ for address in addresses:
 
 @pytest.fixture(scope="module", autouse=True)
 def unreachable(tmp_path_factory):
-    """Studies for clusters that are not there; they wait for them while the other tests run."""
+    """Studies on unreachable clusters, which wait for a timeout while the other tests run."""
     folder = tmp_path_factory.mktemp("unreachable") / "study"
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -115,7 +115,7 @@ def unreachable(tmp_path_factory):
 
 @pytest.fixture(scope="module", autouse=True)
 def frozen(tmp_path_factory):
-    """A study whose scheduler has frozen; it waits for an answer while the other tests run."""
+    """Study whose scheduler is frozen; it waits for a reply while the other tests run."""
     folder = tmp_path_factory.mktemp("frozen")
     cluster = Cluster(folder)
     cluster.add_worker()
@@ -127,8 +127,8 @@ def frozen(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_a_cluster_flies_the_same_study(cluster, tmp_path):
-    """Also after Ctrl-C: what it had done by then is gone on with."""
+def test_a_study_on_a_cluster_has_the_rows_of_a_local_study(cluster, tmp_path):
+    """The study is interrupted by Ctrl-C and resumed."""
     folder = tmp_path / "study"
     interrupted = monte_carlo(cluster.address, folder, "--samples", "300", "--batch", "3", "--workers", "2")
     until_rows(interrupted, folder)
@@ -148,13 +148,13 @@ def test_a_cluster_flies_the_same_study(cluster, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_loop_of_a_client_logs_nothing(cluster):
-    """Ctrl-C between two lines of Dask's `sync` is an exception in its loop; a person is told a sentence only."""
+def test_errors_in_the_client_loop_are_not_logged(cluster):
+    """Ctrl-C in Dask's `sync` raises an exception in its event loop, which must not be printed."""
     script = f"""
 import threading
-from drake_quad.studies.cluster import dask_crew
-with dask_crew("{cluster.address}") as crew:
-    loop, told = crew._client.loop, threading.Event()
+from drake_quad.studies.cluster import dask_pool
+with dask_pool("{cluster.address}") as pool:
+    loop, told = pool._client.loop, threading.Event()
     loop.add_callback(lambda: 1 / 0)
     loop.add_callback(told.set)
     assert told.wait(30)
@@ -164,7 +164,7 @@ with dask_crew("{cluster.address}") as crew:
 
 
 def signalled(cluster, folder, sent):
-    """A study that has some rows when its scheduler gets a signal."""
+    """Return a study that has some rows when its scheduler receives a signal."""
     study = monte_carlo(cluster.address, folder, "--samples", "3000", "--batch", "3")
     until_rows(study, folder)
     cluster.scheduler.send_signal(sent)
@@ -172,7 +172,7 @@ def signalled(cluster, folder, sent):
 
 
 def check_end(study, cluster, folder, words):
-    """A study ends in a sentence, with its rows kept."""
+    """Check that a study ends with a message and keeps its rows."""
     _, stderr = study.communicate()
     rows = len(read_study(folder).samples)
     assert 0 < rows < 3000
@@ -181,8 +181,8 @@ def check_end(study, cluster, folder, words):
 
 
 @pytest.mark.slow
-def test_a_worker_with_other_code_is_refused(tmp_path):
-    """A copy of this package in which one number is another."""
+def test_a_worker_with_different_code_is_refused(tmp_path):
+    """The worker has a copy of this package in which one value is changed."""
     copy = tmp_path / "copy" / "drake_quad"
     shutil.copytree(ROOT / "drake_quad", copy, ignore=shutil.ignore_patterns("__pycache__"))
     changed = copy / "laboratory" / "metrics.py"
@@ -198,12 +198,12 @@ def test_a_worker_with_other_code_is_refused(tmp_path):
         cluster.end()
     assert study.returncode == 2
     assert stderr.startswith("error: the worker at tcp://127.0.0.1:")
-    assert stderr.endswith(" has other sources of drake_quad\n")
+    assert stderr.endswith(" has a different version of drake_quad's source files\n")
     assert not (tmp_path / "study").exists()
 
 
 @pytest.mark.slow
-def test_a_cluster_that_is_not_there_is_named(unreachable):
+def test_an_unreachable_cluster_is_named_in_the_error(unreachable):
     folder, addresses, process = unreachable
     _, stderr = process.communicate()
     assert process.returncode == 0
@@ -213,7 +213,7 @@ def test_a_cluster_that_is_not_there_is_named(unreachable):
 
 
 class Future:
-    """A future of Dask's that has one status after another, one for each query of the crew."""
+    """Dask future whose status changes with each query of the pool."""
 
     def __init__(self, *statuses):
         self.statuses = [*statuses]
@@ -232,7 +232,7 @@ class Future:
 
 
 class Client:
-    """A client of Dask's whose scheduler answers."""
+    """Dask client whose scheduler replies."""
 
     status = "running"
     scheduler = SimpleNamespace(ncores=None)
@@ -247,40 +247,41 @@ class Client:
         return self.workers
 
 
-def crew_with(future, workers):
-    crew = DaskCrew(Client(future, workers), "tcp://somewhere:1", 1)
-    crew.begin(len, "given")
-    return crew
+def pool_with(future, workers):
+    pool = DaskPool(Client(future, workers), "tcp://somewhere:1", 1)
+    pool.submit(len, "given")
+    return pool
 
 
-def test_a_result_that_is_lost_with_its_worker_is_awaited_again():
-    crew = crew_with(Future("pending", "lost", "lost", "pending", "finished"), {"worker": 1})
-    (outcome,) = crew.finished()
+def test_a_result_lost_with_its_worker_is_computed_again():
+    pool = pool_with(Future("pending", "lost", "lost", "pending", "finished"), {"worker": 1})
+    (outcome,) = pool.next_outcomes()
     assert outcome.result == "rows"
 
 
 def test_a_scheduler_that_has_lost_all_workers_is_reported(monkeypatch):
-    for name in ("_BETWEEN_QUESTIONS", "_LONGEST_WITHOUT_WORKERS"):
+    for name in ("_REQUEST_PERIOD", "_MAX_TIME_WITHOUT_WORKERS"):
         monkeypatch.setattr(cluster_module, name, 0.0)
-    crew = crew_with(Future("pending", "lost"), {})
+    pool = pool_with(Future("pending", "lost"), {})
     with pytest.raises(
-        ConnectionError, match="^the Dask scheduler at tcp://somewhere:1 has had no workers for a minute$"
+        ConnectionError,
+        match="^the Dask scheduler at tcp://somewhere:1 has had no workers for a minute; start workers and resume",
     ):
-        crew.finished()
+        pool.next_outcomes()
 
 
-def test_cancelled_futures_mean_that_the_scheduler_is_gone():
-    with pytest.raises(ConnectionError, match="^the Dask scheduler at tcp://somewhere:1 is gone$"):
-        crew_with(Future("pending", "cancelled"), {"worker": 1}).finished()
+def test_cancelled_futures_mean_that_the_connection_is_lost():
+    with pytest.raises(ConnectionError, match="^the Dask scheduler at tcp://somewhere:1 has closed the connection$"):
+        pool_with(Future("pending", "cancelled"), {"worker": 1}).next_outcomes()
 
 
 @pytest.mark.slow
 def test_a_scheduler_that_freezes_ends_a_study(frozen):
-    check_end(*frozen, "does not answer")
+    check_end(*frozen, "does not reply")
 
 
 @pytest.mark.slow
 def test_a_scheduler_that_dies_ends_a_study(cluster, tmp_path):
-    """The last test, since the others need it alive."""
+    """This is the last test, since the others need the scheduler."""
     folder = tmp_path / "study"
-    check_end(signalled(cluster, folder, signal.SIGKILL), cluster, folder, "is gone")
+    check_end(signalled(cluster, folder, signal.SIGKILL), cluster, folder, "has closed the connection")

@@ -1,4 +1,4 @@
-"""Controllers side by side, on the same samples."""
+"""Comparisons of controllers on the same samples."""
 
 import math
 from types import SimpleNamespace
@@ -17,17 +17,17 @@ def metrics(rmse, crash_time):
     return Metrics(*[np.array(rmse)] * (len(Metrics._fields) - 1), np.array(crash_time))
 
 
-def test_a_share_is_the_ratio_of_means_over_samples_in_which_neither_crashed():
+def test_the_ratio_of_means_is_over_samples_without_a_crash():
     ours = metrics([1.0, 3.0, 5.0, 7.0, 9.0], [math.inf, 2.0, math.inf, 2.0, math.inf])
     baseline = metrics([2.0, 2.0, 2.0, 2.0, 0.0], [math.inf, math.inf, 3.0, 3.0, math.inf])
     found, reverse = compare(ours, baseline), compare(baseline, ours)
-    assert (found.num_pairs, found.share.value) == (2, 5.0)
-    assert (reverse.num_pairs, reverse.share.value) == (2, 0.2)
+    assert (found.num_pairs, found.ratio.value) == (2, 5.0)
+    assert (reverse.num_pairs, reverse.ratio.value) == (2, 0.2)
 
 
 @pytest.mark.parametrize(("ours", "theirs", "significance"), [(0, 5, 0.0625), (5, 0, 0.0625), (1, 1, 1.0), (0, 0, 1.0)])
-def test_crashes_of_one_controller_alone_are_as_unlikely_as_heads_only(ours, theirs, significance):
-    """McNemar's exact test: five heads of five, or five tails, have the probability 2 / 2⁵."""
+def test_the_significance_of_crashes_follows_from_the_sign_test(ours, theirs, significance):
+    """By McNemar's exact test, five crashes of only one controller have the p-value 2 / 2⁵."""
     times = np.full((2, 8), math.inf)
     times[0, :ours] = times[1, 8 - theirs :] = 1.0
     found = compare(*(metrics(np.ones(8), each) for each in times))
@@ -35,7 +35,7 @@ def test_crashes_of_one_controller_alone_are_as_unlikely_as_heads_only(ours, the
     assert found.crash_significance == pytest.approx(significance)
 
 
-def test_samples_fly_in_the_order_that_is_asked_for():
+def test_samples_fly_in_the_given_order():
     scenario, told = load_scenario("diagrams/laboratory.yaml:low_wind", ["duration=0.2"]), []
     found = fly_samples(scenario, [5, 2], progress=lambda *each: told.append(each))
     for sample, rmse in zip((5, 2), found.rmse, strict=True):
@@ -43,7 +43,7 @@ def test_samples_fly_in_the_order_that_is_asked_for():
     assert told[-1] == (pytest.approx(0.2), pytest.approx(0.2))
 
 
-def test_samples_fly_in_one_fleet_in_machine_code_unless_it_is_not_wanted(monkeypatch):
+def test_samples_fly_in_one_fleet_compiled_by_default(monkeypatch):
     fleets = []
 
     def fleet(_, plan, num_samples, *, compiled):

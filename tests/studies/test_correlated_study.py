@@ -1,4 +1,4 @@
-"""A study of correlated numbers: the same however it is flown, and what it says of them."""
+"""Studies with correlated random parameters: reproducibility and influences."""
 
 import math
 
@@ -36,7 +36,7 @@ def flown(scenario, tmp_path_factory):
     return folder, run_monte_carlo(scenario, 7, 3, folder=folder, num_workers=1, batch_size=7)
 
 
-def test_batches_of_one_and_of_seven_are_alike(scenario, flown):
+def test_results_do_not_depend_on_the_batch_size(scenario, flown):
     _, whole = flown
     single = run_monte_carlo(scenario, 7, 3, num_workers=1, batch_size=1)
     for path in (MASS, DRAG):
@@ -44,24 +44,24 @@ def test_batches_of_one_and_of_seven_are_alike(scenario, flown):
     np.testing.assert_allclose(single.metrics.rmse, whole.metrics.rmse, rtol=1e-9)
 
 
-def test_a_study_is_read_and_gone_on_with(scenario, flown):
-    """Rows whose numbers are not those of the seed would be flown again."""
+def test_a_study_with_correlations_can_be_read_and_resumed(scenario, flown):
+    """A resumed study flies rows again if their drawn values do not follow from the seed."""
     folder, whole = flown
     np.testing.assert_allclose(read_study(folder).parameters[MASS], whole.parameters[MASS], rtol=1e-11)
     again = run_monte_carlo(scenario, 9, 3, folder=folder, num_workers=1, resume=True)
-    assert (len(again.samples), again.misfits) == (9, ())
+    assert (len(again.samples), again.invalid_lines) == (9, ())
     assert again.flown_time == pytest.approx(2 * 0.2)
     drawn = Batch.draw(scenario, range(9), seed=3).varying[DRAG]
     np.testing.assert_allclose(again.parameters[DRAG], drawn, rtol=1e-11)
 
 
-def test_drakes_own_monte_carlo_flies_them(diagrams):
+def test_drake_monte_carlo_flies_correlated_samples(diagrams):
     scenario = load_scenario(diagrams / "hover.yaml", [*CORRELATED, "duration=0.1"])
     assert np.isfinite(drake_monte_carlo(scenario, 2, 1).rmse).all()
 
 
 def study_of(scenario, count, rmse):
-    """A study that was not flown: its error is a function of what was drawn."""
+    """Return an invented study whose error is a function of the drawn values."""
     batch = Batch.draw(scenario, range(count))
     values = rmse(*(batch.varying[path] for path in (MASS, DRAG, STEP)))
     metrics = Metrics(*[values] * (len(Metrics._fields) - 1), np.full(count, math.inf))
@@ -69,41 +69,41 @@ def study_of(scenario, count, rmse):
     return Study(scenario, 0.2, np.arange(count), parameters, metrics)
 
 
-def test_what_is_correlated_with_a_cause_has_no_influence_alone(scenario):
-    """The error depends on mass: drag is correlated with it by 0.81, and so with the error."""
+def test_a_parameter_that_is_only_correlated_with_the_cause_has_no_partial_influence(scenario):
+    """The error depends on the mass. Drag is correlated with the mass by 0.81, and therefore with the error."""
     found = {
         each.path: each for each in influences(study_of(scenario, 2000, lambda mass, drag, step: 50.0 * mass + step))
     }
     assert found[DRAG].correlation.low > 0.7
-    assert abs(found[DRAG].alone.value) < 0.06
-    assert found[MASS].alone.low > 0.9
-    # Drawn independently: there is nobody to take off.
-    assert found[STEP].alone == found[STEP].correlation
+    assert abs(found[DRAG].partial.value) < 0.06
+    assert found[MASS].partial.low > 0.9
+    # This parameter is drawn independently, so both correlations are equal.
+    assert found[STEP].partial == found[STEP].correlation
 
 
-def test_the_plot_says_what_an_influence_is_alone(scenario):
+def test_the_plot_shows_partial_correlations(scenario):
     figure = plot_influences(study_of(scenario, 400, lambda mass, drag, step: 50.0 * mass + step))
     (axes,) = figure.axes
     texts = [text.get_text() for text in axes.texts]
     assert sum("; partial " in text for text in texts) == 2
 
 
-def test_the_partial_rank_correlation_is_that_of_three_variables():
-    """By the recursion (r_xy - r_xz r_yz) / √((1 - r_xz²)(1 - r_yz²)) on Spearman's correlations."""
+def test_the_partial_rank_correlation_agrees_with_the_recursion_formula():
+    """The formula is (r_xy - r_xz r_yz) / √((1 - r_xz²)(1 - r_yz²)) with Spearman's correlations."""
     z, *noise = np.random.default_rng(4).normal(size=(3, 500))
     x, y = np.exp(z + noise[0]), (z + 0.5 * noise[1]) ** 3
     r = scipy.stats.spearmanr(np.stack([x, y, z]), axis=1).statistic
     expected = (r[0, 1] - r[0, 2] * r[1, 2]) / math.sqrt((1.0 - r[0, 2] ** 2) * (1.0 - r[1, 2] ** 2))
     found = partial_rank_correlation(x, y, z[None])
     assert found.value == pytest.approx(expected, rel=1e-12)
-    # Fisher's with the variance of Bonett and Wright, and one sample less for the number that is given.
+    # The interval is Fisher's with the variance of Bonett and Wright, for one sample fewer.
     reach = 1.959964 * math.sqrt((1.0 + 0.5 * expected**2) / (500 - 1 - 3))
     assert np.arctanh(found.high) - np.arctanh(expected) == pytest.approx(reach, rel=1e-6)
     assert np.arctanh(expected) - np.arctanh(found.low) == pytest.approx(reach, rel=1e-6)
     assert partial_rank_correlation(x, y, np.empty((0, 500))) == rank_correlation(x, y)
 
 
-def test_what_others_determine_has_no_influence_of_its_own():
+def test_a_variable_determined_by_others_has_no_partial_correlation():
     x = np.random.default_rng(5).normal(size=50)
     y = np.sin(np.arange(50.0))
     assert math.isnan(partial_rank_correlation(x, y, np.exp(x)[None]).value)
@@ -111,8 +111,8 @@ def test_what_others_determine_has_no_influence_of_its_own():
     assert math.isnan(partial_rank_correlation(x, np.ones(50), y[None]).value)
 
 
-def test_the_partial_interval_covers_the_truth():
-    """Of independent numbers given a third, on which both depend: 0."""
+def test_the_interval_of_the_partial_correlation_has_its_nominal_coverage():
+    """The partial correlation of two variables that depend only on a third one is 0."""
     rng = np.random.default_rng(6)
     hits = 0
     for _ in range(400):

@@ -1,4 +1,4 @@
-"""Drake's Monte Carlo tool and ours, of which no code is common but the systems, fly samples of one distribution."""
+"""Tests that the studies of Drake and of this library, which share only the systems, have the same distribution."""
 
 import numpy as np
 import pytest
@@ -14,8 +14,8 @@ OVERRIDES = ["duration=0.5", "crash.position_error=0.05"]
 
 @pytest.mark.slow
 @pytest.mark.parametrize("path", ["diagrams/robustness.yaml", "diagrams/laboratory.yaml:low_wind"])
-def test_the_two_agree(path):
-    """In distribution, by the tests of Kolmogorov and Smirnov and, for crashes, of Fisher."""
+def test_drake_and_our_monte_carlo_studies_agree(path):
+    """The distributions are compared by the Kolmogorov–Smirnov test and, for crashes, by Fisher's test."""
     scenario = load_scenario(path, OVERRIDES)
     theirs, ours = drake_monte_carlo(scenario, 50, seed=3), run_monte_carlo(scenario, 800, seed=3).metrics
     for name in ("rmse", "rmse_x", "rmse_z", "peak_error", "effort_y", "variation_x"):
@@ -27,22 +27,22 @@ def test_the_two_agree(path):
 
 
 @pytest.mark.slow
-def test_a_seed_gives_the_same_flights_again():
+def test_a_seed_reproduces_the_flights():
     scenario = load_scenario("diagrams/robustness.yaml", ["duration=0.2"])
     first, again, other = (drake_monte_carlo(scenario, 3, seed=seed).rmse for seed in (1, 1, 2))
     np.testing.assert_array_equal(first, again)
     assert not np.isin(other, first).any()
 
 
-def test_all_ticks_count():
-    """What is left pending at the end is done: as many ticks as in a flight of ours."""
+def test_all_ticks_count_for_the_metrics():
+    """Updates that are pending at the end are completed, so the number of ticks equals that of `simulate`."""
     scenario = load_scenario("diagrams/laboratory.yaml:nominal", ["duration=0.2", "metrics.start=0.199"])
     assert np.isfinite(drake_monte_carlo(scenario, 1).rmse[0])
     assert np.isfinite(run_monte_carlo(scenario, 1).metrics.rmse[0])
 
 
-def test_samples_are_numbered_by_31_bits_of_drake_s_generator(monkeypatch):
-    """As many as a sample may have, and all of them: under the seed that is given, else under the scenario's."""
+def test_sample_indices_are_31_bits_of_drake_s_generator(monkeypatch):
+    """The indices cover the whole range, with a given seed and with the seed of the scenario."""
     drawn = []
 
     def draw(scenario, sample, *, seed):
@@ -62,7 +62,7 @@ def test_samples_are_numbered_by_31_bits_of_drake_s_generator(monkeypatch):
 
 @pytest.mark.slow
 def test_drake_s_generator_seeds_wind_and_noise(monkeypatch):
-    """Flights of one sample differ by nothing else."""
+    """Two flights of the same sample differ only in this seed."""
     draw_sample = drakes_tool.draw_sample
     monkeypatch.setattr(drakes_tool, "draw_sample", lambda scenario, _, *, seed: draw_sample(scenario, 0, seed=seed))
     scenario = load_scenario("diagrams/laboratory.yaml:nominal", ["duration=0.1"])
@@ -73,7 +73,7 @@ def test_drake_s_generator_seeds_wind_and_noise(monkeypatch):
     ("cameras", "time_step", "after"), [(0.02, 0.01, 0.0025), (0.04, 0.0, 0.005), (0.01, 0.0, 0.0025)]
 )
 def test_a_flight_ends_between_its_last_tick_and_the_next_event(monkeypatch, cameras, time_step, after):
-    """By a quarter of the shortest period that there is, where the control ticks every 20 ms."""
+    """The control period is 20 ms, and the flight ends a quarter of the shortest period after the last tick."""
     asked = []
 
     def simulate(make_simulator, output, final_time, num_samples, generator):

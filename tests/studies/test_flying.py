@@ -1,4 +1,4 @@
-"""Fleets of a worker: which it builds, which it keeps, and what it flies in them."""
+"""Tests of the fleets of a worker."""
 
 import numpy as np
 import pytest
@@ -7,18 +7,18 @@ from drake_quad import InputError, load_scenario, simulate
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.flight.mission import plan_route
 from drake_quad.studies import flying
-from drake_quad.studies.flying import BatchJob, code_of, fly_batch, fly_trial, forget, prepare
+from drake_quad.studies.flying import BatchJob, build_fleet, code_versions, delete_fleets, fly_batch, fly_trial
 
 
 @pytest.fixture
 def job():
     scenario = load_scenario("diagrams/robustness.yaml", ["duration=0.1"])
-    yield BatchJob("a study", code_of(UserSystems()), scenario, plan_route(scenario), 10, UserSystems(), True)
-    forget()
+    yield BatchJob("a study", code_versions(UserSystems()), scenario, plan_route(scenario), 10, UserSystems(), True)
+    delete_fleets()
 
 
 class Fleet:
-    """A fleet that flies nothing, and tells what was asked of it."""
+    """Fleet that records its arguments instead of flying."""
 
     built: list
     flown: list
@@ -38,7 +38,7 @@ def fleet(monkeypatch):
     return Fleet
 
 
-def test_fleets_are_the_largest_and_its_halves_each_built_once(job, fleet):
+def test_fleet_sizes_are_halved_and_each_fleet_is_built_once(job, fleet):
     sizes = {count: flying._fleet(job, count).num_vehicles for count in (10, 6, 5, 4, 3, 2, 1, 10, 3)}
     assert sizes == {10: 10, 6: 10, 5: 5, 4: 5, 3: 3, 2: 2, 1: 1}
     assert [num_vehicles for _, _, num_vehicles, _ in fleet.built] == [10, 5, 3, 2, 1]
@@ -48,26 +48,26 @@ def test_fleets_are_the_largest_and_its_halves_each_built_once(job, fleet):
     )
 
 
-def test_another_study_has_other_fleets(job, fleet):
+def test_each_study_has_separate_fleets(job, fleet):
     flying._fleet(job, 10)
     flying._fleet(job._replace(key="another study"), 10)
     flying._fleet(job._replace(key="another study"), 10)
     assert len(fleet.built) == 2
-    forget()
+    delete_fleets()
     flying._fleet(job._replace(key="another study"), 10)
     assert len(fleet.built) == 3
 
 
-def test_systems_of_ones_own_go_into_the_fleets(job, fleet):
+def test_user_systems_are_passed_to_the_fleets(job, fleet):
     for name in UserSystems._fields:
         own = UserSystems(**{name: Fleet})
-        other = job._replace(key=name, code=code_of(own), own=own)
+        other = job._replace(key=name, code=code_versions(own), user_systems=own)
         flying._fleet(other, 10)
         assert fleet.built[-1][3] == {"own": own, "compiled": True}
 
 
-def test_a_worker_that_refused_refuses_again(job, fleet):
-    """The fleets that are there are those of code that fits."""
+def test_a_worker_with_different_code_refuses_every_batch(job, fleet):
+    """The code is checked for each batch until a fleet exists."""
     wrong = job._replace(key="wrong", code={**job.code, "numpy": "0.1"})
     for _ in range(2):
         with pytest.raises(InputError, match="has numpy"):
@@ -75,19 +75,19 @@ def test_a_worker_that_refused_refuses_again(job, fleet):
     assert fleet.built == []
 
 
-def test_a_worker_that_refuses_a_study_has_let_go_of_the_fleets_of_the_last(job, fleet):
+def test_a_worker_that_refuses_a_study_deletes_earlier_fleets(job, fleet):
     flying._fleet(job, 10)
     with pytest.raises(InputError, match="has numpy"):
         flying._fleet(job._replace(key="wrong", code={**job.code, "numpy": "0.1"}), 10)
-    assert vars(flying._own) == {}
+    assert vars(flying._thread_data) == {}
 
 
-def test_what_is_forked_has_flown_for_two_ticks(job, fleet):
-    prepare(job)
+def test_a_fleet_flies_two_ticks_before_a_fork(job, fleet):
+    build_fleet(job)
     assert fleet.flown == [(10, list(range(10)), {"duration": 0.04})]
 
 
-def test_rows_are_samples_their_numbers_and_their_metrics(job):
+def test_rows_contain_index_drawn_values_and_metrics(job):
     scenario = job.scenario
     (row,) = fly_batch(job, [6])
     alone = simulate(scenario, sample=6, compiled=False)
@@ -98,7 +98,7 @@ def test_rows_are_samples_their_numbers_and_their_metrics(job):
     np.testing.assert_allclose(row[-1 - len(alone.metrics) : -2], alone.metrics[:-1], rtol=1e-9)
 
 
-def test_a_trial_flies_the_last_alone_once_more_and_beside_the_others(job, monkeypatch):
+def test_a_trial_flies_the_last_sample_twice_alone_and_once_in_the_batch(job, monkeypatch):
     flown = []
 
     def fly(given, samples):

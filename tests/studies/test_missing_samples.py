@@ -1,4 +1,4 @@
-"""The set of missing samples, in order."""
+"""Tests of the sorted indices of missing samples."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from drake_quad.studies.missing_samples import MissingSamples
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_missing_samples_are_all_that_are_not_there(seed):
+def test_missing_samples_are_the_complement_of_the_present_ones(seed):
     rng = np.random.default_rng(seed)
     there = rng.permutation(50)[: rng.integers(51)]
     missing = MissingSamples(50, there)
@@ -18,7 +18,7 @@ def test_missing_samples_are_all_that_are_not_there(seed):
         assert missing[first:last] == expected[first:last]
 
 
-def test_an_index_beyond_the_last_is_an_error():
+def test_an_index_beyond_the_end_is_an_error():
     missing = MissingSamples(3, np.array([1.0]))
     assert (missing[0], missing[-1]) == (0, 2)
     assert all(type(sample) is int for sample in missing)
@@ -26,7 +26,7 @@ def test_an_index_beyond_the_last_is_an_error():
         missing[2]
 
 
-def test_a_list_of_all_samples_is_never_made():
+def test_no_list_of_all_samples_is_created():
     missing = MissingSamples(2**31 - 1, np.array([2.0**30]))
     assert missing[2**30 - 1 : 2**30 + 1] == [2**30 - 1, 2**30 + 1]
     assert len(missing) == 2**31 - 2

@@ -1,4 +1,4 @@
-"""A study is the same however it is flown, and survives whatever happens to it."""
+"""Tests that studies are reproducible and survive failures."""
 
 import multiprocessing
 import os
@@ -18,17 +18,17 @@ from drake_quad import InputError, load_scenario, simulate
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.studies import flying
 from drake_quad.studies import monte_carlo as run_module
-from drake_quad.studies.crew import Crew, Outcome
-from drake_quad.studies.flying import BatchJob, fly_batch, fly_trial, prepare
+from drake_quad.studies.flying import BatchJob, build_fleet, fly_batch, fly_trial
 from drake_quad.studies.monte_carlo import StudyInterrupted, run_monte_carlo
 from drake_quad.studies.processes import Workers
 from drake_quad.studies.results_file import read_results, write_results
 from drake_quad.studies.study import columns_of, format_of, read_record, read_study
 from drake_quad.studies.study_folder import open_study
+from drake_quad.studies.worker_pool import Outcome, WorkerPool
 
 
 class Draught(LeafSystem):
-    """A wind that comes and goes, the same for all."""
+    """Wind that varies with time and is equal for all vehicles."""
 
     def __init__(self, num_vehicles):
         super().__init__()
@@ -48,7 +48,7 @@ def study(*overrides):
 
 
 def simple():
-    """A scenario of few systems, for studies that are not compiled."""
+    """Return a scenario with few systems, for uncompiled studies."""
     return load_scenario("figure_eight", ["duration=0.4", "vehicle.linear_drag={uniform: {min: 0.1, max: 0.2}}"])
 
 
@@ -73,19 +73,19 @@ def whole(tmp_path_factory):
 
 def test_some_samples_crash_and_others_do_not(whole):
     assert 3 < whole[1].metrics.crashed.sum() < N - 3
-    told = f"<Study of robustness: {N} samples, {whole[1].metrics.crashed.sum()} crashed; drawn are vehicle.mass, "
+    told = f"<Study of robustness: {N} samples, {whole[1].metrics.crashed.sum()} crashed; drawn fields: vehicle.mass, "
     assert repr(whole[1]).startswith(told)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("options", [{"batch_size": 1}, {"batch_size": 7, "num_workers": 1}, {"batch_size": None}])
-def test_batches_and_workers_do_not_matter(whole, options, tmp_path):
+def test_results_do_not_depend_on_batches_and_workers(whole, options, tmp_path):
     assert_same(run(tmp_path, **options), whole[1])
     assert (tmp_path / "results.csv").read_bytes() == (whole[0] / "results.csv").read_bytes()
 
 
 @pytest.mark.slow
-def test_a_wind_of_ones_own_blows_in_every_worker():
+def test_a_user_s_wind_blows_in_every_worker():
     scenario = simple()
     found = run_monte_carlo(scenario, 4, 5, num_workers=2, batch_size=2, wind=Draught)
     assert found.failures == {}
@@ -95,14 +95,14 @@ def test_a_wind_of_ones_own_blows_in_every_worker():
     assert found.metrics.rmse[3] != pytest.approx(calm.rmse, rel=1e-6)
 
 
-def test_what_workers_would_not_find_is_refused_before_anything_is_written(tmp_path):
+def test_a_function_that_workers_cannot_import_is_refused_before_anything_is_written(tmp_path):
     with pytest.raises(InputError, match="position_controller cannot be sent to worker processes"):
         run(tmp_path, position_controller=lambda num_vehicles: None)
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.slow
-def test_nor_does_the_executor(whole):
+def test_results_do_not_depend_on_the_executor(whole):
     with ThreadPoolExecutor(2) as executor:
         assert_same(run(executor=executor), whole[1])
     with Workers(2) as workers:
@@ -111,7 +111,7 @@ def test_nor_does_the_executor(whole):
 
 
 def test_a_sample_flown_alone_has_the_metrics_of_its_row(whole):
-    """To 1e-9, and the first to crash."""
+    """The metrics agree within 1e-9, also for the first sample that crashes."""
     for sample in {0, int(np.argmin(whole[1].metrics.crash_time))}:
         alone = simulate(study(), seed=5, sample=sample, compiled=False)
         row = [values[sample] for values in whole[1].metrics]
@@ -119,14 +119,14 @@ def test_a_sample_flown_alone_has_the_metrics_of_its_row(whole):
         assert alone.scenario.vehicle.mass == pytest.approx(whole[1].parameters["vehicle.mass"][sample], rel=1e-12)
 
 
-def test_what_is_read_is_what_was_flown(whole):
+def test_a_study_read_from_its_folder_equals_the_flown_one(whole):
     assert_same(read_study(whole[0]), whole[1])
     assert read_study(whole[0]).scenario == study("seed=5")
     assert whole[1].flown_time == pytest.approx(whole[1].flight_time.sum())
 
 
 @pytest.mark.slow
-def test_more_samples_can_be_flown_later(whole, tmp_path):
+def test_a_resumed_study_can_have_more_samples(whole, tmp_path):
     seen = []
     run(tmp_path, num_samples=9)
     found = run(tmp_path, resume=True, progress=lambda done, total: seen.append((done, total)))
@@ -149,7 +149,7 @@ def runs(pid):
 
 
 def dies_at(folder, count):
-    """A report of progress that kills its process when so many samples are done, and tells of its workers before."""
+    """Return a progress function that prints the worker processes and kills its own process after some samples."""
 
     def progress(done, _):
         if done >= count:
@@ -161,8 +161,8 @@ def dies_at(folder, count):
 
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs Linux's /proc")
-def test_kill_at_many_row_counts_and_resume(whole, tmp_path):
-    """Nothing is flown twice, no worker is left behind, and the file is the one of an undisturbed study."""
+def test_a_killed_study_can_be_resumed_at_any_row(whole, tmp_path):
+    """No sample is flown twice, no worker remains, and the file equals that of an undisturbed study."""
     context, folder = multiprocessing.get_context("fork"), tmp_path / "study"
     path, flown = folder / "results.csv", set()
     for count in (0, 1, 8, 24):
@@ -190,7 +190,7 @@ def _within_a_minute(condition):
 
 
 @pytest.mark.slow
-def test_ctrl_c_keeps_what_is_done(whole, tmp_path):
+def test_ctrl_c_keeps_completed_rows(whole, tmp_path):
     def interrupt(done, total):
         if 0 < done < total:
             signal.raise_signal(signal.SIGINT)
@@ -203,7 +203,7 @@ def test_ctrl_c_keeps_what_is_done(whole, tmp_path):
 
 
 class Failing:
-    """Flies batches, but for those with a sample, which it fails for some times."""
+    """Function that flies batches, but fails a number of times for batches with a certain sample."""
 
     def __init__(self, folder, how, times):
         self.folder, self.how, self.times = folder, how, times
@@ -231,10 +231,10 @@ def test_a_batch_that_fails_once_is_flown_again(whole, how, tmp_path, monkeypatc
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("how", "reason"),
-    [("raises", "ArithmeticError: sample 7 is cursed"), ("dies", "its worker process was ended by SIGKILL")],
+    [("raises", "ArithmeticError: sample 7 is cursed"), ("dies", "the worker process ended due to the signal SIGKILL")],
 )
-def test_a_sample_that_always_fails_costs_itself_and_the_study_goes_on(whole, how, reason, tmp_path, monkeypatch):
-    """Its batch of 5 is flown in halves, 2 and 3, and those 3 again; a later run mends it."""
+def test_a_sample_that_always_fails_does_not_affect_the_others(whole, how, reason, tmp_path, monkeypatch):
+    """The batch of 5 is split into 2 and 3, and the 3 again. A later run flies the failed sample."""
     attempts, folder = tmp_path / "attempts", tmp_path / "study"
     attempts.mkdir()
     with monkeypatch.context() as patch:
@@ -253,10 +253,10 @@ def never(job, samples):
     raise ArithmeticError(f"all {len(samples)} are cursed,\nand for long: {'x' * 1000}")
 
 
-def test_a_study_of_which_nothing_can_be_flown_ends(tmp_path, monkeypatch):
+def test_a_study_in_which_every_sample_fails_is_aborted(tmp_path, monkeypatch):
     monkeypatch.setattr(run_module, "fly_batch", never)
     words = (
-        r"the first 8 samples that were flown alone all failed: ArithmeticError: all 1 are cursed, and for long: x+"
+        r"the first 8 samples all failed, each flown alone: ArithmeticError: all 1 are cursed, and for long: x+"
         r"\.\.\.; 0 of 24 samples are in .*results\.csv"
     )
     with pytest.raises(RuntimeError, match=words):
@@ -268,9 +268,9 @@ def test_a_study_of_which_nothing_can_be_flown_ends(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     "alter",
     [
-        lambda cells: [cells[0], str(float(cells[1]) + 1e-9), *cells[2:]],  # a number that was drawn
+        lambda cells: [cells[0], str(float(cells[1]) + 1e-9), *cells[2:]],  # a drawn value
         lambda cells: [*cells[:-4], "0.123", *cells[-3:]],  # a metric
-        lambda cells: ["17", *cells[1:]],  # the number of the sample
+        lambda cells: ["17", *cells[1:]],  # the index of the sample
         lambda cells: ["3.5", *cells[1:]],
         lambda cells: ["-1", *cells[1:]],
         lambda cells: ["", *cells[1:]],
@@ -279,32 +279,32 @@ def test_a_study_of_which_nothing_can_be_flown_ends(tmp_path, monkeypatch):
         lambda cells: ["what"],
     ],
 )
-def test_altered_rows_are_known_and_flown_again(whole, alter, tmp_path):
-    """A file whose third row was altered is no study that can be read; when it is gone on with, it is whole again."""
+def test_altered_rows_are_detected_and_flown_again(whole, alter, tmp_path):
+    """A file with an altered third row cannot be read; after the study is resumed, the file is complete."""
     shutil.copytree(whole[0], tmp_path, dirs_exist_ok=True)
     path = tmp_path / "results.csv"
     lines = path.read_text().splitlines()
     lines[3] = ",".join(alter(lines[3].split(",")))
     path.write_text("\n".join(lines) + "\n")
-    with pytest.raises(InputError, match=r"results\.csv, line 4: is not as it was written"):
+    with pytest.raises(InputError, match=r"results\.csv:4: the row was altered"):
         read_study(tmp_path)
     found = run(tmp_path, resume=True)
-    assert list(found.misfits) == [4]
+    assert list(found.invalid_lines) == [4]
     assert found.flown_time == pytest.approx(whole[1].flight_time[2])
     assert path.read_bytes() == (whole[0] / "results.csv").read_bytes()
-    assert not read_study(tmp_path).misfits
+    assert not read_study(tmp_path).invalid_lines
 
 
-def test_rows_with_numbers_that_the_seed_does_not_give_are_flown_again(whole, tmp_path):
-    """As of a version that drew otherwise: the checksum fits."""
+def test_rows_whose_values_do_not_follow_from_the_seed_are_flown_again(whole, tmp_path):
+    """Such rows have valid checksums; another version could have drawn their values."""
     shutil.copytree(whole[0], tmp_path, dirs_exist_ok=True)
     form = format_of(study("seed=5"))
     rows = read_results(tmp_path / "results.csv", form).rows
     rows[2, 1] *= 1.0 + 1e-9
     write_results(tmp_path / "results.csv", form, rows)
-    with pytest.raises(InputError, match="line 4"):
+    with pytest.raises(InputError, match=r"csv:4:"):
         read_study(tmp_path)
-    assert list(run(tmp_path, resume=True).misfits) == [4]
+    assert list(run(tmp_path, resume=True).invalid_lines) == [4]
     assert (tmp_path / "results.csv").read_bytes() == (whole[0] / "results.csv").read_bytes()
 
 
@@ -316,27 +316,27 @@ def test_rows_with_numbers_that_the_seed_does_not_give_are_flown_again(whole, tm
         ("versions:", "versions: 3\nx:", "versions"),
     ],
 )
-def test_a_record_that_is_none_is_refused(whole, old, new, place, tmp_path):
+def test_an_invalid_record_is_refused(whole, old, new, place, tmp_path):
     shutil.copytree(whole[0], tmp_path, dirs_exist_ok=True)
     record = (tmp_path / "study.yaml").read_text()
     assert old in record
     (tmp_path / "study.yaml").write_text(record.replace(old, new))
-    words = rf"study\.yaml is not the record of a study: see its {place}" if place else "is not YAML"
+    words = rf"is not the record of a study: {place} is missing or invalid" if place else "cannot be read as YAML"
     for attempt in (lambda: read_study(tmp_path), lambda: run(tmp_path, resume=True)):
         with pytest.raises(InputError, match=words):
             attempt()
 
 
 @pytest.mark.parametrize("name", ["scenario.yaml", "study.yaml"])
-def test_what_is_not_the_study_s_own_is_not_overwritten(name, tmp_path):
+def test_foreign_files_are_not_overwritten(name, tmp_path):
     (tmp_path / name).write_text("notes: of somebody\n")
-    with pytest.raises(InputError, match=rf"{name} would be overwritten"):
+    with pytest.raises(InputError, match=rf"{name} .* is not overwritten"):
         run(tmp_path)
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [(name, "notes: of somebody\n")]
 
 
 @pytest.mark.slow
-def test_a_study_that_ended_before_its_first_row_is_begun_again(whole, tmp_path):
+def test_a_study_that_ended_before_its_first_row_can_be_started_again(whole, tmp_path):
     for names in (["scenario.yaml"], ["scenario.yaml", "study.yaml"]):
         folder = tmp_path / str(len(names))
         folder.mkdir()
@@ -352,10 +352,10 @@ def test_a_study_that_ended_before_its_first_row_is_begun_again(whole, tmp_path)
         ({"num_samples": 0}, "samples is 0"),
         ({"num_samples": -3}, "samples is -3"),
         ({"num_workers": 0}, "workers is 0"),
-        ({"batch_size": 0}, "batch is 0"),
+        ({"batch_size": 0}, "batch_size is 0"),
     ],
 )
-def test_numbers_that_are_none_are_refused(options, words, tmp_path):
+def test_counts_out_of_range_are_refused(options, words, tmp_path):
     with pytest.raises(InputError, match=words):
         run(tmp_path / "study", **options)
     assert not (tmp_path / "study").exists()
@@ -363,7 +363,7 @@ def test_numbers_that_are_none_are_refused(options, words, tmp_path):
 
 def test_a_study_is_not_overwritten(whole):
     before = (whole[0] / "results.csv").read_bytes()
-    with pytest.raises(InputError, match="holds a study already"):
+    with pytest.raises(InputError, match="already contains a study"):
         run(whole[0])
     assert (whole[0] / "results.csv").read_bytes() == before
 
@@ -381,19 +381,19 @@ def test_a_study_is_not_overwritten(whole):
         ([], 6, "its seed is 5, not 6"),
     ],
 )
-def test_another_study_is_not_gone_on_with(whole, overrides, seed, words):
+def test_a_different_study_is_not_resumed(whole, overrides, seed, words):
     before = {path: path.read_bytes() for path in whole[0].iterdir()}
     with pytest.raises(InputError, match=words):
         run_monte_carlo(study(*overrides), N, seed, folder=whole[0], resume=True)
     assert {path: path.read_bytes() for path in whole[0].iterdir()} == before
 
 
-def test_fewer_samples_than_there_are_are_refused(whole):
-    with pytest.raises(InputError, match="holds sample 23 already"):
+def test_resuming_with_fewer_samples_is_refused(whole):
+    with pytest.raises(InputError, match="already contains sample 23"):
         run(whole[0], num_samples=10, resume=True)
 
 
-def test_a_table_that_is_no_study_is_not_gone_on_with(tmp_path):
+def test_a_table_of_another_origin_is_not_resumed(tmp_path):
     (tmp_path / "results.csv").write_text("time,x\n0,1\n")
     with pytest.raises(InputError, match=r"study.yaml"):
         run(tmp_path, resume=True)
@@ -403,8 +403,8 @@ def test_a_table_that_is_no_study_is_not_gone_on_with(tmp_path):
 
 
 @pytest.mark.slow
-def test_rows_that_cannot_be_written_end_the_study_and_leave_the_others(whole, tmp_path, monkeypatch):
-    """What a full disk does in the middle of a study."""
+def test_a_write_error_ends_the_study_and_keeps_earlier_rows(whole, tmp_path, monkeypatch):
+    """The disk is full in the middle of a study."""
     from drake_quad.studies.results_file import ResultsFile
 
     append, count = ResultsFile.append, iter(range(N))
@@ -422,27 +422,27 @@ def test_rows_that_cannot_be_written_end_the_study_and_leave_the_others(whole, t
     assert (tmp_path / "results.csv").read_bytes() == (whole[0] / "results.csv").read_bytes()
 
 
-def test_workers_begin_anew_where_a_fork_would_not_be_safe():
-    """While there is another thread, which a forked process would find half-way through something."""
+def test_workers_are_spawned_where_a_fork_is_not_safe():
+    """Another thread is running; its state would be inconsistent in a forked process."""
     done = threading.Event()
     thread = threading.Thread(target=done.wait)
     thread.start()
     try:
-        assert not Workers(1).inherit
+        assert not Workers(1).forks_workers
     finally:
         done.set()
         thread.join()
-    assert Workers(1).inherit
+    assert Workers(1).forks_workers
 
 
-def test_a_scenario_without_distributions_flies_too(tmp_path):
+def test_a_scenario_without_distributions_can_be_studied(tmp_path):
     found = run_monte_carlo(load_scenario("diagrams/laboratory.yaml:nominal", ["duration=0.3"]), 6, folder=tmp_path)
     assert not found.parameters
     assert len(np.unique(found.metrics.rmse)) == 6
     assert (tmp_path / "results.csv").read_text().startswith("sample,rmse,")
 
 
-def test_versions_with_which_a_study_was_flown_stand_one_after_another(whole, tmp_path):
+def test_all_versions_that_flew_a_study_are_recorded(whole, tmp_path):
     shutil.copytree(whole[0], tmp_path, dirs_exist_ok=True)
     record = read_record(tmp_path)
     before = {**record.versions[0], "numpy": "0.0.1"}
@@ -451,8 +451,8 @@ def test_versions_with_which_a_study_was_flown_stand_one_after_another(whole, tm
     assert read_record(tmp_path).versions == [before, *record.versions]
 
 
-def test_where_another_scenario_differs_in_a_list_is_said(whole):
-    """First what was written, then what is asked for."""
+def test_a_difference_inside_a_list_is_named(whole):
+    """The message names the old value first, then the new one."""
     other = study("vehicle.inertia.1={normal: {mean: 0.0071, standard_deviation: 0.00035, min: 0.0056, max: 0.0084}}")
     with pytest.raises(InputError, match=r"its vehicle.inertia.1.normal.mean is 0\.007, not 0\.0071$"):
         run_monte_carlo(other, N, 5, folder=whole[0], resume=True)
@@ -479,13 +479,13 @@ def test_failures_are_written_in_the_order_of_their_samples(tmp_path):
         (0, 2, 4, []),
     ],
 )
-def test_every_worker_has_as_many_batches_of_a_thousand_at_most(count, num_workers, batch_size, sizes):
+def test_all_workers_get_equally_many_batches_of_at_most_1024(count, num_workers, batch_size, sizes):
     size = run_module._size_of_batches(count, num_workers, batch_size)
     assert [min(size, count - first) for first in range(0, count, size)] == sizes
 
 
-def test_a_study_takes_memory_only_for_samples_that_have_flown(tmp_path):
-    """Rows for two thousand million samples would take 250 GB."""
+def test_memory_is_used_only_for_flown_samples(tmp_path):
+    """Rows for two billion samples would take 250 GB."""
     count = 2_000_000_000
     seen = []
 
@@ -512,43 +512,43 @@ def test_a_study_that_runs_out_of_memory_reports_what_is_saved(monkeypatch, tmp_
         raise MemoryError
 
     monkeypatch.setattr(run_module.StudyRows, "add", full)
-    with pytest.raises(MemoryError, match=r"^the memory does not suffice; 0 of 2 samples are in .*results.csv$"):
+    with pytest.raises(MemoryError, match=r"^there is not enough memory; 0 of 2 samples are in .*results.csv$"):
         run_monte_carlo(load_scenario("hover", ["duration=0.05"]), 2, folder=tmp_path, num_workers=1)
 
 
-class Known(Crew):
-    """A crew with a known answer to a trial."""
+class Known(WorkerPool):
+    """Pool with a known outcome of a trial."""
 
     num_workers = capacity = 1
 
     def __init__(self, outcome):
         self.outcome, self.asked = outcome, []
 
-    def begin(self, function, given):
+    def submit(self, function, given):
         self.asked.append((function.func, function.args[0], [*given]))
 
-    def finished(self):
+    def next_outcomes(self):
         return [self.outcome]
 
-    def give_up(self):
+    def abandon(self):
         pass
 
 
-def trial(num_vehicles, rmse, reason="", refused=False):
-    """What a trial makes of three flights with these errors; the crew that was asked."""
+def trial(num_vehicles, rmse, reason="", invalid_input=False):
+    """Check a system in a trial whose three flights have the given errors, and return the pool."""
     rows = np.ones((3, len(columns_of(study()))))
     rows[:, columns_of(study()).index("rmse")] = rmse
     rows[:, 1] = np.nan
     rows[:, columns_of(study()).index("crashed")] = 0.0
-    crew = Known(Outcome([0], rows, reason, refused))
+    pool = Known(Outcome([0], rows, reason, invalid_input))
     own = UserSystems(position_controller=Draught, wind=Draught)
-    run_module._check_alike(crew, BatchJob("key", {}, study(), None, num_vehicles, own, True))
-    return crew
+    run_module._check_repeatability(pool, BatchJob("key", {}, study(), None, num_vehicles, own, True))
+    return pool
 
 
 @pytest.mark.parametrize(("num_vehicles", "size"), [(1, 1), (2, 2), (3, 3), (1024, 3)])
-def test_a_trial_flies_sample_0_beside_two_others_if_there_are_so_many(num_vehicles, size):
-    """With two metrics that are as near as 1e-6."""
+def test_a_trial_flies_sample_0_with_at_most_two_others(num_vehicles, size):
+    """The metrics differ by less than 1e-6."""
     ((function, job, samples),) = trial(num_vehicles, [0.25, 0.2500005, 0.2499995]).asked
     assert (function, samples) == (fly_trial, [2, 1, 0][3 - size :])
     assert (job.num_vehicles, job.key) == (size, "key, trial")
@@ -559,40 +559,42 @@ def test_a_trial_flies_sample_0_beside_two_others_if_there_are_so_many(num_vehic
     [
         (
             [0.25, 0.25001, 0.25],
-            r"^sample 0 flies otherwise a second time in the same diagram \(RMSE 0\.25 m, then 0\.25001 m\):"
-            " position_controller and wind must keep nothing in Python objects, but in Drake's state$",
+            r"^sample 0 has an RMSE of 0\.25 m when it is flown alone, but 0\.25001 m when it is flown again in the"
+            r" same diagram;"
+            " position_controller and wind must store all state in Drake's context, not in Python objects$",
         ),
         (
             [0.25, 0.25, 0.24999],
-            r"^sample 0 flies otherwise beside other samples \(RMSE 0\.25 m, then 0\.24999 m\): position_controller and"
-            r" wind must not mix the vehicles of a fleet, whose rows are \(k, N\)$",
+            r"^sample 0 has an RMSE of 0\.25 m when it is flown alone, but 0\.24999 m when it is flown together with"
+            r" other samples;"
+            r" position_controller and wind must not mix the columns of \(k, N\) arrays, one per vehicle$",
         ),
-        ([1e-5, 1.4e-5, 1e-5], "a second time"),
-        ([0.25, 0.26, 0.24], "a second time"),
+        ([1e-5, 1.4e-5, 1e-5], "flown again in the same diagram"),
+        ([0.25, 0.26, 0.24], "flown again in the same diagram"),
     ],
 )
-def test_a_trial_that_differs_says_how(rmse, words):
+def test_a_trial_with_different_results_explains_the_difference(rmse, words):
     with pytest.raises(InputError, match=words):
         trial(3, rmse)
 
 
-def test_a_trial_that_fails_says_nothing_but_what_is_refused():
+def test_a_trial_reports_invalid_input_but_not_other_failures():
     trial(3, [1.0, 2.0, 3.0], reason="ArithmeticError: cursed")
     with pytest.raises(InputError, match="^the wings are missing$"):
-        trial(3, [1.0, 1.0, 1.0], reason="the wings are missing", refused=True)
+        trial(3, [1.0, 1.0, 1.0], reason="the wings are missing", invalid_input=True)
 
 
 @pytest.mark.slow
-def test_fleets_are_built_before_the_fork_where_there_is_one_and_let_go_of_at_the_end(whole, tmp_path, monkeypatch):
-    """Not for others than processes of this study, systems of one's own, or a study that is all there."""
-    prepared, fleets = [], vars(flying._own)
+def test_fleets_are_built_before_a_fork_and_deleted_at_the_end(whole, tmp_path, monkeypatch):
+    """No fleet is built before a fork for other executors, user systems, or complete studies."""
+    prepared, fleets = [], vars(flying._thread_data)
 
     def prepare_and_tell(job):
         prepared.append(job.num_vehicles)
-        prepare(job)
+        build_fleet(job)
         assert list(fleets["fleets"]) == [5]
 
-    monkeypatch.setattr(run_module, "prepare", prepare_and_tell)
+    monkeypatch.setattr(run_module, "build_fleet", prepare_and_tell)
     run(tmp_path, num_samples=7)
     assert prepared == [5]
     assert fleets == {}
@@ -600,13 +602,13 @@ def test_fleets_are_built_before_the_fork_where_there_is_one_and_let_go_of_at_th
     run_monte_carlo(simple(), 2, 5, num_workers=2, batch_size=5, wind=Draught)
     with ThreadPoolExecutor(1) as executor:
         run(num_samples=2, executor=executor)
-    monkeypatch.setattr(Workers, "inherit", False)
+    monkeypatch.setattr(Workers, "forks_workers", False)
     run(num_samples=2)
     assert prepared == [5]
 
 
 @pytest.mark.slow
-def test_a_seed_stands_in_for_the_scenario_s_and_a_sample_counts_for_nothing():
+def test_a_given_seed_replaces_the_seed_of_the_scenario():
     scenario = study("seed=8").model_copy(update={"sample": 4})
     options = {"num_workers": 1, "batch_size": 2}
     own, other = run_monte_carlo(scenario, 2, **options), run_monte_carlo(scenario, 2, 5, **options)
@@ -615,7 +617,7 @@ def test_a_seed_stands_in_for_the_scenario_s_and_a_sample_counts_for_nothing():
     assert other.metrics.rmse[1] == pytest.approx(simulate(study(), seed=5, sample=1).metrics.rmse, rel=1e-9)
 
 
-def test_what_is_done_is_told_from_the_beginning_with_what_cannot_be_flown(tmp_path, monkeypatch):
+def test_progress_counts_completed_and_failed_samples(tmp_path, monkeypatch):
     attempts, seen = tmp_path / "attempts", []
     attempts.mkdir()
     monkeypatch.setattr(run_module, "fly_batch", Failing(attempts, "raises", 99))
@@ -624,14 +626,14 @@ def test_what_is_done_is_told_from_the_beginning_with_what_cannot_be_flown(tmp_p
 
 
 @pytest.mark.parametrize("fails", [False, True])
-def test_what_is_under_way_at_the_end_is_given_up(fails, monkeypatch):
+def test_pending_tasks_are_abandoned_at_the_end(fails, monkeypatch):
     given_up = []
 
     class Here(Known):
-        def begin(self, function, given):
+        def submit(self, function, given):
             self.outcome = Outcome(given, None if fails else function(given), "cursed" if fails else "")
 
-        def give_up(self):
+        def abandon(self):
             given_up.append(True)
 
     if fails:
@@ -643,7 +645,7 @@ def test_what_is_under_way_at_the_end_is_given_up(fails, monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_study_of_which_no_sample_can_be_flown_says_why(tmp_path):
+def test_a_study_without_any_flown_sample_states_the_reason(tmp_path):
     with pytest.raises(RuntimeError, match=r"no sample can be flown; sample 0: .*broken.*; 0 of 3 samples are in"):
         run(tmp_path, num_samples=3, wind=broken)
     assert len((tmp_path / "failed.csv").read_text().splitlines()) == 1 + 3

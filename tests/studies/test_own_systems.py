@@ -1,4 +1,4 @@
-"""Systems of one's own in studies: those that would fly samples otherwise are refused, those that hang are ended."""
+"""User systems in studies: inconsistent systems are refused, and hanging ones are ended."""
 
 import functools
 import multiprocessing
@@ -15,14 +15,14 @@ from pydrake.systems.framework import BasicVector, LeafSystem
 from drake_quad import InputError, load_scenario, read_study, run_monte_carlo, simulate
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.studies import processes as workers_module
-from drake_quad.studies.flying import BatchJob, code_of, fly_batch
+from drake_quad.studies.flying import BatchJob, code_versions, fly_batch
 from drake_quad.studies.processes import Workers
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="worker processes find these classes by a fork")
 
 
 class Own(LeafSystem):
-    """A PD for N vehicles, as a user writes it."""
+    """User's PD controller for N vehicles."""
 
     def __init__(self, num_vehicles):
         super().__init__()
@@ -41,7 +41,7 @@ class Own(LeafSystem):
 
 
 class Remembers(Own):
-    """With an integral that is in the Python object, and that nobody puts back."""
+    """Controller with an integral in the Python object, which is not reset between flights."""
 
     def __init__(self, num_vehicles):
         super().__init__(num_vehicles)
@@ -53,21 +53,21 @@ class Remembers(Own):
 
 
 class Mixes(Own):
-    """With the rows of vehicles where the rows of signals belong: right for one vehicle."""
+    """Controller that confuses rows and columns, so that it is correct only for one vehicle."""
 
     def command(self, time, error, rate):
         return super().command(time, error, rate).T.reshape(3, -1)
 
 
 class Gambles(Own):
-    """With noise that comes from nowhere."""
+    """Controller with noise that does not depend on the seed."""
 
     def command(self, time, error, rate):
         return super().command(time, error, rate) + np.random.default_rng().normal(scale=1e-3, size=error.shape)
 
 
 class Ends(Own):
-    """That leaves the program, as a script does, but for a small fleet."""
+    """Controller that exits the program, except in a small fleet."""
 
     def command(self, time, error, rate):
         if self.num_vehicles > 3 and time > 0.1:
@@ -76,7 +76,7 @@ class Ends(Own):
 
 
 class Hangs(Own):
-    """That does nothing any more in a large fleet, and says so in a file."""
+    """Controller that writes a file and hangs, in large fleets only."""
 
     def __init__(self, num_vehicles, file):
         super().__init__(num_vehicles)
@@ -99,7 +99,7 @@ def run(**options):
 
 
 @pytest.mark.slow
-def test_a_controller_of_ones_own_flies_each_sample_as_alone():
+def test_a_user_s_controller_gives_each_sample_its_result_of_a_single_flight():
     found = run(position_controller=Own)
     alone = simulate(study(), seed=5, sample=6, position_controller=Own(1)).metrics
     np.testing.assert_allclose([values[6] for values in found.metrics], alone, rtol=1e-9)
@@ -111,24 +111,24 @@ def test_a_controller_of_ones_own_flies_each_sample_as_alone():
     [
         (
             Remembers,
-            r"sample 0 flies otherwise a second time .*position_controller must keep nothing in Python objects",
+            r"sample 0 .* flown again in the same diagram; position_controller must store all state in Drake's context",
         ),
-        (Gambles, r"sample 0 flies otherwise a second time"),
-        (Mixes, r"sample 0 flies otherwise beside other samples .*position_controller must not mix the vehicles"),
+        (Gambles, r"sample 0 .* flown again in the same diagram"),
+        (Mixes, r"sample 0 .* flown together with other samples; position_controller must not mix the columns"),
     ],
 )
-def test_what_would_not_fly_samples_alike_is_refused_before_anything_is_written(controller, words, tmp_path):
+def test_a_system_with_inconsistent_results_is_refused_before_anything_is_written(controller, words, tmp_path):
     with pytest.raises(InputError, match=words):
         run(position_controller=controller, folder=tmp_path / "study")
     assert not (tmp_path / "study").exists()
 
 
 @pytest.mark.slow
-def test_one_that_mixes_vehicles_may_fly_where_there_is_one():
+def test_a_system_that_mixes_vehicles_may_fly_one_vehicle():
     assert not run(position_controller=Mixes, batch_size=1).failures
 
 
-def test_one_that_does_not_fit_is_refused():
+def test_a_system_that_cannot_be_connected_is_refused():
     with pytest.raises(InputError, match="position_controller has no output port|position_controller needs"):
         run(position_controller=LeafSystemOf)
 
@@ -138,15 +138,15 @@ def LeafSystemOf(num_vehicles):
 
 
 @pytest.mark.slow
-def test_leaving_the_program_fails_a_batch_and_not_the_study():
-    """The batches of four fail, their halves fly."""
+def test_system_exit_fails_a_batch_but_not_the_study():
+    """The batches of four fail, but their halves fly."""
     found, expected = run(position_controller=Ends), run(position_controller=Own)
     assert not found.failures
     np.testing.assert_allclose(found.metrics.rmse, expected.metrics.rmse, rtol=1e-12)
 
 
 def run_interruptible(**options):
-    # In the background of a shell interrupts are ignored.
+    # Background processes of a shell ignore interrupts.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     run(**options)
 
@@ -162,14 +162,14 @@ def test_ctrl_c_ends_a_study_whose_controller_hangs(tmp_path):
     while not file.exists():
         time.sleep(0.02)
     os.kill(process.pid, signal.SIGINT)
-    process.join()  # for ever, if it does not end
+    process.join()  # without the interrupt, the process would run forever
     assert process.exitcode == 1
     assert len(read_study(folder).samples) == 0
 
 
 @pytest.mark.slow
 def test_a_time_limit_ends_a_batch_that_hangs(tmp_path, monkeypatch):
-    """Its halves fly. The clock is such that time is up as soon as something hangs, however fast the machine is."""
+    """The halves of the batch fly. The fake clock reaches the limit as soon as a task hangs, on any machine."""
     file = tmp_path / "hangs"
 
     class Clock:
@@ -183,29 +183,29 @@ def test_a_time_limit_ends_a_batch_that_hangs(tmp_path, monkeypatch):
         late = 0.0
 
     monkeypatch.setattr(workers_module, "time", Clock)
-    monkeypatch.setattr(workers_module, "wait", lambda signs, _: connection.wait(signs, 0.05))
+    monkeypatch.setattr(workers_module, "wait", lambda waitables, _: connection.wait(waitables, 0.05))
     maker = functools.partial(Hangs, file=file)
     found = run(position_controller=maker, num_workers=1, time_limit=500.0)
     assert not found.failures
     np.testing.assert_allclose(found.metrics.rmse, run(position_controller=Own).metrics.rmse, rtol=1e-12)
 
 
-def test_a_time_limit_is_for_processes_that_are_not_given():
+def test_a_time_limit_cannot_be_combined_with_an_executor():
     with Workers(1) as workers, pytest.raises(InputError, match="a time limit"):
         run(executor=workers, time_limit=5.0)
-    with pytest.raises(InputError, match="the time limit is 0 s, but must be larger than 0"):
+    with pytest.raises(InputError, match="the time limit is 0 s; it must be positive"):
         run(time_limit=0.0)
 
 
 @pytest.mark.parametrize(
     ("code", "words"),
     [
-        ("sources", "other sources of drake_quad"),
+        ("sources", "a different version of drake_quad's source files"),
         ("numpy", r"numpy [\d.]+, not 1\.2\.3"),
-        ("own", "another controller or wind"),
+        ("user_systems", "different source files of the user's systems"),
     ],
 )
-def test_a_worker_with_other_code_refuses_to_fly(code, words):
-    job = BatchJob("key", {**code_of(UserSystems()), code: "1.2.3"}, study(), None, 1, UserSystems(), True)
+def test_a_worker_with_different_code_refuses_to_fly(code, words):
+    job = BatchJob("key", {**code_versions(UserSystems()), code: "1.2.3"}, study(), None, 1, UserSystems(), True)
     with pytest.raises(InputError, match=f"a worker on .* has {words}"):
         fly_batch(job, [0])

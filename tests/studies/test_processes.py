@@ -1,4 +1,4 @@
-"""Processes that do tasks: what they are given, what becomes of it, and how they end."""
+"""Tests of worker processes."""
 
 import functools
 import gc
@@ -15,14 +15,14 @@ import pytest
 
 from drake_quad import InputError
 from drake_quad.studies import processes
-from drake_quad.studies.crew import Outcome
-from drake_quad.studies.processes import Workers, _Worker, check_counts, check_makers, num_cores
+from drake_quad.studies.processes import Workers, _Worker, check_counts, check_importable, num_cores
+from drake_quad.studies.worker_pool import Outcome
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="worker processes find these functions by a fork")
 
 
 class Clock:
-    """A clock that stands."""
+    """Clock that does not advance by itself."""
 
     def __init__(self):
         self.now = 50.0
@@ -39,9 +39,9 @@ def clock(monkeypatch):
 
 
 def done_by(workers, function, given):
-    """What becomes of a task, or of the first that is done."""
-    workers.begin(function, given)
-    return workers.finished()
+    """Submit a task and return the outcomes of the tasks that are done."""
+    workers.submit(function, given)
+    return workers.next_outcomes()
 
 
 def process_number(_):
@@ -49,7 +49,7 @@ def process_number(_):
 
 
 def meet(folder):
-    """Leaves a file, and waits for that of another process."""
+    """Create a file, and wait for a file of another process."""
     (folder / str(os.getpid())).touch()
     while len(list(folder.iterdir())) < 2:
         time.sleep(0.005)
@@ -70,7 +70,7 @@ def settings(_):
 
 
 class Unreadable:
-    """What cannot be made from what is sent."""
+    """Object that can be pickled but not unpickled."""
 
     def __reduce__(self):
         return leave_unread, ("the sheet is torn",)
@@ -81,17 +81,17 @@ def leave_unread(words):
 
 
 @pytest.mark.parametrize("number", [1, 7, 2147483647])
-def test_a_study_may_have_so_many(number):
+def test_counts_in_range_are_accepted(number):
     check_counts(samples=number)
 
 
 @pytest.mark.parametrize("number", [-1, 0, 2147483648])
-def test_a_study_may_not_have_so_many(number):
-    with pytest.raises(InputError, match=f"batch is {number}, but must be between 1 and 2147483647"):
-        check_counts(samples=3, batch=number)
+def test_counts_out_of_range_are_named(number):
+    with pytest.raises(InputError, match=f"batch_size is {number}; it must be between 1 and 2147483647"):
+        check_counts(num_samples=3, batch_size=number)
 
 
-def test_cores_are_those_that_this_process_may_use(monkeypatch):
+def test_only_available_cores_are_counted(monkeypatch):
     assert num_cores() == len(os.sched_getaffinity(0))
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 3, 5})
     assert (num_cores(), Workers().num_workers, Workers().capacity, Workers(5).capacity) == (3, 3, 3, 5)
@@ -102,8 +102,8 @@ def test_cores_are_those_that_this_process_may_use(monkeypatch):
     assert num_cores() == 1
 
 
-def test_what_only_a_session_knows_needs_a_fork(monkeypatch):
-    """A function of a notebook: a process that begins anew does not find it, and one of a script's file does."""
+def test_functions_of_an_interactive_session_require_a_fork(monkeypatch):
+    """A spawned process can import a function of a script, but not of a notebook."""
     session = types.ModuleType("__main__")
     exec("def maker(num_vehicles): return None", session.__dict__)
     monkeypatch.setitem(sys.modules, "__main__", session)
@@ -113,22 +113,22 @@ def test_what_only_a_session_knows_needs_a_fork(monkeypatch):
             session.__file__ = file
         elif hasattr(session, "__file__"):
             del session.__file__
-        check_makers({"wind": None, "control": process_number})
+        check_importable({"wind": None, "control": process_number})
         if known:
-            check_makers({"wind": session.maker})
+            check_importable({"wind": session.maker})
         else:
-            with pytest.raises(InputError, match="wind is known to this session only, but worker processes need it"):
-                check_makers({"control": process_number, "wind": session.maker})
+            with pytest.raises(InputError, match="wind is defined in an interactive session"):
+                check_importable({"control": process_number, "wind": session.maker})
 
 
 def test_processes_are_forked_on_linux_only(monkeypatch):
-    assert Workers(1).inherit
+    assert Workers(1).forks_workers
     monkeypatch.setattr(sys, "platform", "darwin")
-    assert not Workers(1).inherit
+    assert not Workers(1).forks_workers
 
 
 @pytest.mark.parametrize(("fork", "how"), [(True, "fork"), (False, "spawn")])
-def test_a_process_begins_anew_where_it_must_not_be_forked(monkeypatch, fork, how):
+def test_workers_are_spawned_where_they_cannot_be_forked(monkeypatch, fork, how):
     asked, context = [], multiprocessing.get_context("fork")
     monkeypatch.setattr(processes, "_can_fork", lambda: fork)
     monkeypatch.setattr(multiprocessing, "get_context", lambda name: asked.append(name) or context)
@@ -138,22 +138,22 @@ def test_a_process_begins_anew_where_it_must_not_be_forked(monkeypatch, fork, ho
 
 
 @pytest.mark.parametrize("limit", [0.0, -2.0, math.nan])
-def test_a_time_limit_is_a_time(limit):
-    with pytest.raises(InputError, match=f"the time limit is {limit:g} s, but must be larger than 0"):
+def test_a_time_limit_must_be_positive(limit):
+    with pytest.raises(InputError, match=f"the time limit is {limit:g} s; it must be positive"):
         Workers(1, time_limit=limit)
 
 
-def test_a_process_that_is_done_does_the_next_task_and_two_work_at_a_time(tmp_path):
+def test_idle_processes_are_reused_and_two_run_at_a_time(tmp_path):
     with Workers(2, time_limit=20.0) as workers:
         ((_, first, *_),) = done_by(workers, process_number, None)
-        assert not workers.inherit
+        assert not workers.forks_workers
         ((_, again, *_),) = done_by(workers, process_number, None)
         assert first == again != os.getpid()
         for _ in range(2):
-            workers.begin(meet, tmp_path)
-        outcomes = workers.finished()
+            workers.submit(meet, tmp_path)
+        outcomes = workers.next_outcomes()
         while len(outcomes) < 2:
-            outcomes += workers.finished()
+            outcomes += workers.next_outcomes()
         pids = {outcome.result for outcome in outcomes}
         assert len(pids) == 2
         assert first in pids
@@ -164,48 +164,48 @@ def test_a_process_that_is_done_does_the_next_task_and_two_work_at_a_time(tmp_pa
 
 
 class Fake:
-    """A worker whose outcome is known."""
+    """Worker with a known outcome."""
 
     def __init__(self, time_left, outcome, *, busy=True, ended=False):
         self.time_left, self.busy, self.ended, self._outcome = time_left, busy, ended, outcome
-        self.signs = [self, "sentinel"]
+        self.waitables = [self, "sentinel"]
 
     def outcome(self):
         return self._outcome
 
 
-def test_busy_processes_are_waited_for_until_the_first_time_is_over(monkeypatch):
+def test_the_wait_ends_at_the_first_deadline(monkeypatch):
     waits = []
-    monkeypatch.setattr(processes, "wait", lambda signs, timeout: waits.append((signs, timeout)))
+    monkeypatch.setattr(processes, "wait", lambda waitables, timeout: waits.append((waitables, timeout)))
     workers = Workers(4)
     late, early = Fake(7.0, Outcome(1)), Fake(2.5, Outcome(2), ended=True)
     idle, working = Fake(0.5, Outcome(3), busy=False), Fake(9.0, None)
     workers._workers = [late, early, idle, working]
-    assert workers.finished() == [Outcome(1), Outcome(2)]
+    assert workers.next_outcomes() == [Outcome(1), Outcome(2)]
     assert waits == [([late, "sentinel", early, "sentinel", working, "sentinel"], 2.5)]
     assert workers._workers == [late, idle, working]
     workers._workers = [Fake(math.inf, Outcome(4))]
-    workers.finished()
+    workers.next_outcomes()
     assert waits[-1][1] is None
 
 
-def test_given_up_is_what_is_under_way_and_the_others_stay():
+def test_abandoning_tasks_keeps_idle_processes():
     with Workers(2) as workers:
-        workers.begin(hang, 1)
+        workers.submit(hang, 1)
         ((given, *_),) = done_by(workers, process_number, 2)
         assert given == 2
         busy, idle = (worker.process for worker in workers._workers)
-        workers.give_up()
+        workers.abandon()
         assert not busy.is_alive()
         assert [worker.process for worker in workers._workers] == [idle]
         assert idle.is_alive()
 
 
-def test_the_time_of_a_task_is_counted_from_when_its_process_has_begun(clock):
+def test_the_time_limit_starts_when_the_process_is_ready(clock):
     worker = _Worker(10.0)
     try:
         assert worker.time_left == math.inf
-        worker.begin(hang, "given")
+        worker.submit(hang, "given")
         assert worker.time_left == 10.0
         clock.now = 54.0
         assert worker.time_left == 6.0
@@ -216,7 +216,7 @@ def test_the_time_of_a_task_is_counted_from_when_its_process_has_begun(clock):
         assert (worker.time_left, worker.outcome()) == (0.25, None)
         clock.now = 70.0
         assert worker.time_left == 0.0
-        assert worker.outcome() == Outcome("given", reason="took longer than the time limit of 10 s")
+        assert worker.outcome() == Outcome("given", reason="exceeded the time limit of 10 s")
         assert worker.ended
         assert worker._pipe.closed
         assert worker.process.exitcode == -signal.SIGKILL
@@ -224,41 +224,42 @@ def test_the_time_of_a_task_is_counted_from_when_its_process_has_begun(clock):
         worker.process.kill()
 
 
-def test_without_a_limit_a_task_has_all_the_time(clock):
+def test_without_a_time_limit_a_task_never_times_out(clock):
     worker = _Worker(None)
     try:
-        worker.begin(hang, None)
+        worker.submit(hang, None)
         clock.now = 1e9
         assert (worker.time_left, worker.outcome()) == (math.inf, None)
     finally:
         worker.end()
 
 
-def test_a_process_that_ends_in_its_first_task_fails_the_task_alone():
+def test_a_process_that_ends_fails_only_its_task():
     with Workers(1, time_limit=20.0) as workers:
-        assert done_by(workers, leave, 7) == [Outcome(7, reason="its worker process was ended with exit status 7")]
+        assert done_by(workers, leave, 7) == [Outcome(7, reason="the worker process ended with exit status 7")]
         (outcome,) = done_by(workers, process_number, None)
         assert outcome.reason == ""
 
 
-def test_a_process_that_ended_while_it_had_nothing_to_do_fails_the_next_task():
+def test_a_process_that_ended_while_idle_fails_the_next_task():
     with Workers(1, time_limit=20.0) as workers:
         ((_, number, *_),) = done_by(workers, process_number, None)
         process = workers._workers[0].process
         os.kill(number, signal.SIGKILL)
         process.join()
-        assert done_by(workers, process_number, 3) == [Outcome(3, reason="its worker process was ended by SIGKILL")]
+        reason = "the worker process ended due to the signal SIGKILL"
+        assert done_by(workers, process_number, 3) == [Outcome(3, reason=reason)]
 
 
-def test_processes_that_end_as_soon_as_they_begin_are_not_begun_for_ever(monkeypatch):
+def test_processes_that_end_at_once_are_not_restarted_forever(monkeypatch):
     monkeypatch.setattr(processes, "_serve", lambda pipe: None)
     with Workers(1, time_limit=20.0) as workers:
-        workers.begin(process_number, None)
-        with pytest.raises(RuntimeError, match="the worker processes end as soon as they begin"):
-            workers.finished()
+        workers.submit(process_number, None)
+        with pytest.raises(RuntimeError, match="a worker process ended before it was ready"):
+            workers.next_outcomes()
 
 
-def test_a_task_that_its_process_cannot_read_is_an_outcome_and_the_process_goes_on():
+def test_a_task_that_cannot_be_unpickled_fails_and_the_process_continues():
     with Workers(1, time_limit=20.0) as workers:
         unreadable = Unreadable()
         assert done_by(workers, process_number, unreadable) == [
@@ -268,7 +269,7 @@ def test_a_task_that_its_process_cannot_read_is_an_outcome_and_the_process_goes_
         assert number == workers._workers[0].process.pid
 
 
-def test_ctrl_c_is_left_to_the_parent_and_what_came_with_the_fork_is_frozen():
+def test_a_worker_ignores_ctrl_c_and_freezes_inherited_objects():
     with Workers(1, time_limit=20.0) as workers:
         ((_, (handler, frozen), *_),) = done_by(workers, settings, None)
     assert handler == signal.SIG_IGN
@@ -276,15 +277,15 @@ def test_ctrl_c_is_left_to_the_parent_and_what_came_with_the_fork_is_frozen():
     assert signal.getsignal(signal.SIGINT) == signal.default_int_handler
 
 
-def test_ctrl_c_waits_while_a_process_begins():
+def test_ctrl_c_is_blocked_while_a_process_starts():
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
-    with processes._interrupts_held_back():
+    with processes._interrupts_blocked():
         assert signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ())
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
 
 
 class Pipe:
-    """One end of a pipe through which something comes, and then nothing more."""
+    """End of a pipe that receives one message and is then closed."""
 
     def __init__(self, *what):
         self.waiting, self.sent = [*what], []
@@ -298,8 +299,8 @@ class Pipe:
         self.sent.append(what)
 
 
-def test_a_process_ends_when_nothing_more_can_come(monkeypatch):
-    """What is given back does not go back and forth: the parent has it."""
+def test_a_process_ends_when_its_pipe_is_closed(monkeypatch):
+    """The argument is not sent back, since the parent process already has it."""
     monkeypatch.setattr(processes, "_end_with_parent", lambda: None)
     pipe, before = Pipe((abs, -3)), signal.getsignal(signal.SIGINT)
     try:
@@ -310,17 +311,17 @@ def test_a_process_ends_when_nothing_more_can_come(monkeypatch):
 
 
 def begin_and_tell(file):
-    """A parent that gives a process a task without an end, and says which it is."""
+    """Start a worker with an endless task, and print the process number of the worker."""
     with Workers(1) as workers:
-        workers.begin(hang, None)
+        workers.submit(hang, None)
         assert workers._workers[0]._pipe.poll(20.0)
         file.with_suffix(".part").write_text(str(workers._workers[0].process.pid))
         file.with_suffix(".part").rename(file)
-        workers.finished()
+        workers.next_outcomes()
 
 
 def ends(pid):
-    """Does a process end within ten seconds?"""
+    """Return True if a process ends within ten seconds."""
     for _ in range(1000):
         try:
             if Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] in "ZX":
@@ -331,7 +332,7 @@ def ends(pid):
     return False
 
 
-def test_a_process_ends_with_its_parent_whatever_it_does(tmp_path):
+def test_a_busy_process_ends_with_its_parent(tmp_path):
     file = tmp_path / "worker"
     parent = multiprocessing.get_context("fork").Process(target=functools.partial(begin_and_tell, file))
     parent.start()

@@ -1,4 +1,4 @@
-"""Digests tell one code from another, and from nothing else."""
+"""Tests of digests of source files."""
 
 import functools
 import importlib
@@ -8,14 +8,14 @@ import types
 import numpy as np
 import pytest
 
-from drake_quad.studies.provenance import _digest, difference, provenance, sources_of
+from drake_quad.studies.provenance import _digest, code_difference, provenance, source_digest
 
 TEXT = "def make(num_vehicles):\n    return num_vehicles\n"
 
 
 @pytest.fixture
 def module(tmp_path, monkeypatch):
-    """Makes a module of a name with a text, and gives its function."""
+    """Create a module with a name and a text, and return its function."""
     monkeypatch.syspath_prepend(tmp_path)
     made = []
 
@@ -30,7 +30,7 @@ def module(tmp_path, monkeypatch):
         sys.modules.pop(name, None)
 
 
-def test_versions_and_sources_are_told():
+def test_provenance_has_versions_and_a_digest():
     found = provenance()
     assert list(found) == ["python", "drake_quad", "drake", "numpy", "scipy", "llvmlite", "sources"]
     assert found["python"] == ".".join(map(str, sys.version_info[:3]))
@@ -39,19 +39,19 @@ def test_versions_and_sources_are_told():
     assert int(found["sources"], 16) >= 0
 
 
-def test_a_digest_is_of_the_text_and_of_the_name_of_each_file_once(module):
-    one = sources_of([module("ours")])
-    two = sources_of([module("theirs", TEXT + "# more\n")])
-    same = sources_of([module("another")])
-    assert len({one, two, same, sources_of([])}) == 4
+def test_a_digest_depends_on_names_and_contents_of_files(module):
+    one = source_digest([module("ours")])
+    two = source_digest([module("theirs", TEXT + "# more\n")])
+    same = source_digest([module("another")])
+    assert len({one, two, same, source_digest([])}) == 4
     ours, theirs = (importlib.import_module(name).make for name in ("ours", "theirs"))
-    assert sources_of([ours, ours]) == one
-    assert sources_of([ours, theirs]) == sources_of([theirs, ours])
-    assert sources_of([ours, theirs]) not in (one, two)
-    assert sources_of([functools.partial(ours, 1), None]) == one
+    assert source_digest([ours, ours]) == one
+    assert source_digest([ours, theirs]) == source_digest([theirs, ours])
+    assert source_digest([ours, theirs]) not in (one, two)
+    assert source_digest([functools.partial(ours, 1), None]) == one
 
 
-def test_a_digest_tells_where_a_name_ends_and_where_a_text_does(tmp_path):
+def test_a_digest_separates_names_from_contents(tmp_path):
     digests = set()
     for number, texts in enumerate(({"a": "bc", "d": ""}, {"a": "b", "cd": ""}, {"ab": "c", "d": ""})):
         folder = tmp_path / str(number)
@@ -62,38 +62,38 @@ def test_a_digest_tells_where_a_name_ends_and_where_a_text_does(tmp_path):
     assert len(digests) == 3
 
 
-def test_a_digest_changes_with_the_text_of_a_file_and_back_with_it(module):
+def test_a_digest_follows_the_contents_of_a_file(module):
     make = module("ours")
-    before = sources_of([make])
+    before = source_digest([make])
     module("ours", TEXT.replace("num_vehicles", "vehicles"))
-    assert sources_of([make]) != before
+    assert source_digest([make]) != before
     module("ours")
-    assert sources_of([make]) == before
+    assert source_digest([make]) == before
 
 
-def test_a_function_of_a_module_that_is_not_loaded_is_found(module):
-    """As in a worker that has only read where it is to be found."""
+def test_a_module_that_is_not_loaded_is_imported_for_its_digest(module):
+    """This is the situation in a worker that knows only the name of the module."""
     make = module("ours")
-    found = sources_of([make])
+    found = source_digest([make])
     del sys.modules["ours"]
-    assert sources_of([make]) == found
+    assert source_digest([make]) == found
 
 
-def test_what_has_no_file_or_is_in_the_main_script_does_not_count(module, monkeypatch):
+def test_functions_without_a_file_or_of_the_main_script_are_ignored(module, monkeypatch):
     make = module("ours")
-    assert sources_of([sys.getsizeof, None]) == sources_of([])
+    assert source_digest([sys.getsizeof, None]) == source_digest([])
     for name in ("__main__", "__mp_main__"):
         script = types.ModuleType(name)
         script.__file__ = importlib.import_module("ours").__file__
         monkeypatch.setitem(sys.modules, name, script)
         monkeypatch.setattr(make, "__module__", name)
-        assert sources_of([make]) == sources_of([])
+        assert source_digest([make]) == source_digest([])
 
 
-def test_what_differs_is_said_in_words():
-    here = {"python": "3.12.1", "numpy": "2.0", "sources": "a", "own": "b"}
-    assert difference(here, dict(here)) is None
-    assert difference(here, {**here, "numpy": "1.0"}) == "numpy 1.0, not 2.0"
-    assert difference(here, {**here, "sources": "c"}) == "other sources of drake_quad"
-    assert difference(here, {**here, "own": "c"}) == "another controller or wind of the user's"
-    assert difference(here, {"python": "3.12.1"}) == "numpy None, not 2.0"
+def test_the_first_code_difference_is_described():
+    here = {"python": "3.12.1", "numpy": "2.0", "sources": "a", "user_systems": "b"}
+    assert code_difference(here, dict(here)) is None
+    assert code_difference(here, {**here, "numpy": "1.0"}) == "numpy 1.0, not 2.0"
+    assert code_difference(here, {**here, "sources": "c"}) == "a different version of drake_quad's source files"
+    assert code_difference(here, {**here, "user_systems": "c"}) == "different source files of the user's systems"
+    assert code_difference(here, {"python": "3.12.1"}) == "numpy None, not 2.0"

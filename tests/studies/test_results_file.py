@@ -1,4 +1,4 @@
-"""A results file loses nothing that was written, and takes nothing that is not its own."""
+"""Tests that results files keep all written rows and reject foreign rows."""
 
 import resource
 import signal
@@ -9,9 +9,9 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from drake_quad import InputError
-from drake_quad.studies.results_file import Format, ResultsFile, open_results, read_results, write_results
+from drake_quad.studies.results_file import ResultsFile, RowFormat, open_results, read_results, write_results
 
-FORM = Format(["sample", "vehicle.mass", "rmse", "crash_time", "crashed"], "this study")
+FORM = RowFormat(["sample", "vehicle.mass", "rmse", "crash_time", "crashed"], "this study")
 ROWS = np.array(
     [[3.0, 0.681234567890123, 0.5, np.inf, 0.0], [1.0, 0.7, np.nan, 4.02, 1.0], [0.0, 0.69, 1e-7, np.inf, 0.0]]
 )
@@ -23,13 +23,13 @@ def write(path, rows=ROWS, form=FORM):
     return found
 
 
-def test_rows_come_back_as_they_were(tmp_path):
+def test_rows_are_read_as_they_were_written(tmp_path):
     path = tmp_path / "results.csv"
     assert len(write(path).rows) == 0
     found = read_results(path, FORM)
     np.testing.assert_allclose(found.rows, ROWS, rtol=1e-11)
     np.testing.assert_array_equal(found.lines, [2, 3, 4])
-    assert found.misfits == []
+    assert found.invalid_lines == []
     lines = path.read_text().splitlines()
     assert lines[0] == "sample,vehicle.mass,rmse,crash_time,crashed,checksum"
     assert lines[2].startswith("1,0.7,,4.02,1,")
@@ -37,7 +37,7 @@ def test_rows_come_back_as_they_were(tmp_path):
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=60)
 @given(data=st.data())
-def test_whatever_is_cut_off_only_the_torn_row_is_lost(tmp_path, data):
+def test_truncation_loses_only_the_incomplete_row(tmp_path, data):
     path = tmp_path / "results.csv"
     path.unlink(missing_ok=True)
     write(path)
@@ -54,8 +54,8 @@ def test_whatever_is_cut_off_only_the_torn_row_is_lost(tmp_path, data):
 @pytest.mark.slow
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=200)
 @given(data=st.data())
-def test_whatever_is_altered_in_a_row_it_is_known(tmp_path, data):
-    """A character in place of another, one more, one less: of the numbers, of the sample, of the checksum."""
+def test_any_alteration_of_a_row_is_detected(tmp_path, data):
+    """A character of the index, a value or the checksum is replaced, added or removed."""
     path = tmp_path / "results.csv"
     write_results(path, FORM, ROWS)
     lines = path.read_bytes().split(b"\n")
@@ -67,11 +67,11 @@ def test_whatever_is_altered_in_a_row_it_is_known(tmp_path, data):
     assume(lines[row] != line)
     path.write_bytes(b"\n".join(lines))
     found = read_results(path, FORM)
-    assert found.misfits == [row + 1]
+    assert found.invalid_lines == [row + 1]
     np.testing.assert_array_equal(found.rows[:, 0], np.delete(ROWS[:, 0], row - 1))
 
 
-def test_rows_of_another_study_and_rows_that_are_there_twice_do_not_count(tmp_path):
+def test_foreign_and_repeated_rows_are_ignored(tmp_path):
     path = tmp_path / "results.csv"
     write(path)
     write_results(tmp_path / "other.csv", FORM._replace(study="another study"), ROWS[:1])
@@ -80,10 +80,10 @@ def test_rows_of_another_study_and_rows_that_are_there_twice_do_not_count(tmp_pa
     path.write_bytes(path.read_bytes() + others + own)
     found = read_results(path, FORM)
     np.testing.assert_array_equal(found.rows[:, 0], ROWS[:, 0])
-    assert found.misfits == [5]
+    assert found.invalid_lines == [5]
 
 
-def test_what_is_read_and_written_again_is_the_same_to_the_byte(tmp_path):
+def test_rewriting_a_results_file_does_not_change_it(tmp_path):
     path = tmp_path / "results.csv"
     rows = np.random.default_rng(1).normal(size=(200, len(FORM.columns))) * 10.0 ** np.arange(-100, 100)[:, None]
     rows[:, 0] = np.arange(200)
@@ -94,27 +94,27 @@ def test_what_is_read_and_written_again_is_the_same_to_the_byte(tmp_path):
 
 
 @pytest.mark.parametrize("content", ["time,x\n0,1\n", "notes about something that is no table at all, and long\n"])
-def test_what_is_not_ours_is_refused_and_left_alone(tmp_path, content):
+def test_a_foreign_file_is_refused_and_not_changed(tmp_path, content):
     path = tmp_path / "results.csv"
     path.write_text(content)
-    with pytest.raises(InputError, match="its columns are others"), open_results(path, FORM):
+    with pytest.raises(InputError, match="it has other columns"), open_results(path, FORM):
         pass
     assert path.read_text() == content
 
 
-def test_a_file_that_is_not_there_is_named(tmp_path):
+def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(InputError, match=r"results\.csv cannot be read: no such file or directory"):
         read_results(tmp_path / "results.csv", FORM)
 
 
-def test_two_runs_do_not_write_to_one_file(tmp_path):
+def test_two_runs_cannot_write_to_the_same_file(tmp_path):
     path = tmp_path / "results.csv"
     with open_results(path, FORM), pytest.raises(InputError, match="another run"), open_results(path, FORM):
         pass
 
 
-def test_a_full_disk_leaves_whole_rows(tmp_path):
-    """A limit on the size of files, which fails a write in its middle as a full disk does."""
+def test_a_full_disk_leaves_only_complete_rows(tmp_path):
+    """A limit on the file size interrupts a write, as a full disk does."""
     path = tmp_path / "results.csv"
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
@@ -134,8 +134,8 @@ def test_a_full_disk_leaves_whole_rows(tmp_path):
     assert read_results(path, FORM).rows.shape == ROWS.shape
 
 
-def test_what_is_written_bit_by_bit_is_whole(tmp_path):
-    """A write may take less than it is given, as to a network's disk."""
+def test_partial_writes_are_completed(tmp_path):
+    """A write may accept only a part of the data, as on a network drive."""
     path = tmp_path / "results.csv"
 
     class Slow:
@@ -154,10 +154,10 @@ def test_what_is_written_bit_by_bit_is_whole(tmp_path):
     assert path.read_bytes() == FORM.header + FORM.text(ROWS)
 
 
-def test_a_header_alone_holds_no_rows(tmp_path):
+def test_a_file_with_only_a_header_has_no_rows(tmp_path):
     path = tmp_path / "results.csv"
     for content in (b"", FORM.header[:9], FORM.header):
         path.write_bytes(content)
         with open_results(path, FORM) as (_, found):
-            assert (found.rows.shape, found.lines.tolist(), found.misfits) == ((0, 5), [], [])
+            assert (found.rows.shape, found.lines.tolist(), found.invalid_lines) == ((0, 5), [], [])
         assert path.read_bytes() == FORM.header

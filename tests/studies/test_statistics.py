@@ -1,4 +1,4 @@
-"""Intervals hold what they promise, and say what other programs say."""
+"""Tests of the coverage of intervals, and comparisons with other programs."""
 
 import math
 
@@ -19,8 +19,8 @@ from drake_quad.studies.statistics import (
     compare_studies,
     crash_probability,
     influences,
-    of_survivors,
-    with_crashes,
+    values_with_crashes,
+    values_without_crashes,
     worst,
 )
 from drake_quad.studies.study import Study
@@ -40,7 +40,7 @@ def coverage(interval, truth, draw, repetitions=600):
     return np.mean([low <= truth <= high for _, low, high in found])
 
 
-def test_the_interval_of_a_mean_is_scipy_s_and_covers():
+def test_the_interval_of_a_mean_agrees_with_scipy_and_has_its_coverage():
     values = np.random.default_rng(0).normal(2.0, 3.0, 25)
     expected = scipy.stats.ttest_1samp(values, 0.0).confidence_interval(0.95)
     assert mean_interval(values) == pytest.approx((values.mean(), expected.low, expected.high))
@@ -49,7 +49,7 @@ def test_the_interval_of_a_mean_is_scipy_s_and_covers():
 
 
 @pytest.mark.parametrize("probability", [0.05, 0.5, 0.95])
-def test_the_interval_of_a_quantile_is_scipy_s_and_covers_for_a_skewed_distribution(probability):
+def test_the_interval_of_a_quantile_agrees_with_scipy_and_has_its_coverage(probability):
     values = np.random.default_rng(0).exponential(size=150)
     expected = scipy.stats.quantile_test(values, p=probability).confidence_interval(0.95)
     found = quantile_interval(values, probability)
@@ -70,14 +70,14 @@ def test_too_few_values_do_not_bound_a_quantile():
 def test_a_crash_is_worse_than_any_error():
     crashed = [math.inf] * 95 + [3.0] * 5
     metrics = study(np.arange(100.0), crashed).metrics
-    assert quantile_interval(with_crashes(metrics, "rmse"), 0.9).value == 89.0
-    assert quantile_interval(with_crashes(metrics, "rmse"), 0.99).value == math.inf
-    np.testing.assert_array_equal(of_survivors(metrics, "rmse"), np.arange(95.0))
+    assert quantile_interval(values_with_crashes(metrics, "rmse"), 0.9).value == 89.0
+    assert quantile_interval(values_with_crashes(metrics, "rmse"), 0.99).value == math.inf
+    np.testing.assert_array_equal(values_without_crashes(metrics, "rmse"), np.arange(95.0))
     assert crash_probability(metrics).value == 0.05
 
 
 def test_the_interval_of_a_share_is_exact():
-    """Nothing in n trials: 1 - (α / 2)^(1 / n)."""
+    """Without an event in n trials, the upper end is 1 - (α / 2)^(1 / n)."""
     assert share_interval(0, 100) == pytest.approx((0.0, 0.0, 1.0 - 0.025**0.01))
     found = share_interval(7, 50)
     assert scipy.stats.binom.sf(6, 50, found.low) == pytest.approx(0.025)
@@ -87,15 +87,15 @@ def test_the_interval_of_a_share_is_exact():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("r", [-0.6, 0.0, 0.95])
-def test_the_interval_of_a_rank_correlation_covers(r):
-    """Of normal numbers with correlation r it is 6 / π asin(r / 2); the more there is, the wider it must be."""
+def test_the_interval_of_a_rank_correlation_has_its_coverage(r):
+    """The rank correlation of normal variables with correlation r is 6 / π asin(r / 2)."""
     draw = lambda rng: rng.multivariate_normal([0.0, 0.0], [[1.0, r], [r, 1.0]], 60)  # noqa: E731
     share = coverage(lambda xy: rank_correlation(*xy.T), 6.0 / math.pi * math.asin(0.5 * r), draw)
     assert share == pytest.approx(0.95, abs=0.03)
 
 
-def test_the_interval_of_a_rank_correlation_is_that_of_bonett_and_wright():
-    """Of ten ranks whose differences have the squares' sum 20, ρ = 1 - 6 · 20 / 990 = 0.8788."""
+def test_the_interval_of_a_rank_correlation_is_bonett_and_wright_s():
+    """The squared differences of ten ranks add up to 20, so ρ = 1 - 6 · 20 / 990 = 0.8788."""
     y = np.array([2.0, 1.0, 5.0, 4.0, 3.0, 8.0, 6.0, 7.0, 9.0, 10.0])
     x = np.arange(1.0, 11.0)
     rho = 1.0 - 6.0 * np.sum((x - y) ** 2) / 990.0
@@ -108,7 +108,7 @@ def test_the_interval_of_a_rank_correlation_is_that_of_bonett_and_wright():
         assert found == pytest.approx((sign, sign, sign), abs=1e-10)
 
 
-def test_the_running_mean_is_the_mean_of_the_first():
+def test_the_running_mean_is_the_mean_of_the_first_values():
     values = 1e6 + np.random.default_rng(2).normal(size=50)
     mean, low, high = running_mean(values)
     for count in (2, 17, 50):
@@ -116,7 +116,7 @@ def test_the_running_mean_is_the_mean_of_the_first():
         assert (mean[count - 1], low[count - 1], high[count - 1]) == pytest.approx(expected, rel=1e-12)
 
 
-def test_the_number_that_matters_comes_first():
+def test_the_most_influential_parameter_comes_first():
     rng = np.random.default_rng(3)
     mass, lag = rng.uniform(size=(2, 400))
     rmse = 1.0 + mass**2 + 0.1 * lag
@@ -133,8 +133,8 @@ def test_the_number_that_matters_comes_first():
     assert found[0].low.high < 0.1
 
 
-def test_what_lowers_a_metric_matters_as_much_as_what_raises_it():
-    """And what never changes, which has no correlation, the least."""
+def test_negative_and_positive_influences_count_equally():
+    """A constant parameter has no correlation and comes last."""
     rng = np.random.default_rng(6)
     gain, mass, lag = rng.uniform(size=(3, 400))
     found = influences(study(2.0 - gain + 0.3 * mass - 0.1 * lag, lag=lag, fixed=np.ones(400), mass=mass, gain=gain))
@@ -143,7 +143,7 @@ def test_what_lowers_a_metric_matters_as_much_as_what_raises_it():
 
 
 def test_a_comparison_pairs_samples():
-    """The spread between samples, ten times that of the difference, drops out."""
+    """The spread between samples, which is ten times the spread of the differences, cancels."""
     rng = np.random.default_rng(4)
     common = rng.normal(10.0, 1.0, 200)
     baseline = study(common)
@@ -151,12 +151,12 @@ def test_a_comparison_pairs_samples():
     found = compare_studies(better, baseline)
     assert found.difference.low < -0.3 < found.difference.high
     assert found.difference.high - found.difference.low < 0.04
-    assert found.share.value == pytest.approx(0.97, abs=0.005)
+    assert found.ratio.value == pytest.approx(0.97, abs=0.005)
     assert found.better.value > 0.98
     assert found.num_pairs == 200
 
 
-def test_a_comparison_counts_crashes_apart():
+def test_a_comparison_counts_crashes_separately():
     nan, inf = math.nan, math.inf
     ours = study([1.0, 2.0, 3.0, 4.0, nan], [inf, 3.0, inf, 2.0, inf])
     baseline = study([2.0, 2.0, 2.0, 2.0, 2.0], [inf, inf, 1.0, inf, inf])
@@ -166,7 +166,7 @@ def test_a_comparison_counts_crashes_apart():
     assert compare_studies(baseline, baseline).crash_significance == 1.0
 
 
-def test_the_worst_are_those_that_crash_soonest_then_the_largest_errors():
+def test_the_worst_samples_are_early_crashes_then_large_errors():
     found = study([5.0, 1.0, 9.0, 7.0, 2.0], [math.inf, 8.0, math.inf, math.inf, 3.0], samples=[10, 11, 12, 13, 14])
     assert worst(found, 4) == [14, 11, 12, 13]
 
@@ -189,7 +189,7 @@ def test_few_values_have_no_interval():
     assert np.isnan([low[0], high[0]]).all()
 
 
-def test_intervals_are_as_wide_as_the_confidence_that_is_asked_for():
+def test_intervals_have_the_given_confidence():
     values = np.random.default_rng(5).normal(size=40)
     expected = scipy.stats.ttest_1samp(values, 0.0).confidence_interval(0.8)
     assert mean_interval(values, 0.8)[1:] == pytest.approx((expected.low, expected.high))
@@ -203,8 +203,8 @@ def test_intervals_are_as_wide_as_the_confidence_that_is_asked_for():
     assert (math.atanh(low), math.atanh(high)) == pytest.approx((math.atanh(rho) - reach, math.atanh(rho) + reach))
 
 
-def test_influences_are_of_flights_that_went_to_the_end():
-    """A crash, and a flight in which no tick counted, hide what matters: without them it is the mass."""
+def test_influences_exclude_crashed_flights():
+    """If the crash and the flight without counted ticks are excluded, the mass is the most influential parameter."""
     mass = np.arange(20.0)
     rmse = 1.0 + mass
     rmse[[4, 7]] = -50.0, math.nan
@@ -219,14 +219,14 @@ def test_influences_are_of_flights_that_went_to_the_end():
     assert [each.low for each in crashes if each.path == "mass"] == [share_interval(0, 2)]
 
 
-def test_a_share_is_the_ratio_of_means_even_if_a_baseline_is_zero():
+def test_the_ratio_of_means_exists_even_if_a_baseline_value_is_zero():
     found = compare_studies(study([1.0, 1.0, 3.0, 2.0]), study([0.0, 2.0, 2.0, 2.0]))
-    assert found.share.value == pytest.approx(7.0 / 6.0)
+    assert found.ratio.value == pytest.approx(7.0 / 6.0)
     assert (found.num_pairs, found.difference.value, found.better.value) == (4, 0.25, 0.25)
     assert found.crash_significance == 1.0
 
 
-def test_samples_without_a_number_are_the_least_bad():
+def test_samples_without_a_metric_are_the_last_of_the_worst():
     found = study([math.nan, 1.0, 9.0], samples=[4, 5, 6])
     assert worst(found) == [6, 5, 4]
     assert worst(study(np.arange(8.0))) == [7, 6, 5, 4, 3]

@@ -1,4 +1,4 @@
-"""A study in memory, and its files."""
+"""Tests of studies in memory and of their files."""
 
 import functools
 import math
@@ -12,8 +12,8 @@ from drake_quad import InputError, load_scenario, read_study, run_monte_carlo
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario.batch import Batch
-from drake_quad.studies.results_file import Found
-from drake_quad.studies.study import Record, Study, columns_of, fitting, meaning, read_record, rows_of
+from drake_quad.studies.results_file import StoredRows
+from drake_quad.studies.study import Record, Study, check_draws, column_meaning, columns_of, read_record, rows_of
 
 REST = "seed: 1\nduration: 2.0\nversions: []\ncolumns: {}\n"
 
@@ -21,13 +21,13 @@ REST = "seed: 1\nduration: 2.0\nversions: []\ncolumns: {}\n"
 @pytest.mark.parametrize(
     "text", ["- samples\n", "samples: 3\nseed: 1\nduration: 2.0\n", "seed\n", f"samples: '3'\n{REST}"]
 )
-def test_what_is_no_record_of_a_study_is_refused(tmp_path, text):
+def test_a_file_that_is_not_a_record_is_refused(tmp_path, text):
     (tmp_path / "study.yaml").write_text(text)
     with pytest.raises(InputError, match="is not the record of a study"):
         read_record(tmp_path)
 
 
-def test_what_is_read_was_not_flown_just_now(tmp_path):
+def test_a_study_that_is_read_has_no_flown_time(tmp_path):
     scenario = load_scenario("diagrams/hover.yaml", ["duration=0.1"])
     assert run_monte_carlo(scenario, 2, folder=tmp_path, num_workers=1).flown_time > 0.0
     assert read_study(tmp_path).flown_time == 0.0
@@ -40,12 +40,12 @@ def two_masses():
 
 
 def metrics_of(crash_time):
-    """Every metric of every sample a number of its own."""
+    """Return metrics whose values are all different."""
     numbers = np.arange((len(Metrics._fields) - 1) * len(crash_time), dtype=float).reshape(-1, len(crash_time))
     return Metrics(*numbers, np.array(crash_time))
 
 
-def test_a_table_holds_the_sample_what_was_drawn_and_the_metrics(two_masses):
+def test_a_study_contains_indices_drawn_values_and_metrics(two_masses):
     metrics, batch = metrics_of([math.inf, 0.04]), Batch.draw(two_masses, [3, 1])
     rows = rows_of(batch, metrics)
     columns = columns_of(two_masses)
@@ -55,43 +55,43 @@ def test_a_table_holds_the_sample_what_was_drawn_and_the_metrics(two_masses):
     for name, column in zip(columns, rows.T, strict=True):
         np.testing.assert_array_equal(column, expected[name])
 
-    study = Study.of_rows(two_masses, 0.1, rows, failures={7: "late"}, flown_time=0.14, misfits=[5])
+    study = Study.of_rows(two_masses, 0.1, rows, failures={7: "late"}, flown_time=0.14, invalid_lines=[5])
     assert study.samples.tolist() == [3, 1]
     assert list(study.parameters) == ["vehicle.mass", "vehicle.linear_drag"]
     np.testing.assert_array_equal(study.metrics, metrics)
     np.testing.assert_allclose(study.flight_time, [0.1, 0.04])
-    assert (study.duration, study.failures, study.flown_time, study.misfits) == (0.1, {7: "late"}, 0.14, (5,))
-    words = "<Study of hover: 2 samples, 1 crashed, 1 not flown; drawn are vehicle.mass, vehicle.linear_drag>"
+    assert (study.duration, study.failures, study.flown_time, study.invalid_lines) == (0.1, {7: "late"}, 0.14, (5,))
+    words = "<Study of hover: 2 samples, 1 crashed, 1 not flown; drawn fields: vehicle.mass, vehicle.linear_drag>"
     assert repr(study) == words
     still = load_scenario("diagrams/hover.yaml", ["duration=0.1"])
     assert repr(Study.of_rows(still, 0.1, rows_of(Batch.draw(still, [0]), metrics_of([math.inf])))) == (
-        "<Study of hover: 1 samples, 0 crashed; drawn are nothing>"
+        "<Study of hover: 1 samples, 0 crashed; drawn fields: none>"
     )
 
 
-def test_rows_fit_to_the_digits_that_are_written(two_masses):
-    """Twelve; a number that differs in the eleventh was not drawn."""
+def test_drawn_values_are_compared_to_the_written_digits(two_masses):
+    """Twelve digits are written; a value that differs in the eleventh digit does not count as drawn."""
     samples = [4, 0, 2]
     rows = rows_of(Batch.draw(two_masses, samples), metrics_of([math.inf] * 3))
     rows[0, 1] *= 1.0 + 5e-12
     rows[1, 2] *= 1.0 - 5e-11
-    found = fitting(two_masses, Found(rows, np.array([2, 3, 5]), [4], 99))
+    found = check_draws(two_masses, StoredRows(rows, np.array([2, 3, 5]), [4], 99))
     assert found.rows[:, 0].tolist() == [4.0, 2.0]
-    assert (found.lines.tolist(), found.misfits, found.end) == ([2, 5], [4, 3], 99)
-    nothing = Found(rows[:0], np.array([], dtype=int), [2], 9)
-    assert fitting(two_masses, nothing) is nothing
+    assert (found.lines.tolist(), found.invalid_lines, found.end) == ([2, 5], [4, 3], 99)
+    nothing = StoredRows(rows[:0], np.array([], dtype=int), [2], 9)
+    assert check_draws(two_masses, nothing) is nothing
 
 
-def test_columns_mean_what_they_say(two_masses):
-    assert meaning(two_masses, "sample") == "number of the sample"
-    assert meaning(two_masses, "crashed") == "1 if the vehicle crashed, else 0"
-    assert meaning(two_masses, "checksum").startswith("CRC-32 of the row and its study")
-    assert meaning(two_masses, "rmse") == "metric (m)"
-    assert "kg" in meaning(two_masses, "vehicle.mass")
+def test_columns_have_descriptions(two_masses):
+    assert column_meaning(two_masses, "sample") == "number of the sample"
+    assert column_meaning(two_masses, "crashed") == "1 if the vehicle crashed, else 0"
+    assert column_meaning(two_masses, "checksum").startswith("CRC-32 of the row and its study")
+    assert column_meaning(two_masses, "rmse") == "metric (m)"
+    assert "kg" in column_meaning(two_masses, "vehicle.mass")
 
 
 def test_a_record_is_read_as_it_was_written(two_masses, tmp_path):
-    """Also with words that an older YAML takes for a truth."""
+    """The record includes words that YAML 1.1 reads as booleans."""
     own = UserSystems(wind=functools.partial(metrics_of), position_controller=SimpleNamespace)
     record = Record.of(two_masses.model_copy(update={"seed": 3}), 12, 0.1, own, compiled=True)
     assert (record.samples, record.seed, record.duration, record.control) == (12, 3, 0.1, None)
@@ -112,17 +112,17 @@ def test_a_record_cannot_be_changed(tmp_path):
     assert record.samples == 3
 
 
-def test_a_record_that_is_not_there_is_told(tmp_path):
-    with pytest.raises(InputError, match=r"study\.yaml cannot be read, or is not YAML"):
+def test_a_missing_record_is_named(tmp_path):
+    with pytest.raises(InputError, match=r"study\.yaml cannot be read as YAML"):
         read_record(tmp_path)
 
 
-def test_a_study_that_says_no_more_has_no_failures_and_was_not_flown_now(two_masses):
+def test_optional_fields_of_a_study_are_empty_by_default(two_masses):
     study = Study(two_masses, 0.1, np.array([0]), {}, metrics_of([math.inf]))
-    assert (study.failures, study.flown_time, study.misfits) == ({}, 0.0, ())
+    assert (study.failures, study.flown_time, study.invalid_lines) == ({}, 0.0, ())
 
 
-def test_a_study_has_the_remark_on_its_vehicle():
+def test_a_study_has_the_remarks_on_its_scenario():
     scenario = load_scenario("hover", {"vehicle.mass": {"uniform": {"min": 1.0, "max": 1.2}}})
     study = Study(scenario, 1.0, np.arange(2), {}, metrics_of([math.inf, 0.5]))
     (remark,) = study.remarks

@@ -1,4 +1,4 @@
-"""The rows of a study as they come in, and what its folder holds before and after."""
+"""Tests of the rows of a running study and of its folder."""
 
 import math
 
@@ -11,11 +11,11 @@ from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario.batch import Batch
 from drake_quad.scenario.files.saving import save_scenario
 from drake_quad.studies import study_folder
-from drake_quad.studies.crew import Outcome
-from drake_quad.studies.results_file import Found
+from drake_quad.studies.results_file import StoredRows
 from drake_quad.studies.study import columns_of, read_record, read_study, rows_of
 from drake_quad.studies.study_folder import StudyRows, _difference
 from drake_quad.studies.study_folder import open_study as open_any
+from drake_quad.studies.worker_pool import Outcome
 
 
 def open_study(*study, resume):
@@ -28,14 +28,14 @@ def hover():
 
 
 def table(samples, crash_time=math.inf, value=0.5):
-    """Rows of a scenario that draws nothing."""
+    """Return rows of a scenario without distributions."""
     columns = [np.full(len(samples), value)] * (len(Metrics._fields) - 1)
     batch = Batch.draw(load_scenario("diagrams/hover.yaml", ["duration=2"]), samples)
     return rows_of(batch, Metrics(*columns, np.full(len(samples), crash_time)))
 
 
-def test_a_sample_is_there_whatever_its_numbers_are(hover):
-    """Also where no tick counted, so that there is no error."""
+def test_a_sample_counts_as_present_whatever_its_values(hover):
+    """This includes samples without counted ticks, which have no error."""
     rows = StudyRows(hover, 5, 2.0)
     assert (len(rows), [*rows.missing], rows.saved) == (0, [0, 1, 2, 3, 4], "nothing was written")
     rows.add(Outcome([3, 1], table([3, 1], value=np.nan)))
@@ -47,18 +47,18 @@ def test_a_sample_is_there_whatever_its_numbers_are(hover):
     study = rows.study()
     assert study.samples.tolist() == [0, 1, 3]
     assert list(study.failures.items()) == [(2, "late"), (4, "cursed")]
-    assert (study.scenario, study.duration, study.misfits) == (hover, 2.0, ())
+    assert (study.scenario, study.duration, study.invalid_lines) == (hover, 2.0, ())
     np.testing.assert_array_equal(study.metrics.rmse, [0.5, np.nan, np.nan])
 
 
-def test_time_is_flown_until_the_end_or_the_crash_by_what_is_new(hover):
-    found = Found(table([1], crash_time=0.25), np.array([2]), [5, 3], 0)
-    rows = StudyRows(hover, 5, 2.0, found=found)
+def test_flown_time_counts_new_samples_until_end_or_crash(hover):
+    found = StoredRows(table([1], crash_time=0.25), np.array([2]), [5, 3], 0)
+    rows = StudyRows(hover, 5, 2.0, stored=found)
     assert (len(rows), [*rows.missing], rows.study().flown_time) == (1, [0, 2, 3, 4], 0.0)
     rows.add(Outcome([0, 4], table([0, 4], crash_time=0.75)))
     rows.add(Outcome([2], table([2])))
     assert rows.study().flown_time == 3.5
-    assert rows.study().misfits == (3, 5)
+    assert rows.study().invalid_lines == (3, 5)
 
 
 def test_without_a_folder_nothing_is_written(hover):
@@ -67,7 +67,7 @@ def test_without_a_folder_nothing_is_written(hover):
     assert (rows.num_samples, len(rows), rows.saved) == (3, 1, "nothing was written")
 
 
-def test_a_folder_holds_the_study_in_order_at_the_end(hover, tmp_path):
+def test_the_rows_in_a_folder_are_sorted_at_the_end(hover, tmp_path):
     folder = tmp_path / "a" / "study"
     with open_study(folder, hover, 3, 2.0, UserSystems(wind=table), resume=False) as rows:
         assert read_record(folder).wind == f"{__name__}:table"
@@ -85,7 +85,7 @@ def test_a_folder_holds_the_study_in_order_at_the_end(hover, tmp_path):
     assert len(columns_of(hover)) == study.metrics.rmse.size + len(lines[0].split(",")) - 3
 
 
-def test_failures_are_told_until_all_is_flown(hover, tmp_path):
+def test_failures_are_recorded_until_all_samples_have_flown(hover, tmp_path):
     with open_study(tmp_path, hover, 2, 2.0, UserSystems(), resume=False) as rows:
         rows.add(Outcome([1], reason="cursed"))
     assert (tmp_path / "failed.csv").read_text() == "sample,reason\n1,cursed\n"
@@ -95,12 +95,12 @@ def test_failures_are_told_until_all_is_flown(hover, tmp_path):
     assert not (tmp_path / "failed.csv").exists()
 
 
-def test_a_study_may_grow_and_not_shrink(hover, tmp_path):
+def test_a_study_can_be_enlarged_but_not_reduced(hover, tmp_path):
     with open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=True) as rows:
         rows.add(Outcome([2], table([2])))
     with open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=True) as rows:
         assert [*rows.missing] == [0, 1]
-    words = r"results\.csv holds sample 2 already, but the study is to have only 2 samples"
+    words = r"results\.csv already contains sample 2, so the study cannot be resumed with only 2 samples"
     with (
         pytest.raises(InputError, match=words),
         open_study(tmp_path, hover, 2, 2.0, UserSystems(), resume=True),
@@ -113,10 +113,10 @@ def test_a_study_may_grow_and_not_shrink(hover, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["position_controller", "control", "wind"])
-def test_a_study_with_another_system_is_another_study(hover, tmp_path, name):
+def test_a_study_with_a_different_system_is_a_different_study(hover, tmp_path, name):
     with open_study(tmp_path, hover, 3, 2.0, UserSystems(**{name: table}), resume=False):
         pass
-    words = rf"is of another study: its {name} is {__name__}:table, not None"
+    words = rf"contains a different study: its {name} is {__name__}:table, not None"
     with (
         pytest.raises(InputError, match=words),
         open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=True),
@@ -126,10 +126,10 @@ def test_a_study_with_another_system_is_another_study(hover, tmp_path, name):
         pass
 
 
-def test_a_folder_with_a_scenario_is_written_to_if_it_is_the_study_s(hover, tmp_path):
+def test_a_folder_with_another_scenario_is_refused(hover, tmp_path):
     other = hover.model_copy(update={"seed": 3})
     save_scenario(other, tmp_path / "scenario.yaml")
-    words = r"scenario\.yaml would be overwritten, and is no study's; choose another folder"
+    words = r"scenario\.yaml is a different scenario and is not overwritten; choose another folder"
     with (
         pytest.raises(InputError, match=words),
         open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=False),
@@ -140,8 +140,8 @@ def test_a_folder_with_a_scenario_is_written_to_if_it_is_the_study_s(hover, tmp_
     assert read_study(tmp_path).scenario == other
 
 
-def test_what_a_study_is_stands_there_before_its_first_row(hover, tmp_path, monkeypatch):
-    """So that it can be gone on with, whenever it is ended."""
+def test_scenario_and_record_are_written_before_the_first_row(hover, tmp_path, monkeypatch):
+    """Therefore, a study that was interrupted at any time can be resumed."""
 
     def ended(path, form):
         raise KeyboardInterrupt
@@ -156,13 +156,13 @@ def test_what_a_study_is_stands_there_before_its_first_row(hover, tmp_path, monk
     assert load_scenario(tmp_path / "scenario.yaml") == hover
 
 
-def test_a_study_without_its_record_cannot_be_gone_on_with(hover, tmp_path):
+def test_a_study_without_its_record_cannot_be_resumed(hover, tmp_path):
     with open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=False):
         pass
     for name in ("study.yaml", "scenario.yaml"):
         text = (tmp_path / name).read_text()
         (tmp_path / name).unlink()
-        words = rf"results\.csv cannot be gone on with: .*{name}"
+        words = rf"cannot be resumed: .*{name}"
         with (
             pytest.raises(InputError, match=words),
             open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=True),
@@ -171,7 +171,7 @@ def test_a_study_without_its_record_cannot_be_gone_on_with(hover, tmp_path):
         (tmp_path / name).write_text(text)
     with open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=True):
         pass
-    # The versions stand there once, however often it is gone on with.
+    # Each version is listed once, however often the study is resumed.
     assert len(read_record(tmp_path).versions) == 1
 
 
@@ -192,7 +192,7 @@ def test_the_first_difference_is_named_by_its_path(before, now, words):
     assert _difference(before, now) == words
 
 
-def test_a_record_tells_each_way_in_which_samples_were_flown_once(hover, tmp_path):
+def test_a_record_lists_each_kind_of_diagram_once(hover, tmp_path):
     told = []
     for compiled in (True, False, True):
         with open_any(tmp_path, hover, 3, 2.0, UserSystems(), compiled=compiled, resume=True):

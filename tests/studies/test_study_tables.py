@@ -1,4 +1,4 @@
-"""Studies as tables of pandas and Parquet, and folders of studies."""
+"""Tests of studies as tables of pandas and Parquet, and of folders of studies."""
 
 import math
 import sys
@@ -12,7 +12,7 @@ from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario.batch import Batch
 from drake_quad.statistics.estimates import share_interval
 from drake_quad.studies.study import Study, columns_of, rows_of
-from drake_quad.studies.summary import crashes_of, touches_of
+from drake_quad.studies.summary import crash_text, obstacle_table
 
 DRAWN = {
     "duration": 0.1,
@@ -29,7 +29,7 @@ def scenario(diagrams):
 
 @pytest.fixture(scope="module")
 def study(scenario):
-    """Three samples, of which the second crashed."""
+    """Study of three samples, of which the second crashed."""
     batch = Batch.draw(scenario, [1, 3, 4])
     numbers = np.arange(3.0 * (len(Metrics._fields) - 1)).reshape(-1, 3)
     numbers[2, 2] = math.nan
@@ -37,7 +37,7 @@ def study(scenario):
     return Study.of_rows(scenario, 0.1, rows, failures={2: "too fast"})
 
 
-def test_a_frame_has_a_row_for_each_sample_and_a_column_for_each_path_and_metric(study, scenario):
+def test_a_frame_has_rows_for_samples_and_columns_for_paths_and_metrics(study, scenario):
     frame = study.to_frame()
     assert frame.index.name == "sample"
     assert frame.index.tolist() == [1, 3, 4]
@@ -51,36 +51,36 @@ def test_a_frame_has_a_row_for_each_sample_and_a_column_for_each_path_and_metric
     assert frame[~frame.crashed]["rmse"].mean() == pytest.approx(np.mean(study.metrics.rmse[[0, 2]]))
 
 
-def test_a_study_with_obstacles_says_into_which_samples_crashed():
+def test_a_study_counts_crashes_into_each_obstacle():
     ball = {"kind": "sphere", "centre": [0.0, 0.0, 5.0], "radius": 0.1}
     scenario = load_scenario("hover", {"space.obstacles": {"near": ball, "far": ball}})
     metrics = Metrics(*np.ones((len(Metrics._fields) - 1, 4)), np.array([math.inf, 0.04, 0.06, 0.08]))
     study = Study.of_rows(scenario, 0.1, rows_of(Batch.draw(scenario, range(4)), metrics, np.array([0, 2, 0, 2])))
-    assert study.touches == {"near": 0, "far": 2}
+    assert study.crashes_by_obstacle == {"near": 0, "far": 2}
     assert [study.obstacle_of(place) for place in range(4)] == [None, "far", None, "far"]
     frame = study.to_frame()
     assert ["sample", *frame.columns] == columns_of(scenario)
     assert frame["obstacle"].isna().tolist() == [True, False, True, False]
     assert frame["obstacle"].dropna().tolist() == ["far", "far"]
     crashed, touched = (share_interval(count, 4).percent() for count in (3, 2))
-    assert crashes_of(study) == f"3 crashed, {crashed}; 2 of them into obstacles, {touched}"
-    ((name, count, share),) = touches_of(study).rows
+    assert crash_text(study) == f"3 crashed, {crashed}; 2 of them into obstacles, {touched}"
+    ((name, count, share),) = obstacle_table(study).rows
     assert (name, count) == ("far", "2")
     assert share == touched
 
 
-def test_a_study_on_disk_keeps_what_samples_crashed_into(tmp_path):
+def test_the_obstacles_of_crashes_are_saved(tmp_path):
     space = {"obstacles": {"pillar": {"kind": "cylinder", "centre": [0.4, 0.0, 1.0], "radius": 0.13, "height": 1.0}}}
     changed = {"space": space, "duration": 0.4, "laboratory.wind": [{"kind": "steady", "velocity": [3.0, 0.0, 0.0]}]}
     scenario = load_scenario("hover", {**changed, "vehicle.linear_drag": {"uniform": {"min": 0.0, "max": 1.0}}})
     study = run_monte_carlo(scenario, 6, folder=tmp_path / "study", num_workers=1)
-    assert 0 < study.touches["pillar"] < 6
+    assert 0 < study.crashes_by_obstacle["pillar"] < 6
     again = read_study(tmp_path / "study")
-    np.testing.assert_array_equal(again.touched, study.touched)
-    np.testing.assert_array_equal(again.touched > 0, again.metrics.crashed)
+    np.testing.assert_array_equal(again.obstacle_hit, study.obstacle_hit)
+    np.testing.assert_array_equal(again.obstacle_hit > 0, again.metrics.crashed)
 
 
-def test_a_frame_says_what_its_columns_and_its_study_are(study):
+def test_a_frame_has_units_and_attributes(study):
     attributes = study.to_frame().attrs
     units = attributes["units"]
     assert units["vehicle.mass"] == "kg"
@@ -91,7 +91,7 @@ def test_a_frame_says_what_its_columns_and_its_study_are(study):
     assert (attributes["scenario"], attributes["duration"]) == ("hover", 0.1)
 
 
-def test_parquet_gives_the_frame_back(study, tmp_path):
+def test_a_frame_read_from_parquet_is_unchanged(study, tmp_path):
     path = study.to_parquet(tmp_path / "results.parquet")
     frame, again = study.to_frame(), pd.read_parquet(path)
     pd.testing.assert_frame_equal(again, frame)
@@ -99,7 +99,7 @@ def test_parquet_gives_the_frame_back(study, tmp_path):
     assert [each.name for each in tmp_path.iterdir()] == ["results.parquet"]
 
 
-def test_parquet_that_cannot_be_written_leaves_nothing(study, tmp_path):
+def test_a_failed_parquet_write_leaves_no_file(study, tmp_path):
     (tmp_path / "results.parquet").mkdir()
     with pytest.raises(OSError, match="results.parquet"):
         study.to_parquet(tmp_path / "results.parquet")
@@ -117,7 +117,7 @@ def test_a_library_that_is_missing_is_named_with_its_extra(study, tmp_path, monk
 
 @pytest.fixture(scope="module")
 def folders(scenario, tmp_path_factory):
-    """A folder of two studies, one of them with samples that failed, and a file beside them."""
+    """Folder of two studies, one of them with failed samples, and another file."""
     parent = tmp_path_factory.mktemp("controllers")
     for name, seed in (("pd", 0), ("indi", 1)):
         run_monte_carlo(scenario, 2, seed, folder=parent / name, num_workers=1)
@@ -149,25 +149,25 @@ def test_several_studies_are_read_by_the_names_of_their_folders(folders):
     assert {name: study.scenario.seed for name, study in found.items()} == {"indi": 1, "pd": 0}
     assert [*read_studies(folders / "pd")] == ["pd"]
     with pytest.raises(
-        InputError, match="holds 2 studies, indi, pd; read one of these folders, or all .* read_studies"
+        InputError, match="contains 2 studies, indi, pd; read one of these folders, or read all .* read_studies"
     ):
         read_study(folders)
 
 
-def test_what_is_no_study_says_what_it_is(tmp_path):
+def test_a_path_that_is_not_a_study_is_described(tmp_path):
     (tmp_path / "empty").mkdir()
-    with pytest.raises(InputError, match="empty is no study, which has results.csv, .*; it is empty"):
+    with pytest.raises(InputError, match="empty is not the folder of a study, .* results.csv, .*; it is empty"):
         read_study(tmp_path / "empty")
     (tmp_path / "comparison.csv").write_text("a\n1\n")
-    with pytest.raises(InputError, match="is no study, .*; it holds comparison.csv, empty"):
+    with pytest.raises(InputError, match="is not the folder of a study, .*; it contains comparison.csv, empty"):
         read_studies(tmp_path)
-    with pytest.raises(InputError, match=r"comparison.csv is no study, .*; it is another file"):
+    with pytest.raises(InputError, match=r"comparison.csv is not the folder of a study, .*; it is another file"):
         read_study(tmp_path / "comparison.csv")
     with pytest.raises(InputError, match="nowhere does not exist"):
         read_study(tmp_path / "nowhere")
 
 
-def test_a_damaged_table_of_failures_is_no_traceback(scenario, tmp_path):
+def test_a_damaged_table_of_failures_is_an_input_error(scenario, tmp_path):
     run_monte_carlo(scenario, 1, folder=tmp_path, num_workers=1)
     for text in ("sample,why\n1,x\n", "sample,reason\nfirst,x\n", "sample,reason\n1\n"):
         (tmp_path / "failed.csv").write_text(text, encoding="utf-8")
@@ -175,7 +175,7 @@ def test_a_damaged_table_of_failures_is_no_traceback(scenario, tmp_path):
             read_study(tmp_path)
 
 
-def test_a_study_that_goes_on_drops_the_parquet_of_what_it_was(scenario, tmp_path):
+def test_a_resumed_study_deletes_its_outdated_parquet_file(scenario, tmp_path):
     run_monte_carlo(scenario, 1, folder=tmp_path, num_workers=1).to_parquet(tmp_path / "results.parquet")
     run_monte_carlo(scenario, 2, folder=tmp_path, num_workers=1, resume=True)
     assert not (tmp_path / "results.parquet").exists()

@@ -1,4 +1,4 @@
-"""What is said of a study in a few lines, with many, few, no and only crashes."""
+"""Tests of summaries of studies with many, few, no and only crashes."""
 
 import math
 import re
@@ -10,19 +10,19 @@ from drake_quad import InputError, load_scenario
 from drake_quad.laboratory.metrics import METRICS, Metrics
 from drake_quad.statistics.estimates import (
     mean_interval,
-    positive,
     quantile_interval,
     share_interval,
     share_mean_interval,
+    without_negative_part,
 )
-from drake_quad.studies.statistics import crash_levels, metric_mean, most_influential
+from drake_quad.studies.statistics import crash_bins, metric_mean, most_influential_path
 from drake_quad.studies.study import Study
-from drake_quad.studies.summary import comparison_of, crashes_of, summary_of
+from drake_quad.studies.summary import comparison_table, crash_text, metric_table
 from drake_quad.visualization.study_plots import plot_crash_probability
 
 
 def study(count, crashed, seed=0, scenario="diagrams/robustness.yaml", **parameters):
-    """Samples of which the first have crashed; a fifth of them has saturated rotors now and then."""
+    """Return a study whose first samples crash; a fifth of the samples have saturated rotors."""
     rng = np.random.default_rng(seed)
     errors = rng.gamma(3.0, 0.02, count)
     crash_time = np.where(np.arange(count) < crashed, 3.0, math.inf)
@@ -35,9 +35,9 @@ SIZES = [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2), (10, 5), (300, 0), (300
 
 
 @pytest.mark.parametrize(("count", "crashed"), SIZES)
-def test_no_interval_is_of_crashes_only_and_none_leaves_what_can_be(count, crashed):
+def test_intervals_exclude_crashes_and_stay_within_the_possible_range(count, crashed):
     found = study(count, crashed)
-    summary, words = summary_of(found), crashes_of(found)
+    summary, words = metric_table(found), crash_text(found)
     cells = [cell for row in summary.rows for cell in row[1:-1]]
     assert len({len(row) for row in [summary.headings, *summary.rows]}) == 1
     for cell in cells:
@@ -60,28 +60,28 @@ def test_no_interval_is_of_crashes_only_and_none_leaves_what_can_be(count, crash
 @pytest.mark.parametrize(
     ("count", "crashed", "words"),
     [
-        (300, 3, "means and deviations are of the 297 samples that flew to the end; quantiles are of all"),
-        (2, 1, "means and deviations are of the one sample that flew to the end;"),
-        (3, 1, "means and deviations are of the 2 samples that flew to the end;"),
-        (3, 2, "means and deviations are of the one sample that flew to the end;"),
-        (2, 2, "no sample flew to the end: there is nothing to average"),
+        (300, 3, "means and standard deviations are taken over the 297 samples without a crash; quantiles are taken"),
+        (2, 1, "means and standard deviations are taken over the one sample without a crash;"),
+        (3, 1, "means and standard deviations are taken over the 2 samples without a crash;"),
+        (3, 2, "means and standard deviations are taken over the one sample without a crash;"),
+        (2, 2, "every sample crashed, so there are no means"),
         (2, 0, None),
     ],
 )
-def test_a_summary_says_that_means_are_of_survivors(count, crashed, words):
-    remarks = summary_of(study(count, crashed)).remarks
+def test_a_summary_states_that_means_are_over_flights_without_a_crash(count, crashed, words):
+    remarks = metric_table(study(count, crashed)).remarks
     assert len(remarks) == (words is not None)
     assert all(remark.startswith(words) for remark in remarks)
 
 
-def test_a_summary_has_errors_in_centimetres_and_saturation_in_parts_of_a_hundred():
+def test_a_summary_has_errors_in_centimetres_and_saturation_in_per_cent():
     found = study(40, 2)
     rows = {name: getattr(found.metrics, name) * (1.0 + 0.1 * i) for i, name in enumerate(Metrics._fields[:-1])}
     found = Study(found.scenario, 10.0, found.samples, {}, found.metrics._replace(**rows))
     errors = {name for name, metric in METRICS.items() if metric.unit == "m"}
     names = {metric.label: name for name, metric in METRICS.items() if metric.display is not None}
     assert {*errors, "effort_x", "saturation_share"} <= {*names.values()}
-    summary = summary_of(found)
+    summary = metric_table(found)
     assert [row[0] for row in summary.rows] == [*names]
     assert summary.headings == ("", "mean", "std. dev.", "5 % quantile", "median", "95 % quantile", "")
     sizes = {"cm": 0.01, "m²/s⁴": 1.0, "%": 0.01}
@@ -93,13 +93,15 @@ def test_a_summary_has_errors_in_centimetres_and_saturation_in_parts_of_a_hundre
         assert float(deviation) == pytest.approx(kept.std(ddof=1) / sizes[unit], rel=0.05)
         every = np.where(found.metrics.crashed, math.inf, rows[name])
         for text, share in zip(quantiles, (0.05, 0.5, 0.95), strict=True):
-            assert text == positive(quantile_interval(every, share)).text(size=sizes[unit], infinite="crash")
+            assert text == without_negative_part(quantile_interval(every, share)).text(
+                size=sizes[unit], infinite="crash"
+            )
 
 
 @pytest.mark.parametrize(("count", "crashed"), [each for each in SIZES if each[0]])
-def test_a_comparison_shows_no_share_below_zero_and_no_test_of_no_crash(count, crashed):
+def test_a_comparison_has_no_negative_fraction_and_no_test_without_a_crash(count, crashed):
     pairs = {"one": study(count, 0), "other": study(count, crashed, seed=1)}
-    summary = comparison_of(pairs, "rmse")
+    summary = comparison_table(pairs, "rmse")
     ((name, difference, share, better, num_pairs, alone, significance),) = summary.rows
     assert (name, num_pairs, alone) == ("other", f"{count - crashed}", f"{crashed} : 0")
     assert ("p = " in significance) == (crashed > 0)
@@ -108,11 +110,11 @@ def test_a_comparison_shows_no_share_below_zero_and_no_test_of_no_crash(count, c
     assert (difference == "–") == (count == crashed)
 
 
-def test_means_of_positive_values_are_student_s_without_what_cannot_be():
-    found = positive(mean_interval(np.array([0.1, 0.3])))
+def test_intervals_of_positive_means_are_student_s_cut_at_zero():
+    found = without_negative_part(mean_interval(np.array([0.1, 0.3])))
     assert found == pytest.approx((0.2, 0.0, 0.2 + 12.706 * 0.1), rel=1e-4)
     values = np.random.default_rng(0).gamma(3.0, 0.02, 200)
-    assert positive(mean_interval(values)) == mean_interval(values)
+    assert without_negative_part(mean_interval(values)) == mean_interval(values)
 
 
 @pytest.mark.parametrize(
@@ -124,33 +126,33 @@ def test_means_of_positive_values_are_student_s_without_what_cannot_be():
         (lambda rng: (rng.random(50) < 0.05) * 0.02, 0.001),
     ],
 )
-def test_the_interval_of_a_mean_share_lies_within_0_and_1_and_covers(draw, truth):
+def test_the_interval_of_a_mean_fraction_lies_within_0_and_1_and_has_its_coverage(draw, truth):
     rng = np.random.default_rng(3)
     found = [share_mean_interval(draw(rng)) for _ in range(1500)]
     assert all(0.0 <= low <= value <= high <= 1.0 for value, low, high in found)
     assert 0.92 < np.mean([low <= truth <= high for _, low, high in found]) < 0.985
 
 
-def test_a_mean_share_of_nothing_or_all_is_bounded_by_how_often_it_is_otherwise():
+def test_a_mean_fraction_of_0_or_1_is_bounded_by_the_probability_of_other_values():
     assert share_mean_interval(np.zeros(100)) == share_interval(0, 100)
     assert share_mean_interval(np.ones(100)) == share_interval(100, 100)
     assert math.isnan(share_mean_interval(np.zeros(1)).high)
-    # Where the mean is known well it is Student's.
+    # For a precise mean, the interval is close to Student's.
     values = np.random.default_rng(0).uniform(0.45, 0.55, 4000)
     half = 1.9605 * values.std(ddof=1) / math.sqrt(4000)
     assert share_mean_interval(values) == pytest.approx((values.mean(), values.mean() - half, values.mean() + half))
 
 
-def test_an_interval_of_a_share_that_could_hardly_be_wider_is_all_shares():
-    """Two values, of which nearly certainty is asked: the odds of its ends are beyond what a float can be."""
+def test_an_extremely_wide_interval_of_a_fraction_is_0_to_1():
+    """With two values and a confidence close to 1, the odds of the ends would overflow."""
     assert share_mean_interval(np.array([0.0, 0.1]), 0.9999) == pytest.approx((0.05, 0.0, 1.0), abs=1e-12)
 
 
-def test_each_metric_has_the_interval_that_fits_it():
+def test_each_metric_has_a_suitable_interval():
     metrics = study(30, 5).metrics
     kept = ~metrics.crashed
     assert metric_mean(metrics, "saturation_share") == share_mean_interval(metrics.saturation_share[kept])
-    assert metric_mean(metrics, "rmse") == positive(mean_interval(metrics.rmse[kept]))
+    assert metric_mean(metrics, "rmse") == without_negative_part(mean_interval(metrics.rmse[kept]))
 
 
 def crashing(numbers, crashed, **more):
@@ -159,77 +161,77 @@ def crashing(numbers, crashed, **more):
     return Study(found.scenario, 10.0, found.samples, found.parameters, found.metrics._replace(crash_time=times))
 
 
-def test_few_different_numbers_have_a_bin_each_and_many_samples_no_more_than_twenty_bins():
+def test_few_different_values_have_a_bin_each_and_many_samples_at_most_twenty_bins():
     few = np.repeat([1.0, 2.0, 3.0], [90, 5, 5])
-    levels = crash_levels(crashing(few, few > 2.0), "vehicle.mass", num_bins=3)
+    levels = crash_bins(crashing(few, few > 2.0), "vehicle.mass", num_bins=3)
     assert [(level.low, level.high, level.num_samples) for level in levels] == [(1, 1, 90), (2, 2, 5), (3, 3, 5)]
-    assert len(crash_levels(crashing(np.arange(12_000), np.zeros(12_000, dtype=bool)), "vehicle.mass")) == 20
+    assert len(crash_bins(crashing(np.arange(12_000), np.zeros(12_000, dtype=bool)), "vehicle.mass")) == 20
 
 
-def test_a_comparison_tells_the_sign_of_a_difference_and_crashes_of_either_alone():
+def test_a_comparison_shows_signed_differences_and_crashes_of_only_one_controller():
     worse = study(30, 0)
     worse = Study(worse.scenario, 10.0, worse.samples, {}, worse.metrics._replace(rmse=worse.metrics.rmse + 0.01))
-    (row,) = comparison_of({"base": study(30, 0), "worse": worse}, "rmse").rows
+    (row,) = comparison_table({"base": study(30, 0), "worse": worse}, "rmse").rows
     assert row[1].startswith("+1.00 ")  # cm
-    summary = comparison_of({"base": study(30, 3), "safer": study(30, 0)}, "rmse")
+    summary = comparison_table({"base": study(30, 3), "safer": study(30, 0)}, "rmse")
     assert summary.rows[0][5] == "0 : 3"
     assert summary.rows[0][6] == "p = 0.25"
     assert len(summary.remarks) == 1
 
 
-def test_bins_of_a_number_hold_equally_many_samples_and_the_crashes_in_them():
+def test_bins_contain_equally_many_samples():
     numbers = np.random.default_rng(2).permutation(1000)
-    levels = crash_levels(crashing(numbers, numbers >= 900), "vehicle.mass")
+    levels = crash_bins(crashing(numbers, numbers >= 900), "vehicle.mass")
     assert [level.num_samples for level in levels] == [100] * 10
     assert [(level.low, level.high, level.middle) for level in levels][2] == (200.0, 299.0, 249.5)
     assert [level.probability for level in levels] == [share_interval(0, 100)] * 9 + [share_interval(100, 100)]
-    assert len(crash_levels(crashing(numbers, numbers > 3), "vehicle.mass", num_bins=4)) == 4
+    assert len(crash_bins(crashing(numbers, numbers > 3), "vehicle.mass", num_bins=4)) == 4
 
 
-def test_a_choice_has_a_bin_for_each_number_and_few_samples_few_bins():
-    levels = crash_levels(crashing([2, 0, 1, 1, 2, 2] * 20, [True, False] * 60), "vehicle.mass")
+def test_a_choice_has_a_bin_for_each_value_and_few_samples_have_few_bins():
+    levels = crash_bins(crashing([2, 0, 1, 1, 2, 2] * 20, [True, False] * 60), "vehicle.mass")
     assert [(level.low, level.high, level.num_samples) for level in levels] == [(0, 0, 20), (1, 1, 40), (2, 2, 60)]
     assert [level.probability.value for level in levels] == [0.0, 0.5, pytest.approx(2.0 / 3.0)]
-    assert [level.num_samples for level in crash_levels(crashing([3.0], [True]), "vehicle.mass")] == [1]
-    assert crash_levels(crashing([], []), "vehicle.mass") == []
-    # Many samples with one number are not torn apart.
-    skewed = crash_levels(crashing([1.0] * 500 + [*np.linspace(2.0, 3.0, 500)], [False] * 1000), "vehicle.mass")
+    assert [level.num_samples for level in crash_bins(crashing([3.0], [True]), "vehicle.mass")] == [1]
+    assert crash_bins(crashing([], []), "vehicle.mass") == []
+    # Samples with equal values are in the same bin.
+    skewed = crash_bins(crashing([1.0] * 500 + [*np.linspace(2.0, 3.0, 500)], [False] * 1000), "vehicle.mass")
     assert skewed[0].num_samples == 500
     assert sum(level.num_samples for level in skewed) == 1000
 
 
-def test_a_number_that_is_not_drawn_has_no_levels():
-    with pytest.raises(InputError, match="vehicle.gravity is not drawn in this study; drawn are vehicle.mass"):
-        crash_levels(crashing([1.0], [True]), "vehicle.gravity")
-    with pytest.raises(InputError, match="the number of bins is 0, but must be at least 1"):
-        crash_levels(crashing([1.0], [True]), "vehicle.mass", num_bins=0)
+def test_a_parameter_that_is_not_drawn_has_no_levels():
+    with pytest.raises(InputError, match="vehicle.gravity is not a drawn field .* drawn fields are: vehicle.mass"):
+        crash_bins(crashing([1.0], [True]), "vehicle.gravity")
+    with pytest.raises(InputError, match="the number of bins is 0; it must be at least 1"):
+        crash_bins(crashing([1.0], [True]), "vehicle.mass", num_bins=0)
 
 
-def test_the_number_with_most_to_do_with_crashes_is_drawn_in_every_study_and_may_be_small_in_them():
+def test_the_parameter_with_most_influence_on_crashes_is_random_in_every_study():
     rng = np.random.default_rng(4)
     mass, drag = rng.permutation(100) / 100.0, rng.permutation(100) / 100.0
     light, draggy = mass < 0.3, drag > 0.7
     both = {"vehicle.linear_drag": drag}
-    assert most_influential([crashing(mass, light, **both)]) == "vehicle.mass"
-    assert most_influential([crashing(mass, draggy, **both)]) == "vehicle.linear_drag"
-    assert most_influential([crashing(mass, draggy, **both), crashing(mass, draggy)]) == "vehicle.mass"
-    assert most_influential([study(10, 0)]) is None
+    assert most_influential_path([crashing(mass, light, **both)]) == "vehicle.mass"
+    assert most_influential_path([crashing(mass, draggy, **both)]) == "vehicle.linear_drag"
+    assert most_influential_path([crashing(mass, draggy, **both), crashing(mass, draggy)]) == "vehicle.mass"
+    assert most_influential_path([study(10, 0)]) is None
 
 
-def test_the_plot_is_over_the_number_that_matters_most_and_has_the_levels_and_intervals():
+def test_the_plot_shows_levels_and_intervals_over_the_most_influential_parameter():
     rng = np.random.default_rng(0)
     mass, drag = rng.normal(0.7, 0.05, (2, 600))
     studies = {
         "pd": crashing(mass, drag > 0.77, **{"vehicle.linear_drag": drag}),
         "indi": crashing(mass, rng.random(600) < 0.05, **{"vehicle.linear_drag": drag}),
     }
-    assert most_influential(studies.values()) == "vehicle.linear_drag"
+    assert most_influential_path(studies.values()) == "vehicle.linear_drag"
     (axes,) = plot_crash_probability(studies).axes
     assert axes.get_xlabel() == "linear drag (N s/m)"
-    levels = crash_levels(studies["pd"], "vehicle.linear_drag")
+    levels = crash_bins(studies["pd"], "vehicle.linear_drag")
     line = next(each for each in axes.lines if str(each.get_label()).startswith("pd: "))
     np.testing.assert_allclose(line.get_xydata(), [(level.middle, level.probability.value) for level in levels])
-    # The axes are as wide as the numbers, and the points of two controllers stand beside each other.
+    # The axis has the range of the drawn values, and the points of two controllers are next to each other.
     least, most = min(level.low for level in levels), max(level.high for level in levels)
     assert axes.get_xlim() == pytest.approx((least, most), abs=0.1 * (most - least))
     axes.get_figure().draw_without_rendering()

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from all_systems import AFFECTED, LADEN, RESPONDING, THROTTLED, VEHICLE
+from all_systems import RESPONDING_VEHICLE, VEHICLE, VEHICLE_WITH_EFFECTS, VEHICLE_WITH_PAYLOAD, VEHICLE_WITH_THROTTLE
 from pydrake.systems.analysis import Simulator
 
 from drake_quad.geometry.kinematics import angular_acceleration, small_rotation
@@ -21,12 +21,12 @@ INPUT_VALUES = {
 VEHICLES = {
     "faulty": (Quadrotor, VEHICLE, {"faulty": True}),
     "small angles": (Quadrotor, VEHICLE, {"kinematics": "small_angle"}),
-    "slung load and battery": (Quadrotor, AFFECTED, {"effects": AFFECTED.effects.names}),
-    "throttles": (Quadrotor, THROTTLED, {"effects": THROTTLED.effects.names}),
+    "slung load and battery": (Quadrotor, VEHICLE_WITH_EFFECTS, {"effects": VEHICLE_WITH_EFFECTS.effects.names}),
+    "throttles": (Quadrotor, VEHICLE_WITH_THROTTLE, {"effects": VEHICLE_WITH_THROTTLE.effects.names}),
     # The vehicle carries the payload from 0.9 s to 1.9 s.
-    "payload": (Quadrotor, LADEN, {"effects": LADEN.effects.names}),
-    "response": (RespondingQuadrotor, RESPONDING, {}),
-    "response with small angles": (RespondingQuadrotor, RESPONDING, {"kinematics": "small_angle"}),
+    "payload": (Quadrotor, VEHICLE_WITH_PAYLOAD, {"effects": VEHICLE_WITH_PAYLOAD.effects.names}),
+    "response": (RespondingQuadrotor, RESPONDING_VEHICLE, {}),
+    "response with small angles": (RespondingQuadrotor, RESPONDING_VEHICLE, {"kinematics": "small_angle"}),
 }
 
 
@@ -81,7 +81,7 @@ def test_the_acceleration_of_a_continuous_state_is_its_derivative(kind, numbers,
 
 
 @pytest.mark.parametrize("time_step", [0.01, 0.0])
-@pytest.mark.parametrize(("kind", "numbers"), [(Quadrotor, VEHICLE), (RespondingQuadrotor, RESPONDING)])
+@pytest.mark.parametrize(("kind", "numbers"), [(Quadrotor, VEHICLE), (RespondingQuadrotor, RESPONDING_VEHICLE)])
 def test_a_vehicle_that_has_crashed_has_no_acceleration(kind, numbers, time_step):
     """The acceleration is zero although the state keeps the velocity and the body rates of the crash."""
     vehicle = kind(num_vehicles=2, time_step=time_step, numbers=numbers)

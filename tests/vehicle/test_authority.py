@@ -101,7 +101,7 @@ def test_a_too_large_ratio_of_hover_speeds_is_a_flaw():
     rotors = layout_of([(x + 0.15, y) for x, y in SQUARE])
     assert hover_flaw(rotors, min_speed=60.0, max_speed=300.0) is None
     flaw = hover_flaw(rotors, min_speed=60.0, max_speed=150.0)
-    assert flaw.startswith("rotor 1 would have to turn 0.38 times as fast as the fastest")
+    assert flaw.startswith("rotor 1 would have to turn at 0.38 times the speed of the fastest rotor")
 
 
 def test_the_rotor_whose_speed_would_be_too_small_is_named():
@@ -109,5 +109,5 @@ def test_the_rotor_whose_speed_would_be_too_small_is_named():
     rotors = layout_of([(0.2, 0.0), (0.0, -0.8), (-0.2, 0.0), (0.0, 0.1)])
     assert hover_flaw(rotors, min_speed=60.0, max_speed=300.0) is None
     assert hover_flaw(rotors, min_speed=150.0, max_speed=300.0).startswith(
-        "rotor 2 would have to turn 0.35 times as fast"
+        "rotor 2 would have to turn at 0.35 times the speed"
     )

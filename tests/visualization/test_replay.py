@@ -254,7 +254,7 @@ def test_page_data_contain_the_median_of_many_flights(tmp_path):
     crash = flight.metrics._replace(crash_time=1.0)
     signals = {name: values[:half] for name, values in group[-1].signals.items()}
     group[-1] = replace(group[-1], time=flight.time[:half], signals=signals, metrics=crash)
-    room = SceneRoom(np.zeros(3), np.ones(3), 0.2, np.zeros((1, 3)))
+    room = SceneRoom(np.zeros(3), np.ones(3), 0.2)
     told = json.loads(page_data({"</script>": group}, {"</script>": "#000000"}, dict.fromkeys("abcde", "/x"), room))
     (curve,) = told["curves"]
     assert [curve[name][5] for name in ("low", "error", "high")] == pytest.approx([1.2, 3.0, 4.8])
@@ -265,7 +265,7 @@ def test_page_data_contain_the_median_of_many_flights(tmp_path):
 
 @pytest.mark.parametrize(("length", "spacing"), [(0.9, 0.2), (4.0, 0.5), (8.1, 2.0), (42.0, 10.0)])
 def test_a_grid_has_round_spacing(length, spacing):
-    room = SceneRoom(np.full(3, -0.5 * length), np.full(3, 0.5 * length), round_spacing(length), np.zeros((1, 3)))
+    room = SceneRoom(np.full(3, -0.5 * length), np.full(3, 0.5 * length), round_spacing(length))
     assert room.spacing == pytest.approx(spacing)
     assert room.grid(0)[[0, -1]] == pytest.approx(np.array([-1, 1]) * spacing * np.floor(0.5 * length / spacing))
 

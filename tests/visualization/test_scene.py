@@ -323,10 +323,10 @@ def test_the_room_has_a_floor_edges_and_a_grid():
     np.testing.assert_allclose(scene.lines["/reference_path"].T, path, atol=1e-12)
     # The camera looks at the scene from above and from the side.
     place, target = scene.camera
-    middle = 0.5 * (room.camera_points.min(axis=0) + room.camera_points.max(axis=0))
+    middle = 0.5 * (room.low + room.high)
     np.testing.assert_allclose(target[:2], middle[:2])
     assert place[2] > target[2]
-    extent = np.linalg.norm(np.ptp(room.camera_points, axis=0))
+    extent = np.linalg.norm(room.high - room.low)
     np.testing.assert_allclose((place - middle) / extent, [0.54, -0.25, 0.29])
     assert middle[2] - target[2] == pytest.approx(0.1 * extent)
     look_at(scene, np.zeros((1, 3)))
@@ -441,9 +441,7 @@ def test_a_swarm_shows_its_crashes_in_red(flights, monkeypatch, tmp_path):
 
 def test_page_data_contain_errors_and_speeds_over_time(flights):
     """Errors in cm and speeds in m/s are given every 50 ms, with three digits."""
-    room = SceneRoom(
-        np.array([-1.0, -2.0, 0.0]), np.array([3.0, 2.0, 1.5]), 0.5, np.zeros((1, 3)), {"post": np.ones(3)}
-    )
+    room = SceneRoom(np.array([-1.0, -2.0, 0.0]), np.array([3.0, 2.0, 1.5]), 0.5, {"post": np.ones(3)})
     content = json.loads(
         page_data(
             {name: [flight] for name, flight in flights.items()},
@@ -481,4 +479,6 @@ def test_page_data_contain_errors_and_speeds_over_time(flights):
     numbers = [mark["text"] for mark in marks if mark["color"] == AXES["x"]][1:]
     assert numbers == [f"{value:g}".replace("-", "−") for value in np.arange(-1.0, 3.1, 0.5)]
     assert marks[-1] == {"at": [1.0, 1.0, 1.0], "text": "post", "color": "#555555"}
-    assert content["frame"] == [[0.0, 0.0, 0.0], *(mark["at"] for mark in marks)]
+    corners = [[x, y, z] for x in (-1.0, 3.0) for y in (-2.0, 2.0) for z in (0.0, 1.5)]
+    assert sorted(content["frame"][:8]) == corners
+    assert content["frame"][8:] == [mark["at"] for mark in marks]

@@ -171,7 +171,7 @@ def test_the_probability_of_a_crash_is_shown_in_bins(monkeypatch):
     """Each point is at the median of its bin. Vertical bars show its interval, and horizontal bars show its bin."""
     found = study()
     (axes,) = plots.plot_crash_probability(found, MASS, num_bins=8).axes
-    levels = statistics.crash_levels(found, MASS, num_bins=8)
+    levels = statistics.crash_bins(found, MASS, num_bins=8)
     points = next(line for line in axes.lines if line.get_marker() == "o")
     np.testing.assert_allclose(points.get_xydata(), [[each.middle, each.probability.value] for each in levels])
     upright, across = axes.containers

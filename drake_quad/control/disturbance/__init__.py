@@ -1,1 +1,1 @@
-"""Estimators of the acceleration that a disturbance causes: of wind, drag, and whatever the model does not know."""
+"""Estimators of disturbing accelerations, which are caused by wind, drag and other effects outside the model."""

@@ -14,9 +14,9 @@ class EstimatorNumbers(NamedTuple):
     """Parameters of a `DisturbanceEstimator`.
 
     Attributes:
-        laws: estimation laws for X, Y and Z, all of one kind, from `drake_quad.control.disturbance.laws`.
+        laws: estimation laws for X, Y and Z, all of the same type, from `drake_quad.control.disturbance.laws`.
         lags: modelled time constants of the response to feedback and to feed-forward, for X, Y and Z, s.
-        limit: largest disturbance in the output, on each axis.
+        limit: largest absolute value of the output on each axis.
         start: initial position of the vehicle, m.
     """
 
@@ -43,7 +43,7 @@ def measured_on_axes(state: State) -> tuple[AxisMeasurement, ...]:
 def estimate(
     memory: tuple[Any, ...], measured: tuple[AxisMeasurement, ...], laws: tuple[Any, ...], limit: Row, period: float
 ) -> tuple[tuple[Any, ...], tuple[Row, ...]]:
-    """Return the memory of each axis after the measurement of a tick, and the disturbances, saturated at the limit."""
+    """Return the memory of each axis after the measurement of a tick, and the saturated disturbances, m/s²."""
     corrected = tuple(
         [
             law.corrected(before, measurement, period)
@@ -61,7 +61,7 @@ def predict(
     lags: tuple[AxisCommand, ...],
     period: float,
 ) -> tuple[tuple[Any, ...], tuple[AxisCommand, ...]]:
-    """Return the memory of each axis at the next tick, before its measurement, and the modelled response there.
+    """Return the memory of each axis and the modelled response at the next tick, before the measurement of this tick.
 
     Args:
         corrected: memory of each axis after the measurement.
@@ -80,7 +80,7 @@ def predict(
 
 
 def shift_delay_line(sent: Any, under_way: tuple[Any, ...]) -> tuple[Any, tuple[Any, ...]]:
-    """Return the command that leaves a delay line at a tick, and its new content, the newest command first."""
+    """Return the command that leaves a delay line at a tick, and the new content of the line, latest command first."""
     *others, arrived = (sent, *under_way)
     return arrived, tuple(others)
 
@@ -132,14 +132,15 @@ class DisturbanceEstimator(FleetSystem):
         output_ports:
         - disturbance
 
-    `disturbance` is d in W, saturated at a limit. It follows from the `measurement` of this tick and from all earlier
-    measurements and commands. a is the modelled response to `acceleration_command` + `correction`: a delay in whole
-    ticks, then a lag. The part of the command that is `feed_forward` has its own time constant. `correction` is what a
-    network subtracts, and is therefore not estimated here. `correction` and `feed_forward` are zero if not connected.
-    The command is only read at the ticks, so that it may depend on the disturbance.
+    `disturbance` is d in W, saturated at a limit. It is computed from the `measurement` of this tick and from all
+    earlier measurements and commands. a is the modelled response to `acceleration_command` + `correction`: a delay in
+    whole ticks, then a lag. The time constant for the `feed_forward` part of the command is separate. `correction` is
+    the part of the disturbance that a network has already subtracted from the command, so that the estimate does not
+    include it. `correction` and `feed_forward` are zero if not connected. The command is only sampled at the ticks, so
+    that it may depend on the disturbance.
 
-    The states are `memory` of the law, `following`, which is the modelled response, and, if there is a delay,
-    `commands_under_way`. The only parameter of the context is `numbers`.
+    The states are `memory`, the memory of the law, `following`, the modelled response, and, if there is a delay,
+    `commands_under_way`, the commands in the delay line. The only parameter of the context is `numbers`.
 
     Args:
         num_vehicles: number of vehicles N.

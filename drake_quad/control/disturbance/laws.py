@@ -1,9 +1,9 @@
 """Laws that estimate the acceleration d that is not commanded, on each axis independently: v' = a + d.
 
 a is the modelled response to the commands (`drake_quad.control.disturbance.response`). A law is a record of its
-parameters on one axis. At every tick it corrects its memory with the measurement. It then predicts the memory at the
-next tick from the velocity and the distance by which a changes the motion until then. The field `disturbance` of the
-memory is d.
+parameters on one axis. At every tick, the law corrects its memory with the measurement. It then predicts the memory at
+the next tick from the changes of velocity and position that a causes until then. The field `disturbance` of the memory
+is d.
 """
 
 import math
@@ -30,11 +30,11 @@ class AxisMeasurement(NamedTuple):
 
 
 class ModelIncrement(NamedTuple):
-    """Change of the motion by the modelled acceleration from one tick to the next.
+    """Change of the motion from one tick to the next due to the modelled acceleration.
 
     Attributes:
         velocity: change of the velocity, m/s.
-        distance: change of the position beyond that at constant velocity, m.
+        distance: change of the position in addition to the motion at constant velocity, m.
     """
 
     velocity: Row
@@ -69,15 +69,16 @@ class KalmanMemory(NamedTuple):
 
 
 class KalmanLaw(NamedTuple):
-    """Kalman filter in steady state on the measured position, with a Gauss-Markov process as disturbance.
+    """Steady-state Kalman filter for the measured position, with a Gauss-Markov process as disturbance.
 
         p' = v,    v' = a + d,    d' = -d / T + w,    y = p + n
 
-    The filter does not use measured velocities: motion capture derives them from the same positions, with a delay. It
-    is related to NF-Constant of Neural-Fly (O'Connell et al., Science Robotics 7, 2022), which also filters a force.
+    The filter does not use measured velocities, since motion capture derives them from the same positions, with a
+    delay. The law is related to NF-Constant of Neural-Fly (O'Connell et al., Science Robotics 7, 2022), which also
+    filters a force.
 
     Attributes:
-        time_constant: T, s; a long one approximates a random walk.
+        time_constant: T, s; a disturbance with a large T approximates a random walk.
         gain: gain of the correction by y - p.
     """
 
@@ -86,16 +87,16 @@ class KalmanLaw(NamedTuple):
 
     @classmethod
     def of(cls, *, deviation: float, time_constant: float, position_noise: float, period: float) -> "KalmanLaw":
-        """Return the filter for these statistics, from the discrete Riccati equation.
+        """Return the optimal filter for given noise statistics, from the discrete Riccati equation.
 
         Args:
             deviation: standard deviation of the disturbance, m/s².
-            time_constant: time constant of its autocorrelation, s.
-            position_noise: standard deviation of the measured position, m.
+            time_constant: time constant of the autocorrelation of the disturbance, s.
+            position_noise: standard deviation of the noise of the measured position, m.
             period: tick period, s.
         """
         A, Q = _disturbed_motion(deviation, time_constant, period)
-        # The equation is well scaled if variances are relative to that of the noise.
+        # The variances are divided by the variance of the position noise, so that the equation is well scaled.
         C, R = np.array([[1.0, 0.0, 0.0]]), position_noise**2
         P = R * scipy.linalg.solve_discrete_are(A.T, C.T, Q / R, np.eye(1))
         gain = P @ C.T / (C @ P @ C.T + R)
@@ -120,14 +121,14 @@ class KalmanLaw(NamedTuple):
 
 
 def _disturbed_motion(deviation: float, time_constant: float, period: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the transition matrix of (p, v, d) over a tick, and the covariance of the noise.
+    """Return the transition matrix of (p, v, d) over a tick, and the covariance of the process noise.
 
     C. F. Van Loan, "Computing integrals involving the matrix exponential", IEEE Transactions on Automatic Control
     23(3), 1978.
     """
-    slope = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0 / time_constant]])
+    A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0 / time_constant]])
     density = np.diag([0.0, 0.0, 2.0 * deviation**2 / time_constant])
-    upper, lower = np.vsplit(scipy.linalg.expm(period * np.block([[-slope, density], [np.zeros((3, 3)), slope.T]])), 2)
+    upper, lower = np.vsplit(scipy.linalg.expm(period * np.block([[-A, density], [np.zeros((3, 3)), A.T]])), 2)
     _, noise = np.hsplit(upper, 2)
     _, transposed = np.hsplit(lower, 2)
     return transposed.T, transposed.T @ noise
@@ -137,10 +138,10 @@ class DifferencedMemory(NamedTuple):
     """Memory of a law that differentiates the measured velocity.
 
     Attributes:
-        velocity: measured velocity of the previous tick, m/s.
-        modelled: modelled change of the velocity since then, m/s.
+        velocity: measured velocity at the previous tick, m/s.
+        modelled: modelled change of the velocity since the previous tick, m/s.
         disturbance: d, the output of the law's filter, m/s².
-        rate: derivative of d, m/s³; 0 for a filter of first order.
+        rate: derivative of d, m/s³; zero for a first-order filter.
     """
 
     velocity: Row
@@ -164,11 +165,10 @@ class AdaptiveLaw(NamedTuple):
         v̂' = a + σ̂ - a_s ṽ,    ṽ = v̂ - v,    σ̂ = -Φ⁻¹ exp(-a_s h) ṽ at each tick,    Φ = (1 - exp(-a_s h)) / a_s
 
     d is σ̂ filtered by C(s) = ω / (s + ω) (N. Hovakimyan and C. Cao, "L1 Adaptive Control Theory", 2010, section 3.3;
-    Z. Wu
-    et al., "L1Quad", IEEE TCST, 2025). The adaptation cancels within a tick the value that ṽ had at the start of the
-    tick.
-    With v linear between two measurements, the value at the end is what the model did not explain in this tick:
-    ṽ = -Φ (Δv - ∫a) / h. The method is the subject of US patent 8,712,559.
+    Z. Wu et al., "L1Quad", IEEE TCST, 2025). During each tick the adaptation cancels the value of ṽ at the start of the
+    tick. If v is linear between two measurements, the value of ṽ at the end of the tick is therefore due only to the
+    part of the velocity change that the model does not explain: ṽ = -Φ (Δv - ∫a) / h. The method is the subject of US
+    patent 8,712,559.
 
     Attributes:
         adaptation: adaptation rate a_s, 1/s.
@@ -183,7 +183,7 @@ class AdaptiveLaw(NamedTuple):
         return _differenced_memory_at_rest(position)
 
     def corrected(self, memory: DifferencedMemory, measured: AxisMeasurement, period: float) -> DifferencedMemory:
-        """Return the memory after adaptation, with σ̂ constant over the tick for the filter; see `DisturbanceLaw`."""
+        """Return the memory after adaptation. The filter holds σ̂ constant over the tick; see `DisturbanceLaw`."""
         decay = exp(-self.adaptation * period)
         phi = (1.0 - decay) / self.adaptation
         prediction_error = -phi * _residual(memory, measured.velocity, period)
@@ -199,7 +199,7 @@ class AdaptiveLaw(NamedTuple):
 class IncrementalLaw(NamedTuple):
     """Incremental nonlinear dynamic inversion: command = a_f + (a_c - v'_f), and therefore d = H (v' - a).
 
-    a_c is the desired acceleration, a_f the modelled and v'_f the measured one, both behind the filter
+    a_c is the desired acceleration. a_f and v'_f are the modelled and the measured acceleration, both filtered by
 
         H(s) = ω² / (s² + √2 ω s + ω²)
 
@@ -218,7 +218,7 @@ class IncrementalLaw(NamedTuple):
         return _differenced_memory_at_rest(position)
 
     def corrected(self, memory: DifferencedMemory, measured: AxisMeasurement, period: float) -> DifferencedMemory:
-        """Return the memory after one exact step of the filter on the last difference; see `DisturbanceLaw`."""
+        """Return the memory after one exact step of the filter with a constant input; see `DisturbanceLaw`."""
         residual = _residual(memory, measured.velocity, period)
         damped = self.bandwidth * math.sqrt(0.5)
         sine, cosine = sin_cos(damped * period)

@@ -1,8 +1,8 @@
-"""Modelled response of the vehicle to commanded accelerations: a delay in whole ticks, then a lag of first order.
+"""Modelled response of the vehicle to commanded accelerations: a delay in whole ticks, then a first-order lag.
 
-The real response includes an attitude loop, rotors, and a filter of the measurements. One time constant represents all
-of them, as in most estimators that are used in flight. Commands that are fed forward together with their derivatives do
-not wait for the attitude loop, and have their own time constant.
+The real response depends on the attitude loop, the rotors, and the filters of the measurements. A single time constant
+represents all of them, as in most estimators that are used in flight. Commands that are fed forward together with their
+derivatives are not delayed by the attitude loop; their response has a separate time constant.
 """
 
 from typing import NamedTuple
@@ -12,7 +12,7 @@ from drake_quad.signals import Row
 
 
 class LagStep(NamedTuple):
-    """Step of a lag of first order over one tick.
+    """Step of a first-order lag over one tick.
 
     Attributes:
         after: acceleration at the end of the tick, m/s².
@@ -30,7 +30,7 @@ class AxisCommand(NamedTuple):
 
     Attributes:
         feedback: part that depends on measurements.
-        feed_forward: part that follows from the reference alone.
+        feed_forward: part that depends only on the reference.
     """
 
     feedback: Row
@@ -38,7 +38,7 @@ class AxisCommand(NamedTuple):
 
 
 def lag_step(before: Row, target: Row, lag: Row, period: float) -> LagStep:
-    """Compute one tick of a lag a' = (target - a) / lag with constant target, exactly.
+    """Integrate a' = (target - a) / lag exactly over one tick with a constant target.
 
     Args:
         before: a at the start of the tick, m/s².

@@ -1,4 +1,4 @@
-"""Estimator of a disturbing acceleration that uses the measured direction of the thrust."""
+"""Estimator of a disturbing acceleration from the measured direction of the thrust."""
 
 from typing import Annotated, Any, NamedTuple
 
@@ -18,10 +18,10 @@ class TiltEstimatorNumbers(NamedTuple):
     """Parameters of a `TiltDisturbanceEstimator`.
 
     Attributes:
-        laws: estimation laws for X, Y and Z, all of one kind, from `drake_quad.control.disturbance.laws`.
+        laws: estimation laws for X, Y and Z, all of the same type, from `drake_quad.control.disturbance.laws`.
         lag: modelled time constant of the thrust.
         gravity: g of the nominal model.
-        limit: largest disturbance in the output, on each axis.
+        limit: largest absolute value of the output on each axis.
         start: initial position of the vehicle, m.
     """
 
@@ -36,8 +36,8 @@ class KnownAccelerations(NamedTuple):
     """Known accelerations at a tick.
 
     Attributes:
-        tilted: acceleration by thrust and weight.
-        learned: disturbance that a network has learned, from this tick to the next.
+        tilted: acceleration due to thrust and weight.
+        learned: disturbance that a network has learned, for the time from this tick to the next.
     """
 
     tilted: Acceleration
@@ -45,13 +45,13 @@ class KnownAccelerations(NamedTuple):
 
 
 class SpecificThrust(NamedTuple):
-    """Thrust per mass, F / m."""
+    """Thrust divided by mass, F / m."""
 
     thrust: _Specific
 
 
 def tilted_acceleration(measurement: State, thrust: SpecificThrust, gravity: Row) -> Acceleration:
-    """Return the acceleration (F / m) z_B - g by thrust and weight, with the measured z_B."""
+    """Return the acceleration (F / m) z_B - g due to thrust and weight, with the measured z_B."""
     x, y, z = BodyAxes.of(measurement.roll, measurement.pitch, measurement.yaw).z
     return Acceleration(thrust.thrust * x, thrust.thrust * y, thrust.thrust * z - gravity)
 
@@ -64,18 +64,18 @@ def estimate_by_tilt(
     numbers: TiltEstimatorNumbers,
     period: float,
 ) -> tuple[tuple[Any, ...], tuple[Row, ...], Acceleration]:
-    """Return memory and disturbance on each axis after the measurement, and the acceleration by thrust and weight.
+    """Return memory and disturbance on each axis after the measurement, and the acceleration due to thrust and weight.
 
     Args:
         memory: memory of each axis after the previous tick.
         before: known accelerations at the previous tick.
-        thrust: modelled thrust per mass at this tick.
+        thrust: modelled thrust divided by mass at this tick.
         measurement: measured state of the vehicle.
         numbers: parameters of the estimator.
         period: tick period, s.
     """
     tilted = tilted_acceleration(measurement, thrust, numbers.gravity)
-    # The acceleration is linear in time between two ticks.
+    # The acceleration due to thrust and weight is assumed to be linear in time between two ticks.
     predicted = tuple(
         [
             law.predicted(
@@ -96,7 +96,7 @@ def estimate_by_tilt(
 
 
 def disturbance_by_tilt(*arguments: Any) -> Acceleration:
-    """Return the estimated disturbance; arguments are those of `estimate_by_tilt`."""
+    """Return the estimated disturbance; the arguments are as in `estimate_by_tilt`."""
     _, limited, _ = estimate_by_tilt(*arguments)
     return Acceleration(*limited)
 
@@ -123,7 +123,7 @@ def next_tilt_states(
 
 @fleet_system(float, AutoDiffXd)
 class TiltDisturbanceEstimator(FleetSystem):
-    """Estimator of the acceleration d that neither thrust nor weight causes: v' = (F / m) z_B - g + d.
+    """Estimator of the acceleration d that is not due to thrust or weight: v' = (F / m) z_B - g + d.
 
     .. pydrake_system::
 
@@ -135,15 +135,16 @@ class TiltDisturbanceEstimator(FleetSystem):
         output_ports:
         - disturbance
 
-    `disturbance` is d in W, saturated at a limit. It follows from the `measurement` of this tick and from all earlier
-    measurements and commands. The direction z_B of the thrust is measured, as in the papers on L1 and Neural-Fly, so
-    that the model does not lag behind the attitude loop. The thrust is modelled: it follows the length of
-    `acceleration_command` + g after a delay in whole ticks, with a lag. `learned_disturbance` is the part of the
-    disturbance that a network compensates, and is therefore not estimated here; it is zero if not connected. Both
-    inputs are only read at the ticks, so that the command may depend on the disturbance.
+    `disturbance` is d in W, saturated at a limit. It is computed from the `measurement` of this tick and from all
+    earlier measurements and commands. The direction z_B of the thrust is measured, as in the papers on L1 and
+    Neural-Fly, so that the estimator needs no model of the attitude loop. The magnitude of the thrust is modelled: F /
+    m follows the norm of `acceleration_command` + g with a delay in whole ticks and a lag. `learned_disturbance` is the
+    part of the disturbance that a network already compensates, so that the estimate does not include it; it is zero if
+    not connected. These two inputs are only sampled at the ticks, so that the command may depend on the disturbance.
 
-    The states are `memory` of the law after the previous tick, `before` with the known accelerations there, `thrust`,
-    and, if there is a delay, `thrust_under_way`. The only parameter of the context is `numbers`.
+    The states are `memory`, the memory of the law after the previous tick, `before`, the known accelerations at the
+    previous tick, `thrust`, and, if there is a delay, `thrust_under_way`, the commands in the delay line. The only
+    parameter of the context is `numbers`.
 
     Args:
         num_vehicles: number of vehicles N.

@@ -1,1 +1,1 @@
-"""Adaptive fuzzy networks around a controller."""
+"""Adaptive fuzzy networks, whose output corrects the command of a controller."""

@@ -1,29 +1,30 @@
 """Adaptation of the membership functions, which the paper names as future work.
 
-The weights F follow the gradient of the cost s² / 2 of the learning signal s, with W = ∂τ_f/∂F. A larger correction
-makes s larger, by a positive gain that is part of the rate. Any other number θ of the network follows the same
-gradient,
+The weights F descend the gradient of the cost s² / 2, where s is the learning signal and ∂τ_f/∂F = W. A larger
+correction τ_f increases s; the positive gain from τ_f to s is part of the learning rate. Any other parameter θ of the
+network descends the same gradient,
 
     θ̇ = -γ s ∂τ_f/∂θ
 
-Consider a family of sets, upper or lower, with grades μ_ki of input k in its set i, normalised grades
+Consider a family of sets, upper or lower, with membership grades μ_ki of input k in its set i, normalised grades
 μ̃_ki = μ_ki / Σ_i μ_ki and the output τ = Σ F Π_k μ̃_k. The output is linear in the normalised grades of each input:
-τ = Σ_i μ̃_ki M_ki, where M_ki is the output of the rules of set i alone. Therefore ∂τ/∂μ_ki = (M_ki - τ) / Σ_i μ_ki,
-and
-with v = |x - c| / d, by (11) and (12),
+τ = Σ_i μ̃_ki M_ki, where M_ki is the output of only those rules that contain set i of input k. Therefore
+∂τ/∂μ_ki = (M_ki - τ) / Σ_i μ_ki, and with v = |x - c| / d, by (11) and (12),
 
     ∂μ/∂v = -v^(a-1) (1 - v^a)^(1/a-1)                ∂v/∂c = -sign(x - c) / d,  ∂v/∂d = -v / d
     ∂μ/∂a = μ (-ln(1 - v^a) / a² - v^a ln v / (a (1 - v^a)))
 
-Eq (10) is q times the lower plus 1 - q times the upper output, so that ∂τ_f/∂q is their difference. ∂μ/∂v is infinite
-at the edge of an upper set and at the centre of a lower one. It is limited to -10, ten times the slope of a triangle.
+By eq (10), the output is q times the lower output plus 1 - q times the upper output, so that ∂τ_f/∂q is the lower minus
+the upper output. ∂μ/∂v is minus infinity at the edge of an upper set and at the centre of a lower set. It is limited to
+-10, ten times the derivative of a triangular set.
 
-After every tick the numbers are projected onto valid sets:
+After every tick the parameters are projected onto valid sets:
 
 * The outermost centres are constant, since they define the universe, or fix the sets on a circle. Each other centre
-  stays within a quarter of the initial gap to either neighbour, so that centres keep their order.
-* Widths are large enough that neighbours overlap by at least 2 % of their gap, in the initial proportion, and not
-  larger than the universe or their initial value.
+  moves by at most a quarter of the initial gap to either neighbour, so that the order of the centres does not change.
+* The sum of the widths of two neighbours is at least 1.02 times their gap, so that they overlap; the initial ratio of
+  the two widths determines the lower limit of each. A width is at most the width of the universe or its initial value,
+  whichever is larger.
 * 1.001 <= a₁ <= 10, 0.1 <= a₂ <= 0.999 and 0 <= q <= 1.
 """
 
@@ -38,21 +39,22 @@ from drake_quad.signals import Row
 
 Part = Literal["centres", "widths", "exponents"]
 
-# Slopes are limited to this value, see the docstring of the module.
+# Smallest value of ∂μ/∂v; see the docstring of the module.
 _MIN_SLOPE = -10.0
-# At this distance from the centre and from the edge of a set, relative to its width, all powers are finite.
+# Smallest distance from the centre and from the edge of a set, relative to its width, at which derivatives are
+# evaluated. All powers are finite there.
 _MIN_DISTANCE = 1e-9
 # Largest displacement of a centre, relative to the initial gap to its neighbour.
 _MAX_DISPLACEMENT = 0.25
-# Least sum of the widths of two neighbours, relative to the gap between them.
+# Smallest sum of the widths of two neighbouring sets, relative to the gap between their centres.
 _MIN_OVERLAP = 1.02
-# Smallest and largest exponents of the upper and of the lower sets.
+# Smallest and largest exponent of the upper sets, and of the lower sets.
 _UPPER_EXPONENTS = (1.001, 10.0)
 _LOWER_EXPONENTS = (0.1, 0.999)
 
 
 class AdaptationRates(NamedTuple):
-    """Learning rates γ, in s²/m² for the signal "surface" and s³/m² for "feedback".
+    """Learning rates γ, in s²/m² for the learning signal "surface" and in s³/m² for "feedback".
 
     Attributes:
         centres: rate of the centres.
@@ -66,7 +68,7 @@ class AdaptationRates(NamedTuple):
 
 
 def membership_slopes(u: Row, exponent: Row) -> tuple[Row, Row]:
-    """Return ∂μ/∂v and ∂μ/∂a at v = |u|, the distance from the centre relative to the width; zero outside the set."""
+    """Return ∂μ/∂v and ∂μ/∂a at the distance v = |u| from the centre, relative to the width; zero outside the set."""
     distance = abs(u)
     limited = minimum(maximum(distance, _MIN_DISTANCE), 1.0 - _MIN_DISTANCE)
     logarithm = log(limited, normal=True)
@@ -84,8 +86,8 @@ class _Family(NamedTuple):
 
     Attributes:
         output: output τ.
-        of_inputs: derivatives of τ with respect to the sets of each input; those with respect to scales are left at
-            zero.
+        of_inputs: derivatives of τ with respect to the parameters of the sets of each input; zero for the scales, which
+            do not learn.
         exponent: derivative of τ with respect to a.
     """
 
@@ -120,7 +122,7 @@ def _family(values: Sequence[Row], inputs: Sequence[Sets], exponent: Row, weight
 
 
 def _outputs_of_single_sets(weights: Sequence[Row], shares: Sequence[Sequence[Row]], k: int) -> list[Row]:
-    """Return M_ki, the output of the rules of each set of input k alone."""
+    """Return M_ki for each set i of input k, the output of only those rules that contain this set."""
     indices = itertools.product(*(range(len(each)) for each in shares))
     of_sets: list[list[Row]] = [[] for _ in shares[k]]
     for index, weight, choice in zip(indices, weights, itertools.product(*shares), strict=True):
@@ -130,7 +132,7 @@ def _outputs_of_single_sets(weights: Sequence[Row], shares: Sequence[Sequence[Ro
 
 
 def output_gradient(values: Sequence[Row], antecedents: Antecedents, weights: Sequence[Row]) -> Antecedents:
-    """Return the gradient ∂τ_f/∂θ, arranged like the antecedents; zero for scales, which do not learn.
+    """Return the gradient ∂τ_f/∂θ as a record of the antecedents; zero for the scales, which do not learn.
 
     Args:
         values: values of the inputs, each in its unit.
@@ -208,7 +210,7 @@ def _clipped(value: Row, least: Row, most: Row) -> Row:
 
 
 def _with_moved_centres(sets: Sets, gradient: Sets, initial: Sets, by: Row) -> Sets:
-    """Return the sets after a gradient step of their inner centres, within the allowed displacement."""
+    """Return the sets after a gradient step of their inner centres, limited to the largest displacement."""
     _, *inner, _ = zip(sets.centres, gradient.centres, strict=True)
     first, *_, last = sets.centres
     moved_centres = [
@@ -225,11 +227,11 @@ def _with_moved_centres(sets: Sets, gradient: Sets, initial: Sets, by: Row) -> S
 
 
 def _with_valid_widths(sets: Sets, initial: Sets) -> Sets:
-    """Return the sets with widths that are neither too small for their neighbours nor too large for the universe."""
+    """Return the sets with their widths clipped to the limits in the docstring of the module."""
     first, *_, last = sets.centres
     first_width, *_ = initial.widths
-    # Each gap requires a width of the set before it and of the set after it. On a circle the last gap leads to the
-    # first set.
+    # Each gap requires a minimum width of the set before it and of the set after it. On a circle, the last gap is
+    # followed by the first set.
     after: list[Row] = []
     before: list[Row] = []
     for gap, (left_width, right_width) in zip(

@@ -1,18 +1,19 @@
-"""Interval type-2 fuzzy inference with elliptic membership functions, with the equation numbers of the paper.
+"""Interval type-2 fuzzy inference with elliptic membership functions. Equation numbers are those of the paper.
 
     (11), (12) μ(x) = (1 - |u|^a)^(1/a) with u = (x - c) / d where |u| < 1, else 0: the upper membership for an exponent
-               a = a1 > 1, the lower one for a = a2 < 1
-    (13)       a1 = a2 = 1 is the triangle of type 1
+               a = a1 > 1, the lower membership for a = a2 < 1
+    (13)       a1 = a2 = 1 gives triangular sets of type 1
     (9)        IF x₁ is A_1i AND x₂ is A_2j AND ... THEN τ_f = f_ij...
     (10)       τ_f = q Σ w̲_ij f_ij / Σ w̲_ij + (1 - q) Σ w̄_ij f_ij / Σ w̄_ij, with w_ij = μ_1i μ_2j
 
-The paper has two inputs, e and ė. Here there may be more inputs, each with its own number of sets, and a rule for every
-combination of sets. A product of memberships is normalised input by input, because Σ_ij w_ij = Σ_i μ_1i Σ_j μ_2j. With
-μ̃ = μ / Σ μ the firing strengths are W_ij = q μ̲̃_1i μ̲̃_2j + (1 - q) μ̄̃_1i μ̄̃_2j, their sum is one, and τ_f = Fᵀ W.
-The cost of the memberships therefore grows with the sum of the numbers of sets, not with their product.
+The networks of the paper have two inputs, e and ė. This module supports any number of inputs, each with any number of
+sets, and a rule for every combination of sets. The memberships are normalised for each input separately, which is
+equivalent since Σ_ij w_ij = Σ_i μ_1i Σ_j μ_2j. With μ̃ = μ / Σ μ the firing strengths are
+W_ij = q μ̲̃_1i μ̲̃_2j + (1 - q) μ̄̃_1i μ̄̃_2j, their sum is one, and τ_f = Fᵀ W. The number of memberships to compute
+is therefore the sum of the numbers of sets, not their product.
 
-Outside all sets (10) is 0 / 0. Inputs are therefore clamped to the universe, from the first centre to the last. A
-circular input has no ends: x - c is then the shorter difference around the circle.
+Outside all sets, (10) is 0 / 0. Inputs are therefore clamped to the universe, the range from the first centre to the
+last. The universe of a circular input has no ends: x - c is then the shorter difference around the circle.
 """
 
 import itertools
@@ -23,9 +24,9 @@ from typing import NamedTuple
 from drake_quad.framework.elementary import exp, log, maximum, minimum, nearest, total, where
 from drake_quad.signals import Number, Row
 
-# The least argument of a logarithm.
+# Smallest argument of a logarithm.
 _TINY = 1e-250
-# The largest distance below 1.
+# Largest double-precision number below 1.
 _BELOW_ONE = 1.0 - 2.0**-53
 
 
@@ -33,7 +34,7 @@ class FuzzySets(NamedTuple):
     """Fuzzy sets of one input.
 
     Attributes:
-        scale: factor on the input, in 1 over its unit.
+        scale: factor on the input, in the inverse of the unit of the input.
         centres: centre c of each set, ascending.
         widths: width d of each set.
     """
@@ -77,7 +78,7 @@ class CircularSets(NamedTuple):
 
     @property
     def gaps(self) -> list[Row]:
-        """Distance from each centre to the next, and from the last to the first."""
+        """Distance from each centre to the next, and from the last centre around the circle to the first."""
         first, *_ = self.centres
         return [high - low for low, high in itertools.pairwise((*self.centres, first + self.scale))]
 
@@ -86,7 +87,7 @@ Sets = FuzzySets | CircularSets
 
 
 class Antecedents(NamedTuple):
-    """All numbers that determine the firing strengths.
+    """All parameters that determine the firing strengths.
 
     Attributes:
         a1: exponent of the upper memberships.
@@ -109,12 +110,12 @@ class Antecedents(NamedTuple):
 def elliptic_membership(u: Row, exponent: Row) -> Row:
     """Return the membership (11), (12) at a distance |u| from the centre, relative to the width.
 
-    Derivatives are zero at the centre, where the function has none, and outside the set.
+    The derivative is defined as zero at the centre, where the function is not differentiable, and outside the set.
     """
     distance = abs(u)
     limited = minimum(maximum(distance, _TINY), _BELOW_ONE)
     remainder = maximum(1.0 - exp(exponent * log(limited, normal=True)), _TINY)
-    # For a triangle the exact result avoids the rounding of powers.
+    # For a triangular set, the exact formula avoids the rounding errors of powers.
     arc = where(exponent == 1.0, 1.0 - limited, exp((1.0 / exponent) * log(remainder, normal=True)))
     return where(distance < 1.0, arc, 0.0 * distance)
 

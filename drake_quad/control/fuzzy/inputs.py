@@ -1,9 +1,9 @@
 """Inputs of the rules of a network.
 
 `error`, `error_rate` and `disturbance` are e, ė and the estimated d on the axis of the network. `x` to `v_z` are the
-measured position and velocity in W; a network over them learns a map of the room. `phase` is the fraction of the route,
-or of its current lap, that is over according to the schedule, from 0 to 1; a network over it learns a function of time.
-One lap follows the other, so that the sets of `phase` may lie on a circle.
+measured position and velocity in W; with these inputs, a network learns a map of the disturbance in space. `phase` is
+the fraction of the route, or of the current lap, that is completed according to the schedule, from 0 to 1; with this
+input, a network learns a function of time. Since the laps follow each other, the sets of `phase` may lie on a circle.
 """
 
 import itertools
@@ -35,9 +35,9 @@ def input_values(
     Args:
         axis: axis of the network.
         inputs: names of the inputs.
-        signals: the signals that `signals_of` names, by name.
-        time: time, s; used by the input `phase` only.
-        lap_times: start of each lap and end of the last one, s; used by the input `phase` only.
+        signals: signals whose names `signals_of` returns, by name.
+        time: time, s; used only by the input `phase`.
+        lap_times: start of each lap and end of the last one, s; used only by the input `phase`.
     """
     values = []
     for name in inputs:
@@ -57,7 +57,7 @@ def extrapolated(measurement: State, lead: Row) -> State:
 
 
 def route_phase(time: Row, lap_times: Sequence[float]) -> Row:
-    """Return the fraction of the current lap that is over, from 0 to 1.
+    """Return the fraction of the current lap that is completed, from 0 to 1.
 
     Args:
         time: time, s.
@@ -71,5 +71,5 @@ def route_phase(time: Row, lap_times: Sequence[float]) -> Row:
     if len(laps) == 1:
         return flown
     past = flown - nearest(flown)
-    # A time that is before the end of a lap only by rounding belongs to the next lap.
+    # A time that is before the end of a lap only because of rounding belongs to the next lap.
     return where(past < -_LAP_TOLERANCE, past + 1.0, maximum(past, 0.0))

@@ -1,18 +1,18 @@
-"""Learning laws of the network's weights, all with one signature, with the equation numbers of the paper.
+"""Learning laws for the weights of a network, all with the same interface. Equation numbers are those of the paper.
 
-    (14) τ = τ_c - τ_f, with τ_c the PD's command        (15) s_p = ė + λ e
+    (14) τ = τ_c - τ_f, with the PD command τ_c           (15) s_p = ė + λ e
     (16) Ḟ = -K_D P W s_p                                 (17) Ṗ = -P W Wᵀ P
 
-At a tick W and s_p are sampled and held for the period h. Then (17) and (16) have an exact solution: with g = P W and
-c = Wᵀ P W
+W and s_p are sampled at each tick and held for the period h. Then (17) and (16) have an exact solution: with g = P W
+and c = Wᵀ P W
 
     P⁺ = P - h g gᵀ / (1 + h c)        F⁺ = F - K_D s_p g ln(1 + h c) / c
 
-P⁻¹ grows by h W Wᵀ and stays positive definite for any P, whereas Euler's method fails if h c exceeds 1. The law is
-least squares without forgetting: the covariance only shrinks, and learning slows down forever. The variants in
-`CovarianceLaw` let the covariance grow again.
+P⁻¹ increases by h W Wᵀ, so that P remains positive definite for any P and h. Euler's method fails if h c exceeds 1. The
+law is least squares without forgetting: the covariance only decreases, and learning becomes slower and slower. With a
+forgetting factor, the covariance of a `CovarianceLaw` can increase again.
 
-A law learns on one axis. Its memory is a tuple of rows.
+A law applies to one axis. Its memory is a tuple of rows.
 """
 
 import math
@@ -28,8 +28,8 @@ Rows = tuple[Row, ...]
 class LearningLaw(Protocol):
     """Interface of all learning laws, which are records of rows.
 
-    A law learns from a signal: s_p of eq (15), m/s, or the feedback τ_c, m/s². Units of gains are those for s_p, except
-    in `SignLaw`, where they are those for τ_c.
+    A law learns from a signal: s_p of eq (15), m/s, or the feedback τ_c, m/s². The documented units of gains apply to
+    s_p, or, in `SignLaw`, to τ_c.
     """
 
     @property
@@ -54,9 +54,9 @@ class LearningLaw(Protocol):
 class CovarianceLaw(NamedTuple):
     """The paper's law, (16) and (17), as least squares.
 
-    With a forgetting factor μ < 1 each tick divides P⁺ by μ' = 1 - (1 - μ) max(0, 1 - tr P / (R p₀)). Forgetting is as
-    strong as μ while P is small, and the trace cannot exceed its initial value. This is bounded-gain forgetting (J.-J.
-    E. Slotine and W. Li, "Applied Nonlinear Control", 1991, section 8.7), with the trace as the norm.
+    With a forgetting factor μ < 1, P⁺ is divided at each tick by μ' = 1 - (1 - μ) max(0, 1 - tr P / (R p₀)). While P is
+    small, μ' is close to μ. The trace cannot exceed its initial value. This is bounded-gain forgetting (J.-J. E.
+    Slotine and W. Li, "Applied Nonlinear Control", 1991, section 8.7), with the trace as the norm.
 
     The memory is the upper triangle of the symmetric P, row by row.
 
@@ -109,11 +109,11 @@ class GradientLaw(NamedTuple):
 
     @property
     def memory_name(self) -> str:
-        """Placeholder, since the law has no memory."""
+        """Placeholder for a law without memory."""
         return "nothing"
 
     def memory(self, num_rules: int) -> Rows:
-        """Return no rows, since the law has no memory."""
+        """Return an empty tuple, since the law has no memory."""
         return ()
 
     def learned(self, weights: Rows, memory: Rows, firing: Rows, signal: Row, period: float) -> tuple[Rows, Rows]:
@@ -123,13 +123,13 @@ class GradientLaw(NamedTuple):
 
 
 class SignLaw(NamedTuple):
-    """Law of other publications of the same group: Ḟ = -W / (WᵀW) α sign(τ_c), α̇ = 2 γ |τ_c|.
+    """Law from other publications of the paper's group: Ḟ = -W / (WᵀW) α sign(τ_c), α̇ = 2 γ |τ_c|.
 
     The memory is α, m/s³.
 
     Attributes:
         rate: learning rate γ, 1/s².
-        initial_slope: initial slope α₀, m/s³.
+        initial_slope: initial value α₀ of the adaptive gain α, m/s³.
     """
 
     rate: Row = 1.0
@@ -154,11 +154,11 @@ class SignLaw(NamedTuple):
 
 
 class LearningLimits(NamedTuple):
-    """Limits of learning. The defaults do not limit it.
+    """Limits of learning. The defaults have no effect.
 
     Attributes:
         weight: largest |F|, m/s².
-        deadzone: least absolute value of the learning signal; smaller values count as zero. In the unit of the signal.
+        deadzone: smallest absolute value of the learning signal that has an effect, in the unit of the signal.
         leakage: rate at which F decays, 1/s.
     """
 

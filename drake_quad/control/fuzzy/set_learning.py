@@ -26,7 +26,7 @@ class AdaptationNumbers(NamedTuple):
     Attributes:
         antecedents: initial antecedents on each axis.
         rates: learning rates γ.
-        learning: learning parameters of the weights. Their slope and dead zone also apply to the membership functions.
+        learning: learning parameters of the weights. Their λ and dead zone also apply to the membership functions.
     """
 
     antecedents: tuple[Antecedents, ...] = (Antecedents(), Antecedents())
@@ -62,7 +62,7 @@ def adapted_on_axes(
         period: tick period h, s.
         signal_of: formula of the learning signal, `surface` or `feedback`.
         ports: names of the arguments of this formula.
-        signals: these arguments, followed by the signals of `signals_of`.
+        signals: values of these arguments, followed by the signals of `signals_of`, without duplicates.
     """
     signals_by_name = dict(zip(dict.fromkeys([*ports, *signals_of(inputs)]), signals, strict=True))
     after = []
@@ -88,9 +88,10 @@ class SetLearning(FleetSystem):
         output_ports:
         - antecedents
 
-    The sets of each axis learn at every tick (`drake_quad.control.fuzzy.adaptation`), from the same signal as the
-    `weights`. Other inputs are the signals that determine the inputs of the rules. `antecedents` has the numbers of all
-    sets, one axis after another: a₁, a₂, q, and for each input its scale, its centres and its widths.
+    The sets of each axis are adapted at every tick (`drake_quad.control.fuzzy.adaptation`), from the same learning
+    signal as the `weights`. Further input ports are the signals that determine the inputs of the rules. `antecedents`
+    contains the parameters of all sets, one axis after another: a₁, a₂, q, and for each input of the rules the scale,
+    the centres and the widths.
 
     The only state is `antecedents`; the only parameter of the context is `adaptation`.
 
@@ -98,8 +99,8 @@ class SetLearning(FleetSystem):
         num_vehicles: number of vehicles N.
         period: tick period h, s.
         axes: axes of the network, in the order of X, Y, Z.
-        inputs: inputs of the rules, see `drake_quad.control.fuzzy.inputs`.
-        lap_times: start of each lap of the route and end of the last one, s; needed for the input `phase` only.
+        inputs: inputs of the rules; see `drake_quad.control.fuzzy.inputs`.
+        lap_times: start of each lap of the route and end of the last one, s; needed only for the input `phase`.
         learns_from: learning signal, "surface" or "feedback".
         parts: parts of the antecedents that learn: "centres", "widths", "exponents".
         numbers: parameters of the adaptation.

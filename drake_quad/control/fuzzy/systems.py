@@ -31,7 +31,7 @@ def layout_of_antecedents(antecedents: tuple[Antecedents, ...]) -> Layout:
 
 
 class Lead(NamedTuple):
-    """Time by which a correction acts before the vehicle reaches the place for which it was learned."""
+    """Lead time: a correction is applied this time before the vehicle reaches the position for which it was learned."""
 
     time: Time
 
@@ -48,7 +48,7 @@ def firing_on_axes(
     """Return the firing strengths on each axis of a network.
 
     Args:
-        antecedents: antecedents of all axes, or of each axis.
+        antecedents: one record for all axes, or one record for each axis.
         axes: axes of the network.
         inputs: names of the inputs of the rules.
         time: time, s.
@@ -70,7 +70,7 @@ def firing_on_axes(
 
 
 def _for_each(axes: Sequence[Axis], antecedents: tuple[Antecedents, ...]) -> tuple[Antecedents, ...]:
-    """Return the antecedents on each axis, repeating them if they are the same for all."""
+    """Return the antecedents on each axis; a single record applies to all axes."""
     return antecedents * len(axes) if len(antecedents) == 1 else antecedents
 
 
@@ -78,7 +78,7 @@ class RulesNumbers(NamedTuple):
     """Parameters of a `FuzzyRules`.
 
     Attributes:
-        antecedents: antecedents for all axes, or for each axis.
+        antecedents: one record for all axes, or one record for each axis.
         lead: lead time; not used if the network has none.
     """
 
@@ -88,7 +88,7 @@ class RulesNumbers(NamedTuple):
 
 @fleet_system(float, AutoDiffXd)
 class FuzzyRules(FleetSystem):
-    """Antecedents of the network's rules.
+    """Firing strengths of the rules of a network.
 
     .. pydrake_system::
 
@@ -101,18 +101,18 @@ class FuzzyRules(FleetSystem):
         - firing_ahead
 
     The input ports are the signals that determine the inputs of the rules: `error`, `error_rate`, `measurement`,
-    `disturbance`. `firing` has the normalised firing strengths, R rows for each axis of the network, one axis after
-    another. The output `firing_ahead` exists if the network has a lead time. It has the firing strengths for the
-    position extrapolated by the measured velocity and for the phase, both after the lead time.
+    `disturbance`. `firing` contains the normalised firing strengths, R rows for each axis of the network, one axis
+    after another. The output `firing_ahead` exists if the network has a lead time. It contains the firing strengths
+    after the lead time: for the position extrapolated by the measured velocity, and for the later phase.
 
-    The parameters of the context are `antecedents` and, if there is a lead time, `lead`. Adaptive antecedents are an
-    input instead, from a `SetLearning`.
+    The parameters of the context are `antecedents` and, if there is a lead time, `lead`. If the antecedents are
+    adaptive, they are an input from a `SetLearning` instead of a parameter.
 
     Args:
         num_vehicles: number of vehicles N.
         axes: axes of the network, in the order of X, Y, Z.
-        inputs: inputs of the rules, see `drake_quad.control.fuzzy.inputs`.
-        lap_times: start of each lap of the route and end of the last one, s; needed for the input `phase` only.
+        inputs: inputs of the rules; see `drake_quad.control.fuzzy.inputs`.
+        lap_times: start of each lap of the route and end of the last one, s; needed only for the input `phase`.
         adaptive: True if the antecedents learn.
         leads: True if the network has a lead time.
         numbers: parameters of the rules.
@@ -149,7 +149,7 @@ class LearningNumbers(NamedTuple):
     """Parameters of a network's learning.
 
     Attributes:
-        slope: slope λ of eq (15), 1/s; not used if the network learns from the feedback.
+        slope: λ of eq (15), 1/s; not used if the network learns from the feedback.
         law: record from `drake_quad.control.fuzzy.laws`.
         limits: limits of learning.
         initial_weight: initial weight F₀ of all rules, m/s².
@@ -170,12 +170,11 @@ def surface(axis: Axis, numbers: LearningNumbers, error: PositionError, rate: Po
 def feedback(axis: Axis, numbers: LearningNumbers, pd: Acceleration, disturbance: Acceleration) -> Row:
     """Return the acceleration τ_c - d that the controller's feedback commands on an axis, m/s².
 
-    Like s_p it grows if the correction subtracts too much. In τ = τ_c - τ_f - d the network has learned everything when
-    τ_c - d is zero (feedback-error learning: M. Kawato, K. Furukawa and R. Suzuki, "A hierarchical neural-network model
-    for
-    control and learning of voluntary movement", Biological Cybernetics 57, 1987). The estimate d is part of the
-    feedback:
-    it contains what the network has not learned yet, and responds before the error does.
+    Like s_p, this signal increases if the correction is too large. In τ = τ_c - τ_f - d, the network has learned the
+    whole disturbance when τ_c - d is zero (feedback-error learning: M. Kawato, K. Furukawa and R. Suzuki, "A
+    hierarchical neural-network model for control and learning of voluntary movement", Biological Cybernetics 57, 1987).
+    The estimate d is part of the feedback: it is the part of the disturbance that the network has not yet learned, and
+    it responds earlier than the error.
     """
     commanded: Row = getattr(pd, axis) - getattr(disturbance, axis)
     return commanded
@@ -186,7 +185,7 @@ def signal_and_ports(learns_from: Literal["surface", "feedback"]) -> tuple[Calla
     return (surface, ("error", "error_rate")) if learns_from == "surface" else (feedback, ("pd", "disturbance"))
 
 
-# Values of unconnected inputs of a learning system: most controllers do not estimate a disturbance.
+# Values of unconnected inputs of a learning system. Most controllers do not estimate a disturbance.
 UNCONNECTED = {"disturbance": Acceleration(0.0, 0.0, 0.0)}
 
 
@@ -202,7 +201,7 @@ def learned(
     signal_of: Callable[..., Row],
     *signals: Any,
 ) -> Any:
-    """Return weights and memory of each axis at the next tick; only the weights for a law without memory.
+    """Return weights and memory of each axis at the next tick; the memory is empty for a law without memory.
 
     Args:
         weights: weights F of the rules.
@@ -231,12 +230,12 @@ def learned(
 
 
 def with_deadzone(signal: Row, deadzone: Row) -> Row:
-    """Return a signal, with zero in place of values below the dead zone."""
+    """Return a signal in which absolute values below the dead zone are replaced with zero."""
     return where(abs(signal) < deadzone, 0.0 * signal, signal)
 
 
 def _is_at_tick(time: Row, ticks: Sequence[int], period: float) -> bool:
-    """Return True at times (s) that belong to one of the ticks."""
+    """Return whether a time (s) belongs to one of the given ticks."""
     if not ticks:
         return False
     tick, matches = nearest(time / period), False
@@ -274,18 +273,18 @@ class WeightLearning(FleetSystem):
         - weights
         - covariance_trace
 
-    `correction` is τ_f = Fᵀ W with the `firing` strengths from `FuzzyRules`, zero on axes that the network does not
-    have. The weights F learn at every tick from s_p = ė + λ e, eq (15), of `error` and `error_rate`. Alternatively they
-    learn from the feedback, with the inputs `pd` and `disturbance` instead; `disturbance` is zero if not connected.
-    `weights` has F in the order of `firing`. `covariance_trace` exists for a law with a covariance, and has a row for
-    each axis.
+    `correction` is τ_f = Fᵀ W with the `firing` strengths from `FuzzyRules`; it is zero on other axes than those of the
+    network. The weights F are adapted at every tick, by the learning signal s_p = ė + λ e of eq (15) with the inputs
+    `error` and `error_rate`, or by the feedback with the inputs `pd` and `disturbance`; `disturbance` is zero if not
+    connected. `weights` contains F in the order of `firing`. `covariance_trace` exists for a law with a covariance, and
+    has a row for each axis.
 
-    If the network has a lead time, `correction` is that for `firing_ahead`, because a command acts on the vehicle only
-    later. The weights still learn with `firing`, and `learned_disturbance` is Fᵀ W for it: the learned part of the
-    disturbance that acts now.
+    If the network has a lead time, `correction` is computed from `firing_ahead`, because a command acts on the vehicle
+    with a delay. The weights are still adapted with `firing`, and `learned_disturbance` is Fᵀ W with `firing`: the
+    learned part of the disturbance at the current time.
 
-    The states are `weights` and the memory of the law, if any, under its name. The only parameter of the context is
-    `learning`.
+    The states are `weights` and the memory of the law, if any, whose name is the `memory_name` of the law. The only
+    parameter of the context is `learning`.
 
     Args:
         num_vehicles: number of vehicles N.
@@ -293,9 +292,9 @@ class WeightLearning(FleetSystem):
         axes: axes of the network, in the order of X, Y, Z.
         num_rules: number of rules R.
         learns_from: learning signal, "surface" or "feedback".
-        reset_times: times at which the memory of the law is reset, s; the reset is at the first tick that is not
-            earlier.
-        initial_weights: initial F of the rules on each axis, m/s²; empty if all are `numbers.initial_weight`.
+        reset_times: times at which the memory of the law is reset, s. The reset takes place at the first tick at or
+            after this time.
+        initial_weights: initial F of the rules on each axis, m/s²; if empty, all are `numbers.initial_weight`.
         leads: True if the network has a lead time.
         numbers: parameters of learning.
     """
@@ -355,14 +354,15 @@ def build_fuzzy_network(*, rules: Any, learning: Any, sets: Any = None) -> Diagr
         - weights
         - covariance_trace
 
-    The network consists of several systems so that Drake caches the firing strengths, which both the output and the
-    learning of a tick use. Its ports are those of its parts. Other inputs of the rules, and learning from the feedback,
-    add inputs. The output `antecedents` exists if they learn, and `learned_disturbance` if the network has a lead time.
+    The network consists of several systems, so that Drake caches the firing strengths, which are used twice per tick:
+    by the output and by the learning. The diagram exports the unconnected ports of these systems. Other inputs of the
+    rules, and learning from the feedback, add input ports. The output `antecedents` exists if the antecedents are
+    adaptive, and `learned_disturbance` if the network has a lead time.
 
     Args:
         rules: a `FuzzyRules`.
         learning: a `WeightLearning` on the same axes, for as many rules.
-        sets: a `SetLearning` on the same axes if the antecedents learn, else None.
+        sets: a `SetLearning` on the same axes if the antecedents are adaptive, else None.
     """
     builder = DiagramBuilder()
     parts = {"rules": rules, "learning": learning} | ({} if sets is None else {"sets": sets})

@@ -1,9 +1,9 @@
 """Models from the command to the position for a linear-quadratic-Gaussian controller.
 
-Along X and Y the horizontal specific thrust s moves the vehicle, and the attitude changes s. Without an autopilot the
-command u is a snap, which the torques produce after the lag T of the rotors. With an autopilot the command is an
-acceleration, an angle times g. The attitude follows it as a second-order lag, or its angular acceleration follows that
-of the on-board loops with the lag of the rotors:
+Along X and Y the vehicle is accelerated by the horizontal specific thrust s, which depends on the attitude. Without an
+autopilot the command u is a snap, which the torques produce with the lag T of the rotors. With an autopilot the command
+is an acceleration, an angle times g. Either the attitude follows this command with a second-order lag, or its angular
+acceleration follows the command of the on-board loops with the lag of the rotors:
 
     p' = v    v' = s + d₁ + d₂    s' = j    without: j' = a + δ,  a' = (u - a) / T
                                             with:    j' = b + δ,  b = ω² (u - s) - 2 ζ ω j
@@ -12,15 +12,15 @@ of the on-board loops with the lag of the rotors:
 Along Z the thrust acts directly: p' = v, v' = s + d₁ + d₂, s' = (u - s) / T, where s is the acceleration in excess of
 gravity.
 
-The disturbing acceleration is the sum of two coloured noises: d₁ of first order, white noise filtered by 1 / (1 + T₁
-s), and d₂ of second order, white noise filtered by the critically damped lag 1 / (1 + T₂ s)². The bias δ of the angular
-motion is coloured noise of first order:
+The disturbing acceleration is the sum of two coloured noises. d₁ is white noise filtered by the first-order lag
+1 / (1 + T₁ s), and d₂ is white noise filtered by the critically damped second-order lag 1 / (1 + T₂ s)². The bias δ of
+the angular motion is coloured noise of first order:
 
     d₁' = -d₁ / T₁ + w₁    d₂' = e    e' = -d₂ / T₂² - 2 e / T₂ + w₂    δ' = -δ / T_δ + w_δ
 
-(A. Gelb, "Applied optimal estimation", 1974, section 3.6.) White noise on u makes the filter trust the model less where
-the command acts (J. C. Doyle and G. Stein, "Robustness with observers", IEEE Transactions on Automatic Control 24(4),
-1979).
+(A. Gelb, "Applied optimal estimation", 1974, section 3.6). Modelled white noise on u makes the filter rely less on the
+modelled effect of the command (J. C. Doyle and G. Stein, "Robustness with observers", IEEE Transactions on Automatic
+Control 24(4), 1979).
 """
 
 import math
@@ -31,11 +31,11 @@ import scipy
 
 from drake_quad.signals import Row
 
-# The fields of a chain are its states, in metres and seconds. They also identify the kind of the chain.
+# The fields of a chain are its states, in metres and seconds. The type of the record identifies the model.
 
 
 class TorqueChain(NamedTuple):
-    """States along X or Y, with torques over the link."""
+    """States along X or Y if torques are sent over the link."""
 
     position: Row
     velocity: Row
@@ -49,7 +49,7 @@ class TorqueChain(NamedTuple):
 
 
 class AttitudeChain(NamedTuple):
-    """States along X or Y, with an autopilot on board."""
+    """States along X or Y if an autopilot is on board."""
 
     position: Row
     velocity: Row
@@ -62,7 +62,7 @@ class AttitudeChain(NamedTuple):
 
 
 class LaggingAttitudeChain(TorqueChain):
-    """States along X or Y, with the lag of the rotors between an autopilot's loops and the attitude."""
+    """States along X or Y if an autopilot is on board and the model includes the lag of the rotors separately."""
 
 
 class VerticalChain(NamedTuple):
@@ -77,10 +77,10 @@ class VerticalChain(NamedTuple):
 
 
 class ChainNoise(NamedTuple):
-    """Coloured noise, which is white noise filtered by 1 / (1 + T s), or by 1 / (1 + T s)² for second order.
+    """Coloured noise: white noise filtered by 1 / (1 + T s), or by 1 / (1 + T s)² for second order.
 
     Attributes:
-        deviation: standard deviation, m/s² for a disturbance, and m/s⁴ for the bias.
+        deviation: standard deviation, m/s² for a disturbance and m/s⁴ for the bias.
         time: time constant T, s.
     """
 
@@ -89,13 +89,14 @@ class ChainNoise(NamedTuple):
 
 
 class Disturbances(NamedTuple):
-    """Modelled disturbances of an axis.
+    """Modelled disturbances on one axis.
 
     Attributes:
-        first: disturbing acceleration of first order.
-        second: disturbing acceleration of second order, critically damped.
-        bias: bias of the angular motion, m/s⁴; None along Z.
-        command_noise: spectral density of white noise on the command, in the unit of the command times √s.
+        first: first-order disturbing acceleration d₁.
+        second: second-order disturbing acceleration d₂.
+        bias: bias δ of the angular motion; None along Z.
+        command_noise: square root of the spectral density of the white noise on the command, in the unit of the command
+            times √s.
     """
 
     first: ChainNoise
@@ -123,7 +124,8 @@ class ContinuousModel(NamedTuple):
         kind: type of the chain.
         A: (n, n) system matrix.
         B: (n, 1) input matrix.
-        C: (1, n) along Z, where the position is measured; else (2, n), for position and specific thrust.
+        C: output matrix, (1, n) along Z for the measured position; (2, n) along X and Y for position and specific
+            thrust.
         Q: (n, n) spectral density of w.
     """
 
@@ -163,8 +165,8 @@ def lateral_model(
     """Return the model along X or Y.
 
     Args:
-        lag: time constant of the rotors, s; None if it is part of the attitude's response.
-        response: response of the attitude with an autopilot; None without one, in which case the lag must be given.
+        lag: time constant of the rotors, s; None if the response of the attitude includes this lag.
+        response: response of the attitude with an autopilot; None without an autopilot, which requires a lag.
         disturbances: modelled disturbances.
     """
     if response is None:
@@ -188,7 +190,7 @@ def sampled(A: np.ndarray, B: np.ndarray, period: float) -> tuple[np.ndarray, np
 
 
 def sampled_noise(A: np.ndarray, Q: np.ndarray, period: float) -> np.ndarray:
-    """Return the covariance of the noise over a period (s), for white noise of spectral density Q.
+    """Return the covariance of the process noise over a period (s), for white noise of spectral density Q.
 
     C. F. Van Loan, "Computing integrals involving the matrix exponential", IEEE Transactions on Automatic Control
     23(3), 1978.

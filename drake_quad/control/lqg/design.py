@@ -1,4 +1,4 @@
-"""Gains of a linear-quadratic-Gaussian controller of one axis, from the model of its chain."""
+"""Gains of a linear-quadratic-Gaussian controller for one axis, designed for the model of its chain."""
 
 from typing import Any, NamedTuple
 
@@ -10,15 +10,15 @@ from drake_quad.signals import Row
 
 
 class AxisLoop(NamedTuple):
-    """Filter and regulator of one axis. Its rows are records of the chain.
+    """Filter and regulator of one axis. Vectors of n numbers are records of the chain.
 
     Attributes:
-        A: A of x⁺ = A x + B u over a frame, row by row.
-        B: B, a column.
+        A: system matrix of x⁺ = A x + B u over a frame, row by row.
+        B: input matrix, a single column.
         L: gain of the filter, a column for each measured quantity.
         K: gain of the regulator.
-        K_pending: gains on the commands under way, the oldest first.
-        outer: divisor that turns gains of K into those of an outer loop, see `axis_loop`.
+        K_pending: gains on the commands in transit, the oldest first.
+        outer: divisor k that converts gains in K to gains of an outer loop; see `axis_loop`.
     """
 
     A: tuple[Any, ...]
@@ -44,16 +44,16 @@ class Timing(NamedTuple):
 
 
 def kalman_gain(A: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray) -> np.ndarray:
-    """Return L (n, p) of x̂ = x⁻ + L (y - C x⁻) in steady state, for noise of covariances Q and R."""
+    """Return L (n, p) of the steady-state filter x̂ = x⁻ + L (y - C x⁻), for noise covariances Q and R."""
     P = scipy.linalg.solve_discrete_are(A.T, C.T, Q, R)
     gain: np.ndarray = np.linalg.solve(C @ P @ C.T + R, C @ P).T
     return gain
 
 
 def regulator_gain(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return K (m, n) of u = -K x, which minimises the sum of xᵀ Q x + uᵀ R u, and the cost W (m, m) of any other u.
+    """Return K (m, n) of u = -K x, which minimises the sum of xᵀ Q x + uᵀ R u, and the cost matrix W (m, m).
 
-    With u = -K x + c the sum increases by the sum of cᵀ W c, where W = R + Bᵀ S B.
+    With u = -K x + c, the sum increases by the sum of cᵀ W c, where W = R + Bᵀ S B and S solves the Riccati equation.
     """
     S = scipy.linalg.solve_discrete_are(A, B, Q, R)
     W: np.ndarray = B.T @ S @ B + R
@@ -62,9 +62,9 @@ def regulator_gain(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -
 
 
 def with_commands_under_way(A: np.ndarray, B: np.ndarray, delay: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return A and B of a system whose input acts some ticks later.
+    """Return A and B of a system whose input is delayed by a number of ticks.
 
-    The inputs under way are additional states, the oldest first.
+    The inputs in transit are additional states, the oldest first.
     """
     n = len(A)
     if not delay:
@@ -78,10 +78,10 @@ class Regulator(NamedTuple):
     """Regulator u = -K x of an axis, with x⁺ = A x + B u over a tick.
 
     Attributes:
-        A: A, row by row. The last of the n states are the commands under way, the oldest first.
-        B: B, n numbers.
-        K: K, n numbers.
-        weight: w. A command u = -K x + c increases the cost by w c².
+        A: system matrix, row by row. The last of the n states are the commands in transit, the oldest first.
+        B: (n,) input matrix.
+        K: (n,) gain.
+        weight: w; a command u = -K x + c increases the cost by w c².
     """
 
     A: tuple[tuple[float, ...], ...]
@@ -91,7 +91,7 @@ class Regulator(NamedTuple):
 
 
 def regulator_of(model: ContinuousModel, timing: Timing, command_weight: float) -> Regulator:
-    """Return the regulator that minimises the sum of p² + ρ u² over all ticks, with commands under way as states.
+    """Return the regulator that minimises the sum of p² + ρ u² over all ticks, with commands in transit as states.
 
     Args:
         model: model of the chain.
@@ -99,7 +99,7 @@ def regulator_of(model: ContinuousModel, timing: Timing, command_weight: float) 
         command_weight: weight ρ of the command.
 
     Raises:
-        numpy.linalg.LinAlgError: no regulator can be computed in floating point.
+        numpy.linalg.LinAlgError: if the regulator cannot be computed in floating point.
     """
     A, B = with_commands_under_way(*sampled(model.A, model.B, timing.tick), timing.delay_ticks)
     position, *_ = np.pad(model.C, ((0, 0), (0, timing.delay_ticks)))
@@ -111,9 +111,9 @@ def regulator_of(model: ContinuousModel, timing: Timing, command_weight: float) 
 def axis_loop(model: ContinuousModel, timing: Timing, *, noise: np.ndarray, command_weight: float) -> AxisLoop:
     """Design filter and regulator of an axis.
 
-    The regulator is that of `regulator_of`. In equilibrium u is zero for a `TorqueChain`, and equal to the specific
-    thrust s for the other chains. Deviations of p, v and d therefore cause s = -(K_p p + K_v v + K_d d) / k with k =
-    K_s in the first case, and k = 1 + K_s + ΣK_pending in the second.
+    `regulator_of` designs the regulator. In equilibrium u is zero for a `TorqueChain`, and equal to the specific thrust
+    s for the other chains. Deviations of p, v and d therefore cause s = -(K_p p + K_v v + K_d d) / k, with k = K_s for
+    a `TorqueChain`, and k = 1 + K_s + ΣK_pending for the other chains.
 
     Args:
         model: model of the chain.
@@ -122,7 +122,7 @@ def axis_loop(model: ContinuousModel, timing: Timing, *, noise: np.ndarray, comm
         command_weight: weight ρ of the command.
 
     Raises:
-        numpy.linalg.LinAlgError: no stable filter, or no regulator, can be computed in floating point.
+        numpy.linalg.LinAlgError: if a stable filter or the regulator cannot be computed in floating point.
     """
     n = len(model.A)
     A, B = sampled(model.A, model.B, timing.frame)

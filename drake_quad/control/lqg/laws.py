@@ -1,10 +1,11 @@
 """Equations of a linear-quadratic-Gaussian controller: the filter, the regulator, and the commands to the vehicle.
 
-The frame that is available at t was taken at t - h. With x̂ of t - h, and the u that has acted since then,
+The frame that is available at time t was taken at t - h. With the estimate x̂ at t - h, and the command u that has
+acted since then,
 
     x̂(t) = A (x̂ + L (y - C x̂)) + B u
 
-At every tick e is the deviation of x̂ from the reference, and δu are the deviations of the commands under way from
+At every tick, e is the deviation of x̂ from the reference, and δu are the deviations of the commands in transit from
 their feed-forward:
 
     u = u_ff - K [e; δu]        δu = u - u_ff
@@ -12,14 +13,14 @@ their feed-forward:
 The gains of K on position, velocity and disturbances form an outer loop, which commands the acceleration
 a_r - (K_p e_p + K_v e_v + K_d d̂) / k, with k from `axis_loop`.
 
-The attitude turns thrust into a horizontal acceleration: s = f tan θ along X, with the vertical specific thrust f.
-Noise and gusts change f faster than the attitude can follow. The chains along X and Y therefore use s̄ = f̄ tan θ with
+A tilted vehicle has the horizontal specific thrust s = f tan θ along X, where f is the vertical specific thrust. Noise
+and gusts change f faster than the attitude can follow. The chains along X and Y therefore use s̄ = f̄ tan θ with
 
-    f̄ = g + a_r - d̂₁ - d̂₂    along Z,
+    f̄ = g + a_r - d̂₁ - d̂₂    along Z.
 
-the specific thrust that keeps the vehicle on the reference and changes as slowly as the reference and the estimated
-disturbance. The known difference s - s̄ = s̄ (f - f̄) / f̄ acts at once and is added to the velocity. With f instead of
-f̄, thrust variations of a tilted vehicle would appear as variations of its attitude.
+f̄ is the vertical specific thrust that keeps the vehicle on the reference. It changes only as fast as the reference and
+the estimated disturbance. The known difference s - s̄ = s̄ (f - f̄) / f̄ acts without delay and is added to the
+velocity. With f instead of f̄, thrust variations of a tilted vehicle would appear as variations of its attitude.
 """
 
 from collections.abc import Sequence
@@ -49,7 +50,7 @@ from drake_quad.signals import (
 
 
 class TorqueNumbers(NamedTuple):
-    """Parameters of control by torques over the link.
+    """Parameters for torques that are sent over the link.
 
     Attributes:
         i_xx: moment of inertia of the nominal vehicle about x_B, kg m².
@@ -58,7 +59,7 @@ class TorqueNumbers(NamedTuple):
         yaw_k_p: gain of the yaw's PD on the error, 1/s².
         yaw_k_d: gain of the yaw's PD on the rate of the error, 1/s.
         max_snap: largest command along X and along Y.
-        lead: lead time of the snap's feed-forward.
+        lead: lead time of the feed-forward of the snap.
     """
 
     i_xx: Row
@@ -89,9 +90,9 @@ class ThrustNumbers(NamedTuple):
         mass: mass, kg.
         gravity: gravitational acceleration g.
         slope: tangent of the largest angle between thrust and vertical.
-        min_thrust: least vertical thrust.
+        min_thrust: smallest vertical thrust.
         max_thrust: largest thrust.
-        lead: lead time of the vertical jerk's feed-forward.
+        lead: lead time of the feed-forward of the vertical jerk.
     """
 
     mass: Annotated[Row, Quantity("kg")]
@@ -134,7 +135,7 @@ class KalmanState(NamedTuple):
     Attributes:
         estimate: estimate at the last update.
         has_started: 0 before the first frame, 1 after it.
-        last_x: last measured x. A frame with exactly the same x was lost.
+        last_x: last measured x. If a frame contains exactly this x, the frame was lost.
     """
 
     estimate: Estimate
@@ -154,8 +155,8 @@ class SentCommands(NamedTuple):
     """Commands that have been sent.
 
     Attributes:
-        commands: commands, the oldest first; it acts until the next tick.
-        deviations: deviations of the commands that are still under way, the oldest first.
+        commands: commands, the oldest first; the oldest command acts until the next tick.
+        deviations: deviations δu of the commands in transit, the oldest first.
         upward: vertical specific thrust f̄ at the last tick, m/s².
         snap: snap of the reference at the last tick; None with an autopilot.
     """
@@ -178,10 +179,10 @@ class Deviations(NamedTuple):
     """Deviations that the regulator feeds back.
 
     Attributes:
-        x: deviation of the chain along X from the reference, then those of the commands under way, the oldest first.
+        x: deviation of the chain along X from the reference, followed by δu of the commands in transit, oldest first.
         y: the same along Y.
         z: the same along Z.
-        correction: acceleration that is subtracted from that of the reference.
+        correction: acceleration that is subtracted from the acceleration of the reference.
     """
 
     x: tuple[Row, ...]
@@ -215,16 +216,16 @@ def estimated(
     period: float,
     loses_frames: bool,
 ) -> Estimate:
-    """Return the present estimate, from that of the previous frame.
+    """Return the current estimate, given the estimate at the previous frame.
 
     Args:
         measurement: last available frame, taken one period ago.
         before: state of the filter.
         sent: sent commands.
-        known: known part of the disturbing acceleration; None without one.
+        known: known part of the disturbing acceleration; None if no part is known.
         numbers: parameters of the controller.
         period: frame period h, s.
-        loses_frames: True if a frame that equals the previous one counts as lost.
+        loses_frames: True if a frame whose x equals the previous x counts as lost.
     """
     last, (u_x, u_y, u_z) = before.estimate, next(iter(sent.commands))
     s_x, s_y = _level_thrust(measurement, sent.upward)
@@ -233,8 +234,8 @@ def estimated(
     x = _filtered(last.x, (measurement.x - last.x.position, s_x - last.x.thrust), fresh, u_x, lateral)
     y = _filtered(last.y, (measurement.y - last.y.position, s_y - last.y.thrust), fresh, u_y, lateral)
     z = _filtered(last.z, (measurement.z - last.z.position,), fresh, u_z, vertical)
-    # The chains contain f̄ instead of the thrust of the last frame. The excess over f̄ also acts along the measured
-    # attitude.
+    # The chains use f̄ instead of the vertical thrust at the last frame. The difference between the two, tilted like
+    # the thrust, is added separately.
     excess = (numbers.thrust.gravity + last.z.thrust) / sent.upward - 1.0
     after = Estimate(
         _accelerated(x, excess * last.x.thrust, period), _accelerated(y, excess * last.y.thrust, period), z
@@ -246,7 +247,7 @@ def estimated(
 
 
 def filter_after(measurement: State, *remembered: Any) -> KalmanState:
-    """Return the state of the filter after a frame; arguments are those of `estimated`."""
+    """Return the state of the filter after a frame; the arguments are as in `estimated`."""
     return KalmanState(estimated(measurement, *remembered), 1.0, measurement.x)
 
 
@@ -264,14 +265,14 @@ def regulated(
     """Return the output of the regulator.
 
     Args:
-        estimate: present estimate.
+        estimate: current estimate.
         reference: reference.
         jerk: jerk of the reference.
         snap: snap of the reference.
         sent: sent commands.
-        correction: acceleration that is subtracted; None without one.
-        perturbation: addition to the commands that keeps the tilt within its limit; None if the commands are shortened
-            to the limit instead.
+        correction: acceleration that is subtracted; None without a correction.
+        perturbation: addition to the commands that keeps the tilt within its limit; None if the commands are saturated
+            at the limit instead.
         numbers: parameters of the controller; without `torques` the horizontal command is an acceleration.
         tick: control period, s.
     """
@@ -314,7 +315,7 @@ def regulated(
 def fed_forward(
     acceleration: Acceleration, jerk: Jerk, snap: Snap, before: Snap | None, numbers: LqgNumbers, tick: float
 ) -> ChainCommands:
-    """Return the commands u_ff, which follow from the reference alone.
+    """Return the feed-forward commands u_ff, which depend only on the reference and the correction.
 
     Args:
         acceleration: acceleration of the reference minus the correction.
@@ -348,11 +349,11 @@ def wrench_for(
 ) -> Wrench:
     """Return thrust and torques that produce a commanded snap, by differential flatness at the measured attitude.
 
-    The yaw has its own PD, which is not affected by the noise of the estimated jerk.
+    A separate PD controls the yaw, which is therefore not affected by the noise of the estimated jerk.
 
     Args:
         output: output of the regulator.
-        estimate: present estimate.
+        estimate: current estimate.
         measurement: measured state of the vehicle, with the attitude.
         reference: reference, with the yaw.
         jerk: jerk of the reference; along X and Y the estimate is used instead.
@@ -381,7 +382,7 @@ def wrench_for(
 def target_for(
     output: RegulatorOutput, estimate: Estimate, measurement: State, reference: Reference, numbers: LqgNumbers
 ) -> AttitudeTarget:
-    """Return thrust and attitude that produce a commanded acceleration; arguments are those of `wrench_for`.
+    """Return thrust and attitude that produce a commanded acceleration; the arguments are as in `wrench_for`.
 
     Roll and pitch rates are zero, because the command already contains their feed-forward.
     """
@@ -395,10 +396,10 @@ def target_for(
 def deviations(
     estimate: Estimate, reference: Reference, acceleration: Acceleration, jerk: Jerk, snap: Snap
 ) -> Estimate:
-    """Return the deviations of the chains from the reference, in which disturbances have no reference.
+    """Return the deviations of the chains from the reference; the reference of a disturbance is zero.
 
     Args:
-        estimate: present estimate.
+        estimate: current estimate.
         reference: reference.
         acceleration: acceleration of the reference minus the correction.
         jerk: jerk of the reference.
@@ -412,7 +413,7 @@ def deviations(
 
 
 def pending_of(sent: SentCommands) -> list[tuple[Row, ...]]:
-    """Return the deviations of the commands under way along X, Y and Z, the oldest first."""
+    """Return the deviations of the commands in transit along X, Y and Z, the oldest first."""
     return [tuple([getattr(du, axis) for du in sent.deviations]) for axis in ChainCommands._fields]
 
 
@@ -424,7 +425,7 @@ def feedback_deviations(
     sent: SentCommands,
     correction: Acceleration | None,
 ) -> Deviations:
-    """Return the deviations that the regulator feeds back; arguments are those of `regulated`."""
+    """Return the deviations that the regulator feeds back; the arguments are as in `regulated`."""
     e = deviations(estimate, reference, corrected_acceleration(reference, correction), jerk, snap)
     x, y, z = ((*chain, *pending) for chain, pending in zip(e, pending_of(sent), strict=True))
     return Deviations(x, y, z, Acceleration(0.0, 0.0, 0.0) if correction is None else correction)
@@ -471,13 +472,13 @@ def corrected_acceleration(reference: Reference, correction: Acceleration | None
 
 
 def _deviation(chain: Any, *motion: Row) -> Any:
-    """Return a chain minus position, velocity, acceleration, jerk and snap, as far as the chain has these states."""
+    """Return the deviation of a chain from position, velocity, acceleration, jerk and snap, as far as it contains them."""
     target = dict(zip(("position", "velocity", "thrust", "jerk", "snap"), motion, strict=True))
     return chain._replace(**{name: row - target[name] for name, row in chain._asdict().items() if name in target})
 
 
 def _filtered(chain: Any, innovation: Sequence[Row], fresh: bool, u: Row, loop: AxisLoop) -> Any:
-    """Return a chain after the next frame, for a given innovation."""
+    """Return the chain one frame later, given the innovation of the current frame."""
     used_innovation = [where(fresh, row, 0.0) for row in innovation]
     corrected = [row + dot(gains, used_innovation) for row, *gains in zip(chain, *loop.L, strict=True)]
     return chain._make(dot(row, corrected) + gain * u for row, gain in zip(loop.A, loop.B, strict=True))
@@ -511,13 +512,13 @@ def _feedback(e: Any, pending: Sequence[Row], loop: AxisLoop) -> Row:
 
 
 def _outer_feedback(e: Any, loop: AxisLoop) -> Row:
-    """Return the part of K e on position, velocity and disturbances, as an acceleration."""
+    """Return the part of K e that depends on position, velocity and disturbances, as an acceleration."""
     names = "position", "velocity", "first", "second", "second_rate"
     return dot([getattr(loop.K, name) for name in names], [getattr(e, name) for name in names]) / loop.outer
 
 
 def _limited_horizontal(x: Row, y: Row, limits: ThrustNumbers) -> tuple[Row, Row]:
-    """Return a horizontal acceleration, shortened without changing its direction to what the tilt allows."""
+    """Return a horizontal acceleration, saturated at the tilt limit without changing its direction."""
     max_horizontal = limits.gravity * limits.slope
     max_squared = max_horizontal * max_horizontal
     share = sqrt(max_squared / maximum(x * x + y * y, max_squared))
@@ -530,12 +531,12 @@ def _length(estimate: Estimate, upward: Row) -> Row:
 
 
 def _limited_vertical(acceleration: Row, numbers: ThrustNumbers) -> Row:
-    """Return a vertical acceleration within what the limits of the thrust allow."""
+    """Return a vertical acceleration, saturated at the limits of the thrust."""
     low, high = (thrust / numbers.mass - numbers.gravity for thrust in (numbers.min_thrust, numbers.max_thrust))
     return minimum(maximum(acceleration, low), high)
 
 
 def _thrust(output: RegulatorOutput, estimate: Estimate, numbers: ThrustNumbers) -> Row:
-    """Return the thrust (N) whose vertical component is the commanded one at the present tilt."""
+    """Return the thrust (N) whose vertical component at the estimated tilt is the commanded vertical thrust."""
     share = (numbers.gravity + output.command.z) / output.upward
     return minimum(numbers.mass * share * _length(estimate, output.upward), numbers.max_thrust)

@@ -42,9 +42,9 @@ def _regulate(
     tick: float,
     *filter_inputs: Any,
 ) -> tuple[Estimate, RegulatorOutput]:
-    """Return the present estimate and the output of the regulator.
+    """Return the current estimate and the output of the regulator.
 
-    Before the first frame the previous snap is taken to be the present one.
+    Before the first frame, the current snap is also used as the previous snap.
     """
     _, before, sent, _, numbers, *_ = filter_inputs
     estimate = laws.estimated(*filter_inputs)
@@ -141,30 +141,30 @@ class LinearQuadraticGaussian(FleetSystem):
         - disturbance
         - deviation
 
-    The filter is updated at every frame, and commands follow from its estimate at every tick. The equations are in
-    `drake_quad.control.lqg.laws`, the models in `drake_quad.control.lqg.chains`. With an autopilot the output
-    `attitude_target` replaces `wrench`. `error` and `error_rate` are those of the estimate. `pd` is the acceleration
-    that the regulator commands for them, as an outer loop does. `acceleration_command` is a_r + `pd` minus the
+    The filter is updated at every frame. At every tick, the commands are computed from its estimate. The equations are
+    in `drake_quad.control.lqg.laws`, the models in `drake_quad.control.lqg.chains`. With an autopilot the output
+    `attitude_target` replaces `wrench`. `error` and `error_rate` are computed from the estimate. `pd` is the
+    acceleration that the regulator commands for these errors. `acceleration_command` is a_r + `pd` minus the
     compensation of disturbances, within limits. `disturbance` is the estimate of the disturbing acceleration.
 
-    The ports `correction` and `learned_disturbance` exist if there is a network around the controller. `correction` is
-    an acceleration that is subtracted from the command. `learned_disturbance` is a known disturbance for the filter
-    from the next frame on, so that `disturbance` contains only the rest, and the other outputs do not form an algebraic
-    loop. The two inputs differ by the lead time of the network.
+    The ports `correction` and `learned_disturbance` exist if there is a network. `correction` is an acceleration that
+    is subtracted from the command. The filter treats `learned_disturbance` as a known disturbance from the next frame
+    on, so that `disturbance` contains only the remaining disturbance, and the network does not close an algebraic loop.
+    The two inputs differ by the lead time of the network.
 
-    The ports `perturbation` and `deviation` exist if another system, instead of the regulator, keeps the tilt within
-    its limits (`drake_quad.control.mpc.system`). It computes `perturbation`, which is added to the commands, from
-    `deviation`, the state that the regulator feeds back.
+    The ports `perturbation` and `deviation` exist if another system instead of the regulator keeps the tilt within its
+    limits (`drake_quad.control.mpc.system`). From `deviation`, the state that the regulator feeds back, this system
+    computes `perturbation`, which is added to the commands.
 
     The states are `filter`, `sent` and, with the port `learned_disturbance`, `known`. The only parameter of the context
     is `numbers`.
 
     Args:
         num_vehicles: number of vehicles N.
-        signal: signal that the link carries, "wrench" or "attitude_target".
+        signal: signal that is sent over the link, "wrench" or "attitude_target".
         period: frame period h, s.
         tick: control period, s; a whole number of frames.
-        loses_frames: True if a frame whose x equals that of the previous frame exactly counts as lost.
+        loses_frames: True if a frame counts as lost when its x exactly equals the x of the previous frame.
         takes_correction: True if the ports `correction` and `learned_disturbance` exist.
         takes_perturbation: True if the ports `perturbation` and `deviation` exist.
         numbers: parameters of the controller.
@@ -214,13 +214,13 @@ class LinearQuadraticGaussian(FleetSystem):
 
 
 def build_lqg_control(regulator: Any, network: Any = None, programme: Any = None) -> Diagram:
-    """Build the diagram `control`, which contains the controller and the systems around it.
+    """Build the diagram `control`, which contains the controller, and optionally a network and a programme.
 
     Args:
-        regulator: a `LinearQuadraticGaussian`, which takes a correction if there is a network, and a perturbation if
-            there is a programme.
-        network: network around the controller; None without one.
-        programme: `PredictiveProgramme` that keeps the controller within its limits; None without one.
+        regulator: a `LinearQuadraticGaussian`, with the port `correction` if there is a network, and with the port
+            `perturbation` if there is a programme.
+        network: network whose correction the controller subtracts; None without a network.
+        programme: `PredictiveProgramme` that keeps the controller within its limits; None without a programme.
     """
     builder = DiagramBuilder()
     builder.AddNamedSystem("regulator", regulator)

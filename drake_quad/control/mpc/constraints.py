@@ -1,17 +1,18 @@
 """Constraints of a model predictive controller over its horizon.
 
-A constraint bounds a sum y of rows of several axes at each tick. The bound is what the reference leaves of a limit:
+A constraint bounds a weighted sum y of states or commands of one or two axes at each tick. Its bound is the difference
+between a limit and the reference:
 
     snap        ±(u_ff + y) <= max                     of the commands, with torques over the link
     tilt        n·(a_r - τ_f + y) <= g tan θ cos(π/m)  of the specific thrust; of the commands with an autopilot
     thrust      -(u_ff - τ_f + y) <= g - F_min / M,    u_ff - τ_f + y <= √(F_max² / M² - a_rx² - a_ry²) - g
     corridor    ±(p_r + y) <= ±walls                   or ±y <= half its width
 
-n are the m directions of a regular polygon inside the circle of the tilt, and M is the mass. The corridor, and the tilt
-with torques, constrain states, which a disturbance can push beyond the bound. There a slack ε for each tick relaxes the
-constraint, at a cost of ζ ε² added to that of the regulator. Constraints on commands can always be satisfied. A
-solution therefore always exists (P. O. M. Scokaert and J. B. Rawlings, "Feasibility issues in linear model predictive
-control", AIChE Journal 45(8), 1999).
+n are the m directions of the normals of a regular polygon inside the circle of the largest tilt, and M is the mass. The
+corridor, and the tilt in the case of torques, are constraints on states, which a disturbance can push beyond the bound.
+For these constraints, a slack ε at each tick relaxes the bound, and ζ ε² is added to the cost of the regulator.
+Constraints on commands can always be satisfied. A solution therefore always exists (P. O. M. Scokaert and J. B.
+Rawlings, "Feasibility issues in linear model predictive control", AIChE Journal 45(8), 1999).
 """
 
 from collections.abc import Iterator, Sequence
@@ -25,7 +26,7 @@ from drake_quad.control.mpc.prediction import Prediction, Response
 from drake_quad.geometry.per_axis import PerAxis
 from drake_quad.signals import Acceleration, Jerk, Reference, Snap
 
-# A regular polygon with this many sides m admits at least 98 % of the tilt in every direction.
+# Number m of sides of the polygon. With 16 sides, at least 98 % of the largest tilt is allowed in every direction.
 
 _NUM_POLYGON_SIDES = 16
 
@@ -37,7 +38,7 @@ class Corridor(NamedTuple):
         lower: lower walls along X, Y and Z, m; minus infinity for none.
         upper: upper walls along X, Y and Z, m; infinity for none.
         follows_reference: True if the walls are distances from the reference, False if they are positions in W.
-        weight: ζ, cost of being beyond a wall, relative to the regulator's cost of p².
+        weight: ζ, weight of the squared distance beyond a wall, relative to the regulator's cost p².
     """
 
     lower: PerAxis
@@ -80,10 +81,10 @@ class Constraint(NamedTuple):
     Attributes:
         free: (ticks, n) gains on the deviations ξ of all axes of a programme, one axis after another.
         forced: (ticks, commands) gains on the perturbations c of the commands of its axes, one axis after another.
-        bound: (ticks of the preview,) bound that the reference leaves.
+        bound: (ticks of the preview,) limit minus reference.
         shift: (3,) gains of the bound on the correction τ_f.
-        starts_next_tick: True if the first bound is that of the next tick (of states), False if of this tick (of
-            commands).
+        starts_next_tick: True if the first row applies to the next tick, as for states; False if it applies to the
+            current tick, as for commands.
         slack: slack of the constraint; None for a hard constraint.
     """
 
@@ -99,10 +100,10 @@ class Horizon(NamedTuple):
     """Preview and limits over the prediction horizon.
 
     Attributes:
-        numbers: numbers of the controller.
-        preview: reference at all ticks; its rows have the shape (ticks of the preview,).
+        numbers: parameters of the controller.
+        preview: reference at all ticks; its rows are arrays (ticks of the preview,).
         corridor: corridor for the vehicle.
-        tilt_weight: ζ of the tilt constraint, whose unit is g.
+        tilt_weight: ζ of the tilt constraint, for a slack in units of g.
         num_ticks: length of the horizon in ticks.
         tick: control period, s.
     """
@@ -118,7 +119,7 @@ class Horizon(NamedTuple):
 def horizontal_constraints(regulator: Regulator, horizon: Horizon) -> Iterator[Constraint]:
     """Yield the constraints along X and Y.
 
-    Snaps are relative to the largest, accelerations in g and positions in m.
+    Snaps are relative to the largest snap. Accelerations are in units of g, positions in m.
 
     Args:
         regulator: regulator of either axis.
@@ -146,7 +147,7 @@ def horizontal_constraints(regulator: Regulator, horizon: Horizon) -> Iterator[C
 
 
 def vertical_constraints(regulator: Regulator, horizon: Horizon) -> Iterator[Constraint]:
-    """Yield the constraints along Z; arguments and units are those of `horizontal_constraints`."""
+    """Yield the constraints along Z; arguments and units are as in `horizontal_constraints`."""
     limits, reference = horizon.numbers.thrust, horizon.preview.reference
     axis, forward = Prediction(regulator, horizon.num_ticks), _feed_forward(horizon)
     min_specific_thrust, max_specific_thrust = limits.min_thrust / limits.mass, limits.max_thrust / limits.mass
@@ -173,7 +174,7 @@ def _wall_constraints(
 
 
 def _feed_forward(horizon: Horizon) -> ChainCommands:
-    """Return the feed-forward commands; their rows have the shape (ticks of the preview,)."""
+    """Return the feed-forward commands, arrays (ticks of the preview,)."""
     reference, jerk, snap, before = horizon.preview
     acceleration = Acceleration(reference.a_x, reference.a_y, reference.a_z)
     return fed_forward(acceleration, jerk, snap, before, horizon.numbers, horizon.tick)
@@ -187,7 +188,7 @@ def _combined(
     shift: tuple[float, float, float] = (0.0, 0.0, 0.0),
     slack: SharedSlack | None = None,
 ) -> Constraint:
-    """Return a constraint of the same row of several axes, weighted by coefficients."""
+    """Return a constraint on the sum of a response over several axes, weighted by the coefficients."""
     free, forced = (
         np.hstack([coefficient * part for coefficient in coefficients]) for part in (response.free, response.forced)
     )

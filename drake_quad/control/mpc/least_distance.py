@@ -1,6 +1,7 @@
-"""Point of a polyhedron that is nearest to the origin, by Drake's MathematicalProgram.
+"""Computation of the point of a polyhedron that is nearest to the origin, with Drake's MathematicalProgram.
 
-C. L. Lawson and R. J. Hanson, "Solving least squares problems", 1974, chapter 23, call it least distance programming.
+This problem is called least distance programming (C. L. Lawson and R. J. Hanson, "Solving least squares problems",
+1974, chapter 23).
 """
 
 from typing import NamedTuple
@@ -8,12 +9,13 @@ from typing import NamedTuple
 import numpy as np
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
-# Tolerance on violated rows, relative to the largest violation at the origin, and on the signs of multipliers.
+# Tolerance on the violation of rows, relative to the largest violation at the origin, and on the signs of multipliers,
+# relative to the largest multiplier.
 _TOLERANCE = 1e-9
 
 
 class NearestPoint(NamedTuple):
-    """Nearest point.
+    """Point of the polyhedron that is nearest to the origin.
 
     Attributes:
         point: (variables,) nearest point v.
@@ -27,13 +29,13 @@ class NearestPoint(NamedTuple):
 class LeastDistance:
     """Minimisation of |v|² subject to G v <= h, for one G and many h.
 
-    The program is built once. Rows are added by groups: without rows the nearest point is the origin, and each solution
-    adds the groups of the rows that it violates. A solution that violates no row is the solution for all rows. The
-    active rows are then known, and the point is computed from them without the tolerance of the solver.
+    The program is built once. Rows are added in groups: without rows the nearest point is the origin, and after each
+    solution, the groups that contain violated rows are added. A solution that violates no row is the solution of the
+    whole problem. The point is then computed exactly from the active rows, without the tolerance of the solver.
 
     Args:
         rows: (rows, variables) matrix G.
-        group: number of consecutive rows in a group. Where one row is violated, its neighbours are likely to be, too.
+        group: number of consecutive rows in a group. If a row is violated, its neighbours are likely to be violated.
     """
 
     def __init__(self, rows: np.ndarray, *, group: int) -> None:
@@ -45,7 +47,7 @@ class LeastDistance:
         self._constraint = self._program.AddLinearConstraint(rows, -infinite, infinite, self._variables)
 
     def solve(self, bounds: np.ndarray) -> NearestPoint | None:
-        """Return the point of least |v|, or None if the solver fails.
+        """Return the point with the smallest |v|; None if the solver fails.
 
         Args:
             bounds: (rows,) bounds h.
@@ -63,14 +65,17 @@ class LeastDistance:
                 return None
             point, multipliers = result.GetSolution(self._variables), -result.GetDualSolution(self._constraint)
             binding = np.zeros(len(bounds), dtype=bool)
-            # The multiplier or the slack of each row is zero at the solution; the solver returns approximations of
-            # both.
+            # At the exact solution, the multiplier or the slack of each row is zero. The solver returns approximations
+            # of both, so a row counts as active if its multiplier is larger than its slack.
             binding[included] = multipliers > upper - rows @ point
             point = self._polished(point, bounds, included, binding)
         return NearestPoint(scale * point, binding)
 
     def _polished(self, point: np.ndarray, bounds: np.ndarray, included: np.ndarray, binding: np.ndarray) -> np.ndarray:
-        """Return the point at which the active rows hold exactly, if it satisfies the Karush-Kuhn-Tucker conditions."""
+        """Return the point at which the active rows are equalities, if it satisfies the Karush-Kuhn-Tucker conditions.
+
+        Otherwise the given point is returned.
+        """
         rows = self._rows[binding]
         exact, *_ = np.linalg.lstsq(rows, bounds[binding])
         multipliers, *_ = np.linalg.lstsq(rows.T, exact)

@@ -1,7 +1,7 @@
 """Prediction of a regulated axis over a horizon, from its state and from perturbations of its commands.
 
-With u = -K x + c and the regulator's gain K, a system x⁺ = A x + B u becomes x⁺ = (A - B K) x + B c. At the ticks k of
-the horizon every row of x and every u is
+With u = -K x + c and the regulator's gain K, a system x⁺ = A x + B u becomes x⁺ = (A - B K) x + B c. At tick k of the
+horizon, every component y of x, and also u, is
 
     y_k = F_k x_0 + Σ_i G_ki c_i
 
@@ -23,12 +23,12 @@ from drake_quad.control.lqg.design import Regulator
 
 
 class Response(NamedTuple):
-    """Response of a row over the horizon.
+    """Response of a state or of the command over the horizon.
 
     Attributes:
         free: (ticks, n) F, gains on the state of the axis.
         forced: (ticks, ticks) G, gains on the perturbations of the commands.
-        starts_next_tick: True if the first row is that of the next tick, False if that of this tick.
+        starts_next_tick: True if the first row applies to the next tick, False if it applies to the current tick.
     """
 
     free: np.ndarray
@@ -51,19 +51,19 @@ class Prediction:
         self._powers = list(itertools.islice(powers, num_ticks))
 
     def command(self) -> Response:
-        """Return the response of the command, from this tick on."""
+        """Return the response of the command, from the current tick on."""
         free = [-self._K @ power for power in self._powers]
         return Response(
             np.array(free), self._forced_response([1.0, *(row @ self._B for row in free)]), starts_next_tick=False
         )
 
     def state(self, number: int) -> Response:
-        """Return the response of a row of the state, from the next tick on."""
+        """Return the response of the state with the given index, from the next tick on."""
         rows = [power[number] for power in self._powers]
         free = np.array([row @ self._closed for row in rows])
         return Response(free, self._forced_response([row @ self._B for row in rows]), starts_next_tick=True)
 
     def _forced_response(self, impulse: list[float]) -> np.ndarray:
-        """Return G for an impulse response: a perturbation acts at its own tick and at all later ones."""
+        """Return G for an impulse response. A perturbation has an effect from its tick on."""
         zeros = np.zeros(len(self._powers))
         return np.array(scipy.linalg.toeplitz(impulse[: len(zeros)], zeros))

@@ -1,12 +1,12 @@
 """Quadratic programme of a model predictive controller, for one or two axes.
 
-The variables are perturbations c of the regulator's commands over the horizon, and slacks ε:
+The variables are the perturbations c of the regulator's commands over the horizon, and the slacks ε:
 
     minimise   Σ w c² + Σ ζ ε²    subject to    F ξ + G c - ε <= bound    at every tick
 
-With the w of `drake_quad.control.mpc.prediction` this is the regulator's own cost over infinite time (P. O. M. Scokaert
-and J. B. Rawlings, "Constrained linear quadratic regulation", IEEE Transactions on Automatic Control 43(8), 1998). If
-c = 0 violates no constraint, it is the solution.
+With the weight w of `drake_quad.control.mpc.prediction`, Σ w c² is the increase of the regulator's cost over an
+infinite horizon (P. O. M. Scokaert and J. B. Rawlings, "Constrained linear quadratic regulation", IEEE Transactions on
+Automatic Control 43(8), 1998). If c = 0 violates no constraint, it is the solution.
 """
 
 from collections.abc import Sequence
@@ -50,10 +50,10 @@ class Programme:
         self._first_commands, self._num_axes = slice(None, num_commands, num_ticks), num_commands // num_ticks
 
     def perturbations(self, tick: int, deviations: np.ndarray, correction: np.ndarray) -> np.ndarray:
-        """Return the perturbations (axes, N) of the commands of this tick, for N vehicles.
+        """Return the perturbations (axes, N) of the commands at this tick, for N vehicles.
 
-        With AutoDiffXd the derivatives are those for fixed active constraints. The perturbation is zero for a vehicle
-        without a solution or with values that are not finite.
+        With AutoDiffXd the derivatives are computed for fixed active constraints. The perturbation is zero for a
+        vehicle if the solver fails or if a value is NaN or infinite.
 
         Args:
             tick: number of the tick since time zero.

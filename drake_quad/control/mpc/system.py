@@ -32,21 +32,22 @@ class PredictiveProgramme(FleetSystem):
         output_ports:
         - perturbation
 
-    The system is used with a `LinearQuadraticGaussian`, whose ports of the same names it connects to. It has two
-    quadratic programmes, one for X and Y and one for Z (`drake_quad.control.mpc.programme`). They are built once, and
-    solved for each vehicle at the ticks at which the regulator alone would violate a limit. Otherwise the perturbation
-    is zero. The system has no state. With AutoDiffXd the derivatives are those for fixed active constraints.
+    The ports are connected to the ports of the same names of a `LinearQuadraticGaussian`. The system contains two
+    quadratic programmes, one for X and Y and one for Z (`drake_quad.control.mpc.programme`). They are built once. At
+    each tick, they are solved for those vehicles for which the unperturbed regulator would violate a limit; for other
+    vehicles the perturbation is zero. The system has no state. With AutoDiffXd the derivatives are computed for fixed
+    active constraints.
 
     Args:
         num_vehicles: number of vehicles N.
         tick: control period, s.
         num_ticks: length of the horizon in ticks.
-        believed: numbers of the regulator, the same for all vehicles.
+        believed: parameters of the regulator, the same for all vehicles.
         lateral: regulator along X and along Y.
         vertical: regulator along Z.
         preview: reference at each tick; the last one is repeated.
         corridor: corridor for the vehicle.
-        tilt_weight: cost of exceeding the tilt limit by g at a tick.
+        tilt_weight: weight ζ of the squared excess over the tilt limit at a tick, in units of g.
     """
 
     def declare(

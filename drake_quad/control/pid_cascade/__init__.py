@@ -1,1 +1,1 @@
-"""Cascades of PIDs on position and velocity, as flight controllers have them."""
+"""Cascades of PIDs on position and velocity, as in flight controllers."""

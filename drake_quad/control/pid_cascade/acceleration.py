@@ -1,9 +1,9 @@
 """Velocity loop that commands an acceleration, as in PX4.
 
-The output is an acceleration along the axes of W, to which the acceleration of the reference is added. Thrust and
-attitude follow from the thrust vector, whose tilt and length are limited. Integrals do not wind up at these limits
-(`PositionControl.cpp` of PX4 1.15; PX4 User Guide, "Controller diagrams: multicopter position controller", docs.px4.io;
-anti-windup by L. Rundqwist, "Anti-reset windup for PID controllers", IFAC World Congress 1990).
+The loop commands an acceleration along the axes of W, to which the acceleration of the reference is added. Thrust and
+attitude are computed from the required thrust vector, whose tilt and magnitude are limited. Integrals do not wind up at
+these limits (`PositionControl.cpp` of PX4 1.15; PX4 User Guide, "Controller diagrams: multicopter position controller",
+docs.px4.io; anti-windup by L. Rundqwist, "Anti-reset windup for PID controllers", IFAC World Congress 1990).
 """
 
 from typing import Any
@@ -17,10 +17,10 @@ from drake_quad.signals import AttitudeTarget, Reference, Row, State, Time, Velo
 
 
 def limited_velocity(first: tuple[Row, Row], second: tuple[Row, Row], largest: VelocityW) -> tuple[Row, Row]:
-    """Return the sum of two horizontal velocities, saturated so that the first has priority.
+    """Return the sum of two horizontal velocities, saturated such that the first velocity has priority.
 
-    If the first velocity alone is too large, it is shortened and the second is ignored. Otherwise the second one is
-    shortened until the sum has the largest size: |v₁ + s v₂ / |v₂|| = v_max.
+    If the first velocity exceeds the limit, it is scaled down to the limit and the second is ignored. Otherwise the
+    second velocity is scaled down until the magnitude of the sum is at most the limit: |v₁ + s v₂ / |v₂|| = v_max.
     """
     (x_1, y_1), (x_2, y_2) = first, second
     size_1 = sqrt(x_1 * x_1 + y_1 * y_1 + TINY)
@@ -28,7 +28,7 @@ def limited_velocity(first: tuple[Row, Row], second: tuple[Row, Row], largest: V
     along = (x_1 * x_2 + y_1 * y_2) / size_2
     remaining_squared = maximum(largest * largest - size_1 * size_1, 0.0)
     share_2 = minimum((sqrt(along * along + remaining_squared + TINY) - along) / size_2, 1.0)
-    # A first velocity of at least the largest size leaves no room for the second one.
+    # If the first velocity reaches the limit, the second is ignored.
     exhausted = size_1 >= largest
     share_1 = where(exhausted, largest / size_1, 1.0)
     share_2 = where(exhausted, 0.0, share_2)
@@ -45,7 +45,7 @@ def acceleration_target(
 ) -> tuple[AttitudeTarget, CascadeMemory]:
     """Return the target of a velocity loop that commands an acceleration, and the next state of the loops.
 
-    Arguments are those of `tilt_target`.
+    The arguments are as in `tilt_target`, except that `numbers` contains `AccelerationNumbers`.
     """
     command: Any = numbers.command
     feedback, position = step_loops(
@@ -67,7 +67,7 @@ def acceleration_target(
     tilt = tilt_of(in_heading(force, *sin_cos(r.yaw)))
     roll, pitch = attitude_of(tilt)
     (sin_roll, cos_roll), (sin_pitch, cos_pitch) = sin_cos(m.roll), sin_cos(m.pitch)
-    # The commanded body rates are the yaw rate about Z, along the measured axes of the body.
+    # The commanded angular velocity is the yaw rate about Z, expressed along the measured axes of the body.
     level = r.yaw_rate * cos_pitch
     rates = -r.yaw_rate * sin_pitch, level * sin_roll, level * cos_roll
     first, second, third = velocity
@@ -83,7 +83,7 @@ def _velocity_loop(
     memories: Memories,
     period: Time,
 ) -> tuple[Vector, list[Memory]]:
-    """Return the acceleration that the velocity loop commands, m/s², and its state before its integrals are updated."""
+    """Return the acceleration that the velocity loop commands, m/s², and the loop's state without updated integrals."""
     command: Any = numbers.command
     axes = zip(
         *((r.a_x, r.a_y, r.a_z), (m.v_x, m.v_y, m.v_z), setpoint, error),
@@ -115,13 +115,13 @@ def _integrated(memory: Memory, error: Row, terms: Terms | None, period: Time) -
 def _limited_force(
     acceleration: Vector, error: Vector, numbers: CascadeNumbers, rules: CascadeRules
 ) -> tuple[Vector, Vector]:
-    """Return the commanded thrust in W, N, and the velocity error for the integrals, m/s."""
+    """Return the limited thrust vector in W, N, and the velocity error for the integrals, m/s."""
     command: Any = numbers.command
     mass, gravity = numbers.mass, numbers.gravity
     a_x, a_y, a_z = acceleration
     up = gravity if rules.decouples_vertical else maximum(gravity + a_z, TINY)
     level_squared = a_x * a_x + a_y * a_y
-    # This is the ratio of horizontal to vertical thrust, per unit of horizontal acceleration.
+    # `slope` is the ratio of horizontal to vertical thrust, divided by the horizontal acceleration.
     slope = minimum(1.0 / up, command.slope / sqrt(level_squared + TINY))
     length = sqrt(1.0 + slope * slope * level_squared)
     f_z = maximum(mass * (gravity + a_z) * length, command.min_thrust) / length

@@ -21,11 +21,11 @@ class PidLoopGains(NamedTuple):
 
 
 class TiltNumbers(NamedTuple):
-    """Thrust of a cascade that commands roll and pitch.
+    """Thrust parameters of a cascade that commands roll and pitch.
 
     Attributes:
-        hover_thrust: thrust for zero output of the vertical velocity loop.
-        min_thrust: least thrust.
+        hover_thrust: thrust if the output of the vertical velocity loop is zero.
+        min_thrust: smallest thrust.
         max_thrust: largest thrust.
     """
 
@@ -43,7 +43,7 @@ class AccelerationNumbers(NamedTuple):
         max_ascent: largest commanded velocity upwards.
         max_descent: largest commanded velocity downwards.
         slope: tangent of the largest tilt.
-        min_thrust: least thrust.
+        min_thrust: smallest thrust.
         max_thrust: largest thrust.
         horizontal_margin: horizontal thrust that remains available when the vertical thrust saturates.
     """
@@ -63,12 +63,13 @@ class CascadeNumbers(NamedTuple):
 
     Attributes:
         position: gains of the position loop, from m to m/s.
-        velocity: gains of the velocity loop, from m/s to m/s², or to rad on the two horizontal axes if it commands a
-            tilt.
-        velocity_feed_forward: factor on the velocity of the reference, which is added to the commanded velocity.
+        velocity: gains of the velocity loop, from m/s to m/s²; on the two horizontal axes from m/s to rad if the loop
+            commands a tilt.
+        velocity_feed_forward: factor by which the velocity of the reference is multiplied before it is added to the
+            commanded velocity.
         mass: mass of the nominal vehicle.
         gravity: g of the nominal model.
-        command: parameters of the velocity loop's law. Their type selects the law.
+        command: parameters of the law of the velocity loop. The type of this record selects the law.
     """
 
     position: PidLoopGains
@@ -83,9 +84,9 @@ class CascadeRules(NamedTuple):
     """Variants of the laws.
 
     Attributes:
-        position_integrates_first: True if the integral in the output of the position loop includes the error of this
-            tick.
-        velocity_integrates_first: the same for the velocity loop if it commands a tilt.
+        position_integrates_first: True if the integral in the output of the position loop includes the error of the
+            current tick.
+        velocity_integrates_first: the same for a velocity loop that commands a tilt.
         decouples_vertical: True if the commanded vertical acceleration does not change the tilt.
     """
 
@@ -125,7 +126,7 @@ def step_loops(
         gains: gains of the loop.
         memories: state of the loop.
         period: period of the loop, s.
-        integrates_first: True if the integral in the output includes the error of this tick.
+        integrates_first: True if the integral in the output includes the error of the current tick.
     """
     terms = gains.terms or (None, None, None)
     axes = zip(setpoint, measured, gains.k_p, terms, memories, strict=True)

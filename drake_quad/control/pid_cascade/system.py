@@ -1,4 +1,4 @@
-"""The system `PidCascade`, whose loops may be slower than the control period."""
+"""System `PidCascade`, whose loops may run at a lower rate than the control ticks."""
 
 from typing import Any, NamedTuple
 
@@ -25,7 +25,7 @@ class CascadeState(NamedTuple):
     """State of a cascade.
 
     Attributes:
-        ticks: ticks since the target was computed; None if it is computed at every tick.
+        ticks: number of ticks since the target was computed; None if it is computed at every tick.
         target: target that is held until the next computation; None if it is computed at every tick.
         memory: state of the loops.
     """
@@ -60,7 +60,7 @@ def step_cascade(
         numbers: parameters of the cascade.
         held: state before the tick; None if the cascade has no state.
         tick: control period, s.
-        num_ticks: number of ticks between two computations of the loops.
+        num_ticks: period of the loops in ticks.
         rules: variants of the laws.
     """
     memory = empty_memory(numbers) if held is None else held.memory
@@ -96,7 +96,7 @@ def _after(*reads: Any) -> CascadeState:
 
 @fleet_system(float, AutoDiffXd)
 class PidCascade(FleetSystem):
-    """PIDs on position and velocity that command the attitude to an autopilot on board.
+    """PIDs on position and velocity that command an attitude, for an autopilot on board.
 
     .. pydrake_system::
 
@@ -108,20 +108,21 @@ class PidCascade(FleetSystem):
         - attitude_target
         - acceleration_command
 
-    The position loop turns the position error into a velocity. The velocity loop turns the velocity error into an
+    The position loop converts the position error to a velocity. The velocity loop converts the velocity error to an
     attitude and a thrust, by the law of `drake_quad.control.pid_cascade.tilt` or of
-    `drake_quad.control.pid_cascade.acceleration`. The loops of attitude and body rates are on board.
+    `drake_quad.control.pid_cascade.acceleration`. The loops for attitude and body rates are on board.
     `acceleration_command` is the acceleration of the nominal vehicle at the commanded attitude and thrust.
 
-    The loops are computed at every `num_ticks`-th tick. Between these ticks `attitude_target` is held, except that the
-    yaw of a law that commands a tilt is always that of the reference.
+    The loops are computed at every `num_ticks`-th tick. Between these ticks `attitude_target` is held. If the velocity
+    loop commands a tilt, the yaw is not held but is the yaw of the reference at every tick.
 
-    The state `held` exists if the cascade has any state. The only parameter of the context is `numbers`.
+    The state `held` exists if a loop has a memory or the target is held. The only parameter of the context is
+    `numbers`.
 
     Args:
         num_vehicles: number of vehicles N.
         tick: control period, s.
-        num_ticks: number of ticks between two computations of the loops.
+        num_ticks: period of the loops in ticks.
         rules: variants of the laws.
         numbers: gains, limits, and parameters of the nominal vehicle.
     """

@@ -1,8 +1,8 @@
 """Velocity loop that commands roll and pitch, as in the Crazyflie's firmware.
 
-Along the axes of the heading, the output of the velocity loop is the pitch and, with the opposite sign, the roll. Along
-z it is an acceleration, which changes the hover thrust. Each output has its own limit (Bitcraze,
-crazyflie-firmware 2025.12, `position_controller_pid.c`).
+The loop acts along the axes of the heading frame. Its output along x is the pitch, its output along y is minus the
+roll, and its output along z is an acceleration, which changes the thrust relative to hover. Each output is limited
+separately (Bitcraze, crazyflie-firmware 2025.12, `position_controller_pid.c`).
 """
 
 from typing import Any

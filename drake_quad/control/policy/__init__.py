@@ -1,1 +1,1 @@
-"""Trained policies: networks, their observations, and the meaning of their actions."""
+"""Trained policies: networks, their observations, and the conversion of their actions to commands."""

@@ -1,4 +1,4 @@
-"""Commands that the actions of a policy stand for. Actions are numbers from -1 to 1; larger ones are saturated."""
+"""Conversion of the actions of a policy to commands. Actions are saturated at -1 and 1."""
 
 from typing import NamedTuple
 
@@ -30,7 +30,7 @@ from drake_quad.signals import (
 
 
 class PerRotor(NamedTuple):
-    """Wrench of each rotor divided by its squared speed."""
+    """Wrench of each rotor divided by its squared speed, in N s² and N m s²."""
 
     rotor_1: Wrench
     rotor_2: Wrench
@@ -59,7 +59,7 @@ class AttitudeScale(NamedTuple):
     Attributes:
         thrust: range of the thrust, for the first row of an action.
         tilt: roll and pitch for 1 in the second and third row.
-        yaw: yaw relative to that of the reference for 1 in the fourth row.
+        yaw: yaw relative to the yaw of the reference for 1 in the fourth row.
     """
 
     thrust: ThrustRange
@@ -68,12 +68,12 @@ class AttitudeScale(NamedTuple):
 
 
 class RatesScale(NamedTuple):
-    """Thrust and body rates for actions of -1 and 1, and the body rate loop on the ground.
+    """Thrust and body rates for actions of -1 and 1, and parameters of the body rate loop on the ground.
 
     Attributes:
         thrust: range of the thrust, for the first row of an action.
         rates: body rates for 1 in the other rows.
-        gains: angular acceleration per body rate error, 1/s.
+        gains: ratio of angular acceleration to body rate error, 1/s.
         i_xx: moment of inertia of the nominal vehicle about x_B.
         i_yy: moment of inertia of the nominal vehicle about y_B.
         i_zz: moment of inertia of the nominal vehicle about z_B.
@@ -102,8 +102,8 @@ class SpeedScale(NamedTuple):
 
 
 def saturated(action: Row) -> Row:
-    """Return an action saturated at -1 and 1; NaN if it is NaN or infinite, so that the flight ends there."""
-    # Comparisons with NaN are false, so that saturation alone would turn NaN into -1 or 1. 0 · NaN and 0 · ∞ are NaN.
+    """Return an action saturated at -1 and 1; NaN if the action is NaN or infinite, so that the flight ends."""
+    # Comparisons with NaN are false, so that saturation would convert NaN to -1 or 1. 0 · NaN and 0 · ∞ are NaN.
     return minimum(maximum(action, -1.0), 1.0) + 0.0 * action
 
 
@@ -176,7 +176,7 @@ def rates_from_the_ground(action: Action, measurement: State, scale: RatesScale)
 
 
 def wrench_of_speeds(action: Action, scale: SpeedScale, order: tuple[int, ...]) -> Wrench:
-    """Return the wrench of the nominal vehicle for the commanded rotor speeds; allocation turns it into these speeds.
+    """Return the wrench of the nominal vehicle at the commanded rotor speeds; allocation converts it back.
 
     Args:
         action: four rows.

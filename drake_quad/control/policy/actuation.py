@@ -1,6 +1,7 @@
-"""Systems that turn the actions of a policy into commands, one for each kind of action and each controlling side.
+"""Systems that convert the actions of a policy to commands.
 
-The equations are in `drake_quad.control.policy.actions`. The only parameter of the context is `scale`.
+There is one system for each type of action, and two for body rates, with the rate loop on the ground or on board. The
+equations are in `drake_quad.control.policy.actions`. The only parameter of the context is `scale`.
 """
 
 from drake_quad.control.policy.actions import (
@@ -69,8 +70,8 @@ class AttitudeActuation(FleetSystem):
         output_ports:
         - thrust_and_attitude
 
-    The yaw of the action is relative to that of the `reference`. The output packs the signals of `Vectored`, with zero
-    body rates and angular accelerations.
+    The yaw of the action is relative to the yaw of the `reference`. The output packs the signals of `Vectored`, with
+    zero body rates and angular accelerations.
 
     Args:
         num_vehicles: number of vehicles N.
@@ -143,7 +144,7 @@ class RotorSpeedActuation(FleetSystem):
         output_ports:
         - wrench
 
-    The allocation on board turns this wrench into the same speeds.
+    The allocation on board converts this wrench back to the same speeds.
 
     Args:
         num_vehicles: number of vehicles N.

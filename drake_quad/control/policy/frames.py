@@ -4,8 +4,9 @@
     heading              W rotated about Z by the vehicle's yaw: x is the heading of the vehicle
     reference_heading    W rotated about Z by the reference's yaw: x is the heading of the reference
 
-A policy that was trained with the reference at yaw 0 does not generalise to another yaw, unless its observations and
-actions are in `reference_heading`: they do not change when vehicle and reference are rotated together about Z.
+A policy that was trained with a reference at yaw 0 does not generalise to another yaw, unless its observations and
+actions are in `reference_heading`. In this frame, they do not change when vehicle and reference are rotated together
+about Z.
 """
 
 from typing import Literal

@@ -4,9 +4,9 @@
     GRU       r = s(W_r x + b_r + U_r h + c_r),  z = s(W_z x + b_z + U_z h + c_z)
               n = tanh(W_n x + b_n + r (U_n h + c_n)),  h' = z h + (1 - z) n
 
-with the logistic function s and an activation σ. The unit is that of K. Cho et al., "Learning phrase representations
-using RNN encoder-decoder for statistical machine translation", 2014. The reset gate r is applied after the product, as
-in PyTorch, TensorFlow and ONNX (`linear_before_reset`).
+with the logistic function s and an activation σ. The gated recurrent unit (GRU) is from K. Cho et al., "Learning phrase
+representations using RNN encoder-decoder for statistical machine translation", 2014. The reset gate r is applied after
+the product with U_n, as in PyTorch, TensorFlow and ONNX (`linear_before_reset`).
 """
 
 import math
@@ -22,7 +22,7 @@ Activation = Literal["identity", "relu", "tanh", "sigmoid", "elu", "silu", "leak
 _ROOT_OF_HALF = math.sqrt(0.5)
 _ROOT_OF_2_OVER_PI = math.sqrt(2.0 / math.pi)
 GELU_CUBE = 0.044715
-"""Coefficient of the third power in the approximation of GELU (Hendrycks and Gimpel, 2016)."""
+"""Coefficient of the cubic term in the approximation of GELU (Hendrycks and Gimpel, 2016)."""
 
 
 def relu(x: Row) -> Row:
@@ -75,7 +75,7 @@ class Dense(NamedTuple):
     Attributes:
         matrix: weights W and biases b.
         activation: name of the activation σ.
-        alpha: parameter α of the activation; None for its default.
+        alpha: parameter α of the activation; None for the default value of this activation.
     """
 
     matrix: Matrix
@@ -93,8 +93,8 @@ class Gru(NamedTuple):
     """Layer of gated recurrent units.
 
     Attributes:
-        of_input: W and b of r, z and n, one after another.
-        of_memory: U and c of r, z and n, one after another.
+        of_input: W and b of r, z and n, stacked in this order.
+        of_memory: U and c of r, z and n, stacked in this order.
         initial: (units,) initial memory h.
     """
 
@@ -109,9 +109,9 @@ class Network(NamedTuple):
     Attributes:
         layers: layers, from the input to the output.
         num_inputs: number of rows of the input.
-        offset: subtracted from the rows of the input; None for zero.
-        scale: factors on the rows after subtraction; None for one.
-        limit: largest absolute value of the scaled rows; None for no limit.
+        offset: (num_inputs,) offsets that are subtracted from the input; None for zeros.
+        scale: (num_inputs,) factors by which the difference is multiplied; None for ones.
+        limit: largest absolute value of the scaled input; None for no limit.
     """
 
     layers: tuple[Dense | Gru, ...]
@@ -148,9 +148,9 @@ def evaluate_network(network: Network, inputs: Sequence[Row], memory: Sequence[S
     """Evaluate a network for one input.
 
     Args:
-        network: network of constants.
+        network: network to evaluate.
         inputs: rows of the input.
-        memory: present memory of each recurrent layer.
+        memory: current memory of each recurrent layer.
     """
     rows = _scaled_input(network, inputs)
     remembered: list[tuple[Row, ...]] = []

@@ -1,6 +1,6 @@
-"""Observations of a policy: rows of named signals at the present tick and at earlier ticks.
+"""Observations of a policy: rows of named signals at the current tick and at earlier ticks.
 
-Vectors are expressed along the axes of a frame of `drake_quad.control.policy.frames`, or along those of B (`body`).
+Vectors are expressed in a frame of `drake_quad.control.policy.frames` or in B (`body`).
 """
 
 from collections.abc import Callable
@@ -20,14 +20,14 @@ class Observables(NamedTuple):
     Attributes:
         state: measured or true state of the vehicle.
         reference: reference that the vehicle follows.
-        ahead: future positions of the reference, X, Y and Z of one time after another, m.
+        ahead: future positions of the reference, m: X, Y and Z for the first time, then for the next times.
         rotor_speed: rotor speeds; None if the observation does not contain them.
         wind: velocity of the air; None if the observation does not contain it.
         action: last action.
         clearance: distance to the nearest obstacle, m; None if the observation does not contain it.
         top_speed: largest rotor speed, rad/s.
         axes: axes of the frame in W; None for W itself.
-        attitude: axes of the vehicle along those of the frame.
+        attitude: axes of the vehicle along the axes of the frame; along the axes of W if the frame is B.
     """
 
     state: State
@@ -121,7 +121,7 @@ class ObservableSignal(NamedTuple):
 
     Attributes:
         rows: number of rows; None if it depends on the policy.
-        of: function from all quantities to the rows of the signal.
+        of: function that returns the rows of the signal, given all observable quantities.
         meaning: description with unit.
     """
 
@@ -159,7 +159,7 @@ OBSERVABLE_SIGNALS = {
     "clearance": ObservableSignal(1, _clearance, "distance between the vehicle's sphere and the nearest obstacle (m)"),
     "action": ObservableSignal(None, _action, "last output of the policy, not saturated at -1 and 1 (1)"),
 }
-"""Signals that an observation can contain, by name. Vectors are along the axes of the frame unless stated otherwise."""
+"""Signals that an observation can contain, by name. Vectors are expressed in the frame unless stated otherwise."""
 
 
 class ObservationSpec(NamedTuple):
@@ -167,9 +167,9 @@ class ObservationSpec(NamedTuple):
 
     Attributes:
         signals: names from `OBSERVABLE_SIGNALS`, in the order of the rows.
-        frame: frame along whose axes vectors are expressed.
-        history: number of ticks in the observation, including the present one.
-        turn: rotation about z from x_B to the front of the policy, rad; it also rotates all frames except W.
+        frame: frame in which vectors are expressed.
+        history: number of ticks in the observation, including the current tick.
+        turn: angle about z from x_B to the forward direction of the policy, rad; it also rotates all frames except W.
     """
 
     signals: tuple[str, ...]
@@ -189,8 +189,8 @@ class ObservationNumbers(NamedTuple):
     """Parameters of an observation.
 
     Attributes:
-        top_speed: largest rotor speed, by which rotor speeds are divided.
-        initial_action: last action at the first tick.
+        top_speed: largest rotor speed, by which observed rotor speeds are divided.
+        initial_action: value of the last action at the first tick.
     """
 
     top_speed: RotorRate
@@ -213,7 +213,7 @@ def observed(
     Args:
         state: measured or true state of the vehicle.
         reference: reference that the vehicle follows.
-        ahead: future positions of the reference, X, Y and Z of one time after another.
+        ahead: future positions of the reference: X, Y and Z for the first time, then for the next times.
         rotor_speed: rotor speeds; None if the observation does not contain them.
         wind: velocity of the air; None if the observation does not contain it.
         action: last action.
@@ -237,7 +237,7 @@ def observed(
 
 
 def _with_policy_axes(state: State, spec: ObservationSpec) -> tuple[State, BodyAxes]:
-    """Return the state and the body axes, rotated about z_B to the front of the policy."""
+    """Return the state with body rates along the axes of the policy, and these axes, rotated from B about z_B."""
     body = BodyAxes.of(state.roll, state.pitch, state.yaw)
     if spec.turn == 0.0:
         return state, body

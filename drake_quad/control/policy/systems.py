@@ -1,4 +1,4 @@
-"""A policy in the loop: observation, network, and actuation.
+"""Systems of a control by a policy: observation, network, and actuation.
 
 The observation can contain the last action:
 
@@ -22,24 +22,24 @@ from drake_quad.framework.records import rows_layout
 from drake_quad.framework.wiring import build, connect_inputs, split_output
 from drake_quad.signals import Row
 
-# These ports of the subsystems become input ports of the diagram.
+# Input ports of the subsystems that become input ports of the diagram.
 _INPUTS = ("measurement", "reference", "reference_ahead", "rotor_speed", "wind")
 
 
 def observation_with_past(past: tuple[Row, ...], *observation_inputs: Any) -> tuple[Row, ...]:
-    """Return the present observation, with arguments of `observed`, followed by the earlier ones."""
+    """Return the current observation, computed by `observed`, followed by the earlier observations."""
     return (*observed(*observation_inputs), *past)
 
 
 def initial_past(times: int, *observation_inputs: Any) -> tuple[Row, ...]:
-    """Return the initial past: the first observation, repeated."""
+    """Return the initial earlier observations, which are copies of the first observation."""
     return observed(*observation_inputs) * times
 
 
 def next_observation_states(
     action: tuple[Row, ...], past: tuple[Row, ...], *observation_inputs: Any
 ) -> tuple[tuple[Row, ...], tuple[Row, ...]]:
-    """Return the last action and the past at the next tick: the present observation, and all but the oldest one."""
+    """Return the last action and the earlier observations at the next tick; the oldest observation is dropped."""
     return action, observation_with_past(past, *observation_inputs)[: len(past)]
 
 
@@ -60,10 +60,11 @@ class Observation(FleetSystem):
         output_ports:
         - observation
 
-    The rows are those of `drake_quad.control.policy.observation.OBSERVABLE_SIGNALS`. Those of the present tick come
-    first, followed by earlier ticks, the most recent one first. At the first tick the earlier ones equal the first.
-    `measurement` is the measured or the true state of the vehicle. `action` is the output of the policy, which is
-    observed at the next tick. The last three ports exist if the observation contains their signals.
+    The signals are described in `drake_quad.control.policy.observation.OBSERVABLE_SIGNALS`. The rows of the current
+    tick come first, followed by the rows of earlier ticks, the most recent tick first. At the first tick, all earlier
+    observations equal the first. `measurement` is the measured or the true state of the vehicle. `action` is the output
+    of the policy, which is observed at the next tick. The last three ports exist if the observation contains these
+    signals.
 
     The states are `last_action` and, with a history, `past`; the only parameter of the context is `numbers`.
 
@@ -72,7 +73,7 @@ class Observation(FleetSystem):
         period: tick period, s.
         spec: specification of the observation.
         num_actions: number of rows of an action.
-        num_ahead: number of times at which the future reference is observed.
+        num_ahead: number of future times at which the reference is observed.
         clearance: function of X, Y and Z (m) that returns the distance to the nearest obstacle, m; None if the
             observation does not contain it.
         numbers: parameters of the vehicle.
@@ -124,7 +125,7 @@ def memory_of(
 
 @fleet_system(float, AutoDiffXd)
 class Policy(FleetSystem):
-    """Trained network: from an observation to an action.
+    """Trained network that computes an action from an observation.
 
     .. pydrake_system::
 
@@ -134,8 +135,8 @@ class Policy(FleetSystem):
         output_ports:
         - action
 
-    The equations are in `drake_quad.control.policy.network`. If the network has recurrent units, the state `memory`
-    holds their memory.
+    The equations are in `drake_quad.control.policy.network`. If the network contains recurrent units, their memory is
+    the state `memory`.
 
     Args:
         num_vehicles: number of vehicles N.
@@ -176,13 +177,12 @@ def build_policy_control(
         - wrench
 
     With an autopilot on board the output `attitude_target` replaces `wrench`. A commanded acceleration or attitude is
-    also an output. There is an input for each signal of the observation, including `state` if it uses the true state,
-    and `action` if there is no policy.
+    also an output. There is an input for each signal of the observation, including `state` if the observation uses the
+    true state, and an input `action` if there is no policy.
 
     Args:
         observation: an `Observation`.
-        policy: a `Policy`, or a system with its ports; None if actions come from outside, through the input port
-            `action`.
+        policy: a `Policy`, or a system with the same ports; None if actions are given through the input port `action`.
         actuation: a system of `drake_quad.control.policy.actuation`.
         sees: signal that is connected to the port `measurement` of the observation.
         thrust_vectoring: a `ThrustVectoring` if an acceleration is commanded, else None.
@@ -191,7 +191,7 @@ def build_policy_control(
     builder = DiagramBuilder()
     builder.AddNamedSystem("observation", observation)
     if policy is None:
-        # The actions from outside are an output of the diagram, like those of a policy.
+        # The given actions are an output of the diagram, like the actions of a policy.
         policy = builder.AddNamedSystem("action", PassThrough(observation.GetInputPort("action").size()))
         builder.ExportInput(policy.get_input_port(), "action")
     else:

@@ -22,9 +22,9 @@ _MAX_UNITS = 65535.0
 _THRUST_SCALE = 1000.0
 # Factor by which the outputs of the position loop may exceed the largest velocity.
 _VELOCITY_LIMIT_FACTOR = 1.1
-# Least limit of the velocity along Z, m/s.
+# Smallest limit on the velocity along Z, m/s.
 _MIN_CLIMB = 0.5
-# Limits of integrals, in the unit of the error times s (pid.h, platform_defaults_cf2.h).
+# Limits on integrals of the error, in the unit of the error times s (pid.h, platform_defaults_cf2.h).
 _INTEGRAL_LIMIT = 5000.0
 _ATTITUDE_INTEGRAL_LIMITS = (20.0, 20.0, 360.0)
 _RATE_INTEGRAL_LIMITS = (33.3, 33.3, 166.7)
@@ -143,12 +143,12 @@ def _loop(
     integral_limits: Any,
     cutoffs: Any,
 ) -> dict[str, Any]:
-    """Return the fields of a PID, including those of each term with a nonzero gain.
+    """Return the fields of a PID, including the fields of every term with a nonzero gain.
 
     Args:
         gains: gains of the firmware.
         scales: scenario units per unit of the firmware's output.
-        integral_limits: largest integrals of the error, in its unit times s.
+        integral_limits: largest integrals of the error, in the unit of the error times s.
         cutoffs: cutoff frequencies of the derivatives' filters, Hz; None without filters.
     """
     scaled = {term: [gain * scale for gain, scale in zip(each, scales, strict=True)] for term, each in gains.items()}

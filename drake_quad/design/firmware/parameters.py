@@ -17,7 +17,7 @@ from drake_quad.identification.logs.source import read_file
 
 Firmware = Literal["crazyflie", "px4"]
 
-# A line has a name and a number, in the columns of QGroundControl or next to each other.
+# A line contains a name and a number, either in the columns of QGroundControl or next to each other.
 _NAME_AND_NUMBER = re.compile(r"(?:^|[\s,])([A-Za-z]\w*(?:\.\w+)?)[\s:=,]+([-+]?(?:\.?\d|nan|inf)[^\s,]*)")
 _PARAMETER_GROUPS = {"crazyflie": "posCtlPid, velCtlPid, pid_attitude and pid_rate", "px4": "MPC_* and MC_*"}
 
@@ -26,9 +26,9 @@ class FirmwareParameters(NamedTuple):
     """Parameters of the controllers of a vehicle.
 
     Attributes:
-        firmware: firmware that they belong to.
+        firmware: firmware of the vehicle.
         values: values of all parameters of the controllers, by name.
-        missing: names of the parameters that the file does not contain; they have the defaults of the firmware.
+        missing: names of the parameters that the file does not contain; their values are the firmware's defaults.
     """
 
     firmware: Firmware
@@ -51,7 +51,7 @@ def read_parameters(path: Path) -> FirmwareParameters:
         path: path of the file.
 
     Raises:
-        InputError: if the file cannot be read, or has no parameter of either firmware.
+        InputError: if the file cannot be read, or contains no parameter of either firmware.
     """
     log = read_file(path)
     if log.data.startswith(MAGIC):
@@ -70,7 +70,7 @@ def read_parameters(path: Path) -> FirmwareParameters:
             missing = tuple([name for name in defaults if name not in given])
             return FirmwareParameters(firmware, defaults | given, missing)
     groups = " nor ".join(_PARAMETER_GROUPS.values())
-    raise InputError(f"{path}: not a parameter file of PX4 or of a Crazyflie: it has neither {groups}")
+    raise InputError(f"{path}: not a parameter file of PX4 or of a Crazyflie: it contains neither {groups}")
 
 
 @functools.cache
@@ -98,7 +98,7 @@ def _in_client_file(path: Path, text: str) -> dict[str, float]:
         raise InputError(f"{path}: not a YAML file: {str(error).splitlines()[0]}") from None
     states = tree.get("params") if isinstance(tree, dict) else None
     if not isinstance(states, dict):
-        raise InputError(f"{path}: `params` is missing; a parameter file of the Crazyflie's client has it")
+        raise InputError(f"{path}: `params` is missing; a parameter file of the Crazyflie's client contains it")
     values = {}
     for name, state in states.items():
         if isinstance(state, dict):

@@ -14,13 +14,14 @@ import numpy as np
 
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
-# Horizontal integrals of the velocity loop are limited by anti-windup only. This limit is never reached, m/s².
+# Limit on the horizontal integrals of the velocity loop, m/s². PX4 limits them by anti-windup only, so that this value
+# is never reached.
 _NO_LIMIT = 1000.0
 # Body rate error at which the rate loop stops integrating (rate_control.cpp), rad/s.
 _INTEGRAL_FADE = math.radians(400.0)
 _AXES = ("ROLL", "PITCH", "YAW")
 _INTEGRAL_LIMITS = ("MC_RR_INT_LIM", "MC_PR_INT_LIM", "MC_YR_INT_LIM")
-# Longest period of the fastest loop on board, s. All periods are this one divided by powers of two.
+# Longest period of the fastest loop on board, s. All periods are 20 ms divided by powers of two.
 _LINK_PERIOD = 0.02
 # Standard gravity in PX4 (CONSTANTS_ONE_G), m/s².
 _GRAVITY = 9.80665
@@ -30,7 +31,8 @@ def torque_units(nominal: QuadrotorParameters, hover_thrust: float) -> tuple[flo
     """Return the torques about x, y, z for a normalised torque of 1, N m.
 
     The mixer is the pseudo-inverse of the rotors' effectiveness matrix, with scaled columns. The scale of roll and
-    pitch is the larger of their root mean squares times √2, that of yaw its largest entry.
+    pitch is the larger of the root mean squares of their columns, times √2. The scale of yaw is the largest entry of
+    its column.
 
     Args:
         nominal: parameters of the nominal vehicle.
@@ -97,7 +99,7 @@ def px4_layer(values: Mapping[str, float], nominal: QuadrotorParameters) -> dict
 def gyroscope_period(values: Mapping[str, float]) -> float:
     """Return the period of the loops on board, s.
 
-    It is that of IMU_GYRO_RATEMAX, rounded to the nearest period that is 20 ms divided by a power of two.
+    The period is 1 / IMU_GYRO_RATEMAX, rounded to the nearest period that is 20 ms divided by a power of two.
     """
     halvings = round(math.log2(_LINK_PERIOD * values["IMU_GYRO_RATEMAX"])) if values["IMU_GYRO_RATEMAX"] > 0.0 else 3
     return _LINK_PERIOD / 2.0 ** max(0, halvings)

@@ -15,7 +15,8 @@ class FlightFormat(NamedTuple):
         help: help text of the option.
         file_name: name of the file.
         write: function that writes a flight to a path, and returns the path.
-        library: module that the format needs and the extra that contains it; None if it needs none.
+        library: optional module that the format needs, and the extra that installs this module; None if the format
+            needs no optional module.
     """
 
     option: str

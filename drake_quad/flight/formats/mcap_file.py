@@ -1,18 +1,19 @@
-"""Export of flights as MCAP, a container format for logs of robots, in messages that Foxglove displays by default.
+"""Export of flights as MCAP files, whose messages Foxglove displays without configuration.
 
-The messages are JSON, and the schemas are JSON Schema. Each flight has these topics under its name:
+MCAP is a container format for robot logs. The messages are JSON, and the schemas are JSON Schema. Each flight has these
+topics, where NAME is the name of the flight:
 
 | topic | schema | content |
 |---|---|---|
-| `/NAME/tf` | `foxglove.FrameTransform` | transform from `world`, which is W, to `NAME/body`, which is B |
+| `/NAME/tf` | `foxglove.FrameTransform` | transform from `world` (W) to `NAME/body` (B) |
 | `/NAME/reference` | `foxglove.PoseInFrame` | desired position and yaw of the vehicle |
 | `/NAME/scene` | `foxglove.SceneUpdate` | shapes of the vehicle, the reference and the path; a single message |
 | `/NAME/log` | `foxglove.Log` | crash, if there is one |
 | `/NAME/signals/SIGNAL` | `drake_quad.SIGNAL` | signal at every tick, with the names of its rows |
 
-The time of a message is that of the flight, which starts at 0. The scenario is attached as YAML, so that it can be
-simulated again. The foxglove schemas have the names and types of the Foxglove SDK (github.com/foxglove/foxglove-sdk,
-schemas/jsonschema), reduced to the parts that are used.
+The time of a message is the simulated time, which starts at 0. The scenario is attached as YAML, so that it can be
+simulated again. The names and types of the foxglove schemas are from the Foxglove SDK
+(github.com/foxglove/foxglove-sdk, schemas/jsonschema). The schemas are reduced to the parts that are used.
 """
 
 import heapq
@@ -37,15 +38,16 @@ from drake_quad.signals import SIGNALS, Reference, State, quantities, row_names
 
 _NANOSECONDS = 10**9
 _WORLD = "world"
-# Sizes of drawn arms and rotors, relative to the distance of the rotors from the centre.
+# Dimensions of drawn arms and rotors, relative to the largest horizontal distance of a rotor from the centre of mass.
 _ARM_WIDTH = 0.08
 _ROTOR_WIDTH = 0.9
 _ROTOR_HEIGHT = 0.06
 _LINE_WIDTH = 2.0  # pixels
-# Foxglove's numbers of the line type LINE_STRIP and of the log level ERROR.
+# Foxglove's codes for the line type LINE_STRIP and the log level ERROR.
 _LINE_STRIP = 0
 _ERROR = 4
-# Colours of the vehicles and their paths, in order; the plots have the same ones (Okabe and Ito).
+# RGB colours of the vehicles and their paths, in the order of the flights. Plots use the same colours (palette of Okabe
+# and Ito).
 _COLORS = ((0.0, 0.45, 0.70), (0.84, 0.37, 0.0), (0.0, 0.62, 0.45), (0.80, 0.47, 0.65), (0.90, 0.62, 0.0))
 _REFERENCE_COLOR = (0.5, 0.5, 0.5)
 
@@ -68,7 +70,7 @@ def save_mcap(flights: Flight | Mapping[str, Flight], path: Path | str) -> Path:
     """Write flights as one MCAP file, and return its path.
 
     Args:
-        flights: flights by the names in the file; or a single flight, whose name is that of its scenario.
+        flights: flights, by their names in the file; or a single flight, which is named after its scenario.
         path: path of the file.
 
     Raises:
@@ -126,7 +128,7 @@ def messages_of(name: str, flight: Flight, number: int) -> Iterator[Message]:
     Args:
         name: name of the flight.
         flight: flight to convert.
-        number: index of the flight among several, which determines its colour.
+        number: index of the flight in the file, which determines its colour.
     """
     times = [round(_NANOSECONDS * time) for time in flight.time.tolist()]
     state, reference = flight.record("state"), flight.record("reference")
@@ -157,12 +159,12 @@ def messages_of(name: str, flight: Flight, number: int) -> Iterator[Message]:
 
 
 def _keys(signal: str, flight: Flight) -> list[str]:
-    """Return the names of the rows of a signal; an empty list if the rows are only numbered."""
+    """Return the names of the rows of a signal; an empty list if the rows have no names."""
     return row_names(signal, flight[signal].shape[1]) if hasattr(SIGNALS[signal], "_fields") else []
 
 
 def _scene(name: str, flight: Flight, stamp: dict[str, int], number: int) -> dict[str, Any]:
-    """Return the shapes of the vehicle, in its own frame, and the lines of reference and path, in W."""
+    """Return the scene: the shapes of the vehicle in B, and the lines of the reference and of the flown path in W."""
     rotors = rotors_of(flight.scenario.vehicle)
     positions = [np.array([rotor.x, rotor.y, rotor.z]) for rotor in rotors]
     size = max(math.hypot(rotor.x, rotor.y) for rotor in rotors)
@@ -228,7 +230,7 @@ def _line(points: np.ndarray, color: dict[str, float]) -> dict[str, Any]:
 
 
 def _pose(numbers: list[float]) -> dict[str, dict[str, float]]:
-    """Return a pose of seven numbers: x, y, z (m) and the quaternion w, x, y, z."""
+    """Return the pose given by seven numbers: x, y, z (m) and the quaternion w, x, y, z."""
     x, y, z, *turn = numbers
     return {"position": {"x": x, "y": y, "z": z}, "orientation": dict(zip("wxyz", turn, strict=True))}
 
@@ -324,7 +326,7 @@ LOG = _object(
 
 
 def signal_schema(signal: str, flight: Flight) -> dict[str, Any]:
-    """Return the schema of a signal's messages, in which NaN and infinite values are null."""
+    """Return the schema of the messages of a signal. In these messages, NaN and infinite values are null."""
     count, keys = flight[signal].shape[1], _keys(signal, flight)
     number = {"type": ["number", "null"]}
     if not keys:
@@ -339,7 +341,7 @@ def signal_schema(signal: str, flight: Flight) -> dict[str, Any]:
 FORMATS.append(
     FlightFormat(
         "mcap",
-        "write the flight also as flight.mcap, for Foxglove",
+        "also write the flight as flight.mcap, for Foxglove",
         "flight.mcap",
         save_mcap,
         library=("mcap.writer", "mcap"),

@@ -1,22 +1,22 @@
-"""Export of a flight as a table with the names of topics in PX4's ULog.
+"""Export of a flight as a table whose columns are named after PX4's log topics.
 
-The names are those of docs.px4.io, "uORB message reference", as in `vehicle_local_position.x`. The units and axes are
-those of PX4: NED for the world and FRD for the body. A rotation by π about x converts W to NED and B to FRD, so that X
-points north and Y west. PX4 numbers the rotors of a quad-x in the order front right, back left, front left, back right,
-which are our rotors 1, 3, 4 and 2. The unit of `timestamp` is one microsecond.
+Column names such as `vehicle_local_position.x` follow docs.px4.io, "uORB message reference". The units and axes follow
+PX4: the world frame is NED and the body frame is FRD. A rotation by π about x converts W to NED and B to FRD, so X of W
+points north and Y west. PX4 numbers the rotors of a quad-x in the order front right, back left, front left, back right.
+These are rotors 1, 3, 4 and 2 of this package. The unit of `timestamp` is one microsecond.
 
 | topic | signal of the flight |
 |---|---|
 | `vehicle_local_position`, `vehicle_attitude`, `vehicle_angular_velocity` | `measurement` |
 | the first two with `_groundtruth`, `vehicle_angular_velocity_groundtruth` | `state` |
 | `trajectory_setpoint` | `reference` |
-| `vehicle_attitude_setpoint` | `attitude_command`, or that of `attitude_target` |
-| `vehicle_rates_setpoint` | `body_rate_command`, or that of `attitude_target` |
+| `vehicle_attitude_setpoint` | `attitude_command`, or the attitude in `attitude_target` |
+| `vehicle_rates_setpoint` | `body_rate_command`, or the body rates in `attitude_target` |
 | `esc_status` | `rotor_speed`, rpm |
 | `actuator_motors` | `throttle_command` |
 | `wind` | `wind` |
 
-The table omits topics whose signal the flight does not have.
+The table omits topics whose signal is not part of the flight.
 """
 
 import math
@@ -30,9 +30,9 @@ from drake_quad.flight.flight import Flight
 from drake_quad.flight.formats.flight_format import FORMATS, FlightFormat
 from drake_quad.geometry.quaternion import Quaternion
 
-# Factors of x, y and z under a rotation by π about x.
+# Signs that convert the components of a vector from W to NED, or from B to FRD.
 _AXIS_SIGNS = (1.0, -1.0, -1.0)
-# Indices of our rotors in the order of PX4.
+# Indices of this package's rotors in the order in which PX4 numbers them.
 _PX4_ROTOR_ORDER = (0, 2, 3, 1)
 _RPM = 60.0 / (2.0 * math.pi)
 _MICROSECONDS = 1e6
@@ -72,7 +72,7 @@ def px4_columns(flight: Flight) -> _Columns:
 
 
 def save_px4_table(flight: Flight, path: Path | str) -> Path:
-    """Write the table as a CSV file, which `drake_quad.identification.logs` reads like a ULog, and return its path.
+    """Write the table as a CSV file and return its path; `drake_quad.identification.logs` reads the file like a ULog.
 
     Raises:
         OSError: if the file cannot be written.
@@ -97,12 +97,12 @@ def _vector_columns(pattern: str, rows: str | tuple[str, ...], *vector: np.ndarr
 
 
 def _attitude_columns(name: str, *angles: Any) -> _Columns:
-    """Return the columns of the quaternion of the rotation from FRD to NED, for given roll, pitch and yaw, rad."""
+    """Return the columns of the quaternion from FRD to NED, given roll, pitch and yaw between B and W, rad."""
     rotation: Any = Quaternion.of(*angles)
     parts = rotation.w, rotation.x, -rotation.y, -rotation.z
     return {f"{name}[{i}]": part for i, part in enumerate(parts)}
 
 
 FORMATS.append(
-    FlightFormat("px4", "write the flight also as px4.csv, with the names of PX4's logs", "px4.csv", save_px4_table)
+    FlightFormat("px4", "also write the flight as px4.csv, with PX4's topic names", "px4.csv", save_px4_table)
 )

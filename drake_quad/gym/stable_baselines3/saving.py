@@ -15,26 +15,26 @@ from drake_quad.errors import InputError
 from drake_quad.gym.saving import Layer, evaluate_layers, save_policy, torch_layers
 from drake_quad.gym.stable_baselines3.vector_env import StableVectorEnv
 
-# Wrappers of vector environments and of single environments that change neither observations nor actions.
+# Wrappers for vector environments, and for single environments, that change neither observations nor actions.
 _TRANSPARENT_VECTOR_WRAPPERS = (VecMonitor, VecCheckNan)
 _TRANSPARENT_WRAPPERS = (Monitor.__name__, "TimeLimit", "OrderEnforcing", "PassiveEnvChecker")
-# Number of random observations for which the saved network is compared with the model.
+# Number of random observations for which the network to be saved is compared with the model.
 _NUM_OBSERVATIONS = 64
-# Tolerance on actions, which the model computes in single precision.
+# Tolerance of this comparison on actions in [-1, 1], which the model computes in single precision.
 _TOLERANCE = 1e-3
 
 
 def save_trained(model: Any, path: Path | str) -> Path:
-    """Write the mean action of a model's policy as a controller file, see `save_policy`.
+    """Write the network that computes the mean action of a model's policy as a controller file.
 
     Args:
         model: model of PPO, A2C, SAC, TD3 or DDPG with an `MlpPolicy`. Its environment must be a `StableVectorEnv`, or
-            a `DummyVecEnv` with environments of this package, and may be inside a `VecNormalize`.
-        path: path of the .yaml file, see `save_policy`.
+            a `DummyVecEnv` with environments of this package. A `VecNormalize` may wrap the environment.
+        path: path of the .yaml file; see `save_policy`.
 
     Raises:
-        InputError: if the environment is not one of this package, the policy or a wrapper is of an unsupported kind, or
-            `save_policy` raises the error.
+        InputError: if the environment is not an environment of this package, the type of the policy or of a wrapper is
+            not supported, or `save_policy` raises the error.
     """
     envs = model.get_env()
     if envs is None:
@@ -48,7 +48,7 @@ def save_trained(model: Any, path: Path | str) -> Path:
     inputs = observations if normalizer is None else normalizer.normalize_obs(observations)
     expected, _ = model.predict(np.asarray(inputs, dtype=np.float32), deterministic=True)
     if not np.allclose(evaluate_layers(layers, observations, **normalization), expected, rtol=0.0, atol=_TOLERANCE):
-        raise InputError("the policy cannot be saved: its actions are not those of its dense layers alone")
+        raise InputError("the policy cannot be saved: its dense layers do not reproduce its actions")
     return save_policy(env, layers, path, **normalization)
 
 
@@ -58,10 +58,12 @@ def _unwrapped(envs: Any) -> tuple[Any, Any]:
     while isinstance(envs, VecEnvWrapper):
         if isinstance(envs, VecNormalize) and envs.norm_obs:
             if normalizer is not None:
-                raise InputError("the environment is inside two VecNormalize that normalise observations; use only one")
+                raise InputError(
+                    "two VecNormalize wrappers normalise the observations of the environment; use only one"
+                )
             normalizer = envs
         elif not isinstance(envs, (*_TRANSPARENT_VECTOR_WRAPPERS, VecNormalize)):
-            raise InputError(f"the environment is inside a {type(envs).__name__}, which is not supported")
+            raise InputError(f"the environment is wrapped in a {type(envs).__name__}, which is not supported")
         envs = envs.venv
     if isinstance(envs, StableVectorEnv):
         return normalizer, envs.envs
@@ -70,7 +72,7 @@ def _unwrapped(envs: Any) -> tuple[Any, Any]:
     env = envs.envs[0]
     while env is not env.unwrapped:
         if type(env).__name__ not in _TRANSPARENT_WRAPPERS:
-            raise InputError(f"the environment is inside a {type(env).__name__}, which is not supported")
+            raise InputError(f"the environment is wrapped in a {type(env).__name__}, which is not supported")
         env = env.env
     return normalizer, env
 
@@ -94,5 +96,7 @@ def _layers_of(policy: Any) -> Sequence[Layer]:
         case TD3Policy():
             layers, squashed = torch_layers(policy.actor.mu), False
         case _:
-            raise InputError(f"the policy is a {type(policy).__name__}, but must be one of PPO, A2C, SAC, TD3 or DDPG")
+            raise InputError(
+                f"the policy is a {type(policy).__name__}, but must be a policy of PPO, A2C, SAC, TD3 or DDPG"
+            )
     return [*layers[:-1], layers[-1]._replace(activation="tanh")] if squashed else layers

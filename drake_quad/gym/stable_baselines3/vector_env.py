@@ -13,13 +13,13 @@ from drake_quad.gym.vector_env import QuadrotorVectorEnv
 
 
 class StableVectorEnv(VecEnv):
-    """Adapter that makes a `QuadrotorVectorEnv` a `VecEnv` of Stable-Baselines3.
+    """Adapter from a `QuadrotorVectorEnv` to the interface `VecEnv` of Stable-Baselines3.
 
     Args:
         envs: environment that resets vehicles in the last step of an episode (`AutoresetMode.SAME_STEP`).
 
     Raises:
-        InputError: if `envs` is not a `QuadrotorVectorEnv`, or resets vehicles at other times.
+        InputError: if `envs` is not a `QuadrotorVectorEnv`, or its mode of resets is another one.
     """
 
     def __init__(self, envs: QuadrotorVectorEnv) -> None:
@@ -49,8 +49,8 @@ class StableVectorEnv(VecEnv):
         """Simulate the step with the actions of `step_async`.
 
         Returns:
-            Observations (N, rows), rewards (N,), truth values (N,) that are true if an episode has ended, and a
-            dictionary for each vehicle with the infos of Stable-Baselines3 and the `flight` of Gymnasium's infos.
+            Observations (N, rows), rewards (N,), Booleans (N,) that are True if an episode has ended, and a dictionary
+            for each vehicle. It contains the infos that Stable-Baselines3 defines, and `flight` from Gymnasium's infos.
         """
         assert self._actions is not None
         observations, rewards, terminations, truncations, vector_infos = self.envs.step(self._actions)
@@ -70,7 +70,7 @@ class StableVectorEnv(VecEnv):
         self.envs.close()
 
     def get_images(self) -> Sequence[np.ndarray | None]:
-        """Return a frame of each vehicle."""
+        """Return an image of each vehicle."""
         return self.envs.render() or [None] * self.num_envs
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
@@ -87,5 +87,5 @@ class StableVectorEnv(VecEnv):
         return [result] * len(list(self._get_indices(indices)))
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
-        """Return False for each vehicle, since single vehicles cannot have wrappers."""
+        """Return False for each vehicle, since single vehicles cannot be wrapped."""
         return [False] * len(list(self._get_indices(indices)))

@@ -28,8 +28,8 @@ INTERVAL = (0.025, 0.975)
 """Probabilities of the ends of the interval of predictions."""
 DEFAULT_REST = 8.0
 """Duration of the hover before the log, s. The integrators of on-board controllers settle within some seconds."""
-_MIN_MOVEMENT = 1e-2  # m, movement of the reference at which the comparison starts
-_FLEET_SIZE = 32  # number of vehicles that are simulated together
+_MIN_MOVEMENT = 1e-2  # m; the comparison starts when the reference has moved by this distance
+_FLEET_SIZE = 32  # number of flights that are simulated together
 
 
 class ErrorFigures(NamedTuple):
@@ -38,7 +38,7 @@ class ErrorFigures(NamedTuple):
     Attributes:
         rmse: (..., 4) root mean square.
         mean: (..., 4) mean; signed along the axes.
-        largest: (..., 4) 95th percentile of the magnitude.
+        largest: (..., 4) 95th percentile of the absolute value.
     """
 
     rmse: np.ndarray
@@ -48,8 +48,12 @@ class ErrorFigures(NamedTuple):
     @classmethod
     def of(cls, error: np.ndarray) -> "ErrorFigures":
         """Return the statistics of errors (..., samples, 3) in m; NaN if an error is NaN because of a crash."""
-        size = np.concatenate([error, np.linalg.norm(error, axis=-1, keepdims=True)], axis=-1)
-        return cls(np.sqrt(np.mean(size**2, axis=-2)), np.mean(size, axis=-2), np.quantile(np.abs(size), 0.95, axis=-2))
+        components = np.concatenate([error, np.linalg.norm(error, axis=-1, keepdims=True)], axis=-1)
+        return cls(
+            np.sqrt(np.mean(components**2, axis=-2)),
+            np.mean(components, axis=-2),
+            np.quantile(np.abs(components), 0.95, axis=-2),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +67,8 @@ class LogComparison:
         plan: plan of the route.
         time: (n,) times of the samples that are compared, on the clock of the log, s.
         target: (n, 3) position of the route at these times, in W, m.
-        flown: (n, 3) logged position error, reference minus position in W, m.
-        predicted: (samples, n, 3) measured position error of each simulated flight, m; NaN after a crash.
+        flown: (n, 3) position error in the log, reference minus position in W, m.
+        predicted: (samples, n, 3) measured position error of each simulated flight in W, m; NaN after a crash.
     """
 
     record: FlightRecord
@@ -83,7 +87,7 @@ class LogComparison:
 
     @property
     def varies(self) -> bool:
-        """True if the predicted flights differ. Without distributions, wind and noise they are identical."""
+        """True if the predicted flights differ. Without distributions, wind and noise, they are identical."""
         return not np.allclose(self.predicted, self.predicted[:1], rtol=0.0, atol=1e-9, equal_nan=True)
 
     @property
@@ -97,17 +101,17 @@ class LogComparison:
         return ErrorFigures(*(np.where(np.isnan(values), np.inf, values) for values in figures))
 
     def interval(self, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the median, lower and upper end (4,) of the 95 % interval of a statistic, given by its name."""
+        """Return the median of a statistic (given by its name), and the ends of its 95 % interval, each (4,)."""
         values = getattr(self.predicted_figures(), name)
         # The method "nearest" is used because interpolation fails for infinite values.
         median, low, high = np.quantile(values, (0.5, *INTERVAL), axis=0, method="nearest")
         return median, low, high
 
     def within(self, name: str) -> np.ndarray:
-        """Return a mask (4,) of the axes on which a statistic of the log is inside the interval of the predictions."""
+        """Return a mask (4,) of the columns in which a statistic of the log is inside the predicted interval."""
         _, low, high = self.interval(name)
-        flown = getattr(self.flown_figures, name)
-        return np.asarray((flown >= low) & (flown <= high))
+        logged = getattr(self.flown_figures, name)
+        return np.asarray((logged >= low) & (logged <= high))
 
     def typical_sample(self) -> int:
         """Return the number of the sample with the median RMSE."""
@@ -131,8 +135,9 @@ def compare_with_log(
     of the lift-off.
 
     The comparison covers the part of the log in free flight, see `flown_part`. It begins when the reference of the log
-    has moved by 1 cm, so that a take-off before the log does not count. If the reference never moves, it covers the
-    whole log. Both errors are those of measured positions, since a log contains no true positions.
+    has moved by 1 cm, so that transients of an earlier take-off are excluded. If the reference never moves, the
+    comparison covers the whole log. Both errors are computed from measured positions, since a log contains no true
+    positions.
 
     Args:
         record: record of the log, with position and reference position.
@@ -148,23 +153,32 @@ def compare_with_log(
             nothing to compare, or the vehicle has no time step.
     """
     if scenario.vehicle.time_step == 0.0:
-        raise InputError("vehicle.time_step is 0; flights are compared with a log only with a time step")
-    part = flown_part(record)
-    record = record.part(slice(part.end))
-    reference = logged_reference(record, rest=rest, lift_off=part.lift_off)
-    begin = max(_first_movement(record), float(record.time[part.first])) if start is None else start
-    chosen = (record.time >= max(begin, -reference.start)) & (record.time <= reference.end)
-    if chosen.sum() < 2:
-        raise InputError(f"nothing of the log {shown(record.name)} is left to compare from {begin:g} s on")
-    flying = on_route(scenario, reference)
-    plan = plan_route(flying)
-    instants = record.time[chosen] + reference.start
-    target = evaluate(plan.flown_path, instants).T
-    # Between the samples of a slow reference, only the path shows where the reference was.
-    followed = target if is_slow(record) else record.of("reference_position")[chosen]
-    flown = followed - record.of("position")[chosen]
-    predicted = _positions(flying, plan, instants, samples, progress)
-    return LogComparison(record, flying, reference, plan, record.time[chosen], target, flown, target - predicted)
+        raise InputError("vehicle.time_step is 0; a comparison with a log needs a time step above 0")
+    flight_part = flown_part(record)
+    record = record.part(slice(flight_part.end))
+    reference = logged_reference(record, rest=rest, lift_off=flight_part.lift_off)
+    first_time = max(_first_movement(record), float(record.time[flight_part.first])) if start is None else start
+    is_compared = (record.time >= max(first_time, -reference.start)) & (record.time <= reference.end)
+    if is_compared.sum() < 2:
+        raise InputError(f"the log {shown(record.name)} has fewer than two samples to compare from {first_time:g} s on")
+    routed_scenario = on_route(scenario, reference)
+    plan = plan_route(routed_scenario)
+    times = record.time[is_compared] + reference.start
+    target = evaluate(plan.flown_path, times).T
+    # Between the samples of a slowly logged reference, only the path gives the position of the reference.
+    logged_target = target if is_slow(record) else record.of("reference_position")[is_compared]
+    logged_error = logged_target - record.of("position")[is_compared]
+    predicted = _positions(routed_scenario, plan, times, samples, progress)
+    return LogComparison(
+        record,
+        routed_scenario,
+        reference,
+        plan,
+        record.time[is_compared],
+        target,
+        logged_error,
+        target - predicted,
+    )
 
 
 def on_route(scenario: Scenario, reference: LoggedReference) -> Scenario:
@@ -177,64 +191,68 @@ def on_route(scenario: Scenario, reference: LoggedReference) -> Scenario:
 def side_by_side(comparison: LogComparison) -> dict[str, Flight]:
     """Return the logged flight and the typical prediction as two flights of the same reference, for a replay.
 
-    The states of both are measured states. If the log contains no rotor speeds, those of the prediction are shown. A
-    prediction that crashes before the start of the log is left out.
+    Both flights contain measured states. If the log contains no rotor speeds, the logged flight is returned with the
+    rotor speeds of the prediction. A prediction that crashes before the start of the log is left out.
     """
     record, start = comparison.record, comparison.reference.start
-    flight = simulate(comparison.scenario, sample=comparison.typical_sample(), plan=comparison.plan, compiled=True)
+    prediction = simulate(comparison.scenario, sample=comparison.typical_sample(), plan=comparison.plan, compiled=True)
     rotor_speed = record.rotor_speed
     if rotor_speed is None:
-        rotor_speed = _at(record.time + start, flight.time, flight["rotor_speed"])
+        rotor_speed = _interpolated(record.time + start, prediction.time, prediction["rotor_speed"])
     signals = {
         "state": _state(record),
         "reference": comparison.plan.reference().vector_values(record.time + start)[: len(Reference._fields)].T,
         "rotor_speed": rotor_speed,
         "wind": np.zeros((len(record.time), 3)),
     }
-    unknown = Metrics._make(np.nan for _ in Metrics._fields)._replace(crash_time=np.inf)
-    flights = {"flown": replace(flight, time=record.time, signals=signals, metrics=unknown)}
-    kept = flight.time >= start
-    if kept.any():
-        shown_signals = {name: flight[name][kept] for name in signals} | {"state": flight["measurement"][kept]}
-        flights["predicted"] = replace(flight, time=flight.time[kept] - start, signals=shown_signals)
+    unknown_metrics = Metrics._make(np.nan for _ in Metrics._fields)._replace(crash_time=np.inf)
+    flights = {"flown": replace(prediction, time=record.time, signals=signals, metrics=unknown_metrics)}
+    is_after_start = prediction.time >= start
+    if is_after_start.any():
+        predicted_signals = {name: prediction[name][is_after_start] for name in signals} | {
+            "state": prediction["measurement"][is_after_start]
+        }
+        flights["predicted"] = replace(
+            prediction, time=prediction.time[is_after_start] - start, signals=predicted_signals
+        )
     return flights
 
 
 def _first_movement(record: FlightRecord) -> float:
     """Return the last time at which the reference is still at its first position, s; 0 if it never moves."""
     position = record.of("reference_position")
-    moved = np.linalg.norm(position - position[0], axis=1) > _MIN_MOVEMENT
-    return float(record.time[max(int(np.argmax(moved)) - 1, 0)])
+    has_moved = np.linalg.norm(position - position[0], axis=1) > _MIN_MOVEMENT
+    return float(record.time[max(int(np.argmax(has_moved)) - 1, 0)])
 
 
 def _positions(
-    scenario: Scenario, plan: Plan, instants: np.ndarray, samples: int, progress: Callable[[int, int], None] | None
+    scenario: Scenario, plan: Plan, times: np.ndarray, samples: int, progress: Callable[[int, int], None] | None
 ) -> np.ndarray:
-    """Return the measured positions (samples, n, 3) of simulated flights at instants (n,), m; NaN after a crash."""
+    """Return the measured positions (samples, n, 3) of simulated flights at some times (n,), m; NaN after a crash."""
     size = min(samples, _FLEET_SIZE)
     duration = flight_duration(scenario, plan)
     simulation = simulate_fleet(Batch.draw(scenario, range(size)), plan, record=True, compiled=True)
-    found = np.empty((samples, len(instants), 3))
+    positions = np.empty((samples, len(times), 3))
     for first in range(0, samples, size):
-        numbers = range(first, min(first + size, samples))
+        sample_numbers = range(first, min(first + size, samples))
         if first:
-            simulation.reset(Batch.draw(scenario, numbers).padded(size))
+            simulation.reset(Batch.draw(scenario, sample_numbers).padded(size))
         simulation.fly(duration)
         crash_time = np.asarray(simulation.metrics().crash_time)
         time, signals = simulation.recording()
         measured = State(*signals["measurement"].reshape(len(time), -1, size).transpose(1, 0, 2))
-        places = [np.asarray(row) for row in (measured.x, measured.y, measured.z)]
-        for vehicle, number in enumerate(numbers):
-            found[number] = _at(instants, time, np.column_stack([row[:, vehicle] for row in places]))
-            found[number, instants > crash_time[vehicle]] = np.nan
+        coordinates = [np.asarray(row) for row in (measured.x, measured.y, measured.z)]
+        for vehicle, sample in enumerate(sample_numbers):
+            positions[sample] = _interpolated(times, time, np.column_stack([row[:, vehicle] for row in coordinates]))
+            positions[sample, times > crash_time[vehicle]] = np.nan
         if progress is not None:
-            progress(numbers[-1] + 1, samples)
-    return found
+            progress(sample_numbers[-1] + 1, samples)
+    return positions
 
 
-def _at(instants: np.ndarray, time: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Return rows at other instants (n,) by linear interpolation, (n, columns)."""
-    return np.column_stack([np.interp(instants, time, column) for column in rows.T])
+def _interpolated(new_times: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return values (n, columns) at new times (n,) by linear interpolation."""
+    return np.column_stack([np.interp(new_times, time, column) for column in values.T])
 
 
 def _state(record: FlightRecord) -> np.ndarray:

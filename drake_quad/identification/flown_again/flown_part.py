@@ -8,9 +8,10 @@ from drake_quad.errors import InputError, shown
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.windows import effort
 
-# Rotors idle if their command, relative to its median, is smaller than this ratio.
+# Rotors idle if the ratio of their command to its median is smaller than this.
 _IDLE_RATIO = 0.5
-# Smallest height of vehicle and reference above the ground in free flight, m: some rotor diameters of a small vehicle.
+# Smallest height of vehicle and reference above the ground in free flight, m. It is a few rotor diameters of a small
+# vehicle.
 _MIN_HEIGHT = 0.25
 # Height above the ground at which a vehicle has lifted off, m. It exceeds the noise of motion capture.
 _LIFT_OFF_HEIGHT = 0.003
@@ -34,9 +35,12 @@ def flown_part(record: FlightRecord) -> FlownPart:
     """Return the part of a log in which both the vehicle and its reference are in free flight.
 
     A log begins or ends on the ground if the rotors idle there, that is, if their command is less than half of its
-    median. The height of the vehicle at that end is the height of the ground. In free flight, vehicle and reference are
-    more than 0.25 m above the ground. If the rotors idle at neither end, or no command is logged, the whole log is in
-    the air. The lift-off is found by the height at which the rotors last idle, since an estimated height drifts.
+    median. The height of the vehicle at this end is then the height of the ground. In free flight, vehicle and
+    reference are more than 0.25 m above the ground. If the rotors idle at neither end, or if no command is logged, the
+    whole log counts as free flight.
+
+    An estimated height can drift on the ground. The lift-off is therefore found relative to the height at which the
+    rotors last idle.
 
     Args:
         record: record with position and reference position.
@@ -56,12 +60,12 @@ def flown_part(record: FlightRecord) -> FlownPart:
     flying = np.flatnonzero(lowest > ground + _MIN_HEIGHT)
     if len(flying) < 2:
         raise InputError(
-            f"the vehicle of the log {shown(record.name)} does not fly: it and its reference are never"
-            f" {_MIN_HEIGHT:g} m above the ground together"
+            f"the vehicle of the log {shown(record.name)} does not fly: it and its reference are never more than"
+            f" {_MIN_HEIGHT:g} m above the ground at the same time"
         )
     first, end = int(flying[0]), int(flying[-1]) + 1
     if not idle[0]:
         return FlownPart(0, end, None)
     last_idle = int(np.flatnonzero(idle[:first])[-1])
-    standing = np.flatnonzero(height[:first] < height[last_idle] + _LIFT_OFF_HEIGHT)
-    return FlownPart(first, end if idle[-1] else count, int(standing[-1]))
+    on_ground = np.flatnonzero(height[:first] < height[last_idle] + _LIFT_OFF_HEIGHT)
+    return FlownPart(first, end if idle[-1] else count, int(on_ground[-1]))

@@ -5,20 +5,20 @@ Predictions begin at many starts in a log. Up to each start, the Kalman filter o
 past measurements only, with the maximum-likelihood noise for the log and the vehicle. From the start on, the vehicle is
 simulated with the logged commands and without measurements.
 
-The filter also estimates a disturbing force and torque, such as those of a wind that is not logged. The prediction
-sets them to zero. A second prediction with the first vehicle includes them. It shows how well a controller with a
+The filter also estimates a disturbing force and torque, for example of a wind that is not logged. The predictions set
+them to zero. A second prediction with the first vehicle includes them, which shows how well a controller with a
 disturbance observer predicts.
 
 Two predictors without a model serve as a baseline. They begin at the end of a parabola through the last 50 ms of each
 measured signal. *Constant velocity* continues with the velocity and the body rates at the start; *constant
-acceleration* also continues with the acceleration and the angular acceleration. A vehicle that is worse than either of
-them is of no use at this horizon.
+acceleration* also continues with the acceleration and the angular acceleration. A vehicle model that predicts worse
+than either of them is of no use at this horizon.
 
 Errors are evaluated at the horizon: the distance between the positions, the norm of the difference of velocities and of
-body rates, and the angle of the rotation between the attitudes. The filter does not use a velocity or body rate that an
-estimator derives from other measurements. Such a signal is predicted as its value at the start plus the predicted
-change. Errors of neighbouring starts are correlated, so confidence intervals are based on Student's t over blocks of at
-least one second and at least the horizon. Vehicles are compared start by start.
+body rates, and the angle between the attitudes. The filter does not use velocities or body rates that an estimator
+derives from other measurements. The prediction of such a signal is its value at the start plus the predicted change.
+Errors of neighbouring starts are correlated, so confidence intervals are based on Student's t over blocks that are at
+least one second and at least the horizon long. Vehicles are compared by paired differences, start by start.
 """
 
 import math
@@ -42,15 +42,16 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.statistics.interval import Interval
 
 HORIZONS = (0.1, 0.2, 0.5, 1.0, 2.0)
-CONSTANT_VELOCITY, CONSTANT_ACCELERATION = "constant velocity", "constant acceleration"
+"""Default horizons of the predictions, s."""
+CONSTANT_VELOCITY = "constant velocity"
+CONSTANT_ACCELERATION = "constant acceleration"
 WITH_DISTURBANCE = "with disturbance"
 """Name of the prediction with the first vehicle and the disturbance that its filter estimates before the start."""
-SPACING = 0.1  # s, time between starts
-_PARABOLA_TIME = 0.05  # s, duration of the parabola at whose end a prediction begins
+START_SPACING = 0.1  # s, time between starts
+_PARABOLA_TIME = 0.05  # s, duration of the parabolas from which predictions without a model begin
 _MIN_PARABOLA_SAMPLES = 4
 _SETTLING_TIME = 0.5  # s, time before a start in which the filter settles
-_UNKNOWN_ROTOR_TIME = 0.4  # s, time in which the rotors still follow commands from before the log
-_MIN_BLOCK = 1.0  # s, shortest block whose mean error counts as independent
+_MIN_BLOCK_DURATION = 1.0  # s, shortest block whose mean error counts as independent
 UNITS = {"height": "m", "climb": "m/s"} | {name: QUANTITIES[name].unit for name in STATE_ROWS}
 """Unit of each predicted quantity."""
 
@@ -62,7 +63,7 @@ class Predictions:
     Attributes:
         vehicles: (v,) names of the vehicles, and of the predictors without a model.
         horizons: (h,) horizons, s.
-        log: (S,) name of the log of each start.
+        log: (S,) name of the log that contains each start.
         time: (S,) time of each start, s.
         errors: (v, h, S) errors of the vehicles at the horizons, by quantity; NaN if a flight ends before the horizon.
     """
@@ -75,71 +76,73 @@ class Predictions:
 
     def rmse(self, quantity: str, vehicle: str, horizon: float) -> Interval:
         """Return the RMS error at a horizon with its 95 % interval; NaN if no prediction reaches the horizon."""
-        own, blocks = self._squares(quantity, horizon, vehicle)
+        squares, blocks = self._squares(quantity, horizon, vehicle)
         if not len(blocks):
             return Interval(math.nan, math.nan, math.nan)
-        mean = float(np.mean(own))
+        mean = float(np.mean(squares))
         if mean == 0.0:
             return Interval(0.0, 0.0, 0.0)
-        reach = 0.5 * _reach(own / mean - 1.0, blocks)
+        half_width = 0.5 * _half_width(squares / mean - 1.0, blocks)
         value = math.sqrt(mean)
-        return Interval(value, value * math.exp(-reach), value * math.exp(reach))
+        return Interval(value, value * math.exp(-half_width), value * math.exp(half_width))
 
     def better(self, quantity: str, vehicle: str, other: str, horizon: float) -> Interval:
         """Return the relative reduction of the RMS error by a vehicle compared with another, over the same starts.
 
         It is NaN if no prediction reaches the horizon, or if the other vehicle is exact.
         """
-        own, blocks = self._squares(quantity, horizon, vehicle)
-        others, _ = self._squares(quantity, horizon, other)
-        if not others.any():
+        squares, blocks = self._squares(quantity, horizon, vehicle)
+        other_squares, _ = self._squares(quantity, horizon, other)
+        if not other_squares.any():
             return Interval(math.nan, math.nan, math.nan)
-        if not own.any():
+        if not squares.any():
             return Interval(1.0, 1.0, 1.0)
-        difference = own / np.mean(own) - others / np.mean(others)
-        reach = 0.5 * _reach(difference, blocks)
-        ratio = math.sqrt(float(np.mean(own) / np.mean(others)))
-        return Interval(1.0 - ratio, 1.0 - ratio * math.exp(reach), 1.0 - ratio * math.exp(-reach))
+        difference = squares / np.mean(squares) - other_squares / np.mean(other_squares)
+        half_width = 0.5 * _half_width(difference, blocks)
+        ratio = math.sqrt(float(np.mean(squares) / np.mean(other_squares)))
+        return Interval(1.0 - ratio, 1.0 - ratio * math.exp(half_width), 1.0 - ratio * math.exp(-half_width))
 
     def losses(self, vehicle: str) -> list[str]:
-        """Return a sentence on each quantity that a vehicle predicts worse than a predictor without a model."""
-        found = []
+        """Return a remark on each quantity that a vehicle predicts worse than a predictor without a model."""
+        sentences = []
         for quantity in self.errors:
             for other in (CONSTANT_VELOCITY, CONSTANT_ACCELERATION):
-                worse = []
+                lost_horizons = []
                 for horizon in self.horizons:
                     better = self.better(quantity, vehicle, other, horizon)
                     if better.value < 0.0:
-                        sure = "" if better.high < 0.0 else ", perhaps by chance"
-                        worse.append(f"{horizon:g} s (by {-better.value:.0%}{sure})")
-                if worse:
+                        remark = "" if better.high < 0.0 else ", perhaps by chance"
+                        lost_horizons.append(f"{horizon:g} s (by {-better.value:.0%}{remark})")
+                if lost_horizons:
                     name = quantity.replace("_", " ")
-                    found.append(f"{vehicle} predicts {name} worse than {other} after {', '.join(worse)}")
-        return found
+                    sentences.append(f"{vehicle} predicts {name} worse than {other} after {', '.join(lost_horizons)}")
+        return sentences
 
     def starts(self, horizon: float) -> int:
-        """Return the number of starts from which the flight continues up to a horizon."""
+        """Return the number of starts after which the flight lasts at least until a horizon."""
         errors = next(iter(self.errors.values()))
         return int(np.isfinite(errors[0, self.horizons.index(horizon)]).sum())
 
     def _squares(self, quantity: str, horizon: float, vehicle: str) -> tuple[np.ndarray, np.ndarray]:
         """Return the squared errors of a vehicle, and the block number of each error."""
         errors = self.errors[quantity][self.vehicles.index(vehicle), self.horizons.index(horizon)]
-        there = np.isfinite(errors)
-        length = max(_MIN_BLOCK, horizon)
-        places = [f"{log} {int(time // length)}" for log, time in zip(self.log[there], self.time[there], strict=True)]
-        _, blocks = np.unique(places, return_inverse=True)
-        return errors[there] ** 2, blocks
+        is_known = np.isfinite(errors)
+        length = max(_MIN_BLOCK_DURATION, horizon)
+        labels = [
+            f"{log} {int(time // length)}" for log, time in zip(self.log[is_known], self.time[is_known], strict=True)
+        ]
+        _, blocks = np.unique(labels, return_inverse=True)
+        return errors[is_known] ** 2, blocks
 
 
 def joined(parts: Sequence[Predictions]) -> Predictions:
-    """Concatenate the predictions of several logs, for the quantities that all logs have.
+    """Concatenate the predictions of several logs, for the quantities that all logs contain.
 
     Raises:
         InputError: if no predictions are given.
     """
     if not parts:
-        raise InputError("there is no log to predict")
+        raise InputError("no log is given; at least one is needed for a prediction")
     first = parts[0]
     common = [name for name in first.errors if all(name in part.errors for part in parts)]
     return Predictions(
@@ -166,9 +169,10 @@ def predict(
     Args:
         record: record of the flight.
         vehicles: scenarios of the vehicles, by name.
-        believed: scenario whose `nominal` vehicle the firmware's allocation uses; by default that of each vehicle.
+        believed: scenario whose `nominal` vehicle the firmware's allocation uses; by default the scenario of each
+            vehicle.
         horizons: horizons, s.
-        share: share of the airborne time that contains the starts, at its end; 1 for all of it.
+        share: predictions start in the last part of the airborne time, this fraction of it; 1 for the whole time.
 
     Raises:
         InputError: if the log contains no signal that can be predicted, lacks the commands of a vehicle, or is too
@@ -176,40 +180,43 @@ def predict(
     """
     if not any(getattr(record, name) is not None for name in STATE_ROWS):
         raise InputError(
-            f"the log {shown(record.name)} has nothing that could be predicted: it needs position, velocity, attitude"
-            f" or body_rates, and has {', '.join(record.names)}"
+            f"the log {shown(record.name)} contains no signal that can be predicted: it needs position, velocity,"
+            f" attitude or body_rates, but contains {', '.join(record.names)}"
         )
     prepared = {name: prepare([record], each, believed)[0] for name, each in vehicles.items()}
     (record,) = next(iter(prepared.values())).records
     measured = [name for name in STATE_ROWS if getattr(record, name) is not None]
-    level = "attitude" not in measured and "body_rates" not in measured
-    past = max(_MIN_PARABOLA_SAMPLES, round(_PARABOLA_TIME / record.period) + 1)
+    only_vertical = "attitude" not in measured and "body_rates" not in measured
+    num_past = max(_MIN_PARABOLA_SAMPLES, round(_PARABOLA_TIME / record.period) + 1)
     steps = [round(horizon / record.period) for horizon in horizons]
     if min(np.diff([0, *steps])) < 1:
         raise InputError(
-            f"the log {shown(record.name)} has a sample every {record.period:.2g} s, which is too few to predict it"
-            f" over {', '.join(f'{horizon:g}' for horizon in horizons)} s"
+            f"the log {shown(record.name)} has a sampling period of {record.period:.2g} s, which is too long for"
+            f" predictions over {', '.join(f'{horizon:g}' for horizon in horizons)} s"
         )
-    starts = _starts(record, past, horizons, share)
+    starts = _starts(record, num_past, horizons, share)
     if not len(starts):
         raise InputError(
-            f"the log {shown(record.name)} has no airborne stretch of {_SETTLING_TIME + min(horizons):.2g} s to predict"
+            f"the log {shown(record.name)} has no airborne stretch of at least {_SETTLING_TIME + min(horizons):.2g} s,"
+            " which a prediction needs"
         )
-    motion = _Motion.at(record, measured, starts, past)
-    reached = np.stack([_reached(record, starts, step) for step in steps])
+    motion = _Motion.at(record, measured, starts, num_past)
+    continues = np.stack([_continues(record, starts, step) for step in steps])
     times = [record.time[np.minimum(starts + step, len(record.time) - 1)] - record.time[starts] for step in steps]
-    both = {name: _flown(each, vehicles[name], motion, starts, steps) for name, each in prepared.items()}
-    flown = {name: [state[:, 0] for state in states] for name, states in both.items()}
-    flown[CONSTANT_VELOCITY] = [motion.after(time) for time in times]
-    flown[CONSTANT_ACCELERATION] = [motion.after(time, accelerated=True) for time in times]
-    flown[WITH_DISTURBANCE] = [state[:, 1] for state in next(iter(both.values()))]
+    open_loop = {
+        name: _open_loop_states(each, vehicles[name], motion, starts, steps) for name, each in prepared.items()
+    }
+    predicted = {name: [state[:, 0] for state in states] for name, states in open_loop.items()}
+    predicted[CONSTANT_VELOCITY] = [motion.after(time) for time in times]
+    predicted[CONSTANT_ACCELERATION] = [motion.after(time, accelerated=True) for time in times]
+    predicted[WITH_DISTURBANCE] = [state[:, 1] for state in next(iter(open_loop.values()))]
     errors: dict[str, list[np.ndarray]] = {}
-    for states in flown.values():
-        for quantity, values in _errors(record, measured, states, starts, steps, level).items():
-            errors.setdefault(quantity, []).append(np.where(reached, values, np.nan))
+    for states in predicted.values():
+        for quantity, values in _errors(record, measured, states, starts, steps, only_vertical).items():
+            errors.setdefault(quantity, []).append(np.where(continues, values, np.nan))
     log = np.array([record.name] * len(starts))
     stacked = {quantity: np.stack(values) for quantity, values in errors.items()}
-    return Predictions(tuple(flown), tuple(horizons), log, record.time[starts], stacked)
+    return Predictions(tuple(predicted), tuple(horizons), log, record.time[starts], stacked)
 
 
 class _Motion(NamedTuple):
@@ -226,94 +233,96 @@ class _Motion(NamedTuple):
     angular_acceleration: np.ndarray
 
     @classmethod
-    def at(cls, record: FlightRecord, measured: Sequence[str], starts: np.ndarray, past: int) -> "_Motion":
-        """Return the motion at the end of parabolas through the last `past` samples up to each start."""
-        at = starts[:, None] + np.arange(1 - past, 1)
+    def at(cls, record: FlightRecord, measured: Sequence[str], starts: np.ndarray, num_past: int) -> "_Motion":
+        """Return the motion at the end of parabolas through the last `num_past` samples up to each start."""
+        samples = starts[:, None] + np.arange(1 - num_past, 1)
         ends = {}
         for name in measured:
             values = np.unwrap(record.of(name), axis=0) if name == "attitude" else record.of(name)
-            ends[name] = _parabolas(record, at, values[at])
-        none = np.zeros((3, len(starts)))
-        position, velocity, acceleration = ends.get("position", (none, none, none))
+            ends[name] = _parabolas(record, samples, values[samples])
+        zero = np.zeros((3, len(starts)))
+        position, velocity, acceleration = ends.get("position", (zero, zero, zero))
         if "velocity" in ends:
             velocity, acceleration, _ = ends["velocity"]
-        attitude, *_ = ends.get("attitude", (none, none, none))
-        rates, angular = none, none
+        attitude, *_ = ends.get("attitude", (zero, zero, zero))
+        rates, angular_acceleration = zero, zero
         if "body_rates" in ends:
-            rates, angular, _ = ends["body_rates"]
+            rates, angular_acceleration, _ = ends["body_rates"]
         elif "attitude" in ends:
             attitudes = rotations(record.of("attitude"))
-            turned = (attitudes[np.repeat(starts, past)].inv() * attitudes[at.ravel()]).as_rotvec()
-            _, rates, angular = _parabolas(record, at, turned.reshape(*at.shape, 3))
-        return cls(np.concatenate([position, attitude, velocity, rates]), acceleration, angular)
+            rotation_vectors = (attitudes[np.repeat(starts, num_past)].inv() * attitudes[samples.ravel()]).as_rotvec()
+            _, rates, angular_acceleration = _parabolas(record, samples, rotation_vectors.reshape(*samples.shape, 3))
+        return cls(np.concatenate([position, attitude, velocity, rates]), acceleration, angular_acceleration)
 
     def after(self, time: np.ndarray, *, accelerated: bool = False) -> np.ndarray:
         """Return the states (12, S) after times (S,) in s, at constant velocities or constant accelerations."""
         position, attitude, velocity, rates = np.split(self.state, 4)
-        acceleration, angular = (self.acceleration, self.angular_acceleration) if accelerated else (0.0, 0.0)
-        turn = scipy.spatial.transform.Rotation.from_rotvec(((rates + 0.5 * angular * time) * time).T)
-        turned = rotations(attitude.T) * turn
+        acceleration, angular_acceleration = (
+            (self.acceleration, self.angular_acceleration) if accelerated else (0.0, 0.0)
+        )
+        rotation = scipy.spatial.transform.Rotation.from_rotvec(((rates + 0.5 * angular_acceleration * time) * time).T)
+        attitudes = rotations(attitude.T) * rotation
         return np.concatenate(
             [
                 position + velocity * time + 0.5 * acceleration * time**2,
-                turned.as_euler("ZYX").T[::-1],
+                attitudes.as_euler("ZYX").T[::-1],
                 velocity + acceleration * time,
-                rates + angular * time,
+                rates + angular_acceleration * time,
             ]
         )
 
 
-def _parabolas(record: FlightRecord, at: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, ...]:
+def _parabolas(record: FlightRecord, samples: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, ...]:
     """Return the value, rate and acceleration (3, S) at the end of parabolas.
 
     Args:
         record: record that contains the samples.
-        at: (S, past) indices of the samples of each parabola.
-        values: (S, past, 3) values of the samples.
+        samples: (S, num_past) indices of the samples of each parabola.
+        values: (S, num_past, 3) values of the samples.
     """
-    time = record.time[at] - record.time[at[:, -1:]]
+    time = record.time[samples] - record.time[samples[:, -1:]]
     inverse = np.linalg.pinv(np.stack([np.ones_like(time), time, 0.5 * time**2], axis=2))
     return tuple(np.moveaxis(inverse @ values, 0, 2))
 
 
-def _flown(
+def _open_loop_states(
     logs: PreparedLogs, scenario: Scenario, motion: _Motion, starts: np.ndarray, steps: Sequence[int]
 ) -> list[np.ndarray]:
     """Return the predicted states (12, 2, S) after each number of samples, without and with the disturbance."""
-    delay, none = delay_of(scenario), np.zeros(0)
+    delay, no_parameters = delay_of(scenario), np.zeros(0)
     noise = fit(logs.predictor((), logs.flying, delay=delay), (), initial_noise(logs.outputs)).noise
     sizes = WindowSizes(max(steps), *(max(1, round(time / logs.period)) for time in (_SETTLING_TIME, WARM_UP)))
     predictor = logs.predictor_in([LogWindow(0, int(start) + 1) for start in starts], sizes, delay=delay)
-    begin, *ends = predictor.open_loop(none, predictor.gains(none, noise), noise, steps)
+    at_start, *predicted = predictor.open_loop(no_parameters, predictor.gains(no_parameters, noise), noise, steps)
     for signal, row in STATE_ROWS.items():
         if signal not in logs.signals:
             rows = slice(row, row + 3)
-            for end in ends:
-                end[rows] += motion.state[rows, None] - begin[rows]
-    return ends
+            for end in predicted:
+                end[rows] += motion.state[rows, None] - at_start[rows]
+    return predicted
 
 
-def _starts(record: FlightRecord, past: int, horizons: Sequence[float], share: float) -> np.ndarray:
+def _starts(record: FlightRecord, num_past: int, horizons: Sequence[float], share: float) -> np.ndarray:
     """Return the indices (S,) of the samples at which predictions begin."""
     flying = airborne(record)
-    wanted = held_out(flying, share) if share < 1.0 and flying.any() else flying
-    apart = max(1, round(SPACING / record.period))
-    last = round(min(horizons) / record.period)
-    past = max(past, round(_SETTLING_TIME / record.period))
-    first = max(past, round(_UNKNOWN_ROTOR_TIME / record.period))
-    samples = np.arange(first, len(record.time) - last, apart)
-    piece = pieces(record)
-    whole = _reached(record, samples - past, past) & (piece[samples - first] == piece[samples])
-    return np.asarray(samples[wanted[samples] & whole & _reached(record, samples, last)])
+    is_allowed = held_out(flying, share) if share < 1.0 and flying.any() else flying
+    spacing = max(1, round(START_SPACING / record.period))
+    min_steps = round(min(horizons) / record.period)
+    num_past = max(num_past, round(_SETTLING_TIME / record.period))
+    samples = np.arange(num_past, len(record.time) - min_steps, spacing)
+    has_past = _continues(record, samples - num_past, num_past)
+    return np.asarray(samples[is_allowed[samples] & has_past & _continues(record, samples, min_steps)])
 
 
-def _reached(record: FlightRecord, starts: np.ndarray, steps: int) -> np.ndarray:
+def _continues(record: FlightRecord, starts: np.ndarray, steps: int) -> np.ndarray:
     """Return a mask (S,) of the starts after which the flight continues for `steps` samples without a gap."""
     ends = starts + steps
-    inside = ends < len(record.time)
+    is_logged = ends < len(record.time)
     ends = np.minimum(ends, len(record.time) - 1)
-    piece, landed = pieces(record), np.concatenate([[0], np.cumsum(~airborne(record))])
-    return np.asarray(inside & (piece[starts] == piece[ends]) & (landed[ends + 1] == landed[starts]))
+    piece_numbers, num_grounded = pieces(record), np.concatenate([[0], np.cumsum(~airborne(record))])
+    return np.asarray(
+        is_logged & (piece_numbers[starts] == piece_numbers[ends]) & (num_grounded[ends + 1] == num_grounded[starts])
+    )
 
 
 def _errors(
@@ -322,32 +331,32 @@ def _errors(
     states: Sequence[np.ndarray],
     starts: np.ndarray,
     steps: Sequence[int],
-    level: bool,
+    only_vertical: bool,
 ) -> dict[str, np.ndarray]:
-    """Return the errors (h, S) of h predicted states (12, S) by quantity, given the sample count of each horizon."""
-    found: dict[str, list[np.ndarray]] = {}
+    """Return the errors (h, S) of each quantity at h horizons, which `steps` gives as numbers of samples."""
+    errors_by_quantity: dict[str, list[np.ndarray]] = {}
     for step, state in zip(steps, states, strict=True):
-        at = np.minimum(starts + step, len(record.time) - 1)
+        samples = np.minimum(starts + step, len(record.time) - 1)
         for name in measured:
             predicted = state[STATE_ROWS[name] : STATE_ROWS[name] + 3].T
-            actual = record.of(name)[at]
-            if level:
+            actual = record.of(name)[samples]
+            if only_vertical:
                 quantity, error = {"position": "height", "velocity": "climb"}[name], np.abs(predicted - actual)[:, 2]
             elif name == "attitude":
-                one, other = rotations(predicted), rotations(actual)
-                quantity, error = name, (one.inv() * other).magnitude()
+                predicted_rotation, actual_rotation = rotations(predicted), rotations(actual)
+                quantity, error = name, (predicted_rotation.inv() * actual_rotation).magnitude()
             else:
                 quantity, error = name, np.linalg.norm(predicted - actual, axis=1)
-            found.setdefault(quantity, []).append(error)
-    return {quantity: np.stack(errors) for quantity, errors in found.items()}
+            errors_by_quantity.setdefault(quantity, []).append(error)
+    return {quantity: np.stack(errors) for quantity, errors in errors_by_quantity.items()}
 
 
-def _reach(values: np.ndarray, blocks: np.ndarray) -> float:
+def _half_width(values: np.ndarray, blocks: np.ndarray) -> float:
     """Return the half-width of the 95 % interval of a mean; infinite for a single block.
 
     Args:
         values: (n,) values minus their mean.
-        blocks: (n,) block number of each value. Values are correlated within a block.
+        blocks: (n,) block number of each value. Values are correlated only within a block.
     """
     totals = np.bincount(blocks, weights=values) / len(values)
     count = len(totals)

@@ -13,24 +13,25 @@ from drake_quad.scenario.limits import SHORTEST
 from drake_quad.scenario.routes.setpoints import SetpointsRoute
 from drake_quad.scenario.routes.trajectory import Knot, TrajectoryRoute, YawKnot
 
-# Knot spacings that are tried, s. With the smallest one, the path follows any reference that can be flown.
-_SPACINGS = (0.5, 0.25, 0.125, 0.0625)
+# Knot spacings that are tried in this order, s. With the smallest one, a path follows any reference that can be flown.
+_KNOT_SPACINGS = (0.5, 0.25, 0.125, 0.0625)
 TOLERANCE = 2e-3
-"""Largest distance from the logged reference, m. Truncation of positions to mm causes an error of up to 1.7 mm."""
-# References are sent at 20 Hz or faster. A value that is constant for longer belongs to a reference at rest, unless the
-# log has only some of the values that were sent.
-_MAX_HOLD = 0.05  # s
-# Largest acceleration of a smooth path through values that are logged more slowly, m/s². Such a path follows any jump,
-# and 5 g is beyond the position references of multicopters.
+"""Largest distance of a route from the logged reference, m. Positions that are cut to mm are off by up to 1.7 mm."""
+# References are sent at 20 Hz or faster, so a reference that is constant for longer than this is at rest, unless it is
+# logged more slowly than it is sent.
+_MAX_REPETITION_TIME = 0.05  # s
+# Largest acceleration of a smooth path through the samples of a slowly logged reference, m/s². Such a path follows any
+# jump, and 5 g is beyond the position references of multicopters.
 _MAX_ACCELERATION = 5.0 * 9.81
-# Weight of the snap relative to that of the position. It determines the path where there are no samples, as in a gap.
+# Weight of the snap relative to the position. The snap determines the path if there are no samples, for example in a
+# gap.
 _SNAP_WEIGHT = 1e-9
-# Share of the rest before the log in which the vehicle accelerates to the first velocity of the log.
+# Fraction of the rest before the log in which the vehicle accelerates to the first velocity of the log.
 _ACCELERATION_SHARE = 0.5
-# Largest distance of the reference from the vehicle at the lift-off, m, if the route begins on the reference. If it is
-# farther away, it has jumped to the height of the flight.
+# Largest distance between reference and vehicle at the lift-off, m, for a route that begins on the reference. If the
+# distance is larger, the reference has jumped to the height of the flight.
 _MAX_LIFT_OFF_DISTANCE = 0.25
-_REST_WEIGHT = 1e3  # weight of the derivatives at a first knot that is at rest
+_REST_WEIGHT = 1e3  # weight of the derivatives at the first knot, if the path starts at rest
 _LIFT_OFF_STEP = 2.0 * SHORTEST  # s, from lift-off to the first setpoint; shorter than the period of any controller
 
 
@@ -59,12 +60,12 @@ class LoggedReference(NamedTuple):
             number = len(self.route.setpoints)
             return f"{number:,} setpoints, each held until the next, since they jump at {self.jump:.2f} s"
         pieces = len(self.route.knots or ()) - 1
-        text = f"{pieces} pieces of degree 7, within {1e3 * self.deviation:.2f} mm of the log's"
+        text = f"{pieces} pieces of degree 7, within {1e3 * self.deviation:.2f} mm of the logged positions"
         if self.velocity_deviation is None:
             return text
         return (
-            f"{text}; the logged velocities are left out, since they differ from those of the logged positions by up to"
-            f" {self.velocity_deviation:.2g} m/s"
+            f"{text}; the logged velocities are not used, since they differ from the derivatives of the logged"
+            f" positions by up to {self.velocity_deviation:.2g} m/s"
         )
 
 
@@ -74,14 +75,14 @@ def logged_reference(
     """Return the reference of a log as a path of degree 7 with a continuous jerk, or as setpoints.
 
     The path is the least-squares fit to the logged positions, and to the velocities if they are logged. Its knots are
-    as far apart as the tolerance allows. If no such path is within the tolerance, the velocities are left out: PX4, for
-    example, logs velocities that differ from those of its positions while the vehicle lags behind. Yaw is the logged
-    yaw of the reference, or the median yaw of the vehicle if the former is not logged.
+    as far apart as the tolerance allows. If no such path is within the tolerance, the velocities are not used: PX4, for
+    example, logs velocities that are not the derivatives of its positions while the vehicle lags behind. Yaw is the
+    logged yaw of the reference, or the median yaw of the vehicle if no reference yaw is logged.
 
-    A value that is repeated for some samples, because the reference is logged faster than it is sent, counts once, in
-    the middle of these samples. If the reference is logged more slowly than 20 Hz, each of its logged values counts
-    once, at the time at which it was logged, and the velocities are left out, since a path through so few samples would
-    oscillate to follow velocities that contradict the positions.
+    If the reference is logged faster than it is sent, values are repeated; each value is then used once, at the middle
+    of its samples. If the reference is logged more slowly than at 20 Hz, each logged value is used once, at the time at
+    which it was logged. The velocities are then not used, since a path through so few samples would oscillate to follow
+    velocities that contradict the positions.
 
     Before the log, the route is at rest, so that the integrators of the controller settle. If the log starts in motion,
     the route accelerates to the first velocity. If the vehicle takes off in the log, the lift-off is the start of the
@@ -103,23 +104,26 @@ def logged_reference(
             if the reference jumps and its velocity is logged.
     """
     if record.reference_velocity is None and lift_off is not None and _is_far(record, lift_off):
-        return _held(record, rest, lift_off)
+        return _setpoint_reference(record, rest, lift_off)
     begin = 0.0 if lift_off is None else float(record.time[lift_off])
-    flying = record.part(slice(lift_off, None))
-    flying = _as_logged(replace(flying, time=flying.time - begin))
+    flight = record.part(slice(lift_off, None))
+    flight = _as_logged(replace(flight, time=flight.time - begin))
     try:
-        path, deviation, velocity_deviation = _smooth_path(flying, tolerance, begin)
+        path, deviation, velocity_deviation = _smooth_path(flight, tolerance, begin)
     except InputError:
         if record.reference_velocity is None:
-            return _held(record, rest, lift_off)
+            return _setpoint_reference(record, rest, lift_off)
         raise
     knots = _knots(path)
     if rest > 0.0:
         knots = [*_approach(knots[0], rest), *(knot.model_copy(update={"time": knot.time + rest}) for knot in knots)]
     elif np.linalg.norm(knots[0].velocity) > tolerance:
-        raise InputError(f"the reference of the log {shown(record.name)} is on its way at once: rest must not be 0")
-    route = TrajectoryRoute(kind="trajectory", knots=tuple(knots), yaw_knots=_yaw_knots(flying, rest))
-    return LoggedReference(route, rest - begin, begin + float(flying.time[-1]), deviation, velocity_deviation)
+        raise InputError(
+            f"the reference of the log {shown(record.name)} already moves at its first sample; rest must be"
+            " larger than 0"
+        )
+    route = TrajectoryRoute(kind="trajectory", knots=tuple(knots), yaw_knots=_yaw_knots(flight, rest))
+    return LoggedReference(route, rest - begin, begin + float(flight.time[-1]), deviation, velocity_deviation)
 
 
 def _smooth_path(record: FlightRecord, tolerance: float, begin: float) -> tuple[PolynomialPath, float, float | None]:
@@ -131,33 +135,35 @@ def _smooth_path(record: FlightRecord, tolerance: float, begin: float) -> tuple[
         begin: time in the log at which the record begins, s.
 
     Raises:
-        InputError: if no path is within the tolerance, or that through a slow reference has too large accelerations.
+        InputError: if no path is within the tolerance, or if the path through the samples of a slowly logged reference
+            has too large accelerations.
     """
     logged = [record.of("reference_position")]
     if record.reference_velocity is not None:
         logged.append(record.reference_velocity)
-    # If a gap follows the first samples, only their values show that the reference is at rest.
+    # If a gap follows the first samples, only equal values show that the reference is at rest.
     at_rest = np.array_equal(logged[0][0], logged[0][1]) and not any(values[0].any() for values in logged[1:])
-    time, *samples = _sent(record.time, logged)
+    time, *samples = _without_repetitions(record.time, logged)
     end, slow = float(record.time[-1]), is_slow(record)
-    for known in (samples[:1],) if slow else (samples, samples[:1])[: len(samples)]:
-        path, distance = _nearest(time, known, end=end, tolerance=tolerance, at_rest=at_rest)
+    for fitted in (samples[:1],) if slow else (samples, samples[:1])[: len(samples)]:
+        path, distance = _closest_path(time, fitted, end=end, tolerance=tolerance, at_rest=at_rest)
         if distance.max() <= tolerance:
             break
     else:
         worst = int(np.argmax(distance))
         raise InputError(
-            f"no smooth path follows the reference of the log {shown(record.name)} to within {1e3 * tolerance:g} mm:"
-            f" at {begin + time[worst]:.3f} s the nearest is {1e3 * distance[worst]:.1f} mm away; does the reference"
-            " jump?"
+            f"no smooth path fits the reference of the log {shown(record.name)} to within {1e3 * tolerance:g} mm: the"
+            f" best fit is off by {1e3 * distance[worst]:.1f} mm at {begin + time[worst]:.3f} s; a possible cause is a"
+            " jump of the reference"
         )
-    largest = _largest_acceleration(path)
-    if slow and largest > _MAX_ACCELERATION:
+    max_acceleration = _max_acceleration(path)
+    if slow and max_acceleration > _MAX_ACCELERATION:
         raise InputError(
-            f"the reference of the log {shown(record.name)} cannot be flown: between samples"
-            f" {record.reference_period:.2g} s apart it moves with {largest:.0f} m/s²; does the reference jump?"
+            f"the reference of the log {shown(record.name)} cannot be flown: between samples that are"
+            f" {record.reference_period:.2g} s apart, it accelerates with {max_acceleration:.0f} m/s²; a possible cause"
+            " is a jump of the reference"
         )
-    if len(known) == len(samples):
+    if len(fitted) == len(samples):
         return path, float(distance.max()), None
     difference = np.linalg.norm(evaluate(path, time, 1).T - samples[1], axis=1)
     return path, float(distance.max()), float(difference.max())
@@ -169,41 +175,41 @@ def _is_far(record: FlightRecord, lift_off: int) -> bool:
     return bool(np.linalg.norm(distance) > _MAX_LIFT_OFF_DISTANCE)
 
 
-def _nearest(
+def _closest_path(
     time: np.ndarray, samples: list[np.ndarray], *, end: float, tolerance: float, at_rest: bool
 ) -> tuple[PolynomialPath, np.ndarray]:
     """Return the path with the largest knot spacing within the tolerance, and its distances (n,) to the positions.
 
     If no path is within the tolerance, the path with the smallest spacing is returned.
     """
-    for spacing in _SPACINGS:
-        path = _fitted(time, samples, end=end, spacing=spacing, orders=4, at_rest=at_rest)
+    for spacing in _KNOT_SPACINGS:
+        path = _fitted_path(time, samples, end=end, spacing=spacing, orders=4, at_rest=at_rest)
         distance = np.linalg.norm(evaluate(path, time).T - samples[0], axis=1)
         if distance.max() <= tolerance:
             break
     return path, distance
 
 
-def _largest_acceleration(path: PolynomialPath) -> float:
+def _max_acceleration(path: PolynomialPath) -> float:
     times = np.linspace(path.times[0], path.times[-1], 8 * len(path.times))
     return float(np.linalg.norm(evaluate(path, times, 2), axis=0).max())
 
 
 def is_slow(record: FlightRecord) -> bool:
     """Return whether the reference is logged more slowly than a controller receives it."""
-    return record.reference_period > _MAX_HOLD
+    return record.reference_period > _MAX_REPETITION_TIME
 
 
 def _as_logged(record: FlightRecord) -> FlightRecord:
     """Return a record with the samples at which a slow reference was logged; other records are returned unchanged.
 
-    Each value of the reference begins at a sample of its topic, and is held for a whole number of periods. Several
-    periods mean that equal values were logged.
+    Each value of the reference begins at a sample of its topic, and is held for a whole number of periods. If it is
+    held for several periods, equal values were logged.
     """
     if not is_slow(record):
         return record
     signals = [record.of("reference_position"), record.reference_velocity]
-    values = np.hstack([each for each in signals if each is not None])
+    values = np.hstack([signal for signal in signals if signal is not None])
     first = np.flatnonzero(np.append(True, np.any(np.diff(values, axis=0) != 0.0, axis=1)))
     ends = np.append(record.time[first[1:]], record.time[-1] + record.period)
     run = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(record.time))))
@@ -213,10 +219,10 @@ def _as_logged(record: FlightRecord) -> FlightRecord:
     return record.part(np.append(True, (np.diff(run) > 0) | (np.diff(number) > 0.0)))
 
 
-def _held(record: FlightRecord, rest: float, lift_off: int | None) -> LoggedReference:
+def _setpoint_reference(record: FlightRecord, rest: float, lift_off: int | None) -> LoggedReference:
     """Return the logged setpoints as a route that begins at the lift-off, or with a rest (s) at the first setpoint."""
     position = record.of("reference_position")
-    yaw = np.full(len(position), _flown_yaw(record))
+    yaw = np.full(len(position), _median_yaw(record))
     if record.reference_yaw is not None:
         yaw = np.unwrap(record.reference_yaw)
     steps = np.linalg.norm(np.diff(position, axis=0), axis=1)
@@ -235,26 +241,26 @@ def _held(record: FlightRecord, rest: float, lift_off: int | None) -> LoggedRefe
     return LoggedReference(route, start, float(record.time[-1]), 0.0, jump=jump)
 
 
-def _flown_yaw(record: FlightRecord) -> float:
+def _median_yaw(record: FlightRecord) -> float:
     """Return the median of the measured yaw, rad; 0 if it is not logged."""
     return 0.0 if record.attitude is None else float(np.median(np.unwrap(record.attitude[:, 2])))
 
 
-def _sent(time: np.ndarray, logged: list[np.ndarray]) -> list[np.ndarray]:
-    """Return times (m,) and signals (m, 3) in which each value that is repeated for at most 50 ms occurs once.
+def _without_repetitions(time: np.ndarray, logged: list[np.ndarray]) -> list[np.ndarray]:
+    """Return times (m,) and signals (m, 3) in which each value that repeats for at most 50 ms occurs once.
 
     The time of such a value is the middle of its repetitions.
     """
     first = np.flatnonzero(np.append(True, np.any(np.diff(np.hstack(logged), axis=0) != 0.0, axis=1)))
     last = np.append(first[1:], len(time)) - 1
-    at_standstill = np.repeat(time[last] - time[first] > _MAX_HOLD, last - first + 1)
+    at_standstill = np.repeat(time[last] - time[first] > _MAX_REPETITION_TIME, last - first + 1)
     run = np.repeat(np.arange(len(first)), last - first + 1)
     middle = np.where(at_standstill, time, 0.5 * (time[first] + time[last])[run])
-    kept = at_standstill | np.isin(np.arange(len(time)), first)
-    return [middle[kept], *(values[kept] for values in logged)]
+    is_selected = at_standstill | np.isin(np.arange(len(time)), first)
+    return [middle[is_selected], *(values[is_selected] for values in logged)]
 
 
-def _fitted(
+def _fitted_path(
     time: np.ndarray, samples: list[np.ndarray], *, end: float, spacing: float, orders: int, at_rest: bool = False
 ) -> PolynomialPath:
     """Return the least-squares path to samples of a signal and its derivatives.
@@ -276,17 +282,17 @@ def _fitted(
     basis = hermite_path(np.array([0.0, 1.0]), unit).coefficients[0]
     rows = [power_basis(order, s, 2 * orders) @ basis * h**-order for order in range(len(samples))]
     ends = power_basis(orders, np.linspace(0.0, 1.0, orders), 2 * orders) @ basis * np.sqrt(_SNAP_WEIGHT)
-    normal, right = np.zeros(((count + 1) * orders,) * 2), np.zeros(((count + 1) * orders, samples[0].shape[1]))
+    normal, right_side = np.zeros(((count + 1) * orders,) * 2), np.zeros(((count + 1) * orders, samples[0].shape[1]))
     for k in range(count):
-        place, chosen = slice(k * orders, (k + 2) * orders), segment == k
-        normal[place, place] += ends.T @ ends
+        columns, in_segment = slice(k * orders, (k + 2) * orders), segment == k
+        normal[columns, columns] += ends.T @ ends
         for row, values in zip(rows, samples, strict=True):
-            normal[place, place] += row[chosen].T @ row[chosen]
-            right[place] += row[chosen].T @ values[chosen]
+            normal[columns, columns] += row[in_segment].T @ row[in_segment]
+            right_side[columns] += row[in_segment].T @ values[in_segment]
     if at_rest:
-        moving = np.arange(1, orders)
-        normal[moving, moving] += _REST_WEIGHT
-    derivatives = np.linalg.solve(normal, right).reshape(count + 1, orders, -1)
+        derivative_orders = np.arange(1, orders)
+        normal[derivative_orders, derivative_orders] += _REST_WEIGHT
+    derivatives = np.linalg.solve(normal, right_side).reshape(count + 1, orders, -1)
     return hermite_path(knots, derivatives * h ** -np.arange(orders)[:, np.newaxis])
 
 
@@ -310,13 +316,13 @@ def _yaw_knots(record: FlightRecord, rest: float) -> tuple[YawKnot, ...]:
     """Return the yaw of the reference over the whole route."""
     end = float(record.time[-1]) + rest
     if record.reference_yaw is None:
-        flown = _flown_yaw(record)
-        return YawKnot(time=0.0, yaw=flown), YawKnot(time=end, yaw=flown)
+        median_yaw = _median_yaw(record)
+        return YawKnot(time=0.0, yaw=median_yaw), YawKnot(time=end, yaw=median_yaw)
     yaw = np.unwrap(record.reference_yaw)[:, np.newaxis]
-    path = _fitted(record.time, [yaw], end=float(record.time[-1]), spacing=_SPACINGS[0], orders=2)
+    path = _fitted_path(record.time, [yaw], end=float(record.time[-1]), spacing=_KNOT_SPACINGS[0], orders=2)
     angles, rates = (evaluate(path, path.times, order)[0].tolist() for order in range(2))
-    found = [
+    knots = [
         YawKnot(time=time + rest, yaw=angle, yaw_rate=rate)
         for time, angle, rate in zip(path.times.tolist(), angles, rates, strict=True)
     ]
-    return (YawKnot(time=0.0, yaw=found[0].yaw), *found) if rest > 0.0 else tuple(found)
+    return (YawKnot(time=0.0, yaw=knots[0].yaw), *knots) if rest > 0.0 else tuple(knots)

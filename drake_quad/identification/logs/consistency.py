@@ -23,13 +23,13 @@ from drake_quad.identification.logs.attitudes import rotations
 from drake_quad.identification.logs.faults import AXES, GRAVITY, Fault, faults
 
 _GRID_STEP = 0.01  # s; finer samples are averaged
-_MAX_GRID_SIZE = 6_000  # one minute at the finest grid step, in the middle of the log
-_MIN_WINDOWS = 50
+_MAX_GRID_SIZE = 6_000  # grid steps; one minute at the finest step, from the middle of the log
+_MIN_WINDOWS = 50  # smallest number of windows in which two signals are compared
 _TRANSLATION_WINDOW = 0.2  # s, long enough to average out the noise of positions
 _ROTATION_WINDOW = 0.1  # s
 _SEARCH_STRIDE = 0.04  # s, distance between the windows in the search for faults
-_MIN_SPEED = 0.05  # m/s; estimators that do not run log a constant velocity
-_MIN_TILT_COSINE = 0.2  # smaller cosines are replaced, since the tangent of the tilt would diverge
+_MIN_SPEED = 0.05  # m/s, smallest standard deviation of a velocity; it is 0 if the estimator does not run
+_MIN_TILT_COSINE = 0.2  # smaller cosines are raised to this value, since the tangent of the tilt would diverge
 # Values are clipped to this quantile of their magnitude, so that a crash or a landing does not dominate.
 _CLIPPED_QUANTILE = 0.9
 _MAX_FAULTS = 3
@@ -37,22 +37,23 @@ _MAX_FAULTS = 3
 _MIN_IMPROVEMENT = 0.4
 _AXIS_COST = 0.05  # penalty for each axis of a fault, so that the simplest fault is preferred
 # World and body axes hardly differ at small tilts. A wrong frame is therefore reported if the other frame fits better
-# in most parts of the log, and leaves less than this share of the error. In correct logs it increases the error.
+# in most parts of the log, and leaves less than this fraction of the error. In correct logs, the other frame increases
+# the error.
 _NUM_PARTS = 8
 _MIN_BETTER_PARTS = 6
 _MAX_FRAME_REMAINDER = 0.75
-_MAX_SHIFT = 0.3  # s
-_SHIFTED_AMPLITUDE = 0.1  # SI units; smaller than the thresholds of signals that are compared with their means
+_MAX_SHIFT = 0.3  # s, largest time shift that is tried
+_SHIFTED_AMPLITUDE = 0.1  # SI units, smallest amplitude of signals whose time shift is determined
 _MIN_SHIFT = 0.025  # s; filters and radio links of correct logs shift signals by up to 20 ms
-_SHIFT_SIGMAS = 4.0
-# Length of the parts of a log in which clocks are compared (s), largest shift (s), and largest power of the difference
-# between the shifted signals, relative to the power of the signals.
-_CLOCK_PART, _MAX_CLOCK_SHIFT, _MAX_CLOCK_ERROR = 2.0, 0.1, 0.4
-# Largest time by which a signal follows its command, s.
-_MAX_RESPONSE_TIME = 0.5
+_SHIFT_SIGMAS = 4.0  # a shift is reported if it exceeds `_MIN_SHIFT` by this many standard errors
+_CLOCK_PART_DURATION = 2.0  # s, duration of the parts of a log in which clocks are compared
+_MAX_CLOCK_SHIFT = 0.1  # s
+# Largest power of the difference between shifted signals, relative to the power of the signals.
+_MAX_CLOCK_ERROR = 0.4
+_MAX_RESPONSE_TIME = 0.5  # s, largest delay from a command to the signal that follows it
 # Two signals contradict each other if they disagree by at least this value and no single fault explains it.
 _MIN_CONTRADICTION = 0.85
-_OPPOSITE_DISAGREEMENT = 1.2  # larger for signals that are opposite rather than independent
+_OPPOSITE_DISAGREEMENT = 1.2  # signals with a larger disagreement are opposite rather than independent
 _ROUNDING_ERROR = 1e-9  # relative amplitude of a constant with rounding errors
 _TINY = float(np.finfo(float).tiny)
 
@@ -68,7 +69,7 @@ class _Pair(NamedTuple):
         threshold: smallest amplitude of an axis that is compared, in SI units.
         axes: names of the axes.
         centred: True if the medians are removed before the comparison.
-        is_exact: False if a delay or an effect that is not modelled makes the two differ.
+        is_exact: False if a delay or an effect that is not modelled causes a difference between the two signals.
         suspicious: disagreement above which faults are searched for.
     """
 
@@ -83,16 +84,16 @@ class _Pair(NamedTuple):
     suspicious: float = _MIN_IMPROVEMENT
 
     def clipped(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return expected and measured values, clipped to their typical size; without their medians if centred."""
+        """Return expected and measured values, minus their medians if centred, clipped to their typical amplitude."""
         sides = []
         for values in (self.expected, self.measured):
             deviation = values - np.median(values, axis=0) if self.centred else values
-            most = np.quantile(np.abs(deviation), _CLIPPED_QUANTILE, axis=0)
-            sides.append(np.clip(deviation, -most, most))
+            limit = np.quantile(np.abs(deviation), _CLIPPED_QUANTILE, axis=0)
+            sides.append(np.clip(deviation, -limit, limit))
         return sides[0], sides[1]
 
     def disagreement(self) -> np.ndarray:
-        """Return the disagreement of each axis: 0 for equal values, 1 for independent and 2 for opposite ones."""
+        """Return the disagreement of each axis: 0 for equal, 1 for independent and 2 for opposite values."""
         expected, measured = self.clipped()
         power = np.mean(expected**2, axis=0) + np.mean(measured**2, axis=0)
         return np.asarray(np.mean((expected - measured) ** 2, axis=0) / np.maximum(power, _TINY))
@@ -105,15 +106,17 @@ class _Pair(NamedTuple):
     def text(self, axis: int) -> str:
         """Return the disagreement along an axis as part of a sentence."""
         expected, measured = (side[:, axis] for side in self.clipped())
-        size, other_size = (math.sqrt(float(np.mean(each**2))) for each in (measured, expected))
+        amplitude, other_amplitude = (math.sqrt(float(np.mean(each**2))) for each in (measured, expected))
         if not self.centred:
-            amounts = f"{float(np.mean(measured)):.3g} instead of {float(np.mean(expected)):.3g} m/s² in the mean"
+            comparison = f"mean {float(np.mean(measured)):.3g} instead of {float(np.mean(expected)):.3g} m/s²"
         else:
-            correlation = float(np.mean(expected * measured)) / max(size * other_size, _TINY)
-            is_constant = other_size <= _ROUNDING_ERROR * size
-            ratio = ", which is constant" if is_constant else f", amplitudes {size:.2g} and {other_size:.2g}"
-            amounts = f"correlation {correlation:.2f}{ratio}"
-        return f"{self.other} {'in' if self.axes[axis] in AXES['attitude'] else 'along'} {self.axes[axis]} ({amounts})"
+            correlation = float(np.mean(expected * measured)) / max(amplitude * other_amplitude, _TINY)
+            is_constant = other_amplitude <= _ROUNDING_ERROR * amplitude
+            ratio = ", which is constant" if is_constant else f", amplitudes {amplitude:.2g} and {other_amplitude:.2g}"
+            comparison = f"correlation {correlation:.2f}{ratio}"
+        return (
+            f"{self.other} {'in' if self.axes[axis] in AXES['attitude'] else 'along'} {self.axes[axis]} ({comparison})"
+        )
 
 
 class _Grid:
@@ -150,14 +153,14 @@ class _Grid:
 
     def mean(self, values: np.ndarray, width: int) -> np.ndarray:
         """Return the means (n - width, columns) over windows."""
-        integral = _integral(values, 1.0)
+        integral = _cumulative_integral(values, 1.0)
         return np.asarray((integral[width:] - integral[:-width]) / width)
 
     def rate(self, values: np.ndarray, width: int) -> np.ndarray:
         """Return the mean derivatives (n - width, columns) over windows."""
         return np.asarray((values[width:] - values[:-width]) / (width * self.step))
 
-    def whole(self, width: int) -> np.ndarray:
+    def is_complete(self, width: int) -> np.ndarray:
         """Return a mask (n - width,) of the windows without a gap."""
         return np.asarray(self._damaged[width + 1 :] == self._damaged[: len(self._damaged) - width - 1])
 
@@ -176,7 +179,7 @@ class _Grid:
 
 
 def contradictions(signals: Mapping[str, np.ndarray], time: np.ndarray) -> Iterator[str]:
-    """Yield a sentence on each disagreement between signals.
+    """Yield a remark on each disagreement between signals.
 
     Args:
         signals: (n,) or (n, columns) values of each signal, by name, in SI units and the frames of a record.
@@ -186,19 +189,19 @@ def contradictions(signals: Mapping[str, np.ndarray], time: np.ndarray) -> Itera
     if grid is None:
         return
     for _ in range(_MAX_FAULTS):
-        found = _worst_fault(grid)
-        if found is None:
+        worst = _worst_fault(grid)
+        if worst is None:
             break
-        fault, pair, axis = found
+        fault, pair, axis = worst
         yield f"{pair.name} disagrees with {pair.text(axis)}: {fault.text}"
         grid = grid.repaired(fault)
-    for exact in (each for each in _pairs(grid) if each is not None and each.is_exact):
-        excited = exact.excited(factor=2.0)
-        if excited.any() and exact.disagreement()[excited].min() > _MIN_CONTRADICTION:
-            yield f"{exact.name} contradicts {exact.text(int(np.argmax(excited)))}"
+    for exact_pair in (each for each in _pairs(grid) if each is not None and each.is_exact):
+        excited = exact_pair.excited(factor=2.0)
+        if excited.any() and exact_pair.disagreement()[excited].min() > _MIN_CONTRADICTION:
+            yield f"{exact_pair.name} contradicts {exact_pair.text(int(np.argmax(excited)))}"
         elif excited.any():
-            moving = exact._replace(centred=True, threshold=min(exact.threshold, _SHIFTED_AMPLITUDE))
-            yield from _shift(moving, grid.step, moving.excited(factor=2.0))
+            centred_pair = exact_pair._replace(centred=True, threshold=min(exact_pair.threshold, _SHIFTED_AMPLITUDE))
+            yield from _shift(centred_pair, grid.step, centred_pair.excited(factor=2.0))
 
 
 def _on_grid(signals: Mapping[str, np.ndarray], time: np.ndarray) -> _Grid | None:
@@ -214,7 +217,7 @@ def _on_grid(signals: Mapping[str, np.ndarray], time: np.ndarray) -> _Grid | Non
     for name in AXES:
         if name in signals:
             values = np.unwrap(signals[name], axis=0) if name.startswith("attitude") else signals[name]
-            integral = _integral(values, np.diff(time))
+            integral = _cumulative_integral(values, np.diff(time))
             at_edges = np.column_stack([np.interp(edges, time, column) for column in integral.T])
             means[name] = np.diff(at_edges, axis=0) / step
     usable = np.ones(len(edges) - 1, dtype=bool)
@@ -223,50 +226,52 @@ def _on_grid(signals: Mapping[str, np.ndarray], time: np.ndarray) -> _Grid | Non
     return _Grid(means, step, usable)
 
 
-def _integral(values: np.ndarray, steps: np.ndarray | float) -> np.ndarray:
+def _cumulative_integral(values: np.ndarray, steps: np.ndarray | float) -> np.ndarray:
     """Return the integral (n, columns) from the first sample to each sample, by the trapezoidal rule."""
     areas = 0.5 * (values[1:] + values[:-1]) * np.reshape(steps, (-1, 1))
     return np.vstack([np.zeros(values.shape[1]), np.cumsum(areas, axis=0)])
 
 
 def _pairs(
-    grid: _Grid, *, stride: int = 1, changed: Fault | None = None, only: Callable[..., Any] | None = None
+    grid: _Grid, *, stride: int = 1, fault: Fault | None = None, only: Callable[..., Any] | None = None
 ) -> list[_Pair | None]:
     """Return the pairs of signals that can be compared, without the windows that contain a gap.
 
     Args:
         grid: signals of the log.
         stride: number of grid steps between windows.
-        changed: fault; if given, only the pairs that depend on its signals are computed.
-        only: comparison in `_COMPARISONS`; if given, only its pair is computed.
+        fault: repaired fault; if given, only the pairs that depend on the repaired signals are computed.
+        only: comparison in `_COMPARISONS`; if given, only the pair of this comparison is computed.
 
     Returns:
-        The pairs whose signals are logged, with None for a pair that does not depend on `changed`, that has too few
+        The pairs whose signals are logged, with None for a pair that does not depend on `fault`, that has too few
         windows, or that needs motion in a log without motion.
     """
-    found: list[_Pair | None] = []
-    for build, needed in _COMPARISONS:
-        if only not in (None, build):
+    pairs: list[_Pair | None] = []
+    for compare, groups in _COMPARISONS:
+        if only not in (None, compare):
             continue
-        if not all(any(name in grid.signals for name in names) for names in needed):
+        if not all(any(name in grid.signals for name in names) for names in groups):
             continue
-        is_changed = changed is None or {name for names in needed for name in names}.intersection(changed.signals)
-        if not is_changed or (_MOTION in needed and not grid.is_moving):
-            found.append(None)
+        is_changed = fault is None or {name for names in groups for name in names}.intersection(fault.signals)
+        if not is_changed or (_MOTION_SIGNALS in groups and not grid.is_moving):
+            pairs.append(None)
             continue
-        pair, width = build(grid)
-        whole = grid.whole(width)[: len(pair.expected)]
-        rows = np.flatnonzero(whole)[::stride]
-        enough = len(rows) >= _MIN_WINDOWS
-        found.append(pair._replace(expected=pair.expected[rows], measured=pair.measured[rows]) if enough else None)
-    return found
+        pair, width = compare(grid)
+        is_complete = grid.is_complete(width)[: len(pair.expected)]
+        rows = np.flatnonzero(is_complete)[::stride]
+        is_long_enough = len(rows) >= _MIN_WINDOWS
+        pairs.append(
+            pair._replace(expected=pair.expected[rows], measured=pair.measured[rows]) if is_long_enough else None
+        )
+    return pairs
 
 
 def _derivative(position: str, velocity: str, grid: _Grid, *, is_exact: bool = True) -> tuple[_Pair, int]:
     width = grid.samples(_TRANSLATION_WINDOW)
     expected, measured = grid.rate(grid.signals[position], width), grid.mean(grid.signals[velocity], width)
-    what = f"the derivative of {position}"
-    return _Pair(velocity, what, expected, measured, 0.05, AXES[velocity], is_exact=is_exact), width
+    other = f"the derivative of {position}"
+    return _Pair(velocity, other, expected, measured, 0.05, AXES[velocity], is_exact=is_exact), width
 
 
 def _attitude_and_rates(grid: _Grid) -> tuple[_Pair, int]:
@@ -291,14 +296,14 @@ def _force_in_world(grid: _Grid) -> tuple[np.ndarray, np.ndarray, int]:
 
 def _horizontal_force(grid: _Grid) -> tuple[_Pair, int]:
     expected, measured, width = _force_in_world(grid)
-    what = "the acceleration and the tilt"
-    return _Pair("specific_force", what, expected[:, :2], measured[:, :2], 0.2, ("x", "y")), width
+    other = "the acceleration and the tilt"
+    return _Pair("specific_force", other, expected[:, :2], measured[:, :2], 0.2, ("x", "y")), width
 
 
 def _vertical_force(grid: _Grid) -> tuple[_Pair, int]:
     expected, measured, width = _force_in_world(grid)
-    what = "the acceleration and gravity"
-    pair = _Pair("specific_force", what, expected[:, 2:], measured[:, 2:], 1.0, ("z",), centred=False)
+    other = "the acceleration and gravity"
+    pair = _Pair("specific_force", other, expected[:, 2:], measured[:, 2:], 1.0, ("z",), centred=False)
     return pair, width
 
 
@@ -309,9 +314,9 @@ def _force_in_body(grid: _Grid) -> tuple[_Pair, int]:
     expected = middle.inv().apply(acceleration)[:, :2]
     measured = grid.mean(grid.signals["specific_force"], width)[:, :2]
     # The drag of the rotors is smaller than the error of the tilt, so the two are rarely equal, but never opposite.
-    what = "the acceleration and the tilt, in the body,"
+    other = "the acceleration and the tilt, in the body,"
     pair = _Pair(
-        "specific_force", what, expected, measured, 0.1, ("x", "y"), is_exact=False, suspicious=_OPPOSITE_DISAGREEMENT
+        "specific_force", other, expected, measured, 0.1, ("x", "y"), is_exact=False, suspicious=_OPPOSITE_DISAGREEMENT
     )
     return pair, width
 
@@ -330,8 +335,8 @@ def _tilt(grid: _Grid) -> tuple[_Pair, int]:
     axis = grid.rotation.apply([0.0, 0.0, 1.0])
     tangent = grid.mean(axis[:, :2] / np.maximum(axis[:, 2:], _MIN_TILT_COSINE), width)
     expected, measured = acceleration[:, :2], tangent * np.maximum(acceleration[:, 2:], 0.0)
-    what = "the horizontal acceleration"
-    return _Pair("attitude", what, expected, measured, 0.2, ("x", "y"), is_exact=False), width
+    other = "the horizontal acceleration"
+    return _Pair("attitude", other, expected, measured, 0.2, ("x", "y"), is_exact=False), width
 
 
 def _response(command: str, signal: str, threshold: float, columns: int, grid: _Grid) -> tuple[_Pair, int]:
@@ -350,17 +355,17 @@ def _response(command: str, signal: str, threshold: float, columns: int, grid: _
     return _Pair(command, signal, *best, threshold, AXES[signal][:columns], is_exact=False), width
 
 
-_MOTION = ("position", "velocity")
+_MOTION_SIGNALS = ("position", "velocity")
 # Comparisons, each with groups of signals. A comparison needs at least one signal of each group.
 _COMPARISONS: list[tuple[Callable[[_Grid], tuple[_Pair, int]], tuple[tuple[str, ...], ...]]] = [
     (partial(_derivative, "position", "velocity"), (("position",), ("velocity",))),
     (_attitude_and_rates, (("attitude",), ("body_rates",))),
-    (_horizontal_force, (("attitude",), _MOTION, ("specific_force",))),
-    (_vertical_force, (("attitude",), _MOTION, ("specific_force",))),
-    (_force_in_body, (("attitude",), _MOTION, ("specific_force",))),
+    (_horizontal_force, (("attitude",), _MOTION_SIGNALS, ("specific_force",))),
+    (_vertical_force, (("attitude",), _MOTION_SIGNALS, ("specific_force",))),
+    (_force_in_body, (("attitude",), _MOTION_SIGNALS, ("specific_force",))),
     (_size_of_force, (("specific_force",),)),
-    (_tilt, (("attitude",), _MOTION)),
-    # A reference is held between setpoints, which shifts its velocity by half a period.
+    (_tilt, (("attitude",), _MOTION_SIGNALS)),
+    # A reference is held between setpoints, which delays the derivative of its position by half a period.
     (
         partial(_derivative, "reference_position", "reference_velocity", is_exact=False),
         (("reference_position",), ("reference_velocity",)),
@@ -373,7 +378,7 @@ _COMPARISONS: list[tuple[Callable[[_Grid], tuple[_Pair, int]], tuple[tuple[str, 
 
 def _worst_fault(grid: _Grid) -> tuple[Fault, _Pair, int] | None:
     """Return the fault whose repair improves the agreement most, with the pair and the axis that improve most."""
-    # Consecutive windows overlap almost completely, so a part of them is enough.
+    # Consecutive windows overlap almost completely, so some of them are sufficient.
     stride = grid.samples(_SEARCH_STRIDE)
     pairs = _pairs(grid, stride=stride)
     excited = [None if pair is None else pair.excited() for pair in pairs]
@@ -386,9 +391,9 @@ def _worst_fault(grid: _Grid) -> tuple[Fault, _Pair, int] | None:
     for fault in faults(grid.signals):
         if not (is_suspicious or fault.is_frame):
             continue
-        gain, most, shown = -_AXIS_COST * fault.num_axes, 0.0, None
+        gain, max_change, candidate = -_AXIS_COST * fault.num_axes, 0.0, None
         for pair, repaired, old, axes in zip(
-            pairs, _pairs(grid.repaired(fault), stride=stride, changed=fault), before, excited, strict=True
+            pairs, _pairs(grid.repaired(fault), stride=stride, fault=fault), before, excited, strict=True
         ):
             if pair is None or repaired is None or axes is None:
                 continue
@@ -397,10 +402,10 @@ def _worst_fault(grid: _Grid) -> tuple[Fault, _Pair, int] | None:
             gain += float(change.sum())
             axis = int(np.argmax(change))
             is_gross = change[axis] > _MIN_IMPROVEMENT + new[axis]
-            if change[axis] > most and (is_gross or (fault.is_frame and _is_other_frame(pair, repaired))):
-                most, shown = float(change[axis]), (fault, pair, axis)
-        if shown is not None and gain > best_gain:
-            best, best_gain = shown, gain
+            if change[axis] > max_change and (is_gross or (fault.is_frame and _is_other_frame(pair, repaired))):
+                max_change, candidate = float(change[axis]), (fault, pair, axis)
+        if candidate is not None and gain > best_gain:
+            best, best_gain = candidate, gain
     return best
 
 
@@ -416,13 +421,13 @@ def _is_other_frame(pair: _Pair, other: _Pair) -> bool:
 
 
 def clock_shifts(signals: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndarray:
-    """Return the lags (parts,) of the body rates behind the derivative of the attitude, s, in parts of two seconds.
+    """Return the lags (parts,), s, of the body rates behind the derivative of the attitude, in parts of two seconds.
 
     Parts in which the two signals do not match are left out. If the lags differ, the clocks of the two sensors are not
     synchronised, for example because one of them is received over a radio link.
 
     Args:
-        signals: (n, columns) values of attitude and body_rates among others, in SI units and the frames of a record.
+        signals: (n, columns) values of signals, including attitude and body_rates, in SI units and frames of a record.
         time: (n,) rising times, s.
     """
     grid = _on_grid(signals, time)
@@ -430,45 +435,53 @@ def clock_shifts(signals: Mapping[str, np.ndarray], time: np.ndarray) -> np.ndar
     if grid is None or pair is None:
         return np.zeros(0)
     expected, measured = pair.clipped()
-    most, count = grid.samples(_MAX_CLOCK_SHIFT), grid.samples(_CLOCK_PART)
-    found = []
-    for first in range(most, len(expected) - count - most, count):
+    max_shift, count = grid.samples(_MAX_CLOCK_SHIFT), grid.samples(_CLOCK_PART_DURATION)
+    lags = []
+    for first in range(max_shift, len(expected) - count - max_shift, count):
         part = measured[first : first + count]
-        errors = [np.sum((part - expected[first - s : first - s + count]) ** 2) for s in range(-most, most + 1)]
-        lowest = _lowest(np.array(errors))
+        errors = [
+            np.sum((part - expected[first - s : first - s + count]) ** 2) for s in range(-max_shift, max_shift + 1)
+        ]
+        lowest = _refined_minimum(np.array(errors))
         if lowest is not None and min(errors) < _MAX_CLOCK_ERROR * np.sum(part**2):
-            found.append(grid.step * (lowest - most))
-    return np.array(found)
+            lags.append(grid.step * (lowest - max_shift))
+    return np.array(lags)
 
 
-def _lowest(errors: np.ndarray) -> float | None:
-    """Return the position of the smallest error, refined by a parabola; None if it is the first or the last."""
-    low = int(np.argmin(errors))
-    if not 0 < low < len(errors) - 1:
+def _refined_minimum(errors: np.ndarray) -> float | None:
+    """Return the fractional index of the minimum of a parabola through the smallest errors; None if it is at an end."""
+    index = int(np.argmin(errors))
+    if not 0 < index < len(errors) - 1:
         return None
-    before, here, after = errors[low - 1 : low + 2]
-    bend = before - 2.0 * here + after
-    return low + (0.5 * (before - after) / bend if bend > 0.0 else 0.0)
+    before, lowest, after = errors[index - 1 : index + 2]
+    return index + 0.5 * (before - after) / (before - 2.0 * lowest + after)
 
 
 def _shift(pair: _Pair, step: float, excited: np.ndarray) -> Iterator[str]:
-    """Yield a sentence if one side of a pair lags the other by the same time in all parts of the log."""
-    most = round(_MAX_SHIFT / step)
+    """Yield a remark if one side of a pair lags the other by the same time in all parts of the log."""
+    max_shift = round(_MAX_SHIFT / step)
     expected, measured = (side[:, excited] for side in pair.clipped())
-    if most < 1 or not excited.any() or len(expected) < 2 * most + _NUM_PARTS * _MIN_WINDOWS // 2:
+    if max_shift < 1 or not excited.any() or len(expected) < 2 * max_shift + _NUM_PARTS * _MIN_WINDOWS // 2:
         return
     errors = np.array(
         [
-            np.sum((expected[most : len(expected) - most] - np.roll(measured, -shift, axis=0)[most:-most]) ** 2, axis=1)
-            for shift in range(-most, most + 1)
+            np.sum(
+                (
+                    expected[max_shift : len(expected) - max_shift]
+                    - np.roll(measured, -shift, axis=0)[max_shift:-max_shift]
+                )
+                ** 2,
+                axis=1,
+            )
+            for shift in range(-max_shift, max_shift + 1)
         ]
     )
     shifts = []
     for part in np.array_split(errors, _NUM_PARTS, axis=1):
-        lowest = _lowest(part.sum(axis=1))
+        lowest = _refined_minimum(part.sum(axis=1))
         if lowest is None:
             return
-        shifts.append(lowest - most)
+        shifts.append(lowest - max_shift)
     mean = step * float(np.mean(shifts))
     error = step * float(np.std(shifts, ddof=1)) / math.sqrt(_NUM_PARTS)
     if abs(mean) > _MIN_SHIFT + _SHIFT_SIGMAS * error:

@@ -13,7 +13,7 @@ from drake_quad.identification.logs.consistency import contradictions
 from drake_quad.identification.logs.doubts import doubts, jumps
 from drake_quad.identification.logs.mapping import ATTITUDES, Mapping, SignalSource
 from drake_quad.identification.logs.record import COLUMNS, QUANTITIES, FlightRecord
-from drake_quad.identification.logs.timing import rising, timing_remarks
+from drake_quad.identification.logs.timing import rising_samples, timing_remarks
 from drake_quad.identification.logs.units import UNITS
 from drake_quad.scenario.files.marked_tree import Mark
 
@@ -28,14 +28,16 @@ _DOWNWARD_FRAMES = ("NED", "FRD")
 _HALF_TURN = np.array([1.0, -1.0, -1.0])
 _QUATERNION_TURN = np.array([1.0, 1.0, -1.0, -1.0])
 # Range of the norm of a valid quaternion. Many logs begin with zeros.
-_MIN_QUATERNION, _MAX_QUATERNION = 0.5, 2.0
-# Plausible range of a motor command, relative to the full command. It is wide since a log need not state the range.
-_COMMAND_RANGE = (-0.5, 1.5)
+_MIN_QUATERNION_NORM = 0.5
+_MAX_QUATERNION_NORM = 2.0
+# Plausible range of a motor command, relative to the full command. It is wide, since the full command in the log may be
+# unknown.
+_PLAUSIBLE_COMMANDS = (-0.5, 1.5)
 # Range of a command that was logged with 16 bits, with a tolerance for rounding.
-_COMMAND_RANGE_16_BITS = (-1e-3, 1.001)
-_MIN_COVERAGE = 0.5  # share of the time for which a signal must be logged
-_MAX_VALUE = 1e9  # in any unit; larger values come from damaged data
-_MAX_NAMES = 6  # largest number of columns that are listed in one sentence
+_PLAUSIBLE_16_BIT_COMMANDS = (-1e-3, 1.001)
+_MIN_COVERAGE = 0.5  # smallest fraction of the duration for which a signal must be logged
+_MAX_VALUE = 1e9  # in any unit; larger values are damaged data
+_MAX_LISTED_NAMES = 6  # largest number of columns that are listed in one sentence
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,13 +48,13 @@ class Table:
         name: name of the topic or event type.
         time: (n,) times at which the rows were written, s.
         columns: (n,) or (n, width) values by name; NaN for a cell that is not a number.
-        sampled: (n,) times of the measurements, s; None if they are not logged.
+        sample_time: (n,) times of the measurements, s; None if they are not logged.
     """
 
     name: str
     time: np.ndarray
     columns: dict[str, np.ndarray]
-    sampled: np.ndarray | None = None
+    sample_time: np.ndarray | None = None
 
 
 class _Channel(NamedTuple):
@@ -61,7 +63,7 @@ class _Channel(NamedTuple):
     Attributes:
         signal: name of the signal.
         clock: (n,) clock of the table, s; the same object for all signals that share it.
-        rows: indices of the samples of the clock at which the signal is known.
+        rows: indices of the clock samples at which the signal is known.
         values: (rows, columns) values at these samples.
         source: source of the signal in the mapping.
     """
@@ -77,31 +79,31 @@ class _Channel(NamedTuple):
         return self.clock[self.rows]
 
     @property
-    def whole(self) -> bool:
+    def is_complete(self) -> bool:
         """True if the signal is known at each sample of its clock."""
         return len(self.rows) == len(self.clock)
 
 
 class _Clocks:
-    """Clocks of the tables, with rising times."""
+    """Clocks of the tables, with increasing times."""
 
     def __init__(self) -> None:
         self._known: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         self.remarks: list[str] = []
 
     def of(self, table: Table, signal: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rising times of the samples of a signal, s, and the indices of their rows in the table."""
-        time = table.time if table.sampled is None or is_held(signal) else table.sampled
+        """Return the increasing times of the samples of a signal, s, and the indices of their rows in the table."""
+        time = table.time if table.sample_time is None or is_held(signal) else table.sample_time
         if id(time) not in self._known:
-            kept, remarks = rising(time)
-            said = [f"{table.name}: {each}" if table.name else each for each in remarks]
-            self.remarks += [each for each in said if each not in self.remarks]
-            self._known[id(time)] = time[kept], np.flatnonzero(kept)
+            is_kept, remarks = rising_samples(time)
+            table_remarks = [f"{table.name}: {each}" if table.name else each for each in remarks]
+            self.remarks += [each for each in table_remarks if each not in self.remarks]
+            self._known[id(time)] = time[is_kept], np.flatnonzero(is_kept)
         return self._known[id(time)]
 
 
 def is_held(signal: str) -> bool:
-    """Return whether a signal holds until its next sample, as commands do."""
+    """Return whether a signal holds its value until its next sample, like a command."""
     return signal in _HELD_SIGNALS or signal.endswith("_command") or signal.startswith("reference_")
 
 
@@ -124,46 +126,46 @@ def record_of(
         mapping: mapping from columns to signals.
         name: name of the log.
         mark: name of the log in error messages.
-        remarks: remarks on the log from reading it.
-        names: names of further columns in the log, which no table contains.
+        remarks: the reader's remarks on the log.
+        names: names of columns in the log that are not in the tables.
 
     Raises:
         InputError: if the log has no signal, or fewer than two samples at which all signals are known.
     """
     notes: list[str] = []
-    tables = [_without_damage(table, mapping, notes) for table in tables]
-    order = sorted(tables, key=lambda table: -len(table.time))
+    tables = [_without_damaged_rows(table, mapping, notes) for table in tables]
+    longest_first = sorted(tables, key=lambda table: -len(table.time))
     available = {*names}.union(*(table.columns for table in tables))
     clocks = _Clocks()
     channels: list[_Channel] = []
     for signal in mapping.signals:
-        channel = next(_channels(signal, mapping, order, clocks), None)
+        channel = next(_channels(signal, mapping, longest_first, clocks), None)
         if channel is not None:
             channels.append(channel)
         else:
-            notes += _why_not(signal, mapping, available)
+            notes += _incomplete_remarks(signal, mapping, available)
     if not channels:
         raise InputError(f"{mark}: has no signal with two samples or more; its columns are {listed(sorted(available))}")
     clock = _fastest(channels)
-    chosen, left_out = _covering(channels, clock)
-    if not chosen:
-        raise InputError(f"{mark}: has no signal that is there for half of its time")
-    lacking = {*(mapping.required or ())} - {channel.signal for channel in chosen}
-    if lacking:
-        raise InputError(f"{mark}: lacks {listed(sorted(lacking))}, which the mapping requires")
-    inside, cut = _common(chosen, clock)
-    if inside.sum() < 2:
-        raise InputError(f"{mark}: its signals have less than two samples in common")
-    time = clock[inside]
-    signals: dict[str, Any] = {channel.signal: _at(channel, clock, inside) for channel in chosen}
-    notes += _turn_crossed(signals, chosen)
+    used, left_out_remarks = _sufficiently_logged(channels, clock)
+    if not used:
+        raise InputError(f"{mark}: has no signal that is logged for half of the time")
+    missing = {*(mapping.required or ())} - {channel.signal for channel in used}
+    if missing:
+        raise InputError(f"{mark}: lacks {listed(sorted(missing))}, which the mapping requires")
+    is_common, cut_remarks = _common_samples(used, clock)
+    if is_common.sum() < 2:
+        raise InputError(f"{mark}: has fewer than two samples at which all signals are known")
+    time = clock[is_common]
+    signals: dict[str, Any] = {channel.signal: _resampled(channel, clock, is_common) for channel in used}
+    notes += _turn_to_signal_frames(signals, used)
     if not signals:
         raise InputError(f"{mark}: has no signal that can be used: {'; '.join(notes)}")
     wind = None if "wind" in signals else mapping.wind_of(name)
     if wind is not None:
         signals["wind"] = np.tile(wind, (len(time), 1))
-        notes.append(f"wind is ({', '.join(f'{each:g}' for each in wind)}) m/s, by the name of the log")
-    slow = (each for each in chosen if each.signal == "reference_position" and each.clock is not clock)
+        notes.append(f"wind is ({', '.join(f'{each:g}' for each in wind)}) m/s, as the name of the log implies")
+    slow = (each for each in used if each.signal == "reference_position" and each.clock is not clock)
     return FlightRecord(
         name=name,
         time=time - time[0],
@@ -174,59 +176,56 @@ def record_of(
             *remarks,
             *clocks.remarks,
             *timing_remarks(time),
-            *cut,
-            *_origin_remarks(chosen),
-            *_resampling_remarks(chosen, clock),
-            *_missing_remarks(chosen),
-            *left_out,
+            *cut_remarks,
+            *_origin_remarks(used),
+            *_resampling_remarks(used, clock),
+            *_missing_remarks(used),
+            *left_out_remarks,
             *notes,
-            *(
-                each
-                for channel in chosen
-                if channel.signal == "position"
-                for each in jumps(channel.time, channel.values)
-            ),
+            *(each for channel in used if channel.signal == "position" for each in jumps(channel.time, channel.values)),
             *doubts(signals, time - time[0]),
             *contradictions(signals, time),
-            *_unread(
+            *_unread_remarks(
                 available - ({mapping.time.column} if mapping.time else set()),
-                {each for channel in chosen for each in channel.source.names},
+                {each for channel in used for each in channel.source.names},
             ),
         ),
     )
 
 
-def _without_damage(table: Table, mapping: Mapping, notes: list[str]) -> Table:
+def _without_damaged_rows(table: Table, mapping: Mapping, notes: list[str]) -> Table:
     """Return the table without the rows whose motor commands are out of range, and add a remark on them to `notes`."""
-    known = [
+    sources = [
         each for each in mapping.signals.get("motor_command", ()) if all(name in table.columns for name in each.names)
     ]
-    if not known or not len(table.time):
+    if not sources or not len(table.time):
         return table
     with np.errstate(all="ignore"):  # damaged rows may contain any number
-        commands = _values("motor_command", known[0], table)
-        least, most = _COMMAND_RANGE_16_BITS if known[0].unit == "uint16" else _COMMAND_RANGE
-        wrong = ((commands < least) | (commands > most)).any(axis=1)
-    if not wrong.any():
+        commands = _values("motor_command", sources[0], table)
+        lower, upper = _PLAUSIBLE_16_BIT_COMMANDS if sources[0].unit == "uint16" else _PLAUSIBLE_COMMANDS
+        is_wrong = ((commands < lower) | (commands > upper)).any(axis=1)
+    if not is_wrong.any():
         return table
-    largest, first = float(np.nanmax(np.abs(commands[wrong]))), table.time[np.argmax(wrong)] - table.time[0]
+    largest, first = float(np.nanmax(np.abs(commands[is_wrong]))), table.time[np.argmax(is_wrong)] - table.time[0]
     notes.append(
-        f"{wrong.sum():,} of {len(wrong):,} samples are left out: their motor commands are out of range, up to"
-        f" {largest:.3g} times the full command, first at {first:.4g} s; the log is damaged there"
+        f"{is_wrong.sum():,} of {len(is_wrong):,} samples are left out, first at {first:.4g} s: the log is damaged,"
+        f" with motor commands of up to {largest:.3g} times the full command"
     )
-    columns = {name: values[~wrong] for name, values in table.columns.items()}
-    return Table(table.name, table.time[~wrong], columns, None if table.sampled is None else table.sampled[~wrong])
+    columns = {name: values[~is_wrong] for name, values in table.columns.items()}
+    return Table(
+        table.name, table.time[~is_wrong], columns, None if table.sample_time is None else table.sample_time[~is_wrong]
+    )
 
 
 def _channels(signal: str, mapping: Mapping, tables: Sequence[Table], clocks: _Clocks) -> Iterator[_Channel]:
-    """Yield the channels of a signal from each of its sources, in the order of preference."""
+    """Yield the channels of a signal, one for each of its sources, in the order of preference."""
     for source in mapping.signals[signal]:
         for table in tables:
             if not all(each in table.columns for each in source.names) or len(table.time) < 2:
                 continue
-            clock, numbers = clocks.of(table, signal)
+            clock, row_indices = clocks.of(table, signal)
             with np.errstate(all="ignore"):  # damaged rows may contain any number
-                values = _values(signal, source, table)[numbers]
+                values = _values(signal, source, table)[row_indices]
             if signal == "motor_command":
                 values = np.clip(values, 0.0, 1.0)
             rows = np.flatnonzero((np.abs(values) < _MAX_VALUE).all(axis=1))
@@ -235,7 +234,7 @@ def _channels(signal: str, mapping: Mapping, tables: Sequence[Table], clocks: _C
 
 
 def _values(signal: str, source: SignalSource, table: Table) -> np.ndarray:
-    """Return the values (n, columns) of a signal in SI units and the frames of a record; NaN where it is unknown."""
+    """Return the values (n, columns) of a signal in SI units and the frames of a record; NaN for unknown values."""
     length = len(table.time)
     if source.column is not None:
         values = table.columns[source.column].reshape(length, -1).astype(float)
@@ -264,7 +263,7 @@ def _roll_pitch_yaw(values: np.ndarray, source: SignalSource) -> np.ndarray:
     """Return roll, pitch and yaw (n, 3) of quaternions (n, 4) in the frames of a record; NaN for invalid ones."""
     quaternion = values if source.quaternion == "wxyz" else np.roll(values, 1, axis=1)
     length = np.linalg.norm(quaternion, axis=1, keepdims=True)
-    valid = (length > _MIN_QUATERNION) & (length < _MAX_QUATERNION)
+    valid = (length > _MIN_QUATERNION_NORM) & (length < _MAX_QUATERNION_NORM)
     unit = np.divide(quaternion, length, out=np.full_like(quaternion, np.nan), where=valid)
     if source.frame in _DOWNWARD_FRAMES:
         unit = unit * _QUATERNION_TURN
@@ -279,88 +278,97 @@ def _roll_pitch_yaw(values: np.ndarray, source: SignalSource) -> np.ndarray:
 
 
 def _fastest(channels: Sequence[_Channel]) -> np.ndarray:
-    """Return the clock with the smallest median step among those of long measurements, or of all if there are none."""
-    measured = [channel for channel in channels if not is_held(channel.signal)] or channels
-    longest = max(channel.time[-1] - channel.time[0] for channel in measured)
-    lasting = [each for each in measured if each.time[-1] - each.time[0] >= _MIN_COVERAGE * longest]
-    return min((channel.clock for channel in lasting), key=lambda clock: float(np.median(np.diff(clock))))
+    """Return the clock with the smallest median step of all long measurements, or of all long signals.
+
+    A measurement is long if it lasts at least half as long as the longest one.
+    """
+    measurements = [channel for channel in channels if not is_held(channel.signal)] or channels
+    longest = max(channel.time[-1] - channel.time[0] for channel in measurements)
+    long = [each for each in measurements if each.time[-1] - each.time[0] >= _MIN_COVERAGE * longest]
+    return min((channel.clock for channel in long), key=lambda clock: float(np.median(np.diff(clock))))
 
 
-def _covering(channels: Sequence[_Channel], clock: np.ndarray) -> tuple[list[_Channel], list[str]]:
-    """Return the signals that are logged for enough of the time, and sentences on those that are left out."""
-    chosen, remarks = [], []
+def _sufficiently_logged(channels: Sequence[_Channel], clock: np.ndarray) -> tuple[list[_Channel], list[str]]:
+    """Return the signals that are logged for at least half of the time, and remarks on the others."""
+    sufficient, remarks = [], []
     span = clock[-1] - clock[0]
     for channel in channels:
         end = clock[-1] if is_held(channel.signal) else min(channel.time[-1], clock[-1])
-        share = 1.0 if channel.signal in _SLOW_SIGNALS else (end - max(channel.time[0], clock[0])) / span
-        known = len(channel.rows) / len(channel.clock)
-        if min(share, known) >= _MIN_COVERAGE:
-            chosen.append(channel)
+        covered_share = 1.0 if channel.signal in _SLOW_SIGNALS else (end - max(channel.time[0], clock[0])) / span
+        known_share = len(channel.rows) / len(channel.clock)
+        if min(covered_share, known_share) >= _MIN_COVERAGE:
+            sufficient.append(channel)
         else:
             remarks.append(
-                f"{channel.signal} is left out: it is there for {max(min(share, known), 0.0):.0%} of the log"
+                f"{channel.signal} is left out: it is logged for {max(min(covered_share, known_share), 0.0):.0%} of"
+                " the time"
             )
-    return chosen, remarks
+    return sufficient, remarks
 
 
-def _common(channels: Sequence[_Channel], clock: np.ndarray) -> tuple[np.ndarray, list[str]]:
-    """Return a mask of the samples of the clock at which all signals are known, and sentences on the others."""
+def _common_samples(channels: Sequence[_Channel], clock: np.ndarray) -> tuple[np.ndarray, list[str]]:
+    """Return a mask of the clock samples at which all signals are known, and remarks on the other samples."""
     channels = [channel for channel in channels if channel.signal not in _SLOW_SIGNALS] or channels
     latest = max(channels, key=lambda channel: channel.time[0])
     measured = [channel for channel in channels if not is_held(channel.signal)]
     earliest = min(measured, key=lambda channel: channel.time[-1], default=latest)
     remarks = []
-    inside = clock >= latest.time[0]
-    if not inside.all():
-        remarks.append(f"the first {latest.time[0] - clock[0]:.4g} s are left out: {latest.signal} is not there yet")
+    is_common = clock >= latest.time[0]
+    if not is_common.all():
+        remarks.append(f"the first {latest.time[0] - clock[0]:.4g} s are left out: {latest.signal} is not logged yet")
     if measured:
-        within = clock <= earliest.time[-1]
-        if not within.all():
-            remarks.append(f"the last {clock[-1] - earliest.time[-1]:.4g} s are left out: {earliest.signal} has ended")
-        inside &= within
-    return inside, remarks
+        is_before_end = clock <= earliest.time[-1]
+        if not is_before_end.all():
+            remarks.append(
+                f"the last {clock[-1] - earliest.time[-1]:.4g} s are left out: {earliest.signal} is no longer logged"
+            )
+        is_common &= is_before_end
+    return is_common, remarks
 
 
-def _at(channel: _Channel, clock: np.ndarray, inside: np.ndarray) -> np.ndarray:
-    """Return the values of a signal at the chosen samples of the clock."""
-    if channel.clock is clock and channel.whole:
-        values = channel.values[inside]
+def _resampled(channel: _Channel, clock: np.ndarray, is_common: np.ndarray) -> np.ndarray:
+    """Return the values of a signal at the common samples of the clock."""
+    if channel.clock is clock and channel.is_complete:
+        values = channel.values[is_common]
     else:
-        time = clock[inside]
+        time = clock[is_common]
         if is_held(channel.signal):
             values = channel.values[np.maximum(np.searchsorted(channel.time, time, side="right") - 1, 0)]
         else:
-            angles = channel.signal in _ANGLE_SIGNALS
-            smooth = np.unwrap(channel.values, axis=0) if angles else channel.values
-            values = np.column_stack([np.interp(time, channel.time, column) for column in smooth.T])
-            if angles:
+            is_angle = channel.signal in _ANGLE_SIGNALS
+            unwrapped = np.unwrap(channel.values, axis=0) if is_angle else channel.values
+            values = np.column_stack([np.interp(time, channel.time, column) for column in unwrapped.T])
+            if is_angle:
                 values = np.arctan2(np.sin(values), np.cos(values))
     return values[:, 0] if COLUMNS[channel.signal] == 1 else values
 
 
-def _turn_crossed(signals: dict[str, Any], channels: Sequence[_Channel]) -> Iterator[str]:
-    """Turn signals from body to world axes, or vice versa, by the attitude, and yield a sentence on each."""
+def _turn_to_signal_frames(signals: dict[str, Any], channels: Sequence[_Channel]) -> Iterator[str]:
+    """Turn signals from body to world axes, or vice versa, by the attitude, and yield a remark on each."""
     for channel in channels:
-        if not channel.source.is_crossed(channel.signal):
+        if not channel.source.is_in_other_frame(channel.signal):
             continue
         to_world = QUANTITIES[channel.signal].frame == "W"
-        of, to = ("body", "world") if to_world else ("world", "body")
+        source_axes, target_axes = ("body", "world") if to_world else ("world", "body")
         if "attitude" in signals:
             turned = rotations(signals["attitude"]).apply(signals[channel.signal], inverse=not to_world)
             signals[channel.signal] = turned
-            yield f"{channel.signal} is turned from the axes of the {of} to those of the {to} by the attitude"
+            yield (
+                f"{channel.signal} is turned from the axes of the {source_axes} to those of the {target_axes} by the"
+                " attitude"
+            )
         else:
             del signals[channel.signal]
-            yield f"{channel.signal} is left out: it is along the axes of the {of}, and no attitude is logged"
+            yield f"{channel.signal} is left out: it is along the axes of the {source_axes}, and no attitude is logged"
 
 
-def _range(names: Sequence[str]) -> str:
+def _name_range(names: Sequence[str]) -> str:
     return f"{names[0]} to {names[-1]}" if len(names) > 1 else "".join(names)
 
 
 def _origin_remarks(channels: Sequence[_Channel]) -> Iterator[str]:
     origins = [
-        f"{channel.signal} from {_range(channel.source.names)}"
+        f"{channel.signal} from {_name_range(channel.source.names)}"
         + (f" ({channel.source.unit})" if channel.source.unit else "")
         for channel in channels
     ]
@@ -369,49 +377,49 @@ def _origin_remarks(channels: Sequence[_Channel]) -> Iterator[str]:
 
 def _resampling_remarks(channels: Sequence[_Channel], clock: np.ndarray) -> Iterator[str]:
     rate = f"{1.0 / float(np.median(np.diff(clock))):.4g} Hz"
-    for held, how in ((False, "interpolated linearly"), (True, "held constant between their samples")):
+    for hold, method in ((False, "interpolated linearly"), (True, "held constant between their samples")):
         rates = [
             f"{channel.signal} ({1.0 / float(np.median(np.diff(channel.time))):.3g} Hz)"
             for channel in channels
-            if channel.clock is not clock and is_held(channel.signal) is held
+            if channel.clock is not clock and is_held(channel.signal) is hold
         ]
         if rates:
-            yield f"{how}, since the record has {rate}: {', '.join(rates)}"
+            yield f"{method} to match the {rate} of the record: {', '.join(rates)}"
 
 
 def _missing_remarks(channels: Sequence[_Channel]) -> Iterator[str]:
     for channel in channels:
-        if not channel.whole:
+        if not channel.is_complete:
             count = len(channel.clock) - len(channel.rows)
-            yield f"{channel.signal} is no number in {count:,} of {len(channel.clock):,} samples"
+            yield f"{channel.signal} is not a number in {count:,} of {len(channel.clock):,} samples"
 
 
-def _why_not(signal: str, mapping: Mapping, available: set[str]) -> Iterator[str]:
-    """Yield a sentence if a signal is left out because it is logged incompletely, or because all its values are NaN."""
+def _incomplete_remarks(signal: str, mapping: Mapping, available: set[str]) -> Iterator[str]:
+    """Yield a remark if a signal is left out, because a column is missing or all values are NaN."""
     for source in mapping.signals[signal]:
         missing = [each for each in source.names if each not in available]
         if not missing:
             kind = "a quaternion of length 1" if source.quaternion else "a number"
-            yield f"{signal} is left out: {_range(source.names)} is {kind} in less than two samples"
+            yield f"{signal} is left out: {_name_range(source.names)} is {kind} in fewer than two samples"
             return
         if 0 < len(missing) < len(source.names):
             yield f"{signal} is left out: {listed(missing)} {'is' if len(missing) == 1 else 'are'} not logged"
             return
 
 
-def _unread(available: set[str], used: set[str]) -> Iterator[str]:
-    """Yield a sentence on the columns that are not read, grouped by the part of their names before the first dot."""
+def _unread_remarks(available: set[str], read: set[str]) -> Iterator[str]:
+    """Yield a remark on the columns that are not read, grouped by the part of their names before the first dot."""
     groups: dict[str, list[str]] = {}
-    for each in sorted(available - used):
+    for each in sorted(available - read):
         groups.setdefault(_group(each), []).append(each)
     parts = []
     for group, members in groups.items():
-        if len(members) <= (_MAX_NAMES if any(_group(each) == group for each in used) else 1):
+        if len(members) <= (_MAX_LISTED_NAMES if any(_group(each) == group for each in read) else 1):
             parts += members
         else:
-            parts.append(f"{'the rest of ' if any(_group(each) == group for each in used) else ''}{group}")
+            parts.append(f"{'the rest of ' if any(_group(each) == group for each in read) else ''}{group}")
     if parts:
-        yield f"not read: {listed(parts, 4 * _MAX_NAMES)}"
+        yield f"not read: {listed(parts, 4 * _MAX_LISTED_NAMES)}"
 
 
 def _group(name: str) -> str:

@@ -9,41 +9,43 @@ _NONZERO_SIGNALS = ("position", "velocity", "attitude", "body_rates", "specific_
 # A step of the position counts as a jump if it exceeds all three limits.
 _MIN_JUMP = 0.1  # m
 _MAX_ACCELERATION = 500.0  # m/s², more than any quadrotor reaches
-_MAX_NOISE_RATIO = 8.0  # largest step that noise explains, relative to the median step
-_MIN_FLIGHT_HEIGHT = 0.25  # m; a vehicle that stays lower may be standing on the ground
-_MIN_REACH = 2.0  # m; a reference within this distance is plausible even if the vehicle moves less
+_MAX_NOISE_RATIO = 8.0  # largest step that noise can cause, relative to the median step
+_MIN_FLIGHT_HEIGHT = 0.25  # m; a vehicle that stays below this height may be standing on the ground
+_MIN_FAR_DISTANCE = 2.0  # m; a reference within this distance is plausible even if the vehicle moves less
 
 
 def jumps(time: np.ndarray, position: np.ndarray) -> Iterator[str]:
-    """Yield a sentence on position steps that no vehicle can make, such as after a reset of the estimator.
+    """Yield a remark on position steps that no vehicle can make, for example a reset of the estimator.
 
     Args:
         time: (n,) times of the samples, s.
         position: (n, 3) measured position, m.
     """
-    # Between updates of a slow signal the log repeats its last value; only the updates count.
-    moved = np.append(True, (np.diff(position, axis=0) != 0.0).any(axis=1))
-    instants, places = time[moved], position[moved]
-    if len(instants) < 4:
+    # Between updates of a slow signal, the log repeats the last value, so only the updates are compared.
+    is_update = np.append(True, (np.diff(position, axis=0) != 0.0).any(axis=1))
+    times, positions = time[is_update], position[is_update]
+    if len(times) < 4:
         return
-    steps, durations = np.diff(places, axis=0), np.diff(instants)
-    velocity, inner = steps / durations[:, np.newaxis], durations[1:-1, np.newaxis]
-    # An ordinary step resembles the step before it or the step after it; a jump resembles neither.
-    before, after = (np.linalg.norm(steps[1:-1] - inner * each, axis=1) for each in (velocity[:-2], velocity[2:]))
+    steps, durations = np.diff(positions, axis=0), np.diff(times)
+    velocity, inner_durations = steps / durations[:, np.newaxis], durations[1:-1, np.newaxis]
+    # An ordinary step is similar to the preceding or the following step; a jump is similar to neither.
+    before, after = (
+        np.linalg.norm(steps[1:-1] - inner_durations * each, axis=1) for each in (velocity[:-2], velocity[2:])
+    )
     size = np.minimum(before, after)
-    explained = np.maximum(_MAX_NOISE_RATIO * np.median(size), _MAX_ACCELERATION * durations[1:-1] ** 2)
-    found = np.flatnonzero(size > np.maximum(_MIN_JUMP, explained))
-    if len(found):
-        times = "once" if len(found) == 1 else f"{len(found):,} times"
-        worst = found[np.argmax(size[found])]
+    plausible = np.maximum(_MAX_NOISE_RATIO * np.median(size), _MAX_ACCELERATION * durations[1:-1] ** 2)
+    jump_indices = np.flatnonzero(size > np.maximum(_MIN_JUMP, plausible))
+    if len(jump_indices):
+        count_text = "once" if len(jump_indices) == 1 else f"{len(jump_indices):,} times"
+        worst = jump_indices[np.argmax(size[jump_indices])]
         yield (
-            f"position jumps {times}, at most by {size[worst]:.2g} m at {instants[worst + 2] - time[0]:.4g} s: the"
+            f"position jumps {count_text}, by up to {size[worst]:.2g} m at {times[worst + 2] - time[0]:.4g} s: the"
             " estimator was reset, or the log is damaged"
         )
 
 
 def doubts(signals: dict[str, np.ndarray], time: np.ndarray) -> Iterator[str]:
-    """Yield sentences on implausible signals of a record.
+    """Yield remarks on implausible signals of a record.
 
     Args:
         signals: (n,) or (n, columns) values of each signal, by name, in SI units.
@@ -61,10 +63,11 @@ def doubts(signals: dict[str, np.ndarray], time: np.ndarray) -> Iterator[str]:
         yield (f"the height stays between {height.min():.2g} and {height.max():.2g} m: the vehicle may not have flown")
     if reference is not None:
         distance = np.linalg.norm(reference - position, axis=1)
-        reach = max(_MIN_REACH, float(np.linalg.norm(np.ptp(position, axis=0))))
-        far = np.flatnonzero(distance > reach)
-        if len(far):
+        max_distance = max(_MIN_FAR_DISTANCE, float(np.linalg.norm(np.ptp(position, axis=0))))
+        far_samples = np.flatnonzero(distance > max_distance)
+        if len(far_samples):
             yield (
-                f"reference_position is up to {distance.max():.3g} m away from a vehicle that moves by {reach:.3g} m,"
-                f" first at {time[far[0]]:.4g} s: the vehicle does not follow it, or the log is damaged"
+                f"reference_position is up to {distance.max():.3g} m away from a vehicle that moves by"
+                f" {max_distance:.3g} m, first at {time[far_samples[0]]:.4g} s:"
+                " the vehicle does not follow it, or the log is damaged"
             )

@@ -23,7 +23,7 @@ AXES = {
     "attitude_command": _ANGLES,
     "body_rate_command": _VECTOR,
 }
-"""Axis names of each signal that is checked. If two faults explain a log equally well, the first one is reported."""
+"""Axis names of each checked signal. If faults of two signals explain a log equally well, the first one is reported."""
 
 _Signals = Mapping[str, np.ndarray]
 
@@ -33,8 +33,8 @@ class Fault(NamedTuple):
 
     Attributes:
         signals: names of the faulty signals.
-        text: description of the fault, as part of a sentence.
-        repaired: function that returns these signals without the fault.
+        text: description of the fault: a clause that follows a colon.
+        repaired: function that returns the faulty signals without the fault.
         num_axes: number of axes that the fault changes.
         is_frame: True if the fault exchanges world and body axes, which hardly differ at small tilts.
     """
@@ -62,7 +62,7 @@ _FORCE_UNITS = {
     1.0 / GRAVITY: "m/s² were taken for g",
     1e-3: "mm/s² were taken for m/s²",
 }
-_UNITS = {
+_WRONG_UNITS = {
     "position": _LENGTH_UNITS,
     "velocity": _SPEED_UNITS,
     "reference_position": _LENGTH_UNITS,
@@ -74,7 +74,7 @@ _UNITS = {
     "specific_force": _FORCE_UNITS,
 }
 _HALF_TURN = (1.0, -1.0, -1.0)
-_SIGNS = [
+_WRONG_SIGNS = [
     (-1.0, 1.0, 1.0),
     (1.0, -1.0, 1.0),
     (1.0, 1.0, -1.0),
@@ -84,7 +84,7 @@ _SIGNS = [
     (-1.0, -1.0, -1.0),
 ]
 _BODY_SIGNALS = ("body_rates", "specific_force", "body_rate_command")
-# Signs of x, y and z after the exchange of x and y.
+# Signs of x, y and z after x and y are swapped.
 _SWAPS = {
     (1.0, 1.0, -1.0): "NED was taken for ENU, or ENU for NED",
     (1.0, -1.0, 1.0): "ENU was taken for NWU",
@@ -92,7 +92,7 @@ _SWAPS = {
     (1.0, 1.0, 1.0): "x and y were swapped",
 }
 _YAW_OFFSETS = {90.0: "90° too small", -90.0: "90° too large", 180.0: "180° off"}
-# Frames in which signals are logged by mistake, in place of the other frame.
+# Wrong frame, body or world, in which a signal may be logged by mistake.
 _WRONG_FRAMES = {
     "body_rates": "world",
     "specific_force": "world",
@@ -105,21 +105,21 @@ def faults(signals: _Signals) -> Iterator[Fault]:
     for signal, axes in AXES.items():
         if signal not in signals:
             continue
-        for signs in _SIGNS:
+        for signs in _WRONG_SIGNS:
             wrong = [name for name, sign in zip(axes, signs, strict=True) if sign < 0.0]
             where = "" if len(wrong) == len(axes) else f" in {' and '.join(wrong)}"
             text = f"the sign of {signal} looks wrong{where}"
             if signs == _HALF_TURN:
                 text += f", as if it were in {'FRD' if signal in _BODY_SIGNALS else 'NED'}"
             yield Fault((signal,), text, _scaled(signal, np.array(signs)), len(wrong))
-        for factor, what in _UNITS[signal].items():
-            yield Fault((signal,), f"{signal} looks as if {what}", _scaled(signal, factor))
+        for factor, description in _WRONG_UNITS[signal].items():
+            yield Fault((signal,), f"{signal} looks as if {description}", _scaled(signal, factor))
         if signal in ("position", "velocity", "reference_position", "reference_velocity"):
-            for signs, what in _SWAPS.items():
-                yield Fault((signal,), f"{signal} looks as if {what}", _swapped(signal, np.array(signs)))
+            for signs, description in _SWAPS.items():
+                yield Fault((signal,), f"{signal} looks as if {description}", _swapped(signal, np.array(signs)))
         if signal == "attitude":
-            for turn, what in _YAW_OFFSETS.items():
-                yield Fault((signal,), f"the yaw of {signal} looks {what}", _offset(signal, turn), 1)
+            for offset, description in _YAW_OFFSETS.items():
+                yield Fault((signal,), f"the yaw of {signal} looks {description}", _offset(signal, offset), 1)
     yield from _common_faults(signals)
 
 

@@ -11,10 +11,10 @@ A mapping is a YAML file with these fields:
       velocity: {column: v}                   # cells such as "[0.1, 0.2, 0.3]"
       body_rates: {columns: [wx, wy, wz], frame: ENU}   # along the axes of the world; the attitude turns them
       attitude: {column: q, quaternion: xyzw}
-      motor_command:                          # the first source that the log has is read
+      motor_command:                          # the first source in the log is read
         - {columns: [m1, m2, m3, m4], unit: uint16}
         - {columns: [u1, u2, u3, u4], unit: "%", rotors: [1, 3, 4, 2]}
-      wind: {columns: [w_x, w_y, 0.0]}        # a number stands for a constant column
+      wind: {columns: [w_x, w_y, 0.0]}        # a number is a constant column
     vehicle: vehicles/neural_fly:neural_fly   # shipped vehicle with which an identification can begin
     wind_by_name: {calm: [0, 0, 0], gale: [-18, 0, 0]}    # wind by the end of the log's name, if none is logged
 """
@@ -39,8 +39,8 @@ from drake_quad.scenario.files.loading import validated
 ATTITUDES = ("attitude", "attitude_command")
 WORLD_FRAMES = ("NWU", "ENU", "NED")
 BODY_FRAMES = ("FLU", "FRD")
-_ROTORS = 4
-_QUATERNION = 4
+_NUM_ROTORS = 4
+_NUM_QUATERNION_COMPONENTS = 4
 _Path = tuple[str | int, ...]
 
 
@@ -48,36 +48,39 @@ class SignalSource(Model):
     """Columns of a log from which a signal is read."""
 
     columns: Annotated[tuple[str | Real, ...], Field(strict=False)] | None = Field(
-        default=None, description="names of the columns, in the signal's order; a number is a column that is always so"
+        default=None,
+        description="names of the columns, in the order of the signal's components; a number is a constant column",
     )
-    column: str | None = Field(default=None, description='name of the column whose cells are vectors, "[a, b, c]"')
-    unit: str | None = Field(default=None, description="of the columns; SI if not given")
+    column: str | None = Field(default=None, description='name of a single column with vectors as cells, "[a, b, c]"')
+    unit: str | None = Field(default=None, description="unit of the columns; the SI unit if not given")
     factor: Real | Annotated[tuple[Real, ...], Field(strict=False)] = Field(
-        default=1.0, description="what the values are multiplied by besides, one for all or one for each column"
+        default=1.0, description="additional factor of the values: one for all columns, or one for each column"
     )
     frame: Literal["NWU", "ENU", "FLU", "NED", "FRD"] | None = Field(
         default=None,
-        description="of world (NWU, ENU, NED) or body (FLU, FRD); NED and FRD are turned by half a turn about x, and a"
-        " vector along the axes of the other of world and body than its signal by the attitude",
+        description="frame of the columns, either a world frame (NWU, ENU, NED) or a body frame (FLU, FRD); NED and FRD"
+        " are turned by 180° about x, and the attitude turns vectors between world and body axes if needed",
     )
     quaternion: Literal["wxyz", "xyzw"] | None = Field(
-        default=None, description="the columns are those of a quaternion from body to world, in this order"
+        default=None, description="order of the columns of a quaternion from body to world"
     )
-    rotors: Annotated[tuple[Annotated[int, Field(ge=1, le=_ROTORS)], ...], Field(strict=False)] | None = Field(
-        default=None, description="number of the rotor of each column: 1 front right, then clockwise from above"
+    rotors: Annotated[tuple[Annotated[int, Field(ge=1, le=_NUM_ROTORS)], ...], Field(strict=False)] | None = Field(
+        default=None, description="rotor number of each column; 1 is front right, then clockwise as seen from above"
     )
     missing: Real | None = Field(
-        default=None, description="what a cell stands for that is no number (in the log's unit)"
+        default=None, description="value, in the unit of the log, that replaces cells that are not a number"
     )
 
-    def is_crossed(self, signal: str) -> bool:
-        """Return whether a vector is in the frame of the body and its signal in that of the world, or vice versa."""
-        of = QUANTITIES[signal].frame
-        return self.frame is not None and of is not None and (self.frame in BODY_FRAMES) != (of == "B")
+    def is_in_other_frame(self, signal: str) -> bool:
+        """Return whether the columns are along the body axes and the signal is along the world axes, or vice versa."""
+        signal_frame = QUANTITIES[signal].frame
+        return (
+            self.frame is not None and signal_frame is not None and (self.frame in BODY_FRAMES) != (signal_frame == "B")
+        )
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the columns that the log must have."""
+        """Names of the columns that the log must contain."""
         if self.column is not None:
             return (self.column,)
         return tuple(each for each in self.columns or () if isinstance(each, str))
@@ -86,41 +89,43 @@ class SignalSource(Model):
 class TimeSource(Model):
     """Column of the clock."""
 
-    column: str = Field(description="its name")
-    unit: Literal["s", "ms", "us", "ns"] = Field(default="s", description="its unit")
+    column: str = Field(description="name of the column")
+    unit: Literal["s", "ms", "us", "ns"] = Field(default="s", description="unit of the column")
 
 
-def _listed(sources: Any) -> Any:
+def _as_list(sources: Any) -> Any:
     return [sources] if isinstance(sources, dict) else sources
 
 
-_Sources = Annotated[tuple[SignalSource, ...], Field(strict=False, min_length=1), BeforeValidator(_listed)]
+_Sources = Annotated[tuple[SignalSource, ...], Field(strict=False, min_length=1), BeforeValidator(_as_list)]
 
 
 class Mapping(Model):
     """Sources of the signals of a record in a log."""
 
-    description: str = Field(default="", description="what such logs are")
-    delimiter: Literal[",", ";", "\t", " "] = Field(default=",", description="between the cells of a CSV file")
-    time: TimeSource | None = Field(default=None, description="the clock; a binary log has its own")
-    by_name: bool = Field(default=False, description="is used only for logs that are read with its name")
+    description: str = Field(default="", description="description of such logs")
+    delimiter: Literal[",", ";", "\t", " "] = Field(
+        default=",", description="character between the cells of a CSV file"
+    )
+    time: TimeSource | None = Field(default=None, description="column of the time; binary logs do not need it")
+    by_name: bool = Field(default=False, description="true if the mapping is used only if it is selected by name")
     required: Annotated[tuple[str, ...], Field(strict=False)] | None = Field(
-        default=None, description="signals without which it does not fit; all of them if not given"
+        default=None, description="signals that a log must contain; all signals of the mapping if not given"
     )
     signals: dict[str, _Sources] = Field(
-        description="sources of each signal of a record, or a list: the first that is there"
+        description="source of each signal of a record, or a list of sources, from which the first logged one is read"
     )
 
     vehicle: str | None = Field(
-        default=None, description="FILE or FILE:NAME in diagrams/ of a vehicle to begin an identification with"
+        default=None, description="FILE or FILE:NAME in diagrams/ of the vehicle with which an identification can begin"
     )
     wind_by_name: dict[str, Annotated[tuple[Real, Real, Real], Field(strict=False)]] = Field(
-        default={}, description="velocity of the air in W, m/s, of logs whose name ends so and that have none"
+        default={}, description="wind in W, m/s, for logs that contain no wind, by the end of the log's name"
     )
 
     @model_validator(mode="before")
     @classmethod
-    def _fits_the_signals(cls, data: Any) -> Any:
+    def _check_signals(cls, data: Any) -> Any:
         """Check each source against its signal.
 
         The check precedes the validation of the fields, so that an error can name the place in the file.
@@ -131,16 +136,16 @@ class Mapping(Model):
                 if name not in COLUMNS:
                     raise PydanticCustomError(
                         "unknown_field",
-                        "is no signal; signals are {allowed}",
+                        "is not a signal; signals are {allowed}",
                         {"path": ("signals", name), "fields": [*COLUMNS], "allowed": ", ".join(COLUMNS)},
                     )
-                many = isinstance(sources, list)
-                for i, source in enumerate(sources if many else [sources]):
+                is_list = isinstance(sources, list)
+                for i, source in enumerate(sources if is_list else [sources]):
                     if isinstance(source, dict):
-                        _check(name, source, ("signals", name, i) if many else ("signals", name))
-            for i, name in enumerate(_texts(data.get("required"))):
+                        _check(name, source, ("signals", name, i) if is_list else ("signals", name))
+            for i, name in enumerate(_strings(data.get("required"))):
                 if name not in signals:
-                    raise _wrong(("required", i), "must be one of its signals, {allowed}", allowed=listed([*signals]))
+                    raise _error(("required", i), "must be one of its signals, {allowed}", allowed=listed([*signals]))
         return data
 
     @property
@@ -150,17 +155,17 @@ class Mapping(Model):
         return clock.union(*(source.names for name in self.signals for source in self.signals[name]))
 
     def wind_of(self, name: str) -> tuple[float, float, float] | None:
-        """Return the wind in a log of a name, m/s; None if it is unknown. The longest matching end takes precedence."""
+        """Return the wind for the longest matching end of a log's name, m/s; None if no end matches."""
         ends = [end for end in self.wind_by_name if name.endswith(end)]
         return self.wind_by_name[max(ends, key=len)] if ends else None
 
     @property
     def rotors(self) -> tuple[int, ...] | None:
-        """Order of the rotors in the first source that has one; None if no source has one."""
+        """Order of the rotors in the first source that states one; None if no source states one."""
         return next((source.rotors for each in self.signals.values() for source in each if source.rotors), None)
 
     def with_rotors(self, rotors: tuple[int, ...]) -> "Mapping":
-        """Return the mapping with another order of the rotors in each source that has one."""
+        """Return the mapping with another order of the rotors in each source that states an order."""
         signals = {
             name: tuple(
                 source if source.rotors is None else source.model_copy(update={"rotors": rotors}) for source in sources
@@ -169,22 +174,22 @@ class Mapping(Model):
         }
         return self.model_copy(update={"signals": signals})
 
-    def chosen(self, available: set[str]) -> dict[str, SignalSource]:
+    def available_sources(self, available: set[str]) -> dict[str, SignalSource]:
         """Return the first source of each signal whose columns are all available, by the name of the signal."""
-        found = {}
+        sources = {}
         for name in self.signals:
             for source in self.signals[name]:
                 if available.issuperset(source.names):
-                    found[name] = source
+                    sources[name] = source
                     break
-        return found
+        return sources
 
     def fits(self, available: set[str]) -> bool:
         """Return whether the available columns contain the clock, all required signals, and at least one signal."""
-        chosen = self.chosen(available)
+        sources = self.available_sources(available)
         required = self.signals if self.required is None else self.required
-        clock = self.time is None or self.time.column in available
-        return clock and bool(chosen) and all(name in chosen for name in required)
+        has_clock = self.time is None or self.time.column in available
+        return has_clock and bool(sources) and all(name in sources for name in required)
 
 
 def load_mapping(spec: str | Path) -> tuple[str, Mapping]:
@@ -201,13 +206,13 @@ def load_mapping(spec: str | Path) -> tuple[str, Mapping]:
             field, its value and the allowed values.
     """
     if spec in shipped_mappings():
-        return str(spec), _shipped(str(spec))
+        return str(spec), _load_shipped(str(spec))
     path = Path(spec)
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(
-            f"mapping {shown(str(spec))} is no YAML file, and none of the shipped ones: {', '.join(shipped_mappings())}"
+            f"mapping {shown(str(spec))} is neither a YAML file nor a shipped mapping: {', '.join(shipped_mappings())}"
         )
-    return path.name, _loaded(path)
+    return path.name, _load(path)
 
 
 @functools.cache
@@ -218,17 +223,17 @@ def shipped_mappings() -> tuple[str, ...]:
 
 
 @functools.cache
-def _shipped(name: str) -> Mapping:
+def _load_shipped(name: str) -> Mapping:
     folder = importlib.resources.files("drake_quad.identification.logs") / "mappings"
     with importlib.resources.as_file(folder / f"{name}.yaml") as path:
-        return _loaded(path)
+        return _load(path)
 
 
-def _loaded(path: Path) -> Mapping:
+def _load(path: Path) -> Mapping:
     return validated(Mapping, Library().mapping(path))
 
 
-def _texts(value: Any) -> Iterator[str]:
+def _strings(value: Any) -> Iterator[str]:
     if isinstance(value, list):
         yield from (each for each in value if isinstance(each, str))
 
@@ -237,21 +242,21 @@ def _check(name: str, source: dict[str, Any], path: _Path) -> None:
     """Raise an error if a source does not fit its signal. The validation of the fields checks the types later."""
     source = {field: value for field, value in source.items() if value is not None}
     if ("columns" in source) == ("column" in source):
-        raise _wrong(path, "must have either columns or column")
+        raise _error(path, "must have either columns or column")
     _check_unit(name, source, path)
     _check_frame(name, source, path)
     if "quaternion" in source and name not in ATTITUDES:
-        raise _wrong((*path, "quaternion"), "must not be given: {name} is no attitude", name=name)
-    if "rotors" in source and COLUMNS[name] != _ROTORS:
-        raise _wrong((*path, "rotors"), "must not be given: {name} is not of the rotors", name=name)
-    width = _QUATERNION if "quaternion" in source else COLUMNS[name]
+        raise _error((*path, "quaternion"), "must not be given: {name} is not an attitude", name=name)
+    if "rotors" in source and COLUMNS[name] != _NUM_ROTORS:
+        raise _error((*path, "rotors"), "must not be given: {name} has no value for each rotor", name=name)
+    width = _NUM_QUATERNION_COMPONENTS if "quaternion" in source else COLUMNS[name]
     for field in ("columns", "factor", "rotors"):
         given = source.get(field)
         if isinstance(given, list) and len(given) != width:
-            raise _wrong((*path, field), "must have {width} entries", width=width)
+            raise _error((*path, field), "must have {width} entries", width=width)
     rotors = source.get("rotors")
-    if isinstance(rotors, list) and sorted(map(str, rotors)) != [str(i + 1) for i in range(_ROTORS)]:
-        raise _wrong((*path, "rotors"), "must have each of 1, 2, 3 and 4 once")
+    if isinstance(rotors, list) and sorted(map(str, rotors)) != [str(i + 1) for i in range(_NUM_ROTORS)]:
+        raise _error((*path, "rotors"), "must contain each of 1, 2, 3 and 4 once")
 
 
 def _check_unit(name: str, source: dict[str, Any], path: _Path) -> None:
@@ -259,10 +264,10 @@ def _check_unit(name: str, source: dict[str, Any], path: _Path) -> None:
     if not isinstance(unit, str):
         return
     if "quaternion" in source:
-        raise _wrong((*path, "unit"), "must not be given: a quaternion has none")
+        raise _error((*path, "unit"), "must not be given: a quaternion has no unit")
     allowed = UNITS[QUANTITIES[name].unit]
     if unit not in allowed:
-        raise _wrong((*path, "unit"), "must be {allowed}", allowed=" or ".join(allowed))
+        raise _error((*path, "unit"), "must be {allowed}", allowed=" or ".join(allowed))
 
 
 def _check_frame(name: str, source: dict[str, Any], path: _Path) -> None:
@@ -276,10 +281,10 @@ def _check_frame(name: str, source: dict[str, Any], path: _Path) -> None:
     else:
         allowed = (*WORLD_FRAMES, *BODY_FRAMES)
     if not allowed:
-        raise _wrong((*path, "frame"), "must not be given: {name} has no direction", name=name)
+        raise _error((*path, "frame"), "must not be given: {name} has no direction", name=name)
     if frame not in allowed:
-        raise _wrong((*path, "frame"), "must be {allowed} for {name}", allowed=" or ".join(allowed), name=name)
+        raise _error((*path, "frame"), "must be {allowed} for {name}", allowed=" or ".join(allowed), name=name)
 
 
-def _wrong(path: _Path, demand: Any, **context: Any) -> PydanticCustomError:
+def _error(path: _Path, demand: Any, **context: Any) -> PydanticCustomError:
     return PydanticCustomError("mapping", demand, {**context, "path": path})

@@ -1,4 +1,4 @@
-"""Status information in a ULog: vehicle type, estimator resets and faults, failsafes, and the ranges of the motors.
+"""Status information in a ULog: vehicle type, estimator resets and faults, failsafes, and pulse ranges of the motors.
 
 The codes of vehicle types are those of MAVLink's MAV_TYPE and of PX4's parameter CA_AIRFRAME.
 """
@@ -38,7 +38,7 @@ _AIRFRAMES = {
     **dict.fromkeys((10, 11, 12), "a helicopter"),
     14: "a spacecraft",
 }
-# Values of `vehicle_status.vehicle_type` other than 0, which is unknown, and 1, which is a rotary wing.
+# Values of `vehicle_status.vehicle_type` other than 0 (unknown) and 1 (rotary wing).
 _VEHICLE_TYPES = {2: "an aeroplane", 3: "a ground rover", 4: "an airship"}
 _ARMED = 2  # value of `arming_state` of an armed vehicle
 
@@ -49,7 +49,7 @@ class _Reset(NamedTuple):
     Attributes:
         topic: name of the topic that contains the counter.
         counter: name of the counter's field.
-        what: name of the quantity that is reset.
+        quantity: name of the quantity that is reset.
         fields: names of the fields with the components of the last change.
         factor: conversion factor from the norm of these fields to `unit`.
         unit: unit in which the change is reported.
@@ -57,7 +57,7 @@ class _Reset(NamedTuple):
 
     topic: str
     counter: str
-    what: str
+    quantity: str
     fields: tuple[str, ...]
     factor: float
     unit: str
@@ -72,15 +72,15 @@ _RESETS = (
     # The vector part of the quaternion of a small rotation is half of the rotation angle.
     _Reset("vehicle_attitude", "quat_reset_counter", "attitude", _VECTOR_PART, 2.0, "rad"),
 )
-_MIN_RESET = 0.01  # m, m/s or rad; estimators make smaller resets when they start
-# Fields that each flag of `vehicle_local_position` declares valid or invalid.
-_VALIDITY = {
+_MIN_RESET = 0.01  # m, m/s or rad, smallest reported reset; estimators make smaller resets when they start
+# Fields whose validity each flag of `vehicle_local_position` states.
+_VALIDITY_FLAGS = {
     "xy_valid": ("x", "y"),
     "z_valid": ("z",),
     "v_xy_valid": ("vx", "vy"),
     "v_z_valid": ("vz",),
 }
-_DEFAULT_PULSES = 1000.0, 2000.0  # µs, range of motor pulses in PX4 unless its parameters change it
+_DEFAULT_PULSE_RANGE = 1000.0, 2000.0  # µs, range of motor pulses in PX4 unless its parameters change it
 _MOTOR_FUNCTION = 101  # value of PWM_MAIN_FUNC1 to PWM_MAIN_FUNC16 for motor 1; motor 2 has 102
 _NUM_MOTORS = 4
 _MICROSECOND = 1e-6
@@ -116,11 +116,11 @@ def other_vehicle(parameters: _Parameters, status: _Data | None) -> str:
 
 
 def status_remarks(topics: Mapping[str, _Data], start: int) -> Iterator[str]:
-    """Yield sentences on resets and faults of the estimator, on failsafes, and on a log that ends in flight.
+    """Yield remarks on resets and faults of the estimator, on failsafes, and on a log that ends in flight.
 
     Args:
         topics: data of the logged topics, by name.
-        start: timestamp that counts as 0 s in the sentences, µs.
+        start: timestamp that counts as 0 s in the remarks, µs.
     """
 
     def seconds(data: _Data, row: int) -> float:
@@ -134,27 +134,27 @@ def status_remarks(topics: Mapping[str, _Data], start: int) -> Iterator[str]:
         sizes = reset.factor * np.linalg.norm([data[field][rows].astype(float) for field in reset.fields], axis=0)
         rows, sizes = rows[sizes >= _MIN_RESET], sizes[sizes >= _MIN_RESET]
         if len(rows):
-            times = "once" if len(rows) == 1 else f"{len(rows)} times"
+            count = "once" if len(rows) == 1 else f"{len(rows)} times"
             yield (
-                f"the estimator resets its {reset.what} {times}, at most by {sizes.max():.2g} {reset.unit}, first at"
-                f" {seconds(data, rows[0]):.4g} s of the log; the estimate jumps there"
+                f"the estimator resets its {reset.quantity} {count}, by up to {sizes.max():.2g} {reset.unit}, first"
+                f" at {seconds(data, rows[0]):.4g} s of the log; the estimate jumps there"
             )
     yield from _failsafes(topics.get("vehicle_status", {}), seconds)
     estimator, local = topics.get("estimator_status", {}), topics.get("vehicle_local_position", {})
-    reckoned = np.logical_and(local.get("dead_reckoning", False), local.get("xy_valid", False))
-    for data, flags, what in (
-        (estimator, estimator.get("filter_fault_flags", ()), "estimator_status has numerical faults"),
+    is_dead_reckoning = np.logical_and(local.get("dead_reckoning", False), local.get("xy_valid", False))
+    for data, flags, finding in (
+        (estimator, estimator.get("filter_fault_flags", ()), "estimator_status reports numerical faults"),
         (
             estimator,
             estimator.get("innovation_check_flags", ()),
-            "estimator_status has measurements that the estimator rejects",
+            "estimator_status reports rejected measurements",
         ),
-        (local, reckoned, "the position comes from dead reckoning"),
+        (local, is_dead_reckoning, "the position comes from dead reckoning"),
     ):
         rows = np.flatnonzero(flags)
         if len(rows):
             share, first = len(rows) / len(data["timestamp"]), seconds(data, rows[0])
-            yield f"{what} in {share:.2%} of its samples, first at {first:.4g} s of the log"
+            yield f"{finding} in {share:.2%} of its samples, first at {first:.4g} s of the log"
     yield from _end(topics)
 
 
@@ -162,8 +162,12 @@ def _failsafes(status: _Data, seconds: Any) -> Iterator[str]:
     edges = np.diff(np.asarray(status.get("failsafe", ())).astype(int), prepend=0, append=0)
     begins, ends = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0) - 1
     if len(begins):
-        spans = [f"{seconds(status, a):.4g} to {seconds(status, b):.4g} s" for a, b in zip(begins, ends, strict=True)]
-        yield f"PX4 is in failsafe from {listed(spans, 3)} of the log: it does not follow its reference then"
+        intervals = [
+            f"{seconds(status, a):.4g} to {seconds(status, b):.4g} s" for a, b in zip(begins, ends, strict=True)
+        ]
+        yield (
+            f"PX4 is in failsafe from {listed(intervals, 3)} of the log: the vehicle may not follow its reference there"
+        )
 
 
 def _end(topics: Mapping[str, _Data]) -> Iterator[str]:
@@ -173,19 +177,19 @@ def _end(topics: Mapping[str, _Data]) -> Iterator[str]:
         yield "the log ends in flight"
 
 
-def with_invalid_left_out(topic: str, data: _Data) -> dict[str, np.ndarray]:
+def without_invalid_samples(topic: str, data: _Data) -> dict[str, np.ndarray]:
     """Return the fields of a topic with NaN in place of the samples that the topic declares invalid."""
-    found = dict(data)
+    result = dict(data)
     if topic == "vehicle_local_position":
-        for validity, fields in _VALIDITY.items():
+        for validity, fields in _VALIDITY_FLAGS.items():
             for field in fields:
                 if validity in data and field in data:
-                    found[field] = np.where(data[validity].astype(bool), data[field], np.nan)
-    return found
+                    result[field] = np.where(data[validity].astype(bool), data[field], np.nan)
+    return result
 
 
-def with_pulses_of_motors(data: _Data, parameters: _Parameters) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Return `actuator_outputs` with the motors in its first four outputs and their pulses scaled to 1000 to 2000 µs.
+def with_motor_pulses(data: _Data, parameters: _Parameters) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Return `actuator_outputs` with the motors as its first four outputs, and their pulses scaled to 1000 to 2000 µs.
 
     Args:
         data: data of the topic `actuator_outputs`.
@@ -195,7 +199,7 @@ def with_pulses_of_motors(data: _Data, parameters: _Parameters) -> tuple[dict[st
         The topic with these outputs, and remarks on the channels and pulse ranges.
 
     Raises:
-        InputError: if the longest pulse of a motor is not longer than its shortest one.
+        InputError: if the longest pulse of a motor is not longer than its shortest pulse.
     """
     channels = [
         next((i for i in range(1, 17) if parameters.get(f"PWM_MAIN_FUNC{i}") == _MOTOR_FUNCTION + motor), motor + 1)
@@ -204,33 +208,41 @@ def with_pulses_of_motors(data: _Data, parameters: _Parameters) -> tuple[dict[st
     names = [f"output[{channel - 1}]" for channel in channels]
     if not all(name in data for name in names):
         return dict(data), []
-    found, ranges = dict(data), []
+    result, ranges = dict(data), []
     for motor, (name, channel) in enumerate(zip(names, channels, strict=True)):
-        low, high = (_limit(parameters, end, channel, default) for end, default in zip(("MIN", "MAX"), _DEFAULT_PULSES))
+        low, high = (
+            _pulse_limit(parameters, end, channel, default)
+            for end, default in zip(("MIN", "MAX"), _DEFAULT_PULSE_RANGE)
+        )
         if not low < high:
             raise InputError(
-                f"the parameters say that the pulses of motor {motor + 1} go from {low:g} to {high:g} µs (PWM_MAIN_MIN,"
-                " PWM_MAIN_MAX), which is no range"
+                f"the parameters PWM_MAIN_MIN and PWM_MAIN_MAX set the pulses of motor {motor + 1} to {low:g} to"
+                f" {high:g} µs, which is not a valid range: the minimum must be below the maximum"
             )
         ranges.append((low, high))
-        least, most = _DEFAULT_PULSES
-        found[f"output[{motor}]"] = least + (data[name].astype(float) - low) * (most - least) / (high - low)
+        shortest, longest = _DEFAULT_PULSE_RANGE
+        result[f"output[{motor}]"] = shortest + (data[name].astype(float) - low) * (longest - shortest) / (high - low)
     remarks = []
-    known = any(name.startswith(("PWM_MIN", "PWM_MAX", "PWM_MAIN_M")) for name in parameters)
-    spans = listed(list(dict.fromkeys(f"{low:g} to {high:g}" for low, high in ranges)))
-    source = "by PWM_MAIN_MIN, PWM_MAIN_MAX and the like" if known else "assumed, since no parameter in the log says so"
-    remarks.append(f"the range of the motors, from off to full throttle, is {spans} µs, {source}")
+    is_given = any(name.startswith(("PWM_MIN", "PWM_MAX", "PWM_MAIN_M")) for name in parameters)
+    range_text = listed(list(dict.fromkeys(f"{low:g} to {high:g}" for low, high in ranges)))
+    source = (
+        "by the parameters PWM_MAIN_MIN, PWM_MAIN_MAX and similar ones"
+        if is_given
+        else "assumed, since the log contains no such parameter"
+    )
+    remarks.append(f"the pulse range of the motors, from off to full throttle, is {range_text} µs, {source}")
     if channels != [*range(1, _NUM_MOTORS + 1)]:
         remarks.append(
-            f"PX4's motors 1 to 4 are on its outputs {', '.join(map(str, channels))}, by PWM_MAIN_FUNC1 and so on"
+            f"PX4's motors 1 to 4 are on its outputs {', '.join(map(str, channels))}, by the parameters"
+            " PWM_MAIN_FUNC1 and so on"
         )
-    return found, remarks
+    return result, remarks
 
 
-def _limit(parameters: _Parameters, end: str, channel: int, default: float) -> float:
+def _pulse_limit(parameters: _Parameters, end: str, channel: int, default: float) -> float:
     """Return the pulse at the end "MIN" or "MAX" of a channel's range, µs.
 
-    A parameter that is missing or negative defers to the next, more general one, and in the end to `default`.
+    If a parameter is missing or negative, the next, more general parameter is used, and finally `default`.
     """
     for name in (f"PWM_MAIN_{end}{channel}", f"PWM_MAIN_{end}", f"PWM_{end}"):
         value = parameters.get(name, -1)

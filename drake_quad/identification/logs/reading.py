@@ -18,31 +18,32 @@ def read_log(path: str | Path, mapping: str | Path | None = None) -> FlightRecor
     The format follows from the content: a Crazyflie's SD card log, PX4's ULog, ArduPilot's DataFlash log, Betaflight's
     blackbox log, a ROS bag of version 1 or 2, MCAP, MATLAB's MAT-file, or CSV.
 
-    Truncated or damaged parts of a log are skipped. The remarks of the record list them, the columns that were read,
-    and signals that contradict each other.
+    Truncated or damaged parts of a log are skipped. The remarks of the record list the skipped parts, the columns that
+    were read, and signals that contradict each other.
 
     Args:
         path: path of the file, or of the folder of a ROS 2 bag.
         mapping: mapping from columns to signals, given by a YAML file (`drake_quad.identification.logs.mapping`) or by
-            the name of a shipped mapping. The default is the mapping of the format, and the shipped mapping that fits
-            best for CSV and MAT-files.
+            the name of a shipped mapping. The default is the mapping of the format; for CSV and MAT-files, it is the
+            shipped mapping that fits best.
 
     Raises:
         InputError: if the file does not exist, has another format, or contains no complete signal; if the format needs
-            a library that is not installed; or if it is the log of a vehicle that is not a quadrotor, and no mapping
-            is given.
+            a library that is not installed; or if the logged vehicle is not a quadrotor, and no mapping is given.
     """
     given = None if mapping is None else load_mapping(mapping)
     log = read_file(Path(path))
     read = next((each.read for each in FORMATS if each.recognizes(log)), None)
     if read is None:
-        # Text that no format claims is CSV.
+        # Text that has no other format is read as CSV.
         if not is_text(log):
             raise InputError(
-                f"{log.mark}: is none of the logs that can be read: {', '.join(each.name for each in FORMATS)}, or CSV"
+                f"{log.mark}: is not a log in a known format: {', '.join(each.name for each in FORMATS)}, or CSV"
             )
         read = read_table
     content = read(log, given)
-    name, known = content.mapping
-    remarks = [*content.remarks, f"the mapping is {name}: {known.description}".removesuffix(": ")]
-    return record_of(content.tables, known, name=log.name, mark=log.mark, remarks=remarks, names=content.names)
+    name, columns_mapping = content.mapping
+    remarks = [*content.remarks, f"the mapping is {name}: {columns_mapping.description}".removesuffix(": ")]
+    return record_of(
+        content.tables, columns_mapping, name=log.name, mark=log.mark, remarks=remarks, names=content.names
+    )

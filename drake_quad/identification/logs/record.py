@@ -16,24 +16,24 @@ Column = np.ndarray
 class FlightRecord:
     """Logged flight: signals on one clock; a signal that is not logged is None.
 
-    Measurements contain the noise of the log, and commands hold until the next sample. World frame W: z up. Body frame
-    B: x forward, y to the left, z up. Rotors are numbered as in an x layout of this library: the first in front to the
-    right, then clockwise seen from above.
+    Measurements contain noise, and commands hold until the next sample. World frame W: z up. Body frame B: x forward, y
+    to the left, z up. Rotors are numbered as in an x layout of this library: rotor 1 is front right, and the others
+    follow clockwise as seen from above.
 
     Attributes:
         name: name of the log.
-        time: (n,) rising times, 0 at the first sample, s.
+        time: (n,) increasing times, 0 at the first sample, s.
         position: (n, 3) position in W, m.
         velocity: (n, 3) velocity in W, m/s.
         attitude: (n, 3) roll, pitch, yaw, rad.
         body_rates: (n, 3) p, q, r about the axes of B, rad/s.
         specific_force: (n, 3) measurement of an accelerometer, along the axes of B, m/s².
         rotor_speed: (n, 4) measured rotor speeds, rad/s.
-        motor_command: (n, 4) command of each motor as a share of the full command, 0 to 1.
+        motor_command: (n, 4) command of each motor as a fraction of the full command, 0 to 1.
         rotor_speed_command: (n, 4) commanded rotor speeds, rad/s.
         thrust_command: (n,) commanded thrust of all rotors, N.
-        thrust_share: (n,) commanded thrust of all rotors as a share of full thrust or throttle, 0 to 1.
-        hover_share: (n,) share of full thrust with which the vehicle hovers according to its controller, 0 to 1.
+        thrust_share: (n,) commanded thrust of all rotors as a fraction of full thrust or throttle, 0 to 1.
+        hover_share: (n,) controller's estimate of the fraction of full thrust at which the vehicle hovers, 0 to 1.
         torque_command: (n, 3) commanded torque along the axes of B, N m.
         attitude_command: (n, 3) commanded roll, pitch, yaw, rad.
         body_rate_command: (n, 3) commanded p, q, r, rad/s.
@@ -47,7 +47,7 @@ class FlightRecord:
         reference_period: period with which reference_position was logged, s; 0 if it is that of the record. Its values
             are held between these samples.
         vehicle: name of a similar shipped vehicle with which an identification can begin; None if there is none.
-        remarks: sentences on gaps, jumps of the clock, conversions, and samples that were left out.
+        remarks: remarks on gaps, jumps of the clock, conversions, and samples that were left out.
     """
 
     name: str
@@ -81,21 +81,22 @@ class FlightRecord:
         """Check times, shapes and values.
 
         Raises:
-            InputError: if the time does not rise, or a signal has a wrong shape or contains a value that is not finite.
+            InputError: if the times do not increase, or a signal has a wrong shape or contains values that are not
+                finite.
         """
         if self.time.ndim != 1 or len(self.time) < 2 or not np.all(np.diff(self.time) > 0.0):
-            raise InputError(f"the log {shown(self.name)} must have at least two samples whose time rises")
+            raise InputError(f"the log {shown(self.name)} must have at least two samples with increasing times")
         for name, values in self.signals():
             columns = COLUMNS[name]
             shape = (len(self.time), columns) if columns > 1 else (len(self.time),)
             if values.shape != shape:
                 raise InputError(
-                    f"{name} of the log {shown(self.name)} has shape {values.shape}, and must have {shape}"
+                    f"{name} of the log {shown(self.name)} has shape {values.shape}, but must have {shape}"
                 )
             if not np.isfinite(values).all():
                 row = int(np.argmin(np.isfinite(values.reshape(len(values), -1)).all(axis=1)))
                 raise InputError(
-                    f"{name} of the log {shown(self.name)} is no number at {self.time[row]:.6g} s, sample {row}"
+                    f"{name} of the log {shown(self.name)} is not a number at {self.time[row]:.6g} s, sample {row}"
                 )
 
     def signals(self) -> Iterator[tuple[str, np.ndarray]]:
@@ -123,7 +124,7 @@ class FlightRecord:
         """
         values: np.ndarray | None = getattr(self, name)
         if values is None:
-            raise InputError(f"the log {shown(self.name)} lacks {name}; it has {', '.join(self.names) or 'nothing'}")
+            raise InputError(f"the log {shown(self.name)} lacks {name}; it has {', '.join(self.names) or 'no signals'}")
         return values
 
     def part(self, chosen: slice | np.ndarray) -> "FlightRecord":
@@ -151,4 +152,4 @@ _SIGNALS = {
 QUANTITIES: dict[str, Quantity] = {name: quantity for name, (quantity, *_) in _SIGNALS.items()}
 """Unit and frame of each signal."""
 COLUMNS: dict[str, int] = {name: width[0] if width else 3 for name, (_, *width) in _SIGNALS.items()}
-"""Number of columns of each signal: 3 unless its annotation has another number."""
+"""Number of columns of each signal: 3 unless its annotation states another number."""

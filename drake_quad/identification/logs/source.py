@@ -18,8 +18,8 @@ from drake_quad.extras import import_extra
 from drake_quad.scenario.files.marked_tree import Mark
 from drake_quad.scenario.files.reading import opened
 
-# Largest size of a decompressed log. One hour of samples of 50 bytes at 1 kHz has 180 million bytes.
-MOST_BYTES = 200_000_000
+# Largest size of a decompressed log. One hour of samples of 50 bytes at 1 kHz takes 180 million bytes.
+MAX_BYTES = 200_000_000
 _CHUNK_SIZE = 1 << 20
 # Suffixes of the files in the folder of a ROS 2 bag.
 _BAG_SUFFIXES = (".db3", ".mcap")
@@ -34,7 +34,7 @@ class LogFile(NamedTuple):
     Attributes:
         path: path of the file.
         data: decompressed bytes of the file.
-        remarks: sentences on lost data.
+        remarks: remarks on lost data.
     """
 
     path: Path
@@ -47,7 +47,7 @@ class LogFile(NamedTuple):
         return Mark(str(self.path), 0)
 
     @property
-    def written(self) -> int:
+    def written_size(self) -> int:
         """Number of bytes before the trailing zeros or trailing bytes 0xff.
 
         After a loss of power a file may end with such bytes, because its length is set before its content is written.
@@ -55,12 +55,12 @@ class LogFile(NamedTuple):
         last = self.data[-1:]
         return len(self.data.rstrip(last)) if last in (b"\0", b"\xff") else len(self.data)
 
-    def unread(self, end: int, reason: str) -> str:
-        """Return a sentence on the unread bytes at the end of the file.
+    def unread_remark(self, end: int, reason: str) -> str:
+        """Return a remark on the unread bytes at the end of the file.
 
         Args:
             end: number of bytes that are read.
-            reason: reason why the other bytes are not read. It is replaced if they are all zeros or all 0xff.
+            reason: reason why the other bytes are not read. Another reason is used if they are all zeros or all 0xff.
         """
         rest = set(self.data[end:])
         if rest in ({0}, {255}):
@@ -90,11 +90,11 @@ class LogFile(NamedTuple):
         except ImportError as error:
             raise InputError(f"{self.mark}: cannot be read: {error}") from None
 
-    def read_by_library(self, what: str, read: Callable[[], Any]) -> Any:
+    def read_by_library(self, format_name: str, read: Callable[[], Any]) -> Any:
         """Read the file with a library, and convert its exceptions to one sentence.
 
         Args:
-            what: name of the format with an article.
+            format_name: name of the format with an article.
             read: function that calls the library.
 
         Raises:
@@ -105,7 +105,7 @@ class LogFile(NamedTuple):
         except InputError:
             raise
         except Exception as error:  # libraries raise any exception on a damaged log
-            raise InputError(f"{self.mark}: is {what} that cannot be read: {reason_of(error)}") from None
+            raise InputError(f"{self.mark}: is {format_name} that cannot be read: {reason_of(error)}") from None
 
     def read_from_disk(self, suffix: str, read: Callable[[Path], Any]) -> Any:
         """Return the result of a function of a path, for a library that reads only from disk."""
@@ -116,7 +116,7 @@ class LogFile(NamedTuple):
 
 
 def reason_of(error: Exception) -> str:
-    """Return the message of a library's exception as part of a sentence."""
+    """Return the message of a library's exception as a clause."""
     return shortened(" ".join(str(error).split()) or type(error).__name__)
 
 
@@ -124,37 +124,45 @@ def read_file(path: Path) -> LogFile:
     """Read a log file, and decompress it. A compressed file that is truncated is read as far as possible.
 
     Raises:
-        InputError: if the path is not that of a file, or the file cannot be read, is empty, or is too large.
+        InputError: if the path is not a file, or the file cannot be read, is empty, or is too large.
     """
     path = _bag_in(path)
     mark = Mark(str(path), 0)
     if os.path.isdir(path):  # noqa: PTH112 - Path.is_dir raises where a name is too long
-        raise InputError(f"{mark}: is a folder, not a log" + _inside(path))
+        raise InputError(f"{mark}: is a folder, not a log" + _flight_hint(path))
     with opened(path) as file:
-        data, whole = _unpacked(file)
-    if len(data) > MOST_BYTES:
-        raise InputError(f"{mark}: is too large: a log may have {MOST_BYTES:,} bytes, unpacked")
+        data, is_complete = _decompressed(file)
+    if len(data) > MAX_BYTES:
+        raise InputError(f"{mark}: is too large: a log may have at most {MAX_BYTES:,} bytes after decompression")
     if not data:
-        raise InputError(f"{mark}: is empty" if whole else f"{mark}: is compressed, and nothing of it can be unpacked")
-    return LogFile(path, data, () if whole else ("the compressed file is cut or damaged; read as far as it goes",))
+        raise InputError(
+            f"{mark}: is empty" if is_complete else f"{mark}: is a compressed file that cannot be decompressed"
+        )
+    return LogFile(
+        path,
+        data,
+        ()
+        if is_complete
+        else ("the compressed file is truncated or damaged; only the part before the damage is read",),
+    )
 
 
-def _unpacked(file: IO[bytes]) -> tuple[bytes, bool]:
-    """Return the decompressed bytes, at most one more than is allowed, and whether decompression succeeded."""
+def _decompressed(file: IO[bytes]) -> tuple[bytes, bool]:
+    """Return the decompressed bytes, at most `MAX_BYTES` + 1, and whether decompression succeeded."""
     start = file.read(6)
     file.seek(0)
     result = io.BytesIO()
     try:
-        with _opened(file, start) as unpacked:
-            while result.tell() <= MOST_BYTES and (chunk := unpacked.read1(_CHUNK_SIZE)):
+        with _decompressing(file, start) as unpacked:
+            while result.tell() <= MAX_BYTES and (chunk := unpacked.read1(_CHUNK_SIZE)):
                 result.write(chunk)
     except (EOFError, gzip.BadGzipFile, lzma.LZMAError, zlib.error):
         return result.getvalue(), False
-    return result.getvalue()[: MOST_BYTES + 1], True
+    return result.getvalue()[: MAX_BYTES + 1], True
 
 
-def _opened(file: IO[bytes], start: bytes) -> Any:
-    """Return a file that decompresses another one, whose first bytes state the compression."""
+def _decompressing(file: IO[bytes], start: bytes) -> Any:
+    """Return a file that decompresses `file`. The first bytes of the log, `start`, identify the compression."""
     if start.startswith(b"\x1f\x8b"):
         return gzip.GzipFile(fileobj=file)
     if start == b"\xfd7zXZ\0":
@@ -166,11 +174,11 @@ def _bag_in(path: Path) -> Path:
     """Return the only file in the folder of a ROS 2 bag; any other path is returned unchanged."""
     if not os.path.isfile(path / "metadata.yaml"):  # noqa: PTH113 - Path.is_file raises where a name is too long
         return path
-    files = [each for each in sorted(path.iterdir()) if each.suffix in _BAG_SUFFIXES]
+    files = [each for each in path.iterdir() if each.suffix in _BAG_SUFFIXES]
     if len(files) != 1:
-        raise InputError(f"{path}: is a ROS 2 bag of {len(files)} files; name the one to read")
+        raise InputError(f"{path}: is a ROS 2 bag of {len(files)} files; give the path of the one to read")
     return files[0]
 
 
-def _inside(path: Path) -> str:
-    return f"; {path.name}/flight.csv is the log of a flight" if (path / "flight.csv").is_file() else ""
+def _flight_hint(path: Path) -> str:
+    return f"; use {path.name}/flight.csv, the log of a flight" if (path / "flight.csv").is_file() else ""

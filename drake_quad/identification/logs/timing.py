@@ -1,83 +1,83 @@
-"""Checks of the clock of a log: rising times, gaps and jitter."""
+"""Checks of the clock of a log: increasing times, gaps and jitter."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
-_GAP = 3.0  # median steps; a sample that is late by one period is no gap
-_MAX_TIME = 1e12  # s, thirty thousand years
-_MIN_JITTER = 0.05  # standard deviation of the steps relative to their median, from which a remark is made
+_GAP_RATIO = 3.0  # shortest gap, in median steps of the clock; a single lost sample does not count as a gap
+_MAX_TIME = 1e12  # s, thirty thousand years; larger times are damaged
+_MIN_JITTER = 0.05  # smallest reported standard deviation of the steps, relative to their median
 
 
-def rising(time: np.ndarray) -> tuple[np.ndarray, list[str]]:
-    """Return a mask (n,) of samples whose times rise, and sentences on the samples that are left out.
+def rising_samples(time: np.ndarray) -> tuple[np.ndarray, list[str]]:
+    """Return a mask (n,) of samples with increasing times, and remarks on the samples that are left out.
 
-    A sample is left out if its time is not a number, repeats that of the sample before, or is out of order. It is late
-    if an earlier sample has a later time, and early if a later sample has an earlier time. A clock that jumps ahead
-    once has an early sample, and a clock that is set back has late samples until it has caught up. Either the late or
-    the early samples are left out, whichever are fewer.
+    A sample is left out if its time is not a number, repeats the time of the preceding sample, or is out of order. A
+    sample is late if an earlier sample has a later time, and early if a later sample has an earlier time. If the clock
+    jumps ahead for one sample, this sample is early. If the clock is set back, samples are late until it has caught up.
+    Either the late or the early samples are left out, whichever are fewer.
 
     Args:
         time: (n,) logged times, s.
     """
-    kept = np.abs(time) < _MAX_TIME
+    is_number = np.abs(time) < _MAX_TIME
     remarks = []
-    if not kept.all():
-        remarks.append(f"{_samples(~kept)} left out: their time is no number")
-    numbers = np.flatnonzero(kept)
-    t = time[numbers]
-    repeated = np.zeros(len(t), dtype=bool)
-    repeated[1:] = t[1:] == t[:-1]
-    if repeated.any():
-        remarks.append(f"{_samples(repeated)} left out: they repeat the time of the sample before")
-    numbers, t = numbers[~repeated], t[~repeated]
-    late, early = np.zeros(len(t), dtype=bool), np.zeros(len(t), dtype=bool)
-    if len(t):
-        late[1:] = t[1:] <= np.maximum.accumulate(t)[:-1]
-        early[:-1] = t[:-1] >= np.minimum.accumulate(t[::-1])[::-1][1:]
-    wrong = early if early.sum() < late.sum() else late
-    if wrong.any():
-        back = np.diff(t)
-        worst = int(np.argmin(back))
+    if not is_number.all():
+        remarks.append(f"{_sample_count(~is_number)} left out: their time is not a number")
+    indices = np.flatnonzero(is_number)
+    times = time[indices]
+    is_repeated = np.zeros(len(times), dtype=bool)
+    is_repeated[1:] = times[1:] == times[:-1]
+    if is_repeated.any():
+        remarks.append(f"{_sample_count(is_repeated)} left out: they repeat the time of the preceding sample")
+    indices, times = indices[~is_repeated], times[~is_repeated]
+    is_late, is_early = np.zeros(len(times), dtype=bool), np.zeros(len(times), dtype=bool)
+    if len(times):
+        is_late[1:] = times[1:] <= np.maximum.accumulate(times)[:-1]
+        is_early[:-1] = times[:-1] >= np.minimum.accumulate(times[::-1])[::-1][1:]
+    is_wrong = is_early if is_early.sum() < is_late.sum() else is_late
+    if is_wrong.any():
+        steps = np.diff(times)
+        worst = int(np.argmin(steps))
         remarks.append(
-            f"{_samples(wrong)} left out: the clock goes back {_times(int((back < 0.0).sum()))}, at most by"
-            f" {-back[worst]:.4g} s at {t[worst] - t[0]:.4g} s"
+            f"{_sample_count(is_wrong)} left out: the clock goes back {_count_text(int((steps < 0.0).sum()))}, by up"
+            f" to {-steps[worst]:.4g} s at {times[worst] - times[0]:.4g} s"
         )
-    chosen = np.zeros(len(time), dtype=bool)
-    chosen[numbers[~wrong]] = True
-    return chosen, remarks
+    is_rising = np.zeros(len(time), dtype=bool)
+    is_rising[indices[~is_wrong]] = True
+    return is_rising, remarks
 
 
 def gaps(time: np.ndarray) -> np.ndarray:
-    """Return a mask (n - 1,) of the steps of a rising clock (n,) that are longer than three median steps."""
+    """Return a mask (n - 1,) of the steps of increasing times (n,) that are longer than three median steps."""
     steps = np.diff(time)
-    return np.asarray(steps > _GAP * np.median(steps)) if len(steps) else np.zeros(0, dtype=bool)
+    return np.asarray(steps > _GAP_RATIO * np.median(steps)) if len(steps) else np.zeros(0, dtype=bool)
 
 
 def timing_remarks(time: np.ndarray) -> Iterator[str]:
-    """Yield sentences on the gaps and the jitter of a rising clock (n,), s."""
+    """Yield remarks on the gaps and the jitter of increasing times (n,), s."""
     steps, is_gap = np.diff(time), gaps(time)
     median = float(np.median(steps))
     if is_gap.any():
         longest = int(np.argmax(steps))
         yield (
-            f"{is_gap.sum()} gap{'s' if is_gap.sum() > 1 else ''} (steps of more than {_GAP:.0f} times the median of"
-            f" {median:.4g} s), {steps[is_gap].sum():.4g} s in all, the longest of {steps[longest]:.4g} s at"
-            f" {time[longest] - time[0]:.4g} s"
+            f"{is_gap.sum()} gap{'s' if is_gap.sum() > 1 else ''} (steps of more than {_GAP_RATIO:.0f} times the median"
+            f" of {median:.4g} s), {steps[is_gap].sum():.4g} s in total; the longest lasts {steps[longest]:.4g} s, from"
+            f" {time[longest] - time[0]:.4g} s on"
         )
     regular = steps[~is_gap]
     jitter = float(np.std(regular))
     if jitter > _MIN_JITTER * median:
         yield (
-            f"the steps of the clock are uneven: {median:.4g} s in the median, with a standard deviation of"
-            f" {jitter:.2g} s, from {regular.min():.4g} to {regular.max():.4g} s without the gaps"
+            f"the time steps are uneven: the median is {median:.4g} s, the standard deviation {jitter:.2g} s, and the"
+            f" range {regular.min():.4g} to {regular.max():.4g} s (without gaps)"
         )
 
 
-def _samples(chosen: np.ndarray) -> str:
+def _sample_count(chosen: np.ndarray) -> str:
     count = int(chosen.sum())
     return f"{count:,} samples" if count > 1 else "1 sample"
 
 
-def _times(count: int) -> str:
+def _count_text(count: int) -> str:
     return f"{count:,} times" if count > 1 else "once"

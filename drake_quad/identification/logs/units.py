@@ -31,7 +31,7 @@ UNITS: dict[str, dict[str, Unit]] = {
         "deg/s": Unit(_DEGREE),
         "rpm": Unit(2.0 * math.pi / 60.0),
     },
-    # A share of the full command may be logged with 16 bits, or as a servo pulse from 1 ms (0) to 2 ms (1).
+    # A fraction of the full command may be logged with 16 bits, or as a servo pulse from 1 ms (0) to 2 ms (1).
     "1": {"1": Unit(1.0), "%": Unit(1e-2), "uint16": Unit(1.0 / 65535.0), "servo us": Unit(1e-3, 1000.0)},
     "N": {"N": Unit(1.0), "mN": Unit(1e-3), "gf": Unit(1e-3 * _STANDARD_GRAVITY)},
     "N m": {"N m": Unit(1.0), "mN m": Unit(1e-3)},

@@ -1,16 +1,16 @@
 """Output of the position law of a flown controller, reconstructed from its logged attitude and thrust commands.
 
-Controllers convert the output u of their position law to attitude and thrust in different ways. Five forms are known:
+Controllers convert the output u of their position law to attitude and thrust in different ways. Five forms are tried:
 
     acceleration    thrust T along the commanded thrust axis z_d:  u = (T / m) z_d - g Z
-    heading         the same, with roll and pitch relative to the measured yaw instead of the commanded one
-    decoupled       u_x and u_y follow from the tilt alone, g z_d,x / z_d,z, so that climbing does not change the
+    heading         as in acceleration, with roll and pitch relative to the measured yaw instead of the commanded yaw
+    decoupled       u_x and u_y depend only on the tilt, g z_d,x / z_d,z, so that climbing does not change the
                     tilt, as in PX4
     projected       as in acceleration, with T = F · z the component of the force along the measured thrust axis z,
                     as in geometric control:  u = (T / m) / (z_d · z) z_d - g Z
-    tilt            the law gives roll and pitch directly, as in the Crazyflie's firmware: along the heading u is the
-                    pitch and minus the roll in rad, and along Z u = T / m - g. Errors are integrated along the
-                    heading, too
+    tilt            the outputs of the law are roll and pitch, as in the Crazyflie's firmware: along the axes of the
+                    heading, u_x is the pitch and u_y is minus the roll in rad, and along Z u = T / m - g. Errors
+                    are also integrated along the axes of the heading
 
 The attitude is the exact rotation by roll, pitch and yaw.
 """
@@ -28,14 +28,15 @@ from drake_quad.scenario.models import Scenario
 Form = Literal["acceleration", "heading", "decoupled", "projected", "tilt"]
 FORMS: tuple[Form, ...] = get_args(Form)
 
-# A command is at a limit if its samples pile up at an extreme. Within a margin δ of the maximum of a smooth signal
-# there are 1 / (√2 - 1) = 2.4 times as many samples as between δ and 2 δ; at a limit there are many more.
+# A command is at a limit if many of its samples are near an extreme. For a smooth signal, the number of samples within
+# a margin δ of the maximum is 1 / (√2 - 1) = 2.4 times the number between δ and 2 δ. At a limit, the ratio is much
+# larger.
 _LIMIT_MARGIN = 0.005  # margin δ relative to the range of the command; the resolution of logs is finer
-_MIN_PILE = 5.0  # ratio of the two numbers of samples at a limit
-_MIN_LIMITED_SAMPLES = 8
-# A command that is at its extreme in a larger share of the samples is constant rather than limited.
+_MIN_PILE_RATIO = 5.0  # smallest ratio of the two numbers of samples at a limit
+_MIN_LIMITED_SAMPLES = 8  # smallest number of samples at a limit
+# A command that is at its extreme in a larger fraction of the samples is constant rather than limited.
 _MAX_LIMITED_SHARE = 0.5
-_MIN_ALIGNMENT = 0.2  # smallest cosine in a denominator, that of an angle of 78°
+_MIN_ALIGNMENT = 0.2  # smallest cosine in a denominator, for an angle of 78°
 
 
 def specific_thrust(record: FlightRecord, scenario: Scenario, usable: np.ndarray) -> tuple[np.ndarray, str | None]:
@@ -47,26 +48,26 @@ def specific_thrust(record: FlightRecord, scenario: Scenario, usable: np.ndarray
         usable: (n,) mask of the samples in the air.
 
     Raises:
-        InputError: if the log has no thrust command, or the command is zero in the air.
+        InputError: if the log has no thrust command, or the thrust command is zero in the air.
     """
     mass, gravity = float(scenario.nominal.mass), float(scenario.nominal.gravity)
     if record.thrust_command is not None:
         return record.thrust_command / mass, f"the thrust is divided by the nominal mass, {mass:g} kg"
     if record.thrust_share is None:
         raise InputError(
-            f"the log {shown(record.name)} has no command of the thrust (thrust_command or thrust_share), so the"
-            " acceleration that its controller commanded is unknown"
+            f"the log {shown(record.name)} has no thrust command (thrust_command or thrust_share), so the commanded"
+            " acceleration is unknown"
         )
     if record.hover_share is not None:
         return thrust_of_share(record, mass * gravity) / mass, None
-    carrying = float(np.median(record.thrust_share[usable]))
-    if carrying <= 0.0:
+    hover_command = float(np.median(record.thrust_share[usable]))
+    if hover_command <= 0.0:
         raise InputError(f"thrust_share of the log {shown(record.name)} is zero in the air; check the mapping")
-    why = f"the median thrust command in the air, {carrying:.3g} of full thrust, is taken to carry the weight"
-    return gravity * record.thrust_share / carrying, why
+    remark = f"the median thrust command in the air, {hover_command:.3g} of full thrust, is assumed to carry the weight"
+    return gravity * record.thrust_share / hover_command, remark
 
 
-def commanded(record: FlightRecord, thrust: np.ndarray, form: Form, gravity: float) -> np.ndarray:
+def law_output(record: FlightRecord, thrust: np.ndarray, form: Form, gravity: float) -> np.ndarray:
     """Return the output (n, 3) of the position law.
 
     Args:
@@ -87,17 +88,17 @@ def commanded(record: FlightRecord, thrust: np.ndarray, form: Form, gravity: flo
         attitude = np.column_stack([attitude[:, :2], _yaw(record)])
     axis = rotations(attitude).apply([0.0, 0.0, 1.0])
     if form == "decoupled":
-        level = gravity * axis[:, :2] / np.maximum(axis[:, 2:], _MIN_ALIGNMENT)
-        return np.column_stack([level, thrust * axis[:, 2] - gravity])
-    size = thrust
+        horizontal = gravity * axis[:, :2] / np.maximum(axis[:, 2:], _MIN_ALIGNMENT)
+        return np.column_stack([horizontal, thrust * axis[:, 2] - gravity])
+    magnitude = thrust
     if form == "projected" and record.attitude is not None:
         measured = rotations(record.attitude).apply([0.0, 0.0, 1.0])
-        size = thrust / np.maximum(np.sum(axis * measured, axis=1), _MIN_ALIGNMENT)
-    return np.asarray(size[:, None] * axis - [0.0, 0.0, gravity])
+        magnitude = thrust / np.maximum(np.sum(axis * measured, axis=1), _MIN_ALIGNMENT)
+    return np.asarray(magnitude[:, None] * axis - [0.0, 0.0, gravity])
 
 
 def _yaw(record: FlightRecord) -> np.ndarray:
-    """Return the measured yaw (n,), or the commanded one if no attitude is logged."""
+    """Return the measured yaw (n,), or the commanded yaw if no attitude is logged."""
     attitude = record.attitude_command if record.attitude is None else record.attitude
     assert attitude is not None
     return attitude[:, 2]
@@ -110,16 +111,16 @@ def in_heading(record: FlightRecord, values: np.ndarray) -> np.ndarray:
     return np.column_stack([cosine * x + sine * y, cosine * y - sine * x, z])
 
 
-def unproduced(output: np.ndarray, form: Form, gravity: float) -> np.ndarray:
-    """Return the horizontal part (n, 3) of the output of a law that the thrust does not produce.
+def unproduced_output(output: np.ndarray, form: Form, gravity: float) -> np.ndarray:
+    """Return the part (n, 3) of the horizontal output of a law that the thrust does not produce.
 
-    If the vertical acceleration u_z is negative, the tilt of the form `decoupled` produces the share (1 + u_z / g) of
-    the horizontal output. PX4 takes this for saturation, and subtracts 2 / k_v times the remainder from the velocity
+    If the vertical acceleration u_z is negative, the tilt of the form `decoupled` produces the fraction (1 + u_z / g)
+    of the horizontal output. PX4 treats this as saturation, and subtracts 2 / k_v times the remainder from the velocity
     error that it integrates (`PositionControl.cpp` of PX4 1.15). All other forms produce the whole output.
     """
-    level = np.array([1.0, 1.0, 0.0])
+    horizontal = np.array([1.0, 1.0, 0.0])
     share = np.clip(-output[:, 2:] / gravity, 0.0, 1.0) if form == "decoupled" else 0.0
-    return np.asarray(share * level * output)
+    return np.asarray(share * horizontal * output)
 
 
 def at_limit(record: FlightRecord, thrust: np.ndarray, usable: np.ndarray) -> np.ndarray:
@@ -134,14 +135,17 @@ def at_limit(record: FlightRecord, thrust: np.ndarray, usable: np.ndarray) -> np
     if record.attitude_command is not None:
         roll, pitch, _ = record.attitude_command.T
         signals += [roll, -roll, pitch, -pitch, np.arccos(np.cos(roll) * np.cos(pitch))]
-    found = np.zeros(len(thrust), dtype=bool)
-    most = _MAX_LIMITED_SHARE * usable.sum()
+    is_limited = np.zeros(len(thrust), dtype=bool)
+    max_samples = _MAX_LIMITED_SHARE * usable.sum()
     for signal in signals:
         largest = float(signal[usable].max())
         margin = _LIMIT_MARGIN * (largest - float(signal[usable].min()))
-        below = np.where(usable, largest - signal, np.inf)
-        here = below <= margin
-        beside = np.sum((below > margin) & (below <= 2.0 * margin))
-        if margin > 0.0 and max(_MIN_LIMITED_SAMPLES, _MIN_PILE * (beside + 1)) <= here.sum() <= most:
-            found |= here
-    return found
+        distance = np.where(usable, largest - signal, np.inf)
+        is_near = distance <= margin
+        num_beside = np.sum((distance > margin) & (distance <= 2.0 * margin))
+        if (
+            margin > 0.0
+            and max(_MIN_LIMITED_SAMPLES, _MIN_PILE_RATIO * (num_beside + 1)) <= is_near.sum() <= max_samples
+        ):
+            is_limited |= is_near
+    return is_limited

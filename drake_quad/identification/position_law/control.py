@@ -1,8 +1,8 @@
 """Conversion of an identified position law to a control of the scenario language.
 
-There are two kinds. A law whose velocity feed-forward gain is zero or equal to the velocity gain is a PD or PID on the
-position (`control` of kind `cascade`). Any other law is a cascade of PIDs on position and velocity (`pid_cascade`),
-whose gains follow from the equations of `drake_quad.identification.position_law.law`.
+A law whose velocity feed-forward gain is zero or equal to the velocity gain is a PD or PID of the position (`control`
+of kind `cascade`). Any other law is a cascade of PIDs on position and velocity (`pid_cascade`), whose gains follow from
+the equations of `drake_quad.identification.position_law.law`.
 """
 
 import math
@@ -12,17 +12,17 @@ from typing import Any
 from drake_quad.errors import InputError
 from drake_quad.identification.position_law.law import AxisLaw, PositionLaw
 
-_TOLERANCE = 0.05  # a share that differs by less from 0 or 1 is taken to be 0 or 1
-_NEGLIGIBLE = 0.005  # largest negligible gain in SI units, relative to the position gain
-_NO_LIMIT = 1000.0  # m/s, stands for a limit that is never reached
-_NUM_DIGITS = 5  # significant digits, more than the data determine
+_FEED_FORWARD_TOLERANCE = 0.05  # a feed-forward that differs from 0 or 1 by at most this is set to 0 or 1
+_NEGLIGIBLE_GAIN_RATIO = 0.005  # largest negligible gain in SI units, relative to the position gain
+_UNREACHED_SPEED = 1000.0  # m/s, speed limit that is never reached
+_NUM_DIGITS = 5  # significant digits of gains, more than the data determine
 
 
 def control_layer(law: PositionLaw) -> dict[str, Any]:
-    """Return the layer of a scenario with the control that flies a position law.
+    """Return the scenario layer with a controller that has the given position law.
 
-    The layer does not contain attitude control, limits of tilt and thrust, and delays, which are those of the scenario.
-    The scenario must have a control of kind `cascade` for a PD or PID, and an attitude control on board for a
+    The layer contains neither attitude control, limits of tilt and thrust, nor delays; these are taken from the
+    scenario. The scenario must have a control of kind `cascade` for a PD or PID, and an attitude control on board for a
     `pid_cascade`.
 
     Raises:
@@ -30,26 +30,28 @@ def control_layer(law: PositionLaw) -> dict[str, Any]:
     """
     if law.not_identified:
         axes = ", ".join(law.not_identified)
-        raise InputError(f"no controller is written, since the law is not identified on {axes}")
-    x, y, z = (next(each for each in law.axes if axis in each.axes) for axis in ("x", "y", "z"))
-    plain = law.form != "tilt" and all(map(_is_pid, (x, y, z)))
-    shares = [_share(each) for each in (x, y, z) if "reference_velocity" in each.gains]
-    share = sum(shares) / len(shares) if shares else 1.0
-    if plain and share in (0.0, 1.0):
-        # The layer sets no kind of control, so that the attitude control of the scenario is kept.
-        return {"control": {"position": _pid((x, y, z), share)}}
-    return {"control": _pid_cascade((x, y, z), share, law.form)}
+        raise InputError(f"no controller can be written, because the law is not identified on {axes}")
+    x, y, z = (next(axis_law for axis_law in law.axes if axis in axis_law.axes) for axis in ("x", "y", "z"))
+    is_pid = law.form != "tilt" and all(map(_is_pid, (x, y, z)))
+    feed_forwards = [
+        _velocity_feed_forward(axis_law) for axis_law in (x, y, z) if "reference_velocity" in axis_law.gains
+    ]
+    feed_forward = sum(feed_forwards) / len(feed_forwards) if feed_forwards else 1.0
+    if is_pid and feed_forward in (0.0, 1.0):
+        # The layer does not set `control.kind`, so that the attitude control of the scenario is kept.
+        return {"control": {"position": _pid((x, y, z), feed_forward)}}
+    return {"control": _pid_cascade((x, y, z), feed_forward, law.form)}
 
 
-def _near(value: float, reach: float, target: float) -> bool:
-    return abs(value - target) <= max(reach, _TOLERANCE)
+def _is_near(value: float, half_width: float, target: float) -> bool:
+    return abs(value - target) <= max(half_width, _FEED_FORWARD_TOLERANCE)
 
 
-def _share(law: AxisLaw) -> float:
-    """Return the share of the reference velocity that is fed forward; exactly 0 or 1 if its interval allows it."""
+def _velocity_feed_forward(law: AxisLaw) -> float:
+    """Return the fraction of the reference velocity that is fed forward; exactly 0 or 1 if its interval allows it."""
     velocity, reference = law.gain("velocity"), law.gains["reference_velocity"]
-    value, reach = reference.value / velocity, reference.reach / abs(velocity)
-    return next((each for each in (0.0, 1.0) if _near(value, reach, each)), value)
+    value, half_width = reference.value / velocity, reference.reach / abs(velocity)
+    return next((exact for exact in (0.0, 1.0) if _is_near(value, half_width, exact)), value)
 
 
 def _differs_from_zero(law: AxisLaw, name: str) -> bool:
@@ -57,88 +59,92 @@ def _differs_from_zero(law: AxisLaw, name: str) -> bool:
     if name not in law.gains:
         return False
     value = abs(law.gains[name].value)
-    return value > law.gains[name].reach and value > _NEGLIGIBLE * law.gain("position")
+    return value > law.gains[name].reach and value > _NEGLIGIBLE_GAIN_RATIO * law.gain("position")
 
 
 def _is_pid(law: AxisLaw) -> bool:
     """Return whether a law is a PD or PID on the position, with full or no feed-forward of the acceleration."""
-    fed = law.gains.get("reference_acceleration")
-    whole = fed is None or any(_near(fed.value, fed.reach, each) for each in (0.0, 1.0))
-    return whole and not any(
+    feed_forward = law.gains.get("reference_acceleration")
+    is_all_or_none = feed_forward is None or any(
+        _is_near(feed_forward.value, feed_forward.reach, exact) for exact in (0.0, 1.0)
+    )
+    return is_all_or_none and not any(
         _differs_from_zero(law, name) for name in ("displacement", "double_integral", "error_limit")
     )
 
 
-def _of_axes(laws: tuple[AxisLaw, AxisLaw, AxisLaw], value: Callable[[AxisLaw], float]) -> list[float]:
+def _per_axis(laws: tuple[AxisLaw, AxisLaw, AxisLaw], value: Callable[[AxisLaw], float]) -> list[float]:
     return [float(f"{value(law):.{_NUM_DIGITS}g}") for law in laws]
 
 
-def _pid(laws: tuple[AxisLaw, AxisLaw, AxisLaw], share: float) -> dict[str, Any]:
+def _pid(laws: tuple[AxisLaw, AxisLaw, AxisLaw], feed_forward: float) -> dict[str, Any]:
     """Return the fields of a PD or PID."""
-    integral = any(_differs_from_zero(law, "integral") for law in laws)
-    fed = [law.gain("reference_acceleration") for law in laws if "reference_acceleration" in law.gains]
-    found: dict[str, Any] = {
-        "kind": "pid" if integral else "pd",
-        "k_p": _of_axes(laws, lambda law: law.gain("position")),
-        "k_d": _of_axes(laws, lambda law: law.gain("velocity")),
-        "derivative": "tracking_error" if share else "measurement",
-        "feed_forward": "acceleration" if fed and max(fed) > 0.5 else "none",
+    has_integral = any(_differs_from_zero(law, "integral") for law in laws)
+    accelerations = [law.gain("reference_acceleration") for law in laws if "reference_acceleration" in law.gains]
+    fields: dict[str, Any] = {
+        "kind": "pid" if has_integral else "pd",
+        "k_p": _per_axis(laws, lambda law: law.gain("position")),
+        "k_d": _per_axis(laws, lambda law: law.gain("velocity")),
+        "derivative": "tracking_error" if feed_forward else "measurement",
+        "feed_forward": "acceleration" if accelerations and max(accelerations) > 0.5 else "none",
     }
-    if integral:
-        found["k_i"] = _of_axes(laws, lambda law: max(0.0, law.gain("integral")))
-    return found
+    if has_integral:
+        fields["k_i"] = _per_axis(laws, lambda law: max(0.0, law.gain("integral")))
+    return fields
 
 
-def _pid_cascade(laws: tuple[AxisLaw, AxisLaw, AxisLaw], share: float, form: str) -> dict[str, Any]:
+def _pid_cascade(laws: tuple[AxisLaw, AxisLaw, AxisLaw], feed_forward: float, form: str) -> dict[str, Any]:
     """Return the fields of a cascade of PIDs."""
-    gains = {id(law): _cascade_gains(law, share) for law in laws}
-    position: dict[str, Any] = {"k_p": _of_axes(laws, lambda law: gains[id(law)][0])}
-    velocity: dict[str, Any] = {"k_p": _of_axes(laws, lambda law: law.gain("velocity"))}
-    for loop, place in ((position, 1), (velocity, 2)):
-        terms = _of_axes(laws, lambda law: gains[id(law)][place])  # noqa: B023
+    gains = {id(law): _cascade_gains(law, feed_forward) for law in laws}
+    position: dict[str, Any] = {"k_p": _per_axis(laws, lambda law: gains[id(law)][0])}
+    velocity: dict[str, Any] = {"k_p": _per_axis(laws, lambda law: law.gain("velocity"))}
+    for loop, index in ((position, 1), (velocity, 2)):
+        terms = _per_axis(laws, lambda law: gains[id(law)][index])  # noqa: B023
         if any(terms):
             loop["k_i"] = terms
     if any("error_limit" in law.gains for law in laws):
-        position["limit"] = _of_axes(
+        position["limit"] = _per_axis(
             laws,
-            lambda law: gains[id(law)][0] * law.gain("error_limit") if "error_limit" in law.gains else _NO_LIMIT,
+            lambda law: gains[id(law)][0] * law.gain("error_limit") if "error_limit" in law.gains else _UNREACHED_SPEED,
         )
     command: dict[str, Any] = {"kind": "tilt"}
     if form != "tilt":
-        fed = [law.gain("reference_acceleration") for law in laws if "reference_acceleration" in law.gains]
-        mean = sum(fed) / len(fed) if fed else 0.0
+        accelerations = [law.gain("reference_acceleration") for law in laws if "reference_acceleration" in law.gains]
+        mean = sum(accelerations) / len(accelerations) if accelerations else 0.0
         command = {"kind": "acceleration", "feed_forward": float(f"{max(0.0, mean):.{_NUM_DIGITS}g}")}
     return {
         "kind": "pid_cascade",
         "position": position,
         "velocity": velocity,
-        "velocity_feed_forward": float(f"{max(0.0, share):.{_NUM_DIGITS}g}"),
+        "velocity_feed_forward": float(f"{max(0.0, feed_forward):.{_NUM_DIGITS}g}"),
         "command": command,
     }
 
 
-def _cascade_gains(law: AxisLaw, share: float) -> tuple[float, float, float]:
-    """Return the position gain, the integral gain of the position loop, and that of the velocity loop.
+def _cascade_gains(law: AxisLaw, feed_forward: float) -> tuple[float, float, float]:
+    """Return the position gain, and the integral gains of the position loop and of the velocity loop.
 
     Raises:
         InputError: if no cascade can represent the law.
     """
-    velocity, together = law.gain("velocity"), law.gain("position")
+    velocity_gain, proportional = law.gain("velocity"), law.gain("position")
     integral = law.gain("integral") if _differs_from_zero(law, "integral") else 0.0
-    if share == 1.0:
-        # The larger root of k K² - k_p K + k_i = 0 is the position gain, and the smaller one the integral gain over k.
-        discriminant = together**2 - 4.0 * velocity * integral
+    if feed_forward == 1.0:
+        # The larger root of k K² - k_p K + k_i = 0 is the position gain. The smaller root is the integral gain over k.
+        discriminant = proportional**2 - 4.0 * velocity_gain * integral
         if discriminant < 0.0:
             raise InputError(
-                f"no cascade of position and velocity has the law on {' and '.join(law.axes)}: its integral gain,"
-                f" {integral:.3g}, is larger than {together**2 / (4.0 * velocity):.3g}"
+                f"no cascade of position and velocity represents the law on {' and '.join(law.axes)}: its integral"
+                f" gain, {integral:.3g}, is larger than {proportional**2 / (4.0 * velocity_gain):.3g}"
             )
-        position = (together + math.sqrt(discriminant)) / (2.0 * velocity)
-        return position, 0.0, max(0.0, integral / position)
-    of_velocity = law.gain("displacement") / (1.0 - share) if _differs_from_zero(law, "displacement") else 0.0
-    of_velocity = max(0.0, of_velocity)
-    position = (together - share * of_velocity) / velocity
-    of_position = 0.0
+        position_gain = (proportional + math.sqrt(discriminant)) / (2.0 * velocity_gain)
+        return position_gain, 0.0, max(0.0, integral / position_gain)
+    velocity_integral = (
+        law.gain("displacement") / (1.0 - feed_forward) if _differs_from_zero(law, "displacement") else 0.0
+    )
+    velocity_integral = max(0.0, velocity_integral)
+    position_gain = (proportional - feed_forward * velocity_integral) / velocity_gain
+    position_integral = 0.0
     if _differs_from_zero(law, "double_integral"):
-        of_position = max(0.0, (integral - of_velocity * position) / velocity)
-    return position, of_position, of_velocity
+        position_integral = max(0.0, (integral - velocity_integral * position_gain) / velocity_gain)
+    return position_gain, position_integral, velocity_integral

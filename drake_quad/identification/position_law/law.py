@@ -1,28 +1,28 @@
 """Identification of the position law that flew a log: gains, integral, feed-forward, filter, limit and delay.
 
-On each axis the output of the law at time t, which the logged commands sample, is
+On each axis, the output of the law at time t, whose samples are the logged commands, is
 
     u(t) = k_p e + k_v (-v_f) + k_r v_r + k_a a_r + k_i ∫e - k_x p + b,      all at t - delay
 
 with the position error e = p_r - p, which may be limited, the measured velocity v_f after a first-order filter, the
 velocity v_r and acceleration a_r of the reference, and a constant b for each stretch of flight. PD and PID are this law
-with k_r = k_v or 0 and k_x = 0. A cascade P(position) → PI(velocity) with gains K, k, k_i' and the share f of v_r has
+with k_r = k_v or 0 and k_x = 0. A cascade P(position) → PI(velocity) with gains K, k, k_i' and feed-forward f v_r has
 
     k_p = k K + f k_i',  k_v = k,  k_r = f k,  k_i = k_i' K,  k_x = (1 - f) k_i'
 
 If its position loop also has an integral, with gain K_i, then k_i = k_i' K + k K_i, and the law also has the double
 integral with the gain k_i' K_i. Filter, limit and this term are part of the law only if a likelihood ratio test
-prefers them (`drake_quad.identification.position_law.regression`). Confidence intervals are those of the jackknife over
+prefers them (`drake_quad.identification.position_law.regression`). Confidence intervals follow from the jackknife over
 blocks (`drake_quad.identification.evidence`), plus the bias that errors of the logged measurements can cause.
 
-The term k_x p stands for an integral of the velocity, so p in it is the integral of the logged velocity, without the
-noise of the logged position. In the form `tilt`, axes and integrals are those of the heading: X is forward, and Y is to
-the left. In the form `decoupled`, the law has two nuisance terms, which are not reported: one for the position noise
-that only the position loop integrates, and one for the anti-windup of PX4
+In the term k_x p, p is the integral of the logged velocity, because the controller integrates the velocity. This
+integral does not contain the noise of the logged position. In the form `tilt`, axes and integrals are along the
+heading: X is forward, and Y is to the left. In the form `decoupled`, the law has two nuisance terms, which are not
+reported: one for the position noise that only the position loop integrates, and one for the anti-windup of PX4
 (`drake_quad.identification.position_law.pieces.Piece`).
 
-The logged signals should be those that the controller used. Errors in them bias the gains towards zero. With one
-regressor, the relative bias is the share 1 - R² of the variance that is not explained (W. A. Fuller, "Measurement Error
+The logged signals should be the signals that the controller used. Errors in them bias the gains towards zero. With one
+regressor, the relative bias is the unexplained fraction of the variance, 1 - R² (W. A. Fuller, "Measurement Error
 Models", 1987, section 1.1). Axes with 1 - R² above 5 % are therefore not identified.
 """
 
@@ -36,27 +36,27 @@ from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.position_law.commands import FORMS, Form
 from drake_quad.identification.position_law.pieces import Piece, prepared_pieces
 from drake_quad.identification.position_law.regression import (
-    ESSENTIAL,
-    NUISANCES,
-    OF_REFERENCE,
+    ESSENTIAL_TERMS,
+    NUISANCE_TERMS,
+    REFERENCE_TERMS,
     TYPICAL_DELAY,
     Fit,
-    chosen,
     excited_terms,
-    limited,
-    searched,
+    fit_with_limit,
+    search_fit,
+    select_fit,
     uncertainty,
 )
 from drake_quad.identification.result import Spread
 from drake_quad.identification.results.estimates import quantile
 from drake_quad.scenario.models import Scenario
 
-_MIN_EXPLAINED = 0.95
-_MIN_SHARE = 1e-12  # unexplained share of the variance; smaller values are rounding errors
-# A parameter is identified if the half-width of its 95 % interval is at most this share of its typical size.
-_MAX_REACH = 0.5
-_TYPICAL_INTEGRAL_TIME = 1.0  # s, k_p / k_i of a usual PID
-_FORM_SAMPLES = 600  # number of samples from which the form is selected
+_MIN_EXPLAINED = 0.95  # smallest R² of an identified axis
+_MIN_UNEXPLAINED = 1e-12  # unexplained fraction of the variance; smaller values are rounding errors
+# A parameter is identified if the half-width of its 95 % interval is at most this fraction of its typical magnitude.
+_MAX_HALF_WIDTH = 0.5
+_TYPICAL_INTEGRAL_TIME = 1.0  # s, typical k_p / k_i of a PID
+_NUM_FORM_SAMPLES = 600  # approximate number of samples to which laws of all forms are fitted, to select the best form
 _AXES = ("x", "y", "z")
 
 
@@ -65,12 +65,12 @@ class AxisLaw:
     """Law of one axis, or of X and Y if these have the same law.
 
     Attributes:
-        axes: axes that have this law; those of the heading in the form `tilt`.
+        axes: axes that have this law; along the heading in the form `tilt`.
         gains: estimate of each identified parameter by name: position, velocity, reference_velocity,
             reference_acceleration, integral, displacement (k_x), double_integral, delay, filter_time and error_limit.
-        explained: R², share of the variance of the command that the law explains.
+        explained: R², fraction of the variance of the command that the law explains.
         not_identified: reason for each parameter that the log does not identify.
-        at_error_limit: share of the samples whose position error exceeds the limit.
+        at_error_limit: fraction of the samples whose position error exceeds the limit.
     """
 
     axes: tuple[str, ...]
@@ -91,9 +91,9 @@ class PositionLaw:
     Attributes:
         axes: laws of the axes that are identified.
         form: relation between the output of the law and the commands of attitude and thrust.
-        at_limits: share of the samples that are left out because a command is at a limit.
+        at_limits: fraction of the samples that are left out because a command is at a limit.
         not_identified: reason for each axis that the log does not identify.
-        remarks: sentences on the fit.
+        remarks: remarks on the fit.
     """
 
     axes: tuple[AxisLaw, ...]
@@ -115,51 +115,54 @@ def identify_position_law(records: Sequence[FlightRecord], scenario: Scenario) -
         InputError: if a log lacks a signal, a reference does not move, or no axis is identified.
     """
     if not records:
-        raise InputError("there is no log to identify a position law from")
+        raise InputError("at least one log is needed to identify a position law")
     remarks: list[str] = []
     prepared = [prepared_pieces(record, scenario, remarks) for record in records]
-    candidates = {form: [piece for found in prepared for piece in found[0][form]] for form in FORMS}
-    form = min(FORMS, key=lambda each: _unexplained(candidates[each]))
+    candidates = {form: [piece for log_pieces in prepared for piece in log_pieces[0][form]] for form in FORMS}
+    form = min(FORMS, key=lambda each: _log_unexplained(candidates[each]))
     pieces = candidates[form]
-    laws, refused = [], {}
-    fits = {axis: chosen(pieces, (axis,)) for axis in range(3)}
+    laws, not_identified = [], {}
+    fits = {axis: select_fit(pieces, (axis,)) for axis in range(3)}
     for axis, fit in fits.items():
         if not fit.explained >= _MIN_EXPLAINED:
-            refused[_AXES[axis]] = _too_little(fit.explained)
-    alike = not {"x", "y"} & refused.keys() and _alike(pieces, fits)
-    groups = [(0, 1), (2,)] if alike else [(0,), (1,), (2,)]
+            not_identified[_AXES[axis]] = _poor_fit_reason(fit.explained)
+    is_shared = not {"x", "y"} & not_identified.keys() and _have_same_law(pieces, fits)
+    groups = [(0, 1), (2,)] if is_shared else [(0,), (1,), (2,)]
     for group in groups:
-        if not {_AXES[axis] for axis in group} & refused.keys():
-            law = _axis_law(pieces, group, form, fits[group[0]] if len(group) == 1 else chosen(pieces, group))
-            weak = [name for name in ESSENTIAL if name in law.not_identified]
-            if weak:
+        if not {_AXES[axis] for axis in group} & not_identified.keys():
+            law = _axis_law(pieces, group, form, fits[group[0]] if len(group) == 1 else select_fit(pieces, group))
+            imprecise = [name for name in ESSENTIAL_TERMS if name in law.not_identified]
+            if imprecise:
                 names = " and ".join(law.axes)
-                refused[names] = "; ".join(f"{name}: {law.not_identified[name]}" for name in weak)
+                not_identified[names] = "; ".join(f"{name}: {law.not_identified[name]}" for name in imprecise)
             else:
                 laws.append(law)
     if not laws:
-        reasons = "; ".join(f"{axis}: {reason}" for axis, reason in refused.items())
+        reasons = "; ".join(f"{axis}: {reason}" for axis, reason in not_identified.items())
         raise InputError(f"cannot identify the position law: {reasons}")
-    share = float(np.mean(np.concatenate([found[1] for found in prepared])))
-    return PositionLaw(tuple(laws), form, share, refused, tuple(dict.fromkeys(remarks)))
+    share = float(np.mean(np.concatenate([log_pieces[1] for log_pieces in prepared])))
+    return PositionLaw(tuple(laws), form, share, not_identified, tuple(dict.fromkeys(remarks)))
 
 
-def _too_little(explained: float) -> str:
+def _poor_fit_reason(explained: float) -> str:
     share = "nothing" if not explained > 0.0 else f"{100.0 * explained:.3g} %"
     return (
-        f"a linear law of position, velocity and reference explains {share} of the variance of the command, and"
-        f" {100.0 * _MIN_EXPLAINED:g} % are needed; are the logged position and velocity those of the controller?"
+        f"a linear law of position, velocity and reference explains {share} of the variance of the command, but must"
+        f" explain at least {100.0 * _MIN_EXPLAINED:g} %; check that the controller used the logged position and"
+        " velocity"
     )
 
 
-def _unexplained(pieces: Sequence[Piece]) -> float:
-    """Return the sum over the axes of log(1 - R²), for laws that are fitted to a part of the samples."""
-    step = max(1, sum(int(piece.counted.sum()) for piece in pieces) // _FORM_SAMPLES)
+def _log_unexplained(pieces: Sequence[Piece]) -> float:
+    """Return the sum over the axes of log(1 - R²), for laws that are fitted to evenly spaced samples."""
+    step = max(1, sum(int(piece.counted.sum()) for piece in pieces) // _NUM_FORM_SAMPLES)
     thinned = [piece._replace(counted=piece.counted & (np.arange(len(piece.time)) % step == 0)) for piece in pieces]
-    return sum(float(np.log(max(1.0 - limited(thinned, (axis,)).explained, _MIN_SHARE))) for axis in range(3))
+    return sum(
+        float(np.log(max(1.0 - fit_with_limit(thinned, (axis,)).explained, _MIN_UNEXPLAINED))) for axis in range(3)
+    )
 
 
-def _alike(pieces: Sequence[Piece], fits: Mapping[int, Fit]) -> bool:
+def _have_same_law(pieces: Sequence[Piece], fits: Mapping[int, Fit]) -> bool:
     """Return whether X and Y may have the same law: the interval of each difference of their gains contains zero."""
     x, y = (_spreads(pieces, (axis,), fits[axis], "acceleration") for axis in (0, 1))
     for name in x.keys() & y.keys():
@@ -179,7 +182,7 @@ def _spreads(pieces: Sequence[Piece], axes: tuple[int, ...], fit: Fit, form: For
     return {
         name: Spread(values[name], float(reach / quantile(freedom)), units[name], float(freedom))
         for name, reach, freedom in zip(values, reaches, freedoms, strict=True)
-        if name not in NUISANCES
+        if name not in NUISANCE_TERMS
     }
 
 
@@ -188,7 +191,7 @@ def _units(output: str) -> dict[str, str]:
         "rad": ("rad/m", "rad s/m", "rad s²/m", "rad/(m s)", "rad/(m s²)"),
         "m/s²": ("1/s²", "1/s", "1", "1/s³", "1/s⁴"),
     }
-    position, velocity, acceleration, integral, twice = names[output]
+    position, velocity, acceleration, integral, double_integral = names[output]
     return {
         "position": position,
         "velocity": velocity,
@@ -196,7 +199,7 @@ def _units(output: str) -> dict[str, str]:
         "reference_acceleration": acceleration,
         "integral": integral,
         "displacement": position,
-        "double_integral": twice,
+        "double_integral": double_integral,
         "delay": "s",
         "filter_time": "s",
         "error_limit": "m",
@@ -206,32 +209,32 @@ def _units(output: str) -> dict[str, str]:
 def _axis_law(pieces: Sequence[Piece], axes: tuple[int, ...], form: Form, fit: Fit) -> AxisLaw:
     """Return the law of some axes, without the parameters that the log does not identify."""
     spreads = _spreads(pieces, axes, fit, form)
-    weak = _weak(spreads)
-    dropped = [name for name in weak if name in fit.terms and name not in ESSENTIAL]
+    imprecise = _imprecise(spreads)
+    dropped = [name for name in imprecise if name in fit.terms and name not in ESSENTIAL_TERMS]
     if dropped:
-        kept = tuple(name for name in fit.terms if name not in dropped)
-        again = searched(pieces, axes, kept, [fit.shape], fit.free)
-        # The uncertainty of a gain that is held at zero widens the intervals of the others.
+        remaining = tuple(name for name in fit.terms if name not in dropped)
+        refit = search_fit(pieces, axes, remaining, [fit.shape], fit.free)
+        # Gains that are now fixed at zero are uncertain, so the intervals of the other gains must not become narrower.
         spreads = {
             name: spread._replace(deviation=max(spread.deviation, spreads[name].deviation))
-            for name, spread in _spreads(pieces, axes, again, form).items()
+            for name, spread in _spreads(pieces, axes, refit, form).items()
         }
-        fit = again
-    if OF_REFERENCE[0] not in excited_terms(pieces, axes):
-        weak |= dict.fromkeys(OF_REFERENCE, "the reference does not move along this axis")
+        fit = refit
+    if REFERENCE_TERMS[0] not in excited_terms(pieces, axes):
+        imprecise |= dict.fromkeys(REFERENCE_TERMS, "the reference does not move along this axis")
     errors = np.abs(np.concatenate([piece.error[piece.counted][:, axes] for piece in pieces]))
     return AxisLaw(
         tuple(_AXES[axis] for axis in axes),
-        {name: spread for name, spread in spreads.items() if name not in weak},
+        {name: spread for name, spread in spreads.items() if name not in imprecise},
         fit.explained,
-        weak,
+        imprecise,
         float(np.mean(errors > fit.shape.error_limit)),
     )
 
 
-def _weak(spreads: Mapping[str, Spread]) -> dict[str, str]:
-    """Return the parameters whose interval is wide relative to their typical size, with the reason."""
-    position, velocity = (abs(spreads[name].value) for name in ESSENTIAL)
+def _imprecise(spreads: Mapping[str, Spread]) -> dict[str, str]:
+    """Return a reason for each parameter whose interval is too wide, relative to its typical magnitude."""
+    position, velocity = (abs(spreads[name].value) for name in ESSENTIAL_TERMS)
     acceleration = 1.0 / 9.81 if spreads["position"].unit == "rad/m" else 1.0
     typical = {
         "position": position,
@@ -246,7 +249,7 @@ def _weak(spreads: Mapping[str, Spread]) -> dict[str, str]:
         "error_limit": np.inf,
     }
     return {
-        name: f"its 95 % interval reaches {spread.reach:.2g} {spread.unit} to each side"
+        name: f"the half-width of its 95 % interval is {spread.reach:.2g} {spread.unit}"
         for name, spread in spreads.items()
-        if spread.reach > _MAX_REACH * typical[name]
+        if spread.reach > _MAX_HALF_WIDTH * typical[name]
     }

@@ -1,4 +1,4 @@
-"""Preparation of flight logs for the regression of a position law: stretches of flight with the output of the law."""
+"""Preparation of logs for the regression of a position law: stretches of flight with the output of the law."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -12,28 +12,28 @@ from drake_quad.identification.position_law.commands import (
     FORMS,
     Form,
     at_limit,
-    commanded,
     in_heading,
+    law_output,
     specific_thrust,
-    unproduced,
+    unproduced_output,
 )
 from drake_quad.identification.prepared_logs import MAX_DELAY, MIN_BLOCKS
 from drake_quad.identification.windows import airborne
 from drake_quad.identification.windows import pieces as piece_numbers
 from drake_quad.scenario.models import Scenario
 
-MIN_REFERENCE_SPEED = 0.01  # m/s, smallest standard deviation of the velocity of a reference that moves
-_MIN_REFERENCE_RANGE = 0.02  # m, smallest range of a reference that moves
-_SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0  # weights of adjacent samples, binomial
-_MIN_PIECE = 2.0  # s, shortest stretch of flight with a constant of its own
-_MIN_SAMPLES = 60  # smallest number of samples in such a stretch, several for each parameter
-_BLOCK = 2.0  # s, several times the memory of filters and quantisation
+MIN_REFERENCE_SPEED = 0.01  # m/s; the reference moves if the standard deviation of its velocity is larger
+_MIN_REFERENCE_RANGE = 0.02  # m; the reference moves if the range of its position is larger
+_SMOOTHING_WEIGHTS = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0  # weights of adjacent samples, binomial
+_MIN_PIECE_DURATION = 2.0  # s, shortest stretch of flight that is used
+_MIN_SAMPLES = 60  # smallest number of samples in a stretch, several per parameter
+_BLOCK_DURATION = 2.0  # s, duration of a block, several times the correlation time of errors
 _SLOPE_WINDOW = 0.1  # s, duration of the parabolas that give the derivatives of the reference
-_MAX_REFERENCE_ACCELERATION = 50.0  # m/s², 5 g; a reference that exceeds it jumps
+_MAX_REFERENCE_ACCELERATION = 50.0  # m/s², about 5 g; a reference with a larger acceleration jumps
 
 
 class Piece(NamedTuple):
-    """Stretch of flight without a gap, along the axes of the law.
+    """Stretch of flight without a gap, with vectors along the axes of the law.
 
     Attributes:
         time: (m,) times of the samples, s.
@@ -46,7 +46,7 @@ class Piece(NamedTuple):
         deviation: (m, 3) position error minus the integral of the velocity error, m. A controller that integrates the
             velocity error does not integrate the position noise in this difference. It is zero in forms that do not
             imply that the controller integrates the velocity error.
-        unwinding: (m, 3) integral of the output that the thrust does not produce (`unproduced` in
+        unwinding: (m, 3) integral of the output that the thrust does not produce (`unproduced_output` in
             `drake_quad.identification.position_law.commands`), m/s.
         counted: (m,) mask of the samples that the regression uses.
     """
@@ -71,7 +71,7 @@ def prepared_pieces(
     Args:
         record: record of a flight.
         scenario: scenario with the `nominal` vehicle that the controller believes.
-        remarks: list to which sentences on the record are appended.
+        remarks: list to which remarks on the record are appended.
 
     Returns:
         The pieces for each form, and a mask over the samples in the air, True where a command is at a limit.
@@ -83,38 +83,42 @@ def prepared_pieces(
     reference, position = record.of("reference_position"), record.of("position")
     if record.attitude_command is None:
         record.of("attitude")
-        remarks.append("no attitude command is logged; the measured attitude stands for it, and the delay has its lag")
+        remarks.append(
+            "no attitude command is logged; the measured attitude is used instead, and the delay includes its lag"
+        )
     usable = airborne(record)
     if not usable.any():
         raise InputError(f"the log {shown(record.name)} has no sample in the air")
     if np.all(np.ptp(reference[usable], axis=0) < _MIN_REFERENCE_RANGE):
         raise InputError(
-            f"the reference of the log {shown(record.name)} does not move; a hover does not identify a position law"
+            f"the reference of the log {shown(record.name)} does not move; use a log with a moving reference"
         )
     thrust, remark = specific_thrust(record, scenario, usable)
     if remark is not None:
         remarks.append(remark)
     limited = at_limit(record, thrust, usable)
     counted = usable & ~limited
-    number = piece_numbers(record)
-    least = max(_MIN_PIECE / record.period, _MIN_SAMPLES)
-    found: dict[Form, list[Piece]] = {form: [] for form in FORMS}
-    for each in range(number.max() + 1):
-        here = number == each
-        if counted[here].sum() < least:
+    piece_number = piece_numbers(record)
+    min_samples = max(_MIN_PIECE_DURATION / record.period, _MIN_SAMPLES)
+    pieces: dict[Form, list[Piece]] = {form: [] for form in FORMS}
+    for number in range(piece_number.max() + 1):
+        in_piece = piece_number == number
+        if counted[in_piece].sum() < min_samples:
             continue
-        part = record.part(here)
-        signals, compared = _signals(part, reference[here] - position[here], counted[here])
-        if compared.sum() < least:
+        part = record.part(in_piece)
+        signals, compared = _signals(part, reference[in_piece] - position[in_piece], counted[in_piece])
+        if compared.sum() < min_samples:
             continue
         for form in FORMS:
-            found[form].append(_piece(part, thrust[here], form, float(scenario.nominal.gravity), signals, compared))
-    if not found["tilt"]:
+            pieces[form].append(
+                _piece(part, thrust[in_piece], form, float(scenario.nominal.gravity), signals, compared)
+            )
+    if not pieces["tilt"]:
         raise InputError(
-            f"the log {shown(record.name)} has no stretch of {_MIN_PIECE:g} s and {_MIN_SAMPLES} samples in the air"
-            " without a gap, a limited command or a jump of the reference"
+            f"the log {shown(record.name)} has no uninterrupted stretch of flight of at least {_MIN_PIECE_DURATION:g} s"
+            f" and {_MIN_SAMPLES} samples; gaps, saturated commands and jumps of the reference are left out"
         )
-    return found, limited[usable]
+    return pieces, limited[usable]
 
 
 def _signals(record: FlightRecord, error: np.ndarray, counted: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
@@ -138,12 +142,16 @@ def _signals(record: FlightRecord, error: np.ndarray, counted: np.ndarray) -> tu
         reference_velocity, acceleration = record.reference_velocity, slope(record.reference_velocity)
     if record.reference_acceleration is not None:
         acceleration = record.reference_acceleration
-    # A reference has no derivatives where it jumps. Samples that smoothing or delay connects to a jump are left out.
+    # A reference has no derivatives where it jumps. Samples to which a jump contributes by smoothing or delay are left
+    # out.
     jumps = np.abs(slope(reference, 2)).max(axis=1) > _MAX_REFERENCE_ACCELERATION
-    near = np.convolve(jumps, np.ones(1 + round(MAX_DELAY / record.period)))[: len(jumps)] > 0.5
-    late = record.time >= record.time[0] + MAX_DELAY
-    whole = np.convolve(counted & late & ~near, np.ones(len(_SMOOTHING)), "same") > len(_SMOOTHING) - 0.5
-    return [error, velocity, reference_velocity, acceleration], whole
+    is_near_jump = np.convolve(jumps, np.ones(1 + round(MAX_DELAY / record.period)))[: len(jumps)] > 0.5
+    is_after_delay = record.time >= record.time[0] + MAX_DELAY
+    is_usable = (
+        np.convolve(counted & is_after_delay & ~is_near_jump, np.ones(len(_SMOOTHING_WEIGHTS)), "same")
+        > len(_SMOOTHING_WEIGHTS) - 0.5
+    )
+    return [error, velocity, reference_velocity, acceleration], is_usable
 
 
 def _piece(
@@ -155,14 +163,15 @@ def _piece(
     compared: np.ndarray,
 ) -> Piece:
     """Return a piece along the axes of the law, with smoothed signals."""
-    output = commanded(record, thrust, form, gravity)
+    output = law_output(record, thrust, form, gravity)
     if form == "tilt":
         signals = [in_heading(record, each) for each in signals]
-    missing = unproduced(output, form, gravity)
-    # A delay between two samples requires interpolation, which reduces white noise such as rounding errors, most of all
-    # half-way between samples. Without smoothing, this would bias the delay and the velocity gains.
-    command, error, velocity, reference_velocity, acceleration, missing = (
-        scipy.ndimage.convolve1d(each, _SMOOTHING, axis=0, mode="nearest") for each in (output, *signals, missing)
+    lost_output = unproduced_output(output, form, gravity)
+    # Delayed signals are interpolated between samples. Interpolation reduces white noise such as rounding errors, most
+    # of all half-way between samples. Without smoothing, this would bias the delay and the velocity gains.
+    command, error, velocity, reference_velocity, acceleration, lost_output = (
+        scipy.ndimage.convolve1d(each, _SMOOTHING_WEIGHTS, axis=0, mode="nearest")
+        for each in (output, *signals, lost_output)
     )
 
     def integral(values: np.ndarray) -> np.ndarray:
@@ -177,7 +186,7 @@ def _piece(
         acceleration,
         integral(velocity),
         error - integral(reference_velocity - velocity) if form == "decoupled" else np.zeros_like(error),
-        integral(missing),
+        integral(lost_output),
         compared,
     )
 
@@ -186,5 +195,5 @@ def block_numbers(pieces: Sequence[Piece]) -> np.ndarray:
     """Return the block number (n,) of each counted sample of an axis."""
     count = sum(int(piece.counted.sum()) for piece in pieces)
     seconds = count * float(np.median(np.diff(pieces[0].time)))
-    number = max(MIN_BLOCKS, round(seconds / _BLOCK))
+    number = max(MIN_BLOCKS, round(seconds / _BLOCK_DURATION))
     return np.arange(count) * number // count

@@ -1,9 +1,9 @@
 """Regression of a position law: linear least squares in the gains, and a search over delay, filter and limit.
 
-The equations are those of `drake_quad.identification.position_law.law`. For given delay, filter and limit, the gains
-follow from linear least squares. The search minimises the residual over these three (separable least squares: G. H.
-Golub and V. Pereyra, Inverse Problems 19, R1, 2003). Each stretch of flight has its own constant and slope, since the
-integral begins at an unknown value, and a constant error of the logged position adds a ramp to it.
+`drake_quad.identification.position_law.law` contains the equations. For given delay, filter and limit, the gains follow
+from linear least squares. The search minimises the residual over these three (separable least squares: G. H. Golub and
+V. Pereyra, Inverse Problems 19, R1, 2003). A constant and a linear trend are also fitted for each stretch of flight,
+since the integral begins at an unknown value, and a constant error of the logged position adds a ramp to the integral.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,26 +13,28 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from drake_quad.identification.evidence import inverted, jackknife, sums_over_blocks
+from drake_quad.identification.evidence import jackknife, pseudo_inverse, sums_over_blocks
 from drake_quad.identification.position_law.pieces import MIN_REFERENCE_SPEED, Piece, block_numbers
 from drake_quad.identification.prepared_logs import MAX_DELAY
 from drake_quad.identification.results.estimates import quantile
 
-ESSENTIAL = ("position", "velocity")
+ESSENTIAL_TERMS = ("position", "velocity")
 """Terms without which there is no position law."""
-OF_REFERENCE = ("reference_velocity", "reference_acceleration", "displacement")
+REFERENCE_TERMS = ("reference_velocity", "reference_acceleration", "displacement")
 """Terms that need a reference that moves."""
-NUISANCES = ("deviation", "unwinding")
-"""Nuisance terms, which are not reported: see `drake_quad.identification.position_law.pieces.Piece`."""
-TYPICAL_DELAY = 0.05  # s
+NUISANCE_TERMS = ("deviation", "unwinding")
+"""Nuisance terms, which are fitted but not reported: see `drake_quad.identification.position_law.pieces.Piece`."""
+TYPICAL_DELAY = 0.05
+"""Usual delay of a position controller, s."""
 
-# Critical value of χ² with one degree of freedom at 99.9 %, since more than a dozen laws are compared for a log.
+# Critical value of χ² with one degree of freedom at 99.9 %. It is strict, because a log has over a dozen such tests.
 _LIKELIHOOD_RATIO = 10.83
-# A richer law must reduce the unexplained variance to this share. A smaller reduction does not matter in a simulation.
+# An extended law must reduce the unexplained variance at least to this fraction. Smaller reductions do not matter in
+# simulations.
 _MAX_REMAINDER = 0.8
 _INITIAL_FILTER_TIMES = (0.01, 0.03, 0.1)  # s, time constants at which the search begins
 _MAX_FILTER_TIME = 0.5  # s
-_LIMIT_QUANTILES = (0.6, 0.75, 0.9)  # quantiles of |e| at which the search for its limit begins
+_LIMIT_QUANTILES = (0.6, 0.75, 0.9)  # quantiles of |e| at which the search for the limit of |e| begins
 
 
 class Shape(NamedTuple):
@@ -57,52 +59,54 @@ class Fit(NamedTuple):
         gains: (k,) gains of the terms.
         shape: nonlinear parameters.
         free: names of the nonlinear parameters that are fitted.
-        left: (n,) residuals of the command.
-        explained: R², share of the variance of the command that the law explains.
+        residuals: (n,) residuals of the command.
+        explained: R², fraction of the variance of the command that the law explains.
     """
 
     terms: tuple[str, ...]
     gains: np.ndarray
     shape: Shape
     free: tuple[str, ...]
-    left: np.ndarray
+    residuals: np.ndarray
     explained: float
 
 
-def chosen(pieces: Sequence[Piece], axes: tuple[int, ...]) -> Fit:
-    """Fit a law to some axes, and add limit, filter and double integral as far as each is significant."""
-    fit = limited(pieces, axes)
+def select_fit(pieces: Sequence[Piece], axes: tuple[int, ...]) -> Fit:
+    """Fit a law to some axes, and add each of limit, filter and double integral that is significant."""
+    fit = fit_with_limit(pieces, axes)
     filters = [
-        fit.shape._replace(delay=max(0.0, fit.shape.delay - each), filter_time=each) for each in _INITIAL_FILTER_TIMES
+        fit.shape._replace(delay=max(0.0, fit.shape.delay - time), filter_time=time) for time in _INITIAL_FILTER_TIMES
     ]
-    fit = _better(pieces, axes, fit, searched(pieces, axes, fit.terms, filters, (*fit.free, "filter_time")))
-    return _better(pieces, axes, fit, searched(pieces, axes, (*fit.terms, "double_integral"), [fit.shape], fit.free))
+    fit = _better_fit(pieces, axes, fit, search_fit(pieces, axes, fit.terms, filters, (*fit.free, "filter_time")))
+    return _better_fit(
+        pieces, axes, fit, search_fit(pieces, axes, (*fit.terms, "double_integral"), [fit.shape], fit.free)
+    )
 
 
-def limited(pieces: Sequence[Piece], axes: tuple[int, ...]) -> Fit:
+def fit_with_limit(pieces: Sequence[Piece], axes: tuple[int, ...]) -> Fit:
     """Fit a law without filter to some axes, and add a limit of the error if it is significant."""
-    fit = _simplest(pieces, axes)
+    fit = _simplest_fit(pieces, axes)
     errors = np.abs(np.concatenate([piece.error[piece.counted][:, axes] for piece in pieces]))
     limits = [fit.shape._replace(error_limit=float(each)) for each in np.quantile(errors, _LIMIT_QUANTILES)]
-    with_limit = searched(pieces, axes, fit.terms, limits, (*fit.free, "error_limit"))
-    return _better(pieces, axes, fit, with_limit)
+    with_limit = search_fit(pieces, axes, fit.terms, limits, (*fit.free, "error_limit"))
+    return _better_fit(pieces, axes, fit, with_limit)
 
 
-def _simplest(pieces: Sequence[Piece], axes: tuple[int, ...]) -> Fit:
+def _simplest_fit(pieces: Sequence[Piece], axes: tuple[int, ...]) -> Fit:
     """Fit a law without filter, limit and double integral."""
     starts = [Shape(delay) for delay in np.linspace(0.0, MAX_DELAY, 11)]
-    return searched(pieces, axes, excited_terms(pieces, axes), starts, ("delay",))
+    return search_fit(pieces, axes, excited_terms(pieces, axes), starts, ("delay",))
 
 
 def excited_terms(pieces: Sequence[Piece], axes: tuple[int, ...]) -> tuple[str, ...]:
     """Return the terms that the flight excites on some axes."""
     speeds = np.concatenate([piece.reference_velocity[piece.counted][:, axes] for piece in pieces])
-    moves = np.std(speeds) >= MIN_REFERENCE_SPEED
-    of_form = (name for name in NUISANCES if any(getattr(piece, name)[:, axes].any() for piece in pieces))
-    return (*ESSENTIAL, *(OF_REFERENCE if moves else ()), "integral", *of_form)
+    is_moving = np.std(speeds) >= MIN_REFERENCE_SPEED
+    nuisances = (name for name in NUISANCE_TERMS if any(getattr(piece, name)[:, axes].any() for piece in pieces))
+    return (*ESSENTIAL_TERMS, *(REFERENCE_TERMS if is_moving else ()), "integral", *nuisances)
 
 
-def searched(
+def search_fit(
     pieces: Sequence[Piece],
     axes: tuple[int, ...],
     terms: tuple[str, ...],
@@ -122,33 +126,35 @@ def searched(
     bounds = {"delay": (-period, MAX_DELAY), "filter_time": (1e-3, _MAX_FILTER_TIME), "error_limit": (1e-3, np.inf)}
     steps = {"delay": period, "filter_time": period, "error_limit": 0.02}
 
-    def at(values: np.ndarray) -> Fit:
-        limited = {name: float(np.clip(value, *bounds[name])) for name, value in zip(free, values, strict=True)}
-        return _solved(pieces, axes, terms, start._replace(**limited), free)
+    def fit_at(values: np.ndarray) -> Fit:
+        bounded = {name: float(np.clip(value, *bounds[name])) for name, value in zip(free, values, strict=True)}
+        return _fit_gains(pieces, axes, terms, start._replace(**bounded), free)
 
-    start = min(starts, key=lambda shape: np.sum(_solved(pieces, axes, terms, shape, free).left ** 2))
+    start = min(starts, key=lambda shape: np.sum(_fit_gains(pieces, axes, terms, shape, free).residuals ** 2))
     first = np.array([getattr(start, name) for name in free])
     simplex = np.vstack([first, first + np.diag([steps[name] for name in free])])
-    found = scipy.optimize.minimize(
-        lambda values: float(np.sum(at(values).left ** 2)),
+    result = scipy.optimize.minimize(
+        lambda values: float(np.sum(fit_at(values).residuals ** 2)),
         first,
         method="Nelder-Mead",
         options={"initial_simplex": simplex, "xatol": 1e-4, "fatol": np.inf, "maxiter": 60 * len(free)},
     )
-    return at(found.x)
+    return fit_at(result.x)
 
 
-def _solved(
+def _fit_gains(
     pieces: Sequence[Piece], axes: tuple[int, ...], terms: tuple[str, ...], shape: Shape, free: tuple[str, ...]
 ) -> Fit:
     """Fit the gains of a law for given nonlinear parameters."""
     regressors, commands = _regression(pieces, axes, terms, shape)
     # Solving the normal equations takes a tenth of the time of a decomposition of the regressors.
     products = regressors.T @ regressors
-    gains = inverted(products, products) @ (regressors.T @ commands)
-    left = commands - regressors @ gains
+    gains = pseudo_inverse(products, products) @ (regressors.T @ commands)
+    residuals = commands - regressors @ gains
     power = float(commands @ commands)
-    return Fit(terms, gains, shape, free, left, 1.0 - float(left @ left) / power if power > 0.0 else np.nan)
+    return Fit(
+        terms, gains, shape, free, residuals, 1.0 - float(residuals @ residuals) / power if power > 0.0 else np.nan
+    )
 
 
 def _regression(
@@ -157,15 +163,15 @@ def _regression(
     """Return the regressors (n, k) and the commands (n,), each without its mean and trend in each piece and axis."""
     regressors, commands = [], []
     for axis, piece in product(axes, pieces):
-        at = piece.time[piece.counted] - shape.delay
+        delayed_times = piece.time[piece.counted] - shape.delay
         columns = _columns(piece, axis, terms, shape)
-        delayed = np.column_stack([np.interp(at, piece.time, column) for column in columns.T])
+        delayed_columns = np.column_stack([np.interp(delayed_times, piece.time, column) for column in columns.T])
         command = piece.command[piece.counted, axis]
-        time = at - at.mean()
-        both = np.column_stack([delayed, command])
-        both -= both.mean(axis=0) + np.outer(time, time @ both / (time @ time))
-        regressors.append(both[:, :-1])
-        commands.append(both[:, -1])
+        time_offset = delayed_times - delayed_times.mean()
+        centred = np.column_stack([delayed_columns, command])
+        centred -= centred.mean(axis=0) + np.outer(time_offset, time_offset @ centred / (time_offset @ time_offset))
+        regressors.append(centred[:, :-1])
+        commands.append(centred[:, -1])
     return np.concatenate(regressors), np.concatenate(commands)
 
 
@@ -174,64 +180,64 @@ def _columns(piece: Piece, axis: int, terms: Sequence[str], shape: Shape) -> np.
     error = np.clip(piece.error[:, axis], -shape.error_limit, shape.error_limit)
     velocity = piece.velocity[:, axis]
     if shape.filter_time > 0.0:
-        keep = float(np.exp(-np.median(np.diff(piece.time)) / shape.filter_time))
+        decay = float(np.exp(-np.median(np.diff(piece.time)) / shape.filter_time))
         # For a velocity that is linear between samples, this filter is exact up to third order in the period.
-        share = 0.5 * (1.0 - keep)
-        velocity, _ = scipy.signal.lfilter([share, share], [1.0, -keep], velocity, zi=[(1.0 - share) * velocity[0]])
-    once = scipy.integrate.cumulative_trapezoid(error, piece.time, initial=0.0)
-    twice = scipy.integrate.cumulative_trapezoid(once, piece.time, initial=0.0)
+        weight = 0.5 * (1.0 - decay)
+        velocity, _ = scipy.signal.lfilter([weight, weight], [1.0, -decay], velocity, zi=[(1.0 - weight) * velocity[0]])
+    integral = scipy.integrate.cumulative_trapezoid(error, piece.time, initial=0.0)
+    double_integral = scipy.integrate.cumulative_trapezoid(integral, piece.time, initial=0.0)
     columns = {
         "position": error,
         "velocity": -velocity,
         "reference_velocity": piece.reference_velocity[:, axis],
         "reference_acceleration": piece.reference_acceleration[:, axis],
-        "integral": once,
+        "integral": integral,
         "displacement": -piece.travel[:, axis],
-        "double_integral": twice,
+        "double_integral": double_integral,
         "deviation": piece.deviation[:, axis],
         "unwinding": -piece.unwinding[:, axis],
     }
     return np.column_stack([columns[name] for name in terms])
 
 
-def _better(pieces: Sequence[Piece], axes: tuple[int, ...], simple: Fit, rich: Fit) -> Fit:
-    """Return the richer of two laws if its last parameter is significant, otherwise the simpler one.
+def _better_fit(pieces: Sequence[Piece], axes: tuple[int, ...], simple: Fit, extended: Fit) -> Fit:
+    """Return an extended law if its last parameter is significant, and the simpler law otherwise.
 
     The parameter is significant if a likelihood ratio test, which accounts for the correlation of the residuals,
-    prefers the richer law, if the unexplained variance falls by a fifth, and if the interval of the parameter does not
-    contain zero.
+    prefers the extended law, if the unexplained variance decreases by at least a fifth, and if the interval of the
+    parameter does not contain zero.
     """
-    ratio = np.sum(simple.left**2) / max(float(np.sum(rich.left**2)), np.finfo(float).tiny)
-    if ratio < 1.0 / _MAX_REMAINDER or _independent_samples(rich.left) * np.log(ratio) <= _LIKELIHOOD_RATIO:
+    ratio = np.sum(simple.residuals**2) / max(float(np.sum(extended.residuals**2)), np.finfo(float).tiny)
+    if ratio < 1.0 / _MAX_REMAINDER or _independent_samples(extended.residuals) * np.log(ratio) <= _LIKELIHOOD_RATIO:
         return simple
-    linear = len(rich.terms) > len(simple.terms)
-    value = rich.gains[-1] if linear else getattr(rich.shape, rich.free[-1])
-    reaches, _ = uncertainty(pieces, axes, rich)
-    return rich if abs(value) > reaches[len(rich.terms) - 1 if linear else -1] else simple
+    linear = len(extended.terms) > len(simple.terms)
+    value = extended.gains[-1] if linear else getattr(extended.shape, extended.free[-1])
+    reaches, _ = uncertainty(pieces, axes, extended)
+    return extended if abs(value) > reaches[len(extended.terms) - 1 if linear else -1] else simple
 
 
-def _independent_samples(left: np.ndarray) -> float:
+def _independent_samples(residuals: np.ndarray) -> float:
     """Return the effective sample size of (n,) correlated residuals.
 
-    It is n / (1 + 2 Σ ρ_k), with the autocorrelations ρ_k up to the first negative one (C. J. Geyer, Statistical
-    Science 7, 1992, section 3.3).
+    This is n / (1 + 2 Σ ρ_k), summed over the autocorrelations ρ_k before the first negative one (C. J. Geyer,
+    Statistical Science 7, 1992, section 3.3).
     """
-    size = scipy.fft.next_fast_len(2 * len(left))
-    spectrum = np.abs(np.fft.rfft(left, size)) ** 2
-    correlation = np.fft.irfft(spectrum, size)[: len(left) // 2]
+    size = scipy.fft.next_fast_len(2 * len(residuals))
+    spectrum = np.abs(np.fft.rfft(residuals, size)) ** 2
+    correlation = np.fft.irfft(spectrum, size)[: len(residuals) // 2]
     correlation /= correlation[0] if correlation[0] > 0.0 else 1.0
     negative = np.flatnonzero(correlation < 0.0)
-    kept = correlation[1 : negative[0] if len(negative) else None]
-    return float(len(left) / (1.0 + 2.0 * kept.sum()))
+    positive = correlation[1 : negative[0] if len(negative) else None]
+    return float(len(residuals) / (1.0 + 2.0 * positive.sum()))
 
 
 def uncertainty(pieces: Sequence[Piece], axes: tuple[int, ...], fit: Fit) -> tuple[np.ndarray, np.ndarray]:
     """Return the half-widths of the 95 % intervals of all parameters and their degrees of freedom.
 
-    The half-width is that of the jackknife, plus the largest bias that errors of the logged position or velocity can
-    cause, plus that of `_bias_of_rules`. Errors of a signal with the gain θ and the error variance s² bias the
-    parameters by n s² |θ| |M d| / σ². Here d marks the regressors that contain the signal, M is the covariance of the
-    parameters, and σ² is the unexplained variance. The errors cause at most the variance σ², so s² ≤ σ² / θ².
+    The half-width is the sum of the half-width by the jackknife, of the largest bias that errors of the logged position
+    or velocity can cause, and of `_integration_rule_bias`. Errors of a signal with the gain θ and the error variance s²
+    bias the parameters by n s² |θ| |M d| / σ². Here d marks the regressors that contain the signal, M is the covariance
+    of the parameters, and σ² is the unexplained variance. The errors cause at most the variance σ², so s² ≤ σ² / θ².
     """
     regressors, _ = _regression(pieces, axes, fit.terms, fit.shape)
     slopes = [regressors]
@@ -243,30 +249,32 @@ def uncertainty(pieces: Sequence[Piece], axes: tuple[int, ...], fit: Fit) -> tup
         )
         slopes.append(((high - low) @ fit.gains / (2.0 * step))[:, None])
     derivatives = np.hstack(slopes)
-    variance = float(np.mean(fit.left**2))
+    variance = float(np.mean(fit.residuals**2))
     blocks = np.tile(block_numbers(pieces), len(axes))
     information = sums_over_blocks(derivatives[:, :, None] * derivatives[:, None, :] / variance, blocks)
-    scores = sums_over_blocks(derivatives * fit.left[:, None] / variance, blocks)
+    scores = sums_over_blocks(derivatives * fit.residuals[:, None] / variance, blocks)
     covariance, freedom, model = jackknife(information, scores)
-    named = dict(zip(fit.terms, fit.gains.tolist(), strict=True))
+    gain_of = dict(zip(fit.terms, fit.gains.tolist(), strict=True))
     bias = np.zeros(len(model))
-    for marked in (("position", "deviation"), ("velocity",)):
-        moves = sum(model[:, place] for place, name in enumerate(fit.terms) if name in marked)
-        bias = np.maximum(bias, len(fit.left) * np.abs(moves / sum(named.get(name, 0.0) for name in marked)))
-    for name, bound in _bias_of_rules(named, float(np.median(np.diff(pieces[0].time)))).items():
+    for signal_terms in (("position", "deviation"), ("velocity",)):
+        shifts = sum(model[:, index] for index, name in enumerate(fit.terms) if name in signal_terms)
+        bias = np.maximum(
+            bias, len(fit.residuals) * np.abs(shifts / sum(gain_of.get(name, 0.0) for name in signal_terms))
+        )
+    for name, bound in _integration_rule_bias(gain_of, float(np.median(np.diff(pieces[0].time)))).items():
         bias[fit.terms.index(name)] += bound
     return quantile(freedom) * np.sqrt(np.diag(covariance)) + bias, freedom
 
 
-def _bias_of_rules(gains: Mapping[str, float], period: float) -> dict[str, float]:
+def _integration_rule_bias(gains: Mapping[str, float], period: float) -> dict[str, float]:
     """Return the largest bias of some gains that the integration rule of the controller can cause.
 
-    A sum over samples differs from the trapezoidal rule by half a period times the last sample. In a PID this biases
-    the position gain. In a cascade, which is the same law, it also biases the velocity gains. There the gain k_i' of
-    the integral of the velocity error is that of the displacement, or k_i / K with the larger root K of
+    A sum over samples differs from the trapezoidal rule by half a period times the last sample. In a PID, this biases
+    the position gain. In a cascade, which is the same law, it also biases the velocity gains, because the integral of
+    the velocity error has a gain k_i'. This is the gain of the displacement, or k_i / K with the larger root K of
     k K² - k_p K + k_i = 0 (see `drake_quad.identification.position_law.law`).
     """
-    position, velocity = (abs(gains[name]) for name in ESSENTIAL)
+    position, velocity = (abs(gains[name]) for name in ESSENTIAL_TERMS)
     integral, of_velocity = (abs(gains.get(name, 0.0)) for name in ("integral", "displacement"))
     discriminant = position**2 - 4.0 * velocity * integral
     if discriminant > 0.0:

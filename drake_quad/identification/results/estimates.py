@@ -1,4 +1,4 @@
-"""Estimates of an identification: values, covariance, sources, and reasons for parameters that are not identified."""
+"""Estimates of an identification: values, covariance and sources, and reasons why parameters are not identified."""
 
 import functools
 import re
@@ -30,7 +30,7 @@ def declaration_at(path: str) -> Declaration:
     Raises:
         InputError: if no parameter has this path.
     """
-    # `functools.cache` does not cache exceptions, so a quantity of an effect that is registered later is found.
+    # `functools.cache` does not cache exceptions, so parameters of effects that are registered later are found.
     declarations = dict(quantities_in(Vehicle))
     for inner, declaration in quantities_in(Laboratory):
         declarations[inner if inner.startswith("autopilot.") else f"laboratory.{inner}"] = declaration
@@ -38,18 +38,18 @@ def declaration_at(path: str) -> Declaration:
 
 
 def split_name(name: str) -> tuple[str, int | None]:
-    """Return the path of a parameter, and its index in a list from 0; the index is None for a single number.
+    """Return the path of a parameter, and its index in a list (from 0), or None for a single number.
 
     Raises:
         InputError: if no parameter has this name.
     """
-    found = re.fullmatch(r"([\w.]+?)(?:\[(\d)\])?", name)
-    path, place = (found[1], found[2]) if found else (name, None)
+    match = re.fullmatch(r"([\w.]+?)(?:\[(\d)\])?", name)
+    path, index = (match[1], match[2]) if match else (name, None)
     count = declaration_at(path).items
-    if (place is None) != (count == 0) or (place is not None and int(place) >= count):
+    if (index is None) != (count == 0) or (index is not None and int(index) >= count):
         allowed = f"{path}[0] to {path}[{count - 1}]" if count else path
-        raise InputError(f"{shown(name)} is no parameter; it must be {allowed}")
-    return path, None if place is None else int(place)
+        raise InputError(f"{shown(name)} is not a parameter; it must be {allowed}")
+    return path, None if index is None else int(index)
 
 
 def declaration_of(name: str) -> Declaration:
@@ -67,8 +67,8 @@ def scenario_path(name: str) -> str:
     Raises:
         InputError: if no parameter has this name.
     """
-    path, place = split_name(name)
-    return field_path(path) if place is None else joined(field_path(path), place)
+    path, index = split_name(name)
+    return field_path(path) if index is None else joined(field_path(path), index)
 
 
 def field_path(path: str) -> str:
@@ -82,8 +82,8 @@ class Source(NamedTuple):
     """Source of an estimate.
 
     Attributes:
-        method: method of identification, as in "prediction errors of attitude and position".
-        log: name of the log that it was applied to.
+        method: method of identification, for example "prediction errors of attitude and position".
+        log: name of the log to which the method was applied.
     """
 
     method: str
@@ -97,8 +97,8 @@ class Explained(NamedTuple):
     """Explained variance of the output that a parameter affects most.
 
     Attributes:
-        share: share of the variance of the output in held-out flight that the vehicle explains.
-        output: name of the output, as in "specific force along z".
+        share: fraction of the variance of the output in held-out flight that the vehicle explains.
+        output: name of the output, for example "specific force along z".
     """
 
     share: float
@@ -106,7 +106,7 @@ class Explained(NamedTuple):
 
 
 def quantile(degrees_of_freedom: np.ndarray | float) -> np.ndarray:
-    """Return the half-width of a 95 % confidence interval in standard deviations, by Student's distribution.
+    """Return the half-width of the 95 % interval of Student's distribution, in standard deviations of the estimate.
 
     Args:
         degrees_of_freedom: degrees of freedom, of any shape; infinite for the normal distribution.
@@ -119,20 +119,20 @@ class Estimates:
     """Estimated parameters of a vehicle and its laboratory, with their covariance.
 
     Attributes:
-        names: (n,) names as in the scenario language, with places in brackets: `mass`, `inertia[0]`, `motors.curve[1]`,
+        names: (n,) names as in the scenario language, indices in brackets: `mass`, `inertia[0]`, `motors.curve[1]`,
             `autopilot.damping[2]`, `laboratory.motion_capture.position_noise`; see `declaration_at`.
         values: (n,) values in SI units.
         covariance: (n, n) covariance of the errors of the values.
         degrees_of_freedom: (n,) degrees of freedom of Student's distribution of each error, or one number for all.
         sources: (n,) sources of each estimate, or a single source for all.
-        explained: explained variance, by the name of the parameter, where it is known.
-        not_identified: reason why the log does not identify a parameter, by its name. The estimate of such a parameter,
-            if there is one, is the value of the data sheet, corrected as far as the log allows.
-        remarks: further sentences on the estimates.
+        explained: explained variance by the name of the parameter, if it is known.
+        not_identified: reason why the log does not identify a parameter, by the name of the parameter. If such a
+            parameter has an estimate, this is the value of the data sheet, corrected as far as the log allows.
+        remarks: further remarks on the estimates.
         variation: variation of the parameters from one stretch of flight to the next, in addition to the errors of the
             mean parameters; None if it is unknown.
-        flight_variation: variation from one flight to the next, in addition to that within a flight; None if it is
-            unknown.
+        flight_variation: variation from one flight to the next, in addition to the variation within a flight; None if
+            it is unknown.
     """
 
     names: tuple[str, ...]
@@ -150,8 +150,8 @@ class Estimates:
         """Check the fields, and convert them to arrays with one item per parameter.
 
         Raises:
-            InputError: if a name is unknown or occurs twice, shapes do not agree, a variance is not positive, or the
-                degrees of freedom are not.
+            InputError: if a name is unknown or occurs twice, shapes do not agree, or a variance or the degrees of
+                freedom are not positive.
         """
         names = tuple(self.names)
         for name in (*names, *self.explained, *self.not_identified):
@@ -177,14 +177,16 @@ class Estimates:
             object.__setattr__(self, name, value)
 
     def __str__(self) -> str:
-        """Return a line for each estimate with its unit and 95 % interval, and one for each unidentified parameter."""
+        """Return a line for each estimate, with its unit and 95 % interval, and for each unidentified parameter."""
         rows = zip(self.names, self.values, self.intervals(), self.units, strict=True)
-        found = [
+        lines = [
             f"{name}: {Interval(value, *ends).text(unit='' if unit == '1' else unit)}"
             for name, value, ends, unit in rows
             if name not in self.not_identified
         ]
-        return "\n".join([*found, *(f"not identified: {name}: {why}" for name, why in self.not_identified.items())])
+        return "\n".join(
+            [*lines, *(f"not identified: {name}: {reason}" for name, reason in self.not_identified.items())]
+        )
 
     @property
     def identified(self) -> tuple[str, ...]:
@@ -224,8 +226,8 @@ class Estimates:
 
     def intervals(self) -> np.ndarray:
         """Return the lower and upper end of the 95 % confidence interval of each value, (n, 2)."""
-        reach = self.quantiles() * self.deviations
-        return np.stack([self.values - reach, self.values + reach], axis=1)
+        half_widths = self.quantiles() * self.deviations
+        return np.stack([self.values - half_widths, self.values + half_widths], axis=1)
 
     def value(self, name: str) -> float:
         """Return the estimate of a parameter.
@@ -234,14 +236,14 @@ class Estimates:
             InputError: if the parameter is not estimated.
         """
         if name not in self.names:
-            why = f": {self.not_identified[name]}" if name in self.not_identified else ""
-            raise InputError(f"there is no estimate of {shortened(name)}{why}")
+            reason = f": {self.not_identified[name]}" if name in self.not_identified else ""
+            raise InputError(f"there is no estimate of {shortened(name)}{reason}")
         return float(self.values[self.names.index(name)])
 
-    def sources_of(self, place: int) -> tuple[Source, ...]:
-        """Return the sources of the estimate with an index."""
+    def sources_of(self, index: int) -> tuple[Source, ...]:
+        """Return the sources of an estimate, given its index."""
         assert not isinstance(self.sources, Source)
-        return self.sources[place]
+        return self.sources[index]
 
     def part(self, names: Sequence[str]) -> "Estimates":
         """Return the estimates of some parameters, in the given order.
@@ -251,33 +253,33 @@ class Estimates:
         """
         for name in names:
             self.value(name)
-        places = [self.names.index(name) for name in names]
+        indices = [self.names.index(name) for name in names]
         return replace(
             self,
             names=tuple(names),
-            values=self.values[places],
-            covariance=self.covariance[np.ix_(places, places)],
-            degrees_of_freedom=np.asarray(self.degrees_of_freedom)[places],
-            sources=tuple(self.sources_of(place) for place in places),
+            values=self.values[indices],
+            covariance=self.covariance[np.ix_(indices, indices)],
+            degrees_of_freedom=np.asarray(self.degrees_of_freedom)[indices],
+            sources=tuple(self.sources_of(index) for index in indices),
             explained={name: share for name, share in self.explained.items() if name in names},
-            variation=None if self.variation is None else self.variation.part(places),
-            flight_variation=None if self.flight_variation is None else self.flight_variation.part(places),
+            variation=None if self.variation is None else self.variation.part(indices),
+            flight_variation=None if self.flight_variation is None else self.flight_variation.part(indices),
         )
 
     def for_new_flight(self) -> "Estimates":
         """Return the estimates with the covariance for another stretch of another flight.
 
         The covariance is the sum of the covariances of the errors, of the variation from stretch to stretch, and of the
-        variation from flight to flight. Its degrees of freedom are those of F. E. Satterthwaite (Biometrics Bulletin 2,
-        1946). A parameter with unknown variation keeps its covariance.
+        variation from flight to flight. The degrees of freedom follow F. E. Satterthwaite (Biometrics Bulletin 2,
+        1946). The covariance of a parameter with unknown variation is unchanged.
         """
         if not self._variations:
             return self
         covariance, parts = self.covariance, np.diag(self.covariance) ** 2 / self.degrees_of_freedom
         for each in self._variations:
-            between = np.nan_to_num(each.covariance)
-            covariance = covariance + between
-            parts = parts + np.diag(between) ** 2 / each.degrees_of_freedom
+            variation = np.nan_to_num(each.covariance)
+            covariance = covariance + variation
+            parts = parts + np.diag(variation) ** 2 / each.degrees_of_freedom
         return replace(
             self,
             covariance=covariance,

@@ -1,16 +1,16 @@
 """Check of confidence intervals by holding out one tenth of the flight at a time.
 
 Nine stretches give an estimate, the variance P of its error, and the variance d² between stretches. The tenth stretch
-alone gives another estimate, whose error has the variance v. The two should differ by no more than
+gives an independent estimate, whose error has the variance v. The two estimates should differ by no more than
 
-    ± t √(P + d² + v),
+    t √(P + d² + v),
 
 where t is the quantile of Student's distribution with eight degrees of freedom. For 95 % intervals, 9.5 of ten
 stretches are inside on average, and at least nine are inside with a probability of 0.91.
 
-Three approximations limit this check. The estimate of a stretch is one Gauss-Newton step from that of all windows. The
-variances d² and v contain the scatter of the windows within all stretches. A stretch that hardly determines a parameter
-keeps the value of the fit to all windows.
+Three approximations limit this check. The estimate of a stretch is one Gauss-Newton step from the estimate of all
+windows. The variances d² and v contain the scatter of the windows within all stretches. For a parameter that a stretch
+hardly determines, the estimate of the stretch is the value of the fit to all windows.
 """
 
 from typing import NamedTuple
@@ -40,15 +40,18 @@ class HeldOut(NamedTuple):
 
 
 def hold_out(evidence: Evidence) -> dict[str, HeldOut]:
-    """Check the interval of each parameter, by its name; return nothing if there are too few windows."""
+    """Return the check of each parameter, by name; empty if there are too few windows."""
     if len(evidence.scores) < NUM_STRETCHES:
         return {}
     stretches = Stretches.of(evidence)
-    errors, reach = [], []
-    for b in range(NUM_STRETCHES):
-        others = stretches.without(b)
-        mean = np.diag(others.uncertainty().covariance)
-        errors.append(stretches.estimates[b] - (evidence.values + others.step()))
-        reach.append(quantile(NUM_STRETCHES - 2) * np.sqrt(mean + others.variance_between() + stretches.variances[b]))
-    pairs = zip(evidence.names, np.transpose(errors), np.transpose(reach), strict=True)
+    errors, half_widths = [], []
+    for held_out in range(NUM_STRETCHES):
+        others = stretches.without(held_out)
+        mean_variance = np.diag(others.uncertainty().covariance)
+        errors.append(stretches.estimates[held_out] - (evidence.values + others.step()))
+        half_widths.append(
+            quantile(NUM_STRETCHES - 2)
+            * np.sqrt(mean_variance + others.variance_between() + stretches.variances[held_out])
+        )
+    pairs = zip(evidence.names, np.transpose(errors), np.transpose(half_widths), strict=True)
     return {name: HeldOut(*pair) for name, *pair in pairs}

@@ -10,7 +10,7 @@ from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.motors import ThrottleMotors
 from drake_quad.scenario.paths import leaves, replaced
 
-_SPEED_FACTOR = 2.0  # factor of the largest rotor speed, so that it does not limit the thrust curve that is identified
+_SPEED_FACTOR = 2.0  # factor of the maximum rotor speed, so that this does not limit the identified thrust curve
 
 
 def with_effects(scenario: Scenario, names: tuple[str, ...]) -> Scenario:
@@ -21,17 +21,20 @@ def with_effects(scenario: Scenario, names: tuple[str, ...]) -> Scenario:
         names: names of the parameters as in `Estimates`.
     """
     vehicle = scenario.vehicle
-    wanted = {
-        name: effect() for name, effect in EFFECTS.members.items() if any(each.startswith(f"{name}.") for each in names)
+    needed = {
+        name: effect()
+        for name, effect in EFFECTS.members.items()
+        if any(parameter.startswith(f"{name}.") for parameter in names)
     }
-    absent = {name: effect for name, effect in wanted.items() if getattr(vehicle, name) is None}
+    absent = {name: effect for name, effect in needed.items() if getattr(vehicle, name) is None}
     return scenario.model_copy(update={"vehicle": vehicle.model_copy(update=absent)}) if absent else scenario
 
 
 def with_throttles(scenario: Scenario) -> Scenario:
     """Return the scenario with a vehicle that takes throttles.
 
-    A vehicle that takes rotor speeds gets a thrust curve up to its full thrust, and a larger limit of the rotor speed.
+    For a vehicle that takes rotor speeds, a thrust curve up to the full thrust is added, and the limit of the rotor
+    speed is raised.
 
     Args:
         scenario: scenario without distributions.
@@ -47,13 +50,13 @@ def with_throttles(scenario: Scenario) -> Scenario:
 
 def with_numbers(scenario: Scenario, numbers: Mapping[str, float]) -> Scenario:
     """Return the scenario with new values of parameters, by their names in `Estimates`, and with their effects."""
-    own = with_effects(scenario, tuple(numbers))
+    extended = with_effects(scenario, tuple(numbers))
     values = {scenario_path(name): value for name, value in numbers.items()}
-    found: Scenario = replaced(own, lambda path, old: values.get(path, old))
-    return found
+    result: Scenario = replaced(extended, lambda path, old: values.get(path, old))
+    return result
 
 
 def number_of(scenario: Scenario, name: str) -> float:
     """Return a parameter of a scenario, by its name in `Estimates`; 0 if its effect is absent."""
-    found = dict(leaves(with_effects(scenario, (name,)))).get(scenario_path(name), np.nan)
-    return float(found)
+    value = dict(leaves(with_effects(scenario, (name,)))).get(scenario_path(name), np.nan)
+    return float(value)

@@ -1,1 +1,1 @@
-"""Sensors on board: a measurement equation for each, and one system that samples it."""
+"""Sensors on board: their measurement equations, and the system that samples a measurement equation."""

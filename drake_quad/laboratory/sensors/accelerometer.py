@@ -19,7 +19,7 @@ from drake_quad.signals import AccelerationB, Number, Quantity, Row, State, Vehi
 
 
 class SpecificForce(NamedTuple):
-    """Specific force (all forces except for the weight, divided by the mass), or an error of it."""
+    """Specific force (all forces except for the weight, divided by the mass), or its measurement error."""
 
     x: AccelerationB
     y: AccelerationB
@@ -64,7 +64,7 @@ def specific_force(state: State, acceleration: VehicleAcceleration, place: Senso
 def accelerometer_reading(
     numbers: AccelerometerNumbers, noise: SpecificForce | None, state: State, acceleration: VehicleAcceleration
 ) -> SpecificForce:
-    """Return a reading of an accelerometer, with bias and, unless it is None, with noise."""
+    """Return a reading of an accelerometer with bias, and with noise unless `noise` is None."""
     force = specific_force(state, acceleration, numbers.position, numbers.gravity)
     components = [true + bias for true, bias in zip(force, numbers.bias, strict=True)]
     if noise is not None:

@@ -1,7 +1,8 @@
 """Sensors on board: periodic readings with noise and latency, and the diagram of all sensors.
 
-A sensor takes a reading when a simulation begins and at every multiple of the period. The reading arrives after a whole
-number of periods. Other discrete updates use it from their next instant on, as they use a frame of motion capture.
+A sensor takes a reading at the start of a simulation and at every multiple of the period. The reading becomes available
+after a whole number of periods. Discrete updates of other systems at the same instant still use the previous reading,
+as with motion capture.
 """
 
 from collections.abc import Callable, Collection, Mapping
@@ -24,9 +25,9 @@ class SensorLaw(NamedTuple):
     Attributes:
         reading: type of the record of a reading.
         formula: function that returns a reading. Its arguments are the parameters of the sensor, the noise, and the
-            signals that the sensor reads. The parameters are a record with a field `latency_samples`. The noise is a
-            reading with a standard normal sample in each row, or None if there is no noise.
-        reads: names of the signals that the sensor reads.
+            input signals of the sensor. The parameters are a record with a field `latency_samples`. The noise is a
+            record of type `reading` with a standard normal sample in each row, or None if there is no noise.
+        reads: names of the input signals of the sensor.
     """
 
     reading: type
@@ -63,12 +64,12 @@ class Sensor(FleetSystem):
         output_ports:
         - accelerometer
 
-    The output port has the name of the sensor. The input ports are the signals that its law reads; those above are the
-    ports of an accelerometer. A sensor with noise has the random input port `noise`, with a standard normal sample for
-    each row of a reading.
+    The block above shows an accelerometer. The output port is named after the sensor. The input ports are the signals
+    that the measurement equation needs. A sensor with noise has the random input port `noise`, with a standard normal
+    sample for each row of a reading.
 
-    The parameter of the context is `numbers`. The states are those of a `DelayLine`: the latest reading that has
-    arrived, under the name of the sensor, and, if there is latency, the readings under way.
+    The parameter of the context is `numbers`. The states are the states of a `DelayLine`: the latest reading that has
+    arrived, under the name of the sensor, and, if there is latency, the readings in transit.
 
     Args:
         num_vehicles: number N of vehicles.
@@ -77,7 +78,7 @@ class Sensor(FleetSystem):
         period: time between readings, s.
         noisy: True if the readings have noise.
         longest_latency: largest possible latency, in periods.
-        numbers: record of the parameters of the law.
+        numbers: record of the parameters of the measurement equation.
     """
 
     def declare(
@@ -119,16 +120,16 @@ def build_sensors(
         output_ports:
         - accelerometer
 
-    The diagram exports all ports of the sensors; those above are the ports of an accelerometer. An output port has the
-    name of its sensor, a random input port has the name of its stream, and other input ports keep their names.
+    The diagram exports all ports of the sensors. The block above shows a single accelerometer. An output port is named
+    after its sensor, and a random input port after its stream. Other input ports keep their names.
 
     Args:
         sensors: systems with one output port, by name.
         streams: streams of the sensors' random input ports, by the name of the sensor.
-        available: names of the signals that sensors can read.
+        available: names of the signals that the laboratory provides.
 
     Raises:
-        InputError: if a sensor reads a signal that is not available.
+        InputError: if the laboratory does not provide an input signal of a sensor.
     """
     builder = DiagramBuilder()
     outputs = {name: append(builder, name, sensor) for name, sensor in sensors.items()}
@@ -139,7 +140,7 @@ def build_sensors(
             if not builder.IsConnectedOrExported(port):
                 available_names = ", ".join(f"`{signal}`" for signal in available)
                 raise InputError(
-                    f"the sensor {name} reads `{port.get_name()}`, but the signals of this laboratory are"
+                    f"the sensor {name} needs the signal `{port.get_name()}`, but this laboratory provides only"
                     f" {available_names}"
                 )
         builder.ExportOutput(outputs[name], name)

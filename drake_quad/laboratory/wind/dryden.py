@@ -1,4 +1,4 @@
-"""Continuous turbulence of MIL-F-8785C, section 3.7.2.2, with Dryden's spectra at low altitude.
+"""Continuous turbulence at low altitude with Dryden's spectra, from MIL-F-8785C, section 3.7.2.2.
 
 With T = L / V for each axis, white noise with a one-sided spectral density of 1 per rad/s is filtered by
 
@@ -30,9 +30,10 @@ FOOT = 0.3048  # m
 KNOT = 1852.0 / 3600.0  # m/s
 WIND_AT_20_FEET = {"light": 15.0 * KNOT, "moderate": 30.0 * KNOT, "severe": 45.0 * KNOT}
 """Wind speed at a height of 20 feet for each intensity of turbulence in the specification, m/s."""
-# The specification starts at 10 feet. Below, length scales and deviations are those at 10 feet.
+# Smallest height for which the specification is defined, m. Below it, the length scales and standard deviations at 10
+# feet are used.
 MIN_HEIGHT = 10.0 * FOOT
-# Smallest speed at which the turbulence moves past the vehicle, m/s. At zero speed it would never change.
+# Smallest speed at which the turbulence moves past the vehicle, m/s. At zero speed, the turbulence would be constant.
 MIN_AIRSPEED = 1.0
 # Factors of f and g in (√3 f + (1 - √3) g) / √2.
 _F_FACTOR = math.sqrt(1.5)
@@ -65,9 +66,9 @@ class Turbulence(NamedTuple):
         """Return the turbulence of the specification for heights below 1000 feet; arguments are numbers or arrays.
 
         Args:
-            height: height above the ground, m; at least `MIN_HEIGHT` is used.
+            height: height above the ground, m; smaller values are replaced with `MIN_HEIGHT`.
             wind_at_20_feet: wind speed at a height of 20 feet, m/s.
-            airspeed: airspeed, m/s; at least `MIN_AIRSPEED` is used.
+            airspeed: airspeed, m/s; smaller values are replaced with `MIN_AIRSPEED`.
         """
         feet = np.maximum(height, MIN_HEIGHT) / FOOT
         shear = 0.177 + 0.000823 * feet
@@ -111,9 +112,9 @@ class CrossAxisFilter(NamedTuple):
     Attributes:
         p: factor by which f and g decay over a sampling interval.
         b: standard deviation of the noise of f.
-        t: coefficient η p from f to g.
-        c: factor of the normal sample of f in the noise of g.
-        d: factor of the independent normal sample in the noise of g.
+        t: coefficient η p of f in the equation of g.
+        c: coefficient, in the noise of g, of the normal sample that is also used for f.
+        d: coefficient, in the noise of g, of an independent normal sample.
     """
 
     p: Number
@@ -171,7 +172,7 @@ def _cross_axis_filter(eta: Row) -> CrossAxisFilter:
 
 
 class FilterState(NamedTuple):
-    """State of the filters (f of each axis, and g of the axes across the mean wind), or a normal sample for each."""
+    """State of the filters (f for each axis, g for the axes across the mean wind), or a normal sample for each."""
 
     f_u: Number
     f_v: Number
@@ -188,7 +189,7 @@ class TurbulenceState(NamedTuple):
 
 
 def next_filter_state(state: FilterState, noise: FilterState, sampled: SampledTurbulence) -> FilterState:
-    """Return the state of the filters one sampling interval later, for standard normal samples."""
+    """Return the state of the filters one sampling interval later; `noise` contains standard normal samples."""
     u, v, w = sampled.u, sampled.v, sampled.w
     return FilterState(
         u.p * state.f_u + u.b * noise.f_u,
@@ -200,7 +201,7 @@ def next_filter_state(state: FilterState, noise: FilterState, sampled: SampledTu
 
 
 def stationary_state(noise: FilterState) -> FilterState:
-    """Return a state of the filters with the stationary distribution, for standard normal samples."""
+    """Return a random state of the filters with the stationary distribution; `noise` is standard normal."""
     return noise._replace(g_v=0.5 * (noise.f_v + noise.g_v), g_w=0.5 * (noise.f_w + noise.g_w))
 
 
@@ -214,13 +215,13 @@ def turbulent_velocity(state: FilterState, deviation: PerDirection) -> PerDirect
 
 
 def first_sample(noise: FilterState, sampled: SampledTurbulence) -> TurbulenceState:
-    """Return the initial wind and state of the filters, for standard normal samples."""
+    """Return the initial wind and state of the filters; `noise` contains standard normal samples."""
     state = stationary_state(noise)
     return TurbulenceState(_wind(state, sampled), state)
 
 
 def next_sample(state: FilterState, noise: FilterState, sampled: SampledTurbulence) -> TurbulenceState:
-    """Return the wind and the state of the filters one sampling interval later, for standard normal samples."""
+    """Return the wind and the state of the filters one sampling interval later; `noise` is standard normal."""
     next_state = next_filter_state(state, noise, sampled)
     return TurbulenceState(_wind(next_state, sampled), next_state)
 
@@ -244,9 +245,9 @@ class DrydenTurbulence(FleetSystem):
         output_ports:
         - wind
 
-    `turbulence_noise` is a random input: standard normal samples, new ones at every sampling instant. `wind` has
-    Dryden's spectra along and across the heading and upwards. It is stationary from the first sample on, which an
-    initialization event takes. A simulator that continues a flight must suppress initialization events.
+    `turbulence_noise` is a random input with new standard normal samples at every sampling instant. `wind` has Dryden's
+    spectra along the heading, across the heading and upwards. An initialization event draws the first sample from the
+    stationary distribution. A simulator that continues a flight must suppress initialization events.
 
     The states are `wind` and `filter`. The only parameter of the context is `turbulence`.
 

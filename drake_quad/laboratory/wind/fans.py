@@ -3,8 +3,8 @@
 The exit speed of a round jet is U₀ = 4 Q / (π D²), for a flow Q and an outlet of diameter D. On the centreline, the
 speed is U₀ up to the end of the core at x = 5.9 D, and 5.9 U₀ D / x beyond. The profile across the jet is Gaussian,
 with half the centreline speed at a distance of 0.094 x. Measured values for round free jets are 5.8 to 6.1 and 0.094 to
-0.102 (S. B. Pope, "Turbulent Flows", 2000, table 5.1). The core is a cone with uniform speed, whose base is the outlet
-and which is surrounded by the flank of the same Gaussian.
+0.102 (S. B. Pope, "Turbulent Flows", 2000, table 5.1). The core is a cone of uniform speed, whose base is the outlet.
+Outside the core, the speed falls like the flank of the same Gaussian.
 
 The air behind the outlet is at rest. The model neglects the air that the jet entrains from the sides.
 """
@@ -132,13 +132,13 @@ def local_air(state: State, jets: tuple[Jet, ...]) -> LocalAir:
 
 
 def first_sample(state: State, noise: Eddies, jets: tuple[Jet, ...]) -> FansState:
-    """Return the initial wind and turbulence, for standard normal samples."""
+    """Return the initial wind and turbulence; `noise` contains standard normal samples."""
     local = local_air(state, jets)
     return FansState(_with_turbulence(local, noise), noise)
 
 
 def next_sample(state: State, eddies: Eddies, noise: Eddies, jets: tuple[Jet, ...], period: float) -> FansState:
-    """Return the wind and the turbulence one period (s) later, for the turbulence before and normal samples."""
+    """Return the wind and the turbulence one period (s) later; `noise` contains standard normal samples."""
     local = local_air(state, jets)
     decay = exp(-period * local.rate)
     noise_gain = sqrt(maximum(1.0 - decay * decay, _MIN_SQUARE))
@@ -165,12 +165,13 @@ class Fans(FleetSystem):
         output_ports:
         - wind
 
-    `wind` is the sum of the jets' mean velocities at the vehicle's position and of their turbulence. The turbulence is
-    isotropic and a first-order Gauss–Markov process in time. Its variance is the sum of the jets' variances. The time
-    scale of a jet is the ratio of its half-width to its speed, about the time in which an eddy passes.
+    `wind` is the sum of the mean velocities of all jets at the position of the vehicle, plus turbulence. The turbulence
+    is isotropic, and a first-order Gauss–Markov process in time. Its variance is the sum of the variances of the jets.
+    Its decay rate is the sum of the rates of the jets. The rate of a jet is the ratio of its speed to its half-width,
+    about the inverse of the time in which an eddy passes.
 
-    `jet_noise` is a random input: standard normal samples, new ones at every sampling instant. A simulator that
-    continues a flight must suppress initialization events, which reset the turbulence.
+    `jet_noise` is a random input with new standard normal samples at every sampling instant. A simulator that continues
+    a flight must suppress initialization events, which reset the turbulence.
 
     The states are `wind` and `eddies`. The only parameter of the context is `jets`.
 

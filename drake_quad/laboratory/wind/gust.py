@@ -14,7 +14,7 @@ class GustNumbers(NamedTuple):
     Attributes:
         velocity: velocity of the air at the peak of the gust.
         start: time at which the gust begins.
-        rise_time: time from zero to the peak, and back to zero; positive.
+        rise_time: duration of the rise from zero to the peak, and of the decay back to zero; positive.
         hold_time: duration of the peak; infinite for a gust that does not end, as in MIL-F-8785C.
     """
 
@@ -25,11 +25,11 @@ class GustNumbers(NamedTuple):
 
 
 def gust_share(time: Row, start: Row, rise_time: Row, hold_time: Row) -> Row:
-    """Return the velocity of a gust at a time, relative to its peak: (1 - cos(π x / d)) / 2 while it rises.
+    """Return the velocity of a gust at a time, relative to its peak: (1 - cos(π x / d)) / 2 during the rise.
 
-    The gust moves past the vehicle at constant speed, so the ratio of the distance x into the gust to the gust's length
-    d is the ratio of the time since the start to the rise time. The gust falls as it rises, in reverse. All arguments
-    are in s.
+    x is the distance that the vehicle has penetrated into the gust, and d is the length of the rise. The gust moves
+    past the vehicle at constant speed, so x / d is the time since the start divided by the rise time. The decay is the
+    mirror image of the rise. All arguments are in s.
     """
     rising = (time - start) / rise_time
     falling = (start + hold_time - time) / rise_time + 2.0
@@ -37,7 +37,7 @@ def gust_share(time: Row, start: Row, rise_time: Row, hold_time: Row) -> Row:
 
 
 def gust_wind(gust: GustNumbers, time: Row, period: float) -> Wind:
-    """Return the wind for the period (s) that starts at a time (s), which is the wind at the middle of the period."""
+    """Return the wind that is held over the period (s) from a time (s) on: the wind at the middle of the period."""
     share = gust_share(time + 0.5 * period, gust.start, gust.rise_time, gust.hold_time)
     return Wind._make(share * part for part in gust.velocity)
 
@@ -52,8 +52,8 @@ class Gust(FleetSystem):
         output_ports:
         - wind
 
-    `wind` is the gust's velocity times `gust_share`, evaluated at the middle of each period and held over it. The only
-    state is `wind`. The only parameter of the context is `gust`.
+    `wind` is the peak velocity of the gust times `gust_share`, evaluated at the middle of each period and held over the
+    period. The only state is `wind`. The only parameter of the context is `gust`.
 
     Args:
         num_vehicles: number N of vehicles.

@@ -1,4 +1,4 @@
-"""Wind whose speed is a sine of time, as fans with a modulated speed produce it."""
+"""Wind whose velocity is a sine of time, as produced by fans with a modulated speed."""
 
 from typing import NamedTuple
 
@@ -22,7 +22,7 @@ class SineNumbers(NamedTuple):
 
 
 def sine_wind(sine: SineNumbers, time: Row, period: float) -> Wind:
-    """Return the wind for the period (s) that starts at a time (s), which is the wind at the middle of the period."""
+    """Return the wind that is held over the period (s) from a time (s) on: the wind at the middle of the period."""
     share, _ = sin_cos(sine.frequency * (time + 0.5 * period) + sine.phase)
     return Wind._make(share * part for part in sine.velocity)
 
@@ -37,8 +37,8 @@ class SineWind(FleetSystem):
         output_ports:
         - wind
 
-    `wind` is velocity · sin(ω t + φ), evaluated at the middle of each period and held over it. The only state is
-    `wind`. The only parameter of the context is `sine`.
+    `wind` is velocity · sin(ω t + φ), evaluated at the middle of each period and held over the period. The only state
+    is `wind`. The only parameter of the context is `sine`.
 
     Args:
         num_vehicles: number N of vehicles.

@@ -1,4 +1,4 @@
-"""Steady wind, the sum of all wind sources, and a sample-and-hold for sources of one's own."""
+"""Steady wind, the sum of all wind sources, and a sample-and-hold for user-defined sources."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -50,7 +50,8 @@ def build_wind(sources: Mapping[str, Any], *, streams: Mapping[str, list[Stream]
         - wind
 
     The input port `state`, the state of the vehicle, exists if a source depends on the position. The diagram exports
-    the random input ports of the sources under the names of their streams; those above are the ports of two sources.
+    the random input ports of the sources under the names of their streams. The block
+    above shows a diagram with two random sources.
 
     Args:
         sources: systems with one output port for the wind and optionally the input port `state`, by name.
@@ -81,8 +82,8 @@ def build_held_wind(source: Any, *, period: float) -> Diagram:
         - wind
 
     Without the hold, the vehicle would evaluate a source that depends on time or position at the end of a time step,
-    with the state at the beginning of the step. The input port `state` exists if the source has it. `wind` is zero
-    before the first sample at time zero, which affects no time step of the vehicle.
+    but with the state at the beginning of the step. The input port `state` exists if the source has this port. Before
+    the first sample at time zero, `wind` is zero; no time step of the vehicle uses this value.
 
     Args:
         source: system with one output port for the wind, and optionally the input port `state`.

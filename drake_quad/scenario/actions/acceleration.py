@@ -22,7 +22,9 @@ class AccelerationAction(Action):
     kind: Literal["acceleration"]
     # The default is several times the acceleration of the figure eight (0.7 m/s²), to leave a reserve for gusts and for
     # flights that begin off the path.
-    most: PlainPositives = Field(default=(5.0, 5.0, 5.0), description="acceleration of an action of 1 (m/s²)")
+    most: PlainPositives = Field(
+        default=(5.0, 5.0, 5.0), description="acceleration that an action of 1 commands (m/s²)"
+    )
     frame: LevelFrame = Field(
         default="world", description="axes in which the acceleration is commanded, named as in `observation.frame`"
     )
@@ -35,5 +37,5 @@ class AccelerationAction(Action):
         return Recipe(AccelerationActuation, {"frame": self.frame, "turn": turn}, AccelerationScale(*self.most))
 
     def hovering(self, believed: QuadrotorParameters) -> tuple[float, ...]:
-        """Return the action of zero acceleration."""
+        """Return the action that commands zero acceleration."""
         return (0.0, 0.0, 0.0)

@@ -73,12 +73,14 @@ AnyAction = Annotated[Action, ACTIONS]
 
 
 class ThrustAction(Action):
-    """Action whose first row is a thrust. The default range is ours; the paper's rotors reach 2.2 times the weight."""
+    """Action whose first row is a thrust. The default range is ours; the paper's rotors lift 2.2 times the weight."""
 
     min_thrust: PlainNonNegative = Field(
-        default=0.0, description="thrust of an action of -1, relative to the weight (1)"
+        default=0.0, description="thrust that an action of -1 commands, relative to the weight (1)"
     )
-    max_thrust: PlainPositive = Field(default=2.0, description="thrust of an action of 1, relative to the weight (1)")
+    max_thrust: PlainPositive = Field(
+        default=2.0, description="thrust that an action of 1 commands, relative to the weight (1)"
+    )
     num_rows: ClassVar = 4
 
     @model_validator(mode="after")
@@ -88,10 +90,10 @@ class ThrustAction(Action):
         return self
 
     def thrusts(self, believed: QuadrotorParameters) -> ThrustRange:
-        """Return the thrusts of actions of -1 and 1, N."""
+        """Return the thrusts that actions of -1 and 1 command, N."""
         weight = believed.mass * believed.gravity
         return ThrustRange(self.min_thrust * weight, self.max_thrust * weight)
 
     def hovering(self, believed: QuadrotorParameters) -> tuple[float, ...]:
-        """Return the action of a thrust equal to the weight, without tilt or rotation."""
+        """Return the action that commands a thrust equal to the weight, and neither tilt nor rotation."""
         return (2.0 * (1.0 - self.min_thrust) / (self.max_thrust - self.min_thrust) - 1.0, 0.0, 0.0, 0.0)

@@ -19,10 +19,10 @@ class AttitudeAction(ThrustAction):
     """Thrust, roll, pitch, and yaw relative to the yaw of the reference."""
 
     kind: Literal["attitude"]
-    # The default tilt is that of the other controllers. The figure eight needs 4°.
-    max_tilt: PlainTilt = Field(default=0.6, description="roll and pitch of an action of 1 (rad)")
+    # The default is the tilt limit of the other controllers. The figure eight needs only 4°.
+    max_tilt: PlainTilt = Field(default=0.6, description="roll and pitch that an action of 1 commands (rad)")
     max_yaw: Annotated[float, Field(ge=0.0, le=math.pi), radians(math.pi)] = Field(
-        default=0.5, description="yaw of an action of 1, relative to the yaw of the reference (rad)"
+        default=0.5, description="yaw that an action of 1 commands, relative to the yaw of the reference (rad)"
     )
     commands: ClassVar = "attitude"
 

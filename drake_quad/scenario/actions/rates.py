@@ -22,7 +22,9 @@ class RatesAction(ThrustAction):
     """Thrust and body rates."""
 
     kind: Literal["rates"]
-    max_rates: PlainPositives = Field(default=(6.0, 6.0, 3.0), description="p, q, r of an action of 1 (rad/s)")
+    max_rates: PlainPositives = Field(
+        default=(6.0, 6.0, 3.0), description="p, q, r that an action of 1 commands (rad/s)"
+    )
     k_rate: Gains | None = Field(
         default=None,
         description="gain from the error of the body rates to an angular acceleration, without an autopilot (1/s); k_d"
@@ -45,7 +47,7 @@ class RatesAction(ThrustAction):
         return self.k_rate is None and not autopilot.controls_attitude
 
     def check_fits(self, scenario: Any) -> None:
-        """Raise a validation error if the gains of the rate loop are missing or not used."""
+        """Raise a validation error if the gains of the rate loop are missing, or given but not used."""
         super().check_fits(scenario)
         autopilot = scenario.laboratory.autopilot
         if scenario.control.attitude is None and self.needs_attitude(autopilot):

@@ -23,10 +23,11 @@ class RotorSpeedsAction(Action):
 
     kind: Literal["rotor_speeds"]
     least: PlainNonNegative | None = Field(
-        default=None, description="rotor speed of an action of -1 (rad/s); min_rotor_speed in `nominal` if not given"
+        default=None,
+        description="rotor speed that an action of -1 commands (rad/s); `nominal.min_rotor_speed` if not given",
     )
     order: Annotated[tuple[int, int, int, int], Field(strict=False)] = Field(
-        default=(1, 2, 3, 4), description="number of the rotor to which each row of the action belongs"
+        default=(1, 2, 3, 4), description="number of the rotor that each row of the action commands"
     )
     num_rows: ClassVar = 4
     commands: ClassVar = "wrench"
@@ -47,7 +48,7 @@ class RotorSpeedsAction(Action):
         return Recipe(RotorSpeedActuation, {"order": order}, speeds)
 
     def hovering(self, believed: QuadrotorParameters) -> tuple[float, ...]:
-        """Return the action of the hover speeds of the nominal vehicle."""
+        """Return the action that commands the hover speeds of the nominal vehicle."""
         least, most = self._least(believed), float(believed.max_rotor_speed)
         speeds = hover_rotor_speeds(believed)
         return tuple([2.0 * (float(speeds[rotor - 1]) - least) / (most - least) - 1.0 for rotor in self.order])

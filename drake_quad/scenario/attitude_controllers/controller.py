@@ -20,7 +20,7 @@ from drake_quad.vehicle.parameters import Inertia
 
 
 class AttitudeControllerSettings(Model):
-    """Control law from a commanded attitude to torques. For a fleet, numbers that a study draws are (N,) arrays."""
+    """Control law from a commanded attitude to torques. For a fleet, values that a study draws are (N,) arrays."""
 
     kind: str
     k_p: Gains = Field(description="proportional gains of roll, pitch, yaw (1/s²)")
@@ -44,7 +44,7 @@ class AttitudeControllerSettings(Model):
         return {"projects": False}
 
     def plain(self) -> "AttitudeControllerSettings":
-        """Return the controller without estimates that replaces this controller for the design of gains."""
+        """Return the controller, without estimates, for which the gains of this controller are designed."""
         return self
 
 

@@ -34,7 +34,7 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 class NeglectedDragSettings(Model):
     """Drag that the attitude estimator on board neglects and therefore mistakes for tilt."""
 
-    lean: Number = field_of(NeglectedDrag, "lean", "tilt error over velocity: drag coefficient over mass and gravity")
+    lean: Number = field_of(NeglectedDrag, "lean", "tilt error over velocity: drag coefficient over weight")
     time: Span = field_of(NeglectedDrag, "time", "time constant with which the tilt error follows the velocity")
 
 
@@ -42,8 +42,8 @@ class NeglectedDragSettings(Model):
 class AttitudeAutopilotSettings(Autopilot):
     """An attitude loop and a rate loop on board; the link carries thrust, attitude and body rates.
 
-    By default both loops are proportional. With `attitude_terms` and `rate_terms` they can be the loops of PX4 or of
-    the Crazyflie's firmware.
+    By default both loops are proportional. With `attitude_terms` and `rate_terms` they can reproduce the loops of PX4
+    or of the Crazyflie's firmware.
     """
 
     command: ClassVar = "attitude_target"
@@ -78,13 +78,13 @@ class AttitudeAutopilotSettings(Autopilot):
         " errors of roll, pitch and yaw",
     )
     gyroscopic_torque: bool = Field(
-        default=True, description="whether ω × I ω is added to the torque; PX4 and the Crazyflie's firmware do not"
+        default=True, description="whether ω × I ω is added to the torque; PX4 and the Crazyflie's firmware omit it"
     )
     gyroscope_bandwidth: Positive | None = Field(
         default=None, description="bandwidth of a Butterworth filter of the gyroscope (rad/s); no filter if not given"
     )
     gyroscope_noise: NonNegative = Field(
-        default=0.0, description="standard deviation of a gyroscope sample on each axis (rad/s)"
+        default=0.0, description="standard deviation of the gyroscope noise in a sample, on each axis (rad/s)"
     )
     gyroscope_bias: Position = Field(default=(0.0, 0.0, 0.0), description="gyroscope bias on x, y, z of B (rad/s)")
     attitude_noise: AngleNoise = Field(

@@ -17,11 +17,11 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorNumbers
 
 Commanded = Literal["attitude", "rates", "wrench"]
-"""Command that a control computes in addition to the thrust; an attitude controller on the ground comes after it."""
+"""Command that a control computes in addition to the thrust, before any attitude controller on the ground."""
 
 
 class Autopilot(Model):
-    """Autopilot on board. In the scenario of a fleet, numbers that a study draws are (N,) arrays.
+    """Autopilot on board. In the scenario of a fleet, values that a study draws are (N,) arrays.
 
     Attributes:
         period: period of the loops on board, s; None if there are no loops.
@@ -67,7 +67,7 @@ class Autopilot(Model):
         """
 
     def vehicle_recipe(self, structure: dict[str, Any], numbers: QuadrotorNumbers) -> Recipe:
-        """Return the recipe for the vehicle, given the structure and the numbers of a `Quadrotor`."""
+        """Return the recipe for the vehicle, given the structure and the parameters of a `Quadrotor`."""
         return Recipe(Quadrotor, structure, numbers)
 
     def fastest_decay(self) -> AngleRate:

@@ -41,14 +41,14 @@ class CascadeControl(Control):
 
     @model_validator(mode="after")
     def _fits_its_network(self) -> "CascadeControl":
-        """Raise an error if a network needs something that the position controller does not have."""
+        """Raise an error if the network needs a port that the position controller does not have."""
         if self.network is None:
             return self
         if not self.position.takes_correction:
             demand = f"must be left out: a position controller of kind {self.position.kind} takes no correction"
             raise self.field_error(demand, "network")
         if self.network.inputs.disturbance is not None and not self.position.estimates_disturbance:
-            demand = f"must be left out: a position controller of kind {self.position.kind} estimates none"
+            demand = f"must be left out: a position controller of kind {self.position.kind} estimates no disturbance"
             raise self.field_error(demand, "network", "inputs", "disturbance")
         return self
 
@@ -90,7 +90,7 @@ class CascadeControl(Control):
         )
 
     def contains_user_system(self) -> bool:
-        """Return whether the position controller is a system of the user's."""
+        """Return whether the position controller is a user's Python system."""
         return self.position.is_user_system
 
     def limits(self) -> ThrustVectoringSettings:

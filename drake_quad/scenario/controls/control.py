@@ -19,12 +19,12 @@ from drake_quad.scenario.unions import OpenUnion
 
 
 class Control(Model):
-    """Control on the ground. In the scenario of a fleet, numbers that a study draws are (N,) arrays.
+    """Control on the ground. In the scenario of a fleet, values that a study draws are (N,) arrays.
 
     Attributes:
         network: fuzzy network around the controller; None without a network.
-        user_system_paths: beginnings of the paths of the systems that a user's system replaces, by the name of the
-            user's system.
+        user_system_paths: prefixes of the paths of the systems that a user's system replaces, by the name of the user's
+            system.
     """
 
     kind: str
@@ -73,7 +73,7 @@ class Control(Model):
         return ()
 
     def contains_user_system(self) -> bool:
-        """Return whether it contains a system in Python of the user's."""
+        """Return whether the control contains a user's Python system."""
         return False
 
     def policy_rows(self) -> dict[str, int]:
@@ -85,7 +85,7 @@ class Control(Model):
         return False
 
     def policy_fields(self) -> dict[str, Any]:
-        """Return the fields that a control of kind `policy` takes over when it replaces this control."""
+        """Return the fields that a control of kind `policy` inherits when it replaces this control."""
         return {}
 
 

@@ -95,8 +95,8 @@ class MpcControl(LqgControl):
     )
     tilt_weight: PlainPositive = Field(
         default=10.0,
-        description="weight ζ in the cost of the horizontal specific thrust ε beyond that of max_tilt (g), with torques"
-        " over the link",
+        description="weight ζ of the excess ε of the horizontal specific thrust over its value at max_tilt (g), with"
+        " torques over the link",
     )
     takes_perturbation: ClassVar = True
 

@@ -45,14 +45,14 @@ class _CommandKind(Model):
 
     kind: str
     has_limits: ClassVar[bool]
-    """True if the command has limits of velocity and tilt of its own, so that the velocity loop has no limit."""
+    """True if the command itself limits velocity and tilt, so that the velocity loop must not have a limit."""
 
     min_thrust: MinThrust = Field(default=0.3, description="smallest thrust, relative to the nominal weight (1)")
     max_thrust: Positive = Field(default=1.8, description="largest thrust, relative to the nominal weight (1)")
 
     @abstractmethod
     def numbers(self, weight: ForceB) -> TiltNumbers | AccelerationNumbers:
-        """Return the numbers of the command, given the nominal weight of the vehicle, N."""
+        """Return the parameters of the command, given the nominal weight of the vehicle, N."""
 
 
 class TiltCommand(_CommandKind):
@@ -65,7 +65,7 @@ class TiltCommand(_CommandKind):
     )
 
     def numbers(self, weight: ForceB) -> TiltNumbers:
-        """Return the numbers of the command, given the nominal weight of the vehicle, N."""
+        """Return the parameters of the command, given the nominal weight of the vehicle, N."""
         return TiltNumbers(self.hover_thrust * weight, self.min_thrust * weight, self.max_thrust * weight)
 
 
@@ -88,7 +88,7 @@ class AccelerationCommand(_CommandKind):
     )
 
     def numbers(self, weight: ForceB) -> AccelerationNumbers:
-        """Return the numbers of the command, given the nominal weight of the vehicle, N."""
+        """Return the parameters of the command, given the nominal weight of the vehicle, N."""
         return AccelerationNumbers(
             self.feed_forward,
             self.max_speed,
@@ -103,7 +103,7 @@ class AccelerationCommand(_CommandKind):
 
 @CONTROLS.member
 class PidCascadeControl(Control):
-    """PID loops on position and velocity, as in common firmwares; attitude and body rates are controlled on board."""
+    """PID loops on position and velocity, as in common firmware; attitude and body rates are controlled on board."""
 
     kind: Literal["pid_cascade"]
     period: Period | None = Field(

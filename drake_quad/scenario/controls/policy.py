@@ -59,7 +59,7 @@ class PolicyControl(Control):
         """Raise a validation error if the action does not fit the autopilot, or the observation the obstacles."""
         self.action.check_fits(scenario)
         if "clearance" in self.observation.signals and not (scenario.space and scenario.space.obstacles):
-            demand = "must not have clearance, which is infinite without obstacles in `space`"
+            demand = "must not contain clearance, which is infinite without obstacles in `space`"
             raise scenario.field_error(demand, "control", "observation", "signals")
 
     def recipes(self, setting: ControlSetting) -> dict[str, Recipe]:

@@ -13,7 +13,7 @@ from drake_quad.vehicle.aerodynamics import BodyDrag
 
 @EFFECTS.member
 class BodyDragEffect(AirLoadEffect):
-    """Drag of the body on each axis k: F_k = (c1_k + c2_k |u|) u_k, with u the velocity of the air relative to it."""
+    """Drag of the body on each axis k: F_k = (c1_k + c2_k |u|) u_k, with the air velocity u relative to the body."""
 
     linear: PerAxis = field_of(BodyDrag, "linear", "c1, force over airspeed along x, y, z of B")
     quadratic: PerAxis = field_of(BodyDrag, "quadratic", "c2, force over squared airspeed along x, y, z of B")
@@ -33,6 +33,6 @@ class BodyDragEffect(AirLoadEffect):
         return self.model_copy(update={"centre_of_pressure": NO_OFFSET})
 
     def max_slope(self, vehicle: Any, airspeed: Row) -> Row:
-        """Return the largest derivative on any axis of the drag with respect to the speed, N s/m."""
+        """Return the derivative of the drag with respect to the speed, N s/m, on the axis on which it is largest."""
         pairs = zip(self.linear, self.quadratic, strict=True)
         return reduce(np.maximum, [linear + 2.0 * quadratic * airspeed for linear, quadratic in pairs])

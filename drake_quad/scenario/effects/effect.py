@@ -21,7 +21,7 @@ NO_OFFSET = (0.0, 0.0, 0.0)
 class VehicleEffect(Model):
     """Effect on the vehicle that the paper's equations do not contain.
 
-    In the scenario of a fleet, numbers that a study draws are (N,) arrays.
+    In the scenario of a fleet, values that a study draws are (N,) arrays.
 
     Attributes:
         field: name of the field of a vehicle that contains the effect.

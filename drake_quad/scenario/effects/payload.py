@@ -25,7 +25,7 @@ class PayloadEffect(VehicleEffect):
     )
     inertia: PerAxis = Field(
         default=NO_OFFSET,
-        description="moments of inertia about the payload's own centre of mass, on x, y, z of B (kg m²), 0 for a point"
+        description="moments of inertia about the payload's centre of mass, on x, y, z of B (kg m²), 0 for a point"
         f" mass{INERTIA_RULE}",
     )
     time: Moment = Field(description="time of the event (s)")

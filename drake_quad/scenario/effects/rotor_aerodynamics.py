@@ -17,16 +17,16 @@ class RotorAerodynamicsEffect(AirLoadEffect):
     lift: NonNegative = field_of(
         RotorAerodynamics,
         "lift",
-        "thrust gained by all rotors together, over the squared airspeed perpendicular to z of B",
+        "thrust gained by all rotors together, divided by the squared airspeed perpendicular to z of B",
     )
     climb: Number = field_of(
-        RotorAerodynamics, "climb", "thrust lost by all rotors together, over the speed of climb along z of B"
+        RotorAerodynamics, "climb", "thrust lost by all rotors together, divided by the speed of climb along z of B"
     )
     drag: NonNegative = field_of(
-        RotorAerodynamics, "drag", "force on a rotor perpendicular to z of B, over airspeed and rotor speed"
+        RotorAerodynamics, "drag", "force on a rotor perpendicular to z of B, divided by airspeed and rotor speed"
     )
     inflow: NonNegative = field_of(
-        RotorAerodynamics, "inflow", "thrust lost by a rotor, over the speed of climb along z of B and rotor speed"
+        RotorAerodynamics, "inflow", "thrust lost by a rotor, divided by speed of climb along z of B and rotor speed"
     )
     field: ClassVar = "rotor_aerodynamics"
     meaning: ClassVar = "lift, climb, drag and inflow of the rotors; none if not given"
@@ -37,7 +37,7 @@ class RotorAerodynamicsEffect(AirLoadEffect):
     belongs_to_airframe: ClassVar = True
 
     def max_slope(self, vehicle: Any, airspeed: Row) -> Row:
-        """Return the largest derivative on any axis of the force with respect to the speed, N s/m."""
+        """Return the derivative of the force with respect to the speed, N s/m, on the axis on which it is largest."""
         total_rotor_speed = len(RotorSpeed._fields) * vehicle.max_rotor_speed
         along_z = abs(self.climb) + self.inflow * total_rotor_speed + 2.0 * self.lift * airspeed
         return np.maximum(self.drag * total_rotor_speed, along_z)

@@ -56,8 +56,8 @@ def parse_document(text: str, source: str, *, numbered: bool = True, most: int =
 class _Reader(Composer):
     """Reader of one document, which converts text to nodes, and nodes to trees.
 
-    It stops at the first name or value beyond a limit and does not parse the rest of the text. The content of an alias
-    counts each time that the alias occurs, since it may contain further aliases, or itself.
+    Reading stops at the first name or value beyond a limit, and the rest of the text is not parsed. The content of an
+    alias counts each time that the alias occurs, since it may contain further aliases, or itself.
     """
 
     def __init__(self, source: str, numbered: bool, most: int) -> None:
@@ -66,7 +66,7 @@ class _Reader(Composer):
 
     def of(self, loader: YAML) -> "_Reader":
         super().__init__(loader)
-        self.warn_double_anchors = False  # the YAML standard allows to redefine an anchor
+        self.warn_double_anchors = False  # the YAML standard allows an anchor to be redefined
         return self
 
     def _mark(self, place: Any) -> Mark:
@@ -77,18 +77,20 @@ class _Reader(Composer):
         self._level += 1
         if self._count > self._most:
             raise InputError(
-                f"{self._mark(place)}: is too large: a scenario and all that it extends may have {MAX_NODES:,} names"
-                " and values"
+                f"{self._mark(place)}: is too large: a scenario and all that it extends may have at most {MAX_NODES:,}"
+                " names and values"
             )
         if self._level > MAX_LEVELS:
-            raise InputError(f"{self._mark(place)}: is nested too deeply: a scenario may have {MAX_LEVELS} levels")
+            raise InputError(
+                f"{self._mark(place)}: is nested too deeply: a scenario may have at most {MAX_LEVELS} levels"
+            )
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         event = self.parser.peek_event()
         self._enter(event.start_mark)
         if isinstance(event, ScalarEvent) and len(event.value) > MAX_CHARACTERS:
             raise InputError(
-                f"{self._mark(event.start_mark)}: {shown(event.value)} is too long: a name or value may have"
+                f"{self._mark(event.start_mark)}: {shown(event.value)} is too long: a name or value may have at most"
                 f" {MAX_CHARACTERS:,} characters"
             )
         node = super().compose_node(parent, index)
@@ -122,7 +124,7 @@ class _Reader(Composer):
             if key in seen:
                 raise InputError(f"{mark}: {shown(key)} is already given at {seen[key]}")
             seen[key] = mark
-            # A field has the mark of its name, since readers look for that line instead of the first line of its value.
+            # Messages about a field refer to the line of its name, not to the first line of its value.
             yield key, Tree(self._tree(value_node).value, mark)
 
     def _scalar(self, node: Any) -> Any:

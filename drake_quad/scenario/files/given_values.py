@@ -21,7 +21,8 @@ def given_trees(fields: Mapping[Any, Any], library: Library) -> Iterator[Tree]:
     """Yield a document for each field of a mapping from paths to values.
 
     Args:
-        fields: values by the path of their field, such as `vehicle.mass`. A value may be a mapping from paths, too.
+        fields: values by the path of their field, such as `vehicle.mass`. A value may itself be a mapping from paths to
+            values.
         library: library of the scenario, whose limits include the values.
 
     Raises:
@@ -53,7 +54,7 @@ class _Values:
         """
         self._library.count(self._mark)
         if level > MAX_LEVELS:
-            raise InputError(f"{self._mark}: is nested too deeply: a scenario may have {MAX_LEVELS} levels")
+            raise InputError(f"{self._mark}: is nested too deeply: a scenario may have at most {MAX_LEVELS} levels")
         if isinstance(value, Model):
             value = value.model_dump(mode="json")
         if isinstance(value, Mapping):
@@ -70,7 +71,8 @@ class _Values:
             )
         if isinstance(value, str) and len(value) > MAX_CHARACTERS:
             raise InputError(
-                f"{self._mark}: {shown(value)} is too long: a name or value may have {MAX_CHARACTERS:,} characters"
+                f"{self._mark}: {shown(value)} is too long: a name or value may have at most {MAX_CHARACTERS:,}"
+                " characters"
             )
         return Tree(value, self._mark)
 
@@ -87,7 +89,7 @@ class _Values:
             except InputError as error:
                 raise InputError(f"{self._mark}: {error}") from None
             if level + len(steps) > MAX_LEVELS:
-                raise InputError(f"{self._mark}: is nested too deeply: a scenario may have {MAX_LEVELS} levels")
+                raise InputError(f"{self._mark}: is nested too deeply: a scenario may have at most {MAX_LEVELS} levels")
             tree = self.tree(value, inside, level + len(steps))
             for step in reversed(steps):
                 tree = Tree({step: tree}, self._mark)

@@ -153,8 +153,8 @@ def check_description(tree: Tree) -> None:
         return
     if missing := _missing(nominal):
         raise InputError(
-            f"{nominal.mark}: nominal has a mass and an inertia, but not {listed(missing)}; add what is missing, since"
-            " the defaults are those of the paper's vehicle"
+            f"{nominal.mark}: nominal has a mass and an inertia, but not {listed(missing)}; add these fields, since"
+            " their defaults belong to the paper's vehicle"
         )
 
 

@@ -67,9 +67,10 @@ class Library:
         """Parse YAML text that counts towards the limits of the scenario; see `parse_document`."""
         if len(text) > self._bytes:
             raise InputError(
-                f"{Mark(source, 0)}: is too large: a scenario and all that it extends may have {MAX_BYTES:,} bytes"
+                f"{Mark(source, 0)}: is too large: a scenario and all that it extends may have at most {MAX_BYTES:,}"
+                " bytes"
             )
-        tree = parse_document(text, source, numbered=numbered)  # the default limit makes use of the cache
+        tree = parse_document(text, source, numbered=numbered)  # only results with the default limit are reused
         if tree.size() > self._nodes:
             tree = parse_document(text, source, numbered=numbered, most=self._nodes)
         self._bytes -= len(text)
@@ -85,7 +86,8 @@ class Library:
         self._nodes -= 1
         if self._nodes < 0:
             raise InputError(
-                f"{mark}: is too large: a scenario and all that it extends may have {MAX_NODES:,} names and values"
+                f"{mark}: is too large: a scenario and all that it extends may have at most {MAX_NODES:,}"
+                " names and values"
             )
 
     def _document(self, path: Path) -> Tree:

@@ -254,7 +254,7 @@ def validated(model: type[_AnyModel], tree: Tree) -> _AnyModel:
     except ValidationError as error:
         problems = error.errors(include_url=False)
     paths = [_document_path(problem, data) for problem in problems if _gives_items(problem)]
-    # Lists of which only some items are given by index are completed with the defaults of the model.
+    # If only some items of a list are given, by index, the model's defaults supply the other items.
     rest = reduce(_without_field, paths, tree)
     try:
         defaults = model.model_validate(rest.plain()).model_dump(mode="json") if paths else {}
@@ -311,7 +311,7 @@ def _parsed(override: Override, library: Library) -> Tree:
     except InputError as error:
         raise InputError(f"{mark}: {error}") from None
     if len(keys) > MAX_LEVELS:
-        raise InputError(f"{mark}: is nested too deeply: a scenario may have {MAX_LEVELS} levels")
+        raise InputError(f"{mark}: is nested too deeply: a scenario may have at most {MAX_LEVELS} levels")
     tree = library.parse(text, source, numbered=False)
     for key in reversed(keys):
         tree = Tree({key: tree}, mark)
@@ -340,7 +340,7 @@ def _explain(problems: Sequence[Any], model: type[Model], tree: Tree, data: Any)
     place, depth = tree.at(path)
     if depth == len(path):
         complaint = _complaint(problem, shown(place.plain()), path, model)
-    else:  # the value is a default, which has no place in a file
+    else:  # the value is a default, which no file contains
         complaint = _complaint(problem, f"{shown(context.get('value', problem['input']))} by default", path, model)
     return f"{place.mark}: {_path_text(path)} {complaint}{more}"
 

@@ -1,4 +1,4 @@
-"""Trees of YAML values, each with its place in a file or an override for error messages."""
+"""Trees of YAML values. Error messages refer to the location of a value in a file or an override."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -10,12 +10,12 @@ _MAX_SOURCE_CHARACTERS = 120
 
 
 class Mark(NamedTuple):
-    """Place of a value in a file or an override.
+    """Location of a value in a file or an override.
 
     Attributes:
         source: path of the file, or text of the override.
         line: line in the file, from 1 on; 0 for an override or a whole file.
-        remark: text that messages show after the place.
+        remark: text that messages show after the location.
     """
 
     source: str
@@ -32,7 +32,7 @@ class Tree(NamedTuple):
 
     Attributes:
         value: dict of trees by key, list of trees, or scalar.
-        mark: place of the value.
+        mark: location of the value.
     """
 
     value: Any

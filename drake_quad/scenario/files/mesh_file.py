@@ -64,7 +64,7 @@ def mesh_points(path: Path) -> Tree:
     if read is None:
         flaw = _FLAWS_BY_SUFFIX.get(suffix, "is not a mesh that can be read: its name must end in .obj or .stl")
         raise InputError(f"{mark}: {flaw}")
-    data = read_bytes(path, _MAX_MESH_BYTES, f"a mesh may have {_MAX_MESH_BYTES:,} bytes")
+    data = read_bytes(path, _MAX_MESH_BYTES, f"a mesh may have at most {_MAX_MESH_BYTES:,} bytes")
     if flaw := _other_format_flaw(data[:_NUM_SEARCHED_BYTES].lower()):
         raise InputError(f"{mark}: {flaw}")
     try:
@@ -81,7 +81,7 @@ def mesh_points(path: Path) -> Tree:
 
 
 def _other_format_flaw(beginning: bytes) -> str:
-    """Return an error message for a file whose first bytes are those of another known format; empty otherwise."""
+    """Return an error message for a file whose first bytes identify another known format; empty otherwise."""
     flaws = [flaw for start, flaw in _FLAWS_BY_FIRST_BYTES.items() if beginning.startswith(start)]
     if beginning.removeprefix(codecs.BOM_UTF8).lstrip().startswith(b"<"):
         flaws += [flaw for element, flaw in _FLAWS_BY_ELEMENT.items() if element in beginning]

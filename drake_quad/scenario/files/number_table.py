@@ -13,7 +13,7 @@ from drake_quad.scenario.limits import MAX_WAYPOINTS
 from drake_quad.written_numbers import parse_float
 
 Row = tuple[Mark, dict[str, float | None]]
-"""Place of a row in its file, and its numbers by column, with None for an empty cell."""
+"""Location of a row in its file, and its numbers by column, with None for an empty cell."""
 
 
 class TableFormat(NamedTuple):
@@ -67,7 +67,7 @@ def table_rows(text: str, path: Path, table: TableFormat) -> list[Row]:
 
 
 def _filled_rows(text: str, file: Mark, table: TableFormat) -> Iterator[tuple[Mark, list[str]]]:
-    """Yield the place and the cells of each row that is neither empty nor a comment."""
+    """Yield the location and the cells of each row that is neither empty nor a comment."""
     reader = csv.reader(io.StringIO(text, newline=""))
     count = 0
     try:
@@ -78,7 +78,7 @@ def _filled_rows(text: str, file: Mark, table: TableFormat) -> Iterator[tuple[Ma
             mark = file._replace(line=reader.line_num)
             count += 1
             if count > MAX_WAYPOINTS + 1:  # one row may contain the names of the columns
-                limit = f"a route may have {MAX_WAYPOINTS:,} {table.content}"
+                limit = f"a route may have at most {MAX_WAYPOINTS:,} {table.content}"
                 raise InputError(f"{mark}: the table has too many rows: {limit}")
             yield mark, cells
     except csv.Error:

@@ -104,7 +104,7 @@ def network_of_onnx(data: bytes, file: str, output: str | None = None) -> tuple[
     except Exception:  # the parser raises exceptions of several types of its own
         raise UnreadableError("is not an ONNX model") from None
     if any(onnx.external_data_helper.uses_external_data(each) for each in model.graph.initializer):
-        raise UnreadableError("keeps its numbers in another file; export it with external_data=False")
+        raise UnreadableError("stores its weights in another file; export it with external_data=False")
     known = onnx.defs.onnx_opset_version()
     for each in model.opset_import:
         if each.domain in _STANDARD_DOMAINS and not 1 <= each.version <= known:
@@ -129,8 +129,9 @@ class _Node:
 
     Attributes:
         kind: kind of the node, such as "Gemm".
-        constants: inputs of the node; None for the output of the node before in the chain, and for omitted inputs.
-        chain_index: index of the input that is the output of the node before.
+        constants: constant inputs of the node; None for the output of the previous node in the chain, and for omitted
+            inputs.
+        chain_index: index of the input that is the output of the previous node.
         attributes: attributes of the node, by name.
     """
 
@@ -152,8 +153,8 @@ class _Graph:
         action: name of the output that is the action.
 
     Raises:
-        UnreadableError: if the graph has several inputs, no outputs, not the selected output, or operators of another
-            domain.
+        UnreadableError: if the graph has several inputs or no outputs, lacks the selected output, or contains operators
+            outside `_STANDARD_DOMAINS`.
     """
 
     def __init__(self, model: Any, output: str | None) -> None:
@@ -169,7 +170,7 @@ class _Graph:
         self.action = output or min(self.outputs, key=lambda name: name.lower() not in _ACTION_NAMES)
         if len(self._inputs) != 1:
             names = listed(self._inputs)
-            raise UnreadableError(f"has the inputs {names}, but must have one" if names else "has no inputs")
+            raise UnreadableError(f"has the inputs {names}, but must have only one" if names else "has no inputs")
         other = next((node for node in graph.node if node.domain not in _STANDARD_DOMAINS), None)
         if other is not None:
             raise UnreadableError(
@@ -300,7 +301,7 @@ def _add(layers: Layers, node: _Node, *, is_last: bool) -> None:
     """Add the operation of a node to the layers.
 
     Args:
-        layers: layers of the nodes before.
+        layers: layers of the preceding nodes.
         node: node to add.
         is_last: True if no later node changes the numbers.
     """

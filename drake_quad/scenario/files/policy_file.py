@@ -52,7 +52,7 @@ def policy_network(path: Path, output: str | None = None) -> Tree:
     read = readers.get(path.suffix.lower())
     if read is None:
         raise InputError(f"{mark}: is not a network that can be read: its name must end in .npz or .onnx")
-    data = read_bytes(path, _MAX_FILE_BYTES, f"the file of a network may have {_MAX_FILE_BYTES:,} bytes")
+    data = read_bytes(path, _MAX_FILE_BYTES, f"the file of a network may have at most {_MAX_FILE_BYTES:,} bytes")
     try:
         # Computations with the constants of a file may overflow. Validation later rejects numbers that are not finite.
         with np.errstate(all="ignore"):
@@ -108,7 +108,7 @@ def _of_npz(data: bytes) -> TrainedNetwork:
 
 def _single(array: np.ndarray, name: str) -> float:
     if array.size != 1:
-        raise UnreadableError(f"has an array {name} with {array.size} numbers, but it must be one number")
+        raise UnreadableError(f"has an array {name} with {array.size} numbers, but must contain one number")
     return float(array.item())
 
 

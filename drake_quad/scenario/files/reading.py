@@ -38,7 +38,7 @@ def read_bytes(path: Path, most: int, limit: str) -> bytes:
     Args:
         path: path of the file.
         most: largest number of bytes.
-        limit: description of the limit for the message, such as "a mesh may have 1,000 bytes".
+        limit: description of the limit for the message, such as "a mesh may have at most 1,000 bytes".
 
     Raises:
         InputError: if the file cannot be read or is too large.
@@ -60,7 +60,7 @@ def read_text(path: Path, *, most: int = MAX_BYTES) -> str:
     Raises:
         InputError: if the file cannot be read, is not UTF-8 text, or is too large.
     """
-    limit = f"a scenario and all that it extends may have {MAX_BYTES:,} bytes"
+    limit = f"a scenario and all that it extends may have at most {MAX_BYTES:,} bytes"
     try:
         return read_bytes(path, most, limit).decode("utf-8-sig")
     except UnicodeDecodeError:

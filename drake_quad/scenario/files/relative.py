@@ -20,8 +20,8 @@ RELATIVE = "relative"
 # Key of the value to which a relative distribution applies. It contains a space, so no path can name it.
 _BASE_VALUE = "value beneath"
 _REFERENCE_VALUE = "to"
-# Fields that are relative to the vehicle already, so their distributions are not scaled.
-_SHARE_FIELDS = ("thrust_factor_error", "battery_sag")
+# Fields whose values are already fractions of a property of the vehicle, so their distributions are not scaled.
+_FRACTION_FIELDS = ("thrust_factor_error", "battery_sag")
 
 
 def is_relative(tree: Tree) -> bool:
@@ -99,7 +99,7 @@ def with_absolute_distributions(tree: Tree, nominal: Any, defaults: Any) -> tupl
             default = getattr(nominal, name, getattr(defaults, name, None))
             if name == "centre_of_mass":
                 default = (arm_length_of(nominal),) * 2
-            elif name in _SHARE_FIELDS:
+            elif name in _FRACTION_FIELDS:
                 default = 1.0
             is_unknown = name not in type(defaults).model_fields
             fields[name] = field if is_unknown else _absolute(field, default, f"vehicle.{name}", dropped)
@@ -124,7 +124,7 @@ def _absolute(tree: Tree, reference: Any, path: str, dropped: dict[str, Tree]) -
     if is_relative(tree):
         base = tree.value.get(_BASE_VALUE)
         number = reference if base is None else _median(base)
-        if path.split(".")[1] in (*_SHARE_FIELDS, "centre_of_mass"):
+        if path.split(".")[1] in (*_FRACTION_FIELDS, "centre_of_mass"):
             number = reference
         if number is None:
             dropped[path] = tree
@@ -205,7 +205,7 @@ def _scaled(tree: Tree, number: float, path: str) -> Tree:
             f"{tree.mark}: {path} is {number:g}, and a negative number has no relative distribution; make the"
             " distribution absolute"
         )
-    if number == 0.0 and path.split(".")[1] not in _SHARE_FIELDS:
+    if number == 0.0 and path.split(".")[1] not in _FRACTION_FIELDS:
         return Tree(0.0, tree.mark)
     factor = number / reference
     inside = body.value[name]

@@ -23,7 +23,7 @@ def shipped_folder() -> Path:
 def shipped_file(name: str) -> Path | None:
     """Return the path of a shipped file such as `vehicles/racer`; None if there is no such file.
 
-    A path below the working directory is returned relative to it.
+    A path inside the working directory is returned relative to this directory.
     """
     if not re.fullmatch(r"[\w-]+(/[\w-]+)*", name):
         return None

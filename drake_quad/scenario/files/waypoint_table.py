@@ -15,8 +15,8 @@ _FORMAT = TableFormat(
 def parse_waypoint_table(text: str, path: Path) -> Tree:
     """Parse a table of waypoints.
 
-    The first row names the columns. x, y and z (m) are required, time (s) and yaw (rad) are optional, and a yaw that is
-    free has an empty cell. Without a row of names, the table must have the three columns x, y and z.
+    The first row names the columns. x, y and z (m) are required, time (s) and yaw (rad) are optional, and the cell of a
+    free yaw is empty. Without a row of names, the table must have the three columns x, y and z.
 
     Args:
         text: text of the file.

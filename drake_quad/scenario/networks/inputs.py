@@ -93,7 +93,7 @@ class NetworkInputs(Model):
 
     @property
     def given(self) -> dict[InputName, InputSets]:
-        """Inputs that the network has, in the order in which the rules take them."""
+        """Inputs of the network, in the order in which its rules use them."""
         return {name: sets for name in _INPUT_NAMES if (sets := getattr(self, name)) is not None}
 
     @model_validator(mode="after")

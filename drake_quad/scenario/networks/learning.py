@@ -16,7 +16,7 @@ class _Learning(Model):
     """Common fields of all learning laws."""
 
     weight_limit: Positive | None = Field(
-        default=None, description="largest size of a weight (m/s²); no limit if not given"
+        default=None, description="largest magnitude of a weight (m/s²); no limit if not given"
     )
     initial_weight: Number = Field(default=0.0, description="initial weight of all rules (m/s²)")
     leakage: NonNegative = Field(default=0.0, description="rate at which the weights decay without an error (1/s)")
@@ -40,11 +40,11 @@ class _LearningFromEither(_Learning):
     signal: Literal["surface", "feedback"] = Field(
         default="surface",
         description="signal from which the network learns: s_p of eq (15) (m/s), or the whole feedback of the"
-        " controller, the PD less any estimated disturbance (m/s²), for which the gains have other units",
+        " controller, the PD less any estimated disturbance (m/s²), for which the gains have different units",
     )
     slope: Positive = Field(default=1.0, description="λ of eq (15) (1/s); not used with the feedback")
     deadzone: NonNegative = Field(
-        default=0.0, description="size of the signal below which the network does not learn (m/s)"
+        default=0.0, description="magnitude of the signal below which the network does not learn (m/s)"
     )
 
 
@@ -83,12 +83,10 @@ class SignLearning(_Learning):
     """Learning law that uses only the sign of the PD's command, with a growing rate of change of the correction."""
 
     kind: Literal["sign"]
-    rate: Positive = Field(default=1.0, description="growth rate γ of the slope (1/s²)")
-    initial_slope: NonNegative = Field(
-        default=0.0, description="initial slope, the rate of change of the correction (m/s³)"
-    )
+    rate: Positive = Field(default=1.0, description="growth rate γ of the rate of change of the correction (1/s²)")
+    initial_slope: NonNegative = Field(default=0.0, description="initial rate of change of the correction (m/s³)")
     deadzone: NonNegative = Field(
-        default=0.0, description="size of the command below which the network does not learn (m/s²)"
+        default=0.0, description="magnitude of the command below which the network does not learn (m/s²)"
     )
     signal: ClassVar = "feedback"
     slope: ClassVar = 0.0

@@ -1,1 +1,1 @@
-"""Policies of the scenario language: trained networks and what they see."""
+"""Policies of the scenario language: trained networks and their observations."""

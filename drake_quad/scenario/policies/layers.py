@@ -20,18 +20,19 @@ class Layers:
     """Sequence of layers, built by one call after another, with their weights and biases.
 
     Elementwise arithmetic after an activation is merged into the weights and biases of the next layer. If there is no
-    next layer, it becomes a layer of its own.
+    next layer, the arithmetic becomes an additional layer.
 
     Attributes:
         layers: fields of each layer, as in `TrainedNetwork.layers`.
-        preprocessing: `offset`, `scale` and `limit` of `TrainedNetwork`, as far as the network has them.
+        preprocessing: `offset`, `scale` and `limit` of `TrainedNetwork`, if the network has them.
     """
 
     def __init__(self) -> None:
         self.layers: list[dict[str, Any]] = []
         self._numbers: list[np.ndarray] = []
         self.preprocessing: dict[str, Any] = {}
-        # Factor and summand, not yet merged, on the output of the last layer or on the limited input.
+        # Factor and summand, not yet merged, that apply to the output of the last layer, or without layers to the
+        # limited input.
         self._pending: tuple[np.ndarray, np.ndarray] | None = None
 
     def dense(
@@ -47,7 +48,7 @@ class Layers:
         self._numbers += [weights, biases]
 
     def gru(self, input_gates: _Gates, hidden_gates: _Gates, initial: np.ndarray | None) -> None:
-        """Add gated recurrent units, with the numbers of the reset, update and new gates stacked in this order.
+        """Add gated recurrent units, whose weights and biases are stacked in the order reset, update, new gate.
 
         Args:
             input_gates: weights (3 units, inputs) and biases (3 units,) of the input.

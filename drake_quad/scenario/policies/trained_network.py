@@ -14,7 +14,7 @@ from drake_quad.scenario.distributions import Model, Real, omits_defaults, refus
 from drake_quad.scenario.limits import MAX_CHARACTERS, MAX_NETWORK_BYTES
 from drake_quad.scenario.quantities import PlainPositive
 
-# Number of rows of a layer. The size of a network is mainly limited by MAX_NETWORK_BYTES.
+# Number of rows of a layer. In practice, MAX_NETWORK_BYTES is the tighter limit on the size of a network.
 Rows = Annotated[int, Field(ge=1, le=4096)]
 _Precision = Literal["single", "double"]
 _DTYPES: dict[_Precision, np.dtype[Any]] = {"single": np.dtype("<f4"), "double": np.dtype("<f8")}
@@ -29,8 +29,8 @@ class DenseLayer(Model):
     activation: Activation = Field(default="identity", description="activation function of each output row")
     alpha: Real | None = Field(
         default=None,
-        description="parameter of elu, whose limit is -alpha (1 if not given), or of leaky_relu, the slope for negative"
-        " numbers (0.01 if not given)",
+        description="parameter of elu, whose limit is -alpha (1 if not given), or of leaky_relu, the derivative for"
+        " negative numbers (0.01 if not given)",
     )
 
     _serialized = omits_defaults("alpha")
@@ -97,7 +97,8 @@ class TrainedNetwork(Model):
     offset: _Numbers | None = Field(default=None, description="number that is subtracted from each row of the input")
     scale: _Numbers | None = Field(default=None, description="factor by which each row of the input is then multiplied")
     limit: PlainPositive | None = Field(
-        default=None, description="largest size to which each row of the input is then limited (1); null for no limit"
+        default=None,
+        description="largest magnitude of each row of the input after scaling (1); null for no limit",
     )
 
     @classmethod
@@ -109,7 +110,7 @@ class TrainedNetwork(Model):
             numbers: numbers of all layers, one layer after another.
             preprocessing: `offset`, `scale` and `limit`, if given.
         """
-        with np.errstate(over="ignore"):  # numbers beyond single precision become infinite, so the test below fails
+        with np.errstate(over="ignore"):  # numbers that overflow become infinite, so the comparison fails
             precision: _Precision = "single" if (numbers.astype("<f4") == numbers).all() else "double"
         text = base64.b64encode(numbers.astype(_DTYPES[precision]).tobytes()).decode("ascii")
         pieces = tuple([text[k : k + MAX_CHARACTERS] for k in range(0, len(text), MAX_CHARACTERS)])
@@ -120,7 +121,7 @@ class TrainedNetwork(Model):
         """Raise an error if successive layers do not match, or the number of weights and biases is wrong."""
         for place, (before, after) in enumerate(zip(self.layers[:-1], self.layers[1:], strict=True), start=1):
             if after.inputs != before.outputs:
-                demand = f"must be {before.outputs}, the number of outputs of the layer before"
+                demand = f"must be {before.outputs}, the number of outputs of the preceding layer"
                 raise self.field_error(demand, "layers", place, "inputs")
         count = sum(layer.num_numbers for layer in self.layers)
         if count * _DTYPES[self.precision].itemsize > MAX_NETWORK_BYTES:

@@ -18,14 +18,14 @@ from drake_quad.scenario.unions import OpenUnion
 class PositionController(Model):
     """Control law from the position error to a commanded acceleration.
 
-    In the scenario of a fleet, numbers that a study draws are (N,) arrays.
+    In the scenario of a fleet, values that a study draws are (N,) arrays.
 
     Attributes:
         feed_forward: highest derivative of the reference that is fed forward.
         takes_correction: True if the controller can have a fuzzy network around it, which needs the port `correction`.
         estimates_disturbance: True if the controller has the port `disturbance`, which can be an input of a network.
         has_integral: True if the controller has integral gains `k_i`.
-        is_user_system: True if the controller is a system in Python of the user's.
+        is_user_system: True if the controller is a user's Python system.
     """
 
     kind: str
@@ -53,7 +53,7 @@ class PositionController(Model):
         return systems["position"]
 
     def plain(self) -> Any:
-        """Return the PD or PID controller that replaces this controller for the design of gains.
+        """Return the PD or PID controller for which the gains of this controller are designed.
 
         Raises:
             InputError: if the controller has no gains that can be designed.

@@ -48,8 +48,8 @@ class CommandedResponse(BelievedResponse):
     )
     feed_forward_lag: Spans | None = Field(
         default=None,
-        description="time constant for the fed-forward part of the command, which does not wait for the attitude if its"
-        " derivatives are fed forward, too (s); `lag` if not given",
+        description="time constant for the fed-forward part of the command, which is not delayed by the attitude if its"
+        " derivatives are also fed forward (s); `lag` if not given",
     )
 
     def estimator(self, laws: tuple[Any, ...], limit: Row, setting: ControlSetting) -> Recipe:

@@ -24,7 +24,7 @@ from drake_quad.space.space import Space
 
 Laps = Annotated[int, Field(ge=1, le=100)]
 KnownEnd = tuple[tuple[str | int, ...], float | None]
-"""Path of the field of a scenario that determines the end of its route, and that time, s."""
+"""Path of the field of a scenario that determines the end time of its route, and this time, s."""
 
 
 class Planned(NamedTuple):
@@ -34,8 +34,8 @@ class Planned(NamedTuple):
         plan: plan to fly.
         problem: planning problem of a route through waypoints, including corridors around obstacles; None for other
             routes.
-        waypoints: (waypoints,) indices of the route's waypoints among those of the problem, without repeats; None
-            unless the path was planned around the obstacles of a space.
+        waypoints: (waypoints,) indices of the route's waypoints among the waypoints of the problem, without repeats;
+            None unless the path was planned around the obstacles of a space.
         space: space in which the path was planned, if there is one.
     """
 
@@ -51,7 +51,7 @@ class MissionRoute(Model):
     kind: str
 
     def known_end(self) -> KnownEnd:
-        """Return the field that determines the end of the route, and that time, s; None if the time needs a plan."""
+        """Return the field that sets the end time of the route, and this time, s; None if only planning yields it."""
         return ("route",), None
 
     def limits(self) -> PathLimits:
@@ -81,9 +81,9 @@ AnyRoute = Annotated[MissionRoute, ROUTES]
 class MovingRoute(MissionRoute):
     """Route with limits on speed and acceleration."""
 
-    yaw: Direction = Field(default=0.0, description="yaw of the reference with heading: constant (rad)")
+    yaw: Direction = Field(default=0.0, description="yaw of the reference, for heading: constant (rad)")
     heading: Literal["constant", "along_path"] = Field(
-        default="constant", description="rule for the yaw; with along_path it is the direction of the velocity"
+        default="constant", description="rule for the yaw; with along_path, the yaw is the direction of the velocity"
     )
     top_speed: Positive = Field(default=2.0, description="limit on the speed (m/s); the paper's 2 m/s")
     top_acceleration: Positive = Field(

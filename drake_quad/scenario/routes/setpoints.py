@@ -43,7 +43,7 @@ class SetpointsRoute(MissionRoute):
 
     @model_validator(mode="after")
     def _in_radians(self) -> "SetpointsRoute":
-        """Raise an error if a constant yaw must have been given in degrees; a changing yaw may be of any size."""
+        """Raise an error if a constant yaw must have been given in degrees; a varying yaw may have any magnitude."""
         yaws = {setpoint[4] for setpoint in self.setpoints}
         if len(yaws) == 1 and abs(yaw := yaws.pop()) > TWO_TURNS:
             raise self.field_error(radians_demand(yaw, TWO_TURNS), "setpoints", 0, 4)

@@ -15,12 +15,13 @@ from drake_quad.scenario.quantities import TWO_TURNS, PlainMoment, PlainPositive
 from drake_quad.scenario.routes.route import ROUTES, KnownEnd, MissionRoute, Planned
 from drake_quad.space.space import Space
 
-# Unit and largest allowed jump between the pieces of a trajectory, by path and order of the derivative. Jumps of this
-# size do not affect a vehicle.
+# Unit and largest allowed jump between the pieces of a trajectory, by path and order of the derivative. Jumps this
+# small do not affect a vehicle.
 _MAX_JUMPS = {("path", 0): ("m", 1e-3), ("path", 1): ("m/s", 1e-2), ("yaw", 0): ("rad", 1e-2)}
-# Rounding error of coefficients in files, which have six decimals. Its effect at the end of a piece is also allowed.
+# Rounding error of coefficients in files, which have six decimals. Its effect at the end of a piece is added to the
+# largest jump.
 _COEFFICIENT_ROUNDING = 1e-6
-# Fractions of a piece at which two pieces meet: the end of the first and the beginning of the second.
+# Times at which two pieces meet, as fractions of each piece: the end of the first and the beginning of the second.
 _JOINT = np.array([1.0, 0.0])
 
 
@@ -99,12 +100,12 @@ class TrajectoryRoute(MissionRoute):
             given = "neither" if self.knots is None else "both"
             raise refused(f"must have either knots or pieces, not {given}")
         if self.pieces is not None and self.yaw_knots is not None:
-            raise self.field_error("must be left out, since pieces have a yaw of their own", "yaw_knots")
+            raise self.field_error("must be left out, since pieces contain the yaw", "yaw_knots")
         return self
 
     @model_validator(mode="after")
     def _in_radians(self) -> "TrajectoryRoute":
-        """Raise an error if a constant yaw must have been given in degrees; a changing yaw may be of any size."""
+        """Raise an error if a constant yaw must have been given in degrees; a varying yaw may have any magnitude."""
         pieces, yaw_knots = self.pieces or (), self.yaw_knots or ()
         yaws = {piece.yaw[0] for piece in pieces} | {knot.yaw for knot in yaw_knots}
         turns = any(any(piece.yaw[1:]) for piece in pieces) or any(knot.yaw_rate for knot in yaw_knots)
@@ -146,7 +147,7 @@ class TrajectoryRoute(MissionRoute):
                 if not jump <= limit:
                     quantity = "yaw" if name == "yaw" else "velocity" if order else "position"
                     jumps = f"its {quantity} jumps by {jump:.3g} {unit}, more than {limit:.2g}"
-                    raise refused(f"must continue from the end of the piece before: {jumps}", path=("pieces", i))
+                    raise refused(f"must continue from the end of the preceding piece: {jumps}", path=("pieces", i))
         return self
 
     def known_end(self) -> KnownEnd:

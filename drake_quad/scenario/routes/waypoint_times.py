@@ -24,7 +24,7 @@ class WaypointTimes(Model):
     chooses_total: ClassVar[bool] = False
 
     def known_end(self, laps: int) -> KnownEnd | None:
-        """Return the field that determines the end of the last lap, and that time, s; None if the time needs a plan."""
+        """Return the field that sets the end time of the last lap, and this time, s; None if it must be planned."""
         return None
 
     @abstractmethod
@@ -33,7 +33,7 @@ class WaypointTimes(Model):
 
 
 class Given(WaypointTimes):
-    """Given times of all waypoints. The list of times alone is short for this mapping."""
+    """Given times of all waypoints. A plain list of times is short for this mapping."""
 
     kind: Literal["given"]
     times: Annotated[tuple[Real, ...], Field(strict=False, min_length=1)] = Field(

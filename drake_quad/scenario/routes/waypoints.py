@@ -127,7 +127,7 @@ class WaypointRoute(MovingRoute):
             raise self.field_error(demand, "corridors")
         has_yaws = any(waypoint.yaw is not None for waypoint in self.waypoints)
         if self.heading == "waypoints" and not has_yaws:
-            raise self.field_error("requires a yaw at one or more waypoints", "heading")
+            raise self.field_error("requires a yaw at at least one waypoint", "heading")
         if self.heading != "waypoints" and has_yaws:
             raise self.field_error("must be waypoints, since waypoints have yaws", "heading")
         self._check_yaws()
@@ -156,7 +156,9 @@ class WaypointRoute(MovingRoute):
         if first is None or first != last:
             raise self.field_error("must be 1, since the route does not end at the point where it begins", "laps")
         if self.laps * len(self.waypoints) > MAX_WAYPOINTS:
-            raise self.field_error(f"must be smaller: all laps together may have {MAX_WAYPOINTS} waypoints", "laps")
+            raise self.field_error(
+                f"must be smaller: all laps together may have at most {MAX_WAYPOINTS} waypoints", "laps"
+            )
         for i, waypoint in enumerate(self.waypoints):
             for name in ("velocity", "acceleration", "jerk"):
                 if getattr(waypoint, name) is not None:
@@ -179,7 +181,7 @@ class WaypointRoute(MovingRoute):
         return self
 
     def known_end(self) -> KnownEnd:
-        """Return the field that determines the end of the route, and that time, s; None if the time needs a plan."""
+        """Return the field that sets the end time of the route, and this time, s; None if only planning yields it."""
         return self.times.known_end(self.laps) or super().known_end()
 
     def problem(self, laps: int = 1) -> PathProblem:

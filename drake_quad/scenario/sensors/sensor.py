@@ -20,7 +20,7 @@ _Member = TypeVar("_Member", bound=type[Model])
 
 
 class SensorSettings(Model):
-    """Sensor on board. In the scenario of a fleet, numbers that a study draws are (N,) arrays.
+    """Sensor on board. In the scenario of a fleet, values that a study draws are (N,) arrays.
 
     Attributes:
         law: measurement law of the sensor.
@@ -35,7 +35,7 @@ class SensorSettings(Model):
 
     @abstractmethod
     def numbers(self, vehicle: Any) -> Any:
-        """Return the numbers of the measurement law, given the vehicle of a `Batch.fleet_scenario`."""
+        """Return the parameters of the measurement law, given the vehicle of a `Batch.fleet_scenario`."""
 
     def recipe(self, fleet: Any, vehicle: Any) -> Recipe:
         """Return the recipe for the sensors of a fleet.

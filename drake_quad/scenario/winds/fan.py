@@ -33,7 +33,7 @@ class FanSource(WindSource):
     @classmethod
     def _has_direction(cls, direction: tuple[Number, Number, Number]) -> tuple[Number, Number, Number]:
         if not any(excludes_zero(part) for part in direction):
-            raise refused(f"must have a component that is always larger than {SMALLEST} in size")
+            raise refused(f"must have a component whose magnitude is always larger than {SMALLEST}")
         return direction
 
     def jets(self) -> tuple[Jet, ...]:

@@ -32,7 +32,7 @@ class WindSurroundings(NamedTuple):
 
 
 class WindSource(Model):
-    """Source of wind. In the scenario of a fleet, numbers that a study draws are (N,) arrays.
+    """Source of wind. In the scenario of a fleet, values that a study draws are (N,) arrays.
 
     Attributes:
         depends_on_place: True if the mean wind depends on the position.

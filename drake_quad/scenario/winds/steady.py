@@ -24,7 +24,7 @@ class SteadySource(BlowingSource):
         return self.full_velocity()
 
     def max_speed(self) -> VelocityW:
-        """Return 0, since the wind has no other part than the steady one."""
+        """Return 0, since the whole wind is steady."""
         return 0.0
 
     def recipe(self, surroundings: WindSurroundings) -> Recipe:

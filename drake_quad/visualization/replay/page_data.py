@@ -49,7 +49,7 @@ def page_data(
             {"name": name, "path": path, "size": size}
             for (name, path), size in zip(vehicles.items(), sizes, strict=True)
         ],
-        "frame": [*np.round(room.camera_points, 3).tolist(), *(mark["at"] for mark in marks)],
+        "frame": [*np.round(room.corners, 3).tolist(), *(mark["at"] for mark in marks)],
         "marks": marks,
     }
     # Without the backslash, a name that contains "</script>" would end the script.

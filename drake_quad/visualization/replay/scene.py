@@ -40,15 +40,18 @@ class SceneRoom(NamedTuple):
         low: lower corner, (3,), m.
         high: upper corner, (3,), m.
         spacing: spacing of the grid, m.
-        camera_points: points that the camera must show, (n, 3), m.
         names: position of the name of each obstacle, (3,), m.
     """
 
     low: np.ndarray
     high: np.ndarray
     spacing: float
-    camera_points: np.ndarray
     names: Mapping[str, np.ndarray] = MappingProxyType({})
+
+    @property
+    def corners(self) -> np.ndarray:
+        """Corners of the room, (8, 3), m."""
+        return np.array(np.meshgrid(*zip(self.low, self.high, strict=True))).reshape(3, 8).T
 
     def grid(self, axis: int) -> np.ndarray:
         """Return the coordinates of the grid lines along an axis, m."""
@@ -93,29 +96,23 @@ def draw_surroundings(meshcat: Meshcat, scenario: Scenario, plan: Plan, flown: n
     for outlet in outlets:
         low, high = np.minimum(low, outlet), np.maximum(high, outlet)
     space = space_of(scenario)
-    visible, names = [_corners(nearby), *outlets], {}
+    names = {}
     for obstacle in () if space is None else space.obstacles:
         draw_solid(meshcat, f"/obstacles/{obstacle.name}", obstacle.shape)
         # Only the part of an obstacle near the path enlarges the room, since a wall can be much longer than the path.
         extent = np.clip(obstacle.shape.extent(), *limits)
         low, high = np.minimum(low, extent[0]), np.maximum(high, extent[1])
-        visible.append(_corners(extent))
         names[obstacle.name] = np.array([*extent.mean(axis=0)[:2], extent[1, 2]])
     low[2] = 0.0
-    room = SceneRoom(low, high, round_spacing(float(np.max(high - low))), np.vstack(visible), names)
+    room = SceneRoom(low, high, round_spacing(float(np.max(high - low))), names)
     _draw_room(meshcat, room)
     if len(path) > 1:
         meshcat.SetLine("/reference_path", path.T, _LINE_WIDTH, rgba("0.45"))
     for number, (jet, outlet) in enumerate(zip(fans, outlets, strict=True), start=1):
         length = float(np.max((path - outlet) @ np.asarray(jet.direction))) + margin
         draw_fan(meshcat, f"/fan_{number}", jet, max(length, 1.0))
-    look_at(meshcat, room.camera_points)
+    look_at(meshcat, room.corners)
     return room
-
-
-def _corners(points: np.ndarray) -> np.ndarray:
-    """Return the corners (8, 3) of the box around points (n, 3)."""
-    return np.array(np.meshgrid(*zip(points.min(axis=0), points.max(axis=0), strict=True))).reshape(3, 8).T
 
 
 def round_spacing(length: float) -> float:

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from both_ways import assert_flown_alike
+from compiled_comparison import assert_flown_alike
 from pydrake.autodiffutils import InitializeAutoDiff
 
 from drake_quad import load_scenario

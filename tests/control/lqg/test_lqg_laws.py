@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from all_systems import BELIEVED, WITH_TARGETS, WITH_TORQUES
+from all_systems import NOMINAL_THRUST, TARGET_LQG, TORQUE_LQG
 
 from drake_quad.control.lqg.chains import AttitudeChain, TorqueChain, VerticalChain
 from drake_quad.control.lqg.laws import (
@@ -65,13 +65,13 @@ def rotation(state):
 
 def test_the_filter_is_a_textbook_kalman_filter_with_the_thrust_of_the_measured_attitude():
     before, sent = running_filter(TorqueChain), sent_commands(2, SNAP)
-    estimate = estimated(MEASUREMENT, before, sent, None, WITH_TORQUES, H, True)
+    estimate = estimated(MEASUREMENT, before, sent, None, TORQUE_LQG, H, True)
     x_B, y_B, z_B = rotation(MEASUREMENT)[:, 2]
     thrust = UPWARD * np.array([x_B, y_B]) / z_B
     for axis, measured, s, u in zip(
         "xyz", (MEASUREMENT.x, MEASUREMENT.y, MEASUREMENT.z), [*thrust, None], sent.commands[0], strict=True
     ):
-        loop = WITH_TORQUES.vertical if axis == "z" else WITH_TORQUES.lateral
+        loop = TORQUE_LQG.vertical if axis == "z" else TORQUE_LQG.lateral
         chain_before = getattr(before.estimate, axis)
         x, A, B, L = np.array(chain_before), np.array(loop.A), np.array(loop.B), np.array(loop.L).T
         innovation = [measured - chain_before.position, *([] if s is None else [s - chain_before.thrust])]
@@ -85,18 +85,18 @@ def test_the_filter_is_a_textbook_kalman_filter_with_the_thrust_of_the_measured_
 def test_a_repeated_frame_is_ignored():
     before, sent = running_filter(TorqueChain), sent_commands(2, SNAP)
     lost = before._replace(last_x=MEASUREMENT.x)
-    estimate = estimated(MEASUREMENT, lost, sent, None, WITH_TORQUES, H, True)
-    x = np.array(WITH_TORQUES.lateral.A) @ before.estimate.x + np.array(WITH_TORQUES.lateral.B) * sent.commands[0].x
+    estimate = estimated(MEASUREMENT, lost, sent, None, TORQUE_LQG, H, True)
+    x = np.array(TORQUE_LQG.lateral.A) @ before.estimate.x + np.array(TORQUE_LQG.lateral.B) * sent.commands[0].x
     np.testing.assert_allclose(estimate.x[2:], x[2:], rtol=1e-12)
     # Cameras that lose no frames may measure the same position twice.
-    assert estimated(MEASUREMENT, lost, sent, None, WITH_TORQUES, H, False) == estimated(
-        MEASUREMENT, before, sent, None, WITH_TORQUES, H, True
+    assert estimated(MEASUREMENT, lost, sent, None, TORQUE_LQG, H, False) == estimated(
+        MEASUREMENT, before, sent, None, TORQUE_LQG, H, True
     )
 
 
 def test_the_filter_starts_at_rest_at_the_measured_position():
     first = running_filter(TorqueChain)._replace(has_started=0.0)
-    after = filter_after(MEASUREMENT, first, sent_commands(2, SNAP), None, WITH_TORQUES, H, True)
+    after = filter_after(MEASUREMENT, first, sent_commands(2, SNAP), None, TORQUE_LQG, H, True)
     assert (after.has_started, after.last_x) == (1.0, MEASUREMENT.x)
     assert error_of(after.estimate, REFERENCE) == pytest.approx((0.04, -0.08, 0.07))
     assert error_rate_of(after.estimate, REFERENCE) == pytest.approx((0.2, 0.3, -0.1))
@@ -106,7 +106,7 @@ def test_the_filter_starts_at_rest_at_the_measured_position():
 def test_a_known_acceleration_moves_the_chain_without_changing_the_estimated_disturbance():
     before, sent, known = running_filter(TorqueChain), sent_commands(2, SNAP), Acceleration(0.7, -1.1, 1.3)
     plain, with_acceleration = (
-        estimated(MEASUREMENT, before, sent, each, WITH_TORQUES, H, True) for each in (None, known)
+        estimated(MEASUREMENT, before, sent, each, TORQUE_LQG, H, True) for each in (None, known)
     )
     for axis in "xyz":
         change = np.subtract(getattr(with_acceleration, axis), getattr(plain, axis))
@@ -129,11 +129,11 @@ def expected_deviation(chain_now, axis, subtracted=0.0):
     return e
 
 
-UNLIMITED_THRUST = BELIEVED._replace(slope=1e6, min_thrust=-1e6, max_thrust=1e6)
+UNLIMITED_THRUST = NOMINAL_THRUST._replace(slope=1e6, min_thrust=-1e6, max_thrust=1e6)
 
 
 def test_the_snap_command_contains_state_feedback_and_feed_forward_with_lead():
-    numbers = WITH_TORQUES._replace(thrust=UNLIMITED_THRUST, torques=WITH_TORQUES.torques._replace(max_snap=1e6))
+    numbers = TORQUE_LQG._replace(thrust=UNLIMITED_THRUST, torques=TORQUE_LQG.torques._replace(max_snap=1e6))
     estimate, sent = running_filter(TorqueChain).estimate, sent_commands(2, Snap(0.8, -1.0, 0.3, 0.0))
     correction = Acceleration(0.2, -0.3, 0.1)
     output = regulated(estimate, REFERENCE, JERK, SNAP, sent, correction, None, numbers, TICK)
@@ -158,7 +158,7 @@ def test_the_snap_command_contains_state_feedback_and_feed_forward_with_lead():
     assert output.acceleration.z == output.command.z
 
 
-@pytest.mark.parametrize("numbers", [WITH_TORQUES, WITH_TARGETS])
+@pytest.mark.parametrize("numbers", [TORQUE_LQG, TARGET_LQG])
 def test_outer_feedback_has_the_regulator_gains_divided_by_the_outer_gain(numbers):
     for i, loop in enumerate((numbers.lateral, numbers.lateral, numbers.vertical)):
         error, rate = np.zeros(3), np.zeros(3)
@@ -170,7 +170,7 @@ def test_outer_feedback_has_the_regulator_gains_divided_by_the_outer_gain(number
 
 
 def test_the_command_to_an_autopilot_is_an_acceleration_with_lead():
-    numbers = WITH_TARGETS._replace(thrust=UNLIMITED_THRUST)
+    numbers = TARGET_LQG._replace(thrust=UNLIMITED_THRUST)
     estimate, sent = running_filter(AttitudeChain).estimate, sent_commands(1, None)
     output = regulated(estimate, REFERENCE, JERK, SNAP, sent, None, None, numbers, TICK)
     e = expected_deviation(estimate.y, "y")
@@ -183,19 +183,19 @@ def test_commands_stay_within_limits_of_tilt_thrust_and_snap():
     """The horizontal part is shortened in its own direction. Deviations are those of the limited command."""
     far = REFERENCE._replace(x=40.0, y=-30.0, z=300.0)
     attitude = regulated(
-        running_filter(AttitudeChain).estimate, far, JERK, SNAP, sent_commands(1, None), None, None, WITH_TARGETS, TICK
+        running_filter(AttitudeChain).estimate, far, JERK, SNAP, sent_commands(1, None), None, None, TARGET_LQG, TICK
     )
     assert math.hypot(*attitude.command[:2]) == pytest.approx(0.7 * 9.81)
-    free = WITH_TARGETS._replace(thrust=UNLIMITED_THRUST)
+    free = TARGET_LQG._replace(thrust=UNLIMITED_THRUST)
     estimate, sent = running_filter(AttitudeChain).estimate, sent_commands(1, None)
     limited, desired = (
-        regulated(estimate, far, JERK, SNAP, sent, None, None, each, TICK).command for each in (WITH_TARGETS, free)
+        regulated(estimate, far, JERK, SNAP, sent, None, None, each, TICK).command for each in (TARGET_LQG, free)
     )
     assert limited.x / limited.y == pytest.approx(desired.x / desired.y)
     assert limited.z == pytest.approx(12.0 / 0.68 - 9.81)
-    low = regulated(estimate, far._replace(z=-300.0), JERK, SNAP, sent, None, None, WITH_TARGETS, TICK)
+    low = regulated(estimate, far._replace(z=-300.0), JERK, SNAP, sent, None, None, TARGET_LQG, TICK)
     assert low.command.z == pytest.approx(2.0 / 0.68 - 9.81)
-    narrow = WITH_TORQUES._replace(torques=WITH_TORQUES.torques._replace(max_snap=3.0))
+    narrow = TORQUE_LQG._replace(torques=TORQUE_LQG.torques._replace(max_snap=3.0))
     farther = far._replace(x=400.0, y=-300.0)
     torques = regulated(
         running_filter(TorqueChain).estimate, farther, JERK, SNAP, sent_commands(2, SNAP), None, None, narrow, TICK
@@ -208,7 +208,7 @@ def test_commands_stay_within_limits_of_tilt_thrust_and_snap():
 def test_sent_commands_advance_at_each_tick():
     sent = sent_commands(2, SNAP)
     requested = regulated(
-        running_filter(TorqueChain).estimate, REFERENCE, JERK, SNAP, sent, None, None, WITH_TORQUES, TICK
+        running_filter(TorqueChain).estimate, REFERENCE, JERK, SNAP, sent, None, None, TORQUE_LQG, TICK
     )
     after = next_sent(requested, SNAP, sent)
     assert after.upward == requested.upward
@@ -235,14 +235,14 @@ def vehicle_on_path(kind):
 def undisturbed_output(x, y, z):
     """Return the regulator's output for given commands without disturbances."""
     command = ChainCommands(x, y, z)
-    return RegulatorOutput(command, command, Acceleration(x, y, z), BELIEVED.gravity + REFERENCE.a_z)
+    return RegulatorOutput(command, command, Acceleration(x, y, z), NOMINAL_THRUST.gravity + REFERENCE.a_z)
 
 
 def test_the_wrench_for_a_vehicle_on_its_path_is_that_of_flatness():
     """With equal moments of inertia there is no gyroscopic torque, which the controller neglects."""
     demand, measured, estimate = vehicle_on_path(TorqueChain)
-    equal_inertia = WITH_TORQUES.torques._replace(i_xx=0.01, i_yy=0.01, i_zz=0.01)
-    numbers = WITH_TORQUES._replace(torques=equal_inertia, thrust=UNLIMITED_THRUST)
+    equal_inertia = TORQUE_LQG.torques._replace(i_xx=0.01, i_yy=0.01, i_zz=0.01)
+    numbers = TORQUE_LQG._replace(torques=equal_inertia, thrust=UNLIMITED_THRUST)
     requested = undisturbed_output(SNAP.x, SNAP.y, REFERENCE.a_z)
     wrench = wrench_for(requested, estimate, measured, REFERENCE, JERK, SNAP, numbers)
     assert wrench[:3] == pytest.approx(demand.wrench[:3])
@@ -257,20 +257,20 @@ def test_the_wrench_for_a_vehicle_on_its_path_is_that_of_flatness():
 def test_the_attitude_target_of_a_vehicle_on_its_path_is_its_attitude():
     demand, measured, estimate = vehicle_on_path(AttitudeChain)
     requested = undisturbed_output(REFERENCE.a_x, REFERENCE.a_y, REFERENCE.a_z)
-    target = target_for(requested, estimate, measured, REFERENCE, WITH_TARGETS._replace(thrust=UNLIMITED_THRUST))
+    target = target_for(requested, estimate, measured, REFERENCE, TARGET_LQG._replace(thrust=UNLIMITED_THRUST))
     assert target == pytest.approx((demand.wrench.thrust, *demand.attitude, 0.0, 0.0, REFERENCE.yaw_rate))
 
 
 def test_the_thrust_that_keeps_the_height_compensates_the_disturbance():
     estimate, sent = running_filter(AttitudeChain).estimate, sent_commands(1, None)
-    free = WITH_TARGETS._replace(thrust=UNLIMITED_THRUST)
+    free = TARGET_LQG._replace(thrust=UNLIMITED_THRUST)
     correction = Acceleration(0.2, -0.3, 0.1)
     output = regulated(estimate, REFERENCE, JERK, SNAP, sent, correction, None, free, TICK)
     disturbance = estimate.z.first + estimate.z.second
     assert output.upward == pytest.approx(9.81 + REFERENCE.a_z - 0.1 - disturbance)
     # The value stays within the limits of the thrust, so that no division by zero occurs.
     falling = REFERENCE._replace(a_z=-50.0)
-    limited = regulated(estimate, falling, JERK, SNAP, sent, None, None, WITH_TARGETS, TICK)
+    limited = regulated(estimate, falling, JERK, SNAP, sent, None, None, TARGET_LQG, TICK)
     assert limited.upward == pytest.approx(2.0 / 0.68)
 
 
@@ -278,7 +278,7 @@ def test_the_thrust_that_keeps_the_height_compensates_the_disturbance():
 def test_thrust_changes_do_not_affect_the_commanded_and_the_estimated_attitude(change):
     """Additional thrust accelerates a tilted vehicle sideways, which the filter does not attribute to the attitude."""
     _, measured, estimate = vehicle_on_path(AttitudeChain)
-    free = WITH_TARGETS._replace(thrust=UNLIMITED_THRUST)
+    free = TARGET_LQG._replace(thrust=UNLIMITED_THRUST)
     changed_estimate = estimate._replace(z=estimate.z._replace(thrust=estimate.z.thrust + change))
     usual, other = undisturbed_output(1.3, -0.7, 0.4), undisturbed_output(1.3, -0.7, 0.4 + change)
     commanded = target_for(usual, estimate, measured, REFERENCE, free)
@@ -291,7 +291,7 @@ def test_thrust_changes_do_not_affect_the_commanded_and_the_estimated_attitude(c
     changed_torque_estimate = torque_estimate._replace(
         z=torque_estimate.z._replace(thrust=torque_estimate.z.thrust + change)
     )
-    torques = WITH_TORQUES._replace(thrust=UNLIMITED_THRUST)
+    torques = TORQUE_LQG._replace(thrust=UNLIMITED_THRUST)
     wrench, changed_wrench = (
         wrench_for(requested, estimate, torque_measurement, REFERENCE, JERK, SNAP, torques)
         for requested, estimate in ((usual, torque_estimate), (other, changed_torque_estimate))

@@ -12,16 +12,18 @@ from drake_quad.identification.logs.mapping import load_mapping
 from drake_quad.identification.logs.source import LogFile
 from drake_quad.process_settings import without_error_output, without_prints
 
-# Header of a message of type 128, which declares another type.
+# First bytes of a log: the header of a message of type 128, which declares the format of other messages.
 _MAGIC = b"\xa3\x95\x80"
 _HEADER_SIZE = 3
 _CLOCKS = {"TimeUS": 1e-6, "TimeMS": 1e-3}
-# NumPy's types for the letters of ArduPilot that differ from NumPy's, and the multipliers in ArduPilot's documentation.
+# NumPy types for the type letters of ArduPilot that differ from NumPy's letters. The multipliers in `_SCALED_TYPES` are
+# from ArduPilot's documentation.
 _TYPES = {"a": "V64", "n": "S4", "N": "S16", "Z": "S64", "M": "u1", "g": "<f2", "B": "u1", "b": "i1"}
 _SCALED_TYPES = {"c": ("<i2", 0.01), "C": ("<u2", 0.01), "e": ("<i4", 0.01), "E": ("<u4", 0.01), "L": ("<i4", 1e-7)}
-# Names of the field that contains the number of the sensor or estimator.
+# Possible names of the field that contains the number of the sensor or estimator.
 _INSTANCE_FIELDS = ("I", "C")
-_QUADROTOR, _X_LAYOUT = 1, 1
+_QUADROTOR = 1  # value of FRAME_CLASS
+_X_LAYOUT = 1  # value of FRAME_TYPE
 _OTHER_FRAMES = {
     2: "a hexarotor",
     3: "an octorotor",
@@ -40,16 +42,16 @@ _OTHER_FRAMES = {
 
 
 def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
-    """Read the messages that a mapping knows, of the first instance of each sensor.
+    """Read the messages that a mapping uses, of the first instance of each sensor.
 
-    Fields are named as in `ATT.Roll`, with the multiplier of their type.
+    Field names have the form `ATT.Roll`. Values are multiplied by the multiplier of their type.
 
     Raises:
-        InputError: if pymavlink is not installed or cannot read the log, or the log is not that of a quadrotor.
+        InputError: if pymavlink is not installed or cannot read the log, or the logged vehicle is not a quadrotor.
     """
     reader_module = log.library("pymavlink.DFReader", "ardupilot")
 
-    def index() -> tuple[dict[str, Any], dict[str, list[int]]]:
+    def formats_and_offsets() -> tuple[dict[str, Any], dict[str, list[int]]]:
         """Return the formats and the offsets of all messages, by their names."""
 
         def opened(path: Any) -> Any:
@@ -68,7 +70,7 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
             each.name: offsets[number] for number, each in formats.items()
         }
 
-    formats, offsets = log.read_by_library("an ArduPilot log", index)
+    formats, offsets = log.read_by_library("an ArduPilot log", formats_and_offsets)
     name, mapping = given or load_mapping("ardupilot")
     parameters = _parameters(log, formats, offsets)
     frame = int(parameters.get("FRAME_CLASS", _QUADROTOR))
@@ -77,75 +79,74 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
         other = _OTHER_FRAMES[frame]
         if given is None:
             raise InputError(
-                f"{log.mark}: is the log of {other}, and not of a quadrotor; give a mapping to read it anyway"
+                f"{log.mark}: is a log of {other}, not of a quadrotor; to read it, give a mapping from columns to"
+                " signals"
             )
         remarks.append(f"the log is of {other}")
     if int(parameters.get("FRAME_TYPE", parameters.get("FRAME", _X_LAYOUT))) != _X_LAYOUT:
-        remarks.append(
-            "the rotors are counted as in an x layout, but FRAME_TYPE says that the frame has another layout"
-        )
-    known = {each.partition(".")[0] for each in mapping.names}
+        remarks.append("the rotors are numbered as in an x layout, but FRAME_TYPE states another layout")
+    mapped = {each.partition(".")[0] for each in mapping.names}
     tables = [
         table
-        for each in sorted(known.intersection(formats))
+        for each in sorted(mapped.intersection(formats))
         if (table := _table(log, formats[each], offsets[each])) is not None
     ]
     if not tables:
-        raise InputError(f"{log.mark}: is an ArduPilot log without any of the messages {', '.join(sorted(known))}")
-    names = [each for each in sorted(formats) if offsets[each] and each not in known]
+        raise InputError(f"{log.mark}: is an ArduPilot log without any of the messages {', '.join(sorted(mapped))}")
+    names = [each for each in formats if offsets[each] and each not in mapped]
     return LogContent(tables, (name, mapping), remarks, names)
 
 
-def _records(log: LogFile, form: Any, offsets: Iterable[int]) -> dict[str, np.ndarray] | None:
-    """Return the complete messages of a type by field; None if there are none, or their declaration is damaged."""
-    letters = form.format.rstrip("\0")
-    if len(letters) != len(form.columns) or len({*form.columns}) != len(letters):
+def _records(log: LogFile, message_format: Any, offsets: Iterable[int]) -> dict[str, np.ndarray] | None:
+    """Return the complete messages of a type by field; None if there are none, or if the type is declared wrongly."""
+    letters = message_format.format.rstrip("\0")
+    if len(letters) != len(message_format.columns) or len({*message_format.columns}) != len(letters):
         return None
     layout = np.dtype(
         [
             (column, _SCALED_TYPES[letter][0] if letter in _SCALED_TYPES else _TYPES.get(letter, f"<{letter}"))
-            for column, letter in zip(form.columns, letters, strict=True)
+            for column, letter in zip(message_format.columns, letters, strict=True)
         ]
     )
     starts = np.asarray(offsets, dtype=int) + _HEADER_SIZE
     starts = starts[starts + layout.itemsize <= len(log.data)]
-    if layout.itemsize != form.len - _HEADER_SIZE or not len(starts):
+    if layout.itemsize != message_format.len - _HEADER_SIZE or not len(starts):
         return None
     records = log.records(layout, starts)
     return {
         column: records[column] * _SCALED_TYPES[letter][1] if letter in _SCALED_TYPES else records[column]
-        for column, letter in zip(form.columns, letters, strict=True)
+        for column, letter in zip(message_format.columns, letters, strict=True)
     }
 
 
 def _parameters(log: LogFile, formats: dict[str, Any], offsets: dict[str, list[int]]) -> dict[str, float]:
     """Return the parameters of the vehicle by name."""
-    found = _records(log, formats["PARM"], offsets["PARM"]) if "PARM" in formats else None
-    if found is None or not {"Name", "Value"} <= found.keys():
+    records = _records(log, formats["PARM"], offsets["PARM"]) if "PARM" in formats else None
+    if records is None or not {"Name", "Value"} <= records.keys():
         return {}
     return {
         name.decode("ascii", "replace"): float(value)
-        for name, value in zip(found["Name"].tolist(), found["Value"].tolist(), strict=True)
+        for name, value in zip(records["Name"].tolist(), records["Value"].tolist(), strict=True)
         if np.isfinite(value)
     }
 
 
 def _table(log: LogFile, form: Any, offsets: Iterable[int]) -> Table | None:
     """Return the first instance of a message; None if it has no time."""
-    found = _records(log, form, offsets)
-    clock = next((each for each in _CLOCKS if found is not None and each in found), None)
-    if found is None or clock is None:
+    records = _records(log, form, offsets)
+    clock = next((each for each in _CLOCKS if records is not None and each in records), None)
+    if records is None or clock is None:
         return None
     instance = next(
-        (found[each] for each in _INSTANCE_FIELDS if each in found and found[each].dtype.kind in "iu"), None
+        (records[each] for each in _INSTANCE_FIELDS if each in records and records[each].dtype.kind in "iu"), None
     )
-    chosen = slice(None) if instance is None else instance == instance.min()
+    is_first = slice(None) if instance is None else instance == instance.min()
     columns = {
-        f"{form.name}.{column}": values[chosen]
-        for column, values in found.items()
+        f"{form.name}.{column}": values[is_first]
+        for column, values in records.items()
         if values.dtype.kind in "iuf" and column != clock
     }
-    return Table(form.name, found[clock][chosen] * _CLOCKS[clock], columns)
+    return Table(form.name, records[clock][is_first] * _CLOCKS[clock], columns)
 
 
 FORMATS.append(LogFormat("ArduPilot's DataFlash log", lambda log: log.data.startswith(_MAGIC), _read))

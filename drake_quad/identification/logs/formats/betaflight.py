@@ -1,8 +1,8 @@
 """Reader of Betaflight's blackbox log, based on betaflight-chirp-core, a port of the decoder of its log viewer.
 
-Fields keep the names of the log, such as `gyroADC[0]`. Motor commands are converted to shares of the range
-`motorOutput` in the header, and specific forces to g with `acc_1G` in the header. All other fields keep their logged
-values.
+Fields keep the names of the log, such as `gyroADC[0]`. Motor commands are converted to fractions of the range
+`motorOutput` in the header, and specific forces are converted to g with `acc_1G` in the header. All other fields keep
+their logged values.
 """
 
 from typing import Any
@@ -17,12 +17,13 @@ from drake_quad.identification.logs.source import LogFile
 
 _MAGIC = b"H Product:Blackbox flight data recorder"
 _MICROSECOND = 1e-6
-# The decoder iterates over all frames that are not logged, so it would take hours for a damaged interval.
+# Largest number of frames between two logged frames. The decoder iterates over all frames that are not logged, so that
+# reading a log with a damaged interval could take hours.
 _MAX_INTERVAL = 10_000
 
 
 def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
-    """Read the longest flight of a log; each arming of the vehicle begins a flight.
+    """Read the longest flight of a log. Each arming of the vehicle begins a flight.
 
     Raises:
         InputError: if the decoder is not installed, or no flight can be read.
@@ -35,15 +36,15 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
     flight = log.read_by_library("a Betaflight log", lambda: _decoded(decoder, log.data, *flights[longest]))
     remarks = [*log.remarks]
     if len(flights) > 1:
-        remarks.append(f"the log has {len(flights)} flights; the longest is read, number {longest + 1}")
+        remarks.append(f"the log has {len(flights)} flights; only the longest is read, number {longest + 1}")
     damaged = sum(each["corrupt"] + each["desync"] for each in flight.stats["frame"].values())
     if damaged:
         remarks.append(f"{damaged:,} damaged frames are left out")
     if len(flight.main_frames) < 2:
-        raise InputError(f"{log.mark}: is a Betaflight log without two whole frames")
+        raise InputError(f"{log.mark}: is a Betaflight log with fewer than two complete frames")
     names = flight.main_field_names
     if "time" not in names:
-        raise InputError(f"{log.mark}: is a Betaflight log without the field time")
+        raise InputError(f"{log.mark}: is a Betaflight log without the field `time`")
     frames = np.array(flight.main_frames, dtype=float)
     fields = dict(zip(names, frames.T, strict=True))
     time = fields.pop("time") * _MICROSECOND
@@ -59,16 +60,17 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
 
 
 def _decoded(decoder: Any, data: bytes, start: int, end: int) -> Any:
-    """Return the decoder of a flight after it has read all frames."""
+    """Return the decoder of a flight, which has read all frames."""
     flight = decoder.FlightLogParser(data, start, end)
     flight.parse_header()
     config = flight.sys_config
     for name in ("frameIntervalI", "frameIntervalPNum", "frameIntervalPDenom"):
         if not 1 <= config[name] <= _MAX_INTERVAL:
-            raise ValueError(f"the interval of its frames is {config[name]}")
+            raise ValueError(f"its header has an invalid {name}: {config[name]}")
     numbers = [*config["motorOutput"], config["acc_1G"]]
     if not all(isinstance(each, int) for each in numbers) or not numbers[0] < numbers[1] or not numbers[2] > 0:
-        raise ValueError(f"motorOutput and acc_1G of its header are {listed([str(each) for each in numbers])}")
+        values = listed([str(each) for each in numbers])
+        raise ValueError(f"its header has invalid values of motorOutput and acc_1G: {values}")
     flight.parse_data()
     return flight
 

@@ -22,11 +22,11 @@ from drake_quad.identification.logs.formats.log_format import FORMATS, LogConten
 from drake_quad.identification.logs.mapping import load_mapping
 from drake_quad.identification.logs.source import LogFile
 
-_TICK = b"tick(I),"
-_TICK_LENGTH = 1e-3  # s, a tick of the firmware's FreeRTOS
+_TIME_COLUMN = b"tick(I),"
+_TICK_PERIOD = 1e-3  # s, period of the FreeRTOS tick in the firmware
 _CHECKSUM_SIZE = 4
 _MAX_NAME_LENGTH = 64
-_COLUMN = re.compile(rb"([\w.]{1,%d})\(([BbHhIif])\)," % _MAX_NAME_LENGTH)
+_COLUMN_PATTERN = re.compile(rb"([\w.]{1,%d})\(([BbHhIif])\)," % _MAX_NAME_LENGTH)
 
 
 def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
@@ -35,54 +35,58 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
     Raises:
         InputError: if the list of columns is damaged, or no block is complete.
     """
-    data, place = log.data, 1
+    data, offset = log.data, 1
     names, formats = [], []
     for _ in range(data[0]):
-        column = _COLUMN.match(data, place)
+        column = _COLUMN_PATTERN.match(data, offset)
         if column is None:
-            raise InputError(f"{log.mark}: is a Crazyflie's log whose list of columns is cut or damaged")
+            raise InputError(f"{log.mark}: is a Crazyflie log whose list of columns is truncated or damaged")
         names.append(column[1].decode())
         formats.append(f"<{column[2].decode()}")
-        place = column.end()
+        offset = column.end()
     layout = np.dtype({"names": [str(i) for i in range(len(names))], "formats": formats})
     remarks = [*log.remarks]
-    if not _is_whole(data, 0, place):
+    if not _has_checksum(data, 0, offset):
         remarks.append("the checksum of the list of columns is wrong: the log is damaged")
-    blocks, end, num_damaged = _blocks(data, place + _CHECKSUM_SIZE, layout)
+    blocks, end, num_damaged = _blocks(data, offset + _CHECKSUM_SIZE, layout)
     if num_damaged:
         blocks_are = "blocks of records are" if num_damaged > 1 else "block of records is"
         remarks.append(f"{num_damaged:,} {blocks_are} left out because of a wrong checksum")
     if end < len(data):
-        remarks.append(log.unread(end, "no whole block of records, so the log is cut or damaged"))
+        remarks.append(log.unread_remark(end, "no complete block of records, so the log is truncated or damaged"))
     if not blocks:
-        raise InputError(f"{log.mark}: is a Crazyflie's log without a whole block of records")
+        raise InputError(f"{log.mark}: is a Crazyflie log without a complete block of records")
     records = np.concatenate(blocks)
     columns = {name: records[str(i)] for i, name in enumerate(names) if i}
-    return LogContent([Table("", records["0"] * _TICK_LENGTH, columns)], given or load_mapping("crazyflie"), remarks)
+    return LogContent([Table("", records["0"] * _TICK_PERIOD, columns)], given or load_mapping("crazyflie"), remarks)
 
 
-def _blocks(data: bytes, place: int, layout: np.dtype) -> tuple[list[np.ndarray], int, int]:
+def _blocks(data: bytes, offset: int, layout: np.dtype) -> tuple[list[np.ndarray], int, int]:
     """Return the records of each intact block, the offset of the first unread byte and the number of damaged blocks."""
-    blocks, damaged, end = [], 0, place
-    while place < len(data) and data[place]:
-        after = place + 1 + data[place] * layout.itemsize
-        if after + _CHECKSUM_SIZE > len(data):
+    blocks, num_damaged, end = [], 0, offset
+    while offset < len(data) and data[offset]:
+        checksum_offset = offset + 1 + data[offset] * layout.itemsize
+        if checksum_offset + _CHECKSUM_SIZE > len(data):
             break
-        if _is_whole(data, place, after):
-            blocks.append(np.frombuffer(data, layout, data[place], place + 1))
-            end = after + _CHECKSUM_SIZE
+        if _has_checksum(data, offset, checksum_offset):
+            blocks.append(np.frombuffer(data, layout, data[offset], offset + 1))
+            end = checksum_offset + _CHECKSUM_SIZE
         else:
-            damaged += 1
-        place = after + _CHECKSUM_SIZE
-    return blocks, end, damaged
+            num_damaged += 1
+        offset = checksum_offset + _CHECKSUM_SIZE
+    return blocks, end, num_damaged
 
 
-def _is_whole(data: bytes, start: int, end: int) -> bool:
+def _has_checksum(data: bytes, start: int, end: int) -> bool:
     """Return whether the bytes from start to end are followed by their inverted CRC-32."""
     checksum = ~zlib.crc32(memoryview(data)[start:end]) & 0xFFFFFFFF
     return data[end : end + _CHECKSUM_SIZE] == checksum.to_bytes(_CHECKSUM_SIZE, "little")
 
 
 FORMATS.append(
-    LogFormat("a Crazyflie's SD card log of before 2021", lambda log: log.data[1 : 1 + len(_TICK)] == _TICK, _read)
+    LogFormat(
+        "a Crazyflie's SD card log of before 2021",
+        lambda log: log.data[1 : 1 + len(_TIME_COLUMN)] == _TIME_COLUMN,
+        _read,
+    )
 )

@@ -1,4 +1,4 @@
-"""Registry of the formats of flight logs that `read_log` knows by their content."""
+"""Registry of the formats of flight logs that `read_log` recognizes by their content."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -16,9 +16,9 @@ class LogContent(NamedTuple):
 
     Attributes:
         tables: tables of the log.
-        mapping: name and mapping of the columns to signals.
-        remarks: sentences on the log.
-        names: names of further columns, which no table contains.
+        mapping: name of the mapping, and the mapping from columns to signals.
+        remarks: remarks on the log.
+        names: names of columns in the log that are not in the tables.
     """
 
     tables: Sequence[Table]
@@ -48,38 +48,40 @@ FORMATS: list[LogFormat] = []
 def best_mapping(
     log: LogFile, given: NamedMapping | None, columns_of: Callable[[Mapping], Sequence[str]]
 ) -> tuple[NamedMapping, Sequence[str]]:
-    """Return the mapping of a log of one table, and the columns of the log as the mapping separates them.
+    """Return the mapping for a log with one table, and the columns of the log, which depend on its delimiter.
 
     Args:
         log: content of the file.
-        given: name and mapping that the user named; if None, the shipped mapping that knows most of the columns.
-        columns_of: function that returns the names of the columns.
+        given: name and mapping that the user selected; if None, the shipped mapping that uses most of the columns.
+        columns_of: function that returns the names of the columns, given a mapping.
 
     Raises:
         InputError: if no mapping fits.
     """
     candidates = [given] if given else [load_mapping(name) for name in shipped_mappings()]
     best: tuple[NamedMapping, Sequence[str]] | None = None
-    most = 0
+    max_known = 0
     for name, mapping in candidates:
         if mapping.time is None or (given is None and mapping.by_name):
             continue
         columns = columns_of(mapping)
         if mapping.fits(set(columns)):
-            known = {each for source in mapping.chosen(set(columns)).values() for each in source.names}
-            if len(known) > most:
-                best, most = ((name, mapping), columns), len(known)
+            known_columns = {
+                each for source in mapping.available_sources(set(columns)).values() for each in source.names
+            }
+            if len(known_columns) > max_known:
+                best, max_known = ((name, mapping), columns), len(known_columns)
     if best is not None:
         return best
     columns = [shown(each) for each in columns_of(candidates[0][1])]
     if given is None:
         raise InputError(
             f"{log.mark}: none of the shipped mappings ({', '.join(shipped_mappings())}) fits its columns,"
-            f" {listed(columns, 12)}; the how-to on identification shows how to write one"
+            f" {listed(columns, 12)}; write a mapping as shown in the how-to guide on identification"
         )
     name, mapping = given
     if mapping.time is None:
-        raise InputError(f"{log.mark}: the mapping {name} has no time, which a log of one table needs")
+        raise InputError(f"{log.mark}: the mapping {name} must state the time column to read a log with one table")
     missing = sorted(mapping.names - set(columns_of(mapping)))
     raise InputError(
         f"{log.mark}: does not fit the mapping {name}: there is no {listed([shown(each) for each in missing], 4)}; it"

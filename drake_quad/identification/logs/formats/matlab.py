@@ -1,8 +1,8 @@
 """Reader of MATLAB's MAT-files, based on SciPy.
 
-The columns of the log are the numeric variables and the fields of structs that are as long as the time. A field is
-named as in `log.position`. A matrix with a column (or a row) for each component is a column of vectors, which `column`
-of a mapping reads. Its components are named as in `log.position[0]`.
+The columns of the log are the numeric variables, and the fields of structs, with the same length as the time. Names of
+fields have the form `log.position`. A matrix with a column (or a row) for each component is a column of vectors, which
+`column` of a mapping reads. The names of its components have the form `log.position[0]`.
 """
 
 import io
@@ -30,13 +30,13 @@ _MAX_COMPONENTS = 16
 
 
 def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
-    """Read the variables that are as long as the time of the mapping.
+    """Read the variables that have as many samples as the time column of the mapping.
 
     Raises:
         InputError: if the file is damaged or has version 7.3, or no mapping fits.
     """
     if log.data.startswith(_HDF5_VERSION):
-        raise InputError(f"{log.mark}: is a MAT-file of version 7.3, which is HDF5; save it in MATLAB with -v7")
+        raise InputError(f"{log.mark}: is a MAT-file of version 7.3 (HDF5); save it in MATLAB with the option -v7")
     from scipy.io import loadmat  # imported here because the import takes a tenth of a second
 
     options = {"simplify_cells": True, "chars_as_strings": True}
@@ -55,16 +55,16 @@ def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
     columns: dict[str, np.ndarray] = {}
     remarks = [*log.remarks]
     for each, values in variables.items():
-        along = values if values.shape[0] == len(time) else values.T
-        if along.shape[0] != len(time):
-            remarks.append(f"{each} is not read: it is not as long as {mapping.time.column}")
+        rows = values if values.shape[0] == len(time) else values.T
+        if rows.shape[0] != len(time):
+            remarks.append(f"{each} is not read: its length differs from that of {mapping.time.column}")
             continue
-        parts = {f"{each}[{i}]": column for i, column in enumerate(along.T)} if along.ndim == 2 else {}
-        is_split = bool(parts.keys() & mapping.names)
+        components = {f"{each}[{i}]": column for i, column in enumerate(rows.T)} if rows.ndim == 2 else {}
+        is_split = bool(components.keys() & mapping.names)
         if is_split:
-            columns |= parts
+            columns |= components
         if each in mapping.names or not is_split:
-            columns[each] = along
+            columns[each] = rows
     del columns[mapping.time.column]
     scale = UNITS["s"][mapping.time.unit].scale
     return LogContent([Table("", time.astype(float) * scale, columns)], (name, mapping), remarks)

@@ -1,8 +1,8 @@
 """Readers of ROS bags of version 1 and 2, based on rosbags, and of MCAP files, based on mcap.
 
-A field is named by its topic or by the type of its messages, as in `/odom.pose.pose.position.x` or
-`nav_msgs/Odometry.pose.pose.position.x`. If several topics have the same type, the one with the most messages is read.
-The time of a measurement is the stamp in its header.
+The name of a field starts with its topic or with the type of its messages, as in `/odom.pose.pose.position.x` or
+`nav_msgs/Odometry.pose.pose.position.x`. If several topics have this type, the topic with the most messages is read.
+The time of a measurement is the stamp in the header of its message.
 """
 
 import contextlib
@@ -23,16 +23,16 @@ from drake_quad.identification.logs.mapping import load_mapping
 from drake_quad.identification.logs.source import LogFile, reason_of
 
 _NANOSECOND = 1e-9
-# A header whose stamp differs from the time of recording by more than this time, in s, has another clock.
+# Stamps that differ from the times of recording by more than this, in s, come from another clock.
 _MAX_STAMP_DIFFERENCE = 1.0
-_PART = re.compile(r"[^.\[\]]+")
-# Exceptions that damaged messages and missing fields raise.
+_PATH_PART = re.compile(r"[^.\[\]]+")
+# Exceptions that are raised for damaged messages and missing fields.
 _FIELD_ERRORS = (AttributeError, KeyError, IndexError, TypeError, ValueError)
-_WAL_VERSIONS = slice(18, 20)  # bytes of SQLite's header that prevent opening a copy in memory
+_WAL_VERSION_BYTES = slice(18, 20)  # bytes of SQLite's header; in WAL mode, they prevent opening a copy in memory
 
 
 class _Message(NamedTuple):
-    """Message that is not yet decoded.
+    """Message before decoding.
 
     Attributes:
         topic: name of the topic.
@@ -48,11 +48,13 @@ class _Message(NamedTuple):
 
 
 class _Rows:
-    """Values of the fields of a topic that a mapping knows, message by message."""
+    """Values of the fields of a topic that a mapping uses, one row for each message."""
 
     def __init__(self, type_name: str, fields: list[str]) -> None:
         self.type_name = type_name
-        self._paths = {each: [int(part) if part.isdigit() else part for part in _PART.findall(each)] for each in fields}
+        self._paths = {
+            each: [int(part) if part.isdigit() else part for part in _PATH_PART.findall(each)] for each in fields
+        }
         self._values: dict[str, list[float]] = {each: [] for each in fields}
         self._times: list[int] = []
         self._stamps: list[int] = []
@@ -71,15 +73,15 @@ class _Rows:
     def __len__(self) -> int:
         return len(self._times)
 
-    def table(self, topic: str, start: int, *, of_its_type: bool) -> tuple[Table, list[str]]:
-        """Return a table with the names of the topic and, if asked for, of its type, and remarks."""
+    def table(self, topic: str, start: int, *, with_type_names: bool) -> tuple[Table, list[str]]:
+        """Return a table with columns named by topic, and if requested also by message type, and remarks."""
         times, stamps = (
             np.array([each - start for each in clock], dtype=float) * _NANOSECOND
             for clock in (self._times, self._stamps)
         )
         known = {name: np.array(values) for name, values in self._values.items() if np.isfinite(values).any()}
         columns = {f"{topic}.{name}": values for name, values in known.items()}
-        if of_its_type:
+        if with_type_names:
             columns |= {f"{self.type_name}.{name}": values for name, values in known.items()}
         remarks, sampled = [], None
         if min(self._stamps) > 0:
@@ -88,8 +90,8 @@ class _Rows:
                 sampled = stamps
             else:
                 remarks.append(
-                    f"{topic}: the stamps of the headers are {difference:.4g} s before the times of recording, which"
-                    " are used instead"
+                    f"{topic}: the header stamps are {difference:.4g} s before the recording times, which are used"
+                    " instead"
                 )
         return Table(topic, times, columns, sampled), remarks
 
@@ -107,26 +109,26 @@ def _stamp(message: Any) -> int:
         return 0
 
 
-def _content(log: LogFile, given: NamedMapping | None, what: str, messages: Iterator[_Message]) -> LogContent:
-    """Read the fields that a mapping knows.
+def _content(log: LogFile, given: NamedMapping | None, format_name: str, messages: Iterator[_Message]) -> LogContent:
+    """Read the fields that a mapping uses.
 
     Raises:
-        InputError: if none of the topics is known, or the first message cannot be read.
+        InputError: if the mapping uses none of the topics, or the first message cannot be read.
     """
     name, mapping = given or load_mapping("ros")
-    wanted: dict[str, list[str]] = {}
+    needed: dict[str, list[str]] = {}
     for each in sorted(mapping.names):
         topic, _, field = each.partition(".")
-        wanted.setdefault(topic, []).append(field)
+        needed.setdefault(topic, []).append(field)
     topics: dict[str, _Rows] = {}
-    others: set[str] = set()
+    unread: set[str] = set()
     undecoded: set[str] = set()
     remarks = [*log.remarks]
     try:
         for message in messages:
-            fields = wanted.get(message.topic, []) + wanted.get(message.type_name, [])
+            fields = needed.get(message.topic, []) + needed.get(message.type_name, [])
             if not fields or message.topic in undecoded:
-                others.add(message.topic)
+                unread.add(message.topic)
                 continue
             try:
                 decoded = message.decode()
@@ -139,55 +141,55 @@ def _content(log: LogFile, given: NamedMapping | None, what: str, messages: Iter
         raise
     except Exception as error:  # libraries raise any exception on a damaged bag
         if not topics:
-            raise InputError(f"{log.mark}: is {what} that cannot be read: {reason_of(error)}") from None
-        remarks.append(f"the log is cut or damaged; it is read until this error: {reason_of(error)}")
+            raise InputError(f"{log.mark}: is {format_name} that cannot be read: {reason_of(error)}") from None
+        remarks.append(f"the log is truncated or damaged; it is read up to this error: {reason_of(error)}")
     if undecoded:
         remarks.append(f"the messages of {listed(sorted(undecoded))} cannot be decoded")
     if not topics:
         raise InputError(
-            f"{log.mark}: is {what} without any topic that the mapping {name} knows; its topics are"
-            f" {listed(sorted(others | undecoded)) or 'none'}"
+            f"{log.mark}: is {format_name} without any topic of the mapping {name}; its topics are"
+            f" {listed(sorted(unread | undecoded)) or 'none'}"
         )
-    return _tables(topics, (name, mapping), remarks, sorted(others))
+    return _tables(topics, (name, mapping), remarks, sorted(unread))
 
 
-def _tables(topics: dict[str, _Rows], mapping: NamedMapping, remarks: list[str], others: list[str]) -> LogContent:
+def _tables(topics: dict[str, _Rows], mapping: NamedMapping, remarks: list[str], unread: list[str]) -> LogContent:
     """Return the tables of the topics, on a clock that begins with the first message."""
     start = min(rows._times[0] for rows in topics.values())
-    fullest: dict[str, str] = {}
+    longest_topics: dict[str, str] = {}
     for topic, rows in topics.items():
-        if rows.type_name not in fullest or len(rows) > len(topics[fullest[rows.type_name]]):
-            fullest[rows.type_name] = topic
+        if rows.type_name not in longest_topics or len(rows) > len(topics[longest_topics[rows.type_name]]):
+            longest_topics[rows.type_name] = topic
     tables = []
     for topic, rows in topics.items():
-        table, said = rows.table(topic, start, of_its_type=fullest[rows.type_name] == topic)
+        table, table_remarks = rows.table(topic, start, with_type_names=longest_topics[rows.type_name] == topic)
         tables.append(table)
-        remarks += said
-    for kind, topic in fullest.items():
-        count = sum(rows.type_name == kind for rows in topics.values())
+        remarks += table_remarks
+    for type_name, topic in longest_topics.items():
+        count = sum(rows.type_name == type_name for rows in topics.values())
         if count > 1:
-            remarks.append(f"of {count} topics of type {kind} the one with most messages is read: {topic}")
-    return LogContent(tables, mapping, remarks, others)
+            remarks.append(f"{count} topics have the type {type_name}; {topic} is read, which has the most messages")
+    return LogContent(tables, mapping, remarks, unread)
 
 
 class _Decoder:
-    """Decoder of messages, with the definitions in a bag, or with those of ROS 2 if the bag contains none."""
+    """Decoder of messages. It uses the definitions in a bag, or the definitions of ROS 2 if the bag contains none."""
 
     def __init__(self, typesys: Any, definitions: Mapping[str, str], *, encoding: str = "cdr") -> None:
         self._typesys, self._encoding = typesys, encoding
         self._definitions = {_full(kind): text for kind, text in definitions.items()}
         self._stores: dict[str, Any] = {}
 
-    def __call__(self, data: bytes, kind: str) -> Any:
+    def __call__(self, data: bytes, type_name: str) -> Any:
         """Return a message of a type."""
-        kind = _full(kind)
-        if kind not in self._stores:
-            stores, known = self._typesys.Stores, kind in self._definitions
+        type_name = _full(type_name)
+        if type_name not in self._stores:
+            stores, known = self._typesys.Stores, type_name in self._definitions
             store = self._typesys.get_typestore(stores.EMPTY if known else stores.LATEST)
             if known:
-                store.register(self._typesys.get_types_from_msg(self._definitions[kind], kind))
-            self._stores[kind] = store
-        return getattr(self._stores[kind], f"deserialize_{self._encoding}")(data, kind)
+                store.register(self._typesys.get_types_from_msg(self._definitions[type_name], type_name))
+            self._stores[type_name] = store
+        return getattr(self._stores[type_name], f"deserialize_{self._encoding}")(data, type_name)
 
 
 def _short(kind: str) -> str:
@@ -221,7 +223,7 @@ def _read_bag_2(log: LogFile, given: NamedMapping | None) -> LogContent:
 
     def messages() -> Iterator[_Message]:
         data = bytearray(log.data)
-        data[_WAL_VERSIONS] = b"\1\1"
+        data[_WAL_VERSION_BYTES] = b"\1\1"
         with contextlib.closing(sqlite3.connect(":memory:")) as bag:
             bag.deserialize(bytes(data))
             definitions: dict[str, str] = {}

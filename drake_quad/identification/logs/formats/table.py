@@ -14,8 +14,8 @@ from drake_quad.identification.logs.source import LogFile
 from drake_quad.identification.logs.units import UNITS
 from drake_quad.written_numbers import parse_float
 
-# Largest size of a CSV file. Its cells take ten times as much memory.
-MOST_BYTES = 50_000_000
+# Largest size of a CSV file. Its cells take ten times as much memory as the file.
+MAX_BYTES = 50_000_000
 _MAX_COLUMNS = 10_000
 _BRACKETS = str.maketrans("[](),;", "      ")
 
@@ -26,34 +26,36 @@ def is_text(log: LogFile) -> bool:
 
 
 def read_table(log: LogFile, given: NamedMapping | None) -> LogContent:
-    """Read the columns of a CSV file that a mapping selects.
+    """Read the columns of a CSV file that a mapping uses.
 
     Args:
         log: content of the file.
-        given: name and mapping; if None, the shipped mapping that knows most of the columns.
+        given: name and mapping; if None, the shipped mapping that uses most of the columns.
 
     Raises:
         InputError: if the file is too large, no mapping fits, or a cell is not a number.
     """
-    text, cut = _text(log)
+    text, unread = _text(log)
     (name, mapping), names = best_mapping(log, given, lambda mapping: _header(log, text, mapping.delimiter))
-    header, rows, lines, lost = _rows(log, text, mapping.delimiter)
-    chosen = mapping.chosen(set(names))
+    header, rows, lines, remarks = _rows(log, text, mapping.delimiter)
+    sources = mapping.available_sources(set(names))
     widths = {
-        source.column: 4 if source.quaternion else COLUMNS[signal] for signal, source in chosen.items() if source.column
+        source.column: 4 if source.quaternion else COLUMNS[signal]
+        for signal, source in sources.items()
+        if source.column
     }
     assert mapping.time is not None
-    wanted = {mapping.time.column}.union(*(source.names for source in chosen.values()))
-    place = {each: header.index(each) for each in wanted}
+    needed = {mapping.time.column}.union(*(source.names for source in sources.values()))
+    position = {each: header.index(each) for each in needed}
     columns = {
-        each: _numbers(log, each, [row[place[each]] for row in rows], lines, widths.get(each))
-        for each in sorted(wanted)
+        each: _numbers(log, each, [row[position[each]] for row in rows], lines, widths.get(each))
+        for each in sorted(needed)
     }
     time = columns.pop(mapping.time.column) * UNITS["s"][mapping.time.unit].scale
     return LogContent(
         [Table("", time, columns)],
         (name, mapping),
-        (*log.remarks, *cut, *lost),
+        (*log.remarks, *unread, *remarks),
         tuple(each for each in names if each),
     )
 
@@ -61,11 +63,11 @@ def read_table(log: LogFile, given: NamedMapping | None) -> LogContent:
 def _text(log: LogFile) -> tuple[str, list[str]]:
     """Return the lines before the first byte that is not text, and a remark on the rest of the file, if any."""
     data = log.data
-    if len(data) > MOST_BYTES:
-        raise InputError(f"{log.mark}: is too large: a CSV file may have {MOST_BYTES:,} bytes")
+    if len(data) > MAX_BYTES:
+        raise InputError(f"{log.mark}: is too large: a CSV file may have at most {MAX_BYTES:,} bytes")
     end = _text_end(data)
-    lost = [] if end == len(data) else [log.unread(end, "no line of text")]
-    return data[:end].decode("utf-8-sig"), lost
+    remarks = [] if end == len(data) else [log.unread_remark(end, "it is not text")]
+    return data[:end].decode("utf-8-sig"), remarks
 
 
 def _text_end(data: bytes) -> int:
@@ -87,7 +89,7 @@ def _header(log: LogFile, text: str, delimiter: str) -> list[str]:
     names = [each.strip() for each in row]
     if not any(names) or len(names) > _MAX_COLUMNS:
         raise InputError(
-            f"{log.mark}: is none of the logs that can be read, or its first row does not name its columns"
+            f"{log.mark}: is not a log in a known format: the first row of a CSV file must name its columns"
         )
     return names
 
@@ -107,16 +109,17 @@ def _rows(log: LogFile, text: str, delimiter: str) -> tuple[list[str], list[list
             elif row:
                 short += 1
     except csv.Error as error:
-        remarks.append(f"read to line {reader.line_num:,}: {error}")
+        remarks.append(f"only the lines up to {reader.line_num:,} are read: {error}")
     if short:
         remarks.append(
-            f"{short:,} {'rows' if short > 1 else 'row'} left out: not {len(header)} cells, as there are names"
+            f"{short:,} {'rows' if short > 1 else 'row'} left out: the number of cells is not {len(header)}, the number"
+            " of names"
         )
     if rows and not text.endswith(("\n", "\r")):
         rows.pop()
-        remarks.append("the last row is left out: its line has no end, so it may be cut")
+        remarks.append("the last row is left out: its line has no end, so it may be truncated")
     if len(rows) < 2:
-        raise InputError(f"{log.mark}: has less than two rows of {len(header)} cells below the names of its columns")
+        raise InputError(f"{log.mark}: has fewer than two rows of {len(header)} cells below the column names")
     return header, rows, lines, remarks
 
 
@@ -128,9 +131,9 @@ def _numbers(log: LogFile, name: str, cells: Sequence[str], lines: Sequence[int]
         return np.array([_vector(cell, width) for cell in cells])
     except ValueError:
         row = next(i for i, cell in enumerate(cells) if not _readable(cell, width))
-    what = "a number" if width is None else f"{width} numbers as [a, b, ...]" if width > 1 else "a number, as [a]"
+    expected = "a number" if width is None else f"{width} numbers as [a, b, ...]" if width > 1 else "a number, as [a]"
     mark = log.mark._replace(line=lines[row])
-    raise InputError(f"{mark}: {shown(name)} is {shown(cells[row])}, but must be {what}")
+    raise InputError(f"{mark}: {shown(name)} is {shown(cells[row])}, but must be {expected}")
 
 
 def _vector(cell: str, width: int) -> list[float]:

@@ -14,15 +14,15 @@ from drake_quad.identification.logs.px4_status import (
     STATUS_TOPICS,
     other_vehicle,
     status_remarks,
-    with_invalid_left_out,
-    with_pulses_of_motors,
+    with_motor_pulses,
+    without_invalid_samples,
 )
 from drake_quad.identification.logs.source import LogFile
 from drake_quad.process_settings import without_prints
 
 MAGIC = b"ULog\x01\x12\x35"
-_SECOND = 1e-6
-# Clockwise order of the rotors from the front right one: True if a rotor is in front, and True if it is to the right.
+_MICROSECOND = 1e-6
+# Pairs (is in front, is to the right) of the rotors, clockwise from the front right rotor.
 _CLOCKWISE_QUADRANTS = [(True, True), (False, True), (False, False), (True, False)]
 # Largest number of fields of a topic, counting each item of an array. The topics of PX4 have fewer.
 _MAX_FIELDS = 20_000
@@ -30,8 +30,8 @@ _HEADER_SIZE = 16
 _MESSAGE_TYPES = frozenset(b"ABCDFILMOPQRS")
 
 
-class _Bounded(io.BytesIO):
-    """Bytes with a limited number of reads, since pyulog reads the end of some damaged logs forever."""
+class _BoundedReader(io.BytesIO):
+    """Bytes with a limited number of reads, since pyulog never stops reading the end of some damaged logs."""
 
     def __init__(self, data: bytes) -> None:
         super().__init__(data)
@@ -46,66 +46,76 @@ class _Bounded(io.BytesIO):
 
 
 def _read(log: LogFile, given: NamedMapping | None) -> LogContent:
-    """Read the first instance of the topics that a mapping knows.
+    """Read the first instance of the topics that a mapping uses.
 
-    Fields are named as in `vehicle_attitude.q[0]`. The time of a measurement is its `timestamp_sample` if the log has
-    it, and its `timestamp` otherwise. Positions and velocities that the log declares invalid become NaN. Motor pulses
-    are scaled from the range in the parameters to 1000 to 2000 µs. The default mapping counts the rotors as the
-    parameters of the log do.
+    Names of fields have the form `vehicle_attitude.q[0]`. The time of a measurement is its `timestamp_sample` if it is
+    logged, and its `timestamp` otherwise. Positions and velocities that the log declares invalid become NaN. Motor
+    pulses are scaled from the range in the parameters to 1000 to 2000 µs. In the default mapping, the order of the
+    rotors is adapted to the parameters of the log.
 
     Args:
         log: content of the file.
-        given: name and mapping of the fields to signals. Without it, the log of another vehicle than a quadrotor is
-            rejected; with it, such a log has a remark.
+        given: name of a mapping, and the mapping from fields to signals. If None, the log of a vehicle that is not a
+            quadrotor is rejected; otherwise a remark states the type of the vehicle.
 
     Raises:
-        InputError: if pyulog is not installed or cannot read the log, or the log is not that of a quadrotor.
+        InputError: if pyulog is not installed or cannot read the log, or the logged vehicle is not a quadrotor.
     """
     name, mapping = given or load_mapping("px4")
     topics = {name.partition(".")[0] for name in mapping.names}
     chain = _chain_of(log)
     remarks = [*log.remarks, *chain.remarks]
     try:
-        read = _parsed(log, log.data[: log.written if chain.goes_on else chain.end], topics)
+        parsed = _parsed(log, log.data[: log.written_size if chain.may_continue else chain.end], topics)
     except InputError:
-        read = _parsed(log, log.data[: chain.end], topics) if chain.goes_on else None
-        if read is None or not read.data_list:
+        parsed = _parsed(log, log.data[: chain.end], topics) if chain.may_continue else None
+        if parsed is None or not parsed.data_list:
             raise
-        remarks.append(log.unread(chain.end, "pyulog cannot continue there"))
+        remarks.append(log.unread_remark(chain.end, "pyulog cannot continue there"))
     else:
-        if read.file_corruption and not chain.goes_on:
+        if parsed.file_corruption and not chain.may_continue:
             remarks.append("the log is damaged; only the complete messages that pyulog finds are read")
-    first = {topic.name: topic.data for topic in read.data_list if topic.multi_id == 0 and "timestamp" in topic.data}
-    parameters = read.initial_parameters
-    other = other_vehicle(parameters, first.get("vehicle_status"))
-    if other and given is None:
-        raise InputError(f"{log.mark}: is the log of {other}, and not of a quadrotor; give a mapping to read it anyway")
-    mapped = {name: data for name, data in first.items() if name in topics}
+    first_instances = {
+        topic.name: topic.data for topic in parsed.data_list if topic.multi_id == 0 and "timestamp" in topic.data
+    }
+    parameters = parsed.initial_parameters
+    other_type = other_vehicle(parameters, first_instances.get("vehicle_status"))
+    if other_type and given is None:
+        raise InputError(
+            f"{log.mark}: is a log of {other_type}, not of a quadrotor; to read it, give a mapping from columns to"
+            " signals"
+        )
+    mapped = {name: data for name, data in first_instances.items() if name in topics}
     if not mapped:
         raise InputError(f"{log.mark}: is a ULog without any of the topics {', '.join(sorted(topics))}")
     start = min(int(data["timestamp"][0]) for data in mapped.values())
-    remarks += [*([f"the log is of {other}"] if other else []), *_dropouts(read), *status_remarks(first, start)]
+    remarks += [
+        *([f"the log is of {other_type}"] if other_type else []),
+        *_dropouts(parsed),
+        *status_remarks(first_instances, start),
+    ]
     tables = []
     for topic, data in mapped.items():
         if topic == "actuator_outputs":
             try:
-                mapped_data, said = with_pulses_of_motors(data, parameters)
+                mapped_data, pulse_remarks = with_motor_pulses(data, parameters)
             except InputError as error:
                 raise InputError(f"{log.mark}: {error}") from None
-            remarks += said if "actuator_motors" not in mapped else ()  # actuator_motors takes precedence over pulses
+            # The commands in actuator_motors take precedence over pulses.
+            remarks += pulse_remarks if "actuator_motors" not in mapped else ()
         else:
-            mapped_data = with_invalid_left_out(topic, data)
+            mapped_data = without_invalid_samples(topic, data)
         tables.append(_table(topic, mapped_data, start))
     if name == "px4":
         rotors = _rotors(parameters)
         mapping = mapping if rotors is None else mapping.with_rotors(rotors)
         order = ", ".join(map(str, mapping.rotors or ()))
         source = (
-            "assumed, those of its quad-x: the log has no CA_ROTOR0_PX and so on that say where they are"
+            "assumed to be those of its quad-x layout, since the log has no parameters CA_ROTOR0_PX and so on"
             if rotors is None
-            else "by the places in CA_ROTOR0_PX and so on"
+            else "by the parameters CA_ROTOR0_PX and so on"
         )
-        remarks.append(f"PX4's rotors 1 to 4 are our {order}, {source}")
+        remarks.append(f"PX4's rotors 1 to 4 are rotors {order} of this library, {source}")
     return LogContent(tables, (name, mapping), remarks)
 
 
@@ -124,39 +134,41 @@ class _Chain(NamedTuple):
 
     Attributes:
         end: offset of the first byte after the last message.
-        goes_on: True if the data after `end` may contain further messages.
+        may_continue: True if the data after `end` may contain further messages.
         remarks: remarks on the data after `end`.
     """
 
     end: int
-    goes_on: bool
+    may_continue: bool
     remarks: list[str]
 
 
 def _chain_of(log: LogFile) -> _Chain:
     """Find the end of the contiguous complete messages of a log.
 
-    A truncated log may end with zeros or 0xff. A message that reaches into these bytes does not count, since its end
-    may be missing.
+    A truncated log may end with bytes 0 or 0xff. A message that extends into these bytes is excluded, since its end may
+    be missing.
     """
-    data, written = log.data, log.written
-    place = end = _HEADER_SIZE
-    while place + 3 <= len(data):
-        size, kind = data[place] | data[place + 1] << 8, data[place + 2]
-        known = kind in _MESSAGE_TYPES
-        if not known or place + 3 + size > len(data):
+    data, written_size = log.data, log.written_size
+    offset = end = _HEADER_SIZE
+    while offset + 3 <= len(data):
+        size, message_type = data[offset] | data[offset + 1] << 8, data[offset + 2]
+        is_known = message_type in _MESSAGE_TYPES
+        if not is_known or offset + 3 + size > len(data):
             break
-        place += 3 + size
-        if place <= written:
-            end = place
-    if place >= len(data):
-        return _Chain(len(data), goes_on=False, remarks=[])
-    if place + 3 > written or known:
-        return _Chain(end, goes_on=False, remarks=[log.unread(end, "no whole message, so the log is cut")])
+        offset += 3 + size
+        if offset <= written_size:
+            end = offset
+    if offset >= len(data):
+        return _Chain(len(data), may_continue=False, remarks=[])
+    if offset + 3 > written_size or is_known:
+        return _Chain(
+            end, may_continue=False, remarks=[log.unread_remark(end, "no complete message, so the log is truncated")]
+        )
     return _Chain(
-        place,
-        goes_on=True,
-        remarks=[f"the log is damaged from byte {place:,} on; only complete messages that pyulog finds are read"],
+        offset,
+        may_continue=True,
+        remarks=[f"the log is damaged from byte {offset:,} on; only complete messages that pyulog finds are read"],
     )
 
 
@@ -171,26 +183,26 @@ def _parsed(log: LogFile, data: bytes, topics: set[str]) -> Any:
     def read() -> Any:
         # The output of pyulog is suppressed, since the remarks contain the same information.
         with without_prints():
-            _check_fields(pyulog.ULog(_Bounded(data), parse_header_only=True).message_formats)
-            return pyulog.ULog(_Bounded(data), sorted(topics.union(STATUS_TOPICS)))
+            _check_fields(pyulog.ULog(_BoundedReader(data), parse_header_only=True).message_formats)
+            return pyulog.ULog(_BoundedReader(data), sorted(topics.union(STATUS_TOPICS)))
 
     return log.read_by_library("a ULog", read)
 
 
 def _rotors(parameters: collections.abc.Mapping[str, Any]) -> tuple[int, ...] | None:
-    """Return the number of each of PX4's rotors in this library, from the rotor positions in the parameters.
+    """Return this library's number of each rotor of PX4, from the rotor positions in the parameters.
 
     CA_ROTORi_PX is positive for a rotor in front, and CA_ROTORi_PY for a rotor to the right.
 
     Returns:
         (4,) numbers; None if the rotors do not form an x with four rotors, or the positions are unknown.
     """
-    places = [
+    rotor_positions = [
         (parameters.get(f"CA_ROTOR{i}_PX"), parameters.get(f"CA_ROTOR{i}_PY")) for i in range(len(_CLOCKWISE_QUADRANTS))
     ]
     if parameters.get("CA_ROTOR_COUNT", len(_CLOCKWISE_QUADRANTS)) != len(_CLOCKWISE_QUADRANTS):
         return None
-    quadrants = [(x > 0.0, y > 0.0) for x, y in places if x and y]
+    quadrants = [(x > 0.0, y > 0.0) for x, y in rotor_positions if x and y]
     if sorted(quadrants) != sorted(_CLOCKWISE_QUADRANTS):
         return None
     return tuple(_CLOCKWISE_QUADRANTS.index(quadrant) + 1 for quadrant in quadrants)
@@ -204,7 +216,7 @@ def _check_fields(formats: dict[str, Any]) -> None:
         if name not in formats:
             return 1
         if depth > len(formats):
-            raise ValueError(f"the topic {name} holds itself")
+            raise ValueError(f"the topic {name} contains itself")
         if name not in counts:
             counts[name] = sum(max(1, size) * count(kind, depth + 1) for kind, size, _ in formats[name].fields)
         if counts[name] > _MAX_FIELDS:
@@ -218,28 +230,28 @@ def _check_fields(formats: dict[str, Any]) -> None:
 def _table(topic: str, data: collections.abc.Mapping[str, np.ndarray], start: int) -> Table:
     """Return a topic with times relative to a start in µs.
 
-    Times since 1970 in seconds would not resolve a microsecond in double precision.
+    In double precision, times since 1970 in seconds would not resolve a microsecond.
     """
 
     def seconds(stamps: np.ndarray) -> np.ndarray:
-        return (stamps.astype(np.uint64) - np.uint64(start)).view(np.int64) * _SECOND
+        return (stamps.astype(np.uint64) - np.uint64(start)).view(np.int64) * _MICROSECOND
 
-    sampled = data.get("timestamp_sample")
+    sample_stamps = data.get("timestamp_sample")
     columns = {
         f"{topic}.{name}": values for name, values in data.items() if not name.startswith(("timestamp", "_padding"))
     }
-    known = None if sampled is None or not (sampled > 0).all() else seconds(sampled)
-    return Table(topic, seconds(data["timestamp"]), columns, known)
+    sample_time = None if sample_stamps is None or not (sample_stamps > 0).all() else seconds(sample_stamps)
+    return Table(topic, seconds(data["timestamp"]), columns, sample_time)
 
 
-def _dropouts(read: Any) -> list[str]:
-    """Return a sentence on the dropouts of the logger, if there are any."""
-    lengths = np.array([dropout.duration for dropout in read.dropouts]) * 1e-3
+def _dropouts(parsed: Any) -> list[str]:
+    """Return a remark on the dropouts of the logger, if there are any."""
+    lengths = np.array([dropout.duration for dropout in parsed.dropouts]) * 1e-3
     if not len(lengths):
         return []
     return [
-        f"{len(lengths)} dropout{'s' if len(lengths) > 1 else ''} of the logger, {lengths.sum():.3g} s in all, the"
-        f" longest of {lengths.max():.3g} s"
+        f"{len(lengths)} dropout{'s' if len(lengths) > 1 else ''} of the logger, {lengths.sum():.3g} s in total; the"
+        f" longest lasts {lengths.max():.3g} s"
     ]
 
 

@@ -1,0 +1,203 @@
+"""Tests of worker pools and of the handling of failed batches."""
+
+import threading
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drake_quad import InputError, load_scenario, run_monte_carlo
+from drake_quad.studies.processes import Workers
+from drake_quad.studies.worker_pool import ExecutorPool, Outcome, WorkerPool, fly_batches, run_task
+
+
+class Here(WorkerPool):
+    """Pool that runs tasks in this process, in order; `capacity` tasks may be pending."""
+
+    num_workers = 2
+
+    def __init__(self, capacity):
+        self.capacity, self.under_way, self.done = capacity, [], []
+
+    def submit(self, function, given):
+        assert len(self.under_way) < self.capacity
+        self.under_way.append((function, given))
+
+    def next_outcomes(self):
+        function, samples = self.under_way.pop(0)
+        self.done.append(list(samples))
+        return [run_task(function, samples)]
+
+    def abandon(self):
+        self.under_way.clear()
+
+
+def fly(cursed):
+    def flown(samples):
+        if cursed & set(samples):
+            raise ArithmeticError("cursed")
+        return np.array([[sample] for sample in samples])
+
+    return flown
+
+
+@given(st.sets(st.integers(0, 39), max_size=7), st.integers(1, 40), st.integers(1, 5))
+def test_exactly_the_samples_that_fail_in_single_flights_are_failures(cursed, size, capacity):
+    pool = Here(capacity)
+    batches = [range(first, min(first + size, 40)) for first in range(0, 40, size)]
+    outcomes = list(fly_batches(pool, fly(cursed), batches))
+    assert sorted(sample for outcome in outcomes if outcome.reason for sample in outcome.argument) == sorted(cursed)
+    flown = [sample for outcome in outcomes if not outcome.reason for sample in outcome.result[:, 0]]
+    assert sorted(flown) == sorted(set(range(40)) - cursed)
+    # The number of flights per failure is limited by the number of halvings.
+    assert len(pool.done) <= len(batches) + 2 * len(cursed) * int(np.ceil(np.log2(max(size, 2))) + 1)
+
+
+def test_a_failing_batch_is_halved_down_to_single_samples():
+    pool = Here(1)
+    list(fly_batches(pool, fly({5}), [range(8)]))
+    assert pool.done == [[*range(8)], [0, 1, 2, 3], [4, 5, 6, 7], [4, 5], [4], [5], [6, 7]]
+
+
+def test_a_study_ends_after_eight_failures_of_single_samples_without_a_success():
+    pool = Here(3)
+    with pytest.raises(RuntimeError, match="the first 8 samples all failed, each flown alone: ArithmeticError: cursed"):
+        list(fly_batches(pool, fly(set(range(40))), [range(40)]))
+    assert sum(len(samples) == 1 for samples in pool.done) == 8
+    failures = [outcome for outcome in fly_batches(Here(3), fly(set(range(39))), [[39], range(39)]) if outcome.reason]
+    assert len(failures) == 39
+
+
+def invalid_input(samples):
+    raise InputError(f"samples {[*samples]} are not allowed")
+
+
+def leaving(samples):
+    raise SystemExit(3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("make", [lambda: Here(2), lambda: ExecutorPool(ThreadPoolExecutor(1), 1), lambda: Workers(1)])
+def test_invalid_input_in_a_sample_ends_the_study(make):
+    pool = make()
+    with pytest.raises(InputError, match=r"samples \[0\] are not allowed"):
+        list(fly_batches(pool, invalid_input, [[0], [1]]))
+    pool.abandon()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("make", [lambda: Here(2), lambda: ExecutorPool(ThreadPoolExecutor(1), 1), lambda: Workers(1)])
+def test_system_exit_becomes_an_outcome(make):
+    pool = make()
+    (outcome,) = fly_batches(pool, leaving, [[4]])
+    assert (outcome.argument, outcome.result, outcome.reason) == ([4], None, "SystemExit: 3")
+    pool.abandon()
+
+
+def test_a_given_executor_flies_all_batches():
+    submitted = []
+
+    class Executor(ThreadPoolExecutor):
+        def submit(self, function, /, *arguments, **options):
+            submitted.append(function)
+            return super().submit(function, *arguments, **options)
+
+    scenario = load_scenario("diagrams/hover.yaml", ["duration=0.1"])
+    with Executor(1) as executor:
+        assert len(run_monte_carlo(scenario, 4, batch_size=2, executor=executor).samples) == 4
+    assert len(submitted) == 2
+
+
+def test_a_reason_is_shortened_to_one_line():
+    def complain(samples):
+        raise ValueError("many\nlines " + "and words " * 100)
+
+    outcome = run_task(complain, [0])
+    assert outcome.reason.startswith("ValueError: many lines and words and words")
+    assert len(outcome.reason) <= 303
+    assert outcome.reason.endswith("...")
+
+
+@pytest.mark.parametrize(("length", "shown"), [(288, 300), (289, 303)])
+def test_a_reason_of_three_hundred_characters_is_not_shortened(length, shown):
+    def complain(samples):
+        raise ValueError("x" * length)
+
+    outcome = run_task(complain, [0])
+    assert len(outcome.reason) == shown
+    assert outcome.reason.removesuffix("...") == ("ValueError: " + "x" * length)[:300]
+
+
+def test_an_error_without_a_message_is_described_by_its_name():
+    def complain(samples):
+        raise ArithmeticError
+
+    assert run_task(complain, [4]) == Outcome([4], reason="ArithmeticError")
+
+
+def test_ctrl_c_is_not_an_outcome():
+    def interrupt(samples):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_task(interrupt, [0])
+
+
+def test_an_executor_has_one_queued_task_per_worker():
+    pool = ExecutorPool(ThreadPoolExecutor(3), 3)
+    assert (pool.num_workers, pool.capacity) == (3, 6)
+
+
+def test_a_dying_worker_of_an_executor_fails_its_task():
+    class Dying(Executor):
+        def submit(self, function, /, *arguments):
+            future = Future()
+            if arguments[1] == [2]:
+                future.set_exception(OSError("its worker is gone"))
+            else:
+                future.set_result(function(*arguments))
+            return future
+
+    pool = ExecutorPool(Dying(), 1)
+    outcomes = list(fly_batches(pool, len, [[1], [2], [3]]))
+    reasons = sorted((outcome.argument, outcome.result, outcome.reason) for outcome in outcomes if outcome.reason)
+    assert reasons == [([2], None, "OSError: its worker is gone")]
+    assert sorted(outcome.argument for outcome in outcomes if not outcome.reason) == [[1], [3]]
+
+
+def test_abandoned_tasks_of_an_executor_are_cancelled():
+    done, go, begun = [], threading.Event(), threading.Event()
+
+    def wait_and_tell(given):
+        begun.set()
+        go.wait(20.0)
+        done.append(given)
+        return given
+
+    with ThreadPoolExecutor(1) as executor:
+        pool = ExecutorPool(executor, 1)
+        pool.submit(wait_and_tell, 1)
+        assert begun.wait(20.0)
+        pool.submit(wait_and_tell, 2)
+        pool.abandon()
+        pool.submit(wait_and_tell, 3)
+        go.set()
+        (outcome,) = pool.next_outcomes()
+        assert (outcome.argument, outcome.result) == (3, 3)
+    assert done == [1, 3]
+
+
+def test_abandoned_tasks_have_no_outcome():
+    """A study that ends early leaves no outcomes for the next study with the same processes."""
+    with Workers(2) as workers:
+        for _ in range(2):
+            workers.submit(sleep_for_ever, [1])
+        workers.abandon()
+        assert [outcome.argument for outcome in fly_batches(workers, np.array, [[7]])] == [[7]]
+
+
+def sleep_for_ever(samples):
+    while True:
+        pass
